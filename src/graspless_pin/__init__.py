@@ -1,0 +1,58 @@
+"""Robust joint torques for quasi-static graspless manipulation.
+
+Which joint torques keep a push, slide, pivot or hold robust while the object also leans on its
+surroundings, and how robust is it? The method is Makita and Maeda's *Joint Torque Optimization for
+Quasi-static Graspless Manipulation*.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from graspless_pin.algorithms.torque import maximize_margin, minimize_torque
+from graspless_pin.errors import GrasplessPinError
+from graspless_pin.modes.enumeration import enumerate_modes
+from graspless_pin.modes.rules import SlidingMode
+from graspless_pin.problem import (
+    ControlMode,
+    FingerContacts,
+    JointSpace,
+    QuasistaticProblem,
+    assemble_joint_space,
+)
+from graspless_pin.solution import Status, TorqueSolution
+
+if TYPE_CHECKING:
+    from graspless_pin.geometry.hand import Hand
+    from graspless_pin.scene import Scene, load_scene
+
+__all__ = [
+    "ControlMode",
+    "FingerContacts",
+    "GrasplessPinError",
+    "Hand",
+    "JointSpace",
+    "QuasistaticProblem",
+    "Scene",
+    "SlidingMode",
+    "Status",
+    "TorqueSolution",
+    "assemble_joint_space",
+    "enumerate_modes",
+    "load_scene",
+    "maximize_margin",
+    "minimize_torque",
+]
+
+# Pinocchio and coal are loaded when a hand or scene is first asked for: arrays do not need them.
+_GEOMETRY = {
+    "Hand": "graspless_pin.geometry.hand",
+    "Scene": "graspless_pin.scene",
+    "load_scene": "graspless_pin.scene",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Load the names that need the geometry libraries at first use."""
+    if name in _GEOMETRY:
+        return getattr(import_module(_GEOMETRY[name]), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,152 @@
+"""Best-first branch and bound over contacts, driven by kinematic conflicts.
+
+A node is the relaxation with some friction components restricted to one sign, or to zero. If no
+feasible mode admits the friction of its optimum, the kinematics name a conflict: items "contact l
+virtually slides with sign s along t_m" and "contact l is selected" that exclude each other. At
+least one of them must give way, so the children flip the sign of one component of the friction in
+the conflict, or take the friction from one contact in it. Contacts that take part in no conflict
+are never branched on.
+"""
+
+from __future__ import annotations
+
+import heapq
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from graspless_pin.algorithms.friction_modes import SignPair
+from graspless_pin.algorithms.search import SearchResult, SearchState, finished
+from graspless_pin.modes.enumeration import sign_pairs
+from graspless_pin.modes.kinematics import Conflict
+from graspless_pin.modes.rules import SlidingMode
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.solution import Status
+from graspless_pin.solvers import Answer, Outcome
+
+
+@dataclass(frozen=True, eq=False)
+class _Node:
+    """A box of friction components and the sign pairs fixed so far."""
+
+    lb: FloatArray
+    ub: FloatArray
+    decided: dict[int, SignPair]
+    depth: int
+
+
+def branch_and_bound(
+    state: SearchState, *, node_limit: int | None = None, time_limit: float | None = None
+) -> SearchResult:
+    """Find the optimum over all feasible modes with a proven bound.
+
+    Args:
+        state: The search to run.
+        node_limit: Stop after so many nodes; None: no limit.
+        time_limit: Stop after so many seconds; None: no limit.
+    """
+    deadline = np.inf if time_limit is None else time.monotonic() + time_limit
+    program = state.formulation.program
+    root = _Node(program.lb, program.ub, {}, 0)
+    # Best bound first; among equals the deepest, then the youngest, which dives to an answer.
+    heap: list[tuple[float, int, int, _Node]] = [(-np.inf, 0, 0, root)]
+    pushed = 0
+    while heap:
+        bound, _, _, node = heapq.heappop(heap)
+        if node.depth:
+            state.bound = max(state.bound, bound)
+            if state.closed(bound):
+                return finished(state)
+        if (node_limit is not None and state.nodes >= node_limit) or time.monotonic() > deadline:
+            return finished(state, interrupted=True)
+        answer = state.relax() if node.depth == 0 else state.solve(node.lb, node.ub)
+        state.nodes += 1
+        if node.depth == 0 and answer.outcome is not Outcome.SOLVED:
+            failed = answer.outcome is Outcome.FAILED
+            return SearchResult(Status.UNVERIFIED if failed else Status.INFEASIBLE_FORCES, state)
+        if answer.outcome is not Outcome.SOLVED or state.closed(answer.bound):
+            continue
+        for child in _children(state, node, answer):
+            pushed += 1
+            heapq.heappush(heap, (answer.bound, -child.depth, -pushed, child))
+    if state.best is not None:
+        state.bound = max(state.bound, state.best.bound)
+    return finished(state)
+
+
+def _children(state: SearchState, node: _Node, answer: Answer) -> list[_Node]:
+    """Keep the node's optimum if a mode admits it; otherwise split the node."""
+    verdict = state.reader.read(answer.x, node.decided)
+    state.modes_examined += 1
+    if isinstance(verdict, Conflict):
+        return _resolving(state, node, verdict)
+    if isinstance(verdict, SlidingMode) and state.accept(answer, verdict):
+        return []
+    return _deciding(state, node, answer)
+
+
+def _resolving(state: SearchState, node: _Node, conflict: Conflict) -> list[_Node]:
+    """Children that each take one item out of a conflict."""
+    tangent = state.formulation.coordinates.tangent
+    has_cone = state.formulation.problem.has_cone
+    children = []
+    released: set[int] = set()
+    lb, ub = node.lb, node.ub
+    for contact, component, sign in conflict.signs:
+        if not has_cone[contact]:
+            continue
+        if contact in node.decided:
+            released.add(contact)
+            continue
+        column = tangent[contact, component]
+        # The virtual sliding has this sign because the friction has the other one: flip it here,
+        # and keep it in the children that follow, so that they do not overlap.
+        flipped_lb, flipped_ub = lb.copy(), ub.copy()
+        kept_lb, kept_ub = lb.copy(), ub.copy()
+        if sign > 0:
+            flipped_lb[column], kept_ub[column] = max(lb[column], 0.0), min(ub[column], 0.0)
+        else:
+            flipped_ub[column], kept_lb[column] = min(ub[column], 0.0), max(lb[column], 0.0)
+        children.append(_Node(flipped_lb, flipped_ub, node.decided, node.depth + 1))
+        lb, ub = kept_lb, kept_ub
+    released.update(contact for contact in conflict.contacts if has_cone[contact])
+    children.extend(
+        _released(state, replace(node, lb=lb, ub=ub), contact) for contact in sorted(released)
+    )
+    return children
+
+
+def _released(state: SearchState, node: _Node, contact: int) -> _Node:
+    """The child in which a contact has no friction."""
+    lb, ub = node.lb.copy(), node.ub.copy()
+    columns = state.formulation.coordinates.tangent[contact]
+    lb[columns] = ub[columns] = 0.0
+    decided = {key: pair for key, pair in node.decided.items() if key != contact}
+    return _Node(lb, ub, decided, node.depth + 1)
+
+
+def _deciding(state: SearchState, node: _Node, answer: Answer) -> list[_Node]:
+    """Children that fix the mode of the undecided contact with the most friction, one each."""
+    tangent = state.formulation.coordinates.tangent
+    undecided = [
+        int(contact)
+        for contact in np.flatnonzero(state.formulation.problem.has_cone)
+        if contact not in node.decided
+        and (node.lb[tangent[contact]] != 0.0).any() | (node.ub[tangent[contact]] != 0.0).any()
+    ]
+    if not undecided:
+        return []
+    size = {contact: np.abs(answer.x[tangent[contact]]).sum() for contact in undecided}
+    contact = max(undecided, key=lambda candidate: size[candidate])
+    children = [_released(state, node, contact)]
+    for pair in sign_pairs(state.rules.sign):
+        lb, ub = node.lb.copy(), node.ub.copy()
+        for column, sign in zip(tangent[contact], pair, strict=True):
+            if sign >= 0:
+                ub[column] = min(ub[column], 0.0)
+            if sign <= 0:
+                lb[column] = max(lb[column], 0.0)
+        if (lb <= ub).all():
+            children.append(_Node(lb, ub, {**node.decided, contact: pair}, node.depth + 1))
+    return children

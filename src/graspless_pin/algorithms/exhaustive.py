@@ -1,0 +1,48 @@
+"""Search by listing: the relaxation first, then every maximal mode."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from graspless_pin.algorithms.search import SearchResult, SearchState, finished
+from graspless_pin.modes.enumeration import enumerate_modes
+from graspless_pin.modes.rules import SlidingMode, StaticFriction
+from graspless_pin.solution import Status
+from graspless_pin.solvers import Outcome
+
+
+def search_exhaustively(state: SearchState) -> SearchResult:
+    """Find the optimum over all feasible modes by solving every maximal one.
+
+    The relaxation's optimum is the answer whenever a feasible mode admits its friction; otherwise
+    the maximal modes are solved one by one, since a smaller mode allows no other force.
+    """
+    answer = state.relax()
+    state.nodes = 1
+    if answer.outcome is Outcome.INFEASIBLE:
+        return SearchResult(Status.INFEASIBLE_FORCES, state)
+    if answer.outcome is Outcome.FAILED:
+        return SearchResult(Status.UNVERIFIED, state)
+    mode = state.reader.read(answer.x, {})
+    state.modes_examined = 1
+    if isinstance(mode, SlidingMode) and state.accept(answer, mode):
+        return finished(state)
+    if state.rules.static_friction is StaticFriction.COULOMB:
+        return SearchResult(Status.UNVERIFIED, state)
+    smallest = np.inf
+    for listed in enumerate_modes(
+        state.formulation.problem,
+        sign_rule=state.rules.sign,
+        sliding_rule=state.rules.sliding,
+        maximal=True,
+    ):
+        state.nodes += 1
+        state.modes_examined += 1
+        answer = state.solve(*state.formulation.bounds_of(listed))
+        smallest = min(smallest, answer.bound)
+        if answer.outcome is Outcome.SOLVED and answer.value < state.best_value:
+            state.best, state.mode = answer, listed
+        if state.closed(state.bound):
+            return finished(state)
+    state.bound = max(state.bound, smallest)
+    return finished(state)

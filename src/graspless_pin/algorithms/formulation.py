@@ -1,0 +1,113 @@
+"""One problem, one algorithm, one reading of the rules: what every step of a search shares."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from graspless_pin.modes.kinematics import VirtualKinematics
+from graspless_pin.modes.rules import SlidingMode
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.programs.force_programs import (
+    ForceCoordinates,
+    force_coordinates,
+    margin_program,
+    mode_bounds,
+    torque_program,
+)
+from graspless_pin.programs.program import Program
+from graspless_pin.solution import Algorithm
+from graspless_pin.solvers import Answer, solve
+
+
+@dataclass(frozen=True)
+class Objective:
+    """What is optimised.
+
+    Attributes:
+        algorithm: Algorithm 1 or 2.
+        margin: Required margin e_0, N (Algorithm 2).
+        by_limits: Whether Algorithm 2 counts torques as shares of each joint's limit.
+        regularization: The epsilon of the regularised QP.
+    """
+
+    algorithm: Algorithm
+    margin: float
+    by_limits: bool
+    regularization: float
+
+
+@dataclass(frozen=True, eq=False)
+class Formulation:
+    """The relaxed program without (27) and (31), and what turns its answers into modes.
+
+    Attributes:
+        problem: The problem.
+        objective: What is optimised.
+        coordinates: Force coordinates and scales.
+        program: The relaxation; every mode differs from it in bounds only.
+        cutoff: A larger objective value is as bad as infeasible.
+        unit: Factor from the program's objective to N (Algorithm 1), N m or a share.
+        kinematics: The virtual motions.
+    """
+
+    problem: QuasistaticProblem
+    objective: Objective
+    coordinates: ForceCoordinates
+    program: Program
+    cutoff: float
+    unit: float
+    kinematics: VirtualKinematics
+
+    def solve(self, lb: FloatArray, ub: FloatArray, solver: str) -> Answer:
+        """Solve the program under other bounds."""
+        return solve(self.program.bounded(lb, ub), solver, cutoff=self.cutoff)
+
+    def bounds_of(self, mode: SlidingMode) -> tuple[FloatArray, FloatArray]:
+        """Return the bounds that one mode puts on the variables, (27) and (31)."""
+        return mode_bounds(self.problem, self.coordinates, mode, self.program)
+
+
+_PER_PROBLEM = 8
+_shared: WeakKeyDictionary[QuasistaticProblem, tuple[ForceCoordinates, VirtualKinematics]] = (
+    WeakKeyDictionary()
+)
+_recent: WeakKeyDictionary[QuasistaticProblem, dict[Objective, Formulation]] = WeakKeyDictionary()
+
+
+def formulate(problem: QuasistaticProblem, objective: Objective) -> Formulation:
+    """Return the formulation, assembled once for a problem and kept while the problem lives."""
+    known = _recent.setdefault(problem, {})
+    if objective in known:
+        return known[objective]
+    if problem not in _shared:
+        _shared[problem] = force_coordinates(problem), VirtualKinematics(problem)
+    coordinates, kinematics = _shared[problem]
+    cutoff = np.inf
+    if objective.algorithm is Algorithm.MARGIN:
+        program = margin_program(problem, coordinates, objective.regularization)
+        unit = -coordinates.force_scale
+        if objective.regularization == 0.0:
+            cutoff = 0.0
+        else:
+            lb = program.lb.copy()
+            lb[-1] = 0.0
+            program = program.bounded(lb, program.ub)
+    else:
+        program = torque_program(
+            problem,
+            coordinates,
+            objective.margin,
+            objective.regularization,
+            by_limits=objective.by_limits,
+        )
+        unit = 1.0 if objective.by_limits else coordinates.torque_scale
+    if len(known) >= _PER_PROBLEM:
+        known.pop(next(iter(known)))
+    known[objective] = Formulation(
+        problem, objective, coordinates, program, cutoff, unit, kinematics
+    )
+    return known[objective]

@@ -1,0 +1,149 @@
+"""What every search over modes keeps and returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from graspless_pin.algorithms.formulation import Formulation
+from graspless_pin.algorithms.friction_modes import ModeReader
+from graspless_pin.modes.kinematics import Conflict, Requirement
+from graspless_pin.modes.rules import Rules, SlidingMode
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.solution import Status
+from graspless_pin.solvers import PRIMAL_TOLERANCE, Answer, Outcome
+
+CLOSED = 2e-8
+"""Values closer than this, in scaled units, count as equal."""
+
+
+@dataclass
+class SearchState:
+    """The best answer so far, and the counters.
+
+    Attributes:
+        formulation: The shared program.
+        rules: The reading of the constraint.
+        solver: The solver to ask first.
+        reader: Finds modes for friction forces.
+        best: Best answer that a feasible mode admits.
+        mode: That mode.
+        bound: Proven lower bound on the objective over all modes.
+        infeasibility: Proof of infeasibility of the relaxation.
+        nodes: Nodes or modes looked at.
+        modes_examined: Modes solved or ruled out one by one.
+        force_programs: Programs in forces solved.
+        unproven: Whether a program was left without a checked answer.
+    """
+
+    formulation: Formulation
+    rules: Rules
+    solver: str
+    reader: ModeReader = field(init=False)
+    best: Answer | None = None
+    mode: SlidingMode | None = None
+    bound: float = -np.inf
+    infeasibility: float = 0.0
+    nodes: int = 0
+    modes_examined: int = 0
+    force_programs: int = 0
+    unproven: bool = False
+
+    def __post_init__(self) -> None:
+        """Make the reader."""
+        self.reader = ModeReader(self.formulation, self.rules)
+
+    @property
+    def best_value(self) -> float:
+        """Objective of the best answer; inf without one."""
+        return np.inf if self.best is None else self.best.value
+
+    def solve(self, lb: FloatArray, ub: FloatArray) -> Answer:
+        """Solve the program under bounds and count it."""
+        self.force_programs += 1
+        answer = self.formulation.solve(lb, ub, self.solver)
+        self.unproven = self.unproven or answer.outcome is Outcome.FAILED
+        return answer
+
+    def relax(self) -> Answer:
+        """Solve the relaxation without (27) and (31); its bound holds for every mode."""
+        program = self.formulation.program
+        answer = self.solve(program.lb, program.ub)
+        self.bound = answer.bound
+        if answer.outcome is Outcome.INFEASIBLE:
+            self.infeasibility = answer.proof
+        return answer
+
+    def accept(self, answer: Answer, mode: SlidingMode) -> bool:
+        """Keep an answer that a feasible mode admits, if it is the best so far.
+
+        The friction that the mode forbids is below the threshold of the reader and is cut off;
+        where that breaks the balance the mode's own program is solved instead.
+
+        Returns:
+            Whether the answer's own value was reached.
+        """
+        lb, ub = self.formulation.bounds_of(mode)
+        x = np.clip(answer.x, lb, ub)
+        residual = self.formulation.program.residual(x)
+        exact = answer
+        if residual > PRIMAL_TOLERANCE:
+            exact = self.solve(lb, ub)
+            if exact.outcome is not Outcome.SOLVED:
+                return False
+        else:
+            value = self.formulation.program.value(x)
+            exact = Answer(
+                answer.outcome, x, answer.y, answer.z, value, answer.bound, residual,
+                answer.proof, answer.solver,
+            )  # fmt: skip
+        if exact.value < self.best_value:
+            self.best, self.mode = exact, mode
+        return exact.value <= answer.value + CLOSED
+
+    def closed(self, bound: float) -> bool:
+        """Whether nothing at or above this bound can beat the best answer."""
+        return self.best_value <= bound + CLOSED
+
+
+@dataclass(frozen=True, eq=False)
+class SearchResult:
+    """How a search ended.
+
+    Attributes:
+        status: What is known.
+        state: The best answer, its mode, the bound and the counters.
+    """
+
+    status: Status
+    state: SearchState
+
+
+def finished(state: SearchState, *, interrupted: bool = False) -> SearchResult:
+    """Return the result of a search that has ended, and close the bound if it was completed."""
+    if interrupted or state.unproven:
+        found, nothing = Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT
+        if not interrupted:
+            nothing = Status.UNVERIFIED
+        return SearchResult(nothing if state.best is None else found, state)
+    if state.best is None:
+        return SearchResult(Status.INFEASIBLE_MODES, state)
+    return SearchResult(Status.OPTIMAL, state)
+
+
+def in_mode(state: SearchState, mode: SlidingMode, requirements: list[Requirement]) -> SearchResult:
+    """Solve one given mode only."""
+    state.nodes = state.modes_examined = 1
+    state.reader.kinematic_programs += 1
+    verdict = state.formulation.kinematics.solve(requirements, state.rules.sign)
+    if isinstance(verdict, Conflict):
+        return SearchResult(Status.INFEASIBLE_MODE, state)
+    answer = state.solve(*state.formulation.bounds_of(mode))
+    state.bound = answer.bound
+    if answer.outcome is Outcome.SOLVED:
+        state.best, state.mode = answer, mode
+        return SearchResult(Status.OPTIMAL_IN_MODE, state)
+    state.infeasibility = answer.proof
+    failed = answer.outcome is Outcome.FAILED
+    return SearchResult(Status.UNVERIFIED if failed else Status.INFEASIBLE_IN_MODE, state)

@@ -1,0 +1,207 @@
+"""Algorithms 1 and 2 of the paper: which joint torques, and how robust."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+import numpy as np
+
+from graspless_pin.algorithms.branch_and_bound import branch_and_bound
+from graspless_pin.algorithms.exhaustive import search_exhaustively
+from graspless_pin.algorithms.formulation import Objective, formulate
+from graspless_pin.algorithms.search import SearchResult, SearchState, in_mode
+from graspless_pin.errors import ArgumentError
+from graspless_pin.modes.enumeration import requirements_of
+from graspless_pin.modes.kinematics import Requirement
+from graspless_pin.modes.rules import Rules, SignRule, SlidingMode, choice
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.solution import Algorithm, Certificate, TorqueSolution
+from graspless_pin.solvers import check_solver
+
+
+class Search(StrEnum):
+    """How the modes are searched."""
+
+    AUTO = "auto"
+    """Branch and bound on conflicts from the relaxation."""
+    ENUMERATE = "enumerate"
+    """The relaxation, then every maximal mode."""
+
+
+class TorqueScale(StrEnum):
+    """What Algorithm 2 minimises."""
+
+    ABSOLUTE = "absolute"
+    """The largest |torque|."""
+    LIMITS = "limits"
+    """The largest share of any joint's own limit."""
+
+
+def maximize_margin(
+    problem: QuasistaticProblem,
+    *,
+    sign_rule: str = "strict",
+    sliding_rule: str = "exempt",
+    static_friction: str = "virtual_sliding",
+    solver: str = "piqp",
+    regularization: float = 0.0,
+    search: str = "auto",
+    mode: SlidingMode | None = None,
+    node_limit: int | None = None,
+    time_limit: float | None = None,
+) -> TorqueSolution:
+    """Algorithm 1 (44): the joint torques with the largest margin e over all feasible (B, S).
+
+    Args:
+        problem: Contacts, wrench, joints and limits.
+        sign_rule: ``strict``, ``exact`` or ``nonzero``: see `SignRule`.
+        sliding_rule: ``exempt`` or ``constrained``: see `SlidingRule`.
+        static_friction: ``virtual_sliding``, or ``coulomb`` to drop (22), (27) and (31).
+        solver: Any solver of `available_solvers`; another one is asked where its answer fails
+            the check.
+        regularization: Epsilon >= 0 of the QP that minimises -e/F + (epsilon/2) |f/F|^2 with F the
+            largest normal-force limit.
+        search: ``auto`` (branch and bound) or ``enumerate`` (all maximal modes).
+        mode: Solve this (B, S) only.
+        node_limit: Stop ``auto`` after so many nodes and return the best found with its gap.
+        time_limit: Likewise after so many seconds.
+
+    Returns:
+        A solution; ``found`` is False where nothing is feasible.
+
+    Raises:
+        ArgumentError: If an option is not known.
+        SolverUnavailableError: If the solver is not installed.
+    """
+    objective = Objective(Algorithm.MARGIN, 0.0, False, _epsilon(regularization))  # noqa: FBT003
+    rules = Rules.parse(sign_rule, sliding_rule, static_friction)
+    return _solve(problem, objective, rules, solver, search, mode, node_limit, time_limit)
+
+
+def minimize_torque(
+    problem: QuasistaticProblem,
+    margin: float = 0.1,
+    *,
+    scale: str = "absolute",
+    sign_rule: str = "strict",
+    sliding_rule: str = "exempt",
+    static_friction: str = "virtual_sliding",
+    solver: str = "piqp",
+    regularization: float = 0.0,
+    search: str = "auto",
+    mode: SlidingMode | None = None,
+    node_limit: int | None = None,
+    time_limit: float | None = None,
+) -> TorqueSolution:
+    """Algorithm 2 (45): the smallest largest torque for a margin e_0 over all feasible (B, S).
+
+    Unlike (45) as printed, the problem's own torque limits hold too: a torque that no motor can
+    make is no answer.
+
+    Args:
+        problem: Contacts, wrench, joints and limits.
+        margin: Required margin e_0 >= 0, N.
+        scale: ``absolute`` minimises max |torque|; ``limits`` the largest share of any joint's
+            own limit.
+        sign_rule: See `maximize_margin`, as for all other options.
+        sliding_rule: See `maximize_margin`.
+        static_friction: See `maximize_margin`.
+        solver: See `maximize_margin`.
+        regularization: Epsilon >= 0 of the QP that minimises t + (epsilon/2) |f/F|^2, t the largest
+            torque over the largest torque limit (or the largest share).
+        search: See `maximize_margin`.
+        mode: See `maximize_margin`.
+        node_limit: See `maximize_margin`.
+        time_limit: See `maximize_margin`.
+
+    Returns:
+        A solution; ``found`` is False where nothing is feasible.
+
+    Raises:
+        ArgumentError: If an option is not known or the margin is negative.
+        SolverUnavailableError: If the solver is not installed.
+    """
+    if not (np.isfinite(margin) and margin >= 0.0):
+        raise ArgumentError("margin", f"is {margin}; it must be finite and >= 0")
+    by_limits = choice(TorqueScale, "scale", scale) is TorqueScale.LIMITS
+    objective = Objective(Algorithm.TORQUE, float(margin), by_limits, _epsilon(regularization))
+    rules = Rules.parse(sign_rule, sliding_rule, static_friction)
+    return _solve(problem, objective, rules, solver, search, mode, node_limit, time_limit)
+
+
+def _epsilon(regularization: float) -> float:
+    if not (np.isfinite(regularization) and regularization >= 0.0):
+        raise ArgumentError("regularization", f"is {regularization}; it must be finite and >= 0")
+    return float(regularization)
+
+
+def _solve(
+    problem: QuasistaticProblem,
+    objective: Objective,
+    rules: Rules,
+    solver: str,
+    search: str,
+    mode: SlidingMode | None,
+    node_limit: int | None,
+    time_limit: float | None,
+) -> TorqueSolution:
+    state = SearchState(formulate(problem, objective), rules, check_solver(solver))
+    how = choice(Search, "search", search)
+    if mode is not None:
+        result = in_mode(state, mode, _checked_mode(problem, rules, mode))
+    elif how is Search.ENUMERATE:
+        result = search_exhaustively(state)
+    else:
+        result = branch_and_bound(state, node_limit=node_limit, time_limit=time_limit)
+    return _solution(result, objective, rules)
+
+
+def _checked_mode(
+    problem: QuasistaticProblem, rules: Rules, mode: SlidingMode
+) -> list[Requirement]:
+    if len(mode.selection) != problem.contact_count:
+        raise ArgumentError(
+            "mode", f"has {len(mode.selection)} contacts; the problem has {problem.contact_count}"
+        )
+    zeros = (mode.signs == 0).sum(axis=1)[mode.selection]
+    allowed = 1 if rules.sign is SignRule.EXACT else 0
+    if (zeros > allowed).any():
+        index = int(np.flatnonzero(mode.selection)[np.argmax(zeros > allowed)])
+        raise ArgumentError(
+            "mode",
+            f"has signs {mode.signs[index].tolist()} at selected contact {index}; the rule "
+            f"'{rules.sign}' allows {allowed} zero",
+        )
+    return list(requirements_of(mode))
+
+
+def _solution(result: SearchResult, objective: Objective, rules: Rules) -> TorqueSolution:
+    state = result.state
+    formulation = state.formulation
+    best = state.best
+    certificate = Certificate(
+        primal_residual=np.inf if best is None else best.residual,
+        duality_gap=np.inf if best is None else best.gap,
+        bound=state.bound * formulation.unit,
+        gap=np.inf if best is None else (best.value - state.bound) * abs(formulation.unit),
+        infeasibility=state.infeasibility,
+        modes_examined=state.modes_examined,
+        nodes=state.nodes,
+        force_programs=state.force_programs,
+        kinematic_programs=state.reader.kinematic_programs,
+        solver="" if best is None else best.solver,
+    )
+    forces = None
+    if best is not None:
+        forces = formulation.coordinates.forces(best.x)
+        forces.setflags(write=False)
+    return TorqueSolution(
+        status=result.status,
+        algorithm=objective.algorithm,
+        required_margin=objective.margin,
+        rules=rules,
+        certificate=certificate,
+        problem=formulation.problem,
+        _forces=forces,
+        _mode=state.mode if best is not None else None,
+    )

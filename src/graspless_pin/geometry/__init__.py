@@ -1,0 +1,1 @@
+"""Hand, shapes, bodies, contacts, Jacobians and motion: all that knows Pinocchio and coal."""

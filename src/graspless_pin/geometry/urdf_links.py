@@ -1,0 +1,138 @@
+"""Check the links of a URDF: what Pinocchio's parser drops in silence is an error here."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from graspless_pin.errors import MeshError, RobotError
+
+_DIMENSIONS = {
+    "box": (("size", 3),),
+    "sphere": (("radius", 1),),
+    "cylinder": (("radius", 1), ("length", 1)),
+    "capsule": (("radius", 1), ("length", 1)),
+}
+
+
+def check_link(path: Path, link: ET.Element, package_dirs: Sequence[Path]) -> list[Path]:
+    """Check one link's collision shapes and mass, and write absolute mesh paths into it.
+
+    Args:
+        path: The URDF file.
+        link: The ``<link>`` element, changed in place.
+        package_dirs: Where ``package://`` addresses are looked up.
+
+    Returns:
+        The meshes of its collision shapes.
+
+    Raises:
+        RobotError: If a shape, pose or mass is malformed.
+        MeshError: If a mesh cannot be found.
+    """
+    where = f"{path}: link {link.get('name')!r}"
+    meshes: list[Path] = []
+    for collision in link.findall("collision"):
+        check_origin(where, collision)
+        shape = next(iter(collision.find("geometry") or ()), None)
+        if shape is None:
+            raise RobotError(f"{where} has a <collision> without a shape in its <geometry>")
+        if shape.tag == "mesh":
+            scale = numbers(where, "mesh scale", shape.get("scale", "1 1 1"), 3)
+            if not all(scale):
+                raise RobotError(f"{where} has a mesh scale of {shape.get('scale')!r}")
+            meshes.append(_resolve_mesh(path, where, shape, package_dirs))
+        elif shape.tag in _DIMENSIONS:
+            for key, count in _DIMENSIONS[shape.tag]:
+                what = f"{shape.tag} {key}"
+                if min(numbers(where, what, shape.get(key, ""), count)) <= 0.0:
+                    raise RobotError(
+                        f"{where} has {what}={shape.get(key)!r}, which is not positive"
+                    )
+        else:
+            known = ", ".join((*_DIMENSIONS, "mesh"))
+            raise RobotError(f"{where} has the unknown shape <{shape.tag}>; known: {known}")
+    _check_mass(where, link)
+    return meshes
+
+
+def number(where: str, what: str, text: str) -> float:
+    """Parse one number that is not NaN."""
+    return numbers(where, what, text, 1)[0]
+
+
+def numbers(where: str, what: str, text: str, count: int) -> list[float]:
+    """Parse ``count`` numbers, none of them NaN."""
+    try:
+        values = [float(word) for word in text.split()]
+    except ValueError:
+        values = []
+    if len(values) != count or any(value != value for value in values):
+        needed = "a number" if count == 1 else f"{count} numbers"
+        raise RobotError(f"{where} has {what}={text!r}, which is not {needed}")
+    return values
+
+
+def check_origin(where: str, element: ET.Element) -> None:
+    """Check the ``<origin>`` of a shape or of a mass."""
+    origin = element.find("origin")
+    for key, text in ({} if origin is None else origin.attrib).items():
+        if key in ("xyz", "rpy"):
+            numbers(where, f"{element.tag} origin {key}", text, 3)
+
+
+def _check_mass(where: str, link: ET.Element) -> None:
+    """Check a link's mass; without an inertia, which statics does not need, write zeros."""
+    inertial = link.find("inertial")
+    if inertial is None:
+        return
+    check_origin(where, inertial)
+    mass = inertial.find("mass")
+    text = "" if mass is None else mass.get("value", "")
+    if number(where, "mass", text) < 0.0:
+        raise RobotError(f"{where} has the negative mass {text} kg")
+    inertia = inertial.find("inertia")
+    if inertia is None:
+        inertia = ET.SubElement(inertial, "inertia")
+    for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"):
+        number(where, f"inertia {key}", inertia.attrib.setdefault(key, "0"))
+
+
+def _resolve_mesh(path: Path, where: str, mesh: ET.Element, package_dirs: Sequence[Path]) -> Path:
+    """Write the absolute path of a mesh into its element and return it."""
+    written = mesh.get("filename", "")
+    candidates = list(_candidates(path, written, package_dirs))
+    found = next((file.resolve() for file in candidates if file.is_file()), None)
+    if found is None:
+        looked = ", ".join(str(file) for file in candidates) or "nowhere"
+        hint = (
+            "; give package_dirs, the folder that holds the package"
+            if written.startswith("package://")
+            else ""
+        )
+        raise MeshError(
+            f"{where} needs the collision mesh {written!r}, which is missing "
+            f"(looked for {looked}){hint}"
+        )
+    mesh.set("filename", str(found))
+    return found
+
+
+def _candidates(path: Path, written: str, package_dirs: Sequence[Path]) -> Iterable[Path]:
+    """Yield the files that a mesh's ``filename`` may mean, the likeliest first."""
+    scheme, separator, address = written.partition("://")
+    if not separator:
+        if written:
+            yield path.parent / written
+    elif scheme == "file":
+        yield Path(address)
+    else:
+        package, _, inside = address.partition("/")
+        for folder in package_dirs:
+            yield folder / package / inside
+            if folder.name == package:
+                yield folder / inside
+        for folder in path.resolve().parents:
+            if folder.name == package:
+                yield folder / inside

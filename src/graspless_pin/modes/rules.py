@@ -1,0 +1,161 @@
+"""The rules that the paper leaves open, as enums, and the virtual-sliding mode (B, S)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Self, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspless_pin.errors import ArgumentError
+from graspless_pin.problem import QuasistaticProblem
+
+SIGN_VALUES = (-1, 0, 1)
+
+
+class SignRule(StrEnum):
+    """What the virtual sliding of a selected contact must be, eqs. (29) and (30)."""
+
+    STRICT = "strict"
+    """Both components are nonzero: (29) and (30) taken literally."""
+    EXACT = "exact"
+    """One component may be zero, and then there is no static friction along it."""
+    NONZERO = "nonzero"
+    """The vector is nonzero; where one component is zero the friction along it is free."""
+
+
+class SlidingRule(StrEnum):
+    """Whether (22) is asked of the contacts in actual sliding."""
+
+    EXEMPT = "exempt"
+    """(22) is not asked of them."""
+    CONSTRAINED = "constrained"
+    """(22) is asked of them with b = 1 and any sign (Sec. III-C)."""
+
+
+class StaticFriction(StrEnum):
+    """Which static friction is believed."""
+
+    VIRTUAL_SLIDING = "virtual_sliding"
+    """Only against a feasible virtual sliding: (22), (27) and (31) hold."""
+    COULOMB = "coulomb"
+    """Anything inside the friction cone: (22), (27) and (31) are dropped."""
+
+
+@dataclass(frozen=True)
+class Rules:
+    """One reading of the virtual-sliding constraint.
+
+    Attributes:
+        sign: The rule on the signs of a virtual sliding.
+        sliding: The rule on contacts in actual sliding.
+        static_friction: Whether the constraint holds at all.
+    """
+
+    sign: SignRule = SignRule.STRICT
+    sliding: SlidingRule = SlidingRule.EXEMPT
+    static_friction: StaticFriction = StaticFriction.VIRTUAL_SLIDING
+
+    @classmethod
+    def parse(cls, sign_rule: str, sliding_rule: str, static_friction: str) -> Self:
+        """Return the rules by name.
+
+        Raises:
+            ArgumentError: Naming the argument and the values it can have.
+        """
+        return cls(
+            choice(SignRule, "sign_rule", sign_rule),
+            choice(SlidingRule, "sliding_rule", sliding_rule),
+            choice(StaticFriction, "static_friction", static_friction),
+        )
+
+
+_Choice = TypeVar("_Choice", bound=StrEnum)
+
+
+def choice(options: type[_Choice], name: str, value: str) -> _Choice:
+    """Return the member of an enum by its value.
+
+    Raises:
+        ArgumentError: Naming the argument and the values it can have.
+    """
+    try:
+        return options(value)
+    except ValueError:
+        known = ", ".join(repr(str(option)) for option in options)
+        raise ArgumentError(name, f"is {value!r}; it must be one of {known}") from None
+
+
+@dataclass(frozen=True, eq=False)
+class SlidingMode:
+    """A virtual-sliding mode (B, S): which contacts virtually slide, and which way.
+
+    Attributes:
+        selection: (M,) bool, b_l of eq. (21).
+        signs: (M, 2) int, s_lm of eq. (29): signs of the virtual sliding of the object relative
+            to the other body along t_l1 and t_l2; static friction has the opposite signs. Rows
+            of contacts that are not selected are zero.
+    """
+
+    selection: NDArray[np.bool_]
+    signs: NDArray[np.int8]
+
+    def __init__(self, selection: ArrayLike, signs: ArrayLike) -> None:
+        """Validate and freeze.
+
+        Raises:
+            ArgumentError: If shapes differ, a sign is not -1, 0 or 1, or a contact that is not
+                selected has a sign.
+        """
+        chosen = np.array(selection, dtype=bool)
+        values = np.array(signs)
+        if chosen.ndim != 1 or values.shape != (len(chosen), 2):
+            raise ArgumentError(
+                "signs", f"has shape {values.shape} for a selection of shape {chosen.shape}"
+            )
+        if not np.isin(values, SIGN_VALUES).all():
+            raise ArgumentError("signs", f"is {values.tolist()}; each must be -1, 0 or 1")
+        stray = ~chosen & values.any(axis=1)
+        if stray.any():
+            index = int(np.argmax(stray))
+            raise ArgumentError(
+                "signs", f"is {values[index].tolist()} at index {index}, which is not selected"
+            )
+        values = values.astype(np.int8)
+        chosen.setflags(write=False)
+        values.setflags(write=False)
+        object.__setattr__(self, "selection", chosen)
+        object.__setattr__(self, "signs", values)
+
+    def __eq__(self, other: object) -> bool:
+        """Compare by value."""
+        if not isinstance(other, SlidingMode):
+            return NotImplemented
+        return np.array_equal(self.selection, other.selection) and np.array_equal(
+            self.signs, other.signs
+        )
+
+    def __hash__(self) -> int:
+        """Hash by value."""
+        return hash((self.selection.tobytes(), self.signs.tobytes()))
+
+    def __str__(self) -> str:
+        """Return one token a contact: ``++``, ``+-``, ``0-`` ..., or ``..`` if not selected."""
+        token = {-1: "-", 0: "0", 1: "+"}
+        return " ".join(
+            token[int(pair[0])] + token[int(pair[1])] if chosen else ".."
+            for chosen, pair in zip(self.selection, self.signs, strict=True)
+        )
+
+
+def candidate_contacts(problem: QuasistaticProblem, rules: Rules) -> NDArray[np.bool_]:
+    """(M,) contacts that a mode may select.
+
+    Those with a friction cone and, when actual sliding is constrained, those that slide. A
+    frictionless contact at rest has no friction to constrain and is never selected.
+    """
+    if rules.sliding is SlidingRule.CONSTRAINED:
+        return problem.has_cone | problem.is_sliding
+    return problem.has_cone

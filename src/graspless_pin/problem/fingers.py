@@ -1,0 +1,150 @@
+"""Control modes of fingers: from each finger's own Jacobian to the columns of J."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from graspless_pin.errors import ArgumentError
+from graspless_pin.problem.checks import (
+    FloatArray,
+    finite_array,
+    per_item,
+    read_only,
+    unit_rows,
+)
+
+
+class ControlMode(StrEnum):
+    """How a finger is controlled (Sec. II-A of the paper)."""
+
+    FORCE = "force"
+    """Joint torques set the contact force: J^T f = tau."""
+    POSITION = "position"
+    """Stiff: the finger is part of the environment and has no column in J."""
+    HYBRID = "hybrid"
+    """A commanded normal force, anything tangential: one column n, f_com >= 0."""
+
+
+@dataclass(frozen=True, eq=False)
+class FingerContacts:
+    """One finger: its control mode, its contacts and what is needed of its joints.
+
+    Attributes:
+        mode: How it is controlled.
+        contacts: Indices of its contacts among the M of the problem.
+        jacobian: (3 M_i, L_i) for FORCE, rows in the order of `contacts`; unused otherwise.
+        torque_limits: (lower, upper), scalar or (L_i,), N m, for FORCE.
+        max_force: Largest commanded force, N, for HYBRID.
+        joint_names: Names of the L_i joints (one name for HYBRID); None: made from the finger.
+    """
+
+    mode: ControlMode
+    contacts: Sequence[int]
+    jacobian: ArrayLike | None = None
+    torque_limits: tuple[ArrayLike, ArrayLike] = (-10.0, 10.0)
+    max_force: float = np.inf
+    joint_names: Sequence[str] | None = field(default=None)
+
+
+@dataclass(frozen=True, eq=False)
+class JointSpace:
+    """The joint side of a problem: pass the fields to `QuasistaticProblem`.
+
+    Attributes:
+        jacobian: (3M, L), eqs. (12) and (13).
+        torque_limits: (lower, upper), each (L,).
+        joint_names: L names.
+    """
+
+    jacobian: FloatArray
+    torque_limits: tuple[FloatArray, FloatArray]
+    joint_names: tuple[str, ...]
+
+
+def assemble_joint_space(normals: ArrayLike, fingers: Sequence[FingerContacts]) -> JointSpace:
+    """Stack the fingers into J = diag(J_1, ..., J_N), eqs. (12) and (13).
+
+    A position-controlled finger adds no column; a hybrid one adds the column n of its one contact
+    with 0 <= f_com <= max_force; contacts of no finger belong to the environment.
+
+    Args:
+        normals: (M, 3) unit normals into the object.
+        fingers: The fingers, in the order of the columns.
+
+    Raises:
+        ArgumentError: If a contact index is out of range or used twice, a hybrid finger has not
+            exactly one contact, or a Jacobian has the wrong shape.
+    """
+    n = finite_array("normals", normals, (None, 3))
+    unit_rows("normals", n)
+    owner: dict[int, int] = {}
+    columns, lower, upper, names = [np.zeros((3 * len(n), 0))], [], [], []
+    for index, finger in enumerate(fingers):
+        label = f"fingers[{index}]"
+        for contact in finger.contacts:
+            if not 0 <= contact < len(n):
+                raise ArgumentError(
+                    f"{label}.contacts", f"names contact {contact}; there are {len(n)} contacts"
+                )
+            if contact in owner:
+                raise ArgumentError(
+                    f"{label}.contacts",
+                    f"names contact {contact}, which is of finger {owner[contact]}",
+                )
+            owner[contact] = index
+        block, low, high, count = _finger_block(label, finger, n)
+        columns.append(block)
+        lower.append(low)
+        upper.append(high)
+        given = finger.joint_names
+        if given is None:
+            given = [f"finger_{index + 1}_joint_{j + 1}" for j in range(count)]
+        if len(given) != count:
+            raise ArgumentError(f"{label}.joint_names", f"has {len(given)} names for {count}")
+        names.extend(given)
+    return JointSpace(
+        read_only(np.hstack(columns)),
+        (read_only(np.concatenate([*lower, []])), read_only(np.concatenate([*upper, []]))),
+        tuple(names),
+    )
+
+
+def _finger_block(
+    label: str, finger: FingerContacts, normals: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, int]:
+    """Return one finger's (3M, L_i) columns, its limits and L_i."""
+    size = 3 * len(normals)
+    mode = ControlMode(finger.mode)
+    if mode is ControlMode.POSITION:
+        return np.zeros((size, 0)), np.zeros(0), np.zeros(0), 0
+    if mode is ControlMode.HYBRID:
+        if len(finger.contacts) != 1:
+            raise ArgumentError(
+                f"{label}.contacts",
+                f"has {len(finger.contacts)} contacts; a hybrid finger has exactly one",
+            )
+        column = np.zeros((size, 1))
+        contact = finger.contacts[0]
+        column[3 * contact : 3 * contact + 3, 0] = normals[contact]
+        limit = per_item(f"{label}.max_force", finger.max_force, 1)
+        if limit[0] < 0.0:
+            raise ArgumentError(f"{label}.max_force", f"is {limit[0]}; it must be >= 0")
+        return column, np.zeros(1), limit, 1
+    if finger.jacobian is None:
+        raise ArgumentError(f"{label}.jacobian", "is missing; a force-controlled finger needs it")
+    own = finite_array(f"{label}.jacobian", finger.jacobian, (3 * len(finger.contacts), None))
+    block = np.zeros((size, own.shape[1]))
+    for row, contact in enumerate(finger.contacts):
+        block[3 * contact : 3 * contact + 3] = own[3 * row : 3 * row + 3]
+    count = own.shape[1]
+    return (
+        block,
+        per_item(f"{label}.torque_limits lower", finger.torque_limits[0], count),
+        per_item(f"{label}.torque_limits upper", finger.torque_limits[1], count),
+        count,
+    )

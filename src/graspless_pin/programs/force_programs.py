@@ -1,0 +1,268 @@
+"""Algorithms 1 and 2 in contact forces: the matrices that every mode of a problem shares.
+
+The unknown is not the edge weights k of (44) and (45) but the force itself, in contact
+coordinates: x_l = (n^T f, t1^T f, t2^T f) / F where there is a friction cone, and n^T f / F alone
+where the direction is known (actual sliding, no friction). F is the largest normal-force limit.
+Then C k with k >= 0 becomes H^T f <= 0, (27) fixes variables at zero and (31) bounds them, so all
+modes of a problem differ in bounds only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from graspless_pin.modes.rules import SlidingMode
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.cones import cone_faces_local
+from graspless_pin.programs.program import Program
+
+
+@dataclass(frozen=True, eq=False)
+class ForceCoordinates:
+    """The map from scaled contact coordinates to forces.
+
+    Attributes:
+        basis: (3M, n) with f = F basis x.
+        force_scale: F, the largest normal-force limit, N.
+        torque_scale: The largest finite torque limit (or, without one, the largest torque that
+            the contacts can make), N m.
+        length_scale: Size of the contact arrangement, m, for the moment rows.
+        normal: (M,) column of each contact's normal coordinate.
+        tangent: (M, 2) columns of t1 and t2; -1 where there is no cone.
+    """
+
+    basis: FloatArray
+    force_scale: float
+    torque_scale: float
+    length_scale: float
+    normal: np.ndarray
+    tangent: np.ndarray
+
+    def forces(self, x: FloatArray) -> FloatArray:
+        """Return the (M, 3) contact forces of a program's solution, N."""
+        count = self.basis.shape[1]
+        return (self.force_scale * (self.basis @ x[:count])).reshape(-1, 3)
+
+
+def force_coordinates(problem: QuasistaticProblem) -> ForceCoordinates:
+    """Choose coordinates and scales for a problem."""
+    count = problem.contact_count
+    normal = np.zeros(count, dtype=int)
+    tangent = np.full((count, 2), -1)
+    columns: list[FloatArray] = []
+    for contact in range(count):
+        normal[contact] = len(columns)
+        directions = [problem.kinetic_directions[contact]]
+        if problem.has_cone[contact]:
+            tangent[contact] = len(columns) + 1, len(columns) + 2
+            directions = [problem.normals[contact], *problem.tangents[contact].T]
+        for direction in directions:
+            column = np.zeros(3 * count)
+            column[3 * contact : 3 * contact + 3] = direction
+            columns.append(column)
+    basis = np.array(columns).T
+    force = float(problem.max_normal_force.max())
+    limits = np.abs(np.concatenate([problem.lower_torque, problem.upper_torque]))
+    torque = float(limits[np.isfinite(limits)].max(initial=0.0))
+    if torque == 0.0:
+        reach = force * np.abs(problem.jacobian).sum(axis=0).max(initial=0.0)
+        torque = float(reach) or 1.0
+    length = float(np.linalg.norm(problem.positions, axis=1).max()) or 1.0
+    return ForceCoordinates(basis, force, torque, length, normal, tangent)
+
+
+def margin_program(
+    problem: QuasistaticProblem, coordinates: ForceCoordinates, regularization: float
+) -> Program:
+    """Algorithm 1 (44) without (27) and (31): minimise -e/F + (eps/2) |f/F|^2.
+
+    The margin e is the last variable and may become negative: a negative optimum says by how much
+    the cones would have to be widened, and its dual proves that no force set exists.
+    """
+    size = coordinates.basis.shape[1]
+    faces, base, low = _cone_rows(problem, coordinates)
+    limit = problem.max_normal_force / coordinates.force_scale
+    torque, lower, upper = _torque_rows(problem, coordinates)
+    balance, wrench = _balance_rows(problem, coordinates)
+    rows = np.vstack([faces, base, low])
+    G = np.block([[rows, np.ones((len(rows), 1))], [torque, np.zeros((len(torque), 1))]])
+    u = np.concatenate([np.zeros(len(faces)), limit, np.zeros(len(low)), upper])
+    l = np.concatenate([np.full(len(rows), -np.inf), lower])  # noqa: E741
+    box = _force_box(problem, coordinates)
+    # The box speaks of forces inside their cones, that is of e >= 0: what it proves, it proves of
+    # those, and a proven bound above zero on -e proves that there are none.
+    return _program(
+        coordinates, regularization, G, l, u, balance, wrench,
+        objective=np.append(np.zeros(size), -1.0),
+        box=np.hstack([box, [[0.0], [float(limit.min()) / 2.0]]]),
+        imposed=(np.full(size + 1, -np.inf), np.full(size + 1, np.inf)),
+    )  # fmt: skip
+
+
+def torque_program(
+    problem: QuasistaticProblem,
+    coordinates: ForceCoordinates,
+    margin: float,
+    regularization: float,
+    *,
+    by_limits: bool,
+) -> Program:
+    """Algorithm 2 (45) without (27) and (31): minimise t + (eps/2) |f/F|^2 at a required margin.
+
+    The last variable t is the largest |torque| in units of the torque scale, or the largest share
+    of any joint's own limit when ``by_limits``. The motors' torques J^T f + g obey their limits.
+    """
+    size = coordinates.basis.shape[1]
+    e = margin / coordinates.force_scale
+    faces, _, _ = _cone_rows(problem, coordinates)
+    torque, lower, upper = _torque_rows(problem, coordinates)
+    gravity = problem.gravity_torques / coordinates.torque_scale
+    balance, wrench = _balance_rows(problem, coordinates)
+    unit_up, unit_down = np.ones(len(torque)), np.ones(len(torque))
+    if by_limits:
+        # The share of a limit is counted on the side where the torque is; a limit of zero, or
+        # one on the wrong side of zero, stays a hard row and has no share.
+        scale = coordinates.torque_scale
+        unit_up = np.maximum(problem.upper_torque / scale, 0.0)
+        unit_down = np.maximum(-problem.lower_torque / scale, 0.0)
+    up, down = np.isfinite(unit_up) & (unit_up > 0.0), np.isfinite(unit_down) & (unit_down > 0.0)
+    zero = np.zeros((1, 1))
+    G = np.vstack(
+        [
+            np.hstack([faces, np.repeat(zero, len(faces), axis=0)]),
+            np.hstack([torque[up], -unit_up[up, None]]),
+            np.hstack([-torque[down], -unit_down[down, None]]),
+            np.hstack([torque, np.repeat(zero, len(torque), axis=0)]),
+        ]
+    )
+    u = np.concatenate([np.full(len(faces), -e), -gravity[up], gravity[down], upper])
+    l = np.concatenate([np.full(len(u) - len(upper), -np.inf), lower])  # noqa: E741
+    limit = problem.max_normal_force / coordinates.force_scale
+    low, high = np.full(size + 1, -np.inf), np.full(size + 1, np.inf)
+    high[coordinates.normal] = limit - e
+    bare = coordinates.normal[~problem.has_cone]
+    low[bare] = e
+    low[-1] = 0.0
+    box = _force_box(problem, coordinates)
+    reach = np.abs(torque) @ np.abs(box).max(axis=0) + np.abs(gravity)
+    shares = [reach[up] / unit_up[up], reach[down] / unit_down[down]]
+    highest = float(np.concatenate([*shares, [0.0]]).max()) + 1.0
+    return _program(
+        coordinates, regularization, G, l, u, balance, wrench,
+        objective=np.append(np.zeros(size), 1.0),
+        box=np.hstack([box, [[0.0], [highest]]]),
+        imposed=(low, high),
+    )  # fmt: skip
+
+
+def mode_bounds(
+    problem: QuasistaticProblem,
+    coordinates: ForceCoordinates,
+    mode: SlidingMode,
+    program: Program,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the bounds that (27) and (31) put on a program's variables under one mode.
+
+    A zero sign (``exact``) forbids the friction along its tangent.
+
+    Args:
+        problem: The problem.
+        coordinates: Its force coordinates.
+        mode: The mode (B, S).
+        program: The program whose own bounds are kept.
+    """
+    lb, ub = program.lb.copy(), program.ub.copy()
+    for contact in np.flatnonzero(problem.has_cone):
+        for component in range(2):
+            column = coordinates.tangent[contact, component]
+            sign = mode.signs[contact, component]
+            if sign == 0:
+                lb[column] = ub[column] = 0.0
+            elif sign > 0:
+                ub[column] = 0.0
+            elif sign < 0:
+                lb[column] = 0.0
+    return lb, ub
+
+
+def _program(
+    coordinates: ForceCoordinates,
+    regularization: float,
+    G: FloatArray,
+    l: FloatArray,  # noqa: E741
+    u: FloatArray,
+    balance: FloatArray,
+    wrench: FloatArray,
+    *,
+    objective: FloatArray,
+    box: FloatArray,
+    imposed: tuple[FloatArray, FloatArray],
+) -> Program:
+    lengths = (coordinates.basis**2).sum(axis=0)
+    return Program(
+        P=np.append(regularization * lengths, 0.0),
+        c=objective,
+        A=np.asfortranarray(np.hstack([balance, np.zeros((6, 1))])),
+        b=wrench,
+        G=np.asfortranarray(G),
+        l=l,
+        u=u,
+        lb=imposed[0],
+        ub=imposed[1],
+        box=box,
+    )
+
+
+def _cone_rows(
+    problem: QuasistaticProblem, coordinates: ForceCoordinates
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Rows h^T f <= -e (42), n^T f <= limit - e and -n^T f <= -e (36).
+
+    The last are only written where there is no cone: inside a cone the side faces imply them.
+    """
+    size = coordinates.basis.shape[1]
+    faces = []
+    for contact in np.flatnonzero(problem.has_cone):
+        local = cone_faces_local(float(problem.friction[contact]), problem.cone_edges)
+        block = np.zeros((problem.cone_edges, size))
+        start = coordinates.normal[contact]
+        block[:, start : start + 3] = local.T
+        faces.append(block)
+    base = np.zeros((problem.contact_count, size))
+    base[np.arange(problem.contact_count), coordinates.normal] = 1.0
+    low = -base[~problem.has_cone]
+    return np.vstack([*faces, np.zeros((0, size))]), base, low
+
+
+def _torque_rows(
+    problem: QuasistaticProblem, coordinates: ForceCoordinates
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Rows J^T f / torque_scale (18) and the limits left for it beside gravity."""
+    scale = coordinates.torque_scale
+    rows = problem.jacobian.T @ coordinates.basis * (coordinates.force_scale / scale)
+    lower = (problem.lower_torque - problem.gravity_torques) / scale
+    upper = (problem.upper_torque - problem.gravity_torques) / scale
+    return rows, lower, upper
+
+
+def _balance_rows(
+    problem: QuasistaticProblem, coordinates: ForceCoordinates
+) -> tuple[FloatArray, FloatArray]:
+    """Rows W f / F = -w_ext / F (19), the moment rows divided by the length scale."""
+    weight = np.repeat([1.0, 1.0 / coordinates.length_scale], 3)
+    rows = weight[:, None] * (problem.W @ coordinates.basis)
+    return rows, -weight * problem.external_wrench / coordinates.force_scale
+
+
+def _force_box(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> FloatArray:
+    """(2, n) bounds of forces inside cones: 0 <= n^T f <= limit, |t^T f| <= mu limit."""
+    box = np.zeros((2, coordinates.basis.shape[1]))
+    limit = problem.max_normal_force / coordinates.force_scale
+    box[1, coordinates.normal] = limit
+    for contact in np.flatnonzero(problem.has_cone):
+        reach = problem.friction[contact] * limit[contact]
+        box[:, coordinates.tangent[contact]] = [[-reach, -reach], [reach, reach]]
+    return box

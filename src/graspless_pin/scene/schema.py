@@ -1,0 +1,277 @@
+"""The scene file's schema: what may stand in a YAML scene, with types, units and bounds.
+
+Lengths are metres, angles radians, masses kilograms, torques newton metres. Unknown keys are
+errors, so that a misspelt one is not silently ignored.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+Vector = tuple[Finite, Finite, Finite]
+
+
+class Entry(BaseModel):
+    """A part of a scene; unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class PoseEntry(Entry):
+    """A pose: where the frame's origin is, and at most one form of its rotation."""
+
+    position: Vector = (0.0, 0.0, 0.0)
+    rpy: Vector | None = Field(
+        default=None,
+        description="roll, pitch, yaw in radians, R = Rz(yaw) Ry(pitch) Rx(roll) as in URDF",
+    )
+    quaternion: tuple[Finite, Finite, Finite, Finite] | None = Field(
+        default=None, description="x, y, z, w"
+    )
+    matrix: tuple[Vector, Vector, Vector] | None = Field(default=None, description="rows of R")
+
+    @model_validator(mode="after")
+    def _one_rotation(self) -> PoseEntry:
+        forms = [name for name in ("rpy", "quaternion", "matrix") if getattr(self, name)]
+        if len(forms) > 1:
+            raise ValueError(f"has {' and '.join(forms)}; give one form of the rotation")
+        return self
+
+
+class BoxEntry(Entry):
+    """A box with full edge lengths."""
+
+    type: Literal["box"]
+    size: tuple[Positive, Positive, Positive]
+
+
+class SphereEntry(Entry):
+    """A sphere."""
+
+    type: Literal["sphere"]
+    radius: Positive
+
+
+class CylinderEntry(Entry):
+    """A cylinder along z, its full height."""
+
+    type: Literal["cylinder"]
+    radius: Positive
+    length: Positive
+
+
+class CapsuleEntry(Entry):
+    """A capsule along z; the length is the cylinder's without its ends."""
+
+    type: Literal["capsule"]
+    radius: Positive
+    length: Positive
+
+
+class ConeEntry(Entry):
+    """A cone, tip up along z."""
+
+    type: Literal["cone"]
+    radius: Positive
+    length: Positive
+
+
+class MeshEntry(Entry):
+    """A mesh file, taken as its convex hull; the path is relative to the scene file."""
+
+    type: Literal["mesh"]
+    path: str
+    scale: Positive | tuple[Positive, Positive, Positive] = 1.0
+
+
+class HalfSpaceEntry(Entry):
+    """Everything at z <= 0 of its frame: a floor, table or slope."""
+
+    type: Literal["half_space"]
+
+
+SolidEntry = Annotated[
+    BoxEntry | SphereEntry | CylinderEntry | CapsuleEntry | ConeEntry | MeshEntry,
+    Field(discriminator="type"),
+]
+ShapeEntry = Annotated[
+    BoxEntry | SphereEntry | CylinderEntry | CapsuleEntry | ConeEntry | MeshEntry | HalfSpaceEntry,
+    Field(discriminator="type"),
+]
+
+
+class FingerEntry(Entry):
+    """A finger: its joints, and the links whose contacts are its own (default: all it moves)."""
+
+    joints: list[str] = Field(min_length=1)
+    links: list[str] = []
+    tip: str | None = None
+
+
+class MountEntry(Entry):
+    """One robot fixed to the world; one of ``robot`` or ``urdf``."""
+
+    robot: str | None = Field(
+        default=None,
+        description="a robot file of this package or by path, or an example-robot-data model",
+    )
+    urdf: str | None = Field(default=None, description="path of a URDF, relative to the scene file")
+    package_dirs: list[str] = []
+    base_pose: PoseEntry = PoseEntry()
+    fingers: dict[str, FingerEntry] | None = None
+
+    @model_validator(mode="after")
+    def _one_source(self) -> MountEntry:
+        if (self.robot is None) == (self.urdf is None):
+            raise ValueError("needs either 'robot' (a name or robot file) or 'urdf' (a path)")
+        return self
+
+
+class PrefixedMountEntry(MountEntry):
+    """One of several robots: the prefix goes before the names of its joints, links, fingers."""
+
+    prefix: str
+
+
+ModeName = Literal["force", "position", "hybrid"]
+
+
+class HandEntry(Entry):
+    """The hand: one robot, or several under ``mounts``."""
+
+    robot: str | None = None
+    urdf: str | None = None
+    package_dirs: list[str] = []
+    base_pose: PoseEntry = PoseEntry()
+    fingers: dict[str, FingerEntry] | None = None
+    mounts: list[PrefixedMountEntry] = []
+    q: dict[str, Finite] = Field(default={}, description="rad or m by joint name")
+    control: ModeName | dict[str, ModeName] = "force"
+    effort_limits: dict[str, NotNegative | tuple[Finite, Finite]] = Field(
+        default={}, description="N m by joint or finger; a number means -x to x"
+    )
+    hybrid_force_limit: Positive | None = Field(
+        default=None,
+        description="largest commanded force of a hybrid finger, N; default max_normal_force",
+    )
+    count_own_weight: bool = Field(
+        default=True, description="whether g(q), the links' own weight, counts against the limits"
+    )
+
+    @model_validator(mode="after")
+    def _one_source(self) -> HandEntry:
+        given = [name for name in ("robot", "urdf", "mounts") if getattr(self, name)]
+        if len(given) != 1:
+            found = " and ".join(given) or "none of them"
+            raise ValueError(f"needs exactly one of 'robot', 'urdf' and 'mounts'; found {found}")
+        return self
+
+    def mount_entries(self) -> list[tuple[str, MountEntry]]:
+        """The robots with their prefixes."""
+        if self.mounts:
+            return [(mount.prefix, mount) for mount in self.mounts]
+        single = MountEntry(
+            robot=self.robot,
+            urdf=self.urdf,
+            package_dirs=self.package_dirs,
+            base_pose=self.base_pose,
+            fingers=self.fingers,
+        )
+        return [("", single)]
+
+
+class ObjectEntry(Entry):
+    """The manipulated object."""
+
+    name: str = "object"
+    shape: SolidEntry
+    mass: Positive
+    center_of_mass: Vector = Field(default=(0.0, 0.0, 0.0), description="in the object's frame, m")
+    pose: PoseEntry = PoseEntry()
+
+
+class SupportEntry(Entry):
+    """Something fixed that the object may touch."""
+
+    name: str
+    shape: ShapeEntry
+    pose: PoseEntry = PoseEntry()
+    friction: NotNegative | None = None
+
+
+class ContactEntry(Entry):
+    """A given contact: what touches the object (a hand link or support), where, and the normal."""
+
+    body: str
+    position: Vector = Field(description="world frame, m")
+    normal: Vector = Field(description="into the object, world axes; any length")
+
+
+class TwistEntry(Entry):
+    """A velocity: linear (m/s) and angular (rad/s), world axes."""
+
+    linear: Vector = (0.0, 0.0, 0.0)
+    angular: Vector = (0.0, 0.0, 0.0)
+
+
+class HandMotionEntry(Entry):
+    """The hand's own motion; without it, its contacts follow the object and stick."""
+
+    base_twist: TwistEntry = TwistEntry()
+    joint_velocities: dict[str, Finite] = {}
+
+
+class MotionEntry(Entry):
+    """The declared motion: the object's twist about its centre of mass, and the hand's own."""
+
+    object_twist: TwistEntry
+    hand: HandMotionEntry | None = None
+
+
+class SolveEntry(Entry):
+    """What to solve, unless the caller says otherwise."""
+
+    algorithm: Literal["margin", "torque"] = "margin"
+    margin: NotNegative = Field(default=0.1, description="required margin e_0 of Algorithm 2, N")
+    scale: Literal["absolute", "limits"] = "absolute"
+    sign_rule: Literal["strict", "exact", "nonzero"] = "strict"
+    sliding_rule: Literal["exempt", "constrained"] = "exempt"
+    static_friction: Literal["virtual_sliding", "coulomb"] = "virtual_sliding"
+    solver: str = "piqp"
+    regularization: NotNegative = 0.0
+
+
+class SceneEntry(Entry):
+    """A whole scene."""
+
+    name: str = ""
+    description: str = ""
+    gravity: Vector = (0.0, 0.0, -9.81)
+    hand: HandEntry | None = None
+    object: ObjectEntry
+    supports: list[SupportEntry] = []
+    friction: NotNegative | dict[str, NotNegative] = Field(
+        description="one coefficient, or by hand link, support, 'hand', 'supports' and 'default'"
+    )
+    contacts: list[ContactEntry] | None = Field(
+        default=None, description="given contacts; without this key they are found from the shapes"
+    )
+    motion: MotionEntry | None = None
+    max_normal_force: Positive = Field(default=50.0, description="N")
+    cone_edges: int = Field(default=32, ge=3)
+    contact_tolerance: Positive = Field(default=1e-3, description="m")
+    tangent_axes: list[Vector] = Field(
+        default=[],
+        description="t1 is the projection of the first of these axes that is not along the normal",
+    )
+    solve: SolveEntry = SolveEntry()
+
+
+def scene_json_schema() -> dict[str, Any]:
+    """Return the JSON schema of a scene file."""
+    return SceneEntry.model_json_schema()

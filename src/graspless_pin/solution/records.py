@@ -1,0 +1,166 @@
+"""What the algorithms return: a status, torques and forces, the mode and the proof."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum, StrEnum
+from typing import TypeVar
+
+import numpy as np
+
+from graspless_pin.errors import NoSolutionError
+from graspless_pin.modes.rules import Rules, SlidingMode
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.solution.table import solution_text
+
+_Value = TypeVar("_Value")
+
+
+class Algorithm(StrEnum):
+    """Which of the paper's programs was solved."""
+
+    MARGIN = "margin"
+    """Algorithm 1 (44): the largest margin."""
+    TORQUE = "torque"
+    """Algorithm 2 (45): the smallest largest torque at a required margin."""
+
+
+class Status(Enum):
+    """What is known of the problem; the value is the message."""
+
+    OPTIMAL = "optimal over all feasible virtual-sliding modes"
+    OPTIMAL_IN_MODE = "optimal in the given virtual-sliding mode"
+    LIMIT_REACHED = "the best found when a node or time limit ended the search"
+    INFEASIBLE_FORCES = (
+        "infeasible: no contact forces inside the cones, normal-force and torque limits balance "
+        "the external wrench with the required margin"
+    )
+    INFEASIBLE_MODES = (
+        "infeasible: forces that balance exist, but none whose friction opposes a kinematically "
+        "feasible virtual sliding"
+    )
+    INFEASIBLE_IN_MODE = "infeasible in the given virtual-sliding mode"
+    INFEASIBLE_MODE = "the given virtual-sliding mode has no virtual motion behind it"
+    NOT_FOUND_IN_LIMIT = "nothing found when a node or time limit ended the search"
+    UNVERIFIED = "no solver gave an answer that passes the check"
+
+    @property
+    def message(self) -> str:
+        """The message in words."""
+        return self.value
+
+
+FOUND = frozenset({Status.OPTIMAL, Status.OPTIMAL_IN_MODE, Status.LIMIT_REACHED})
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """How well the answer is proven.
+
+    Values are in scaled units (forces over the largest normal-force limit F, margin over F,
+    torques over the largest torque limit) unless a unit is given.
+
+    Attributes:
+        primal_residual: Largest violation of any constraint by the returned forces.
+        duality_gap: Objective minus the bound that the multipliers of its program prove.
+        bound: Proven bound on the optimum over all modes: an upper bound on the margin in N
+            (Algorithm 1), a lower bound on the largest torque (Algorithm 2: N m, or a share of
+            the limits). With a regularisation it bounds the regularised objective.
+        gap: Distance between the returned objective and that bound, same unit.
+        infeasibility: Proven smallest common violation of all constraints where infeasible.
+        modes_examined: Virtual-sliding modes that were solved or ruled out one by one.
+        nodes: Nodes of the search.
+        force_programs: LPs or QPs in forces that were solved.
+        kinematic_programs: Kinematic feasibility problems that were solved.
+        solver: The solver whose answer passed the check.
+    """
+
+    primal_residual: float
+    duality_gap: float
+    bound: float
+    gap: float
+    infeasibility: float
+    modes_examined: int
+    nodes: int
+    force_programs: int
+    kinematic_programs: int
+    solver: str
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueSolution:
+    """The answer of Algorithm 1 or 2. Infeasible is an answer: then ``found`` is False.
+
+    Asking a solution that was not found for torques, forces, margin or mode raises
+    `NoSolutionError` with the reason.
+
+    Attributes:
+        status: What is known.
+        algorithm: Which program was solved.
+        required_margin: e_0 of Algorithm 2, N; 0 for Algorithm 1.
+        rules: The reading of the virtual-sliding constraint.
+        certificate: The proof.
+        problem: The problem that was solved.
+    """
+
+    status: Status
+    algorithm: Algorithm
+    required_margin: float
+    rules: Rules
+    certificate: Certificate
+    problem: QuasistaticProblem
+    _forces: FloatArray | None = None
+    _mode: SlidingMode | None = None
+
+    @property
+    def found(self) -> bool:
+        """Whether there is a solution to read."""
+        return self.status in FOUND
+
+    @property
+    def contact_forces(self) -> FloatArray:
+        """(M, 3) contact forces on the object, N, world axes.
+
+        One best choice among the indeterminate forces, not a prediction.
+        """
+        return self._read(self._forces)
+
+    @property
+    def mode(self) -> SlidingMode:
+        """The virtual-sliding mode (B, S) whose optimum this is.
+
+        With Coulomb friction no mode is asked for, and this only describes the friction.
+        """
+        return self._read(self._mode)
+
+    @property
+    def contact_torques(self) -> FloatArray:
+        """(L,) joint torques that hold the contact forces, J^T f (18), N m."""
+        return self.problem.J.T @ self.contact_forces.ravel()
+
+    @property
+    def torques(self) -> FloatArray:
+        """(L,) motor torques J^T f + g, N m (N for linear and hybrid joints)."""
+        return self.contact_torques + self.problem.gravity_torques
+
+    @property
+    def margin(self) -> float:
+        """The margin e that the contact forces keep, (36) and (42), N."""
+        return self.problem.margin_of(self.contact_forces)
+
+    @property
+    def max_torque(self) -> float:
+        """Largest |motor torque|, N m; 0 without joints."""
+        return float(np.abs(self.torques).max(initial=0.0))
+
+    def __str__(self) -> str:
+        """Return a readable table."""
+        return solution_text(self)
+
+    def _read(self, value: _Value | None) -> _Value:
+        if value is None:
+            raise NoSolutionError(
+                f"There is no solution to read ({self.status.message}); check .found first."
+            )
+        return value

@@ -1,0 +1,140 @@
+"""A solution as readable tables: joints, contacts, margin, mode and certificate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from tabulate import tabulate
+
+if TYPE_CHECKING:
+    from graspless_pin.solution.records import TorqueSolution
+
+_AT_LIMIT = 1e-6
+
+
+def solution_text(solution: TorqueSolution, bodies: Sequence[str] | None = None) -> str:
+    """Return the tables of a solution, or why there is none.
+
+    Args:
+        solution: The solution.
+        bodies: M names of what touches the object at each contact; None: left out.
+    """
+    if not solution.found:
+        return f"not found: {solution.status.message}\n{certificate_text(solution)}"
+    parts = [headline(solution)]
+    if solution.problem.joint_count:
+        parts.append(joint_table(solution))
+    parts += [contact_table(solution, bodies), certificate_text(solution)]
+    return "\n\n".join(parts)
+
+
+def headline(solution: TorqueSolution) -> str:
+    """Return one or two lines: what was solved and the two figures that matter."""
+    if solution.algorithm == "margin":
+        what = "Algorithm 1, largest margin"
+    else:
+        what = f"Algorithm 2, smallest torque at margin {solution.required_margin:g} N"
+    return (
+        f"{what}: {solution.status.message}\n"
+        f"margin e = {solution.margin:.6g} N, max |torque| = {solution.max_torque:.6g} N m"
+    )
+
+
+def joint_table(solution: TorqueSolution) -> str:
+    """Return the joints: torque from contacts, from gravity, total, limits, share of the limit."""
+    problem = solution.problem
+    torques = solution.torques
+    shares = limit_shares(torques, problem.lower_torque, problem.upper_torque)
+    rows = zip(
+        problem.joint_names,
+        solution.contact_torques,
+        problem.gravity_torques,
+        torques,
+        problem.lower_torque,
+        problem.upper_torque,
+        [f"{100.0 * share:.1f} %" if np.isfinite(share) else "-" for share in shares],
+        strict=True,
+    )
+    headers = ["joint", "contacts", "gravity", "torque [N m]", "lower", "upper", "of limit"]
+    return tabulate(rows, headers, floatfmt="+.4f", stralign="left", colalign=None)
+
+
+def contact_table(solution: TorqueSolution, bodies: Sequence[str] | None) -> str:
+    """Return the contacts: point, normal force, friction and its use, state, virtual sliding."""
+    problem = solution.problem
+    forces, mode = solution.contact_forces, solution.mode
+    normal = np.einsum("ij,ij->i", problem.normals, forces)
+    use = friction_use(solution)
+    tokens = str(mode).split(" ")
+    rows = []
+    for contact in range(problem.contact_count):
+        share = "-" if np.isnan(use[contact]) else f"{100.0 * use[contact]:.0f} %"
+        where = " ".join(f"{value:+.4f}" for value in problem.positions[contact])
+        row = [contact, where, normal[contact], share, contact_state(solution, contact)]
+        name = [bodies[contact]] if bodies is not None else []
+        rows.append([*row[:1], *name, *row[1:], tokens[contact]])
+    headers = ["#", "point from the centre of mass [m]", "normal [N]", "friction", "state", "B, S"]
+    if bodies is not None:
+        headers.insert(1, "touching")
+    return tabulate(rows, headers, floatfmt=".4f", stralign="left", disable_numparse=[1])
+
+
+def friction_use(solution: TorqueSolution) -> np.ndarray:
+    """(M,) |tangential force| / (mu times normal force); NaN where there is no friction or load.
+
+    1 is the edge of the Coulomb cone; the polyhedral cone inside it ends a little earlier.
+    """
+    problem = solution.problem
+    normal = np.einsum("ij,ij->i", problem.normals, solution.contact_forces)
+    tangential = solution.contact_forces - normal[:, None] * problem.normals
+    most = problem.friction * normal
+    with np.errstate(divide="ignore", invalid="ignore"):
+        use = np.linalg.norm(tangential, axis=1) / most
+    return np.where(most > 0.0, use, np.nan)
+
+
+def contact_state(solution: TorqueSolution, contact: int) -> str:
+    """Return ``sliding``, ``frictionless``, ``at its limit`` (on a cone face) or ``sticking``."""
+    problem = solution.problem
+    if problem.is_sliding[contact]:
+        return "sliding"
+    if not problem.has_cone[contact]:
+        return "frictionless"
+    force = solution.contact_forces.ravel()
+    columns = np.abs(problem.H[3 * contact : 3 * contact + 3]).sum(axis=0) > 0.0
+    distance = -(problem.H[:, columns].T @ force).max()
+    return "at its limit" if distance <= _AT_LIMIT * problem.max_normal_force.max() else "sticking"
+
+
+def limit_shares(torques: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    """(L,) share of the limit on the side where each torque is; NaN where that side has none."""
+    limit = np.where(torques >= 0.0, upper, lower)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = torques / limit
+    return np.where(np.isfinite(limit) & (limit != 0.0), share, np.nan)
+
+
+def certificate_text(solution: TorqueSolution) -> str:
+    """Return the certificate in a few lines."""
+    proof = solution.certificate
+    unit = "N" if solution.algorithm == "margin" else "N m"
+    lines = []
+    if solution.found:
+        lines.append(
+            f"certificate: primal residual {proof.primal_residual:.1e}, duality gap "
+            f"{proof.duality_gap:.1e} (scaled); proven bound {proof.bound:.6g} {unit}, gap "
+            f"{proof.gap:.1e} {unit}"
+        )
+    elif proof.infeasibility > 0.0:
+        lines.append(
+            f"certificate: every choice of forces violates some constraint by at least "
+            f"{proof.infeasibility:.3g} (scaled)"
+        )
+    lines.append(
+        f"search: {proof.nodes} nodes, {proof.modes_examined} modes examined, "
+        f"{proof.force_programs} force programs, {proof.kinematic_programs} kinematic programs"
+        + (f", answer by {proof.solver}" if proof.solver else "")
+    )
+    return "\n".join(lines)

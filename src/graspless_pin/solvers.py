@@ -1,0 +1,264 @@
+"""The only module that knows a solver library: solve a program and check the answer.
+
+No status is believed. An answer counts when it meets the constraints and its own multipliers prove
+it optimal; infeasibility counts when multipliers prove it. Where a solver's answer fails the check
+another solver is asked.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+import numpy as np
+import piqp
+import qpsolvers
+import scipy.sparse
+from numpy.typing import NDArray
+from proxsuite import proxqp  # pyright: ignore[reportMissingImports] - compiled, path hook
+
+from graspless_pin.errors import SolverUnavailableError
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.programs.program import Program, elastic
+
+PRIMAL_TOLERANCE = 1e-7
+"""Largest accepted violation of a constraint, in scaled units."""
+GAP_TOLERANCE = 1e-7
+"""Largest accepted distance between an objective and its proven bound, in scaled units."""
+_SOLVER_TOLERANCE = 1e-10
+_INFEASIBLE = 1e-8
+_FALLBACKS = ("piqp", "highs", "clarabel", "proxqp")
+
+Multipliers = tuple[FloatArray, FloatArray, FloatArray]
+
+
+class Outcome(Enum):
+    """What is proven of a program."""
+
+    SOLVED = "solved"
+    INFEASIBLE = "infeasible"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """A checked answer to a program.
+
+    Attributes:
+        outcome: What is proven.
+        x: (n,) solution; empty unless solved.
+        y: (m,) multipliers of the equalities (of the elastic program's rows if infeasible).
+        z: (k,) multipliers of the inequality rows, positive on the upper side.
+        value: Objective at x; inf unless solved.
+        bound: Proven lower bound on the objective.
+        residual: Largest violation of a constraint at x, scaled units.
+        proof: Proven lower bound on the smallest common violation of all rows; > 0 if infeasible.
+        solver: Name of the solver whose answer passed.
+    """
+
+    outcome: Outcome
+    x: FloatArray
+    y: FloatArray
+    z: FloatArray
+    value: float
+    bound: float
+    residual: float
+    proof: float
+    solver: str
+
+    @property
+    def gap(self) -> float:
+        """Objective minus proven bound."""
+        return self.value - self.bound
+
+
+def available_solvers() -> tuple[str, ...]:
+    """Return the names that can be given as ``solver``."""
+    return tuple(sorted({"piqp", "proxqp", *qpsolvers.available_solvers}))
+
+
+def check_solver(name: str) -> str:
+    """Return the name if such a solver is installed.
+
+    Raises:
+        SolverUnavailableError: Naming the solvers that are.
+    """
+    if name not in available_solvers():
+        raise SolverUnavailableError(
+            f"solver: {name!r} is not installed; available: {', '.join(available_solvers())}"
+        )
+    return name
+
+
+def solve(program: Program, solver: str = "piqp", *, cutoff: float = np.inf) -> Answer:
+    """Solve a program, check the answer and prove infeasibility.
+
+    Args:
+        program: The program.
+        solver: The solver to ask first.
+        cutoff: A value above which solutions are of no interest: a proven bound above it counts
+            as infeasible.
+
+    Returns:
+        A solved, infeasible or failed answer; never an unchecked one.
+    """
+    if (program.lb > program.ub).any():
+        return _infeasible(np.inf, np.inf, "bounds")
+    names = (solver, *(name for name in _FALLBACKS if name != solver))
+    best_bound = -np.inf
+    for name in names:
+        raw = _BACKENDS.get(name, _by_qpsolvers(name))(program)
+        if raw is None:
+            continue
+        x, y, z = raw
+        bound = program.dual_bound(y, z)
+        best_bound = max(best_bound, bound)
+        if bound > cutoff + _INFEASIBLE:
+            return _infeasible(bound, bound - cutoff, name)
+        residual, value = program.residual(x), program.value(x)
+        if residual <= PRIMAL_TOLERANCE and value - bound <= GAP_TOLERANCE:
+            return Answer(Outcome.SOLVED, x, y, z, value, bound, residual, 0.0, name)
+        proof = _infeasibility_proof(program, name)
+        if proof > _INFEASIBLE:
+            return _infeasible(np.inf, proof, name)
+    return Answer(
+        Outcome.FAILED, np.zeros(0), np.zeros(0), np.zeros(0), np.inf, best_bound, np.inf, 0.0, ""
+    )
+
+
+def _infeasible(bound: float, proof: float, name: str) -> Answer:
+    empty = np.zeros(0)
+    return Answer(Outcome.INFEASIBLE, empty, empty, empty, np.inf, bound, np.inf, proof, name)
+
+
+def _infeasibility_proof(program: Program, name: str) -> float:
+    """Return the proven smallest common violation of all rows."""
+    relaxed = elastic(program)
+    raw = _BACKENDS.get(name, _by_qpsolvers(name))(relaxed)
+    return -np.inf if raw is None else relaxed.dual_bound(raw[1], raw[2])
+
+
+def _without_fixed(program: Program) -> tuple[Program, NDArray[np.bool_]]:
+    """Drop the variables that their bounds fix at zero; return the mask of those kept too."""
+    kept = ~((program.lb == 0.0) & (program.ub == 0.0))
+    if kept.all():
+        return program, kept
+    return (
+        Program(
+            P=program.P[kept],
+            c=program.c[kept],
+            A=np.asfortranarray(program.A[:, kept]),
+            b=program.b,
+            G=np.asfortranarray(program.G[:, kept]),
+            l=program.l,
+            u=program.u,
+            lb=program.lb[kept],
+            ub=program.ub[kept],
+            box=program.box[:, kept],
+        ),
+        kept,
+    )
+
+
+def _restored(x: FloatArray, kept: NDArray[np.bool_]) -> FloatArray:
+    full = np.zeros(len(kept))
+    full[kept] = x
+    return full
+
+
+def _finite(*arrays: FloatArray) -> bool:
+    return all(np.isfinite(array).all() for array in arrays)
+
+
+def _piqp(program: Program) -> Multipliers | None:
+    reduced, kept = _without_fixed(program)
+    engine = piqp.DenseSolver()
+    settings = engine.settings
+    settings.eps_abs = settings.eps_rel = _SOLVER_TOLERANCE
+    settings.eps_duality_gap_abs = settings.eps_duality_gap_rel = _SOLVER_TOLERANCE
+    bounded = bool(np.isfinite(reduced.lb).any() or np.isfinite(reduced.ub).any())
+    engine.setup(
+        np.diag(reduced.P), reduced.c,
+        reduced.A, reduced.b,
+        reduced.G, reduced.l, reduced.u,
+        *((reduced.lb, reduced.ub) if bounded else ()),
+    )  # fmt: skip
+    engine.solve()
+    result = engine.result
+    x, y, z = np.array(result.x), np.array(result.y), np.array(result.z_u) - np.array(result.z_l)
+    return (_restored(x, kept), y, z) if _finite(x, y, z) else None
+
+
+def _proxqp(program: Program) -> Multipliers | None:
+    """ProxQP's object interface: its one-shot call takes feasible LPs for infeasible."""
+    reduced, kept = _without_fixed(program)
+    n, m = reduced.A.shape[1], len(reduced.A)
+    bounded = np.flatnonzero(np.isfinite(reduced.lb) | np.isfinite(reduced.ub))
+    rows = np.vstack([reduced.G, np.eye(n)[bounded]])
+    far = 1e20
+    low = np.clip(np.concatenate([reduced.l, reduced.lb[bounded]]), -far, far)
+    high = np.clip(np.concatenate([reduced.u, reduced.ub[bounded]]), -far, far)
+    engine = proxqp.dense.QP(n, m, len(rows))
+    engine.settings.eps_abs = _SOLVER_TOLERANCE
+    engine.settings.eps_rel = 0.0
+    engine.settings.max_iter = 500
+    # Its own test calls feasible LPs infeasible: infeasibility is proven by the elastic program.
+    engine.settings.eps_primal_inf = engine.settings.eps_dual_inf = 0.0
+    engine.settings.default_mu_in = engine.settings.default_mu_eq = 1e-2
+    engine.init(np.diag(reduced.P), reduced.c, reduced.A, reduced.b, rows, low, high)
+    engine.solve()
+    x, y, z = (np.array(part) for part in (engine.results.x, engine.results.y, engine.results.z))
+    return (_restored(x, kept), y, z[: len(reduced.G)]) if _finite(x, y, z) else None
+
+
+_OPTIONS: dict[str, dict[str, Any]] = {
+    "clarabel": {
+        "tol_gap_abs": _SOLVER_TOLERANCE,
+        "tol_gap_rel": _SOLVER_TOLERANCE,
+        "tol_feas": _SOLVER_TOLERANCE,
+    },
+    "highs": {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10},
+}
+_SPARSE = ("highs", "clarabel", "osqp", "scs")
+
+
+def _by_qpsolvers(name: str) -> Callable[[Program], Multipliers | None]:
+    """Return a backend that goes through qpsolvers."""
+
+    def backend(program: Program) -> Multipliers | None:
+        reduced, kept = _without_fixed(program)
+        up, down = np.isfinite(reduced.u), np.isfinite(reduced.l)
+        rows = np.vstack([reduced.G[up], -reduced.G[down]])
+        sides = np.concatenate([reduced.u[up], -reduced.l[down]])
+        as_matrix = scipy.sparse.csc_matrix if name in _SPARSE else np.ascontiguousarray
+        has_rows, has_equalities = len(rows) > 0, len(reduced.A) > 0
+        quadratic = qpsolvers.Problem(
+            as_matrix(np.diag(reduced.P)), reduced.c,
+            as_matrix(rows) if has_rows else None, sides if has_rows else None,
+            as_matrix(reduced.A) if has_equalities else None,
+            reduced.b if has_equalities else None,
+            reduced.lb, reduced.ub,
+        )  # fmt: skip
+        try:
+            with warnings.catch_warnings():
+                # Interfaces warn of formats and statuses; the answer is checked anyway.
+                warnings.simplefilter("ignore")
+                solution = qpsolvers.solve_problem(quadratic, name, **_OPTIONS.get(name, {}))
+        except (qpsolvers.SolverError, qpsolvers.ProblemError, qpsolvers.ParamError):
+            return None
+        if solution.x is None or not _finite(solution.x):
+            return None
+        y = np.zeros(len(reduced.A)) if solution.y is None or not has_equalities else solution.y
+        z = np.zeros(len(reduced.G))
+        if solution.z is not None and has_rows and len(solution.z) == len(rows):
+            z[up] += solution.z[: up.sum()]
+            z[down] -= solution.z[up.sum() :]
+        return (_restored(solution.x, kept), np.asarray(y), z) if _finite(y, z) else None
+
+    return backend
+
+
+_BACKENDS: dict[str, Callable[[Program], Multipliers | None]] = {"piqp": _piqp, "proxqp": _proxqp}

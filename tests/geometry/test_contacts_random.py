@@ -1,0 +1,277 @@
+"""Contacts in random poses: known support points, both shape orders, no jumps, change of frame."""
+
+import itertools
+import math
+
+import coal  # pyright: ignore[reportMissingImports]
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import linprog
+from scipy.spatial.transform import Rotation
+
+from graspless_pin.geometry.collision import CollisionBody
+from graspless_pin.geometry.contacts import ContactPoint, find_contacts
+
+LYING = Rotation.from_euler("y", 90, degrees=True)
+UPRIGHT = Rotation.identity()
+
+
+def hull(points: np.ndarray) -> coal.CollisionGeometry:
+    vertices = coal.StdVec_Vec3s()
+    for point in points:
+        vertices.append(point)
+    return coal.Convex.convexHull(vertices, True, "Qt")  # noqa: FBT003 - keep the triangles
+
+
+def circle(count: int, radius: float) -> np.ndarray:
+    turns = 2 * math.pi * np.arange(count) / count
+    return radius * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+
+
+def prism(outline: np.ndarray, height: float) -> np.ndarray:
+    return np.vstack(
+        [
+            np.column_stack([outline, np.full(len(outline), z)])
+            for z in (0.5 * height, -0.5 * height)
+        ]
+    )
+
+
+CORNERS = np.array([(x, y) for x in (-0.05, 0.05) for y in (-0.06, 0.06)])
+HEXAGON = circle(6, 0.05)
+ENDS = np.array([(-0.06, 0.0), (0.06, 0.0)])
+
+# geometry, how it stands, height of its origin, support points in its standing frame
+OBJECTS = {
+    "box": (coal.Box(0.1, 0.12, 0.08), UPRIGHT, 0.04, CORNERS),
+    "box hull": (hull(prism(CORNERS, 0.08)), UPRIGHT, 0.04, CORNERS),
+    "hexagon": (hull(prism(HEXAGON, 0.08)), UPRIGHT, 0.04, HEXAGON),
+    "cylinder upright": (coal.Cylinder(0.04, 0.08), UPRIGHT, 0.04, circle(8, 0.04)),
+    "cylinder lying": (coal.Cylinder(0.04, 0.12), LYING, 0.04, ENDS),
+    "64-gon on a vertex": (hull(prism(circle(64, 0.04), 0.12)), LYING, 0.04, ENDS),
+    "capsule lying": (coal.Capsule(0.04, 0.12), LYING, 0.04, ENDS),
+    "capsule upright": (coal.Capsule(0.04, 0.12), UPRIGHT, 0.1, np.zeros((1, 2))),
+    "cone": (coal.Cone(0.04, 0.08), UPRIGHT, 0.04, circle(8, 0.04)),
+    "sphere": (coal.Sphere(0.04), UPRIGHT, 0.04, np.zeros((1, 2))),
+}
+# geometry and height of its top above its origin
+SUPPORTS = {
+    "half-space": (coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0), 0.0),
+    "box": (coal.Box(1.0, 1.0, 0.2), 0.1),
+    "wide box": (coal.Box(3.0, 2.0, 1.0), 0.5),
+    "hull": (hull(prism(circle(12, 0.4), 0.2)), 0.1),
+}
+TINY_GAPS = (0.0, 1e-6, -1e-6, 1e-8, -1e-8)
+
+
+def transform(rotation: Rotation, position: np.ndarray) -> np.ndarray:
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = rotation.as_matrix(), position
+    return T
+
+
+def support_points(contacts: tuple[ContactPoint, ...], expected: np.ndarray) -> np.ndarray:
+    """Largest distance between found and expected points, whichever way they are paired."""
+    found = np.array([contact.position for contact in contacts])
+    distances = np.linalg.norm(found[:, None] - expected[None], axis=2)
+    return max(distances.min(axis=0).max(), distances.min(axis=1).max())
+
+
+@pytest.mark.parametrize("support", SUPPORTS)
+@pytest.mark.parametrize("thing", OBJECTS)
+def test_support_points_in_200_random_poses(thing: str, support: str) -> None:
+    geometry, standing, height, points = OBJECTS[thing]
+    ground, top = SUPPORTS[support]
+    rng = np.random.default_rng(7)
+    for k in range(200):
+        gap = rng.uniform(-5e-4, 5e-4) if k % 4 else TINY_GAPS[k // 4 % len(TINY_GAPS)]
+        world = transform(Rotation.random(rng=rng), rng.uniform(-1, 1, 3))
+        yaw = Rotation.from_euler("z", rng.uniform(-3, 3) if k % 3 else 0.0)
+        place = np.append(rng.uniform(-0.05, 0.05, 2) if k % 5 else [0, 0], height + gap)
+        one = CollisionBody("one", geometry, world @ transform(yaw * standing, place))
+        two = CollisionBody("two", ground, world @ transform(UPRIGHT, np.array([0, 0, -top])))
+        flat = np.column_stack([points, np.zeros(len(points))])
+        local = yaw.apply(flat) + np.array([place[0], place[1], gap / 2])
+        expected = local @ world[:3, :3].T + world[:3, 3]
+        orders = [(one, two, 1.0)] + ([(two, one, -1.0)] if support != "half-space" else [])
+        for first, second, sign in orders:
+            contacts = find_contacts(first, [], [second])
+            assert len(contacts) == len(expected), (k, gap)
+            assert support_points(contacts, expected) < 1e-9, (k, gap)
+            for contact in contacts:
+                assert contact.distance == pytest.approx(gap, abs=1e-9)
+                assert np.allclose(contact.normal, sign * world[:3, 2], atol=1e-9)
+
+
+@pytest.mark.parametrize("support", SUPPORTS)
+@pytest.mark.parametrize("thing", OBJECTS)
+def test_a_micrometre_moves_no_support_point_by_more_than_that(thing: str, support: str) -> None:
+    geometry, standing, height, _ = OBJECTS[thing]
+    ground, top = SUPPORTS[support]
+    two = CollisionBody("two", ground, transform(UPRIGHT, np.array([0, 0, -top])))
+    last: np.ndarray | None = None
+    for step in range(-10, 11):
+        pose = transform(standing, np.array([0.02, 0.01, height + 1e-6 * step]))
+        contacts = find_contacts(CollisionBody("one", geometry, pose), [], [two])
+        found = np.array([contact.position for contact in contacts])
+        if last is not None:
+            assert found.shape == last.shape
+            assert np.abs(found - last).max() < 1.1e-6
+        last = found
+
+
+SHAPES = {
+    "box": coal.Box(0.08, 0.1, 0.06),
+    "hull": hull(np.random.default_rng(5).normal(size=(20, 3)) * 0.03),
+    "cylinder": coal.Cylinder(0.04, 0.08),
+    "cone": coal.Cone(0.04, 0.08),
+    "capsule": coal.Capsule(0.03, 0.06),
+    "sphere": coal.Sphere(0.04),
+}
+
+
+def touching(first: str, second: str, seed: int) -> tuple[CollisionBody, CollisionBody]:
+    """Two bodies in random orientations, moved together until coal says that they touch."""
+    rng = np.random.default_rng(seed)
+    one = transform(Rotation.random(rng=rng), rng.uniform(-1, 1, 3))
+    turn = Rotation.random(rng=rng)
+    direction = rng.normal(size=3)
+    direction /= np.linalg.norm(direction)
+    gap = rng.choice([5e-4, 1e-4, -1e-4, -5e-4])
+    near, far = 0.0, 0.5
+    for _ in range(40):
+        middle = 0.5 * (near + far)
+        distance = coal.distance(
+            SHAPES[first],
+            coal.Transform3s(one[:3, :3].copy(), one[:3, 3]),
+            SHAPES[second],
+            coal.Transform3s(turn.as_matrix(), one[:3, 3] + middle * direction),
+            coal.DistanceRequest(),
+            coal.DistanceResult(),
+        )
+        near, far = (near, middle) if distance > gap else (middle, far)
+    two = transform(turn, one[:3, 3] + far * direction)
+    return CollisionBody("one", SHAPES[first], one), CollisionBody("two", SHAPES[second], two)
+
+
+PAIRS = list(itertools.combinations_with_replacement(SHAPES, 2))
+
+
+@pytest.mark.parametrize(("first", "second"), PAIRS)
+def test_every_pair_touches_alike_in_both_orders_with_normals_into_the_object(
+    first: str, second: str
+) -> None:
+    for seed in range(15):
+        one, two = touching(first, second, seed)
+        there, back = find_contacts(one, [], [two]), find_contacts(two, [], [one])
+        assert there
+        assert len(there) == len(back)
+        mirrored = np.array([contact.position for contact in back])
+        assert support_points(there, mirrored) < 1e-12
+        for contact in there:
+            assert np.linalg.norm(contact.normal) == pytest.approx(1.0)
+            assert contact.normal @ back[0].normal < -0.999
+            # Bodies are convex and touch from outside: the object's middle lies ahead of the
+            # contact plane, the other's behind it.
+            assert (one.T_world_geometry[:3, 3] - contact.position) @ contact.normal > 0
+            assert (two.T_world_geometry[:3, 3] - contact.position) @ contact.normal < 0
+
+
+def separation(first: np.ndarray, second: np.ndarray) -> float:
+    """Distance of two apart hulls in the largest norm, by one linear program."""
+    count, other = len(first), len(second)
+    cost = np.zeros(count + other + 1)
+    cost[-1] = 1.0
+    difference = np.hstack([first.T, -second.T])
+    rows = np.vstack([difference, -difference])
+    sums = np.zeros((2, count + other + 1))
+    sums[0, :count] = sums[1, count:-1] = 1.0
+    solution = linprog(
+        cost,
+        A_ub=np.hstack([rows, -np.ones((6, 1))]),
+        b_ub=np.zeros(6),
+        A_eq=sums,
+        b_eq=np.ones(2),
+    )
+    return float(solution.fun)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_gap_of_two_hulls_lies_between_the_bounds_of_a_linear_program(seed: int) -> None:
+    one, two = touching("hull", "box", seed)
+    points = [
+        np.array(one.geometry.points()),
+        np.array(list(itertools.product((-0.04, 0.04), (-0.05, 0.05), (-0.03, 0.03)))),
+    ]
+    placed = [
+        p @ b.T_world_geometry[:3, :3].T + b.T_world_geometry[:3, 3]
+        for p, b in zip(points, (one, two), strict=True)
+    ]
+    gap = min(contact.distance for contact in find_contacts(one, [], [two]))
+    largest = separation(*placed)
+    if gap > 0:
+        assert largest - 1e-7 <= gap <= math.sqrt(3) * largest + 1e-7
+    else:
+        assert largest < 1e-7
+
+
+angles = st.floats(-math.pi, math.pi)
+lengths = st.floats(-2.0, 2.0)
+
+
+@settings(deadline=None, max_examples=100)
+@given(
+    st.sampled_from(sorted(OBJECTS)),
+    st.sampled_from(sorted(SUPPORTS)),
+    st.floats(-5e-4, 5e-4),
+    st.tuples(angles, angles, angles),
+    st.tuples(lengths, lengths, lengths),
+)
+def test_moving_everything_together_moves_the_contacts_along(
+    thing: str,
+    support: str,
+    gap: float,
+    rpy: tuple[float, float, float],
+    shift: tuple[float, float, float],
+) -> None:
+    geometry, standing, height, _ = OBJECTS[thing]
+    ground, top = SUPPORTS[support]
+    world = transform(Rotation.from_euler("xyz", rpy), np.array(shift))
+    pose = transform(standing, np.array([0.01, 0.02, height + gap]))
+    below = transform(UPRIGHT, np.array([0.0, 0.0, -top]))
+    still = find_contacts(
+        CollisionBody("one", geometry, pose), [], [CollisionBody("two", ground, below)]
+    )
+    moved = find_contacts(
+        CollisionBody("one", geometry, world @ pose),
+        [],
+        [CollisionBody("two", ground, world @ below)],
+    )
+    assert len(still) == len(moved)
+    for before, after in zip(still, moved, strict=True):
+        position = world[:3, :3] @ before.position + world[:3, 3]
+        assert np.allclose(after.position, position, atol=1e-9)
+        assert np.allclose(after.normal, world[:3, :3] @ before.normal, atol=1e-9)
+        assert after.distance == pytest.approx(before.distance, abs=1e-9)
+
+
+def test_relabelling_the_bodies_reorders_the_contacts_and_no_more() -> None:
+    geometry = OBJECTS["box"][0]
+    box = CollisionBody("box", geometry, transform(UPRIGHT, np.array([0, 0, 0.04])))
+    floor = CollisionBody("floor", SUPPORTS["half-space"][0], np.eye(4))
+    wall = CollisionBody(
+        "wall", SUPPORTS["half-space"][0], transform(LYING, np.array([-0.05, 0, 0]))
+    )
+    tip = CollisionBody("tip", coal.Sphere(0.01), transform(UPRIGHT, np.array([0.06, 0.01, 0.05])))
+
+    def rows(contacts: tuple[ContactPoint, ...], name: str) -> list[list[float]]:
+        return [[*c.position, *c.normal, c.distance] for c in contacts if c.body == name]
+
+    one = find_contacts(box, [tip], [floor, wall])
+    two = find_contacts(box, [tip], [wall, floor])
+    assert [c.body for c in one] == ["tip"] + ["floor"] * 4 + ["wall"] * 4
+    assert [c.body for c in two] == ["tip"] + ["wall"] * 4 + ["floor"] * 4
+    for name in ("tip", "floor", "wall"):
+        assert rows(one, name) == rows(two, name)

@@ -1,0 +1,209 @@
+"""Configurations, control modes, effort limits: defaults and the messages for mistakes."""
+
+import warnings
+
+import numpy as np
+import pytest
+from hand_tools import joint, link, write_urdf
+
+from graspless_pin.errors import ArgumentError, PlaceholderEffortWarning
+from graspless_pin.geometry.fingers import FingerSpec
+from graspless_pin.geometry.hand import Hand
+from graspless_pin.geometry.mounts import Mount
+
+
+@pytest.fixture(scope="module")
+def allegro():
+    return Hand.assemble([Mount("allegro_right")])
+
+
+@pytest.fixture
+def coupled(tmp_path):
+    body = "".join(link(name) for name in ("base", "a", "b", "c"))
+    body += joint("lead", "base", "a", limit='lower="-1" upper="2" effort="2"')
+    body += joint("follow", "a", "b", extra='<mimic joint="lead" offset="-0.25"/>')
+    body += joint("free", "b", "c", "continuous", limit='effort="3"')
+    return write_urdf(tmp_path, body)
+
+
+def test_unnamed_joints_stand_at_zero_or_at_the_nearest_limit(allegro):
+    assert allegro.q["joint_12.0"] == 0.263
+    assert {q for name, q in allegro.q.items() if name != "joint_12.0"} == {0.0}
+
+
+def test_joint_order_is_the_models(allegro):
+    numbers = [*range(4), *range(12, 16), *range(4, 8), *range(8, 12)]
+    assert allegro.joint_names == tuple(f"joint_{n}.0" for n in numbers)
+    assert allegro.actuated_joint_names == allegro.joint_names
+
+
+def test_a_named_mimic_joint_must_agree(coupled):
+    hand = Hand.from_urdf(coupled, q={"lead": 0.5, "follow": 0.25, "free": 40.0})
+    assert hand.q == {"lead": 0.5, "follow": 0.25, "free": 40.0}
+
+
+@pytest.mark.parametrize(
+    ("q", "message"),
+    [
+        ({"joint_99": 0.0}, r"q: unknown joint 'joint_99'; known: joint_0.0, joint_1.0"),
+        ({"joint_1.0": 2.0}, r"q\['joint_1.0'\]: is 2, outside .*\[-0.196, 1.61\]"),
+        ({"joint_12.0": 0.0}, r"outside the joint's limits \[0.263, 1.396\]"),
+        ({"joint_1.0": float("nan")}, r"q\['joint_1.0'\]: needs a finite number"),
+        ({"joint_1.0": "bent"}, r"q\['joint_1.0'\]: needs a number, got 'bent'"),
+    ],
+)
+def test_bad_configurations(allegro, q, message):
+    with pytest.raises(ArgumentError, match=message):
+        allegro.with_configuration(q)
+
+
+@pytest.mark.parametrize(
+    ("q", "message"),
+    [
+        ({"lead": 0.5, "follow": 0.5}, r"q\['follow'\]: .*mimics 'lead' and stands at 0.25"),
+        ({"lead": 1.9}, r"q\['follow'\]: is 1.65 because it mimics 'lead', outside .*\[-1, 1\]"),
+    ],
+)
+def test_bad_coupled_configurations(coupled, q, message):
+    with pytest.raises(ArgumentError, match=message):
+        Hand.from_urdf(coupled, q=q)
+
+
+@pytest.mark.parametrize(
+    ("control", "message"),
+    [
+        ("soft", "control: unknown control mode 'soft'; known: force, position, hybrid"),
+        ("hybrid", "control: hybrid control is per finger"),
+        ({"index": "soft"}, r"control\['index'\]: unknown control mode"),
+        ({"pinky": "force"}, "control: unknown finger or joint 'pinky'; known: index, middle"),
+        ({"joint_1.0": "hybrid"}, r"control\['joint_1.0'\]: hybrid control is per finger"),
+        ({"index": "hybrid", "joint_1.0": "force"}, "finger 'index' is under hybrid control"),
+    ],
+)
+def test_bad_control_modes(control, message):
+    with pytest.raises(ArgumentError, match=message):
+        Hand.assemble([Mount("allegro_right")], control=control)
+
+
+def test_mimic_joints_have_no_control_mode_or_limit_of_their_own(coupled):
+    with pytest.raises(ArgumentError, match=r"control\['follow'\]: .*mimics"):
+        Hand.from_urdf(coupled, control={"follow": "position"})
+    with pytest.raises(ArgumentError, match=r"effort_limits\['follow'\]: .*mimics"):
+        Hand.from_urdf(coupled, effort_limits={"follow": 1.0})
+    with pytest.raises(ArgumentError, match="joint_velocities: unknown independent joint 'follow'"):
+        Hand.from_urdf(coupled).point_velocities(["a"], [[0, 0, 0]], {"follow": 1.0})
+
+
+@pytest.mark.parametrize(
+    ("fingers", "message"),
+    [
+        ({"f": FingerSpec(("nope",))}, r"fingers\['f'\]: unknown joint 'nope'; known: joint_0.0"),
+        ({"f": FingerSpec((), ("nope",))}, r"fingers\['f'\]: unknown link 'nope'"),
+        ({"f": FingerSpec(("joint_0.0",), tip="nope")}, r"unknown link 'nope'"),
+        (
+            {"f": FingerSpec(("joint_0.0",)), "g": FingerSpec(("joint_1.0",))},
+            r"fingers\['g'\]: link 'link_1.0' already belongs to finger 'f'",
+        ),
+    ],
+)
+def test_bad_fingers(fingers, message):
+    with pytest.raises(ArgumentError, match=message):
+        Hand.from_model_name("allegro_right_hand", fingers=fingers)
+
+
+def test_limits_come_from_urdf_robot_file_and_caller_in_rising_order(allegro):
+    urdf = Hand.from_model_name("allegro_right_hand")
+    np.testing.assert_array_equal(urdf.effort_limits[1], np.full(16, 15.0))
+    np.testing.assert_array_equal(allegro.effort_limits, [[-0.7] * 16, [0.7] * 16])
+    limits = {"joint_2.0": (-0.1, 0.2), "index": 0.5}
+    hand = Hand.assemble([Mount("allegro_right")], effort_limits=limits)
+    np.testing.assert_array_equal(hand.effort_limits[0], [-0.5, -0.5, -0.1, -0.5] + [-0.7] * 12)
+    np.testing.assert_array_equal(hand.effort_limits[1], [0.5, 0.5, 0.2, 0.5] + [0.7] * 12)
+
+
+@pytest.mark.parametrize(
+    ("limits", "message"),
+    [
+        ({"pinky": 1.0}, "effort_limits: unknown finger or joint 'pinky'; known: index"),
+        ({"index": -1.0}, r"effort_limits\['index'\]: a symmetric limit is not negative"),
+        ({"index": (1.0, -1.0)}, "lower limit is above"),
+        ({"index": float("inf")}, "needs a finite number"),
+        ({"index": "strong"}, "needs a number or a pair, got 'strong'"),
+        ({"index": (1.0, 2.0, 3.0)}, "needs a finite number or a pair"),
+    ],
+)
+def test_bad_effort_limits(limits, message):
+    with pytest.raises(ArgumentError, match=message):
+        Hand.assemble([Mount("allegro_right")], effort_limits=limits)
+
+
+def one_joint(tmp_path, effort):
+    limit = f'lower="-1" upper="1" {effort}'
+    body = link("base") + link("a") + joint("hinge", "base", "a", limit=limit)
+    return write_urdf(tmp_path, body)
+
+
+@pytest.mark.parametrize(
+    ("effort", "value"),
+    [('effort="0"', "0"), ('effort="inf"', "inf"), ('effort="100"', "100"), ("", "inf")],
+)
+def test_placeholder_efforts_warn(tmp_path, effort, value):
+    file = one_joint(tmp_path, effort)
+    with pytest.warns(
+        PlaceholderEffortWarning, match=rf"'hinge' \({value}\); give .*effort_limits"
+    ):
+        hand = Hand.from_urdf(file)
+    np.testing.assert_array_equal(hand.effort_limits, [[-float(value)], [float(value)]])
+
+
+def test_no_placeholder_warning_where_it_does_not_matter(tmp_path):
+    file = one_joint(tmp_path, 'effort="0"')
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        hand = Hand.from_urdf(file, effort_limits={"hinge": 1.5})
+        Hand.from_urdf(file, control="position")
+        Hand.from_urdf(one_joint(tmp_path, 'effort="99"'))
+        hand.with_configuration({"hinge": 0.5})
+    np.testing.assert_array_equal(hand.effort_limits, [[-1.5], [1.5]])
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda h: h.contact_jacobian(["nail"], [[0, 0, 0]]), "links: unknown link 'nail'; known:"),
+        (lambda h: h.contact_jacobian(["palm_link"], [0, 0, 0]), r"points: needs shape \(1, 3\)"),
+        (lambda h: h.contact_jacobian(["palm_link"], [[0, 0, np.inf]]), "points: needs finite"),
+        (lambda h: h.gravity_torques(-9.8), "gravity: needs 3 finite numbers"),
+        (lambda h: h.link_pose("nail"), "unknown link 'nail'"),
+        (lambda h: h.finger_of("nail"), "unknown link 'nail'"),
+        (
+            lambda h: h.point_velocities(["palm_link"], [[0, 0, 0]], {"joint_1.0": np.nan}),
+            "joint_velocities: needs finite",
+        ),
+        (
+            lambda h: h.point_velocities(["palm_link"], [[0, 0, 0]], None, [1, 2, 3]),
+            "base_twist: needs 6 finite numbers",
+        ),
+    ],
+)
+def test_bad_queries(allegro, call, message):
+    with pytest.raises(ArgumentError, match=message):
+        call(allegro)
+
+
+def test_no_contact_gives_an_empty_jacobian(allegro):
+    assert allegro.contact_jacobian([], np.empty((0, 3))).shape == (0, 16)
+
+
+def test_a_hand_without_joints_has_no_columns(tmp_path):
+    hand = Hand.from_urdf(write_urdf(tmp_path, link("palm", '<box size="1 1 1"/>')))
+    assert hand.contact_jacobian(["palm"], [[0, 0, 0]]).shape == (3, 0)
+    assert hand.gravity_torques([0, 0, -9.8]).shape == (0,)
+    assert [body.name for body in hand.collision_bodies()] == ["palm"]
+
+
+def test_arrays_are_read_only(allegro):
+    for array in (*allegro.effort_limits, allegro.positions, allegro.T_world_base):
+        assert not array.flags.writeable
+    with pytest.raises(TypeError):
+        allegro.q["joint_1.0"] = 1.0

@@ -1,0 +1,220 @@
+"""Jacobians, torques and shapes of hands against finite differences and Pinocchio's RNEA."""
+
+import coal  # pyright: ignore[reportMissingImports]
+import numpy as np
+import pinocchio as pin  # pyright: ignore[reportMissingImports]
+import pytest
+from hand_tools import (
+    GRAVITY,
+    difference_jacobian,
+    joint,
+    link,
+    random_pose,
+    random_q,
+    write_urdf,
+)
+
+from graspless_pin.geometry.hand import Hand
+from graspless_pin.geometry.mounts import Mount
+from graspless_pin.geometry.poses import invert, pose_matrix
+
+
+@pytest.fixture(scope="module", params=range(5))
+def allegro(request):
+    rng = np.random.default_rng(request.param)
+    hand = Hand.assemble([Mount("allegro_right", random_pose(rng))])
+    return hand.with_configuration(random_q(hand, rng))
+
+
+def sample_contacts(hand, rng, count=9):
+    links = list(rng.choice(hand.link_names, count))
+    points = np.array([hand.link_pose(name)[:3, 3] for name in links])
+    return links, points + rng.uniform(-0.03, 0.03, (count, 3))
+
+
+def rnea(model, data, hand, links, points, forces, gravity):
+    """Joint torques that hold still while each point pushes with its force, from Pinocchio."""
+    external = [pin.Force.Zero() for _ in range(model.njoints)]
+    for name, point, force in zip(links, points, forces, strict=True):
+        joint_id = model.frames[model.getFrameId(name, pin.BODY)].parentJoint
+        on_link = pin.Force(np.r_[-force, np.cross(point, -force)])
+        external[joint_id] += data.oMi[joint_id].actInv(on_link)
+    model.gravity.linear = np.asarray(gravity)
+    zero = np.zeros(model.nv)
+    q = hand.tree.configuration(hand.positions)
+    return pin.rnea(model, data, q, zero, zero, external)
+
+
+def test_jacobian_matches_finite_differences(allegro):
+    rng = np.random.default_rng(1)
+    links, points = sample_contacts(allegro, rng)
+    J = allegro.contact_jacobian(links, points)
+    expected = difference_jacobian(allegro, allegro.actuated_joint_names, links, points)
+    assert J.shape == (27, 16)
+    np.testing.assert_allclose(J, expected, atol=1e-8)
+    assert np.abs(J).max() > 1e-2
+
+
+def test_torques_match_rnea_with_contact_forces(allegro):
+    rng = np.random.default_rng(2)
+    links, points = sample_contacts(allegro, rng)
+    forces = rng.uniform(-20, 20, (len(links), 3))
+    torques = allegro.contact_jacobian(links, points).T @ forces.ravel()
+    torques += allegro.gravity_torques(GRAVITY)
+    model = allegro.tree.model.copy()
+    data = model.createData()
+    pin.forwardKinematics(model, data, allegro.tree.configuration(allegro.positions))
+    expected = rnea(model, data, allegro, links, points, forces, GRAVITY)
+    np.testing.assert_allclose(torques, expected, atol=1e-10)
+
+
+def test_gravity_of_a_mounted_hand_is_that_of_the_unmounted_one_in_its_frame(allegro):
+    free = Hand.assemble([Mount("allegro_right")]).with_configuration(allegro.q)
+    in_base = allegro.T_world_base[:3, :3].T @ GRAVITY
+    torques = allegro.gravity_torques(GRAVITY)
+    np.testing.assert_allclose(torques, free.gravity_torques(in_base), atol=1e-12)
+    assert np.abs(torques).max() > 1e-3
+
+
+def test_point_velocities_add_joints_and_base(allegro):
+    rng = np.random.default_rng(3)
+    links, points = sample_contacts(allegro, rng)
+    rates = dict(zip(allegro.joint_names, rng.uniform(-1, 1, 16), strict=True))
+    twist = rng.uniform(-1, 1, 6)
+    J = allegro.contact_jacobian(links, points)
+    by_joints = (J @ [rates[name] for name in allegro.actuated_joint_names]).reshape(-1, 3)
+    arms = points - allegro.T_world_base[:3, 3]
+    expected = by_joints + twist[:3] + np.cross(twist[3:], arms)
+    np.testing.assert_allclose(
+        allegro.point_velocities(links, points, rates, twist), expected, atol=1e-12
+    )
+    assert not allegro.point_velocities(links, points).any()
+
+
+def test_collision_bodies_are_primitives_where_the_urdf_puts_them(allegro):
+    bodies = allegro.collision_bodies()
+    by_name = {body.name: body for body in bodies}
+    assert len(by_name) == len(bodies) == 21
+    spheres = {name for name in by_name if name.endswith("_tip")}
+    for name, body in by_name.items():
+        assert type(body.geometry) is (coal.Sphere if name in spheres else coal.Box)
+    palm = by_name["palm_link"]
+    np.testing.assert_allclose(2 * palm.geometry.halfSide, [0.0408, 0.1130, 0.095])
+    np.testing.assert_allclose(
+        palm.T_world_geometry,
+        allegro.T_world_base @ pose_matrix([-0.0093, 0, -0.0475]),
+        atol=1e-12,
+    )
+    tip = by_name["link_3.0_tip"]
+    assert tip.geometry.radius == 0.012
+    offset = (invert(allegro.link_pose("link_3.0")) @ tip.T_world_geometry)[:3, 3]
+    np.testing.assert_allclose(offset, [0, 0, 0.0267], atol=1e-12)
+
+
+def test_shapes_are_shared_between_configurations(allegro):
+    moved = allegro.with_configuration({"joint_1.0": 0.5})
+    for before, after in zip(allegro.collision_bodies(), moved.collision_bodies(), strict=True):
+        assert before.geometry is after.geometry
+    assert moved.q["joint_1.0"] == 0.5
+    assert moved.q["joint_2.0"] == allegro.q["joint_2.0"]
+
+
+def test_mimic_gripper_matches_finite_differences_and_rnea():
+    rng = np.random.default_rng(4)
+    control = dict.fromkeys([f"panda_joint{i}" for i in range(1, 8)], "position")
+    limits = {"panda_finger_joint1": 70.0}
+    hand = Hand.from_model_name(
+        "panda", T_world_base=random_pose(rng), control=control, effort_limits=limits
+    )
+    hand = hand.with_configuration(random_q(hand, rng))
+    assert hand.actuated_joint_names == ("panda_finger_joint1",)
+    assert hand.q["panda_finger_joint2"] == hand.q["panda_finger_joint1"] > 0.0
+    links = ["panda_leftfinger", "panda_rightfinger", "panda_rightfinger"]
+    points = np.array([hand.link_pose(name)[:3, 3] for name in links]) + 0.01
+    J = hand.contact_jacobian(links, points)
+    np.testing.assert_allclose(
+        J, difference_jacobian(hand, ["panda_finger_joint1"], links, points), atol=1e-8
+    )
+    np.testing.assert_allclose(J[:3], -J[3:6], atol=1e-12)
+    forces = rng.uniform(-20, 20, (3, 3))
+    model = hand.tree.model.copy()
+    data = model.createData()
+    pin.forwardKinematics(model, data, hand.tree.configuration(hand.positions))
+    by_joint = rnea(model, data, hand, links, points, forces, GRAVITY)
+    np.testing.assert_allclose(
+        J.T @ forces.ravel() + hand.gravity_torques(GRAVITY), by_joint[-2:].sum(), atol=1e-9
+    )
+
+
+def test_arm_and_gripper_jacobian_together_with_hulls():
+    hand = Hand.from_model_name("panda", control="force", effort_limits={"panda_finger_joint1": 70})
+    hand = hand.with_configuration(random_q(hand, np.random.default_rng(5)))
+    links = ["panda_link4", "panda_rightfinger"]
+    points = np.array([hand.link_pose(name)[:3, 3] for name in links]) + 0.02
+    expected = difference_jacobian(hand, hand.actuated_joint_names, links, points)
+    assert expected.shape == (6, 8)
+    np.testing.assert_allclose(hand.contact_jacobian(links, points), expected, atol=1e-8)
+    shapes = {type(body.geometry) for body in hand.collision_bodies()}
+    assert shapes == {coal.Convex, coal.Box}
+
+
+CHAIN = (
+    link("base")
+    + link("a", mass=0.3)
+    + link("b", '<cylinder radius="0.01" length="0.2"/>', mass=0.2)
+    + link("c", '<box size="0.1 0.2 0.3"/>', mass=0.1)
+    + link("d", mass=0.4)
+)
+
+
+def test_mimic_chains_in_any_order_with_every_joint_type(tmp_path):
+    body = (
+        CHAIN
+        + joint("d", "c", "d", extra='<mimic joint="c" multiplier="0.5" offset="0.1"/>')
+        + joint("c", "b", "c", "prismatic", extra='<mimic joint="a" multiplier="-2" offset="0.3"/>')
+        + joint("b", "a", "b", "continuous", limit="")
+        + joint("a", "base", "a", limit='lower="-0.2" upper="0.4" effort="2"')
+    )
+    rng = np.random.default_rng(6)
+    hand = Hand.from_urdf(
+        write_urdf(tmp_path, body),
+        T_world_base=random_pose(rng),
+        q={"a": 0.1, "b": 5.0},
+        effort_limits={"b": 3.0},
+    )
+    assert hand.actuated_joint_names == ("a", "b")
+    assert hand.q == pytest.approx({"a": 0.1, "b": 5.0, "c": 0.1, "d": 0.15})
+    links = ["a", "b", "c", "d"]
+    points = np.array([hand.link_pose(name)[:3, 3] for name in links]) + 0.02
+    J = hand.contact_jacobian(links, points)
+    np.testing.assert_allclose(J, difference_jacobian(hand, ["a", "b"], links, points), atol=1e-8)
+    forces = rng.uniform(-5, 5, (4, 3))
+    model = hand.tree.model.copy()
+    data = model.createData()
+    pin.forwardKinematics(model, data, hand.tree.configuration(hand.positions))
+    tau = rnea(model, data, hand, links, points, forces, GRAVITY)
+    by_joint = dict(zip(hand.joint_names, tau, strict=True))
+    expected = [by_joint["a"] - 2 * by_joint["c"] - by_joint["d"], by_joint["b"]]
+    np.testing.assert_allclose(
+        J.T @ forces.ravel() + hand.gravity_torques(GRAVITY), expected, atol=1e-10
+    )
+    shapes = {body.name: type(body.geometry) for body in hand.collision_bodies()}
+    assert shapes == {"b": coal.Cylinder, "c": coal.Box}
+
+
+def test_columns_follow_the_control_modes():
+    fixed = Hand.assemble(
+        [Mount("allegro_right")], control={"thumb": "position", "joint_13.0": "force"}
+    )
+    free = Hand.assemble([Mount("allegro_right")])
+    links, points = ["link_15.0_tip", "link_3.0_tip"], np.full((2, 3), 0.05)
+    kept = [free.actuated_joint_names.index(name) for name in fixed.actuated_joint_names]
+    assert len(kept) == 13
+    np.testing.assert_array_equal(
+        fixed.contact_jacobian(links, points), free.contact_jacobian(links, points)[:, kept]
+    )
+    np.testing.assert_array_equal(
+        fixed.gravity_torques(GRAVITY), free.gravity_torques(GRAVITY)[kept]
+    )
+    moving = fixed.point_velocities(links[:1], points[:1], {"joint_14.0": 1.0})
+    assert np.abs(moving).max() > 1e-3

@@ -1,0 +1,71 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.poses import as_pose, invert, pose_matrix
+
+ANGLES = st.tuples(*[st.floats(-7.0, 7.0)] * 3)
+
+
+@given(ANGLES)
+def test_roll_pitch_yaw_as_in_urdf(rpy):
+    T = pose_matrix([1.0, 2.0, 3.0], rpy)
+    np.testing.assert_allclose(T[:3, :3], Rotation.from_euler("xyz", rpy).as_matrix(), atol=1e-12)
+    assert T[:3, 3].tolist() == [1.0, 2.0, 3.0]
+
+
+@given(st.tuples(*[st.floats(-2.0, 2.0)] * 4).filter(lambda q: np.linalg.norm(q) > 1e-3))
+def test_quaternion_is_xyzw_of_any_length(quaternion):
+    np.testing.assert_allclose(
+        pose_matrix(np.zeros(3), quaternion)[:3, :3],
+        Rotation.from_quat(quaternion).as_matrix(),
+        atol=1e-12,
+    )
+
+
+@given(ANGLES, ANGLES)
+def test_inverse_undoes(rpy, position):
+    T = pose_matrix(position, rpy)
+    np.testing.assert_allclose(invert(T) @ T, np.eye(4), atol=1e-12)
+
+
+def test_rotation_matrix_and_no_rotation():
+    R = Rotation.from_euler("z", 0.3).as_matrix()
+    np.testing.assert_array_equal(pose_matrix([0, 0, 0], R)[:3, :3], R)
+    np.testing.assert_array_equal(pose_matrix([0, 0, 1])[:3, :3], np.eye(3))
+
+
+def test_pose_is_a_read_only_copy():
+    T = np.eye(4)
+    pose = as_pose("T", T)
+    T[0, 3] = 5.0
+    assert pose[0, 3] == 0.0
+    with pytest.raises(ValueError, match="read-only"):
+        pose[0, 3] = 1.0
+
+
+MIRROR = np.diag([1.0, 1.0, -1.0, 1.0])
+SCALED = np.diag([1.0, 1.0, 1.1, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: as_pose("T_world_base", np.eye(3)), r"T_world_base: .*\(4, 4\).*\(3, 3\)"),
+        (lambda: as_pose("T_world_base", MIRROR), "T_world_base: .*mirrors"),
+        (lambda: as_pose("T_world_base", SCALED), "T_world_base: .*not orthonormal"),
+        (lambda: as_pose("T_world_base", np.ones((4, 4))), "last row"),
+        (lambda: as_pose("T_world_base", np.full((4, 4), np.nan)), "finite"),
+        (lambda: as_pose("T_world_base", "here"), "needs numbers"),
+        (lambda: pose_matrix([0, 0]), r"position: needs 3 numbers"),
+        (lambda: pose_matrix([0, 0, 0], [1, 2]), "quaternion x, y, z, w"),
+        (lambda: pose_matrix([0, 0, 0], [0, 0, 0, 0]), "must not be zero"),
+        (lambda: pose_matrix([0, 0, 0], np.ones((3, 3))), "rotation: .*not orthonormal"),
+    ],
+)
+def test_bad_poses_are_named(make, message):
+    with pytest.raises(ArgumentError, match=message):
+        make()

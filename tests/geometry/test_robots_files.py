@@ -1,0 +1,246 @@
+"""Robot files, model names and URDF files: what loads and what the messages say."""
+
+import coal  # pyright: ignore[reportMissingImports]
+import numpy as np
+import pytest
+import trimesh
+from hand_tools import joint, link, write_urdf
+
+from graspless_pin.errors import GrasplessPinWarning, MeshError, RobotError
+from graspless_pin.geometry.hand import Hand
+from graspless_pin.geometry.mounts import Mount
+from graspless_pin.geometry.robots import find_robot, load_robot, robot_names
+
+MESH = '<mesh filename="{}" scale="1 2 3"/>'
+
+
+def test_every_robot_file_loads_without_warning_and_gives_its_sources():
+    names = robot_names()
+    assert {"allegro_right", "lever_100mm", "lever_100mm_mirrored", "lever_150mm"} <= set(names)
+    for name in names:
+        robot = load_robot(name)
+        hand = Hand.assemble([Mount(robot)])
+        assert robot.name == name
+        assert set(robot.effort_sources) == set(robot.effort_limits)
+        assert set(hand.fingers) == set(robot.fingers)
+        assert {spec.tip for spec in hand.fingers.values()} <= set(hand.link_names)
+        assert np.all(hand.effort_limits[1] < 100)
+
+
+def test_allegro_fingers_cover_all_joints_and_links_but_the_palm():
+    hand = Hand.assemble([Mount("allegro_right")])
+    joints = [name for spec in hand.fingers.values() for name in spec.joints]
+    assert sorted(joints) == sorted(hand.joint_names)
+    assert [name for name in hand.link_names if hand.finger_of(name) is None] == ["palm_link"]
+    for finger, spec in hand.fingers.items():
+        assert spec.tip is not None
+        points = np.array([hand.link_pose(spec.tip)[:3, 3]]) + 0.02  # off the spread axis
+        moved = np.abs(hand.contact_jacobian([spec.tip], points)).max(axis=0) > 1e-9
+        felt = {n for n, m in zip(hand.actuated_joint_names, moved, strict=True) if m}
+        assert felt == set(spec.joints), finger
+
+
+def test_sources_are_told_apart(tmp_path):
+    file = write_urdf(tmp_path, link("palm"), name="mine.urdf")
+    assert find_robot(file).name == "mine"
+    assert find_robot("allegro_right").fingers
+    assert not find_robot("allegro_right_hand").fingers
+
+
+VALID = "name: r\nmodel: allegro_right_hand\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("- 1", "robot.yaml: a robot file is a mapping"),
+        ("name: [", "robot.yaml: not plain YAML"),
+        ("name: !!python/object/apply:os.getcwd []", "robot.yaml: not plain YAML"),
+        ("name: r", "robot.yaml: file: .*either 'urdf'.*or 'model'"),
+        (VALID + "urdf: x.urdf", "either 'urdf'.*or 'model'"),
+        (VALID + "colour: red", "robot.yaml: colour: .*found 'red'"),
+        (VALID + "fingers: {f: {joints: []}}", "robot.yaml: fingers.f.joints: "),
+        (VALID + "effort_limits: {f: {limit: 1}}", "effort_limits.f.source: .*required"),
+        ("name: r\nmodel: alegro_right_hand", "robot.yaml: model: unknown .*allegro_right_hand"),
+    ],
+)
+def test_bad_robot_files(tmp_path, text, message):
+    file = tmp_path / "robot.yaml"
+    file.write_text(text)
+    with pytest.raises(RobotError, match=message):
+        load_robot(file)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("fingers: {f: {joints: [nope]}}", r"robot 'r': fingers\['f'\]: unknown joint 'nope'"),
+        ("palm: nope", "robot 'r': the palm 'nope' is not one of its links"),
+        ("effort_limits: {nope: {limit: 1, source: s}}", "robot 'r': .*joint 'nope'"),
+        ("effort_limits: {joint_0.0: {limit: -1, source: s}}", "robot 'r': .*not negative"),
+    ],
+)
+def test_robot_files_that_do_not_fit_their_urdf(tmp_path, text, message):
+    file = tmp_path / "robot.yaml"
+    file.write_text(VALID + text)
+    with pytest.raises(RobotError, match=message):
+        Hand.assemble([Mount(file)])
+
+
+@pytest.mark.parametrize(
+    ("load", "message"),
+    [
+        (lambda: Hand.from_model_name("alegro_hand"), "'alegro_hand'.*near: .*allegro_right_hand"),
+        (lambda: Hand.from_model_name("cassie"), "'cassie'.*not a URDF"),
+        (lambda: Hand.from_model_name("qqqq"), "known: a1, alex"),
+        (lambda: load_robot("lever_150"), "unknown robot 'lever_150'; near: lever_150mm"),
+        (lambda: load_robot("gone.yaml"), "gone.yaml: there is no such robot file"),
+        (
+            lambda: Hand.assemble([Mount("allegro")]),
+            "unknown robot 'allegro'.*near: .*allegro_right",
+        ),
+        (lambda: Hand.from_urdf("gone.urdf"), "gone.urdf: there is no such URDF file"),
+    ],
+)
+def test_unknown_robots_name_near_ones(load, message):
+    with pytest.raises(RobotError, match=message):
+        load()
+
+
+TWO = link("a") + link("b")
+LOOP = joint("i", "a", "b") + joint("j", "b", "a")
+ENTITY = '<!DOCTYPE robot [<!ENTITY secret SYSTEM "file:///etc/hostname">]>'
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ("", "the robot has no <link>"),
+        ("<link/>", "a <link> has no name"),
+        (link("a") * 2, "two links are called 'a'"),
+        (TWO, "one root link, found a, b"),
+        (TWO + LOOP, "one root link, found none"),
+        (TWO + joint("i", "a", "b") * 2, "two joints are called 'i'"),
+        (TWO + joint("i", "a", "b") + joint("j", "a", "b"), "'b' is the child of two joints"),
+        (TWO + joint("j", "a", "c"), "joint 'j' names the child link 'c', which does not exist"),
+        (TWO + '<joint name="j" type="fixed"><child link="b"/></joint>', "parent link None"),
+        (TWO + joint("j", "a", "b", "floating"), "joint 'j' is floating; use revolute"),
+        (TWO + joint("j", "a", "b", "hinge"), "joint 'j' has the unknown type 'hinge'"),
+        (TWO + joint("j", "a", "b", limit=""), "joint 'j' is revolute and has no <limit"),
+        (TWO + joint("j", "a", "b", limit='lower="low"'), "limit lower='low', .*not a number"),
+        (TWO + joint("j", "a", "b", limit='effort="nan"'), "limit effort='nan'"),
+        (
+            TWO + joint("j", "a", "b").replace('xyz="0 0.6 0.8"', 'xyz="0 0 0"'),
+            "joint 'j' has the axis '0 0 0'",
+        ),
+        (
+            TWO + joint("j", "a", "b", extra='<mimic joint="j"/>'),
+            "circle: j -> j; let one of them lead",
+        ),
+        (link("a", '<box size="1 x 1"/>'), "link 'a' has box size='1 x 1', which is not 3 numbers"),
+        (link("a", "<sphere/>"), "sphere radius='', which is not a number"),
+        (link("a", '<sphere radius="-1"/>'), "sphere radius='-1', which is not positive"),
+        (link("a", "<torus/>"), "unknown shape <torus>; known: box, sphere"),
+        ('<link name="a"><collision/></link>', "without a shape in its <geometry>"),
+        (link("a", mass=-0.5), "negative mass -0.5 kg"),
+        (link("a", mass="much"), "mass='much', which is not a number"),
+        (
+            TWO + joint("j", "a", "b").replace('xyz="0.1 0.02 0"', 'xyz="0.1 0.02"'),
+            "joint 'j' has joint origin xyz='0.1 0.02', which is not 3 numbers",
+        ),
+        (
+            TWO + joint("j", "a", "b", extra='<dynamics damping="x"/>'),
+            "robot.urdf: Pinocchio cannot load this URDF",
+        ),
+    ],
+)
+def test_bad_urdfs(tmp_path, body, message):
+    file = write_urdf(tmp_path, body)
+    with pytest.raises(RobotError, match=message):
+        Hand.from_urdf(file)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("<robot>", "robot.urdf: not well-formed XML"),
+        ("<sdf/>", "starts with <robot>, this file with <sdf>"),
+        ("\x00", "not well-formed XML"),
+        (
+            f"{ENTITY}<robot name='&secret;'>{link('a')}</robot>",
+            "declares a DOCTYPE or XML entities",
+        ),
+        ("<!DOCTYPE robot><robot/>", "declares a DOCTYPE or XML entities"),
+    ],
+)
+def test_files_that_are_no_plain_urdf(tmp_path, text, message):
+    file = tmp_path / "robot.urdf"
+    file.write_text(text)
+    with pytest.raises(RobotError, match=message):
+        Hand.from_urdf(file)
+
+
+def test_dangling_mimic_is_reported_and_left_independent(tmp_path):
+    body = TWO + joint("j", "a", "b", extra='<mimic joint="typo"/>')
+    with pytest.warns(GrasplessPinWarning, match="'j' -> 'typo'; they are treated as independent"):
+        hand = Hand.from_urdf(write_urdf(tmp_path, body))
+    assert hand.actuated_joint_names == ("j",)
+
+
+@pytest.fixture
+def meshes(tmp_path):
+    folder = tmp_path / "hand_description" / "meshes"
+    folder.mkdir(parents=True)
+    trimesh.creation.box((0.1, 0.1, 0.1)).export(folder / "box.stl")
+    (folder / "broken.stl").write_text("not a mesh")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("written", "package_dirs"),
+    [
+        ("../meshes/box.stl", []),
+        ("file://{folder}/box.stl", []),
+        ("{folder}/box.stl", []),
+        ("package://hand_description/meshes/box.stl", []),
+        ("package://hand_description/meshes/box.stl", ["{root}"]),
+        ("package://hand_description/meshes/box.stl", ["{root}/hand_description"]),
+    ],
+)
+def test_meshes_are_found_and_become_hulls(tmp_path, meshes, written, package_dirs):
+    home = tmp_path / ("elsewhere" if package_dirs else "hand_description") / "urdf"
+    home.mkdir(parents=True)
+    file = write_urdf(home, link("a", MESH.format(written.format(folder=meshes))))
+    dirs = [folder.format(root=tmp_path) for folder in package_dirs]
+    (body,) = Hand.from_urdf(file, package_dirs=dirs).collision_bodies()
+    assert type(body.geometry) is coal.Convex
+    body.geometry.computeLocalAABB()
+    box = body.geometry.aabb_local
+    np.testing.assert_allclose(box.max_ - box.min_, [0.1, 0.2, 0.3], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("written", "message"),
+    [
+        ("gone.stl", r"link 'a' needs the collision mesh 'gone.stl', which is missing \(looked"),
+        ("package://other/gone.stl", "'package://other/gone.stl', .*; give package_dirs"),
+        ("", "collision mesh '', which is missing"),
+        ("hand_description/meshes/broken.stl", "broken.stl of link 'a' cannot be read"),
+        ("hand_description/meshes/flat.stl", "flat.stl of link 'a' has no volume"),
+    ],
+)
+def test_unusable_meshes_are_named(tmp_path, meshes, written, message):
+    flat = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], [[0, 1, 2], [1, 3, 2]])
+    flat.export(meshes / "flat.stl")
+    file = write_urdf(tmp_path, link("a", MESH.format(written)))
+    with pytest.raises(MeshError, match=message):
+        Hand.from_urdf(file)
+
+
+def test_a_mesh_with_a_face_of_many_corners_becomes_a_hull(tmp_path):
+    trimesh.creation.cylinder(radius=0.1, height=0.3, sections=400).export(tmp_path / "disc.stl")
+    file = write_urdf(tmp_path, link("a", MESH.format("disc.stl")))
+    (body,) = Hand.from_urdf(file).collision_bodies()
+    corners = np.array(body.geometry.points())
+    assert corners.shape == (800, 3)
+    np.testing.assert_allclose(np.hypot(corners[:, 0], corners[:, 1] / 2), 0.1, rtol=1e-5)

@@ -1,0 +1,147 @@
+"""Shapes: checked sizes, coal geometries, mesh files good and bad."""
+
+from pathlib import Path
+
+import coal  # pyright: ignore[reportMissingImports]
+import numpy as np
+import pytest
+import trimesh
+
+from graspless_pin.errors import ArgumentError, MeshError, MeshScaleWarning
+from graspless_pin.geometry.shapes import (
+    Box,
+    Capsule,
+    Cone,
+    Cylinder,
+    HalfSpace,
+    MeshShape,
+    Shape,
+    Sphere,
+    coal_geometry,
+    shape_extent,
+)
+
+
+@pytest.mark.parametrize(
+    ("shape", "extent"),
+    [
+        (Box((0.1, 0.2, 0.3)), (0.1, 0.2, 0.3)),
+        (Sphere(0.1), (0.2, 0.2, 0.2)),
+        (Cylinder(0.1, 0.5), (0.2, 0.2, 0.5)),
+        (Capsule(0.1, 0.5), (0.2, 0.2, 0.7)),
+        (Cone(0.1, 0.5), (0.2, 0.2, 0.5)),
+    ],
+)
+def test_the_coal_geometry_has_the_extent_of_the_shape(
+    shape: Shape, extent: tuple[float, float, float]
+) -> None:
+    geometry = coal_geometry(shape)
+    geometry.computeLocalAABB()
+    box = geometry.aabb_local
+    assert np.allclose([box.width(), box.height(), box.depth()], extent, atol=1e-9)
+    assert np.allclose(shape_extent(shape), extent)
+
+
+def test_a_half_space_is_solid_below_z() -> None:
+    geometry = coal_geometry(HalfSpace())
+    assert np.array_equal(geometry.n, [0, 0, 1])
+    assert geometry.d == 0
+    assert np.isinf(shape_extent(HalfSpace())).all()
+
+
+@pytest.mark.parametrize("value", [0.0, -0.1, float("nan"), float("inf"), "wide", True])
+def test_a_length_that_is_not_positive_is_refused(value: float) -> None:
+    for make in (
+        lambda: Sphere(value),
+        lambda: Cylinder(value, 1.0),
+        lambda: Capsule(value, 1.0),
+        lambda: Cone(value, 1.0),
+    ):
+        with pytest.raises(ArgumentError, match="radius: needs a positive number, got"):
+            make()
+    with pytest.raises(ArgumentError, match="length: needs a positive number, got"):
+        Cylinder(1.0, value)
+
+
+@pytest.mark.parametrize(
+    "size", [(0.1, 0.0, 0.1), (0.1, 0.1), (0.1, -1, 0.1), "big", (1, 1, np.inf)]
+)
+def test_a_box_needs_three_positive_lengths(size: tuple[float, float, float]) -> None:
+    with pytest.raises(ArgumentError, match="size: needs three positive numbers, got"):
+        Box(size)
+
+
+@pytest.mark.parametrize("scale", [0.0, -1.0, (1.0, 1.0), (1.0, 0.0, 1.0)])
+def test_a_mesh_needs_a_positive_scale(scale: float) -> None:
+    with pytest.raises(ArgumentError, match="scale"):
+        MeshShape(Path("part.stl"), scale)
+
+
+@pytest.mark.parametrize("suffix", ["stl", "obj", "ply", "glb", "off", "dae"])
+def test_a_mesh_becomes_its_scaled_hull(tmp_path: Path, suffix: str) -> None:
+    # An L of two boxes: 0.2 x 0.1 x 0.2 around, with a notch that the hull bridges.
+    ell = trimesh.util.concatenate(
+        [
+            trimesh.creation.box(bounds=[[0, 0, 0], [200, 100, 50]]),
+            trimesh.creation.box(bounds=[[0, 0, 0], [50, 100, 200]]),
+        ]
+    )
+    path = tmp_path / f"ell.{suffix}"
+    ell.export(path)
+    shape = MeshShape(path, 0.001)
+    hull = coal_geometry(shape)
+    assert isinstance(hull, coal.Convex)
+    outline = ((0, 0), (0.2, 0), (0.2, 0.05), (0.05, 0.2), (0, 0.2))
+    expected = {(x, y, z) for x, z in outline for y in (0, 0.1)}
+    assert {tuple(np.round(p, 6).tolist()) for p in hull.points()} == expected
+    assert np.allclose(shape_extent(shape), [0.2, 0.1, 0.2], atol=1e-6)
+
+
+def test_a_mesh_can_be_scaled_along_each_axis(tmp_path: Path) -> None:
+    trimesh.creation.box(extents=[1, 1, 1]).export(tmp_path / "cube.stl")
+    shape = MeshShape(tmp_path / "cube.stl", (0.1, 0.2, 0.3))
+    assert np.allclose(shape_extent(shape), [0.1, 0.2, 0.3])
+
+
+@pytest.mark.parametrize(("edge", "scale"), [(200.0, 1.0), (0.2, 0.001)])
+def test_a_mesh_of_unlikely_size_gets_a_warning_with_its_scale(
+    tmp_path: Path, edge: float, scale: float
+) -> None:
+    path = tmp_path / "cube.stl"
+    trimesh.creation.box(extents=[edge] * 3).export(path)
+    with pytest.warns(MeshScaleWarning, match=rf"cube.stl' with scale {scale} is .* m large"):
+        coal_geometry(MeshShape(path, scale))
+
+
+def test_a_missing_mesh_is_named() -> None:
+    with pytest.raises(MeshError, match=r"mesh file 'no/such.stl' does not exist; check the path"):
+        coal_geometry(MeshShape(Path("no/such.stl")))
+
+
+@pytest.mark.parametrize("suffix", ["stl", "obj", "ply", "glb", "off", "dae"])
+def test_an_unreadable_mesh_is_named(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"broken.{suffix}"
+    path.write_bytes(b"this is no mesh")
+    with pytest.raises(MeshError, match=f"broken.{suffix}"):
+        coal_geometry(MeshShape(path))
+
+
+def test_an_unknown_format_is_refused_with_the_known_ones(tmp_path: Path) -> None:
+    path = tmp_path / "part.step"
+    path.write_text("ISO-10303-21;")
+    with pytest.raises(MeshError, match=r"unknown ending '.step'; use one of .stl, .obj"):
+        coal_geometry(MeshShape(path))
+
+
+def test_a_flat_mesh_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "sheet.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 1 3 4\n")
+    with pytest.raises(MeshError, match=r"sheet.obj' encloses no volume"):
+        coal_geometry(MeshShape(path))
+
+
+def test_xml_entities_in_a_mesh_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "part.dae"
+    path.write_text('<?xml version="1.0"?><!DOCTYPE x [<!ENTITY e SYSTEM "other.txt">]><x>&e;</x>')
+    with pytest.raises(MeshError, match="declares XML entities"):
+        coal_geometry(MeshShape(path))
