@@ -11,8 +11,10 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from functools import cache
 from typing import Any
 
+import highspy
 import numpy as np
 import piqp
 import qpsolvers
@@ -22,6 +24,7 @@ from proxsuite import proxqp  # pyright: ignore[reportMissingImports] - compiled
 
 from graspless_pin.errors import SolverUnavailableError
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.programs.mode_program import ModeProgram
 from graspless_pin.programs.program import Program, elastic
 
 PRIMAL_TOLERANCE = 1e-7
@@ -30,6 +33,10 @@ GAP_TOLERANCE = 1e-7
 """Largest accepted distance between an objective and its proven bound, in scaled units."""
 _SOLVER_TOLERANCE = 1e-10
 _INFEASIBLE = 1e-8
+# Programs are well scaled: interior points may go closer to the boundary than PIQP's default.
+_STEP_TO_BOUNDARY = 0.995
+_FIRST_ITERATIONS = 20
+_MOST_ITERATIONS = 250
 _FALLBACKS = ("piqp", "highs", "clarabel", "proxqp")
 
 Multipliers = tuple[FloatArray, FloatArray, FloatArray]
@@ -75,6 +82,7 @@ class Answer:
         return self.value - self.bound
 
 
+@cache
 def available_solvers() -> tuple[str, ...]:
     """Return the names that can be given as ``solver``."""
     return tuple(sorted({"piqp", "proxqp", *qpsolvers.available_solvers}))
@@ -105,23 +113,26 @@ def solve(program: Program, solver: str = "piqp", *, cutoff: float = np.inf) -> 
     Returns:
         A solved, infeasible or failed answer; never an unchecked one.
     """
-    if (program.lb > program.ub).any():
-        return _infeasible(np.inf, np.inf, "bounds")
-    names = (solver, *(name for name in _FALLBACKS if name != solver))
+    cutoff = min(cutoff, program.worst)
     best_bound = -np.inf
-    for name in names:
-        raw = _BACKENDS.get(name, _by_qpsolvers(name))(program)
+    for name in (solver, *(other for other in _FALLBACKS if other != solver)):
+        backend = _BACKENDS.get(name) or _by_qpsolvers(name)
+        raw = backend(program)
         if raw is None:
             continue
         x, y, z = raw
         bound = program.dual_bound(y, z)
-        best_bound = max(best_bound, bound)
         if bound > cutoff + _INFEASIBLE:
-            return _infeasible(bound, bound - cutoff, name)
-        residual, value = program.residual(x), program.value(x)
-        if residual <= PRIMAL_TOLERANCE and value - bound <= GAP_TOLERANCE:
-            return Answer(Outcome.SOLVED, x, y, z, value, bound, residual, 0.0, name)
-        proof = _infeasibility_proof(program, name)
+            return _infeasible(bound, max(program.infeasibility_bound(y, z), 0.0), name)
+        best_bound = max(best_bound, bound)
+        value = program.value(x)
+        if value - bound <= GAP_TOLERANCE:
+            residual = program.residual(x)
+            if residual <= PRIMAL_TOLERANCE:
+                return Answer(Outcome.SOLVED, x, y, z, value, bound, residual, 0.0, name)
+        proof = program.infeasibility_bound(y, z)
+        if proof <= _INFEASIBLE:
+            proof = _elastic_proof(program, backend)
         if proof > _INFEASIBLE:
             return _infeasible(np.inf, proof, name)
     return Answer(
@@ -134,18 +145,19 @@ def _infeasible(bound: float, proof: float, name: str) -> Answer:
     return Answer(Outcome.INFEASIBLE, empty, empty, empty, np.inf, bound, np.inf, proof, name)
 
 
-def _infeasibility_proof(program: Program, name: str) -> float:
-    """Return the proven smallest common violation of all rows."""
+def _elastic_proof(program: Program, backend: Callable[[Program], Multipliers | None]) -> float:
+    """Return the proven smallest common violation of all rows, from the elastic program."""
     relaxed = elastic(program)
-    raw = _BACKENDS.get(name, _by_qpsolvers(name))(relaxed)
+    raw = backend(relaxed)
     return -np.inf if raw is None else relaxed.dual_bound(raw[1], raw[2])
 
 
-def _without_fixed(program: Program) -> tuple[Program, NDArray[np.bool_]]:
-    """Drop the variables that their bounds fix at zero; return the mask of those kept too."""
-    kept = ~((program.lb == 0.0) & (program.ub == 0.0))
-    if kept.all():
-        return program, kept
+def _without_fixed(program: Program) -> tuple[Program, NDArray[np.bool_] | None]:
+    """Drop the variables that their bounds fix at zero; also return which are kept (None: all)."""
+    fixed = (program.lb == 0.0) & (program.ub == 0.0)
+    if not fixed.any():
+        return program, None
+    kept = ~fixed
     return (
         Program(
             P=program.P[kept],
@@ -163,7 +175,9 @@ def _without_fixed(program: Program) -> tuple[Program, NDArray[np.bool_]]:
     )
 
 
-def _restored(x: FloatArray, kept: NDArray[np.bool_]) -> FloatArray:
+def _restored(x: FloatArray, kept: NDArray[np.bool_] | None) -> FloatArray:
+    if kept is None:
+        return x
     full = np.zeros(len(kept))
     full[kept] = x
     return full
@@ -174,22 +188,35 @@ def _finite(*arrays: FloatArray) -> bool:
 
 
 def _piqp(program: Program) -> Multipliers | None:
+    """PIQP, stopped early where its multipliers already prove that nothing is feasible.
+
+    A feasible program takes some ten iterations; on an infeasible one the multipliers grow until
+    the iteration limit, long after they have become a proof.
+    """
     reduced, kept = _without_fixed(program)
     engine = piqp.DenseSolver()
     settings = engine.settings
     settings.eps_abs = settings.eps_rel = _SOLVER_TOLERANCE
     settings.eps_duality_gap_abs = settings.eps_duality_gap_rel = _SOLVER_TOLERANCE
-    bounded = bool(np.isfinite(reduced.lb).any() or np.isfinite(reduced.ub).any())
+    settings.tau = _STEP_TO_BOUNDARY
+    settings.max_iter = _FIRST_ITERATIONS
+    low, high = reduced.lb, reduced.ub
+    bounds = (low, high) if np.isfinite(low).any() or np.isfinite(high).any() else ()
     engine.setup(
-        np.diag(reduced.P), reduced.c,
-        reduced.A, reduced.b,
-        reduced.G, reduced.l, reduced.u,
-        *((reduced.lb, reduced.ub) if bounded else ()),
-    )  # fmt: skip
-    engine.solve()
+        reduced.hessian, reduced.c, reduced.A, reduced.b, reduced.G, reduced.l, reduced.u, *bounds
+    )
+    status = engine.solve()
     result = engine.result
-    x, y, z = np.array(result.x), np.array(result.y), np.array(result.z_u) - np.array(result.z_l)
-    return (_restored(x, kept), y, z) if _finite(x, y, z) else None
+    if status == piqp.PIQP_MAX_ITER_REACHED and not (
+        reduced.dual_bound(result.y, result.z_u - result.z_l) > program.worst
+    ):
+        settings.max_iter = _MOST_ITERATIONS
+        engine.solve()
+    x, y, z = np.array(result.x), np.array(result.y), result.z_u - result.z_l
+    # One sum tells whether any entry is not finite.
+    if not np.isfinite(x.sum() + y.sum() + z.sum()):
+        return None
+    return _restored(x, kept), y, z
 
 
 def _proxqp(program: Program) -> Multipliers | None:
@@ -262,3 +289,48 @@ def _by_qpsolvers(name: str) -> Callable[[Program], Multipliers | None]:
 
 
 _BACKENDS: dict[str, Callable[[Program], Multipliers | None]] = {"piqp": _piqp, "proxqp": _proxqp}
+
+
+def solve_mixed_integer(
+    program: ModeProgram, time_limit: float | None = None
+) -> tuple[FloatArray | None, float, bool]:
+    """Solve a mixed-integer program with HiGHS.
+
+    Args:
+        program: The program.
+        time_limit: Seconds; None: no limit.
+
+    Returns:
+        The best solution (None if there is none), the proven bound on the objective, and whether
+        the search was completed.
+    """
+    columns: Any = scipy.sparse.csc_matrix(program.G)
+    model = highspy.HighsLp()
+    model.num_col_, model.num_row_ = len(program.c), len(program.G)
+    model.col_cost_, model.col_lower_, model.col_upper_ = program.c, program.lb, program.ub
+    model.row_lower_, model.row_upper_ = program.l, program.u
+    model.a_matrix_.format_ = highspy.MatrixFormat.kColwise
+    model.a_matrix_.start_ = columns.indptr
+    model.a_matrix_.index_ = columns.indices
+    model.a_matrix_.value_ = columns.data
+    kinds = highspy.HighsVarType.kContinuous, highspy.HighsVarType.kInteger
+    model.integrality_ = [kinds[int(binary)] for binary in program.binary]
+    engine = highspy.Highs()
+    engine.setOptionValue("output_flag", False)  # noqa: FBT003
+    engine.setOptionValue("threads", 1)
+    engine.setOptionValue("mip_rel_gap", 0.0)
+    engine.setOptionValue("mip_abs_gap", 1e-9)
+    engine.setOptionValue("mip_feasibility_tolerance", 1e-9)
+    engine.setOptionValue("primal_feasibility_tolerance", 1e-9)
+    if time_limit is not None:
+        engine.setOptionValue("time_limit", float(time_limit))
+    engine.passModel(model)
+    engine.run()
+    status, info = engine.getModelStatus(), engine.getInfo()
+    completed = status in (
+        highspy.HighsModelStatus.kOptimal,
+        highspy.HighsModelStatus.kInfeasible,
+    )
+    has_solution = info.primal_solution_status == highspy.SolutionStatus.kSolutionStatusFeasible
+    x = np.array(engine.getSolution().col_value) if has_solution else None
+    return x, float(info.mip_dual_bound), completed

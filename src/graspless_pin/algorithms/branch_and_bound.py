@@ -52,6 +52,7 @@ def branch_and_bound(
     # Best bound first; among equals the deepest, then the youngest, which dives to an answer.
     heap: list[tuple[float, int, int, _Node]] = [(-np.inf, 0, 0, root)]
     pushed = 0
+    seen: set[tuple[bytes, bytes, tuple[tuple[int, SignPair], ...]]] = set()
     while heap:
         bound, _, _, node = heapq.heappop(heap)
         if node.depth:
@@ -68,6 +69,10 @@ def branch_and_bound(
         if answer.outcome is not Outcome.SOLVED or state.closed(answer.bound):
             continue
         for child in _children(state, node, answer):
+            key = (child.lb.tobytes(), child.ub.tobytes(), tuple(sorted(child.decided.items())))
+            if key in seen:
+                continue
+            seen.add(key)
             pushed += 1
             heapq.heappush(heap, (answer.bound, -child.depth, -pushed, child))
     if state.best is not None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from numpy.typing import NDArray
 
 from graspless_pin.modes.kinematics import VirtualKinematics
 from graspless_pin.modes.rules import SlidingMode
@@ -15,7 +17,6 @@ from graspless_pin.programs.force_programs import (
     ForceCoordinates,
     force_coordinates,
     margin_program,
-    mode_bounds,
     torque_program,
 )
 from graspless_pin.programs.program import Program
@@ -62,13 +63,31 @@ class Formulation:
     unit: float
     kinematics: VirtualKinematics
 
-    def solve(self, lb: FloatArray, ub: FloatArray, solver: str) -> Answer:
-        """Solve the program under other bounds."""
-        return solve(self.program.bounded(lb, ub), solver, cutoff=self.cutoff)
+    @cached_property
+    def cone_contacts(self) -> tuple[int, ...]:
+        """Contacts that have a friction cone."""
+        return tuple(np.flatnonzero(self.problem.has_cone).tolist())
+
+    @cached_property
+    def cone_columns(self) -> NDArray[np.int_]:
+        """(number of cones, 2) columns of their friction components."""
+        return self.coordinates.tangent[list(self.cone_contacts)]
+
+    def solve(self, lb: FloatArray, ub: FloatArray, solver: str, *, cutoff: float) -> Answer:
+        """Solve the program under other bounds; values above the cutoff count as infeasible."""
+        program = self.program
+        if lb is not program.lb or ub is not program.ub:
+            program = program.bounded(lb, ub)
+        return solve(program, solver, cutoff=min(cutoff, self.cutoff))
 
     def bounds_of(self, mode: SlidingMode) -> tuple[FloatArray, FloatArray]:
         """Return the bounds that one mode puts on the variables, (27) and (31)."""
-        return mode_bounds(self.problem, self.coordinates, mode, self.program)
+        lb, ub = self.program.lb.copy(), self.program.ub.copy()
+        columns = self.cone_columns
+        signs = mode.signs[list(self.cone_contacts)]
+        ub[columns[signs >= 0]] = 0.0
+        lb[columns[signs <= 0]] = 0.0
+        return lb, ub
 
 
 _PER_PROBLEM = 8

@@ -46,11 +46,11 @@ class ModeReader:
         """
         friction = self._friction(x)
         if self.rules.static_friction is StaticFriction.COULOMB:
-            return self._describing_mode(friction)
+            return self.describe(x)
         needed = [
-            Requirement(contact, decided.get(contact, _opposing(pair)))
-            for contact, pair in friction.items()
-            if pair.any()
+            Requirement(contact, decided.get(contact, (-a, -b)))
+            for contact, (a, b) in friction.items()
+            if a or b
         ]
         always = self._always_selected()
         # What does not depend on the signs of vanishing components: necessary for every mode.
@@ -62,13 +62,22 @@ class ModeReader:
             return verdict
         return self._complete(known, verdict)
 
-    def _friction(self, x: FloatArray) -> dict[int, FloatArray]:
-        """Friction components of each contact with a cone, vanishing ones set to zero."""
-        columns = self.formulation.coordinates.tangent
-        contacts = np.flatnonzero(self.formulation.problem.has_cone)
-        values = x[columns[contacts]]
-        values[np.abs(values) <= NO_FRICTION] = 0.0
-        return {int(contact): pair for contact, pair in zip(contacts, values, strict=True)}
+    def describe(self, x: FloatArray) -> SlidingMode:
+        """Return the mode that only describes the friction in x, feasible or not."""
+        requirements = tuple(
+            Requirement(contact, (-a, -b))
+            for contact, (a, b) in self._friction(x).items()
+            if a or b
+        )
+        return mode_of(self.formulation.problem, requirements)
+
+    def _friction(self, x: FloatArray) -> dict[int, SignPair]:
+        """Signs of the friction at each contact with a cone, 0 where a component vanishes."""
+        columns = self.formulation.cone_columns
+        values = x[columns]
+        signs = np.sign(values).astype(int)
+        signs[np.abs(values) <= NO_FRICTION] = 0
+        return dict(zip(self.formulation.cone_contacts, map(tuple, signs.tolist()), strict=True))
 
     def _always_selected(self) -> list[int]:
         """Contacts in actual sliding, where (22) is asked of them."""
@@ -76,35 +85,29 @@ class ModeReader:
             return []
         return [int(contact) for contact in np.flatnonzero(self.formulation.problem.is_sliding)]
 
-    def _describing_mode(self, friction: dict[int, FloatArray]) -> SlidingMode:
-        requirements = tuple(
-            Requirement(contact, _opposing(pair))
-            for contact, pair in friction.items()
-            if pair.any()
-        )
-        return mode_of(self.formulation.problem, requirements)
-
     def _complete(self, known: list[Requirement], witness: Witness) -> SlidingMode | None:
-        """Fill in the signs that the friction leaves open, first as the witness moves."""
-        largest = np.abs(witness.velocities).max(initial=0.0)
-        options: list[list[Requirement]] = []
-        is_open = False
-        for requirement in known:
+        """Fill in the signs that the friction leaves open, first as the witness moves.
+
+        A witness that moves along every open component proves its own signs.
+        """
+        if not any(0 in requirement.signs for requirement in known):
+            return mode_of(self.formulation.problem, tuple(known))
+        velocities = witness.velocities
+        moves = np.abs(velocities) > _MOVES * np.abs(velocities).max()
+        seen = np.where(moves, np.sign(velocities), 0.0)[:, 1:].astype(int).tolist()
+        shown = tuple(
+            Requirement(contact, (a or seen[contact][0], b or seen[contact][1]))
+            for contact, (a, b) in known
+        )
+        if all(0 not in requirement.signs for requirement in shown):
+            return mode_of(self.formulation.problem, shown)
+        options = []
+        for requirement, suggested in zip(known, shown, strict=True):
             admitted = [
                 pair for pair in sign_pairs(self.rules.sign) if _extends(pair, requirement.signs)
             ]
-            if 0 not in requirement.signs:
-                admitted = [requirement.signs]
-            moving = witness.velocities[requirement.contact, 1:]
-            seen = np.where(np.abs(moving) > _MOVES * largest, np.sign(moving), 0.0)
-            seen = tuple(
-                int(sign or shown) for sign, shown in zip(requirement.signs, seen, strict=True)
-            )
-            admitted.sort(key=lambda pair, seen=seen: pair != seen)
-            is_open = is_open or len(admitted) > 1
+            admitted.sort(key=lambda pair, first=suggested.signs: pair != first)
             options.append([Requirement(requirement.contact, pair) for pair in admitted])
-        if not is_open:
-            return mode_of(self.formulation.problem, tuple(known))
         chosen = self._first_feasible(options, ())
         return None if chosen is None else mode_of(self.formulation.problem, chosen)
 
@@ -117,16 +120,11 @@ class ModeReader:
         for requirement in options[len(chosen)]:
             extended = (*chosen, requirement)
             self.kinematic_programs += 1
-            if isinstance(self.formulation.kinematics.solve(extended, self.rules.sign), Witness):
+            if self.formulation.kinematics.feasible(extended, self.rules.sign):
                 complete = self._first_feasible(options, extended)
                 if complete is not None:
                     return complete
         return None
-
-
-def _opposing(friction: FloatArray) -> SignPair:
-    """Signs of the virtual sliding that friction opposes, 0 where there is none, (31)."""
-    return int(-np.sign(friction[0])), int(-np.sign(friction[1]))
 
 
 def _extends(pair: SignPair, signs: SignPair) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -62,7 +62,7 @@ class SearchState:
     def solve(self, lb: FloatArray, ub: FloatArray) -> Answer:
         """Solve the program under bounds and count it."""
         self.force_programs += 1
-        answer = self.formulation.solve(lb, ub, self.solver)
+        answer = self.formulation.solve(lb, ub, self.solver, cutoff=self.best_value)
         self.unproven = self.unproven or answer.outcome is Outcome.FAILED
         return answer
 
@@ -84,20 +84,18 @@ class SearchState:
         Returns:
             Whether the answer's own value was reached.
         """
-        lb, ub = self.formulation.bounds_of(mode)
-        x = np.clip(answer.x, lb, ub)
-        residual = self.formulation.program.residual(x)
         exact = answer
-        if residual > PRIMAL_TOLERANCE:
-            exact = self.solve(lb, ub)
-            if exact.outcome is not Outcome.SOLVED:
-                return False
-        else:
-            value = self.formulation.program.value(x)
-            exact = Answer(
-                answer.outcome, x, answer.y, answer.z, value, answer.bound, residual,
-                answer.proof, answer.solver,
-            )  # fmt: skip
+        lb, ub = self.formulation.bounds_of(mode)
+        if (answer.x < lb).any() or (answer.x > ub).any():
+            x = np.minimum(np.maximum(answer.x, lb), ub)
+            residual = self.formulation.program.residual(x)
+            if residual > PRIMAL_TOLERANCE:
+                exact = self.solve(lb, ub)
+                if exact.outcome is not Outcome.SOLVED:
+                    return False
+            else:
+                value = self.formulation.program.value(x)
+                exact = replace(answer, x=x, value=value, residual=residual)
         if exact.value < self.best_value:
             self.best, self.mode = exact, mode
         return exact.value <= answer.value + CLOSED

@@ -9,6 +9,7 @@ import numpy as np
 from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.exhaustive import search_exhaustively
 from graspless_pin.algorithms.formulation import Objective, formulate
+from graspless_pin.algorithms.mixed_integer import search_mixed_integer
 from graspless_pin.algorithms.search import SearchResult, SearchState, in_mode
 from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.enumeration import requirements_of
@@ -26,6 +27,8 @@ class Search(StrEnum):
     """Branch and bound on conflicts from the relaxation."""
     ENUMERATE = "enumerate"
     """The relaxation, then every maximal mode."""
+    MILP = "milp"
+    """One mixed-integer program for HiGHS."""
 
 
 class TorqueScale(StrEnum):
@@ -61,7 +64,8 @@ def maximize_margin(
             the check.
         regularization: Epsilon >= 0 of the QP that minimises -e/F + (epsilon/2) |f/F|^2 with F the
             largest normal-force limit.
-        search: ``auto`` (branch and bound) or ``enumerate`` (all maximal modes).
+        search: ``auto`` (branch and bound), ``enumerate`` (all maximal modes) or ``milp`` (one
+            mixed-integer program for HiGHS).
         mode: Solve this (B, S) only.
         node_limit: Stop ``auto`` after so many nodes and return the best found with its gap.
         time_limit: Likewise after so many seconds.
@@ -151,6 +155,8 @@ def _solve(
         result = in_mode(state, mode, _checked_mode(problem, rules, mode))
     elif how is Search.ENUMERATE:
         result = search_exhaustively(state)
+    elif how is Search.MILP:
+        result = search_mixed_integer(state, time_limit=time_limit)
     else:
         result = branch_and_bound(state, node_limit=node_limit, time_limit=time_limit)
     return _solution(result, objective, rules)

@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 
-from graspless_pin.modes.kinematics import Requirement, VirtualKinematics, Witness
+from graspless_pin.modes.kinematics import Requirement, VirtualKinematics
 from graspless_pin.modes.rules import (
     Rules,
     SignRule,
@@ -74,7 +74,7 @@ def mode_of(problem: QuasistaticProblem, requirements: tuple[Requirement, ...]) 
     for requirement in requirements:
         selection[requirement.contact] = True
         signs[requirement.contact] = requirement.signs
-    return SlidingMode(selection, signs)
+    return SlidingMode.unchecked(selection, signs)
 
 
 def _feasible(
@@ -95,7 +95,7 @@ def _feasible(
             children.append((depth + 1, requirements))
         for pair in pairs:
             extended = (*requirements, Requirement(contact, pair))
-            if isinstance(kinematics.solve(extended, rules.sign), Witness):
+            if kinematics.feasible(extended, rules.sign):
                 children.append((depth + 1, extended))
         stack.extend(reversed(children))
 
@@ -113,7 +113,7 @@ def _extensible(
             continue
         for pair in sign_pairs(rules.sign):
             extended = (*requirements, Requirement(int(contact), pair))
-            if isinstance(kinematics.solve(extended, rules.sign), Witness):
+            if kinematics.feasible(extended, rules.sign):
                 return True
     for index, requirement in enumerate(requirements):
         for pair in _refinements(requirement.signs):
@@ -122,7 +122,7 @@ def _extensible(
                 Requirement(requirement.contact, pair),
                 *requirements[index + 1 :],
             )
-            if isinstance(kinematics.solve(refined, rules.sign), Witness):
+            if kinematics.feasible(refined, rules.sign):
                 return True
     return False
 

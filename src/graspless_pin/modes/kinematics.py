@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from graspless_pin.modes.rules import SignRule
@@ -20,8 +22,7 @@ _NO_WITNESS = 1e-12
 _IN_CONFLICT = 1e-9
 
 
-@dataclass(frozen=True)
-class Requirement:
+class Requirement(NamedTuple):
     """What is asked of the virtual sliding at one selected contact.
 
     Attributes:
@@ -54,11 +55,43 @@ class Witness:
     """A virtual motion that meets the requirements.
 
     Attributes:
-        velocities: (M, 3) relative velocity of the object against the other body at each contact,
-            components along n, t1, t2, up to one positive scale.
+        motion: (6 + L,) scaled virtual motion.
+        rows: (M, 3, 6 + L) the map of `VirtualKinematics`.
+        basis: (6 + L, d) motions that leave the selected contacts touching.
+        slack: How far the required velocities are from zero, for unit rows.
     """
 
-    velocities: FloatArray
+    motion: FloatArray
+    rows: FloatArray
+    basis: FloatArray
+    slack: float
+
+    @property
+    def velocities(self) -> FloatArray:
+        """(M, 3) relative velocity of the object at each contact along n, t1, t2, to scale.
+
+        The motion is nudged within its slack in a fixed generic direction, so that a component
+        that can move does not vanish by symmetry.
+        """
+        direction = np.cos(np.arange(1.0, self.basis.shape[1] + 1.0))
+        nudge = self.basis @ direction
+        reach = np.linalg.norm(self.rows, axis=2).max() * (np.linalg.norm(nudge) or 1.0)
+        return self.rows @ (self.motion + (0.5 * self.slack / reach) * nudge)
+
+
+@dataclass(frozen=True, eq=False)
+class _Touching:
+    """The motions that leave some contacts touching.
+
+    Attributes:
+        still: (k, 6 + L) rows that vanish.
+        basis: (6 + L, d) orthonormal basis of the motions on which they do.
+        tangential: (s, 2, d) tangential rows of the selected contacts on that basis.
+    """
+
+    still: FloatArray
+    basis: FloatArray
+    tangential: FloatArray
 
 
 class VirtualKinematics:
@@ -78,7 +111,7 @@ class VirtualKinematics:
         local = frames.transpose(0, 2, 1) @ world
         size = np.linalg.norm(local.reshape(3 * count, -1), axis=0)
         self.rows: FloatArray = local / np.where(size > 0.0, size, 1.0)
-        self._spaces: dict[bytes, FloatArray] = {}
+        self._touching: dict[tuple[tuple[int, ...], tuple[int, ...]], _Touching] = {}
 
     def solve(self, requirements: Sequence[Requirement], rule: SignRule) -> Witness | Conflict:
         """Find a virtual motion that meets all requirements, or prove that there is none.
@@ -92,93 +125,113 @@ class VirtualKinematics:
             requirements: At most one per contact.
             rule: How a zero sign is read, and whether both components must move.
         """
-        if not requirements:
-            return Witness(np.zeros(self.rows.shape[:2]))
-        still, moving, items, strictness = self._stack(requirements, rule)
-        if not items:
-            return Witness(np.zeros(self.rows.shape[:2]))
-        basis = self._null_space(still)
-        projected = moving @ basis
-        # A row that vanishes there must vanish exactly, or rounding would pass for a direction.
-        projected[np.linalg.norm(projected, axis=1) < _RANK_TOLERANCE] = 0.0
-        system = np.vstack([projected.T, strictness])
+        contacts, signs = _split(requirements)
+        touching, moving, weights, slack = self._combine(contacts, signs, rule)
+        if slack > 0.0:
+            motion = touching.basis @ (weights @ moving)
+            # Rows that may be zero leave no room to nudge the motion.
+            room = 0.0 if rule is SignRule.NONZERO else slack
+            return Witness(motion, self.rows, touching.basis, room)
+        return self._conflict(contacts, signs, rule, touching.still, weights)
+
+    def feasible(self, requirements: Sequence[Requirement], rule: SignRule) -> bool:
+        """Whether `solve` finds a witness, without naming the conflict if not."""
+        contacts, signs = _split(requirements)
+        return self._combine(contacts, signs, rule)[3] > 0.0
+
+    def _combine(
+        self, contacts: tuple[int, ...], signs: NDArray[np.int_], rule: SignRule
+    ) -> tuple[_Touching, FloatArray, FloatArray, float]:
+        """Weights of the rows' combination nearest to zero, and its slack, 0 if it vanishes."""
+        touching = self._touching_motions(contacts, signs, rule)
+        moving, strictness = _signed_rows(touching.tangential, signs, rule)
+        if not strictness.any():
+            return touching, moving, np.zeros(len(moving)), 1.0
+        system = np.empty((moving.shape[1] + 1, len(moving)))
+        system[:-1] = moving.T
+        system[-1] = strictness
         target = np.zeros(len(system))
         target[-1] = 1.0
         weights, residual = nnls(system, target)
-        if residual * residual > _NO_WITNESS:
-            motion = basis @ (projected.T @ weights)
-            return Witness(self.rows @ motion)
-        return self._conflict(requirements, rule, still, moving, items, weights)
+        slack = residual * residual
+        return touching, moving, weights, slack if slack > _NO_WITNESS else 0.0
 
-    def _stack(
-        self, requirements: Sequence[Requirement], rule: SignRule
-    ) -> tuple[FloatArray, FloatArray, list[tuple[int, ...]], FloatArray]:
-        """Rows that must vanish, rows that must be positive, their items and strictness.
-
-        Under ``nonzero`` the two components of a contact need only be nonnegative each and
-        positive together, so a third, strict row is their sum.
-        """
-        still, moving, items, strict = [], [], [], []
-        for requirement in requirements:
-            normal, *tangents = self.rows[requirement.contact]
-            still.append(normal)
-            signed = [(component, sign) for component, sign in enumerate(requirement.signs) if sign]
-            for component, sign in signed:
-                moving.append(sign * tangents[component])
-                items.append((requirement.contact, component, sign))
-                strict.append(0.0 if rule is SignRule.NONZERO else 1.0)
-            if rule is SignRule.NONZERO and len(signed) == 2:
-                moving.append(sum(sign * tangents[component] for component, sign in signed))
-                items.append((requirement.contact,))
-                strict.append(1.0)
-            elif rule is SignRule.EXACT:
-                still.extend(tangents[c] for c in range(2) if requirement.signs[c] == 0)
-        return np.array(still), np.array(moving), items, np.array(strict)
-
-    def _null_space(self, still: FloatArray) -> FloatArray:
-        """(6 + L, d) orthonormal motions on which the rows vanish, to the rank tolerance."""
-        key = still.tobytes()
-        basis = self._spaces.get(key)
-        if basis is None:
-            _, values, right = np.linalg.svd(still)
-            rank = int((values > _RANK_TOLERANCE * max(1.0, values[0])).sum())
-            basis = self._spaces[key] = right[rank:].T
-        return basis
+    def _touching_motions(
+        self, contacts: tuple[int, ...], signs: NDArray[np.int_], rule: SignRule
+    ) -> _Touching:
+        """The motions on which the selected contacts stay touching, kept between calls."""
+        zeros: tuple[int, ...] = ()
+        if rule is SignRule.EXACT:
+            zeros = tuple(np.flatnonzero(signs.ravel() == 0).tolist())
+        known = self._touching.get((contacts, zeros))
+        if known is None:
+            still = [self.rows[contact, 0] for contact in contacts]
+            still += [self.rows[contacts[index // 2], 1 + index % 2] for index in zeros]
+            matrix = np.array(still).reshape(-1, self.rows.shape[2])
+            _, values, right = np.linalg.svd(matrix)
+            rank = int((values > _RANK_TOLERANCE * max(1.0, values.max(initial=0.0))).sum())
+            basis = right[rank:].T
+            tangential = self.rows[list(contacts), 1:] @ basis
+            # A row that vanishes there must vanish exactly, or rounding passes for a direction.
+            tangential[np.linalg.norm(tangential, axis=2) < _RANK_TOLERANCE] = 0.0
+            known = self._touching[contacts, zeros] = _Touching(matrix, basis, tangential)
+        return known
 
     def _conflict(
         self,
-        requirements: Sequence[Requirement],
+        contacts: tuple[int, ...],
+        signs: NDArray[np.int_],
         rule: SignRule,
         still: FloatArray,
-        moving: FloatArray,
-        items: list[tuple[int, ...]],
         weights: FloatArray,
     ) -> Conflict:
         """Name the requirements whose combination vanishes."""
-        threshold = _IN_CONFLICT * weights.max()
-        taking_part = list(np.flatnonzero(weights > threshold))
-        signs: dict[tuple[int, int, int], None] = {}
-        given = {requirement.contact: requirement.signs for requirement in requirements}
-        for i in taking_part:
-            item = items[i]
-            if len(item) == 3:
-                signs[(item[0], item[1], item[2])] = None
-            else:
-                for component in range(2):
-                    signs[(item[0], component, given[item[0]][component])] = None
+        moving, _ = _signed_rows(self.rows[list(contacts), 1:], signs, rule)
+        weights = np.where(weights > _IN_CONFLICT * weights.max(), weights, 0.0)
+        # Each weighted row stands for one component, or for both of a contact (their sum).
+        share = np.zeros((len(contacts), 2), dtype=bool)
+        given = np.argwhere(signs != 0)
+        for (position, component), weight in zip(given, weights, strict=False):
+            share[position, component] |= weight > 0.0
+        both = np.flatnonzero((signs != 0).all(axis=1))
+        for position, weight in zip(both, weights[len(given) :], strict=False):
+            share[position] |= weight > 0.0
+        items = tuple(
+            (contacts[position], int(component), int(signs[position, component]))
+            for position, component in np.argwhere(share)
+        )
         # The rest of the combination is carried by rows that vanish: a basic solution names few.
-        pull = moving.T @ weights
-        reactions, _ = nnls(np.hstack([still.T, -still.T]), -pull)
+        reactions, _ = nnls(np.hstack([still.T, -still.T]), -(weights @ moving))
         reactions = np.abs(reactions[: len(still)] - reactions[len(still) :])
-        owners = []
-        for requirement in requirements:
-            zero = sum(sign == 0 for sign in requirement.signs) if rule is SignRule.EXACT else 0
-            owners.extend([requirement.contact] * (1 + zero))
-        signed = {contact for contact, _, _ in signs}
-        largest = reactions.max(initial=0.0)
-        contacts = {
+        owners = list(contacts)
+        if rule is SignRule.EXACT:
+            owners += [contacts[index // 2] for index in np.flatnonzero(signs.ravel() == 0)]
+        largest = max(1.0, reactions.max(initial=0.0))
+        carrying = {
             owner
             for owner, reaction in zip(owners, reactions, strict=True)
-            if largest > 0.0 and reaction > _IN_CONFLICT * max(1.0, largest)
+            if reaction > _IN_CONFLICT * largest
         }
-        return Conflict(tuple(signs), tuple(sorted(contacts - signed)))
+        return Conflict(items, tuple(sorted(carrying - {contact for contact, _, _ in items})))
+
+
+def _split(requirements: Sequence[Requirement]) -> tuple[tuple[int, ...], NDArray[np.int_]]:
+    contacts = tuple([requirement.contact for requirement in requirements])
+    return contacts, np.array([item.signs for item in requirements], dtype=int).reshape(-1, 2)
+
+
+def _signed_rows(
+    tangential: FloatArray, signs: NDArray[np.int_], rule: SignRule
+) -> tuple[FloatArray, FloatArray]:
+    """Rows that must be positive (strictness 1) or not negative (0): signed components first.
+
+    Under ``nonzero`` the components of a contact need only be nonnegative each and positive
+    together, so a strict row for their sum follows for each contact with two signs.
+    """
+    signed = signs[:, :, None] * tangential
+    nonzero = signs != 0
+    rows = signed[nonzero]
+    if rule is not SignRule.NONZERO:
+        return rows, np.ones(len(rows))
+    sums = signed[nonzero.all(axis=1)].sum(axis=1)
+    return np.vstack([rows, sums]), np.repeat([0.0, 1.0], [len(rows), len(sums)])

@@ -123,11 +123,20 @@ class SlidingMode:
             raise ArgumentError(
                 "signs", f"is {values[index].tolist()} at index {index}, which is not selected"
             )
-        values = values.astype(np.int8)
-        chosen.setflags(write=False)
-        values.setflags(write=False)
-        object.__setattr__(self, "selection", chosen)
-        object.__setattr__(self, "signs", values)
+        self._freeze(chosen, values.astype(np.int8))
+
+    @classmethod
+    def unchecked(cls, selection: NDArray[np.bool_], signs: NDArray[np.int8]) -> Self:
+        """Return a mode of arrays that are right by construction; they become read-only."""
+        mode = object.__new__(cls)
+        mode._freeze(selection, signs)
+        return mode
+
+    def _freeze(self, selection: NDArray[np.bool_], signs: NDArray[np.int8]) -> None:
+        selection.setflags(write=False)
+        signs.setflags(write=False)
+        object.__setattr__(self, "selection", selection)
+        object.__setattr__(self, "signs", signs)
 
     def __eq__(self, other: object) -> bool:
         """Compare by value."""

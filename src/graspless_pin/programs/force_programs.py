@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.cones import cone_faces_local
@@ -156,36 +155,6 @@ def torque_program(
         box=np.hstack([box, [[0.0], [highest]]]),
         imposed=(low, high),
     )  # fmt: skip
-
-
-def mode_bounds(
-    problem: QuasistaticProblem,
-    coordinates: ForceCoordinates,
-    mode: SlidingMode,
-    program: Program,
-) -> tuple[FloatArray, FloatArray]:
-    """Return the bounds that (27) and (31) put on a program's variables under one mode.
-
-    A zero sign (``exact``) forbids the friction along its tangent.
-
-    Args:
-        problem: The problem.
-        coordinates: Its force coordinates.
-        mode: The mode (B, S).
-        program: The program whose own bounds are kept.
-    """
-    lb, ub = program.lb.copy(), program.ub.copy()
-    for contact in np.flatnonzero(problem.has_cone):
-        for component in range(2):
-            column = coordinates.tangent[contact, component]
-            sign = mode.signs[contact, component]
-            if sign == 0:
-                lb[column] = ub[column] = 0.0
-            elif sign > 0:
-                ub[column] = 0.0
-            elif sign < 0:
-                lb[column] = 0.0
-    return lb, ub
 
 
 def _program(
