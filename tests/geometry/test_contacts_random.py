@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
+from graspless_pin.errors import SceneError
 from graspless_pin.geometry.collision import CollisionBody
 from graspless_pin.geometry.contacts import ContactPoint, find_contacts
 
@@ -275,3 +276,33 @@ def test_relabelling_the_bodies_reorders_the_contacts_and_no_more() -> None:
     assert [c.body for c in two] == ["tip"] + ["wall"] * 4 + ["floor"] * 4
     for name in ("tip", "floor", "wall"):
         assert rows(one, name) == rows(two, name)
+
+
+@pytest.mark.parametrize(("first", "second"), PAIRS)
+@pytest.mark.parametrize("gap", [0.0, 1e-6, -1e-6, -1e-5])
+def test_at_a_hair_of_a_gap_the_overlap_is_never_taken_for_a_deeper_one(
+    first: str, second: str, gap: float
+) -> None:
+    # The gap along any direction bounds the signed distance from below: what was 0.5 mm apart along
+    # the normal and has come nearer by so much is found at that gap or above.
+    # From 145 on: rims whose overlap coal alone takes for one of millimetres.
+    for seed in (100, 101, 102, 103, 145, 219, 262, 310, 311, 350):
+        one, two = touching(first, second, seed)
+        for _ in range(2):
+            contacts = find_contacts(one, [], [two])
+            nearer = min(contact.distance for contact in contacts) - gap
+            moved = two.T_world_geometry.copy()
+            moved[:3, 3] += nearer * contacts[0].normal
+            two = CollisionBody("two", two.geometry, moved)
+        found = min(contact.distance for contact in find_contacts(one, [], [two]))
+        assert found >= gap - 1e-4
+
+
+def test_concentric_bodies_overlap_too_deep_and_nothing_else() -> None:
+    for one, two in itertools.product(SHAPES, repeat=2):
+        with pytest.raises(SceneError, match=r"support 'two' and object 'one' overlap by"):
+            find_contacts(
+                CollisionBody("one", SHAPES[one], np.eye(4)),
+                [],
+                [CollisionBody("two", SHAPES[two], np.eye(4))],
+            )

@@ -15,8 +15,9 @@ import time
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from graspless_pin.algorithms.friction_modes import SignPair
+from graspless_pin.algorithms.friction_modes import Opposition, SignPair
 from graspless_pin.algorithms.search import SearchResult, SearchState, finished
 from graspless_pin.modes.enumeration import sign_pairs
 from graspless_pin.modes.kinematics import Conflict
@@ -86,6 +87,9 @@ def _children(state: SearchState, node: _Node, answer: Answer) -> list[_Node]:
     state.modes_examined += 1
     if isinstance(verdict, Conflict):
         return _resolving(state, node, verdict)
+    if isinstance(verdict, Opposition):
+        columns = state.formulation.friction_columns(verdict.contact)[:, verdict.component]
+        return [_signed(node, columns, 1), _signed(node, columns, -1)]
     if isinstance(verdict, SlidingMode) and state.accept(answer, verdict):
         return []
     return _deciding(state, node, answer)
@@ -93,39 +97,40 @@ def _children(state: SearchState, node: _Node, answer: Answer) -> list[_Node]:
 
 def _resolving(state: SearchState, node: _Node, conflict: Conflict) -> list[_Node]:
     """Children that each take one item out of a conflict."""
-    tangent = state.formulation.coordinates.tangent
     has_cone = state.formulation.problem.has_cone
     children = []
     released: set[int] = set()
-    lb, ub = node.lb, node.ub
+    rest = node
     for contact, component, sign in conflict.signs:
         if not has_cone[contact]:
             continue
         if contact in node.decided:
             released.add(contact)
             continue
-        column = tangent[contact, component]
+        columns = state.formulation.friction_columns(contact)[:, component]
         # The virtual sliding has this sign because the friction has the other one: flip it here,
         # and keep it in the children that follow, so that they do not overlap.
-        flipped_lb, flipped_ub = lb.copy(), ub.copy()
-        kept_lb, kept_ub = lb.copy(), ub.copy()
-        if sign > 0:
-            flipped_lb[column], kept_ub[column] = max(lb[column], 0.0), min(ub[column], 0.0)
-        else:
-            flipped_ub[column], kept_lb[column] = min(ub[column], 0.0), max(lb[column], 0.0)
-        children.append(_Node(flipped_lb, flipped_ub, node.decided, node.depth + 1))
-        lb, ub = kept_lb, kept_ub
+        children.append(_signed(rest, columns, sign))
+        rest = replace(_signed(rest, columns, -sign), depth=node.depth)
     released.update(contact for contact in conflict.contacts if has_cone[contact])
-    children.extend(
-        _released(state, replace(node, lb=lb, ub=ub), contact) for contact in sorted(released)
-    )
+    children.extend(_released(state, rest, contact) for contact in sorted(released))
     return children
+
+
+def _signed(node: _Node, columns: NDArray[np.int_], sign: int) -> _Node:
+    """The child in which friction components have one sign or vanish."""
+    lb, ub = node.lb.copy(), node.ub.copy()
+    if sign > 0:
+        lb[columns] = np.maximum(lb[columns], 0.0)
+    else:
+        ub[columns] = np.minimum(ub[columns], 0.0)
+    return _Node(lb, ub, node.decided, node.depth + 1)
 
 
 def _released(state: SearchState, node: _Node, contact: int) -> _Node:
     """The child in which a contact has no friction."""
     lb, ub = node.lb.copy(), node.ub.copy()
-    columns = state.formulation.coordinates.tangent[contact]
+    columns = state.formulation.friction_columns(contact)
     lb[columns] = ub[columns] = 0.0
     decided = {key: pair for key, pair in node.decided.items() if key != contact}
     return _Node(lb, ub, decided, node.depth + 1)
@@ -133,25 +138,24 @@ def _released(state: SearchState, node: _Node, contact: int) -> _Node:
 
 def _deciding(state: SearchState, node: _Node, answer: Answer) -> list[_Node]:
     """Children that fix the mode of the undecided contact with the most friction, one each."""
-    tangent = state.formulation.coordinates.tangent
-    undecided = [
-        int(contact)
-        for contact in np.flatnonzero(state.formulation.problem.has_cone)
-        if contact not in node.decided
-        and (node.lb[tangent[contact]] != 0.0).any() | (node.ub[tangent[contact]] != 0.0).any()
-    ]
-    if not undecided:
+    formulation = state.formulation
+    size: dict[int, float] = {}
+    for contact in formulation.cone_contacts:
+        columns = formulation.friction_columns(contact)
+        released = (node.lb[columns] == 0.0).all() and (node.ub[columns] == 0.0).all()
+        if contact not in node.decided and not released:
+            size[contact] = float(np.abs(answer.x[columns]).sum())
+    if not size:
         return []
-    size = {contact: np.abs(answer.x[tangent[contact]]).sum() for contact in undecided}
-    contact = max(undecided, key=lambda candidate: size[candidate])
+    contact = max(size, key=lambda candidate: size[candidate])
+    columns = formulation.friction_columns(contact)
     children = [_released(state, node, contact)]
     for pair in sign_pairs(state.rules.sign):
-        lb, ub = node.lb.copy(), node.ub.copy()
-        for column, sign in zip(tangent[contact], pair, strict=True):
-            if sign >= 0:
-                ub[column] = min(ub[column], 0.0)
-            if sign <= 0:
-                lb[column] = max(lb[column], 0.0)
-        if (lb <= ub).all():
-            children.append(_Node(lb, ub, {**node.decided, contact: pair}, node.depth + 1))
+        child = node
+        for component, sign in enumerate(pair):
+            # Friction is opposite to the virtual sliding, and vanishes along a zero component.
+            for way in {0: (1, -1), 1: (-1,), -1: (1,)}[sign]:
+                child = _signed(child, columns[:, component], way)
+        decided = {**node.decided, contact: pair}
+        children.append(replace(child, decided=decided, depth=node.depth + 1))
     return children

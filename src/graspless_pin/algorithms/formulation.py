@@ -43,25 +43,25 @@ class Objective:
 
 @dataclass(frozen=True, eq=False)
 class Formulation:
-    """The relaxed program without (27) and (31), and what turns its answers into modes.
+    """A program in forces without (27) and (31), and what turns its answers into modes.
 
     Attributes:
         problem: The problem.
-        objective: What is optimised.
         coordinates: Force coordinates and scales.
         program: The relaxation; every mode differs from it in bounds only.
-        cutoff: A larger objective value is as bad as infeasible.
-        unit: Factor from the program's objective to N (Algorithm 1), N m or a share.
         kinematics: The virtual motions.
+        cutoff: A larger objective value is as bad as infeasible.
+        unit: Factor from the program's objective to a quantity with a unit.
+        layers: First columns of each set of forces in the program; one mode rules them all.
     """
 
     problem: QuasistaticProblem
-    objective: Objective
     coordinates: ForceCoordinates
     program: Program
-    cutoff: float
-    unit: float
     kinematics: VirtualKinematics
+    cutoff: float = np.inf
+    unit: float = 1.0
+    layers: tuple[int, ...] = (0,)
 
     @cached_property
     def cone_contacts(self) -> tuple[int, ...]:
@@ -70,8 +70,13 @@ class Formulation:
 
     @cached_property
     def cone_columns(self) -> NDArray[np.int_]:
-        """(number of cones, 2) columns of their friction components."""
-        return self.coordinates.tangent[list(self.cone_contacts)]
+        """(layers, number of cones, 2) columns of their friction components."""
+        columns = self.coordinates.tangent[list(self.cone_contacts)]
+        return np.array(self.layers)[:, None, None] + columns
+
+    def friction_columns(self, contact: int) -> NDArray[np.int_]:
+        """(layers, 2) columns of one contact's friction components."""
+        return np.array(self.layers)[:, None] + self.coordinates.tangent[contact]
 
     def solve(self, lb: FloatArray, ub: FloatArray, solver: str, *, cutoff: float) -> Answer:
         """Solve the program under other bounds; values above the cutoff count as infeasible."""
@@ -83,10 +88,10 @@ class Formulation:
     def bounds_of(self, mode: SlidingMode) -> tuple[FloatArray, FloatArray]:
         """Return the bounds that one mode puts on the variables, (27) and (31)."""
         lb, ub = self.program.lb.copy(), self.program.ub.copy()
-        columns = self.cone_columns
         signs = mode.signs[list(self.cone_contacts)]
-        ub[columns[signs >= 0]] = 0.0
-        lb[columns[signs <= 0]] = 0.0
+        for columns in self.cone_columns:
+            ub[columns[signs >= 0]] = 0.0
+            lb[columns[signs <= 0]] = 0.0
         return lb, ub
 
 
@@ -97,14 +102,19 @@ _shared: WeakKeyDictionary[QuasistaticProblem, tuple[ForceCoordinates, VirtualKi
 _recent: WeakKeyDictionary[QuasistaticProblem, dict[Objective, Formulation]] = WeakKeyDictionary()
 
 
+def shared_parts(problem: QuasistaticProblem) -> tuple[ForceCoordinates, VirtualKinematics]:
+    """Return coordinates and kinematics, made once for a problem and kept while it lives."""
+    if problem not in _shared:
+        _shared[problem] = force_coordinates(problem), VirtualKinematics(problem)
+    return _shared[problem]
+
+
 def formulate(problem: QuasistaticProblem, objective: Objective) -> Formulation:
-    """Return the formulation, assembled once for a problem and kept while the problem lives."""
+    """Return Algorithm 1 or 2, assembled once for a problem and kept while the problem lives."""
     known = _recent.setdefault(problem, {})
     if objective in known:
         return known[objective]
-    if problem not in _shared:
-        _shared[problem] = force_coordinates(problem), VirtualKinematics(problem)
-    coordinates, kinematics = _shared[problem]
+    coordinates, kinematics = shared_parts(problem)
     cutoff = np.inf
     if objective.algorithm is Algorithm.MARGIN:
         program = margin_program(problem, coordinates, objective.regularization)
@@ -126,7 +136,5 @@ def formulate(problem: QuasistaticProblem, objective: Objective) -> Formulation:
         unit = 1.0 if objective.by_limits else coordinates.torque_scale
     if len(known) >= _PER_PROBLEM:
         known.pop(next(iter(known)))
-    known[objective] = Formulation(
-        problem, objective, coordinates, program, cutoff, unit, kinematics
-    )
+    known[objective] = Formulation(problem, coordinates, program, kinematics, cutoff, unit)
     return known[objective]

@@ -19,6 +19,19 @@ _MOVES = 1e-6
 SignPair = tuple[int, int]
 
 
+@dataclass(frozen=True)
+class Opposition:
+    """Two sets of forces of one program have friction of opposite signs along one tangent.
+
+    Attributes:
+        contact: Index of the contact.
+        component: 0 for t1, 1 for t2.
+    """
+
+    contact: int
+    component: int
+
+
 @dataclass
 class ModeReader:
     """Finds a mode that admits given friction forces.
@@ -33,7 +46,9 @@ class ModeReader:
     rules: Rules
     kinematic_programs: int = field(default=0)
 
-    def read(self, x: FloatArray, decided: dict[int, SignPair]) -> SlidingMode | Conflict | None:
+    def read(
+        self, x: FloatArray, decided: dict[int, SignPair]
+    ) -> SlidingMode | Conflict | Opposition | None:
         """Return a feasible mode that admits the friction in x.
 
         Args:
@@ -41,12 +56,15 @@ class ModeReader:
             decided: Sign pairs that the search has already fixed for some contacts.
 
         Returns:
-            A mode; or the conflict among its nonzero friction components that excludes every
-            mode; or None if only the signs of vanishing components stand in the way.
+            A mode; or the conflict among its nonzero friction components, or the opposition of
+            two sets of forces, that excludes every mode; or None if only the signs of vanishing
+            components stand in the way.
         """
-        friction = self._friction(x)
         if self.rules.static_friction is StaticFriction.COULOMB:
             return self.describe(x)
+        friction = self._friction(x)
+        if isinstance(friction, Opposition):
+            return friction
         needed = [
             Requirement(contact, decided.get(contact, (-a, -b)))
             for contact, (a, b) in friction.items()
@@ -64,20 +82,25 @@ class ModeReader:
 
     def describe(self, x: FloatArray) -> SlidingMode:
         """Return the mode that only describes the friction in x, feasible or not."""
+        friction = self._friction(x)
+        signs = {} if isinstance(friction, Opposition) else friction
         requirements = tuple(
-            Requirement(contact, (-a, -b))
-            for contact, (a, b) in self._friction(x).items()
-            if a or b
+            Requirement(contact, (-a, -b)) for contact, (a, b) in signs.items() if a or b
         )
         return mode_of(self.formulation.problem, requirements)
 
-    def _friction(self, x: FloatArray) -> dict[int, SignPair]:
+    def _friction(self, x: FloatArray) -> dict[int, SignPair] | Opposition:
         """Signs of the friction at each contact with a cone, 0 where a component vanishes."""
-        columns = self.formulation.cone_columns
-        values = x[columns]
+        values = x[self.formulation.cone_columns]
         signs = np.sign(values).astype(int)
         signs[np.abs(values) <= NO_FRICTION] = 0
-        return dict(zip(self.formulation.cone_contacts, map(tuple, signs.tolist()), strict=True))
+        contacts = self.formulation.cone_contacts
+        if len(signs) > 1:
+            opposed = np.argwhere((signs > 0).any(axis=0) & (signs < 0).any(axis=0))
+            if len(opposed):
+                return Opposition(contacts[opposed[0, 0]], int(opposed[0, 1]))
+            signs = np.sign(signs.sum(axis=0))[None]
+        return dict(zip(contacts, map(tuple, signs[0].tolist()), strict=True))
 
     def _always_selected(self) -> list[int]:
         """Contacts in actual sliding, where (22) is asked of them."""

@@ -23,7 +23,7 @@ def search_mixed_integer(state: SearchState, *, time_limit: float | None = None)
         ArgumentError: With a regularisation: the program must be linear.
     """
     formulation = state.formulation
-    if formulation.objective.regularization > 0.0:
+    if not formulation.program.is_linear:
         raise ArgumentError("search", "'milp' takes no regularization; use 'auto' or 'enumerate'")
     answer = state.relax()
     state.nodes = 1

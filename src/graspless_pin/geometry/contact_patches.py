@@ -33,20 +33,15 @@ from graspless_pin.geometry.poses import invert
 
 Array = NDArray[np.float64]
 
-
-def _request(tolerance: float) -> Any:
-    request: Any = coal.DistanceRequest()
-    request.gjk_tolerance = tolerance
-    request.epa_tolerance = tolerance
-    return request
-
-
-# coal's default of 1e-6 turns one pair in some hundreds inside out at a gap of a micrometre. With
-# 1e-9 that was not seen, but for curved rims each tolerance has its own rare failures: the others
-# stand by.
-_REQUESTS = tuple(_request(tolerance) for tolerance in (1e-9, 1e-8, 1e-12))
+# With coal's default of 1e-6, one pair in hundreds comes out inside out at a micrometre of gap.
+_REQUEST: Any = coal.DistanceRequest()
+_REQUEST.gjk_tolerance = 1e-9
+_REQUEST.epa_tolerance = 1e-9
 _IDENTITY: Any = coal.Transform3s()
 _DISTANCE_ERROR = 1e-4  # coal's distance is far better; this leaves room for large bodies
+_PULLED_APART = 1e-3  # m: a gap at which coal's direction is sure
+_ATTEMPTS = 5
+_AGREED = 1.0 - 1e-5  # cosine between a face normal and coal's direction
 _SAME_GAP = 1e-9  # directions whose gaps differ by less are equally good
 
 
@@ -147,24 +142,31 @@ def _nearest(
 
     coal's direction is only as good as its distance, and at a gap of a micrometre that is poor. Of
     all directions the true one leaves the largest gap, so that the faces near the nearest points
-    are tried against it.
+    are tried against it. An overlap along no face is asked for again with the bodies pulled apart,
+    first along their middles, then along the best direction so far: of rims that overlap by a
+    hair, coal may take any direction for the shallowest, while of bodies apart it is sure.
     """
     R, t = T_first_second[:3, :3], T_first_second[:3, 3]
-    placed = coal.Transform3s(np.ascontiguousarray(R), t)
-    best: tuple[float, Array, Array] | None = None
-    for request in _REQUESTS:
+
+    def leave(directions: Array) -> Array:
+        """Gap that each direction (K, 3) leaves between the bodies."""
+        return directions @ t - two.support_values(-directions @ R) - one.support_values(directions)
+
+    middles = _unit(t + R @ two.center - one.center)
+    best_gap, best, witness = -np.inf, middles, t
+    apart = np.zeros(3)
+    for attempt in range(_ATTEMPTS):
         result: Any = coal.DistanceResult()
+        placed = coal.Transform3s(np.ascontiguousarray(R), t + apart)
         distance = coal.distance(
-            first.geometry, _IDENTITY, second.geometry, placed, request, result
+            first.geometry, _IDENTITY, second.geometry, placed, _REQUEST, result
         )
-        if distance > limits.tolerance + _DISTANCE_ERROR:
+        if attempt == 0 and distance > limits.tolerance + _DISTANCE_ERROR:
             return None
         on_first = np.array(result.getNearestPoint1())
-        on_second = np.array(result.getNearestPoint2())
+        on_second = np.array(result.getNearestPoint2()) - apart
         guess = np.array(result.normal)
-        if not 0.5 < np.linalg.norm(guess) < 2.0:
-            guess = t + R @ two.center - one.center
-        guess = guess / np.linalg.norm(guess)
+        guess = _unit(guess) if np.isfinite(guess).all() and guess.any() else middles
         directions = np.vstack(
             [
                 one.normals_near(on_first, guess),
@@ -173,15 +175,25 @@ def _nearest(
                 guess,
             ]
         )
-        gaps = directions @ t - two.support_values(-directions @ R) - one.support_values(directions)
+        gaps = leave(directions)
         k = int(np.flatnonzero(gaps >= gaps.max() - _SAME_GAP)[0])
-        if best is None or gaps[k] > best[0]:
-            best = float(gaps[k]), directions[k], 0.5 * (on_first + on_second)
-        if best[0] >= -limits.max_penetration:
+        gain = float(gaps[k]) - best_gap
+        if gain > 0.0:
+            best_gap, best = float(gaps[k]), directions[k]
+            witness = 0.5 * (on_first + on_second)
+        on_a_face = k < len(directions) - 1 and directions[k] @ guess > _AGREED
+        settled = on_a_face or (attempt >= 2 and gain <= _SAME_GAP)
+        if best_gap >= 0.0 or (settled and best_gap >= -limits.max_penetration):
             break
-    if best is None or best[0] > limits.tolerance:
-        return None
-    return best[1:]
+        axis = middles if attempt == 0 else best
+        apart = (_PULLED_APART - float(leave(axis[None])[0])) * axis
+    return (best, witness) if best_gap <= limits.tolerance else None
+
+
+def _unit(vector: Array) -> Array:
+    """The vector at length one; z if it has no length."""
+    length = float(np.linalg.norm(vector))
+    return vector / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
 
 
 def _across_edges(first: Array, second: Array, guess: Array) -> Array:
