@@ -8,6 +8,12 @@ Quasi-static Graspless Manipulation*.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from graspless_pin.algorithms.comparison import compare_rules, solve_each_mode
+from graspless_pin.algorithms.disturbances import disturbance_margin
+from graspless_pin.algorithms.explanation import explain
+from graspless_pin.algorithms.force_bounds import contact_force_bounds
+from graspless_pin.algorithms.minimum_friction import minimum_friction
+from graspless_pin.algorithms.sensitivity import margin_sensitivity
 from graspless_pin.algorithms.torque import maximize_margin, minimize_torque
 from graspless_pin.errors import GrasplessPinError
 from graspless_pin.modes.enumeration import enumerate_modes
@@ -37,10 +43,17 @@ __all__ = [
     "Status",
     "TorqueSolution",
     "assemble_joint_space",
+    "compare_rules",
+    "contact_force_bounds",
+    "disturbance_margin",
     "enumerate_modes",
+    "explain",
     "load_scene",
+    "margin_sensitivity",
     "maximize_margin",
     "minimize_torque",
+    "minimum_friction",
+    "solve_each_mode",
 ]
 
 # Pinocchio and coal are loaded when a hand or scene is first asked for: arrays do not need them.

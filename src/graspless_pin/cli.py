@@ -13,9 +13,10 @@ from typing import Annotated, Any
 
 import typer
 
-from graspless_pin.errors import GrasplessPinError, GrasplessPinWarning
+from graspless_pin.errors import GrasplessPinError, GrasplessPinWarning, SceneError
 from graspless_pin.modes.rules import SignRule, SlidingRule, StaticFriction
 from graspless_pin.report import scene_solution_text, solution_document, write_document
+from graspless_pin.report.verify import verify_document
 from graspless_pin.scene import load_scene, scene_json_schema
 from graspless_pin.solution import Algorithm
 
@@ -82,6 +83,23 @@ def solve(
         if json_file != "-":
             typer.echo(scene_solution_text(loaded, solution))
     raise typer.Exit(FOUND if solution.found else INFEASIBLE)
+
+
+@app.command()
+def verify(
+    file: Annotated[Path, typer.Argument(help="Solution document (JSON) written by solve.")],
+) -> None:
+    """Check a solution from its JSON with numpy alone.
+
+    Exit code 0: every check passed; 1: one failed; 2: not a document of a found solution.
+    """
+    with _plain_errors():
+        try:
+            checked = verify_document(json.loads(file.read_text(encoding="utf-8")))
+        except (OSError, ValueError, TypeError, AttributeError) as error:
+            raise SceneError(f"{file}: {error}") from error
+    typer.echo(str(checked))
+    raise typer.Exit(FOUND if checked.passed else INFEASIBLE)
 
 
 @app.command()

@@ -27,6 +27,7 @@ class SearchState:
         rules: The reading of the constraint.
         solver: The solver to ask first.
         reader: Finds modes for friction forces.
+        relaxation: Answer to the program without modes, once it was solved.
         best: Best answer that a feasible mode admits.
         mode: That mode.
         bound: Proven lower bound on the objective over all modes.
@@ -41,6 +42,7 @@ class SearchState:
     rules: Rules
     solver: str
     reader: ModeReader = field(init=False)
+    relaxation: Answer | None = None
     best: Answer | None = None
     mode: SlidingMode | None = None
     bound: float = -np.inf
@@ -70,6 +72,7 @@ class SearchState:
         """Solve the relaxation without (27) and (31); its bound holds for every mode."""
         program = self.formulation.program
         answer = self.solve(program.lb, program.ub)
+        self.relaxation = answer
         self.bound = answer.bound
         if answer.outcome is Outcome.INFEASIBLE:
             self.infeasibility = answer.proof

@@ -6,29 +6,13 @@ from enum import StrEnum
 
 import numpy as np
 
-from graspless_pin.algorithms.branch_and_bound import branch_and_bound
-from graspless_pin.algorithms.exhaustive import search_exhaustively
-from graspless_pin.algorithms.formulation import Objective, formulate
-from graspless_pin.algorithms.mixed_integer import search_mixed_integer
-from graspless_pin.algorithms.search import SearchResult, SearchState, in_mode
+from graspless_pin.algorithms.explanation import explain
+from graspless_pin.algorithms.formulation import Objective
+from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.errors import ArgumentError
-from graspless_pin.modes.enumeration import requirements_of
-from graspless_pin.modes.kinematics import Requirement
-from graspless_pin.modes.rules import Rules, SignRule, SlidingMode, choice
+from graspless_pin.modes.rules import Rules, SlidingMode, choice
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.solution import Algorithm, Certificate, TorqueSolution
-from graspless_pin.solvers import check_solver
-
-
-class Search(StrEnum):
-    """How the modes are searched."""
-
-    AUTO = "auto"
-    """Branch and bound on conflicts from the relaxation."""
-    ENUMERATE = "enumerate"
-    """The relaxation, then every maximal mode."""
-    MILP = "milp"
-    """One mixed-integer program for HiGHS."""
+from graspless_pin.solution import Algorithm, TorqueSolution
 
 
 class TorqueScale(StrEnum):
@@ -79,7 +63,17 @@ def maximize_margin(
     """
     objective = Objective(Algorithm.MARGIN, 0.0, False, _epsilon(regularization))  # noqa: FBT003
     rules = Rules.parse(sign_rule, sliding_rule, static_friction)
-    return _solve(problem, objective, rules, solver, search, mode, node_limit, time_limit)
+    return solve_problem(
+        problem,
+        objective,
+        rules,
+        solver=solver,
+        search=search,
+        mode=mode,
+        node_limit=node_limit,
+        time_limit=time_limit,
+        explain=explain,
+    )
 
 
 def minimize_torque(
@@ -130,84 +124,20 @@ def minimize_torque(
     by_limits = choice(TorqueScale, "scale", scale) is TorqueScale.LIMITS
     objective = Objective(Algorithm.TORQUE, float(margin), by_limits, _epsilon(regularization))
     rules = Rules.parse(sign_rule, sliding_rule, static_friction)
-    return _solve(problem, objective, rules, solver, search, mode, node_limit, time_limit)
+    return solve_problem(
+        problem,
+        objective,
+        rules,
+        solver=solver,
+        search=search,
+        mode=mode,
+        node_limit=node_limit,
+        time_limit=time_limit,
+        explain=explain,
+    )
 
 
 def _epsilon(regularization: float) -> float:
     if not (np.isfinite(regularization) and regularization >= 0.0):
         raise ArgumentError("regularization", f"is {regularization}; it must be finite and >= 0")
     return float(regularization)
-
-
-def _solve(
-    problem: QuasistaticProblem,
-    objective: Objective,
-    rules: Rules,
-    solver: str,
-    search: str,
-    mode: SlidingMode | None,
-    node_limit: int | None,
-    time_limit: float | None,
-) -> TorqueSolution:
-    state = SearchState(formulate(problem, objective), rules, check_solver(solver))
-    how = choice(Search, "search", search)
-    if mode is not None:
-        result = in_mode(state, mode, _checked_mode(problem, rules, mode))
-    elif how is Search.ENUMERATE:
-        result = search_exhaustively(state)
-    elif how is Search.MILP:
-        result = search_mixed_integer(state, time_limit=time_limit)
-    else:
-        result = branch_and_bound(state, node_limit=node_limit, time_limit=time_limit)
-    return _solution(result, objective, rules)
-
-
-def _checked_mode(
-    problem: QuasistaticProblem, rules: Rules, mode: SlidingMode
-) -> list[Requirement]:
-    if len(mode.selection) != problem.contact_count:
-        raise ArgumentError(
-            "mode", f"has {len(mode.selection)} contacts; the problem has {problem.contact_count}"
-        )
-    zeros = (mode.signs == 0).sum(axis=1)[mode.selection]
-    allowed = 1 if rules.sign is SignRule.EXACT else 0
-    if (zeros > allowed).any():
-        index = int(np.flatnonzero(mode.selection)[np.argmax(zeros > allowed)])
-        raise ArgumentError(
-            "mode",
-            f"has signs {mode.signs[index].tolist()} at selected contact {index}; the rule "
-            f"'{rules.sign}' allows {allowed} zero",
-        )
-    return list(requirements_of(mode))
-
-
-def _solution(result: SearchResult, objective: Objective, rules: Rules) -> TorqueSolution:
-    state = result.state
-    formulation = state.formulation
-    best = state.best
-    certificate = Certificate(
-        primal_residual=np.inf if best is None else best.residual,
-        duality_gap=np.inf if best is None else best.gap,
-        bound=state.bound * formulation.unit,
-        gap=np.inf if best is None else (best.value - state.bound) * abs(formulation.unit),
-        infeasibility=state.infeasibility,
-        modes_examined=state.modes_examined,
-        nodes=state.nodes,
-        force_programs=state.force_programs,
-        kinematic_programs=state.reader.kinematic_programs,
-        solver="" if best is None else best.solver,
-    )
-    forces = None
-    if best is not None:
-        forces = formulation.coordinates.forces(best.x)
-        forces.setflags(write=False)
-    return TorqueSolution(
-        status=result.status,
-        algorithm=objective.algorithm,
-        required_margin=objective.margin,
-        rules=rules,
-        certificate=certificate,
-        problem=formulation.problem,
-        _forces=forces,
-        _mode=state.mode if best is not None else None,
-    )

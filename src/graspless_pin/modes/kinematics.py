@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
+from scipy.optimize import linprog, nnls
 
 from graspless_pin.modes.rules import SignRule
 from graspless_pin.problem import QuasistaticProblem
@@ -20,6 +20,8 @@ _RANK_TOLERANCE = 1e-8
 # A witness with |x| = 1 / sqrt(this) for unit requirements is as good as none.
 _NO_WITNESS = 1e-12
 _IN_CONFLICT = 1e-9
+_ROUNDING = 1e-12
+_LARGEST_MOTION = 1e6
 
 
 class Requirement(NamedTuple):
@@ -101,6 +103,7 @@ class VirtualKinematics:
         rows: (M, 3, 6 + L) maps from the scaled motion to the velocity of the object relative to
             the other body along n, t1, t2: [W^T, J] [V; -theta_dot] of eq. (22), columns scaled to
             a common size.
+        scale: (6 + L,) factors from a scaled motion to [V; theta_dot] in m/s and rad/s.
     """
 
     def __init__(self, problem: QuasistaticProblem) -> None:
@@ -110,7 +113,8 @@ class VirtualKinematics:
         world = np.hstack([problem.W.T, -problem.jacobian]).reshape(count, 3, -1)
         local = frames.transpose(0, 2, 1) @ world
         size = np.linalg.norm(local.reshape(3 * count, -1), axis=0)
-        self.rows: FloatArray = local / np.where(size > 0.0, size, 1.0)
+        self.scale: FloatArray = 1.0 / np.where(size > 0.0, size, 1.0)
+        self.rows: FloatArray = local * self.scale
         self._touching: dict[tuple[tuple[int, ...], tuple[int, ...]], _Touching] = {}
 
     def solve(self, requirements: Sequence[Requirement], rule: SignRule) -> Witness | Conflict:
@@ -152,8 +156,14 @@ class VirtualKinematics:
         system[-1] = strictness
         target = np.zeros(len(system))
         target[-1] = 1.0
-        weights, residual = nnls(system, target)
-        slack = residual * residual
+        weights, _ = nnls(system, target)
+        residual = target - system @ weights
+        slack = float(residual @ residual)
+        # The solver is not believed: a vanishing residual proves itself, and so does one on whose
+        # far side every row lies. A wrong answer has been seen on degenerate rows.
+        if slack > _NO_WITNESS and (residual @ system).max() > _ROUNDING + 1e-6 * slack:
+            weights, slack = _by_linear_program(moving, strictness)
+            return touching, moving, weights, slack
         return touching, moving, weights, slack if slack > _NO_WITNESS else 0.0
 
     def _touching_motions(
@@ -213,6 +223,30 @@ class VirtualKinematics:
             if reaction > _IN_CONFLICT * largest
         }
         return Conflict(items, tuple(sorted(carrying - {contact for contact, _, _ in items})))
+
+
+def _by_linear_program(moving: FloatArray, strictness: FloatArray) -> tuple[FloatArray, float]:
+    """Decide by a linear program: the largest t <= 1 with moving x >= strictness t, x bounded.
+
+    Returns:
+        Weights of a combination that vanishes (the multipliers) and slack 0, or weights whose
+        combination is a witness and its slack.
+    """
+    rows, size = moving.shape
+    answer = linprog(
+        np.append(np.zeros(size), -1.0),
+        A_ub=np.hstack([-moving, strictness[:, None]]),
+        b_ub=np.zeros(rows),
+        bounds=[(-_LARGEST_MOTION, _LARGEST_MOTION)] * size + [(0.0, 1.0)],
+        method="highs",
+    )
+    if answer.status != 0:
+        raise ArithmeticError(f"the virtual motion could not be decided: {answer.message}")
+    if answer.x[-1] > 0.5:
+        motion = answer.x[:-1] / (1.0 + np.linalg.norm(answer.x[:-1]) ** 2)
+        return np.linalg.lstsq(moving.T, motion, rcond=None)[0], float(motion @ motion)
+    weights = -answer.ineqlin.marginals
+    return weights / weights.sum(), 0.0
 
 
 def _split(requirements: Sequence[Requirement]) -> tuple[tuple[int, ...], NDArray[np.int_]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Self, TypeVar
+from typing import Self, TypedDict, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -44,6 +44,14 @@ class StaticFriction(StrEnum):
     """Anything inside the friction cone: (22), (27) and (31) are dropped."""
 
 
+class RuleOptions(TypedDict, total=False):
+    """The rules as keyword options, by name."""
+
+    sign_rule: str
+    sliding_rule: str
+    static_friction: str
+
+
 @dataclass(frozen=True)
 class Rules:
     """One reading of the virtual-sliding constraint.
@@ -59,7 +67,12 @@ class Rules:
     static_friction: StaticFriction = StaticFriction.VIRTUAL_SLIDING
 
     @classmethod
-    def parse(cls, sign_rule: str, sliding_rule: str, static_friction: str) -> Self:
+    def parse(
+        cls,
+        sign_rule: str = SignRule.STRICT,
+        sliding_rule: str = SlidingRule.EXEMPT,
+        static_friction: str = StaticFriction.VIRTUAL_SLIDING,
+    ) -> Self:
         """Return the rules by name.
 
         Raises:
@@ -70,6 +83,14 @@ class Rules:
             choice(SlidingRule, "sliding_rule", sliding_rule),
             choice(StaticFriction, "static_friction", static_friction),
         )
+
+    def options(self) -> RuleOptions:
+        """Return the rules as keyword options of the algorithms."""
+        return {
+            "sign_rule": str(self.sign),
+            "sliding_rule": str(self.sliding),
+            "static_friction": str(self.static_friction),
+        }
 
 
 _Choice = TypeVar("_Choice", bound=StrEnum)

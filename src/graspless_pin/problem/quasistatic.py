@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -153,6 +154,34 @@ class QuasistaticProblem:
             f"QuasistaticProblem({self.contact_count} contacts, {int(self.is_sliding.sum())} "
             f"sliding, {self.joint_count} joints, {self.cone_edges} cone edges)"
         )
+
+    def with_changes(self, **changes: Any) -> QuasistaticProblem:
+        """Return the problem with some arguments replaced, validated anew.
+
+        Args:
+            changes: Arguments of the constructor by name.
+
+        Raises:
+            ArgumentError: See the constructor.
+        """
+        values: dict[str, Any] = {
+            "positions": self.positions,
+            "normals": self.normals,
+            "external_wrench": self.external_wrench,
+            "jacobian": self.jacobian,
+            "friction": self.friction,
+            "tangents": self.tangents,
+            "sliding": self.sliding,
+            "torque_limits": (self.lower_torque, self.upper_torque),
+            "max_normal_force": self.max_normal_force,
+            "cone_edges": self.cone_edges,
+            "joint_names": self.joint_names,
+            "gravity_torques": self.gravity_torques,
+        }
+        unknown = sorted(set(changes) - set(values))
+        if unknown:
+            raise ArgumentError(unknown[0], f"is no argument; known: {', '.join(values)}")
+        return QuasistaticProblem(**{**values, **changes})
 
     @property
     def contact_count(self) -> int:

@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
@@ -73,6 +74,79 @@ def force_coordinates(problem: QuasistaticProblem) -> ForceCoordinates:
     return ForceCoordinates(basis, force, torque, length, normal, tangent)
 
 
+@dataclass(frozen=True, eq=False)
+class ForceRows:
+    """The constraints on scaled contact coordinates x that every program is made of.
+
+    Attributes:
+        faces: (k, n) side faces of the cones: faces x <= -e (42).
+        normal: (M, n) picks n^T f / F.
+        limit: (M,) f_n,max / F.
+        bare: (M,) bool, contacts without a cone: there the side faces do not imply n^T f >= e.
+        balance: (6, n) W f / F, moment rows over the length scale.
+        wrench: (6,) right-hand side of the balance (19).
+        weight: (6,) scale of each balance row: 1, or 1 over the length scale.
+        torque: (L, n) J^T f / torque scale (18).
+        lower: (L,) lower torque limits less gravity, scaled.
+        upper: (L,) upper torque limits less gravity, scaled.
+        gravity: (L,) g / torque scale.
+        box: (2, n) bounds of forces inside cones: 0 <= n^T f <= limit, |t^T f| <= mu limit.
+    """
+
+    faces: FloatArray
+    normal: FloatArray
+    limit: FloatArray
+    bare: NDArray[np.bool_]
+    balance: FloatArray
+    wrench: FloatArray
+    weight: FloatArray
+    torque: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    gravity: FloatArray
+    box: FloatArray
+
+    @property
+    def size(self) -> int:
+        """n, the number of force coordinates."""
+        return self.balance.shape[1]
+
+
+def force_rows(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> ForceRows:
+    """Assemble the constraints of a problem in its force coordinates."""
+    count, size = problem.contact_count, coordinates.basis.shape[1]
+    force, torque = coordinates.force_scale, coordinates.torque_scale
+    limit = problem.max_normal_force / force
+    faces = [np.zeros((0, size))]
+    box = np.zeros((2, size))
+    box[1, coordinates.normal] = limit
+    for contact in np.flatnonzero(problem.has_cone):
+        mu = float(problem.friction[contact])
+        block = np.zeros((problem.cone_edges, size))
+        start = coordinates.normal[contact]
+        block[:, start : start + 3] = cone_faces_local(mu, problem.cone_edges).T
+        faces.append(block)
+        reach = mu * limit[contact]
+        box[:, coordinates.tangent[contact]] = [[-reach, -reach], [reach, reach]]
+    normal = np.zeros((count, size))
+    normal[np.arange(count), coordinates.normal] = 1.0
+    weight = np.repeat([1.0, 1.0 / coordinates.length_scale], 3)
+    return ForceRows(
+        faces=np.vstack(faces),
+        normal=normal,
+        limit=limit,
+        bare=~problem.has_cone,
+        balance=weight[:, None] * (problem.W @ coordinates.basis),
+        wrench=-weight * problem.external_wrench / force,
+        weight=weight,
+        torque=problem.jacobian.T @ coordinates.basis * (force / torque),
+        lower=(problem.lower_torque - problem.gravity_torques) / torque,
+        upper=(problem.upper_torque - problem.gravity_torques) / torque,
+        gravity=problem.gravity_torques / torque,
+        box=box,
+    )
+
+
 def margin_program(
     problem: QuasistaticProblem, coordinates: ForceCoordinates, regularization: float
 ) -> Program:
@@ -81,22 +155,20 @@ def margin_program(
     The margin e is the last variable and may become negative: a negative optimum says by how much
     the cones would have to be widened, and its dual proves that no force set exists.
     """
-    size = coordinates.basis.shape[1]
-    faces, base, low = _cone_rows(problem, coordinates)
-    limit = problem.max_normal_force / coordinates.force_scale
-    torque, lower, upper = _torque_rows(problem, coordinates)
-    balance, wrench = _balance_rows(problem, coordinates)
-    rows = np.vstack([faces, base, low])
-    G = np.block([[rows, np.ones((len(rows), 1))], [torque, np.zeros((len(torque), 1))]])
-    u = np.concatenate([np.zeros(len(faces)), limit, np.zeros(len(low)), upper])
-    l = np.concatenate([np.full(len(rows), -np.inf), lower])  # noqa: E741
-    box = _force_box(problem, coordinates)
+    rows = force_rows(problem, coordinates)
+    size, low = rows.size, -rows.normal[rows.bare]
+    sides = np.vstack([rows.faces, rows.normal, low])
+    G = np.block(
+        [[sides, np.ones((len(sides), 1))], [rows.torque, np.zeros((len(rows.torque), 1))]]
+    )
+    u = np.concatenate([np.zeros(len(rows.faces)), rows.limit, np.zeros(len(low)), rows.upper])
+    l = np.concatenate([np.full(len(sides), -np.inf), rows.lower])  # noqa: E741
     # The box speaks of forces inside their cones, that is of e >= 0: what it proves, it proves of
     # those, and a proven bound above zero on -e proves that there are none.
     return _program(
-        coordinates, regularization, G, l, u, balance, wrench,
+        coordinates, rows, regularization, G, l, u,
         objective=np.append(np.zeros(size), -1.0),
-        box=np.hstack([box, [[0.0], [float(limit.min()) / 2.0]]]),
+        box=np.hstack([rows.box, [[0.0], [float(rows.limit.min()) / 2.0]]]),
         imposed=(np.full(size + 1, -np.inf), np.full(size + 1, np.inf)),
     )  # fmt: skip
 
@@ -114,12 +186,9 @@ def torque_program(
     The last variable t is the largest |torque| in units of the torque scale, or the largest share
     of any joint's own limit when ``by_limits``. The motors' torques J^T f + g obey their limits.
     """
-    size = coordinates.basis.shape[1]
+    rows = force_rows(problem, coordinates)
+    size, torque, gravity = rows.size, rows.torque, rows.gravity
     e = margin / coordinates.force_scale
-    faces, _, _ = _cone_rows(problem, coordinates)
-    torque, lower, upper = _torque_rows(problem, coordinates)
-    gravity = problem.gravity_torques / coordinates.torque_scale
-    balance, wrench = _balance_rows(problem, coordinates)
     unit_up, unit_down = np.ones(len(torque)), np.ones(len(torque))
     if by_limits:
         # The share of a limit is counted on the side where the torque is; a limit of zero, or
@@ -131,40 +200,36 @@ def torque_program(
     zero = np.zeros((1, 1))
     G = np.vstack(
         [
-            np.hstack([faces, np.repeat(zero, len(faces), axis=0)]),
+            np.hstack([rows.faces, np.repeat(zero, len(rows.faces), axis=0)]),
             np.hstack([torque[up], -unit_up[up, None]]),
             np.hstack([-torque[down], -unit_down[down, None]]),
             np.hstack([torque, np.repeat(zero, len(torque), axis=0)]),
         ]
     )
-    u = np.concatenate([np.full(len(faces), -e), -gravity[up], gravity[down], upper])
-    l = np.concatenate([np.full(len(u) - len(upper), -np.inf), lower])  # noqa: E741
-    limit = problem.max_normal_force / coordinates.force_scale
+    u = np.concatenate([np.full(len(rows.faces), -e), -gravity[up], gravity[down], rows.upper])
+    l = np.concatenate([np.full(len(u) - len(rows.upper), -np.inf), rows.lower])  # noqa: E741
     low, high = np.full(size + 1, -np.inf), np.full(size + 1, np.inf)
-    high[coordinates.normal] = limit - e
-    bare = coordinates.normal[~problem.has_cone]
-    low[bare] = e
+    high[coordinates.normal] = rows.limit - e
+    low[coordinates.normal[rows.bare]] = e
     low[-1] = 0.0
-    box = _force_box(problem, coordinates)
-    reach = np.abs(torque) @ np.abs(box).max(axis=0) + np.abs(gravity)
+    reach = np.abs(torque) @ np.abs(rows.box).max(axis=0) + np.abs(gravity)
     shares = [reach[up] / unit_up[up], reach[down] / unit_down[down]]
     highest = float(np.concatenate([*shares, [0.0]]).max()) + 1.0
     return _program(
-        coordinates, regularization, G, l, u, balance, wrench,
+        coordinates, rows, regularization, G, l, u,
         objective=np.append(np.zeros(size), 1.0),
-        box=np.hstack([box, [[0.0], [highest]]]),
+        box=np.hstack([rows.box, [[0.0], [highest]]]),
         imposed=(low, high),
     )  # fmt: skip
 
 
 def _program(
     coordinates: ForceCoordinates,
+    rows: ForceRows,
     regularization: float,
     G: FloatArray,
     l: FloatArray,  # noqa: E741
     u: FloatArray,
-    balance: FloatArray,
-    wrench: FloatArray,
     *,
     objective: FloatArray,
     box: FloatArray,
@@ -174,8 +239,8 @@ def _program(
     return Program(
         P=np.append(regularization * lengths, 0.0),
         c=objective,
-        A=np.asfortranarray(np.hstack([balance, np.zeros((6, 1))])),
-        b=wrench,
+        A=np.asfortranarray(np.hstack([rows.balance, np.zeros((6, 1))])),
+        b=rows.wrench,
         G=np.asfortranarray(G),
         l=l,
         u=u,
@@ -183,55 +248,3 @@ def _program(
         ub=imposed[1],
         box=box,
     )
-
-
-def _cone_rows(
-    problem: QuasistaticProblem, coordinates: ForceCoordinates
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Rows h^T f <= -e (42), n^T f <= limit - e and -n^T f <= -e (36).
-
-    The last are only written where there is no cone: inside a cone the side faces imply them.
-    """
-    size = coordinates.basis.shape[1]
-    faces = []
-    for contact in np.flatnonzero(problem.has_cone):
-        local = cone_faces_local(float(problem.friction[contact]), problem.cone_edges)
-        block = np.zeros((problem.cone_edges, size))
-        start = coordinates.normal[contact]
-        block[:, start : start + 3] = local.T
-        faces.append(block)
-    base = np.zeros((problem.contact_count, size))
-    base[np.arange(problem.contact_count), coordinates.normal] = 1.0
-    low = -base[~problem.has_cone]
-    return np.vstack([*faces, np.zeros((0, size))]), base, low
-
-
-def _torque_rows(
-    problem: QuasistaticProblem, coordinates: ForceCoordinates
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Rows J^T f / torque_scale (18) and the limits left for it beside gravity."""
-    scale = coordinates.torque_scale
-    rows = problem.jacobian.T @ coordinates.basis * (coordinates.force_scale / scale)
-    lower = (problem.lower_torque - problem.gravity_torques) / scale
-    upper = (problem.upper_torque - problem.gravity_torques) / scale
-    return rows, lower, upper
-
-
-def _balance_rows(
-    problem: QuasistaticProblem, coordinates: ForceCoordinates
-) -> tuple[FloatArray, FloatArray]:
-    """Rows W f / F = -w_ext / F (19), the moment rows divided by the length scale."""
-    weight = np.repeat([1.0, 1.0 / coordinates.length_scale], 3)
-    rows = weight[:, None] * (problem.W @ coordinates.basis)
-    return rows, -weight * problem.external_wrench / coordinates.force_scale
-
-
-def _force_box(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> FloatArray:
-    """(2, n) bounds of forces inside cones: 0 <= n^T f <= limit, |t^T f| <= mu limit."""
-    box = np.zeros((2, coordinates.basis.shape[1]))
-    limit = problem.max_normal_force / coordinates.force_scale
-    box[1, coordinates.normal] = limit
-    for contact in np.flatnonzero(problem.has_cone):
-        reach = problem.friction[contact] * limit[contact]
-        box[:, coordinates.tangent[contact]] = [[-reach, -reach], [reach, reach]]
-    return box

@@ -9,7 +9,6 @@ import json
 import math
 import os
 import sys
-import tempfile
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,9 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.errors import SceneError
+from graspless_pin.modes.enumeration import requirements_of
+from graspless_pin.modes.kinematics import VirtualKinematics, Witness
+from graspless_pin.programs.multipliers import constraint_multipliers
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
 
@@ -56,6 +58,10 @@ def solution_document(solution: TorqueSolution, scene: Scene | None = None) -> d
     document["joints"] = _joints(solution)
     document["contacts"] = _contacts(solution, scene)
     document["certificate"] = asdict(solution.certificate)
+    if solution.found:
+        document["certificate"] |= _proof(solution)
+    elif solution.explanation:
+        document["explanation"] = solution.explanation
     return _plain(document)
 
 
@@ -63,7 +69,7 @@ def write_document(document: dict[str, Any], target: str | Path) -> None:
     """Write a document to a file, or to standard output for ``-``.
 
     A file is written beside its final name and moved there, so that an interrupted run leaves what
-    was there before.
+    was there before. A pipe or device is written to as it is.
 
     Raises:
         SceneError: If the file cannot be written.
@@ -74,12 +80,19 @@ def write_document(document: dict[str, Any], target: str | Path) -> None:
         return
     path = Path(target)
     try:
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            stream.write(text)
-        Path(name).replace(path)
+        if path.exists() and not path.is_file():
+            path.write_text(text, encoding="utf-8")
+            return
+        draft = path.with_name(f".{path.name}.{os.getpid()}.part")
+        try:
+            draft.write_text(text, encoding="utf-8")
+            draft.replace(path)
+        finally:
+            draft.unlink(missing_ok=True)
     except OSError as error:
-        raise SceneError(f"{path}: cannot be written ({error.strerror})") from error
+        raise SceneError(
+            f"{path}: cannot be written ({error.strerror}); choose another file for the JSON"
+        ) from error
 
 
 def _scene_part(scene: Scene) -> dict[str, Any]:
@@ -138,6 +151,29 @@ def _contacts(solution: TorqueSolution, scene: Scene | None) -> list[dict[str, A
             entry = {"bodies": [scene.contacts.bodies[index], scene.object.name], **entry}
         contacts.append(entry)
     return contacts
+
+
+def _proof(solution: TorqueSolution) -> dict[str, Any]:
+    """The virtual motion behind the mode, and multipliers in the units of the problem."""
+    proof: dict[str, Any] = {"scale": "limits" if solution.multipliers.by_limits else "absolute"}
+    kinematics = VirtualKinematics(solution.problem)
+    verdict = kinematics.solve(requirements_of(solution.mode), solution.rules.sign)
+    if isinstance(verdict, Witness):
+        motion = kinematics.scale * verdict.motion
+        proof["virtual_motion"] = {"object": motion[:6], "joints": motion[6:]}
+    if solution.multipliers.is_linear:
+        for name in ("relaxation", "mode"):
+            y, z = getattr(solution.multipliers, name)
+            proof[f"{name}_multipliers"] = asdict(
+                constraint_multipliers(
+                    solution.problem,
+                    y,
+                    z,
+                    algorithm=str(solution.algorithm),
+                    by_limits=solution.multipliers.by_limits,
+                )
+            )
+    return proof
 
 
 def _plain(value: Any) -> Any:

@@ -1,5 +1,11 @@
 """What the algorithms return."""
 
-from graspless_pin.solution.records import Algorithm, Certificate, Status, TorqueSolution
+from graspless_pin.solution.records import (
+    Algorithm,
+    Certificate,
+    ProofMultipliers,
+    Status,
+    TorqueSolution,
+)
 
-__all__ = ["Algorithm", "Certificate", "Status", "TorqueSolution"]
+__all__ = ["Algorithm", "Certificate", "ProofMultipliers", "Status", "TorqueSolution"]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum, StrEnum
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -89,6 +91,23 @@ class Certificate:
 
 
 @dataclass(frozen=True, eq=False)
+class ProofMultipliers:
+    """Multipliers of the scaled programs, for writing a proof that others can check.
+
+    Attributes:
+        relaxation: (y, z) of the program without modes: they bound every mode.
+        mode: (y, z) of the program in which the solution was found.
+        by_limits: Whether Algorithm 2 counted torques as shares of the limits.
+        is_linear: Whether there was no regularisation.
+    """
+
+    relaxation: tuple[FloatArray, FloatArray]
+    mode: tuple[FloatArray, FloatArray]
+    by_limits: bool
+    is_linear: bool
+
+
+@dataclass(frozen=True, eq=False)
 class TorqueSolution:
     """The answer of Algorithm 1 or 2. Infeasible is an answer: then ``found`` is False.
 
@@ -112,11 +131,28 @@ class TorqueSolution:
     problem: QuasistaticProblem
     _forces: FloatArray | None = None
     _mode: SlidingMode | None = None
+    _multipliers: ProofMultipliers | None = None
+    _explain: Callable[[TorqueSolution], object] | None = None
 
     @property
     def found(self) -> bool:
         """Whether there is a solution to read."""
         return self.status in FOUND
+
+    @cached_property
+    def explanation(self) -> str:
+        """Why nothing is feasible and the smallest changes that would help; empty if found.
+
+        Worked out when first asked for: it solves several changed problems.
+        """
+        if self.found or self._explain is None:
+            return ""
+        return str(self._explain(self))
+
+    @property
+    def multipliers(self) -> ProofMultipliers:
+        """The multipliers behind the certificate."""
+        return self._read(self._multipliers)
 
     @property
     def contact_forces(self) -> FloatArray:

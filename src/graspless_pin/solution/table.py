@@ -22,7 +22,8 @@ def solution_text(solution: TorqueSolution, bodies: Sequence[str] | None = None)
         bodies: M names of what touches the object at each contact; None: left out.
     """
     if not solution.found:
-        return f"not found: {solution.status.message}\n{certificate_text(solution)}"
+        why = f"\n\n{solution.explanation}\n" if solution.explanation else ""
+        return f"not found: {solution.status.message}{why}\n{certificate_text(solution)}"
     parts = [headline(solution)]
     if solution.problem.joint_count:
         parts.append(joint_table(solution))
@@ -49,9 +50,9 @@ def joint_table(solution: TorqueSolution) -> str:
     shares = limit_shares(torques, problem.lower_torque, problem.upper_torque)
     rows = zip(
         problem.joint_names,
-        solution.contact_torques,
-        problem.gravity_torques,
-        torques,
+        _plain(solution.contact_torques),
+        _plain(problem.gravity_torques),
+        _plain(torques),
         problem.lower_torque,
         problem.upper_torque,
         [f"{100.0 * share:.1f} %" if np.isfinite(share) else "-" for share in shares],
@@ -59,6 +60,11 @@ def joint_table(solution: TorqueSolution) -> str:
     )
     headers = ["joint", "contacts", "gravity", "torque [N m]", "lower", "upper", "of limit"]
     return tabulate(rows, headers, floatfmt="+.4f", stralign="left", colalign=None)
+
+
+def _plain(values: np.ndarray) -> np.ndarray:
+    """Round to the digits shown, without negative zeros."""
+    return np.round(values, 4) + 0.0
 
 
 def contact_table(solution: TorqueSolution, bodies: Sequence[str] | None) -> str:
@@ -71,7 +77,7 @@ def contact_table(solution: TorqueSolution, bodies: Sequence[str] | None) -> str
     rows = []
     for contact in range(problem.contact_count):
         share = "-" if np.isnan(use[contact]) else f"{100.0 * use[contact]:.0f} %"
-        where = " ".join(f"{value:+.4f}" for value in problem.positions[contact])
+        where = " ".join(f"{value:+.4f}" for value in _plain(problem.positions[contact]))
         row = [contact, where, normal[contact], share, contact_state(solution, contact)]
         name = [bodies[contact]] if bodies is not None else []
         rows.append([*row[:1], *name, *row[1:], tokens[contact]])

@@ -1,0 +1,125 @@
+"""How the largest margin changes with the data, from the multipliers of its program."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Unpack
+
+import numpy as np
+
+from graspless_pin.algorithms.formulation import Objective, formulate
+from graspless_pin.algorithms.torque import maximize_margin
+from graspless_pin.errors import NoSolutionError
+from graspless_pin.modes.rules import RuleOptions
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.programs.force_programs import force_coordinates, margin_program
+from graspless_pin.solution import Algorithm, TorqueSolution
+from graspless_pin.solvers import Outcome
+
+_STEP = 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class MarginSensitivity:
+    """Derivatives of the largest margin in its optimal mode.
+
+    Where the optimum is degenerate or the mode is about to change, they are one of several
+    one-sided derivatives.
+
+    Attributes:
+        friction: (M,) N per unit of each friction coefficient.
+        external_wrench: (6,) N per N of force and per N m of moment.
+        load: N per unit of a common factor on the external wrench; over the mass where the wrench
+            is the object's weight.
+        upper_torque: (L,) N per N m of each upper limit.
+        lower_torque: (L,) N per N m of each lower limit.
+        max_normal_force: (M,) N per N of each normal-force limit.
+        solution: The solution that they belong to.
+    """
+
+    friction: FloatArray
+    external_wrench: FloatArray
+    load: float
+    upper_torque: FloatArray
+    lower_torque: FloatArray
+    max_normal_force: FloatArray
+    solution: TorqueSolution
+
+    def per_mass(self, mass: float) -> float:
+        """Return N per kilogram where the external wrench is the weight of this mass (kg)."""
+        return self.load / mass
+
+
+def margin_sensitivity(
+    problem: QuasistaticProblem, **options: Unpack[RuleOptions]
+) -> MarginSensitivity:
+    """Differentiate the largest margin by its data.
+
+    The derivative of an optimum is that of its Lagrangian at fixed forces and multipliers.
+
+    Args:
+        problem: Contacts, wrench, joints and limits.
+        options: ``sign_rule``, ``sliding_rule``, ``static_friction`` of `maximize_margin`.
+
+    Raises:
+        NoSolutionError: If no margin is feasible.
+    """
+    solution = maximize_margin(problem, **options)
+    if not solution.found:
+        raise NoSolutionError(f"There is no margin to differentiate ({solution.status.message}).")
+    objective = Objective(Algorithm.MARGIN, 0.0, by_limits=False, regularization=0.0)
+    formulation = formulate(problem, objective)
+    answer = formulation.solve(
+        *formulation.bounds_of(solution.mode), solution.certificate.solver, cutoff=np.inf
+    )
+    if answer.outcome is not Outcome.SOLVED:
+        raise NoSolutionError("The optimal mode's program was not solved again.")
+    x, y, z = answer.x, answer.y, answer.z
+    coordinates = formulation.coordinates
+    force, torque = coordinates.force_scale, coordinates.torque_scale
+    # Lagrangian: c x + y (A x - b) + up (G x - u) + down (l - G x); the margin is -F times it.
+    up, down = np.maximum(z, 0.0), np.maximum(-z, 0.0)
+    joints, cones = problem.joint_count, int(problem.has_cone.sum()) * problem.cone_edges
+    weight = np.repeat([1.0, 1.0 / coordinates.length_scale], 3)
+    wrench = -weight * y
+    friction = np.array(
+        [
+            -force * _by_friction(problem, contact, x, y, up - down)
+            for contact in range(problem.contact_count)
+        ]
+    )
+    limits = slice(cones, cones + problem.contact_count)
+    tail = slice(len(z) - joints, len(z))
+    return MarginSensitivity(
+        friction=read_only(friction),
+        external_wrench=read_only(wrench),
+        load=float(wrench @ problem.external_wrench),
+        upper_torque=read_only(force / torque * up[tail]),
+        lower_torque=read_only(-force / torque * down[tail]),
+        max_normal_force=read_only(up[limits]),
+        solution=solution,
+    )
+
+
+def _by_friction(
+    problem: QuasistaticProblem,
+    contact: int,
+    x: FloatArray,
+    y: FloatArray,
+    z: FloatArray,
+) -> float:
+    """Derivative of the Lagrangian by one coefficient, by central differences of its rows."""
+    values = []
+    for step in (_STEP, -_STEP):
+        moved = problem.with_changes(
+            friction=np.where(
+                np.arange(problem.contact_count) == contact,
+                np.maximum(problem.friction + step * problem.friction, 0.0),
+                problem.friction,
+            )
+        )
+        other = margin_program(moved, force_coordinates(moved), 0.0)
+        values.append(float(y @ (other.A @ x) + z @ (other.G @ x)))
+    width = 2.0 * _STEP * problem.friction[contact]
+    return (values[0] - values[1]) / width if width > 0.0 else 0.0

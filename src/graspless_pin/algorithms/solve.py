@@ -1,0 +1,131 @@
+"""From a problem, an objective and rules to a `TorqueSolution`, by any of the searches."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import StrEnum
+
+import numpy as np
+
+from graspless_pin.algorithms.branch_and_bound import branch_and_bound
+from graspless_pin.algorithms.exhaustive import search_exhaustively
+from graspless_pin.algorithms.formulation import Objective, formulate
+from graspless_pin.algorithms.mixed_integer import search_mixed_integer
+from graspless_pin.algorithms.search import SearchResult, SearchState, in_mode
+from graspless_pin.errors import ArgumentError
+from graspless_pin.modes.enumeration import requirements_of
+from graspless_pin.modes.kinematics import Requirement
+from graspless_pin.modes.rules import Rules, SignRule, SlidingMode, choice
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.solution import Certificate, ProofMultipliers, TorqueSolution
+from graspless_pin.solvers import check_solver
+
+Explain = Callable[[TorqueSolution], object]
+
+
+class Search(StrEnum):
+    """How the modes are searched."""
+
+    AUTO = "auto"
+    """Branch and bound on conflicts from the relaxation."""
+    ENUMERATE = "enumerate"
+    """The relaxation, then every maximal mode."""
+    MILP = "milp"
+    """One mixed-integer program for HiGHS."""
+
+
+def solve_problem(
+    problem: QuasistaticProblem,
+    objective: Objective,
+    rules: Rules,
+    *,
+    solver: str = "piqp",
+    search: str = "auto",
+    mode: SlidingMode | None = None,
+    node_limit: int | None = None,
+    time_limit: float | None = None,
+    explain: Explain | None = None,
+) -> TorqueSolution:
+    """Solve a problem; the options are those of `maximize_margin`.
+
+    Args:
+        problem: Contacts, wrench, joints and limits.
+        objective: Algorithm 1 or 2 with its figures.
+        rules: The reading of the virtual-sliding constraint.
+        solver: The solver to ask first.
+        search: How the modes are searched.
+        mode: Solve this (B, S) only.
+        node_limit: Limit of branch and bound.
+        time_limit: Limit of branch and bound and of the MILP, s.
+        explain: Explains a solution that is not found, when asked for.
+    """
+    state = SearchState(formulate(problem, objective), rules, check_solver(solver))
+    how = choice(Search, "search", search)
+    if mode is not None:
+        result = in_mode(state, mode, _checked_mode(problem, rules, mode))
+    elif how is Search.ENUMERATE:
+        result = search_exhaustively(state)
+    elif how is Search.MILP:
+        result = search_mixed_integer(state, time_limit=time_limit)
+    else:
+        result = branch_and_bound(state, node_limit=node_limit, time_limit=time_limit)
+    return _solution(result, objective, rules, explain)
+
+
+def _checked_mode(
+    problem: QuasistaticProblem, rules: Rules, mode: SlidingMode
+) -> list[Requirement]:
+    if len(mode.selection) != problem.contact_count:
+        raise ArgumentError(
+            "mode", f"has {len(mode.selection)} contacts; the problem has {problem.contact_count}"
+        )
+    zeros = (mode.signs == 0).sum(axis=1)[mode.selection]
+    allowed = 1 if rules.sign is SignRule.EXACT else 0
+    if (zeros > allowed).any():
+        index = int(np.flatnonzero(mode.selection)[np.argmax(zeros > allowed)])
+        raise ArgumentError(
+            "mode",
+            f"has signs {mode.signs[index].tolist()} at selected contact {index}; the rule "
+            f"'{rules.sign}' allows {allowed} zero",
+        )
+    return list(requirements_of(mode))
+
+
+def _solution(
+    result: SearchResult, objective: Objective, rules: Rules, explain: Explain | None
+) -> TorqueSolution:
+    state = result.state
+    formulation = state.formulation
+    best = state.best
+    certificate = Certificate(
+        primal_residual=np.inf if best is None else best.residual,
+        duality_gap=np.inf if best is None else best.gap,
+        bound=state.bound * formulation.unit,
+        gap=np.inf if best is None else (best.value - state.bound) * abs(formulation.unit),
+        infeasibility=state.infeasibility,
+        modes_examined=state.modes_examined,
+        nodes=state.nodes,
+        force_programs=state.force_programs,
+        kinematic_programs=state.reader.kinematic_programs,
+        solver="" if best is None else best.solver,
+    )
+    forces = multipliers = None
+    if best is not None:
+        first = state.relaxation or best
+        multipliers = ProofMultipliers(
+            (first.y, first.z), (best.y, best.z), objective.by_limits, formulation.program.is_linear
+        )
+        forces = formulation.coordinates.forces(best.x)
+        forces.setflags(write=False)
+    return TorqueSolution(
+        status=result.status,
+        algorithm=objective.algorithm,
+        required_margin=objective.margin,
+        rules=rules,
+        certificate=certificate,
+        problem=formulation.problem,
+        _forces=forces,
+        _mode=state.mode if best is not None else None,
+        _multipliers=multipliers,
+        _explain=explain,
+    )

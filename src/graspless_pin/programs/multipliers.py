@@ -1,0 +1,84 @@
+"""Multipliers of the scaled programs in the units of the problem, constraint by constraint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.programs.force_programs import force_coordinates
+
+
+@dataclass(frozen=True, eq=False)
+class ConstraintMultipliers:
+    """Multipliers of the constraints of (44) or (45); all but the balance's are >= 0.
+
+    Attributes:
+        balance: (6,) of W f + w_ext = 0.
+        faces: (cones, r) of h^T f + e <= 0, for the contacts with a cone in their order.
+        normal_upper: (M,) of n^T f + e <= f_n,max; zero in Algorithm 2 (there a bound).
+        normal_lower: (M,) of e <= n^T f where there is no cone; zero elsewhere.
+        torque_upper: (L,) of J^T f + g <= upper.
+        torque_lower: (L,) of lower <= J^T f + g.
+        share_upper: (L,) of J^T f + g <= t (or t times the upper limit); zero in Algorithm 1.
+        share_lower: (L,) of -(J^T f + g) <= t (or t times minus the lower limit).
+    """
+
+    balance: FloatArray
+    faces: FloatArray
+    normal_upper: FloatArray
+    normal_lower: FloatArray
+    torque_upper: FloatArray
+    torque_lower: FloatArray
+    share_upper: FloatArray
+    share_lower: FloatArray
+
+
+def constraint_multipliers(
+    problem: QuasistaticProblem, y: FloatArray, z: FloatArray, *, algorithm: str, by_limits: bool
+) -> ConstraintMultipliers:
+    """Return the multipliers of a program of `force_programs` for an objective in N or N m.
+
+    Args:
+        problem: The problem.
+        y: (6,) multipliers of the scaled balance.
+        z: Multipliers of the scaled rows, positive on the upper side.
+        algorithm: ``margin`` or ``torque``.
+        by_limits: Whether Algorithm 2 counted shares of the limits.
+    """
+    coordinates = force_coordinates(problem)
+    force, torque = coordinates.force_scale, coordinates.torque_scale
+    weight = np.repeat([1.0, 1.0 / coordinates.length_scale], 3)
+    count, joints = problem.contact_count, problem.joint_count
+    cones = int(problem.has_cone.sum())
+    faces, rest = np.split(np.maximum(z, 0.0), [cones * problem.cone_edges])
+    hard = z[len(z) - joints :] if joints else np.zeros(0)
+    upper, lower = np.maximum(hard, 0.0), np.maximum(-hard, 0.0)
+    normal_upper, normal_lower = np.zeros(count), np.zeros(count)
+    share_upper, share_lower = np.zeros(joints), np.zeros(joints)
+    # The objective's own unit: F for the margin, the torque scale for the torque, 1 for a share.
+    if algorithm == "margin":
+        unit = force
+        normal_upper = rest[:count]
+        normal_lower[~problem.has_cone] = rest[count : count + int((~problem.has_cone).sum())]
+    else:
+        unit = 1.0 if by_limits else torque
+        up, down = np.ones(joints, dtype=bool), np.ones(joints, dtype=bool)
+        if by_limits:
+            up = np.isfinite(problem.upper_torque) & (problem.upper_torque > 0.0)
+            down = np.isfinite(problem.lower_torque) & (problem.lower_torque < 0.0)
+        share_upper[up] = rest[: up.sum()] * (unit / torque)
+        share_lower[down] = rest[up.sum() : up.sum() + down.sum()] * (unit / torque)
+    per_force = unit / force
+    return ConstraintMultipliers(
+        balance=weight * y * per_force,
+        faces=faces.reshape(cones, problem.cone_edges) * per_force,
+        normal_upper=normal_upper * per_force,
+        normal_lower=normal_lower * per_force,
+        torque_upper=upper * (unit / torque),
+        torque_lower=lower * (unit / torque),
+        share_upper=share_upper,
+        share_lower=share_lower,
+    )
