@@ -1,0 +1,112 @@
+"""Poses of a scene: close fingers on its object, place fingertips, settle the object."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from numpy.typing import ArrayLike
+
+from graspless_pin.errors import SceneError
+from graspless_pin.geometry.closing import ClosingResult
+from graspless_pin.geometry.closing import close_fingers as close_hand
+from graspless_pin.geometry.fingertips import FingertipPlacement, place_fingertips
+from graspless_pin.geometry.hand import Hand
+from graspless_pin.geometry.overlaps import Overlap, unwanted_overlaps
+from graspless_pin.geometry.settling import settle as settle_object
+from graspless_pin.scene.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedScene:
+    """A scene after its fingers were closed.
+
+    Attributes:
+        scene: The scene with the closed hand.
+        closing: What each finger touched and what stopped at a limit.
+        overlaps: Hand links that overlap each other or a support.
+    """
+
+    scene: Scene
+    closing: ClosingResult
+    overlaps: tuple[Overlap, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedScene:
+    """A scene after its fingertips were placed.
+
+    Attributes:
+        scene: The scene with the moved hand.
+        placement: By how much each fingertip missed its point.
+        overlaps: Hand links that overlap each other or a support.
+    """
+
+    scene: Scene
+    placement: FingertipPlacement
+    overlaps: tuple[Overlap, ...]
+
+
+def close_fingers(
+    scene: Scene,
+    *,
+    fingers: Sequence[str] | None = None,
+    wrap: bool = False,
+    rates: Mapping[str, float] | None = None,
+) -> ClosedScene:
+    """Close fingers until they touch the scene's object or reach their limits.
+
+    Args:
+        scene: A scene with a hand.
+        fingers: Fingers to close; None closes all.
+        wrap: Whether a finger goes on with the joints beyond a link that touches.
+        rates: Rate by joint: see `graspless_pin.geometry.closing.close_fingers`.
+
+    Raises:
+        SceneError: If the scene has no hand, or a finger starts inside the object.
+        ArgumentError: If a finger or joint is unknown.
+    """
+    result = close_hand(_hand(scene), scene.object, fingers=fingers, wrap=wrap, rates=rates)
+    return ClosedScene(
+        scene.with_changes(hand=result.hand),
+        result,
+        unwanted_overlaps(result.hand, scene.supports),
+    )
+
+
+def fingertip_contact(
+    scene: Scene, goals: Mapping[str, tuple[ArrayLike, ArrayLike]]
+) -> PlacedScene:
+    """Move fingers so that their tips touch the scene's object at given points.
+
+    Args:
+        scene: A scene with a hand.
+        goals: By finger, the (3,) point on the object's surface and the (3,) normal there into the
+            object, world frame, m.
+
+    Raises:
+        SceneError: If the scene has no hand.
+        ArgumentError: If a finger is unknown, or a point is not on the surface.
+    """
+    result = place_fingertips(_hand(scene), scene.object, goals)
+    return PlacedScene(
+        scene.with_changes(hand=result.hand),
+        result,
+        unwanted_overlaps(result.hand, scene.supports),
+    )
+
+
+def settle(scene: Scene) -> Scene:
+    """Move the object along gravity until it rests on the scene's supports without overlap.
+
+    Raises:
+        SceneError: If the object meets no support on its way.
+    """
+    moved = settle_object(scene.object, scene.supports, scene.gravity)
+    return scene.with_changes(object=moved)
+
+
+def _hand(scene: Scene) -> Hand:
+    if scene.hand is None:
+        raise SceneError(f"{scene.name}: the scene has no hand whose fingers could move")
+    return scene.hand

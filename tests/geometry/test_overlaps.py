@@ -1,0 +1,113 @@
+"""Unwanted overlaps: known depths, and what is not reported."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from planar_fingers import RADIUS, allegro, lever
+
+from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.bodies import Support
+from graspless_pin.geometry.contacts import BodyKind
+from graspless_pin.geometry.hand import Hand
+from graspless_pin.geometry.mounts import Mount
+from graspless_pin.geometry.overlaps import unwanted_overlaps
+from graspless_pin.geometry.poses import pose_matrix
+from graspless_pin.geometry.robots import load_robot
+from graspless_pin.geometry.shapes import HalfSpace
+from graspless_pin.scene import load_scene
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+def wall_at(height: float) -> Support:
+    """Everything above y = height."""
+    return Support("wall", HalfSpace(), pose_matrix((0, height, 0), (np.pi / 2, 0, 0)))
+
+
+def test_a_tip_in_a_support_is_named_with_its_depth():
+    # The tip's centre is at y = RADIUS, so that it reaches up to 2 RADIUS.
+    (overlap,) = unwanted_overlaps(lever(), [wall_at(2 * RADIUS - 0.003)])
+    assert (overlap.link, overlap.other, overlap.kind) == ("tip", "wall", BodyKind.SUPPORT)
+    assert overlap.depth == pytest.approx(0.003, abs=1e-8)
+    assert str(overlap) == "hand link 'tip' and support 'wall' overlap by 3.00 mm"
+
+
+def test_a_touch_is_no_overlap():
+    wall = wall_at(2 * RADIUS - 5e-5)
+    assert unwanted_overlaps(lever(), [wall]) == ()
+    assert len(unwanted_overlaps(lever(), [wall], tolerance=1e-5)) == 1
+
+
+def test_two_mounted_robots_in_each_other_are_reported():
+    mounts = [
+        Mount(load_robot("lever_150mm"), np.eye(4), prefix="a/"),
+        Mount(load_robot("lever_150mm"), pose_matrix((0, 0, 0.015)), prefix="b/"),
+    ]
+    (overlap,) = unwanted_overlaps(Hand.assemble(mounts))
+    assert (overlap.link, overlap.other, overlap.kind) == ("a/tip", "b/tip", BodyKind.HAND)
+    assert overlap.depth == pytest.approx(2 * RADIUS - 0.015, abs=1e-8)
+    apart = Hand.assemble(mounts, q={"b/hinge": 0.2})
+    assert unwanted_overlaps(apart) == ()
+
+
+def chain(folder: Path, last: float, *, q: float = 0.0) -> Hand:
+    """Three spheres of radius 0.05 m, 0.06 m apart on two hinges about z; the last one further."""
+    ball = '<collision><geometry><sphere radius="0.05"/></geometry></collision>'
+
+    def hinge(name: str, parent: str, child: str, x: float) -> str:
+        return (
+            f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
+            f'<origin xyz="{x} 0 0"/><axis xyz="0 0 1"/>'
+            '<limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
+        )
+
+    text = (
+        f'<link name="a">{ball}</link>{hinge("ab", "a", "b", 0.06)}<link name="b">{ball}</link>'
+        f'{hinge("bc", "b", "c", 0.0)}<link name="c"><collision><origin xyz="{last} 0 0"/>'
+        '<geometry><sphere radius="0.05"/></geometry></collision></link>'
+    )
+    file = folder / "chain.urdf"
+    file.write_text(f'<robot name="chain">{text}</robot>')
+    return Hand.from_urdf(file, q={"bc": q})
+
+
+def test_neighbours_are_not_reported(tmp_path):
+    # a and b, b and c overlap but are neighbours; a and c are 0.12 m apart and stay clear.
+    assert unwanted_overlaps(chain(tmp_path, 0.06)) == ()
+
+
+def test_links_that_fold_onto_each_other_are_reported(tmp_path):
+    (overlap,) = unwanted_overlaps(chain(tmp_path, 0.06, q=2.0))
+    assert (overlap.link, overlap.other) == ("a", "c")
+    apart = np.hypot(0.06 + 0.06 * np.cos(2.0), 0.06 * np.sin(2.0))
+    assert overlap.depth == pytest.approx(0.1 - apart, abs=1e-8)
+
+
+def test_links_that_overlap_at_zero_already_are_not_reported(tmp_path):
+    # At zero a and c are 0.09 m apart and overlap by 0.01 m.
+    assert unwanted_overlaps(chain(tmp_path, 0.03, q=2.0)) == ()
+
+
+def test_an_open_allegro_hand_is_clear_and_its_thumb_may_run_into_the_palm():
+    assert unwanted_overlaps(allegro()) == ()
+    pairs = {
+        (overlap.link, overlap.other)
+        for overlap in unwanted_overlaps(allegro(joint_12=1.2, joint_14=1.644, joint_15=1.719))
+    }
+    assert pairs == {("palm_link", "link_15.0"), ("palm_link", "link_15.0_tip")}
+
+
+@pytest.mark.parametrize("name", ["allegro_box_on_slope", "allegro_push_up_slope"])
+def test_the_allegro_examples_are_clear(name):
+    scene = load_scene(EXAMPLES / f"{name}.yaml")
+    assert scene.hand is not None
+    assert unwanted_overlaps(scene.hand, scene.supports, tolerance=0.0) == ()
+
+
+@pytest.mark.parametrize("tolerance", [-1e-3, np.nan])
+def test_a_bad_tolerance_is_named(tolerance):
+    with pytest.raises(ArgumentError, match="tolerance: needs zero or more"):
+        unwanted_overlaps(lever(), tolerance=tolerance)
