@@ -54,10 +54,12 @@ def branch_and_bound(
     heap: list[tuple[float, int, int, _Node]] = [(-np.inf, 0, 0, root)]
     pushed = 0
     seen: set[tuple[bytes, bytes, tuple[tuple[int, SignPair], ...]]] = set()
+    # The lowest bound of the nodes that were left without being split: no optimum lies below it.
+    left = np.inf
     while heap:
         bound, _, _, node = heapq.heappop(heap)
         if node.depth:
-            state.bound = max(state.bound, bound)
+            state.raise_bound(min(bound, left))
             if state.closed(bound):
                 return finished(state)
         if (node_limit is not None and state.nodes >= node_limit) or time.monotonic() > deadline:
@@ -67,17 +69,23 @@ def branch_and_bound(
         if node.depth == 0 and answer.outcome is not Outcome.SOLVED:
             failed = answer.outcome is Outcome.FAILED
             return SearchResult(Status.UNVERIFIED if failed else Status.INFEASIBLE_FORCES, state)
-        if answer.outcome is not Outcome.SOLVED or state.closed(answer.bound):
+        if answer.outcome is Outcome.FAILED:
+            left = min(left, bound)
             continue
-        for child in _children(state, node, answer):
+        if answer.outcome is not Outcome.SOLVED or state.closed(answer.bound):
+            left = min(left, answer.bound)
+            continue
+        children = _children(state, node, answer)
+        if not children:
+            left = min(left, answer.bound)
+        for child in children:
             key = (child.lb.tobytes(), child.ub.tobytes(), tuple(sorted(child.decided.items())))
             if key in seen:
                 continue
             seen.add(key)
             pushed += 1
             heapq.heappush(heap, (answer.bound, -child.depth, -pushed, child))
-    if state.best is not None:
-        state.bound = max(state.bound, state.best.bound)
+    state.raise_bound(left)
     return finished(state)
 
 

@@ -11,16 +11,18 @@ from scipy.stats import norm, qmc
 from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.formulation import Formulation, shared_parts
 from graspless_pin.algorithms.search import SearchState
-from graspless_pin.errors import ArgumentError
+from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.modes.rules import Rules
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
-from graspless_pin.programs.analysis_programs import disturbance_program
+from graspless_pin.programs.analysis_programs import continued_program, disturbance_program
 from graspless_pin.programs.force_programs import force_rows
 from graspless_pin.solution import Status
-from graspless_pin.solvers import check_solver
+from graspless_pin.solvers import Outcome, check_solver
 
 _SAMPLES = 64
+_STEP = 1e-6
+"""Multiples closer than this, over F, are the same: where one mode ends another may begin."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,9 +32,9 @@ class DisturbanceMargin:
     Attributes:
         status: OPTIMAL, or why not even the undisturbed object is balanced.
         directions: (K, 6) unit directions [force; moment / characteristic length].
-        magnitudes: (K,) largest balanced multiple, N: along direction d the wrench
-            magnitude * [d_f; characteristic_length * d_m] is balanced and no larger one. Directions
-            outside the search (status not OPTIMAL) are NaN.
+        magnitudes: (K,) largest balanced multiple, N: along direction d every disturbance from
+            none to magnitude * [d_f; characteristic_length * d_m] is balanced, and beyond it some
+            is not. NaN where the status is not OPTIMAL.
         characteristic_length: m; what makes a moment comparable to a force.
         problem: The problem.
     """
@@ -50,7 +52,13 @@ class DisturbanceMargin:
 
     @property
     def worst(self) -> int:
-        """Index of the direction with the smallest magnitude."""
+        """Index of the direction with the smallest magnitude.
+
+        Raises:
+            NoSolutionError: If not even the undisturbed object is balanced.
+        """
+        if not self.found:
+            raise NoSolutionError(f"There is no disturbance margin ({self.status.message}).")
         return int(np.argmin(self.magnitudes))
 
     @property
@@ -88,6 +96,8 @@ def disturbance_margin(
 
     The robustness test of Maeda and Makita's *A quantitative test for the robustness of graspless
     manipulation*: contact forces inside cones and normal-force limits, over all feasible modes.
+    The wrenches that one mode balances are convex, those of all modes together need not be: a
+    disturbance counts only where every smaller one in its direction is balanced too.
 
     Args:
         problem: Contacts, wrench, joints and limits.
@@ -122,12 +132,46 @@ def disturbance_margin(
     for index, unit in enumerate(units):
         program = disturbance_program(rows, coordinates, scale * unit, held)
         formulation = Formulation(problem, coordinates, program, kinematics)
-        result = branch_and_bound(SearchState(formulation, rules, solver))
-        if result.state.best is None:
-            status = result.status
+        status, magnitudes[index] = _largest(formulation, rules, solver)
+        if status is not Status.OPTIMAL:
+            magnitudes[:] = np.nan
             break
-        magnitudes[index] = -coordinates.force_scale * result.state.best.value
     return DisturbanceMargin(status, units, read_only(magnitudes), float(length), problem)
+
+
+def _largest(formulation: Formulation, rules: Rules, solver: str) -> tuple[Status, float]:
+    """The end (N) of the balanced multiples of one disturbance that are connected with zero."""
+    program, force = formulation.program, formulation.coordinates.force_scale
+    state = SearchState(formulation, rules, solver)
+    result = branch_and_bound(state)
+    if state.best is None or state.mode is None:
+        return result.status, np.nan
+    farthest = -state.best.value
+    lb, ub = formulation.bounds_of(state.mode)
+    lb[-1] = ub[-1] = 0.0
+    if formulation.solve(lb, ub, solver, cutoff=np.inf).outcome is Outcome.SOLVED:
+        return result.status, force * farthest
+    # The mode of the farthest multiple does not balance the undisturbed object: go on from zero
+    # by modes that each balance the end of the one before.
+    reached = 0.0
+    while True:
+        pair = Formulation(
+            formulation.problem,
+            formulation.coordinates,
+            continued_program(program, reached, _STEP),
+            formulation.kinematics,
+            layers=(0, len(program.c)),
+        )
+        state = SearchState(pair, rules, solver)
+        result = branch_and_bound(state)
+        if state.best is None:
+            if reached > 0.0:
+                return Status.OPTIMAL, force * reached
+            return result.status, np.nan
+        end = -state.best.value
+        if end <= reached + _STEP or end >= farthest - _STEP:
+            return result.status, force * max(reached, end)
+        reached = end
 
 
 def _unit_directions(directions: ArrayLike | None) -> FloatArray:

@@ -44,5 +44,5 @@ def search_exhaustively(state: SearchState) -> SearchResult:
             state.best, state.mode = answer, listed
         if state.closed(state.bound):
             return finished(state)
-    state.bound = max(state.bound, smallest)
+    state.raise_bound(smallest)
     return finished(state)

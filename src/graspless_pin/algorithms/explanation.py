@@ -9,19 +9,21 @@ import numpy as np
 
 from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.formulation import Formulation, Objective, formulate, shared_parts
-from graspless_pin.algorithms.minimum_friction import minimum_friction
+from graspless_pin.algorithms.minimum_friction import smallest_factor
 from graspless_pin.algorithms.search import SearchState
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.modes.kinematics import Conflict
 from graspless_pin.modes.rules import Rules, SignRule, SlidingRule, StaticFriction
 from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.analysis_programs import relief_program
 from graspless_pin.programs.force_programs import force_rows
 from graspless_pin.solution import Algorithm, Status, TorqueSolution
 from graspless_pin.solvers import Outcome
 
 _ROOM = 1.0 + 1e-6
-"""A suggestion is rounded up by this, so that it is feasible and not just about to be."""
+"""A suggestion goes further by this, so that it is feasible and not just about to be."""
+_DIGITS = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +73,9 @@ def explain(solution: TorqueSolution) -> Explanation:
     Where the force balance itself fails, each kind of limit is relaxed alone (one joint's torque,
     all torques, normal forces, friction, the required margin, an outside help in the balance) by
     the smallest amount that makes some feasible mode work. Where only the virtual-sliding rule
-    fails, the contacts in conflict are named and the weaker rules are tried.
+    fails, the contacts in conflict are named and the weaker rules are tried. Where no change is
+    enough by itself, it is tried along with no required margin, with Coulomb friction, or with
+    all others.
 
     Args:
         solution: A solution that was not found.
@@ -104,25 +108,27 @@ def explain(solution: TorqueSolution) -> Explanation:
         cause += "."
     suggestions += _smaller_margin(solution)
     suggestions += _reliefs(solution)
-    if solution.required_margin == 0.0:
-        suggestions += _more_friction(solution)
+    if not suggestions:
+        cause += " No single change is enough."
+        suggestions += _combined(solution)
     return Explanation(cause, conflicts, tuple(suggestions))
 
 
 def _solved(
     problem: QuasistaticProblem, solution: TorqueSolution, rules: Rules, margin: float
 ) -> TorqueSolution:
-    objective = Objective(solution.algorithm, margin, by_limits=False, regularization=0.0)
-    return solve_problem(problem, objective, rules)
+    return solve_problem(problem, _objective(solution, margin), rules)
+
+
+def _objective(solution: TorqueSolution, margin: float) -> Objective:
+    return Objective(solution.algorithm, margin, by_limits=False, regularization=0.0)
 
 
 def _conflicting_contacts(solution: TorqueSolution) -> tuple[int, ...]:
     """Contacts in the conflict of the relaxation's optimum."""
     problem = solution.problem
-    objective = Objective(
-        solution.algorithm, solution.required_margin, by_limits=False, regularization=0.0
-    )
-    state = SearchState(formulate(problem, objective), solution.rules, "piqp")
+    formulation = formulate(problem, _objective(solution, solution.required_margin))
+    state = SearchState(formulation, solution.rules, "piqp")
     answer = state.relax()
     if answer.outcome is not Outcome.SOLVED:
         return ()
@@ -166,106 +172,155 @@ def _smaller_margin(solution: TorqueSolution) -> list[Suggestion]:
     )
     if not best.found:
         return []
-    margin = max(0.0, best.margin / _ROOM - 1e-9)
+    margin = max(0.0, -_rounded_up(-best.margin / _ROOM))
     if not _solved(solution.problem, solution, solution.rules, margin).found:
         return []
-    text = f"the required margin would have to be at most {margin:.4g} N"
+    text = f"the required margin would have to be at most {margin:.{_DIGITS}g} N"
     return [Suggestion(text, solution.problem, margin, solution.rules)]
+
+
+def _combined(solution: TorqueSolution) -> list[Suggestion]:
+    """Single changes beside another one, and all changes at once as the last resort."""
+    coulomb = replace(solution.rules, static_friction=StaticFriction.COULOMB)
+    beside = []
+    if solution.required_margin > 0.0:
+        no_margin = replace(solution, required_margin=0.0)
+        beside.append(("with no required margin", no_margin))
+    beside.append(("with static_friction='coulomb'", replace(solution, rules=coulomb)))
+    if solution.required_margin > 0.0:
+        neither = replace(solution, required_margin=0.0, rules=coulomb)
+        beside.append(("with no required margin and static_friction='coulomb'", neither))
+    for words, weaker in beside:
+        found = [replace(item, text=f"{words}, {item.text}") for item in _reliefs(weaker)]
+        if found:
+            return found
+    return [*_everything(solution)]
 
 
 def _reliefs(solution: TorqueSolution) -> Iterator[Suggestion]:
     """The smallest widening of each kind of limit that helps alone."""
-    problem, margin = solution.problem, solution.required_margin
-    coordinates, _ = shared_parts(problem)
-    joints = list(range(problem.joint_count))
-    alone = [(joint, given) for joint in joints if (given := _relief(solution, joint=joint))]
-    for joint, given in sorted(alone, key=lambda item: item[1])[:3]:
-        changed, limit = _wider(problem, [joint], given * coordinates.torque_scale)
-        text = f"{problem.joint_names[joint]}'s limit would have to be {limit:.4g} N m"
-        yield from _if_feasible(text, changed, solution, margin)
-    if not alone and joints:
-        given = _relief(solution, joint=-1)
-        if given:
-            more = given * coordinates.torque_scale
-            changed, _ = _wider(problem, joints, more)
-            text = f"every torque limit would have to be larger by {more:.4g} N m"
-            yield from _if_feasible(text, changed, solution, margin)
-    given = _relief(solution, normal=True)
-    if given:
-        more = given * coordinates.force_scale * _ROOM
-        changed = problem.with_changes(max_normal_force=problem.max_normal_force + more)
-        text = f"every normal-force limit would have to be larger by {more:.4g} N"
-        yield from _if_feasible(text, changed, solution, margin)
-    yield from _outside_help(solution)
-
-
-def _outside_help(solution: TorqueSolution) -> Iterator[Suggestion]:
-    """A wrench from outside that closes the balance."""
     problem = solution.problem
-    coordinates, kinematics = shared_parts(problem)
-    rows = force_rows(problem, coordinates)
-    program = relief_program(
-        rows, coordinates, solution.required_margin / coordinates.force_scale, wrench=True
-    )
-    formulation = Formulation(problem, coordinates, program, kinematics)
-    best = branch_and_bound(SearchState(formulation, solution.rules, "piqp")).state.best
-    if best is None:
+    coordinates, _ = shared_parts(problem)
+    joints = range(problem.joint_count)
+    alone = [(joint, x) for joint in joints if (x := _relief(solution, joint=joint)) is not None]
+    for joint, x in sorted(alone, key=lambda item: item[1][-1])[:3]:
+        torque = float(problem.jacobian[:, joint] @ coordinates.forces(x).ravel())
+        yield from _wider_joint(solution, joint, torque + problem.gravity_torques[joint])
+    if not alone and joints and (x := _relief(solution, joint=-1)) is not None:
+        more = _rounded_up(x[-1] * coordinates.torque_scale * _ROOM)
+        text = f"every torque limit would have to be larger by {more:.{_DIGITS}g} N m"
+        yield from _if_feasible(text, _wider(problem, more), solution)
+    if (x := _relief(solution, normal=True)) is not None:
+        more = _rounded_up(x[-1] * coordinates.force_scale * _ROOM)
+        changed = problem.with_changes(max_normal_force=problem.max_normal_force + more)
+        text = f"every normal-force limit would have to be larger by {more:.{_DIGITS}g} N"
+        yield from _if_feasible(text, changed, solution)
+    if (x := _relief(solution, wrench=True)) is not None:
+        text, changed = _helped(problem, x)
+        yield from _if_feasible(text, changed, solution)
+    yield from _more_friction(solution)
+
+
+def _everything(solution: TorqueSolution) -> Iterator[Suggestion]:
+    """All limits widened and an outside help in the balance, at once."""
+    problem = solution.problem
+    x = _relief(solution, joint=-1, normal=True, wrench=True)
+    if x is None:
         return
-    missing = (rows.balance @ best.x[:-1] - rows.wrench) * coordinates.force_scale / rows.weight
-    changed = problem.with_changes(external_wrench=problem.external_wrench - missing)
-    force, moment = np.round(-missing[:3], 4) + 0.0, np.round(-missing[3:], 5) + 0.0
+    coordinates, _ = shared_parts(problem)
+    text, changed = _helped(problem, x)
+    normal = _rounded_up(x[-1] * coordinates.force_scale * _ROOM)
+    torque = _rounded_up(x[-1] * coordinates.torque_scale * _ROOM)
+    changed = _wider(changed, torque).with_changes(
+        max_normal_force=problem.max_normal_force + normal
+    )
+    text = (
+        f"every torque limit larger by {torque:.{_DIGITS}g} N m, every normal-force limit by "
+        f"{normal:.{_DIGITS}g} N, and {text}"
+    )
+    yield from _if_feasible(text, changed, solution)
+
+
+def _helped(problem: QuasistaticProblem, x: FloatArray) -> tuple[str, QuasistaticProblem]:
+    """A wrench from outside that closes the balance of given forces."""
+    coordinates, _ = shared_parts(problem)
+    help_ = -(problem.W @ coordinates.forces(x).ravel() + problem.external_wrench)
+    changed = problem.with_changes(external_wrench=problem.external_wrench + help_)
+    force, moment = np.round(help_[:3], 4) + 0.0, np.round(help_[3:], 5) + 0.0
     text = (
         f"an outside help in the balance: force {force.tolist()} N and moment "
         f"{moment.tolist()} N m on the object"
     )
-    yield from _if_feasible(text, changed, solution, solution.required_margin)
+    return text, changed
 
 
 def _more_friction(solution: TorqueSolution) -> Iterator[Suggestion]:
     """A common factor on friction."""
-    rules = solution.rules
-    least = minimum_friction(
-        solution.problem,
-        **rules.options(),
-    )
-    if least.found:
-        factor = least.factor * _ROOM
-        changed = solution.problem.with_changes(friction=factor * solution.problem.friction)
-        text = f"all friction coefficients would have to be {factor:.4g} times what they are"
-        yield from _if_feasible(text, changed, solution, solution.required_margin)
+    problem = solution.problem
+    least = smallest_factor(problem, _objective(solution, solution.required_margin), solution.rules)
+    if np.isfinite(least):
+        factor = _rounded_up(least * _ROOM)
+        changed = problem.with_changes(friction=factor * problem.friction)
+        text = f"all friction coefficients would have to be {factor:.{_DIGITS}g} times as large"
+        yield from _if_feasible(text, changed, solution)
 
 
-def _relief(solution: TorqueSolution, *, joint: int | None = None, normal: bool = False) -> float:
-    """Smallest relief of one kind over all modes, 0 if it does not help."""
+def _relief(
+    solution: TorqueSolution,
+    *,
+    joint: int | None = None,
+    normal: bool = False,
+    wrench: bool = False,
+) -> FloatArray | None:
+    """Forces with the smallest relief of one kind, which stands last; None if it does not help."""
     problem = solution.problem
     coordinates, kinematics = shared_parts(problem)
     margin = solution.required_margin / coordinates.force_scale
     rows = force_rows(problem, coordinates)
-    program = relief_program(rows, coordinates, margin, joint=joint, normal=normal)
+    program = relief_program(rows, coordinates, margin, joint=joint, normal=normal, wrench=wrench)
     formulation = Formulation(problem, coordinates, program, kinematics)
     best = branch_and_bound(SearchState(formulation, solution.rules, "piqp")).state.best
-    return 0.0 if best is None else float(best.x[-1])
+    return None if best is None or best.x[-1] <= 0.0 else best.x
 
 
-def _wider(
-    problem: QuasistaticProblem, joints: list[int], more: float
-) -> tuple[QuasistaticProblem, float]:
-    """Return the problem with wider torque limits, and the largest of the new limits."""
+def _wider_joint(solution: TorqueSolution, joint: int, torque: float) -> Iterator[Suggestion]:
+    """Limits of one joint that let it make a torque: both where they are symmetric, else one."""
+    problem = solution.problem
     lower, upper = problem.lower_torque.copy(), problem.upper_torque.copy()
-    for joint in joints:
-        low, high = lower[joint], upper[joint]
-        lower[joint] -= 0.0 if low == 0.0 < high else more * _ROOM
-        upper[joint] += 0.0 if high == 0.0 > low else more * _ROOM
-    finite = np.abs(np.concatenate([lower[joints], upper[joints]]))
-    return (
-        problem.with_changes(torque_limits=(lower, upper)),
-        float(finite[np.isfinite(finite)].max(initial=0.0)),
-    )
+    name, room = problem.joint_names[joint], (_ROOM - 1.0) * abs(torque)
+    symmetric = lower[joint] == -upper[joint]
+    if torque - upper[joint] > lower[joint] - torque:
+        side, limit = "upper ", _rounded_up(torque + room)
+        upper[joint] = limit
+    else:
+        side, limit = "lower ", -_rounded_up(room - torque)
+        lower[joint] = limit
+    if symmetric:
+        side, limit = "", abs(limit)
+        lower[joint], upper[joint] = -limit, limit
+    text = f"{name}'s {side}limit would have to be {limit:.{_DIGITS}g} N m"
+    yield from _if_feasible(text, problem.with_changes(torque_limits=(lower, upper)), solution)
+
+
+def _wider(problem: QuasistaticProblem, more: float) -> QuasistaticProblem:
+    """Return the problem with every torque limit wider, but a limit of zero on one side only."""
+    lower, upper = problem.lower_torque, problem.upper_torque
+    lower = lower - np.where((lower == 0.0) & (upper != 0.0), 0.0, more)
+    upper = upper + np.where((upper == 0.0) & (problem.lower_torque != 0.0), 0.0, more)
+    return problem.with_changes(torque_limits=(lower, upper))
 
 
 def _if_feasible(
-    text: str, changed: QuasistaticProblem, solution: TorqueSolution, margin: float
+    text: str, changed: QuasistaticProblem, solution: TorqueSolution
 ) -> Iterator[Suggestion]:
     """Yield the suggestion if the changed problem is really feasible."""
-    if _solved(changed, solution, solution.rules, margin).found:
-        yield Suggestion(text, changed, margin, solution.rules)
+    if _solved(changed, solution, solution.rules, solution.required_margin).found:
+        yield Suggestion(text, changed, solution.required_margin, solution.rules)
+
+
+def _rounded_up(value: float) -> float:
+    """Round up to the digits that are printed, so that the printed figure is enough."""
+    if value == 0.0:
+        return 0.0
+    unit = 10.0 ** (np.floor(np.log10(abs(value))) + 1 - _DIGITS)
+    return float(f"{np.ceil(value / unit) * unit:.{_DIGITS}g}")

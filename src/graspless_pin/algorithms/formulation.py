@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,22 +95,20 @@ class Formulation:
 
 
 _PER_PROBLEM = 8
-_shared: WeakKeyDictionary[QuasistaticProblem, tuple[ForceCoordinates, VirtualKinematics]] = (
-    WeakKeyDictionary()
-)
-_recent: WeakKeyDictionary[QuasistaticProblem, dict[Objective, Formulation]] = WeakKeyDictionary()
 
 
 def shared_parts(problem: QuasistaticProblem) -> tuple[ForceCoordinates, VirtualKinematics]:
     """Return coordinates and kinematics, made once for a problem and kept while it lives."""
-    if problem not in _shared:
-        _shared[problem] = force_coordinates(problem), VirtualKinematics(problem)
-    return _shared[problem]
+    parts = problem.scratch.get("parts")
+    if parts is None:
+        parts = force_coordinates(problem), VirtualKinematics(problem)
+        problem.scratch["parts"] = parts
+    return parts
 
 
 def formulate(problem: QuasistaticProblem, objective: Objective) -> Formulation:
     """Return Algorithm 1 or 2, assembled once for a problem and kept while the problem lives."""
-    known = _recent.setdefault(problem, {})
+    known: dict[Objective, Formulation] = problem.scratch.setdefault("formulations", {})
     if objective in known:
         return known[objective]
     coordinates, kinematics = shared_parts(problem)

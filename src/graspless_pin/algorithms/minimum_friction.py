@@ -41,33 +41,45 @@ def minimum_friction(
     """Find the smallest common factor on all friction coefficients that keeps a scene feasible.
 
     Without actual sliding the force set grows with the factor, and bisection is exact. Kinetic
-    friction turns with its coefficient, so with sliding contacts the factors from 1/16 to 16
-    are scanned first (48 steps), and a feasible interval narrower than a step can be missed.
+    friction turns with its coefficient, so with sliding contacts 1 and 48 factors from 1/16 to 16
+    are tried first, and a feasible interval between two of them can be missed.
 
     Args:
         problem: Contacts, wrench, joints and limits.
         options: ``sign_rule``, ``sliding_rule``, ``static_friction`` of `maximize_margin`.
     """
-    rules = Rules.parse(**options)
     objective = Objective(Algorithm.MARGIN, 0.0, by_limits=False, regularization=0.0)
+    return MinimumFriction(smallest_factor(problem, objective, Rules.parse(**options)))
+
+
+def smallest_factor(problem: QuasistaticProblem, objective: Objective, rules: Rules) -> float:
+    """Return the smallest common factor on friction with which an objective is feasible, or NaN.
+
+    Args:
+        problem: Contacts, wrench, joints and limits.
+        objective: What has to be feasible. With a required margin the factor 0 is left out: there
+            a contact has no cone to keep a margin in.
+        rules: The reading of the virtual-sliding constraint.
+    """
 
     def feasible(factor: float) -> bool:
         scaled = problem.with_changes(friction=factor * problem.friction)
         return solve_problem(scaled, objective, rules).found
 
-    if feasible(0.0):
-        return MinimumFriction(0.0)
+    if objective.margin == 0.0 and feasible(0.0):
+        return 0.0
     tried = [1.0, _LARGEST]
     if problem.is_sliding.any():
-        tried = np.geomspace(1.0 / _LARGEST, _LARGEST, _SCAN).tolist()
+        # The factor 1 is among them: what is feasible as it is must not be missed.
+        tried = sorted({1.0, *np.geomspace(1.0 / _LARGEST, _LARGEST, _SCAN).tolist()})
     low = 0.0
     for top in tried:
         if feasible(top):
             break
         low = top
     else:
-        return MinimumFriction(np.nan)
+        return np.nan
     while top - low > _RELATIVE * top:
         middle = 0.5 * (low + top)
         low, top = (low, middle) if feasible(middle) else (middle, top)
-    return MinimumFriction(top)
+    return top

@@ -42,8 +42,6 @@ def search_mixed_integer(state: SearchState, *, time_limit: float | None = None)
     )
     x, bound, completed = solve_mixed_integer(program, time_limit)
     state.modes_examined = 1
-    if np.isfinite(bound):
-        state.bound = max(state.bound, bound)
     if x is None:
         return finished(state, interrupted=not completed)
     mode = program.mode(x)
@@ -53,4 +51,6 @@ def search_mixed_integer(state: SearchState, *, time_limit: float | None = None)
     certified = state.solve(*formulation.bounds_of(mode))
     if certified.outcome is Outcome.SOLVED:
         state.best, state.mode = certified, mode
+    if np.isfinite(bound):
+        state.raise_bound(bound)
     return finished(state, interrupted=not completed)

@@ -103,6 +103,10 @@ class SearchState:
             self.best, self.mode = exact, mode
         return exact.value <= answer.value + CLOSED
 
+    def raise_bound(self, bound: float) -> None:
+        """Raise the proven bound over all modes, never above the best value."""
+        self.bound = max(self.bound, min(bound, self.best_value))
+
     def closed(self, bound: float) -> bool:
         """Whether nothing at or above this bound can beat the best answer."""
         return self.best_value <= bound + CLOSED

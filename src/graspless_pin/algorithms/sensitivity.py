@@ -109,17 +109,20 @@ def _by_friction(
     y: FloatArray,
     z: FloatArray,
 ) -> float:
-    """Derivative of the Lagrangian by one coefficient, by central differences of its rows."""
-    values = []
-    for step in (_STEP, -_STEP):
-        moved = problem.with_changes(
-            friction=np.where(
-                np.arange(problem.contact_count) == contact,
-                np.maximum(problem.friction + step * problem.friction, 0.0),
-                problem.friction,
-            )
-        )
+    """Derivative of the Lagrangian by one coefficient, by differences of its rows.
+
+    Central ones, but for a sliding contact without friction: its rows are linear in the
+    coefficient, which cannot be negative. A frictionless contact at rest has no cone to widen.
+    """
+    mu = float(problem.friction[contact])
+    if mu == 0.0 and not problem.is_sliding[contact]:
+        return 0.0
+    step = _STEP * (mu or 1.0)
+    values, ends = [], (mu + step, max(mu - step, 0.0))
+    for end in ends:
+        friction = problem.friction.copy()
+        friction[contact] = end
+        moved = problem.with_changes(friction=friction)
         other = margin_program(moved, force_coordinates(moved), 0.0)
         values.append(float(y @ (other.A @ x) + z @ (other.G @ x)))
-    width = 2.0 * _STEP * problem.friction[contact]
-    return (values[0] - values[1]) / width if width > 0.0 else 0.0
+    return (values[0] - values[1]) / (ends[0] - ends[1])

@@ -15,8 +15,15 @@ from graspless_pin.algorithms.search import SearchResult, SearchState, in_mode
 from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.enumeration import requirements_of
 from graspless_pin.modes.kinematics import Requirement
-from graspless_pin.modes.rules import Rules, SignRule, SlidingMode, choice
+from graspless_pin.modes.rules import (
+    Rules,
+    SignRule,
+    SlidingMode,
+    candidate_contacts,
+    choice,
+)
 from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import real_number, whole_number
 from graspless_pin.solution import Certificate, ProofMultipliers, TorqueSolution
 from graspless_pin.solvers import check_solver
 
@@ -59,6 +66,12 @@ def solve_problem(
         time_limit: Limit of branch and bound and of the MILP, s.
         explain: Explains a solution that is not found, when asked for.
     """
+    if not isinstance(problem, QuasistaticProblem):
+        raise ArgumentError("problem", f"is {problem!r:.80}; it must be a QuasistaticProblem")
+    if node_limit is not None:
+        node_limit = whole_number("node_limit", node_limit, 1)
+    if time_limit is not None:
+        time_limit = real_number("time_limit", time_limit, 0.0, finite=False)
     state = SearchState(formulate(problem, objective), rules, check_solver(solver))
     how = choice(Search, "search", search)
     if mode is not None:
@@ -75,6 +88,8 @@ def solve_problem(
 def _checked_mode(
     problem: QuasistaticProblem, rules: Rules, mode: SlidingMode
 ) -> list[Requirement]:
+    if not isinstance(mode, SlidingMode):
+        raise ArgumentError("mode", f"is {mode!r:.80}; it must be a SlidingMode")
     if len(mode.selection) != problem.contact_count:
         raise ArgumentError(
             "mode", f"has {len(mode.selection)} contacts; the problem has {problem.contact_count}"
@@ -87,6 +102,17 @@ def _checked_mode(
             "mode",
             f"has signs {mode.signs[index].tolist()} at selected contact {index}; the rule "
             f"'{rules.sign}' allows {allowed} zero",
+        )
+    candidates = candidate_contacts(problem, rules)
+    stray = mode.selection & ~candidates
+    missing = candidates & problem.is_sliding & ~mode.selection
+    if stray.any() or missing.any():
+        index = int(np.argmax(stray | missing))
+        what = "selects" if stray[index] else "does not select"
+        kind = "slides" if problem.is_sliding[index] else "is frictionless"
+        raise ArgumentError(
+            "mode",
+            f"{what} contact {index}, which {kind}, under sliding_rule='{rules.sliding}'",
         )
     return list(requirements_of(mode))
 

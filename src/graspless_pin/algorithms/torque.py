@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-import numpy as np
-
 from graspless_pin.algorithms.explanation import explain
 from graspless_pin.algorithms.formulation import Objective
 from graspless_pin.algorithms.solve import solve_problem
-from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.rules import Rules, SlidingMode, choice
 from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import real_number
 from graspless_pin.solution import Algorithm, TorqueSolution
 
 
@@ -61,7 +59,8 @@ def maximize_margin(
         ArgumentError: If an option is not known.
         SolverUnavailableError: If the solver is not installed.
     """
-    objective = Objective(Algorithm.MARGIN, 0.0, False, _epsilon(regularization))  # noqa: FBT003
+    epsilon = real_number("regularization", regularization, 0.0)
+    objective = Objective(Algorithm.MARGIN, 0.0, by_limits=False, regularization=epsilon)
     rules = Rules.parse(sign_rule, sliding_rule, static_friction)
     return solve_problem(
         problem,
@@ -119,10 +118,10 @@ def minimize_torque(
         ArgumentError: If an option is not known or the margin is negative.
         SolverUnavailableError: If the solver is not installed.
     """
-    if not (np.isfinite(margin) and margin >= 0.0):
-        raise ArgumentError("margin", f"is {margin}; it must be finite and >= 0")
+    required = real_number("margin", margin, 0.0)
     by_limits = choice(TorqueScale, "scale", scale) is TorqueScale.LIMITS
-    objective = Objective(Algorithm.TORQUE, float(margin), by_limits, _epsilon(regularization))
+    epsilon = real_number("regularization", regularization, 0.0)
+    objective = Objective(Algorithm.TORQUE, required, by_limits, epsilon)
     rules = Rules.parse(sign_rule, sliding_rule, static_friction)
     return solve_problem(
         problem,
@@ -135,9 +134,3 @@ def minimize_torque(
         time_limit=time_limit,
         explain=explain,
     )
-
-
-def _epsilon(regularization: float) -> float:
-    if not (np.isfinite(regularization) and regularization >= 0.0):
-        raise ArgumentError("regularization", f"is {regularization}; it must be finite and >= 0")
-    return float(regularization)

@@ -22,6 +22,7 @@ _NO_WITNESS = 1e-12
 _IN_CONFLICT = 1e-9
 _ROUNDING = 1e-12
 _LARGEST_MOTION = 1e6
+_MOST_KEPT = 4096
 
 
 class Requirement(NamedTuple):
@@ -184,6 +185,8 @@ class VirtualKinematics:
             tangential = self.rows[list(contacts), 1:] @ basis
             # A row that vanishes there must vanish exactly, or rounding passes for a direction.
             tangential[np.linalg.norm(tangential, axis=2) < _RANK_TOLERANCE] = 0.0
+            if len(self._touching) >= _MOST_KEPT:
+                self._touching.clear()
             known = self._touching[contacts, zeros] = _Touching(matrix, basis, tangential)
         return known
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Self, TypedDict, TypeVar
+from typing import Any, Self, TypedDict, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -130,8 +130,11 @@ class SlidingMode:
             ArgumentError: If shapes differ, a sign is not -1, 0 or 1, or a contact that is not
                 selected has a sign.
         """
-        chosen = np.array(selection, dtype=bool)
-        values = np.array(signs)
+        chosen = _plain_array("selection", selection)
+        values = _plain_array("signs", signs)
+        if not np.isin(chosen, (0, 1)).all():
+            raise ArgumentError("selection", f"is {chosen.tolist()}; each must be true or false")
+        chosen = chosen.astype(bool)
         if chosen.ndim != 1 or values.shape != (len(chosen), 2):
             raise ArgumentError(
                 "signs", f"has shape {values.shape} for a selection of shape {chosen.shape}"
@@ -178,6 +181,16 @@ class SlidingMode:
             token[int(pair[0])] + token[int(pair[1])] if chosen else ".."
             for chosen, pair in zip(self.selection, self.signs, strict=True)
         )
+
+
+def _plain_array(name: str, value: ArrayLike) -> NDArray[Any]:
+    try:
+        array = np.array(value)
+    except ValueError:
+        array = np.array(None)
+    if array.dtype.kind not in "biuf":
+        raise ArgumentError(name, f"is {value!r:.200}; it must be an array of numbers")
+    return array
 
 
 def candidate_contacts(problem: QuasistaticProblem, rules: Rules) -> NDArray[np.bool_]:

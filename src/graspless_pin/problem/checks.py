@@ -27,10 +27,13 @@ def real_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Fl
         ArgumentError: If the value is not numeric, has another shape or a NaN.
     """
     try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ArgumentError(name, f"is not an array of numbers ({error})") from None
-    expected = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
+        raw = np.asarray(value)
+        array = np.array(value, dtype=np.float64) if raw.dtype.kind in "fiub" else None
+    except (TypeError, ValueError):
+        array = None
+    if array is None:
+        raise ArgumentError(name, f"is {value!r:.200}; it must be an array of real numbers")
+    expected = str(tuple("any" if n is None else n for n in shape)).replace("'", "")
     if array.ndim != len(shape) or any(
         n not in (None, m) for n, m in zip(shape, array.shape, strict=True)
     ):
@@ -52,9 +55,9 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
 
 def per_item(name: str, value: ArrayLike, count: int) -> FloatArray:
     """Return a (count,) array from a scalar or a (count,) array."""
-    array = np.asarray(value)
-    if array.ndim == 0:
-        return real_array(name, np.full(count, array), (count,))
+    if np.isscalar(value) or (isinstance(value, np.ndarray) and value.ndim == 0):
+        one = real_array(name, np.reshape(value, 1), (1,))
+        return np.broadcast_to(one, (count,))
     return real_array(name, value, (count,))
 
 
@@ -87,8 +90,22 @@ def unit_rows(name: str, vectors: FloatArray) -> None:
         )
 
 
-def whole_number(name: str, value: object, minimum: int) -> int:
-    """Return ``value`` as an int not below ``minimum``.
+def real_number(name: str, value: object, minimum: float, *, finite: bool = True) -> float:
+    """Return ``value`` as a float not below ``minimum``.
+
+    Raises:
+        ArgumentError: If it is not a real number, is NaN, too small, or infinite where finite.
+    """
+    ok = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    number = float(value) if ok else np.nan  # type: ignore[arg-type]
+    if not number >= minimum or (finite and np.isinf(number)):
+        kind = "finite number" if finite else "number"
+        raise ArgumentError(name, f"is {value!r}; it must be a {kind} >= {minimum:g}")
+    return number
+
+
+def whole_number(name: str, value: object, minimum: int | None = None) -> int:
+    """Return ``value`` as an int not below ``minimum``, if there is one.
 
     Raises:
         ArgumentError: If it is not a whole number or too small.
@@ -97,6 +114,8 @@ def whole_number(name: str, value: object, minimum: int) -> int:
         number = operator.index(value)  # type: ignore[arg-type]
     except TypeError:
         number = None
-    if number is None or isinstance(value, bool) or number < minimum:
-        raise ArgumentError(name, f"is {value!r}; it must be a whole number >= {minimum}")
+    too_small = number is not None and minimum is not None and number < minimum
+    if number is None or isinstance(value, bool) or too_small:
+        least = "" if minimum is None else f" >= {minimum}"
+        raise ArgumentError(name, f"is {value!r}; it must be a whole number{least}")
     return number

@@ -16,6 +16,7 @@ from graspless_pin.problem.checks import (
     per_item,
     read_only,
     unit_rows,
+    whole_number,
 )
 
 
@@ -86,7 +87,7 @@ def assemble_joint_space(normals: ArrayLike, fingers: Sequence[FingerContacts]) 
     columns, lower, upper, names = [np.zeros((3 * len(n), 0))], [], [], []
     for index, finger in enumerate(fingers):
         label = f"fingers[{index}]"
-        for contact in finger.contacts:
+        for contact in _indices(label, finger.contacts):
             if not 0 <= contact < len(n):
                 raise ArgumentError(
                     f"{label}.contacts", f"names contact {contact}; there are {len(n)} contacts"
@@ -114,12 +115,24 @@ def assemble_joint_space(normals: ArrayLike, fingers: Sequence[FingerContacts]) 
     )
 
 
+def _indices(label: str, contacts: Sequence[int]) -> list[int]:
+    if not isinstance(contacts, Sequence | np.ndarray) or isinstance(contacts, str):
+        raise ArgumentError(f"{label}.contacts", f"is {contacts!r}; it must be a list of indices")
+    return [whole_number(f"{label}.contacts", contact) for contact in contacts]
+
+
 def _finger_block(
     label: str, finger: FingerContacts, normals: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, int]:
     """Return one finger's (3M, L_i) columns, its limits and L_i."""
     size = 3 * len(normals)
-    mode = ControlMode(finger.mode)
+    try:
+        mode = ControlMode(finger.mode)
+    except ValueError:
+        known = ", ".join(repr(str(option)) for option in ControlMode)
+        raise ArgumentError(
+            f"{label}.mode", f"is {finger.mode!r}; it must be one of {known}"
+        ) from None
     if mode is ControlMode.POSITION:
         return np.zeros((size, 0)), np.zeros(0), np.zeros(0), 0
     if mode is ControlMode.HYBRID:
@@ -137,6 +150,11 @@ def _finger_block(
         return column, np.zeros(1), limit, 1
     if finger.jacobian is None:
         raise ArgumentError(f"{label}.jacobian", "is missing; a force-controlled finger needs it")
+    limits = finger.torque_limits
+    if not isinstance(limits, tuple | list) or len(limits) != 2:
+        raise ArgumentError(
+            f"{label}.torque_limits", f"is {limits!r}; it must be a pair (lower, upper)"
+        )
     own = finite_array(f"{label}.jacobian", finger.jacobian, (3 * len(finger.contacts), None))
     block = np.zeros((size, own.shape[1]))
     for row, contact in enumerate(finger.contacts):
@@ -144,7 +162,7 @@ def _finger_block(
     count = own.shape[1]
     return (
         block,
-        per_item(f"{label}.torque_limits lower", finger.torque_limits[0], count),
-        per_item(f"{label}.torque_limits upper", finger.torque_limits[1], count),
+        per_item(f"{label}.torque_limits lower", limits[0], count),
+        per_item(f"{label}.torque_limits upper", limits[1], count),
         count,
     )

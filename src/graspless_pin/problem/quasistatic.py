@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
@@ -52,6 +52,7 @@ class QuasistaticProblem:
         joint_names: L names, the columns of `jacobian`.
         gravity_torques: (L,) torque g(q) that the motors bear besides the contacts: the motor's
             torque is J^T f + g(q).
+        scratch: What the algorithms assembled for this problem and reuse; no part of the data.
     """
 
     positions: FloatArray
@@ -67,6 +68,7 @@ class QuasistaticProblem:
     cone_edges: int
     joint_names: tuple[str, ...]
     gravity_torques: FloatArray
+    scratch: dict[str, Any]
 
     def __init__(
         self,
@@ -147,6 +149,11 @@ class QuasistaticProblem:
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)
+        object.__setattr__(self, "scratch", {})
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the data alone: what was derived from it is derived again after unpickling."""
+        return {item.name: getattr(self, item.name) for item in fields(self)} | {"scratch": {}}
 
     def __repr__(self) -> str:
         """Return the sizes, not the arrays."""
@@ -369,7 +376,8 @@ def _checked_limits(
         index = int(np.argmax(bad))
         raise ArgumentError(
             "torque_limits",
-            f"have lower {lower[index]} above upper {upper[index]} at index {index}",
+            f"have lower {lower[index]} and upper {upper[index]} at index {index}; lower must not "
+            "be above upper, and a torque between them must be finite",
         )
     return lower, upper
 
@@ -377,6 +385,8 @@ def _checked_limits(
 def _checked_names(names: Sequence[str] | None, count: int) -> tuple[str, ...]:
     if names is None:
         return tuple(f"joint_{i + 1}" for i in range(count))
+    if isinstance(names, str):
+        raise ArgumentError("joint_names", f"is {names!r}; it must be a sequence of names")
     checked = tuple(str(name) for name in names)
     if len(checked) != count:
         raise ArgumentError(

@@ -61,18 +61,23 @@ def verify_document(document: dict[str, Any]) -> Verification:
         document: The parsed JSON.
 
     Returns:
-        Checks of balance, cones, normal-force limits, torques, torque limits, margin, kinetic
-        friction, the mode's virtual motion, and the optimality proofs.
+        Checks of frames, balance, cones, normal-force limits, torques, torque limits, margin,
+        kinetic friction, the mode's signs and virtual motion, and the optimality proofs.
 
     Raises:
-        ValueError: If the document holds no found solution or lacks a key.
+        ValueError: If the document holds no found solution, lacks a key or has a value of a wrong
+            type or size.
     """
-    if not document.get("found"):
+    if not isinstance(document, dict):
+        raise ValueError("it is no solution document: not a JSON object")  # noqa: TRY004
+    if document.get("found") is not True:
         raise ValueError("the document holds no found solution; there is nothing to verify")
     try:
         return _Checker(document).run()
     except KeyError as error:
         raise ValueError(f"the document lacks the key {error}") from None
+    except (TypeError, ValueError, IndexError, AttributeError) as error:
+        raise ValueError(f"the document has a value of a wrong type or size: {error}") from error
 
 
 class _Checker:
@@ -102,16 +107,24 @@ class _Checker:
         self.scale = float(self.limit.max())
 
     def run(self) -> Verification:
-        checks = [self._balance(), self._cones(), self._normals(), self._kinetic()]
+        checks = [self._frames(), self._balance(), self._cones(), self._normals(), self._kinetic()]
         checks += [self._torques(), self._torque_limits(), self._margin(), self._largest_torque()]
         if self.document["rules"]["static_friction"] == "virtual_sliding":
-            checks += [self._mode(), self._motion()]
-        for name in ("mode", "relaxation"):
-            checks.append(self._optimality(name))
+            checks += [self._rules(), self._mode(), self._motion()]
+        checks.append(self._optimality("mode"))
+        if self.document["status"] != "optimal_in_mode":
+            checks.append(self._optimality("relaxation"))
         return Verification(tuple(checks))
 
     def _small(self, name: str, value: float, unit: str, tolerance: float) -> Check:
         return Check(name, bool(value <= tolerance), f"{value:.2e} {unit}")
+
+    def _frames(self) -> Check:
+        frames = np.concatenate([self.n[:, None], self.t], axis=1)
+        off = np.abs(frames @ frames.transpose(0, 2, 1) - np.eye(3)).max()
+        along = np.abs(np.einsum("li,li->l", self.v, self.n))
+        off = max(off, (along / np.maximum(np.linalg.norm(self.v, axis=1), 1e-12)).max())
+        return self._small("orthonormal frames, tangential sliding", float(off), "", 1e-5)
 
     def _balance(self) -> Check:
         force = self.f.sum(axis=0) + self.w[:3]
@@ -189,6 +202,18 @@ class _Checker:
             np.array([c["signs"] for c in contacts], dtype=float),
         )
 
+    def _rules(self) -> Check:
+        """How many zeros a selected contact may have, and whether sliding ones are selected."""
+        rules = self.document["rules"]
+        selected, signs = self._signs()
+        zeros = (signs == 0.0).sum(axis=1)
+        ok = np.where(selected, zeros <= (rules["sign_rule"] == "exact"), zeros == 2)
+        ok &= np.isin(signs, (-1.0, 0.0, 1.0)).all(axis=1)
+        if rules["sliding_rule"] == "constrained":
+            ok &= selected | ~self.slides
+        detail = f"contacts that do not: {np.flatnonzero(~ok).tolist()}"
+        return Check("signs obey the rules", bool(ok.all()), detail)
+
     def _mode(self) -> Check:
         selected, signs = self._signs()
         friction = self._local()[:, 1:] * self.cone[:, None]
@@ -250,6 +275,10 @@ class _Checker:
         finite_up, finite_low = np.isfinite(self.upper), np.isfinite(self.lower)
         m["torque_upper"] = np.where(finite_up, m["torque_upper"], 0.0)
         m["torque_lower"] = np.where(finite_low, m["torque_lower"], 0.0)
+        # Only constraints that the program has may prove anything.
+        for side, finite in (("share_upper", finite_up), ("share_lower", finite_low)):
+            has_share = (finite if by_limits else np.full_like(finite, True)) & (not is_margin)
+            m[side] = np.where(has_share, m[side], 0.0)
         e0 = 0.0 if is_margin else self.document["required_margin"]
         torque = m["torque_upper"] - m["torque_lower"] + m["share_upper"] - m["share_lower"]
         constant = float(m["balance"] @ self.w) + float(torque @ self.gravity)
@@ -297,6 +326,6 @@ class _Checker:
         slope = 1.0 - float(m["share_upper"] @ up + m["share_lower"] @ low)
         reach = np.sqrt(1.0 + self.mu**2) * self.limit
         lever = np.einsum("lij,l->j", np.abs(self.J), reach) + np.abs(self.gravity)
-        divisor = np.where(up > 0.0, np.minimum(up, np.where(low > 0.0, low, up)), 1.0)
-        most = float((lever / divisor).max(initial=0.0)) + 1.0
+        smallest = np.minimum(np.where(up > 0.0, up, np.inf), np.where(low > 0.0, low, np.inf))
+        most = float((lever / smallest).max(initial=0.0)) + 1.0
         return min(0.0, slope * most)

@@ -33,7 +33,10 @@ class Status(Enum):
 
     OPTIMAL = "optimal over all feasible virtual-sliding modes"
     OPTIMAL_IN_MODE = "optimal in the given virtual-sliding mode"
-    LIMIT_REACHED = "the best found when a node or time limit ended the search"
+    LIMIT_REACHED = (
+        "the best found; the search ended before its proof (a node or time limit, or a program "
+        "that no solver answered)"
+    )
     INFEASIBLE_FORCES = (
         "infeasible: no contact forces inside the cones, normal-force and torque limits balance "
         "the external wrench with the required margin"

@@ -126,6 +126,8 @@ def certificate_text(solution: TorqueSolution) -> str:
     """Return the certificate in a few lines."""
     proof = solution.certificate
     unit = "N" if solution.algorithm == "margin" else "N m"
+    if solution.found and solution.algorithm == "torque" and solution.multipliers.by_limits:
+        unit = "of the limit"
     lines = []
     if solution.found:
         lines.append(

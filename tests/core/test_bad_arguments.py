@@ -1,0 +1,286 @@
+"""Bad arguments are refused with the argument, the index and the value that is wrong."""
+
+import numpy as np
+import pytest
+from scenes import scene
+
+from graspless_pin import (
+    ControlMode,
+    FingerContacts,
+    GrasplessPinError,
+    QuasistaticProblem,
+    SlidingMode,
+    assemble_joint_space,
+    enumerate_modes,
+    maximize_margin,
+    minimize_torque,
+)
+from graspless_pin.errors import ArgumentError, NoSolutionError, SolverUnavailableError
+
+GOOD = {
+    "positions": [[0.0, 0.0, -0.1], [0.1, 0.0, 0.0]],
+    "normals": [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]],
+    "external_wrench": [0.0, 0.0, -9.8, 0.0, 0.0, 0.0],
+    "jacobian": np.zeros((6, 2)),
+    "friction": 0.3,
+}
+FRAMES = np.array([[[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]], [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]])
+NAN, INF = float("nan"), float("inf")
+
+
+def test_the_good_arguments_are_good():
+    problem = QuasistaticProblem(**GOOD, tangents=FRAMES)
+    assert problem.contact_count == 2
+    assert problem.joint_count == 2
+
+
+def changed(array, index, value):
+    """A copy with one entry changed."""
+    copy = np.array(array, dtype=float)
+    copy[index] = value
+    return copy
+
+
+# Argument, its bad value, and what the message must say besides the argument's name.
+BAD_PROBLEMS = {
+    "positions of a wrong shape": ("positions", np.zeros((2, 2)), ["(2, 2)", "3"]),
+    "positions as a vector": ("positions", [0.0, 0.0, 1.0], ["(3,)"]),
+    "no contact": ("positions", np.zeros((0, 3)), ["at least one contact"]),
+    "positions that are words": ("positions", [["a", "b", "c"]] * 2, ["array of real numbers"]),
+    "ragged positions": ("positions", [[0.0, 0.0], [0.0, 0.0, 1.0]], ["array of real numbers"]),
+    "a NaN position": ("positions", changed(GOOD["positions"], (1, 2), NAN), ["NaN", "(1, 2)"]),
+    "an infinite position": (
+        "positions", changed(GOOD["positions"], (0, 1), INF), ["inf", "(0, 1)", "finite"]
+    ),
+    "too few normals": ("normals", [[0.0, 0.0, 1.0]], ["(1, 3)", "(2, 3)"]),
+    "a long normal": (
+        "normals", [[0.0, 0.0, 1.0], [-2.0, 0.0, 0.0]],
+        ["row 1", "[-2.0, 0.0, 0.0]", "length 2", "unit"],
+    ),
+    "a zero normal": ("normals", [[0.0, 0.0, 0.0], [-1.0, 0.0, 0.0]], ["row 0", "length 0"]),
+    "a NaN normal": ("normals", changed(GOOD["normals"], (0, 0), NAN), ["NaN", "(0, 0)"]),
+    "a wrench without moment": ("external_wrench", [0.0, 0.0, -9.8], ["(3,)", "expected (6"]),
+    "a NaN wrench": ("external_wrench", changed(GOOD["external_wrench"], 4, NAN), ["NaN", "(4,)"]),
+    "an infinite wrench": (
+        "external_wrench", changed(GOOD["external_wrench"], 2, -INF), ["-inf", "(2,)"]
+    ),
+    "a Jacobian with too few rows": ("jacobian", np.zeros((3, 2)), ["(3, 2)", "(6, any)"]),
+    "a Jacobian as a vector": ("jacobian", np.zeros(6), ["(6,)"]),
+    "a NaN Jacobian": ("jacobian", changed(np.zeros((6, 2)), (5, 1), NAN), ["NaN", "(5, 1)"]),
+    "negative friction": ("friction", [0.3, -0.1], ["-0.1", "index 1", ">= 0"]),
+    "infinite friction": ("friction", INF, ["inf", "index 0", "finite"]),
+    "NaN friction": ("friction", [NAN, 0.1], ["NaN", "(0,)"]),
+    "friction of a wrong length": ("friction", [0.3, 0.3, 0.3], ["(3,)", "expected (2"]),
+    "friction that is a word": ("friction", "rubber", ["array of real numbers"]),
+    "tangents of a wrong shape": ("tangents", np.zeros((2, 3)), ["(2, 3)", "(2, 3, 2)"]),
+    "a tangent that is not unit": (
+        "tangents", changed(FRAMES, (1, 1, 0), 0.5), ["(1, 0)", "length 0.5", "unit"]
+    ),
+    "tangents not orthogonal to the normal": (
+        "tangents", changed(changed(FRAMES, (0, 0, 0), 0.8), (0, 2, 0), 0.6),
+        ["index 0", "[0.8, 0.0, 0.6]", "orthogonal", "[0.0, 0.0, 1.0]"],
+    ),
+    "tangents not orthogonal to each other": (
+        "tangents", changed(changed(FRAMES, (0, 0, 1), 0.6), (0, 1, 1), 0.8),
+        ["index 0", "[0.6, 0.8, 0.0]", "orthogonal", "0.6"],
+    ),
+    "sliding of a wrong shape": ("sliding", np.zeros(3), ["(3,)", "(2, 3)"]),
+    "sliding into the surface": (
+        "sliding", [[0.0, 0.0, 0.0], [0.1, 0.2, 0.0]],
+        ["[0.1, 0.2, 0.0]", "index 1", "-0.1", "tangential"],
+    ),
+    "NaN sliding": ("sliding", changed(np.zeros((2, 3)), (1, 1), NAN), ["NaN", "(1, 1)"]),
+    "limits that are one number": ("torque_limits", 10.0, ["10.0", "(lower, upper)"]),
+    "three limits": ("torque_limits", (1.0, 2.0, 3.0), ["(1.0, 2.0, 3.0)", "(lower, upper)"]),
+    "a lower limit above the upper": (
+        "torque_limits", ([-1.0, 3.0], [1.0, 2.0]), ["3.0", "2.0", "index 1", "above"]
+    ),
+    "limits of a wrong length": (
+        "torque_limits", ([-1.0] * 3, 1.0), ["lower", "(3,)", "expected (2"]
+    ),
+    "a NaN limit": ("torque_limits", (-1.0, [1.0, NAN]), ["upper", "NaN", "(1,)"]),
+    "a lower limit of infinity": ("torque_limits", (INF, INF), ["inf", "index 0"]),
+    "no normal force": ("max_normal_force", [50.0, 0.0], ["0.0", "index 1", "> 0"]),
+    "a negative normal force": ("max_normal_force", -5.0, ["-5.0", "index 0"]),
+    "an infinite normal force": ("max_normal_force", INF, ["inf", "finite"]),
+    "two cone edges": ("cone_edges", 2, ["2", ">= 3"]),
+    "half a cone edge": ("cone_edges", 6.5, ["6.5", "whole number"]),
+    "a flag as cone edges": ("cone_edges", True, ["True", "whole number"]),
+    "too few joint names": ("joint_names", ["thumb"], ["1 names", "2 columns"]),
+    "equal joint names": ("joint_names", ["thumb", "thumb"], ["'thumb'", "distinct"]),
+    "gravity torques of a wrong length": ("gravity_torques", [0.1], ["(1,)", "expected (2"]),
+    "a NaN gravity torque": ("gravity_torques", [0.1, NAN], ["NaN", "(1,)"]),
+    "an infinite gravity torque": ("gravity_torques", [INF, 0.0], ["inf", "(0,)"]),
+}  # fmt: skip
+
+
+def assert_refused(caught, argument, parts):
+    error = caught.value
+    assert isinstance(error, GrasplessPinError)
+    message = str(error)
+    assert message.startswith(argument)
+    missing = [part for part in parts if part not in message]
+    assert not missing, message
+
+
+@pytest.mark.parametrize("case", BAD_PROBLEMS)
+def test_bad_problems(case):
+    argument, value, parts = BAD_PROBLEMS[case]
+    with pytest.raises(ArgumentError) as caught:
+        QuasistaticProblem(**{**GOOD, argument: value})
+    assert_refused(caught, argument, parts)
+    assert caught.value.argument.startswith(argument)
+
+
+NORMALS = GOOD["normals"]
+FORCE, POSITION, HYBRID = ControlMode.FORCE, ControlMode.POSITION, ControlMode.HYBRID
+BAD_FINGERS = {
+    "a contact that does not exist": (
+        [FingerContacts(POSITION, [2])], "fingers[0].contacts", ["contact 2", "2 contacts"]
+    ),
+    "a negative contact": (
+        [FingerContacts(POSITION, [-1])], "fingers[0].contacts", ["contact -1"]
+    ),
+    "a contact of two fingers": (
+        [FingerContacts(POSITION, [0, 1]), FingerContacts(HYBRID, [1])],
+        "fingers[1].contacts", ["contact 1", "finger 0"],
+    ),
+    "a hybrid finger with two contacts": (
+        [FingerContacts(HYBRID, [0, 1])], "fingers[0].contacts", ["2 contacts", "exactly one"]
+    ),
+    "a hybrid finger without a contact": (
+        [FingerContacts(HYBRID, [])], "fingers[0].contacts", ["0 contacts", "exactly one"]
+    ),
+    "a hybrid finger that pulls": (
+        [FingerContacts(HYBRID, [0], max_force=-2.0)], "fingers[0].max_force", ["-2.0", ">= 0"]
+    ),
+    "a force finger without a Jacobian": (
+        [FingerContacts(FORCE, [0])], "fingers[0].jacobian", ["missing"]
+    ),
+    "a Jacobian for another number of contacts": (
+        [FingerContacts(FORCE, [0], np.zeros((6, 1)))],
+        "fingers[0].jacobian", ["(6, 1)", "(3, any)"],
+    ),
+    "a NaN in a finger's Jacobian": (
+        [FingerContacts(FORCE, [0], [[0.0], [NAN], [0.0]])],
+        "fingers[0].jacobian", ["NaN", "(1, 0)"],
+    ),
+    "limits for another number of joints": (
+        [FingerContacts(FORCE, [0], np.zeros((3, 2)), torque_limits=(-1.0, [1.0]))],
+        "fingers[0].torque_limits upper", ["(1,)", "expected (2"],
+    ),
+    "names for another number of joints": (
+        [FingerContacts(FORCE, [0], np.zeros((3, 2)), joint_names=["thumb"])],
+        "fingers[0].joint_names", ["1 names", "2"],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BAD_FINGERS)
+def test_bad_fingers(case):
+    fingers, argument, parts = BAD_FINGERS[case]
+    with pytest.raises(ArgumentError) as caught:
+        assemble_joint_space(NORMALS, fingers)
+    assert_refused(caught, argument, parts)
+
+
+def test_fingers_with_bad_normals():
+    with pytest.raises(ArgumentError) as caught:
+        assemble_joint_space([[0.0, 0.0, 0.9]], [])
+    assert_refused(caught, "normals", ["row 0", "length 0.9"])
+
+
+BAD_MODES = {
+    "signs of a wrong shape": ([True, False], [[1, 1]], ["(1, 2)", "(2,)"]),
+    "a selection of a wrong shape": ([[True]], [[1, 1]], ["(1, 1)"]),
+    "a sign of two": ([True], [[1, 2]], ["[[1, 2]]", "-1, 0 or 1"]),
+    "half a sign": ([True], [[0.5, 1]], ["0.5", "-1, 0 or 1"]),
+    "signs where nothing is selected": (
+        [True, False], [[1, 1], [0, -1]], ["[0, -1]", "index 1", "not selected"]
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BAD_MODES)
+def test_bad_modes(case):
+    selection, signs, parts = BAD_MODES[case]
+    with pytest.raises(ArgumentError) as caught:
+        SlidingMode(selection, signs)
+    assert_refused(caught, "signs", parts)
+
+
+ONE_UP = SlidingMode([True], [[1, 1]])
+HALF_OPEN = SlidingMode([False, True, False], [[0, 0], [1, 0], [0, 0]])
+BAD_OPTIONS = {
+    "an unknown sign rule": (
+        {"sign_rule": "loose"}, "sign_rule", ["'loose'", "'strict'", "'exact'", "'nonzero'"]
+    ),
+    "an unknown sliding rule": (
+        {"sliding_rule": "free"}, "sliding_rule", ["'free'", "'exempt'", "'constrained'"]
+    ),
+    "an unknown friction": (
+        {"static_friction": "none"}, "static_friction", ["'none'", "'coulomb'"]
+    ),
+    "an unknown search": ({"search": "guess"}, "search", ["'guess'", "'auto'", "'enumerate'"]),
+    "a negative regularization": ({"regularization": -1e-3}, "regularization", ["-0.001", ">= 0"]),
+    "an infinite regularization": ({"regularization": INF}, "regularization", ["inf", "finite"]),
+    "a mode for another number of contacts": ({"mode": ONE_UP}, "mode", ["1 contacts", "3"]),
+    "a mode with an open sign": (
+        {"mode": HALF_OPEN}, "mode", ["[1, 0]", "contact 1", "'strict'", "0 zero"]
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("algorithm", [maximize_margin, minimize_torque])
+@pytest.mark.parametrize("case", BAD_OPTIONS)
+def test_bad_options(case, algorithm):
+    options, argument, parts = BAD_OPTIONS[case]
+    with pytest.raises(ArgumentError) as caught:
+        algorithm(scene("sphere"), **options)
+    assert_refused(caught, argument, parts)
+
+
+@pytest.mark.parametrize(("margin", "shown"), [(-0.1, "-0.1"), (NAN, "nan"), (INF, "inf")])
+def test_a_bad_required_margin(margin, shown):
+    with pytest.raises(ArgumentError) as caught:
+        minimize_torque(scene("sphere"), margin)
+    assert_refused(caught, "margin", [shown, ">= 0"])
+
+
+def test_an_unknown_scale():
+    with pytest.raises(ArgumentError) as caught:
+        minimize_torque(scene("sphere"), scale="relative")
+    assert_refused(caught, "scale", ["'relative'", "'absolute'", "'limits'"])
+
+
+@pytest.mark.parametrize("algorithm", [maximize_margin, minimize_torque])
+def test_an_unknown_solver_lists_those_that_are_there(algorithm):
+    with pytest.raises(SolverUnavailableError) as caught:
+        algorithm(scene("sphere"), solver="abacus")
+    assert_refused(caught, "solver", ["'abacus'", "piqp", "proxqp", "highs", "clarabel"])
+
+
+def test_an_unknown_rule_of_a_listing():
+    with pytest.raises(ArgumentError) as caught:
+        enumerate_modes(scene("sphere"), sign_rule="loose")
+    assert_refused(caught, "sign_rule", ["'loose'"])
+
+
+def test_forces_of_a_wrong_shape():
+    with pytest.raises(ArgumentError) as caught:
+        scene("sphere").margin_of(np.zeros((2, 3)))
+    assert_refused(caught, "forces", ["(2, 3)", "(3, 3)"])
+
+
+READABLE = ("torques", "contact_torques", "contact_forces", "margin", "max_torque", "mode")
+
+
+@pytest.mark.parametrize("attribute", READABLE)
+def test_an_infeasible_solution_says_why_it_has_nothing(attribute):
+    forces = minimize_torque(scene("rest"), margin=20.0)
+    modes = maximize_margin(scene("up"), sliding_rule="constrained")
+    for solution in (forces, modes):
+        assert not solution.found
+        with pytest.raises(NoSolutionError) as caught:
+            getattr(solution, attribute)
+        assert solution.status.message in str(caught.value)

@@ -1,0 +1,163 @@
+"""Feasibility of virtual sliding: witnesses and conflicts against linprog."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+from edge_form import virtual_motion_exists
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import random_problem, scene, structured_arguments
+
+from graspless_pin import QuasistaticProblem
+from graspless_pin.modes.kinematics import Conflict, Requirement, VirtualKinematics, Witness
+from graspless_pin.modes.rules import SignRule
+
+ANY_SIGNS = {
+    SignRule.STRICT: st.sampled_from(list(product((-1, 1), repeat=2))),
+    SignRule.EXACT: st.sampled_from([p for p in product((-1, 0, 1), repeat=2) if any(p)]),
+    SignRule.NONZERO: st.sampled_from(list(product((-1, 1), repeat=2))),
+}
+KINDS = ("slab", "pinch", "planar")
+
+
+@st.composite
+def questions(draw, rules):
+    """A problem, a rule and requirements on some of its contacts."""
+    seed, contacts = draw(st.integers(0, 2000)), draw(st.integers(2, 6))
+    kind = draw(st.sampled_from(("free", *KINDS)))
+    if kind == "free":
+        problem = random_problem(seed, contacts)
+    else:
+        problem = QuasistaticProblem(**structured_arguments(seed, kind, max(contacts, 3)))
+    rule = draw(st.sampled_from(rules))
+    chosen = draw(st.sets(st.integers(0, problem.contact_count - 1), min_size=1))
+    return problem, rule, [Requirement(c, draw(ANY_SIGNS[rule])) for c in sorted(chosen)]
+
+
+def oracle(problem, rule, requirements):
+    mode: list[tuple[int, int] | None] = [None] * problem.contact_count
+    for requirement in requirements:
+        mode[requirement.contact] = requirement.signs
+    return virtual_motion_exists(problem, tuple(mode), str(rule))
+
+
+@settings(max_examples=150, deadline=None)
+@given(questions(list(SignRule)))
+def test_verdicts_agree_with_linprog_and_prove_themselves(question):
+    assert_right_verdict(*question)
+
+
+def assert_right_verdict(problem, rule, requirements):
+    verdict = VirtualKinematics(problem).solve(requirements, rule)
+    assert isinstance(verdict, Witness) == oracle(problem, rule, requirements)
+    if isinstance(verdict, Witness):
+        assert_witness(problem, rule, requirements, verdict)
+    else:
+        assert_conflict(problem, rule, requirements, verdict)
+
+
+def assert_witness(problem, rule, requirements, witness):
+    """The velocities come from a motion and meet every requirement."""
+    frames = np.concatenate([problem.normals[:, :, None], problem.tangents], axis=2)
+    world = np.einsum("lij,lj->li", frames, witness.velocities).ravel()
+    motions = np.hstack([problem.W.T, -problem.J])
+    motion = np.linalg.lstsq(motions, world, rcond=None)[0]
+    size = np.abs(witness.velocities).max()
+    np.testing.assert_allclose(motions @ motion, world, atol=1e-7 * size)
+    for requirement in requirements:
+        normal, *tangential = witness.velocities[requirement.contact] / size
+        assert abs(normal) <= 1e-7
+        signed = np.array(requirement.signs) * tangential
+        if rule is SignRule.NONZERO:
+            assert (signed >= -1e-9).all()
+            assert signed.sum() > 1e-6
+        else:
+            for sign, value, raw in zip(requirement.signs, signed, tangential, strict=True):
+                assert value > 1e-6 if sign else abs(raw) <= 1e-7
+
+
+def assert_conflict(problem, rule, requirements, conflict):
+    """What the conflict names is infeasible on its own, and was asked for."""
+    asked = {requirement.contact: requirement.signs for requirement in requirements}
+    named: dict[int, list[int]] = {contact: [0, 0] for contact in conflict.contacts}
+    for contact, component, sign in conflict.signs:
+        assert asked[contact][component] == sign != 0
+        named.setdefault(contact, [0, 0])[component] = sign
+    assert set(named) <= set(asked)
+    assert not set(conflict.contacts) & {contact for contact, _, _ in conflict.signs}
+    # Only the named signs are asked for, everything else at these contacts is left open: every
+    # completion of them is infeasible.
+    values = (-1, 0, 1) if rule is SignRule.EXACT else (-1, 1)
+    options = []
+    for contact, signs in named.items():
+        pairs = [p for p in product(values, values) if any(p)]
+        options.append(
+            [
+                Requirement(contact, pair)
+                for pair in pairs
+                if all(s in (0, p) for s, p in zip(signs, pair, strict=True))
+            ]
+        )
+    # A zero that is part of the question stays part of the conflict.
+    for index, contact in enumerate(named):
+        zeros = [c for c in range(2) if asked[contact][c] == 0]
+        options[index] = [r for r in options[index] if all(r.signs[c] == 0 for c in zeros)]
+    count = np.prod([len(o) for o in options])
+    if count <= 64:
+        for requirements_ in product(*options):
+            assert not oracle(problem, rule, requirements_)
+
+
+@pytest.mark.parametrize("rule", list(SignRule))
+def test_nothing_asked_is_feasible(rule):
+    verdict = VirtualKinematics(scene("rest")).solve([], rule)
+    assert isinstance(verdict, Witness)
+
+
+def test_one_rigid_body_cannot_slide_apart():
+    """Two supports on one table cannot both slide outwards along the line between them."""
+    problem = QuasistaticProblem(
+        [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]] * 2, np.zeros(6),
+        friction=0.5, tangents=[[[1, 0], [0, 1], [0, 0]]] * 2,
+    )  # fmt: skip
+    kinematics = VirtualKinematics(problem)
+    apart = [Requirement(0, (-1, 1)), Requirement(1, (1, 1))]
+    verdict = kinematics.solve(apart, SignRule.STRICT)
+    assert isinstance(verdict, Conflict)
+    assert set(verdict.signs) == {(0, 0, -1), (1, 0, 1)}
+    assert verdict.contacts == ()
+    together = [Requirement(0, (1, 1)), Requirement(1, (1, -1))]
+    assert isinstance(kinematics.solve(together, SignRule.STRICT), Witness)
+
+
+def test_a_joint_lets_a_contact_slide():
+    """A finger whose joint moves along t1 lets contact 1 slide apart from contact 0."""
+    arguments = {
+        "positions": [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]],
+        "normals": [[0.0, 0.0, 1.0]] * 2,
+        "external_wrench": np.zeros(6),
+        "friction": 0.5,
+        "tangents": [[[1, 0], [0, 1], [0, 0]]] * 2,
+    }
+    along_t1 = np.zeros((6, 1))
+    along_t1[3] = 0.1
+    apart = [Requirement(0, (-1, 1)), Requirement(1, (1, 1))]
+    problem = QuasistaticProblem(**arguments, jacobian=along_t1)
+    assert isinstance(VirtualKinematics(problem).solve(apart, SignRule.STRICT), Witness)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_verdicts_do_not_depend_on_units(scale):
+    base = structured_arguments(7, "pinch", 4)
+    scaled = {
+        **base,
+        "positions": scale * base["positions"],
+        "jacobian": scale * base["jacobian"],
+    }
+    one, two = (VirtualKinematics(QuasistaticProblem(**a)) for a in (base, scaled))
+    pairs = [(a, b) for a in (-1, 1) for b in (-1, 1)]
+    for signs in product(pairs, repeat=4):
+        asked = [Requirement(contact, pair) for contact, pair in enumerate(signs)]
+        verdicts = [k.solve(asked, SignRule.STRICT) for k in (one, two)]
+        assert isinstance(verdicts[0], Witness) == isinstance(verdicts[1], Witness)

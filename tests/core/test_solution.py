@@ -1,0 +1,220 @@
+"""What a solution holds, how it reads, and that it cannot be changed."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scenes import assert_holds, cuboid_arguments, random_problem, scene, sphere_arguments
+
+from graspless_pin import QuasistaticProblem, SlidingMode, Status, maximize_margin, minimize_torque
+
+
+def test_fields_of_a_found_solution():
+    problem = scene("up")
+    solution = minimize_torque(problem, 0.2)
+    assert solution.found
+    assert solution.status is Status.OPTIMAL
+    assert solution.problem is problem
+    assert solution.required_margin == 0.2
+    assert solution.torques.shape == (2,)
+    assert solution.contact_forces.shape == (6, 3)
+    assert isinstance(solution.mode, SlidingMode)
+    assert solution.mode.selection.shape == (6,)
+    assert solution.mode.signs.shape == (6, 2)
+    assert solution.max_torque == np.abs(solution.torques).max()
+    assert solution.certificate.modes_examined >= 1
+    assert solution.certificate.force_programs >= 1
+
+
+def test_the_text_names_joints_contacts_and_margin():
+    names = ["left_lever", "right_lever"]
+    solution = maximize_margin(QuasistaticProblem(**cuboid_arguments(1.0), joint_names=names))
+    text = str(solution)
+    assert "margin e = 2.30006 N" in text
+    rows = {line.split()[0]: line for line in text.splitlines() if line}
+    assert "-4.77" in rows["left_lever"]
+    assert "+4.77" in rows["right_lever"]
+    assert "47.7 %" in rows["left_lever"]
+    assert [rows[str(contact)].count("sliding") for contact in range(6)] == [0, 1, 1, 1, 1, 0]
+    for contact in range(6):
+        normal = solution.contact_forces[contact] @ solution.problem.normals[contact]
+        assert f"{normal:.4f}" in rows[str(contact)]
+    assert "certificate" in text
+    assert solution.certificate.solver in text
+    assert solution.status.message in text
+
+
+def test_friction_use_and_state_in_the_text():
+    """A block held by the friction of one hand-solved contact: 2 N of at most 0.5 * 5 N."""
+    problem = QuasistaticProblem(
+        [[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]], [2.0, 0.0, -5.0, 0.0, 0.0, 0.0],
+        friction=0.5, cone_edges=8, tangents=[[[1, 0], [0, 1], [0, 0]]],
+    )  # fmt: skip
+    text = str(maximize_margin(problem))
+    row = next(line for line in text.splitlines() if line.split()[:1] == ["0"])
+    assert "80 %" in row
+    assert "5.0000" in row
+    assert "sticking" in row
+    slipping = QuasistaticProblem(
+        [[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]], [2.5, 0.0, -5.0, 0.0, 0.0, 0.0],
+        friction=0.5, cone_edges=8, tangents=[[[1, 0], [0, 1], [0, 0]]],
+    )  # fmt: skip
+    assert "at its limit" in str(maximize_margin(slipping))
+
+
+def test_the_text_of_an_infeasible_solution_says_why():
+    solution = minimize_torque(scene("rest"), 20.0)
+    assert str(solution).startswith(f"not found: {Status.INFEASIBLE_FORCES.message}")
+
+
+def test_a_problem_without_joints_has_no_joint_table():
+    problem = QuasistaticProblem([[0, 0, 0]], [[0, 0, 1]], [0, 0, -5, 0, 0, 0], friction=0.5)
+    solution = maximize_margin(problem)
+    assert solution.torques.shape == (0,)
+    assert "joint " not in str(solution)
+    # A force of 5 N along n is 5 mu' / sqrt(1 + mu'^2) from the faces, mu' = mu cos(pi / 32).
+    slope = 0.5 * np.cos(np.pi / 32)
+    assert solution.margin == pytest.approx(5.0 * slope / np.sqrt(1.0 + slope**2), rel=1e-6)
+
+
+def test_a_solution_is_frozen():
+    solution = maximize_margin(scene("sphere"))
+    for name in ("status", "problem", "certificate", "rules"):
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            setattr(solution, name, None)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        solution.certificate.gap = 0.0  # type: ignore[misc]
+    with pytest.raises(AttributeError):
+        solution.margin = 2.0  # type: ignore[misc]
+    for array in (solution.contact_forces, solution.mode.selection, solution.mode.signs):
+        with pytest.raises(ValueError, match="read-only"):
+            array[...] = 0
+
+
+ARRAYS = ("positions", "normals", "external_wrench", "jacobian", "friction", "tangents", "sliding")
+MORE_ARRAYS = ("lower_torque", "upper_torque", "max_normal_force", "gravity_torques")
+
+
+@pytest.mark.parametrize("name", [*ARRAYS, *MORE_ARRAYS, "kinetic_directions"])
+def test_a_problems_arrays_are_read_only(name):
+    problem = scene("up")
+    with pytest.raises(ValueError, match="read-only"):
+        getattr(problem, name)[...] = 1.0
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        setattr(problem, name, np.zeros(1))
+
+
+def test_a_problem_keeps_its_own_copies():
+    arguments = sphere_arguments()
+    positions = arguments["positions"]
+    problem = QuasistaticProblem(**arguments)
+    before = problem.positions.copy()
+    positions[:] = 7.0
+    np.testing.assert_array_equal(problem.positions, before)
+    assert positions.flags.writeable
+
+
+def test_modes_compare_by_value():
+    one = SlidingMode([True, False], [[1, -1], [0, 0]])
+    assert one == SlidingMode(np.array([1, 0]), np.array([[1.0, -1.0], [0, 0]]))
+    assert hash(one) == hash(SlidingMode([True, False], [[1, -1], [0, 0]]))
+    assert one != SlidingMode([True, False], [[1, 1], [0, 0]])
+    assert one != "+- .."
+    assert str(one) == "+- .."
+    assert str(SlidingMode([True], [[0, -1]])) == "0-"
+
+
+def test_gravity_torques_shift_torques_and_limits():
+    arguments = cuboid_arguments()
+    plain = minimize_torque(QuasistaticProblem(**arguments))
+    gravity = np.array([0.3, -0.2])
+    loaded = minimize_torque(QuasistaticProblem(**arguments, gravity_torques=gravity))
+    np.testing.assert_allclose(loaded.torques, loaded.contact_torques + gravity)
+    # Symmetric pinching keeps both contact torques equal and opposite; the better place for the
+    # load is to help them: (-0.9618 + 0.3, 0.9618 - 0.2).
+    np.testing.assert_allclose(plain.torques, [-0.9618, 0.9618], rtol=2e-4)
+    np.testing.assert_allclose(loaded.torques, [-0.6618, 0.7618], rtol=3e-4)
+    assert_holds(loaded)
+
+
+def test_gravity_torques_count_against_the_limits():
+    """At 10 N m both levers press with 50 - e; 6 N m of gravity leave one of them 4 N m."""
+    arguments = cuboid_arguments()
+    limits = (-4.0, 4.0)
+    free = maximize_margin(QuasistaticProblem(**arguments, torque_limits=limits))
+    loaded = QuasistaticProblem(**arguments, torque_limits=limits, gravity_torques=[-2.0, 0.0])
+    solution = maximize_margin(loaded)
+    assert solution.margin < free.margin - 0.01
+    shifted = QuasistaticProblem(**arguments, torque_limits=([-2.0, -4.0], [6.0, 4.0]))
+    assert solution.margin == pytest.approx(maximize_margin(shifted).margin, rel=1e-6)
+    assert_holds(solution)
+
+
+def test_scale_by_limits_shares_the_load():
+    """Two levers press one block from above: absolute halves the load, limits split it 1 to 3."""
+    arguments = {
+        "positions": [[-0.1, 0, 0.1], [0.1, 0, 0.1], [-0.1, 0, -0.1], [0.1, 0, -0.1]],
+        "normals": [[0, 0, -1], [0, 0, -1], [0, 0, 1], [0, 0, 1]],
+        "external_wrench": [0.0, 0.0, 12.0, 0.0, 0.0, 0.0],
+        "jacobian": np.zeros((12, 2)),
+        "friction": 0.0,
+        "torque_limits": ([-1.0, -3.0], [1.0, 3.0]),
+    }
+    arguments["jacobian"][2, 0] = arguments["jacobian"][5, 1] = 0.1
+    arguments["positions"][2:] = [[0.0, 0.0, -0.1], [0.0, 0.0, -0.1]]
+    problem = QuasistaticProblem(**arguments)
+    for scale in ("absolute", "limits"):
+        solution = minimize_torque(problem, 0.0, scale=scale)
+        # Moments about y allow only equal forces: both scales give 0.6 N m each.
+        np.testing.assert_allclose(solution.torques, [-0.6, -0.6], atol=1e-6)
+    # Now the supports under the levers may press back with a moment.
+    arguments["positions"][2:] = [[-0.1, 0.0, -0.1], [0.1, 0.0, -0.1]]
+    arguments["positions"][:2] = [[0.0, 0.1, 0.1], [0.0, 0.1, 0.1]]
+    arguments["external_wrench"] = [0.0, 0.0, 12.0, 1.2, 0.0, 0.0]
+    problem = QuasistaticProblem(**arguments)
+    absolute = minimize_torque(problem, 0.0)
+    by_limits = minimize_torque(problem, 0.0, scale="limits")
+    np.testing.assert_allclose(absolute.torques, [-0.6, -0.6], atol=1e-6)
+    np.testing.assert_allclose(by_limits.torques, [-0.3, -0.9], atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_infinite_limits_are_no_limits(seed):
+    base = random_problem(seed, 3)
+    options = {"friction": base.friction, "tangents": base.tangents, "cone_edges": base.cone_edges}
+    arrays = (base.positions, base.normals, base.external_wrench, base.jacobian)
+    wide = maximize_margin(QuasistaticProblem(*arrays, **options, torque_limits=(-1e4, 1e4)))
+    free = maximize_margin(QuasistaticProblem(*arrays, **options, torque_limits=(-np.inf, np.inf)))
+    assert free.margin == pytest.approx(wide.margin, rel=1e-6)
+    smallest = minimize_torque(
+        QuasistaticProblem(*arrays, **options, torque_limits=(-np.inf, np.inf)), 0.5 * free.margin
+    )
+    expected = minimize_torque(
+        QuasistaticProblem(*arrays, **options, torque_limits=(-1e4, 1e4)), 0.5 * free.margin
+    )
+    assert smallest.max_torque == pytest.approx(expected.max_torque, rel=1e-5, abs=1e-6)
+
+
+def test_one_given_mode_only():
+    problem = scene("rest")
+    best = minimize_torque(problem)
+    again = minimize_torque(problem, mode=best.mode)
+    assert again.status is Status.OPTIMAL_IN_MODE
+    assert again.mode == best.mode
+    assert again.max_torque == pytest.approx(best.max_torque, rel=1e-6)
+    frictionless = SlidingMode(np.zeros(6, dtype=bool), np.zeros((6, 2)))
+    none = minimize_torque(problem, mode=frictionless)
+    assert none.status is Status.INFEASIBLE_IN_MODE
+    apart = SlidingMode([False, True, True, False, False, False],
+                        [[0, 0], [1, 1], [1, -1], [0, 0], [0, 0], [0, 0]])  # fmt: skip
+    assert minimize_torque(problem, mode=apart).status is Status.INFEASIBLE_MODE
+
+
+def test_a_node_limit_ends_the_search():
+    nothing = minimize_torque(scene("rest"), node_limit=1)
+    assert nothing.certificate.nodes == 1
+    assert nothing.status in (Status.NOT_FOUND_IN_LIMIT, Status.LIMIT_REACHED)
+    full = minimize_torque(scene("rest"))
+    assert full.certificate.nodes > 1
+    assert nothing.certificate.bound <= full.max_torque + 1e-6
+    assert minimize_torque(scene("rest"), time_limit=0.0).status is Status.NOT_FOUND_IN_LIMIT
