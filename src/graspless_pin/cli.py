@@ -96,7 +96,7 @@ def verify(
     with _plain_errors():
         try:
             checked = verify_document(json.loads(file.read_text(encoding="utf-8")))
-        except (OSError, ValueError, TypeError, AttributeError) as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise SceneError(f"{file}: {error}") from error
     typer.echo(str(checked))
     raise typer.Exit(FOUND if checked.passed else INFEASIBLE)

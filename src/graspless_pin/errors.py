@@ -51,5 +51,9 @@ class PlaceholderEffortWarning(GrasplessPinWarning):
     """An effort limit looks like a placeholder rather than a motor's limit."""
 
 
+class DanglingMimicWarning(GrasplessPinWarning):
+    """A mimic joint follows a joint that does not exist or cannot move."""
+
+
 class MeshScaleWarning(GrasplessPinWarning):
     """A mesh is so large or so small that its unit is probably not the metre."""

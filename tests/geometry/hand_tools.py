@@ -5,8 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin  # pyright: ignore[reportMissingImports]
 from scipy.spatial.transform import Rotation
 
+from graspless_pin.geometry.finger_joints import joint_ranges
 from graspless_pin.geometry.hand import Hand
 from graspless_pin.geometry.poses import invert, pose_matrix
 
@@ -19,12 +21,12 @@ def random_pose(rng):
 
 def random_q(hand: Hand, rng):
     """A position inside the limits for every independent joint."""
-    q = {}
-    for index in hand.tree.coupling.leaders:
-        lower = max(hand.tree.lower[index], -3.0)
-        upper = min(hand.tree.upper[index], 3.0)
-        q[hand.joint_names[index]] = rng.uniform(lower + 1e-4, upper - 1e-4)
-    return q
+    lower, upper = joint_ranges(hand.tree)
+    lower, upper = np.maximum(lower, -3.0), np.minimum(upper, 3.0)
+    margin = 1e-3 * (upper - lower)
+    values = rng.uniform(lower + margin, upper - margin)
+    names = [hand.joint_names[index] for index in hand.tree.coupling.leaders]
+    return dict(zip(names, values.tolist(), strict=True))
 
 
 def difference_jacobian(hand: Hand, joints, links, points, step=1e-6):
@@ -41,6 +43,29 @@ def difference_jacobian(hand: Hand, joints, links, points, step=1e-6):
         )
 
     return np.column_stack([(moved(j, step) - moved(j, -step)) / (2 * step) for j in joints])
+
+
+def sample_contacts(hand: Hand, rng, count=9):
+    """Points near the origins of random links."""
+    links = list(rng.choice(hand.link_names, count))
+    points = np.array([hand.link_pose(name)[:3, 3] for name in links])
+    return links, points + rng.uniform(-0.03, 0.03, (count, 3))
+
+
+def rnea(hand: Hand, links, points, forces, gravity):
+    """Torques of all joints that hold still while each point pushes with its force."""
+    model = hand.tree.model.copy()
+    data = model.createData()
+    q = hand.tree.configuration(hand.positions)
+    pin.forwardKinematics(model, data, q)
+    external = [pin.Force.Zero() for _ in range(model.njoints)]
+    for name, point, force in zip(links, points, forces, strict=True):
+        joint_id = model.frames[model.getFrameId(name, pin.BODY)].parentJoint
+        on_link = pin.Force(np.r_[-force, np.cross(point, -force)])
+        external[joint_id] += data.oMi[joint_id].actInv(on_link)
+    model.gravity.linear = np.asarray(gravity)
+    zero = np.zeros(model.nv)
+    return pin.rnea(model, data, q, zero, zero, external)
 
 
 def write_urdf(folder: Path, body: str, name="robot.urdf", header="") -> Path:

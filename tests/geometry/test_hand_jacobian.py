@@ -2,7 +2,6 @@
 
 import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
-import pinocchio as pin  # pyright: ignore[reportMissingImports]
 import pytest
 from hand_tools import (
     GRAVITY,
@@ -11,6 +10,8 @@ from hand_tools import (
     link,
     random_pose,
     random_q,
+    rnea,
+    sample_contacts,
     write_urdf,
 )
 
@@ -24,25 +25,6 @@ def allegro(request):
     rng = np.random.default_rng(request.param)
     hand = Hand.assemble([Mount("allegro_right", random_pose(rng))])
     return hand.with_configuration(random_q(hand, rng))
-
-
-def sample_contacts(hand, rng, count=9):
-    links = list(rng.choice(hand.link_names, count))
-    points = np.array([hand.link_pose(name)[:3, 3] for name in links])
-    return links, points + rng.uniform(-0.03, 0.03, (count, 3))
-
-
-def rnea(model, data, hand, links, points, forces, gravity):
-    """Joint torques that hold still while each point pushes with its force, from Pinocchio."""
-    external = [pin.Force.Zero() for _ in range(model.njoints)]
-    for name, point, force in zip(links, points, forces, strict=True):
-        joint_id = model.frames[model.getFrameId(name, pin.BODY)].parentJoint
-        on_link = pin.Force(np.r_[-force, np.cross(point, -force)])
-        external[joint_id] += data.oMi[joint_id].actInv(on_link)
-    model.gravity.linear = np.asarray(gravity)
-    zero = np.zeros(model.nv)
-    q = hand.tree.configuration(hand.positions)
-    return pin.rnea(model, data, q, zero, zero, external)
 
 
 def test_jacobian_matches_finite_differences(allegro):
@@ -61,10 +43,7 @@ def test_torques_match_rnea_with_contact_forces(allegro):
     forces = rng.uniform(-20, 20, (len(links), 3))
     torques = allegro.contact_jacobian(links, points).T @ forces.ravel()
     torques += allegro.gravity_torques(GRAVITY)
-    model = allegro.tree.model.copy()
-    data = model.createData()
-    pin.forwardKinematics(model, data, allegro.tree.configuration(allegro.positions))
-    expected = rnea(model, data, allegro, links, points, forces, GRAVITY)
+    expected = rnea(allegro, links, points, forces, GRAVITY)
     np.testing.assert_allclose(torques, expected, atol=1e-10)
 
 
@@ -137,10 +116,7 @@ def test_mimic_gripper_matches_finite_differences_and_rnea():
     )
     np.testing.assert_allclose(J[:3], -J[3:6], atol=1e-12)
     forces = rng.uniform(-20, 20, (3, 3))
-    model = hand.tree.model.copy()
-    data = model.createData()
-    pin.forwardKinematics(model, data, hand.tree.configuration(hand.positions))
-    by_joint = rnea(model, data, hand, links, points, forces, GRAVITY)
+    by_joint = rnea(hand, links, points, forces, GRAVITY)
     np.testing.assert_allclose(
         J.T @ forces.ravel() + hand.gravity_torques(GRAVITY), by_joint[-2:].sum(), atol=1e-9
     )
@@ -189,10 +165,7 @@ def test_mimic_chains_in_any_order_with_every_joint_type(tmp_path):
     J = hand.contact_jacobian(links, points)
     np.testing.assert_allclose(J, difference_jacobian(hand, ["a", "b"], links, points), atol=1e-8)
     forces = rng.uniform(-5, 5, (4, 3))
-    model = hand.tree.model.copy()
-    data = model.createData()
-    pin.forwardKinematics(model, data, hand.tree.configuration(hand.positions))
-    tau = rnea(model, data, hand, links, points, forces, GRAVITY)
+    tau = rnea(hand, links, points, forces, GRAVITY)
     by_joint = dict(zip(hand.joint_names, tau, strict=True))
     expected = [by_joint["a"] - 2 * by_joint["c"] - by_joint["d"], by_joint["b"]]
     np.testing.assert_allclose(

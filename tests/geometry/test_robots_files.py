@@ -6,25 +6,12 @@ import pytest
 import trimesh
 from hand_tools import joint, link, write_urdf
 
-from graspless_pin.errors import GrasplessPinWarning, MeshError, RobotError
+from graspless_pin.errors import DanglingMimicWarning, MeshError, RobotError
 from graspless_pin.geometry.hand import Hand
 from graspless_pin.geometry.mounts import Mount
-from graspless_pin.geometry.robots import find_robot, load_robot, robot_names
+from graspless_pin.geometry.robots import find_robot, load_robot
 
 MESH = '<mesh filename="{}" scale="1 2 3"/>'
-
-
-def test_every_robot_file_loads_without_warning_and_gives_its_sources():
-    names = robot_names()
-    assert {"allegro_right", "lever_100mm", "lever_100mm_mirrored", "lever_150mm"} <= set(names)
-    for name in names:
-        robot = load_robot(name)
-        hand = Hand.assemble([Mount(robot)])
-        assert robot.name == name
-        assert set(robot.effort_sources) == set(robot.effort_limits)
-        assert set(hand.fingers) == set(robot.fingers)
-        assert {spec.tip for spec in hand.fingers.values()} <= set(hand.link_names)
-        assert np.all(hand.effort_limits[1] < 100)
 
 
 def test_allegro_fingers_cover_all_joints_and_links_but_the_palm():
@@ -44,6 +31,7 @@ def test_sources_are_told_apart(tmp_path):
     file = write_urdf(tmp_path, link("palm"), name="mine.urdf")
     assert find_robot(file).name == "mine"
     assert find_robot("allegro_right").fingers
+    assert find_robot("allegro_right").model == "allegro_right_hand"
     assert not find_robot("allegro_right_hand").fingers
 
 
@@ -60,7 +48,11 @@ VALID = "name: r\nmodel: allegro_right_hand\n"
         (VALID + "urdf: x.urdf", "either 'urdf'.*or 'model'"),
         (VALID + "colour: red", "robot.yaml: colour: .*found 'red'"),
         (VALID + "fingers: {f: {joints: []}}", "robot.yaml: fingers.f.joints: "),
-        (VALID + "effort_limits: {f: {limit: 1}}", "effort_limits.f.source: .*required"),
+        (VALID + "effort_limits: {f: {limit: 1}}", "effort_limits.f: .*'limit' and 'source'"),
+        (VALID + "effort_limits: {f: {unknown: x, source: y}}", "or only 'unknown'"),
+        (VALID + "couplings: {j: {follows: {a: 1}, multiplier: 2}}", "couplings.j: .*one leader"),
+        (VALID + "couplings: {j: {follows: {}}}", "couplings.j.follows"),
+        (VALID + "tendons: {t: {moment_arms: {}}}", "tendons.t.moment_arms"),
         ("name: r\nmodel: alegro_right_hand", "robot.yaml: model: unknown .*allegro_right_hand"),
     ],
 )
@@ -75,7 +67,13 @@ def test_bad_robot_files(tmp_path, text, message):
     ("text", "message"),
     [
         ("fingers: {f: {joints: [nope]}}", r"robot 'r': fingers\['f'\]: unknown joint 'nope'"),
-        ("palm: nope", "robot 'r': the palm 'nope' is not one of its links"),
+        ("palm: nope", "robot 'r': palm: unknown link 'nope'; known: palm_link, link_0.0"),
+        ("palm: [palm_link, nope]", "robot 'r': palm: unknown link 'nope'"),
+        ("root_link: nope", "there is no link 'nope' to start from"),
+        ("couplings: {nope: {follows: joint_0.0}}", "robot 'r': couplings: unknown joint 'nope'"),
+        ("couplings: {joint_0.0: {follows: nope}}", "robot 'r': couplings: unknown joint 'nope'"),
+        ("tendons: {t: {moment_arms: {nope: 1}}}", "robot 'r': tendons: unknown joint 'nope'"),
+        ("effort_limits: {nope: {unknown: x}}", "robot 'r': .*joint 'nope'"),
         ("effort_limits: {nope: {limit: 1, source: s}}", "robot 'r': .*joint 'nope'"),
         ("effort_limits: {joint_0.0: {limit: -1, source: s}}", "robot 'r': .*not negative"),
     ],
@@ -124,7 +122,14 @@ ENTITY = '<!DOCTYPE robot [<!ENTITY secret SYSTEM "file:///etc/hostname">]>'
         (TWO + joint("i", "a", "b") + joint("j", "a", "b"), "'b' is the child of two joints"),
         (TWO + joint("j", "a", "c"), "joint 'j' names the child link 'c', which does not exist"),
         (TWO + '<joint name="j" type="fixed"><child link="b"/></joint>', "parent link None"),
-        (TWO + joint("j", "a", "b", "floating"), "joint 'j' is floating; use revolute"),
+        (
+            TWO + link("c") + joint("i", "a", "b") + joint("j", "b", "c", "floating"),
+            "joint 'j' is floating and does not carry the whole robot; use revolute",
+        ),
+        (
+            TWO + link("c") + joint("i", "a", "b") + joint("j", "a", "c", "planar"),
+            "joint 'j' is planar and does not carry the whole robot",
+        ),
         (TWO + joint("j", "a", "b", "hinge"), "joint 'j' has the unknown type 'hinge'"),
         (TWO + joint("j", "a", "b", limit=""), "joint 'j' is revolute and has no <limit"),
         (TWO + joint("j", "a", "b", limit='lower="low"'), "limit lower='low', .*not a number"),
@@ -182,7 +187,7 @@ def test_files_that_are_no_plain_urdf(tmp_path, text, message):
 
 def test_dangling_mimic_is_reported_and_left_independent(tmp_path):
     body = TWO + joint("j", "a", "b", extra='<mimic joint="typo"/>')
-    with pytest.warns(GrasplessPinWarning, match="'j' -> 'typo'; they are treated as independent"):
+    with pytest.warns(DanglingMimicWarning, match="'j' -> 'typo'; they are treated as independent"):
         hand = Hand.from_urdf(write_urdf(tmp_path, body))
     assert hand.actuated_joint_names == ("j",)
 

@@ -7,15 +7,14 @@ from typing import Unpack
 
 import numpy as np
 
-from graspless_pin.algorithms.formulation import Objective, formulate
+from graspless_pin.algorithms.formulation import shared_parts
 from graspless_pin.algorithms.torque import maximize_margin
 from graspless_pin.errors import NoSolutionError
 from graspless_pin.modes.rules import RuleOptions
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.programs.force_programs import force_coordinates, margin_program
-from graspless_pin.solution import Algorithm, TorqueSolution
-from graspless_pin.solvers import Outcome
+from graspless_pin.solution import TorqueSolution
 
 _STEP = 1e-5
 
@@ -68,16 +67,12 @@ def margin_sensitivity(
     solution = maximize_margin(problem, **options)
     if not solution.found:
         raise NoSolutionError(f"There is no margin to differentiate ({solution.status.message}).")
-    objective = Objective(Algorithm.MARGIN, 0.0, by_limits=False, regularization=0.0)
-    formulation = formulate(problem, objective)
-    answer = formulation.solve(
-        *formulation.bounds_of(solution.mode), solution.certificate.solver, cutoff=np.inf
-    )
-    if answer.outcome is not Outcome.SOLVED:
-        raise NoSolutionError("The optimal mode's program was not solved again.")
-    x, y, z = answer.x, answer.y, answer.z
-    coordinates = formulation.coordinates
-    force, torque = coordinates.force_scale, coordinates.torque_scale
+    # The search's own multipliers: friction that happens to vanish is not held at zero in them.
+    y, z = solution.multipliers.mode
+    coordinates, _ = shared_parts(problem)
+    basis, force, torque = coordinates.basis, coordinates.force_scale, coordinates.torque_scale
+    scaled = basis.T @ solution.contact_forces.ravel() / ((basis**2).sum(axis=0) * force)
+    x = np.append(scaled, solution.margin / force)
     # Lagrangian: c x + y (A x - b) + up (G x - u) + down (l - G x); the margin is -F times it.
     up, down = np.maximum(z, 0.0), np.maximum(-z, 0.0)
     joints, cones = problem.joint_count, int(problem.has_cone.sum()) * problem.cone_edges

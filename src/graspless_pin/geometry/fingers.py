@@ -4,23 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.tree import KinematicTree, unknown_name
-
-
-class ControlMode(StrEnum):
-    """What a joint's controller holds.
-
-    FORCE holds a torque: the joint is a column of the contact Jacobian. POSITION holds an angle:
-    the joint is part of the environment. HYBRID is a whole finger that holds a commanded normal
-    force at each of its contacts and a position across it.
-    """
-
-    FORCE = "force"
-    POSITION = "position"
-    HYBRID = "hybrid"
+from graspless_pin.problem import ControlMode
 
 
 @dataclass(frozen=True)
@@ -84,58 +71,104 @@ def check_fingers(tree: KinematicTree, fingers: Mapping[str, FingerSpec]) -> dic
     return checked
 
 
+def driving_joints(tree: KinematicTree, spec: FingerSpec) -> list[str]:
+    """Return the independent joints that move a finger's joints, be they its own or not."""
+    columns = tree.coupling.drivers(tree.joint_index[joint] for joint in spec.joints)
+    return [tree.joint_names[tree.coupling.leaders[column]] for column in columns]
+
+
 def plan_control(
     tree: KinematicTree,
     fingers: Mapping[str, FingerSpec],
     control: ControlMode | str | Mapping[str, ControlMode | str] | None,
+    *,
+    arms: Mapping[str, Sequence[str]] | None = None,
+    held: Sequence[str] = (),
 ) -> ControlPlan:
     """Find every independent joint's control mode.
 
     Args:
         tree: The kinematic tree.
         fingers: The checked fingers.
-        control: One mode for all joints (FORCE or POSITION; None is FORCE), or modes by finger
-            or joint name: a joint's own mode wins over its finger's, and what is not named is
-            FORCE.
+        control: One mode for all joints (FORCE or POSITION), or modes by finger, arm or joint
+            name: a joint's own mode wins over its finger's or arm's. What is not named is under
+            POSITION control if it is in ``held``, else under FORCE.
+        arms: Joints by the name that stands for them in ``control``.
+        held: Joints that are position-controlled unless ``control`` says otherwise.
 
     Returns:
         The plan.
 
     Raises:
         ArgumentError: If a mode or name is unknown, HYBRID is asked of anything but a finger, a
-            joint of a hybrid finger has a mode of its own, or a mimic joint has one.
+            joint of a hybrid finger has a mode of its own or moves another finger, a mimic joint
+            has a mode, or fingers that one joint moves have different ones.
     """
     leaders = [tree.joint_names[index] for index in tree.coupling.leaders]
-    if control is None or isinstance(control, str):
-        mode = _mode("control", control or ControlMode.FORCE)
+    if isinstance(control, str):
+        mode = _mode("control", control)
         if mode is ControlMode.HYBRID:
             raise ArgumentError("control", "hybrid control is per finger: give {finger: 'hybrid'}")
         return ControlPlan(dict.fromkeys(leaders, mode), ())
-    modes = {name: _mode(f"control[{name!r}]", mode) for name, mode in control.items()}
+    modes = {name: _mode(f"control[{name!r}]", mode) for name, mode in (control or {}).items()}
+    groups = {name: joints for name, joints in (arms or {}).items() if name not in fingers}
     by_joint = dict.fromkeys(leaders, ControlMode.FORCE)
-    for name, mode in modes.items():
-        if name in fingers:
-            for joint in fingers[name].joints:
-                if joint in by_joint:
-                    by_joint[joint] = mode
+    by_joint |= {joint: ControlMode.POSITION for joint in held if joint in by_joint}
+    for name, joints in groups.items():
+        if name in modes and name not in tree.joint_names:
+            by_joint |= {joint: modes[name] for joint in joints if joint in by_joint}
+    by_joint |= _modes_of_fingers(tree, fingers, modes)
     hybrid = tuple(finger for finger in fingers if modes.get(finger) is ControlMode.HYBRID)
-    held = {joint: finger for finger in hybrid for joint in fingers[finger].joints}
+    hybrid_joints = {
+        joint: finger for finger in hybrid for joint in driving_joints(tree, fingers[finger])
+    }
     for name, mode in modes.items():
+        argument = f"control[{name!r}]"
         if name in fingers:
             continue
-        argument = f"control[{name!r}]"
-        if name not in by_joint:
-            if name in tree.joint_names:
-                raise ArgumentError(
-                    argument, "this joint mimics another one; give the mode of the joint it follows"
-                )
-            raise unknown_name("control", "finger or joint", name, (*fingers, *leaders))
+        is_arm = name in groups and name not in tree.joint_names
+        if name in tree.joint_names and name not in by_joint:
+            raise ArgumentError(
+                argument, "this joint mimics another one; give the mode of the joint it follows"
+            )
+        if name not in by_joint and not is_arm:
+            raise unknown_name("control", "finger or joint", name, (*fingers, *groups, *leaders))
         if mode is ControlMode.HYBRID:
             raise ArgumentError(argument, "hybrid control is per finger, not per joint")
-        if name in held:
-            raise ArgumentError(argument, f"its finger {held[name]!r} is under hybrid control")
+        if is_arm:
+            continue
+        if name in hybrid_joints:
+            raise ArgumentError(
+                argument, f"its finger {hybrid_joints[name]!r} is under hybrid control"
+            )
         by_joint[name] = mode
     return ControlPlan(by_joint, hybrid)
+
+
+def _modes_of_fingers(
+    tree: KinematicTree, fingers: Mapping[str, FingerSpec], modes: Mapping[str, ControlMode]
+) -> dict[str, ControlMode]:
+    """Return the modes that fingers set for the joints that move them."""
+    asked: dict[str, str] = {}
+    for finger in fingers:
+        if finger not in modes:
+            continue
+        for joint in driving_joints(tree, fingers[finger]):
+            other = asked.setdefault(joint, finger)
+            if modes[other] is not modes[finger]:
+                raise ArgumentError(
+                    f"control[{finger!r}]",
+                    f"joint {joint!r} moves this finger and {other!r}; give both the same mode",
+                )
+    for joint, finger in asked.items():
+        shared = [name for name in fingers if joint in driving_joints(tree, fingers[name])]
+        if modes[finger] is ControlMode.HYBRID and len(shared) > 1:
+            raise ArgumentError(
+                f"control[{finger!r}]",
+                f"joint {joint!r} moves the fingers {', '.join(shared)}; a hybrid finger needs "
+                "joints of its own",
+            )
+    return {joint: modes[finger] for joint, finger in asked.items()}
 
 
 def _mode(argument: str, value: ControlMode | str) -> ControlMode:
@@ -150,11 +183,9 @@ def _mode(argument: str, value: ControlMode | str) -> ControlMode:
 def _moved_links(tree: KinematicTree, finger: str, joints: Sequence[str]) -> tuple[str, ...]:
     """Return the links that any of ``joints`` moves, in model order."""
     for joint in joints:
-        if joint not in tree.joint_names:
+        if joint not in tree.joint_index:
             raise unknown_name(f"fingers[{finger!r}]", "joint", joint, tree.joint_names)
-    columns = [tree.joint_names.index(joint) for joint in joints]
+    columns = [tree.joint_index[joint] for joint in joints]
     return tuple(
-        link
-        for link, frame in tree.link_frames.items()
-        if tree.supports[tree.model.frames[frame].parentJoint, columns].any()
+        link for link, carrier in tree.link_joints.items() if tree.supports[carrier, columns].any()
     )

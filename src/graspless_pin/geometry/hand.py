@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-import pinocchio as pin  # pyright: ignore[reportMissingImports]
 from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.actuation import Actuation, plan_actuation
 from graspless_pin.geometry.collision import CollisionBody
 from graspless_pin.geometry.configuration import joint_positions
 from graspless_pin.geometry.effort_limits import (
@@ -21,18 +21,11 @@ from graspless_pin.geometry.effort_limits import (
     expand_overrides,
     resolve_effort_limits,
 )
-from graspless_pin.geometry.fingers import (
-    ControlMode,
-    ControlPlan,
-    FingerSpec,
-    plan_control,
-)
+from graspless_pin.geometry.fingers import ControlPlan, FingerSpec, plan_control
 from graspless_pin.geometry.mounts import Mount, join_mounts
-from graspless_pin.geometry.robots import (
-    describe_model,
-    describe_urdf,
-)
-from graspless_pin.geometry.tree import KinematicTree, unknown_name
+from graspless_pin.geometry.robots import describe_model, describe_urdf
+from graspless_pin.geometry.tree import Kinematics, KinematicTree, unknown_name
+from graspless_pin.problem import ControlMode
 
 Control = ControlMode | str | Mapping[str, ControlMode | str]
 
@@ -41,26 +34,50 @@ Control = ControlMode | str | Mapping[str, ControlMode | str]
 class Hand:
     """A mounted hand at a configuration. Make one with ``from_urdf`` and its sisters.
 
-    The L columns of every Jacobian are ``actuated_joint_names``: the independent joints under
-    force control. Mimic joints have no column; what they feel counts at the joint they follow
-    (``J_a = J S``, ``tau_a = S^T tau`` for ``q = S q_a + offset``). The motors' torque under
-    contact forces f on the object is ``J^T f + gravity_torques(gravity)``.
+    The L columns of every Jacobian are ``actuated_joint_names``: the actuators under force
+    control. Coupled joints have no column; what they feel counts at the joint they follow
+    (``J_a = J S``, ``tau_a = S^T tau`` for ``q = S q_a + offset``). Joints on tendons have the
+    tendons' columns and, for every motion that no tendon resists, a passive one with the limits
+    0 and 0. The motors' torque under contact forces f on the object is
+    ``J^T f + gravity_torques(gravity)``.
+
+    Fingers that nobody names are the branches below the palm. Joints that are not below a palm,
+    such as an arm's, are position-controlled unless ``control`` says otherwise.
 
     Attributes:
         tree: Kinematics and shapes of all mounted robots.
         base_poses: (4, 4) ``T_world_base`` by mount prefix, in mounting order.
+        palms: The links that carry fingers, empty if there is no branching link.
         fingers: Fingers by (prefixed) name.
+        arms: The joints that carry a palm, by the name that stands for them in ``control``.
         control: Control modes of the independent joints, and the hybrid fingers.
-        effort_limits: (lower, upper), each (L,), in N m (N for prismatic joints).
+        actuation: The L actuators and how the joints' torques become theirs.
+        effort_limits: (lower, upper), each (L,), in N m (N for prismatic joints and tendons).
         positions: (n,) position of every movable joint, mimic joints included (rad or m).
     """
 
     tree: KinematicTree
     base_poses: Mapping[str, NDArray[np.float64]]
+    palms: tuple[str, ...]
     fingers: Mapping[str, FingerSpec]
+    arms: Mapping[str, tuple[str, ...]]
     control: ControlPlan
+    actuation: Actuation
     effort_limits: tuple[NDArray[np.float64], NDArray[np.float64]]
     positions: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        """Make arrays and mappings read-only."""
+        for name in ("base_poses", "fingers", "arms"):
+            if not isinstance(getattr(self, name), MappingProxyType):
+                object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+        for array in (*self.base_poses.values(), *self.effort_limits, self.positions):
+            array.setflags(write=False)
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        """Pickle by the fields; read-only mappings as plain ones."""
+        values = (getattr(self, item.name) for item in fields(self))
+        return Hand, tuple(dict(v) if isinstance(v, MappingProxyType) else v for v in values)
 
     @classmethod
     def from_urdf(
@@ -108,10 +125,11 @@ class Hand:
             mounts: The robots. Their prefixes must differ.
             q: Position by joint name in radians or metres. A joint that is not named stands at
                 zero or, where zero is outside its limits, at the nearest limit.
-            control: One mode for all joints, or modes by finger or joint name; the default is
-                FORCE.
-            effort_limits: Limits by finger or joint name (a number, or (lower, upper)) that
-                replace those of the robot file and the URDF.
+            control: One mode for all joints, or modes by finger, arm or joint name; ``arm`` with
+                the mount's prefix means the joints that carry its palm. The default is FORCE, and
+                POSITION for joints that are not below a palm.
+            effort_limits: Limits by finger, joint or tendon name (a number, or (lower, upper))
+                that replace those of the robot file and the URDF.
 
         Returns:
             The hand.
@@ -123,19 +141,29 @@ class Hand:
 
         Warns:
             PlaceholderEffortWarning: If a force-controlled joint's limit is the URDF's and looks
-                like a placeholder.
-            GrasplessPinWarning: If a mimic joint follows a joint that does not exist.
+                like a placeholder or a robot file calls it unknown.
+            DanglingMimicWarning: If a mimic joint follows a joint that does not exist.
         """
         parts = join_mounts(mounts)
         tree = parts.tree
-        overrides = parts.effort_limits | expand_overrides(tree, parts.fingers, effort_limits or {})
-        plan = plan_control(tree, parts.fingers, control)
+        given = expand_overrides(tree, parts.fingers, effort_limits or {}, parts.tendons)
+        plan = plan_control(tree, parts.fingers, control, arms=parts.arms, held=parts.held_joints)
+        actuation = plan_actuation(tree, plan, parts.tendons)
         return cls(
             tree=tree,
-            base_poses=MappingProxyType(parts.base_poses),
-            fingers=MappingProxyType(parts.fingers),
+            base_poses=parts.base_poses,
+            palms=parts.palms,
+            fingers=parts.fingers,
+            arms=parts.arms,
             control=plan,
-            effort_limits=resolve_effort_limits(tree, plan.force_controlled, overrides),
+            actuation=actuation,
+            effort_limits=resolve_effort_limits(
+                tree,
+                actuation,
+                parts.effort_limits | given,
+                parts.effort_unknown,
+                parts.held_joints,
+            ),
             positions=joint_positions(tree, q or {}),
         )
 
@@ -162,8 +190,11 @@ class Hand:
 
     @property
     def actuated_joint_names(self) -> tuple[str, ...]:
-        """The L independent joints under force control: the columns of the Jacobian."""
-        return self.control.force_controlled
+        """The L actuators under force control: the columns of the Jacobian.
+
+        Motors by the name of their joint, then tendons, then passive motions.
+        """
+        return self.actuation.names
 
     @property
     def link_names(self) -> tuple[str, ...]:
@@ -200,7 +231,7 @@ class Hand:
         """
         joint = self._joints_of([link])[0]
         frame = self.tree.model.frames[self.tree.link_frames[link]]
-        return np.array((self._data.oMi[joint] * frame.placement).homogeneous)
+        return self._kinematics.T_world_joint[joint] @ frame.placement.homogeneous
 
     def collision_bodies(self) -> tuple[CollisionBody, ...]:
         """Return the collision shapes at the hand's configuration, in model order.
@@ -209,10 +240,12 @@ class Hand:
         body is named after its link, so a link with several shapes gives several bodies of one
         name.
         """
-        poses = [np.array(placement.homogeneous) for placement in self._data.oMi]
+        joints, placements = self.tree.shape_placements
+        poses = self._kinematics.T_world_joint[joints] @ placements
+        poses.setflags(write=False)
         return tuple(
-            CollisionBody(item.link, item.shape, poses[item.joint] @ item.T_joint_geometry)
-            for item in self.tree.geometries
+            _LinkBody(item.link, item.shape, pose)
+            for item, pose in zip(self.tree.geometries, poses, strict=True)
         )
 
     def contact_jacobian(self, links: Sequence[str], points: ArrayLike) -> NDArray[np.float64]:
@@ -229,8 +262,9 @@ class Hand:
         Raises:
             ArgumentError: If a link is unknown or ``points`` does not have one row per link.
         """
-        by_joint = self._independent_jacobians(links, points)[:, :, self._columns]
-        return by_joint.reshape(3 * len(links), len(self._columns))
+        by_joint = self._joint_jacobians(links, points)
+        columns = self.actuation.from_joints
+        return (by_joint @ columns).reshape(3 * len(links), columns.shape[1])
 
     def gravity_torques(self, gravity: ArrayLike) -> NDArray[np.float64]:
         """Return the torques that carry the links' own weight.
@@ -247,13 +281,12 @@ class Hand:
         acceleration = np.asarray(gravity, dtype=np.float64)
         if acceleration.shape != (3,) or not np.isfinite(acceleration).all():
             raise ArgumentError("gravity", f"needs 3 finite numbers, got {gravity!r}")
-        tree = self.tree
-        joints = range(1, tree.model.njoints)
-        centers = np.array([self._data.oMi[j].act(tree.model.inertias[j].lever) for j in joints])
-        masses = np.array([tree.model.inertias[j].mass for j in joints])
-        J = tree.point_jacobians(self._data.J, joints, centers.reshape(-1, 3))
+        joints, masses, levers = self.tree.masses
+        poses = self._kinematics.T_world_joint[joints]
+        centers = np.einsum("kij,kj->ki", poses[:, :3, :3], levers) + poses[:, :3, 3]
+        J = self.tree.point_jacobians(self._kinematics.J, joints, centers)
         torques = -np.einsum("k,i,kij->j", masses, acceleration, J)
-        return (tree.coupling.S.T @ torques)[self._columns]
+        return torques @ self.actuation.from_joints
 
     def point_velocities(
         self,
@@ -291,39 +324,35 @@ class Hand:
             raise ArgumentError("joint_velocities", f"needs finite numbers, got {joint_velocities}")
         arms = _points(links, points) - self.T_world_base[:3, 3]
         return (
-            self._independent_jacobians(links, points) @ rates
+            self._joint_jacobians(links, points) @ (self.tree.coupling.S @ rates)
             + twist[:3]
             + np.cross(twist[3:], arms)
         )
 
     @cached_property
-    def _data(self) -> Any:
-        """Pinocchio's data with joint placements and the joint Jacobian at the configuration."""
-        data = self.tree.model.createData()
-        pin.computeJointJacobians(self.tree.model, data, self.tree.configuration(self.positions))
-        return data
+    def _kinematics(self) -> Kinematics:
+        """Joint poses and Jacobian columns at the configuration."""
+        return self.tree.kinematics(self.positions)
 
-    @cached_property
-    def _columns(self) -> list[int]:
-        """Where the actuated joints are among the independent ones."""
-        modes = self.control.joints.values()
-        return [column for column, mode in enumerate(modes) if mode is ControlMode.FORCE]
-
-    def _independent_jacobians(
-        self, links: Sequence[str], points: ArrayLike
-    ) -> NDArray[np.float64]:
-        """Return (K, 3, a) Jacobians for all independent joints."""
+    def _joint_jacobians(self, links: Sequence[str], points: ArrayLike) -> NDArray[np.float64]:
+        """Return (K, 3, n) Jacobians for all movable joints."""
         positions = _points(links, points)
-        J = self.tree.point_jacobians(self._data.J, self._joints_of(links), positions)
-        return J @ self.tree.coupling.S
+        return self.tree.point_jacobians(self._kinematics.J, self._joints_of(links), positions)
 
     def _joints_of(self, links: Sequence[str]) -> list[int]:
         """Return the Pinocchio joint that carries each link."""
-        frames = self.tree.link_frames
-        for link in links:
-            if link not in frames:
-                raise unknown_name("links", "link", link, self.link_names)
-        return [int(self.tree.model.frames[frames[link]].parentJoint) for link in links]
+        carriers = self.tree.link_joints
+        try:
+            return [carriers[link] for link in links]
+        except KeyError as error:
+            raise unknown_name("links", "link", str(error.args[0]), self.link_names) from error
+
+
+class _LinkBody(CollisionBody):
+    """A body whose pose is fresh and read-only already: half of the cost of a configuration."""
+
+    def __post_init__(self) -> None:
+        """Take the pose as it is."""
 
 
 def _points(links: Sequence[str], points: ArrayLike) -> NDArray[np.float64]:

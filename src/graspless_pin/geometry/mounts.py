@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.errors import ArgumentError, RobotError
-from graspless_pin.geometry.effort_limits import expand_overrides
-from graspless_pin.geometry.fingers import FingerSpec, check_fingers
+from graspless_pin.geometry.coupling import JointCoupling
+from graspless_pin.geometry.effort_limits import expand_overrides, spread_names
+from graspless_pin.geometry.finger_discovery import discover_hands
+from graspless_pin.geometry.fingers import FingerSpec, check_fingers, driving_joints
 from graspless_pin.geometry.poses import as_pose
 from graspless_pin.geometry.robots import RobotDescription, find_robot
-from graspless_pin.geometry.tree import KinematicTree, build_tree
-from graspless_pin.geometry.urdf import read_urdf
+from graspless_pin.geometry.tree import KinematicTree, build_tree, unknown_name
+from graspless_pin.geometry.urdf import UrdfDocument, read_urdf
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +29,7 @@ class Mount:
             model, or a description.
         T_world_base: (4, 4) pose of the robot's root link; None is the world's origin.
         prefix: Put before the names of its joints, links and fingers.
-        fingers: Its fingers, without the prefix; None takes the robot file's.
+        fingers: Its fingers, without the prefix; None takes the robot file's, or finds them.
         package_dirs: For the ``package://`` addresses of a URDF given by path.
     """
 
@@ -45,18 +47,32 @@ class JoinedMounts:
     Attributes:
         tree: Their common tree.
         base_poses: (4, 4) ``T_world_base`` by prefix, in mounting order.
+        palms: The links that carry fingers.
         fingers: All fingers, checked.
-        effort_limits: (lower, upper) by joint, as far as the robot files state them.
+        arms: The joints that carry a palm, by the name ``arm`` with the mount's prefix.
+        held_joints: Joints that neither a finger has nor a palm carries, where there is a palm.
+        tendons: Moment arm by joint, m, by tendon.
+        effort_limits: (lower, upper) by joint or tendon, as far as the robot files state them.
+        effort_unknown: What is known by joint or tendon whose limit a robot file calls unknown.
     """
 
     tree: KinematicTree
     base_poses: dict[str, NDArray[np.float64]]
+    palms: tuple[str, ...]
     fingers: dict[str, FingerSpec]
+    arms: dict[str, tuple[str, ...]]
+    held_joints: tuple[str, ...]
+    tendons: dict[str, dict[str, float]]
     effort_limits: dict[str, tuple[float, float]]
+    effort_unknown: dict[str, str]
 
 
-def join_mounts(mounts: Sequence[Mount]) -> JoinedMounts:
+def join_mounts(mounts: Sequence[Mount], *, with_shapes: bool = True) -> JoinedMounts:
     """Find, read and join robots.
+
+    Args:
+        mounts: The robots.
+        with_shapes: Whether to read their meshes and keep their collision shapes.
 
     Raises:
         ArgumentError: If there is no mount, two share a prefix, a pose is not rigid or fingers
@@ -75,20 +91,79 @@ def join_mounts(mounts: Sequence[Mount]) -> JoinedMounts:
         for mount in mounts
     ]
     documents = [
-        read_urdf(robot.urdf_path, prefix=prefix, package_dirs=robot.package_dirs)
+        read_urdf(
+            robot.urdf_path,
+            prefix=prefix,
+            package_dirs=robot.package_dirs,
+            root_link=robot.root_link,
+            with_meshes=with_shapes,
+        )
         for robot, prefix in zip(robots, prefixes, strict=True)
     ]
-    tree = build_tree(list(zip(documents, poses, strict=True)))
-    fingers: dict[str, FingerSpec] = {}
-    limits: dict[str, tuple[float, float]] = {}
-    for mount, robot in zip(mounts, robots, strict=True):
-        own_fingers, own_limits = _checked_description(tree, robot, mount.prefix)
-        limits |= own_limits
-        if mount.fingers is None:
-            fingers |= own_fingers
-        else:
-            fingers |= check_fingers(tree, _prefix_fingers(mount.prefix, mount.fingers))
-    return JoinedMounts(tree, dict(zip(prefixes, poses, strict=True)), fingers, limits)
+    couplings = [
+        coupling
+        for robot, document, prefix in zip(robots, documents, prefixes, strict=True)
+        for coupling in _couplings(robot, document, prefix)
+    ]
+    tree = build_tree(list(zip(documents, poses, strict=True)), couplings, with_shapes=with_shapes)
+    joined = JoinedMounts(tree, dict(zip(prefixes, poses, strict=True)), (), {}, {}, (), {}, {}, {})
+    for mount, robot, document in zip(mounts, robots, documents, strict=True):
+        joined = _add(joined, mount, robot, document.root)
+    return joined
+
+
+def _couplings(robot: RobotDescription, document: UrdfDocument, prefix: str) -> list[JointCoupling]:
+    """Return the couplings of a robot file, prefixed and checked."""
+    couplings = [coupling.prefixed(prefix) for coupling in robot.couplings]
+    for coupling in couplings:
+        for joint in (coupling.joint, *coupling.follows):
+            if joint not in document.joints:
+                error = unknown_name("couplings", "joint", joint, document.joints)
+                raise RobotError(f"robot {robot.name!r}: {error}") from error
+    return couplings
+
+
+def _add(joined: JoinedMounts, mount: Mount, robot: RobotDescription, root: str) -> JoinedMounts:
+    """Add what one robot and its file say about its fingers, tendons and limits."""
+    tree, prefix = joined.tree, mount.prefix
+    tendons = {
+        prefix + name: {prefix + joint: arm for joint, arm in arms.items()}
+        for name, arms in robot.tendons.items()
+    }
+    try:
+        palms = [prefix + palm for palm in robot.palms]
+        structure = discover_hands(tree, root, palms, prefix)
+        fingers = structure.fingers
+        if robot.fingers:
+            fingers = check_fingers(tree, _prefix_fingers(prefix, robot.fingers))
+        for arms in tendons.values():
+            for joint in arms:
+                if joint not in tree.joint_index:
+                    raise unknown_name("tendons", "joint", joint, tree.joint_names)
+        limits = {prefix + name: limit for name, limit in robot.effort_limits.items()}
+        expanded = expand_overrides(tree, fingers, limits, tendons)
+        notes = {prefix + name: note for name, note in robot.effort_unknown.items()}
+        unknown = {
+            target: notes[name]
+            for target, name in spread_names(tree, fingers, notes, tendons).items()
+        }
+    except ArgumentError as error:
+        raise RobotError(f"robot {robot.name!r}: {error}") from error
+    if mount.fingers is not None:
+        fingers = check_fingers(tree, _prefix_fingers(prefix, mount.fingers))
+    arm = structure.arm_joints
+    in_fingers = {joint for spec in fingers.values() for joint in driving_joints(tree, spec)}
+    held = tuple(joint for joint in structure.held_joints if joint not in in_fingers)
+    return replace(
+        joined,
+        palms=(*joined.palms, *structure.palms),
+        fingers=joined.fingers | fingers,
+        arms=joined.arms | ({f"{prefix}arm": arm} if arm else {}),
+        held_joints=(*joined.held_joints, *held),
+        tendons=joined.tendons | tendons,
+        effort_limits=joined.effort_limits | expanded,
+        effort_unknown=joined.effort_unknown | unknown,
+    )
 
 
 def _prefix_fingers(prefix: str, fingers: Mapping[str, FingerSpec]) -> dict[str, FingerSpec]:
@@ -101,17 +176,3 @@ def _prefix_fingers(prefix: str, fingers: Mapping[str, FingerSpec]) -> dict[str,
         )
         for finger, spec in fingers.items()
     }
-
-
-def _checked_description(
-    tree: KinematicTree, robot: RobotDescription, prefix: str
-) -> tuple[dict[str, FingerSpec], dict[str, tuple[float, float]]]:
-    """Return a robot's own fingers and effort limits by joint, prefixed and checked."""
-    limits = {prefix + name: limit for name, limit in robot.effort_limits.items()}
-    if robot.palm is not None and prefix + robot.palm not in tree.link_frames:
-        raise RobotError(f"robot {robot.name!r}: the palm {robot.palm!r} is not one of its links")
-    try:
-        fingers = check_fingers(tree, _prefix_fingers(prefix, robot.fingers))
-        return fingers, expand_overrides(tree, fingers, limits)
-    except ArgumentError as error:
-        raise RobotError(f"robot {robot.name!r}: {error}") from error

@@ -8,15 +8,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import yaml
 from example_robot_data import (  # pyright: ignore[reportMissingImports]
     ROBOTS,
     getModelPath,
 )
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from graspless_pin.errors import ArgumentError, RobotError
+from graspless_pin.geometry.coupling import JointCoupling
 from graspless_pin.geometry.fingers import FingerSpec
+from graspless_pin.geometry.robot_schema import read_robot_file
 
 _PACKAGE_ROBOTS = Path(__file__).resolve().parents[1] / "robots"
 _SOURCE_ROBOTS = Path(__file__).resolve().parents[3] / "robots"
@@ -30,55 +30,32 @@ class RobotDescription:
         name: Its name, for messages and tables.
         urdf_path: The URDF.
         package_dirs: Where the URDF's ``package://`` addresses are looked up.
-        fingers: Fingers by name; empty if nobody declared any.
-        effort_limits: Limit by finger or joint (N m, or N for a prismatic joint): a symmetric
-            one, or (lower, upper).
+        root_link: The link that is mounted, with all that hangs on it; None is the URDF's root.
+        palms: The links that carry fingers; empty: found from the tree.
+        fingers: Fingers by name; empty: the branches below the palms.
+        couplings: Coupled joints, instead of the URDF's mimic joints of these names.
+        tendons: Moment arm by joint, m, by tendon.
+        effort_limits: Limit by finger, joint or tendon (N m, or N for a prismatic joint or a
+            tendon): a symmetric one, or (lower, upper).
         effort_sources: Where each of these limits comes from.
-        palm: The link that carries the fingers, if it is named.
+        effort_unknown: What is known by finger, joint or tendon whose real limit is not.
+        file: The robot file, if there is one.
+        model: The model of example-robot-data, if it is one.
     """
 
     name: str
     urdf_path: Path
     package_dirs: tuple[Path, ...] = ()
+    root_link: str | None = None
+    palms: tuple[str, ...] = ()
     fingers: Mapping[str, FingerSpec] = field(default_factory=dict)
+    couplings: tuple[JointCoupling, ...] = ()
+    tendons: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     effort_limits: Mapping[str, float | tuple[float, float]] = field(default_factory=dict)
     effort_sources: Mapping[str, str] = field(default_factory=dict)
-    palm: str | None = None
-
-
-class _Entry(BaseModel):
-    """A part of a robot file: unknown keys are mistakes."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class _FingerEntry(_Entry):
-    joints: list[str] = Field(min_length=1)
-    links: list[str] = []
-    tip: str | None = None
-
-
-class _EffortEntry(_Entry):
-    limit: float | tuple[float, float]
-    source: str = Field(min_length=1)
-
-
-class _RobotFile(_Entry):
-    name: str = Field(min_length=1)
-    urdf: str | None = None
+    effort_unknown: Mapping[str, str] = field(default_factory=dict)
+    file: Path | None = None
     model: str | None = None
-    palm: str | None = None
-    fingers: dict[str, _FingerEntry] = {}
-    effort_limits: dict[str, _EffortEntry] = {}
-
-    @model_validator(mode="after")
-    def _one_source(self) -> _RobotFile:
-        if (self.urdf is None) == (self.model is None):
-            raise ValueError(
-                "give either 'urdf' (a path relative to this file) or 'model' (the name of an "
-                "example-robot-data model)"
-            )
-        return self
 
 
 def describe_urdf(path: str | Path, package_dirs: Sequence[str | Path] = ()) -> RobotDescription:
@@ -100,7 +77,7 @@ def describe_model(name: str) -> RobotDescription:
         raise RobotError(f"model {name!r} of example-robot-data is not a URDF; choose another one")
     inside = Path(loader.path) / loader.urdf_subpath / loader.urdf_filename
     models = Path(getModelPath(str(inside))).resolve()
-    return RobotDescription(name, models / inside, (models.parents[1],))
+    return RobotDescription(name, models / inside, (models.parents[1],), model=name)
 
 
 def robot_names() -> tuple[str, ...]:
@@ -130,7 +107,8 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
         file = _robots_folder() / f"{text}.yaml"
     else:
         raise RobotError(f"unknown robot {text!r}; {_similar(text, robot_names())}")
-    entry = _read(file)
+    entry = read_robot_file(file)
+    efforts = entry.effort_limits
     fingers = {
         finger: FingerSpec(tuple(spec.joints), tuple(spec.links), spec.tip)
         for finger, spec in entry.fingers.items()
@@ -146,10 +124,16 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
         name=entry.name,
         urdf_path=base.urdf_path,
         package_dirs=base.package_dirs,
+        root_link=entry.root_link,
+        palms=(entry.palm,) if isinstance(entry.palm, str) else tuple(entry.palm),
         fingers=fingers,
-        effort_limits={name: item.limit for name, item in entry.effort_limits.items()},
-        effort_sources={name: item.source for name, item in entry.effort_limits.items()},
-        palm=entry.palm,
+        couplings=tuple(item.coupling(joint) for joint, item in entry.couplings.items()),
+        tendons={name: item.moment_arms for name, item in entry.tendons.items()},
+        effort_limits={name: e.limit for name, e in efforts.items() if e.limit is not None},
+        effort_sources={name: e.source for name, e in efforts.items() if e.source is not None},
+        effort_unknown={name: e.unknown for name, e in efforts.items() if e.unknown is not None},
+        file=file,
+        model=entry.model,
     )
 
 
@@ -188,24 +172,6 @@ def find_robot(
 def _robots_folder() -> Path:
     """Return the folder of robot files, inside the installed package or beside its source."""
     return _PACKAGE_ROBOTS if _PACKAGE_ROBOTS.is_dir() else _SOURCE_ROBOTS
-
-
-def _read(file: Path) -> _RobotFile:
-    """Read and validate one robot file."""
-    try:
-        content: Any = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise RobotError(f"{file}: not plain YAML ({error})") from error
-    if not isinstance(content, dict):
-        raise RobotError(
-            f"{file}: a robot file is a mapping with the keys name, urdf or model, ..."
-        )
-    try:
-        return _RobotFile.model_validate(content)
-    except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"]) or "file"
-        raise RobotError(f"{file}: {key}: {first['msg']} (found {first['input']!r})") from error
 
 
 def _similar(name: str, known: Sequence[str] | Mapping[str, Any]) -> str:

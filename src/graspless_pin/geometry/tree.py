@@ -2,58 +2,48 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Mapping, Sequence
+import threading
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]
 from numpy.typing import NDArray
 
-from graspless_pin.errors import ArgumentError, GrasplessPinWarning, MeshError, RobotError
-from graspless_pin.geometry.urdf import UNBOUNDED, Mimic, UrdfDocument
+from graspless_pin.errors import ArgumentError, RobotError
+from graspless_pin.geometry.coupling import Coupling, JointCoupling, remake, resolve_couplings
+from graspless_pin.geometry.link_shapes import LinkGeometry, link_geometry, load_link_mesh
+from graspless_pin.geometry.urdf import UNBOUNDED, UrdfDocument
 
 FloatArray = NDArray[np.float64]
 
-FLATNESS = 1e-7
-"""Thickness over length below which a mesh (single-precision vertices) has no volume."""
+LIMIT_TOLERANCE = 1e-6
+"""How far outside its limits a named joint may stand (rounded input), radians or metres."""
+
+FOLLOWER_TOLERANCE = 1e-3
+"""The same for mimic joints, whose limits rarely match multiplier times limit to all digits."""
+
+_DATA_LOCK = threading.Lock()
+_SKEW = np.zeros((3, 3, 3))
+for _axis, (_row, _column) in enumerate([(2, 1), (0, 2), (1, 0)]):
+    _SKEW[_axis, _row, _column], _SKEW[_axis, _column, _row] = 1.0, -1.0
+_SKEW = _SKEW.reshape(3, 9)
+"""(3, 9): ``p @ _SKEW`` is the matrix [p]x, row by row."""
 
 
 @dataclass(frozen=True, eq=False)
-class LinkGeometry:
-    """A collision shape that moves with a link.
+class Kinematics:
+    """Where everything is at one configuration.
 
     Attributes:
-        link: Name of the link.
-        joint: Pinocchio index of the joint that carries it, 0 for the base.
-        shape: coal geometry, a primitive or a convex hull.
-        T_joint_geometry: (4, 4) pose in the joint's frame.
+        T_world_joint: (n + 1, 4, 4) pose of every Pinocchio joint, the base first.
+        J: (6, n) spatial joint columns [v; omega] about the world's origin, world axes.
     """
 
-    link: str
-    joint: int
-    shape: Any
-    T_joint_geometry: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class Coupling:
-    """Mimic joints as an affine map: all n joint positions are ``q = S q_a + offset``.
-
-    Velocities follow ``S v_a`` and the actuators feel ``S^T tau``.
-
-    Attributes:
-        leaders: Indices of the a independent joints among the n joints.
-        S: (n, a) coupling matrix, the identity without mimic joints.
-        offset: (n,) radians or metres.
-    """
-
-    leaders: tuple[int, ...]
-    S: FloatArray
-    offset: FloatArray
+    T_world_joint: FloatArray
+    J: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,11 +54,11 @@ class KinematicTree:
     joint i + 1 and velocity coordinate i.
 
     Attributes:
-        model: ``pinocchio.Model`` with mimic joints independent.
+        model: ``pinocchio.Model`` with coupled joints independent.
         joint_names: (n) movable joints in model order.
         link_frames: Frame index by link name.
         geometries: Collision shapes in model order.
-        coupling: Mimic joints.
+        coupling: Coupled joints.
         lower: (n,) lower position limits, -inf where there is none (radians or metres).
         upper: (n,) upper position limits, inf where there is none.
     """
@@ -81,6 +71,56 @@ class KinematicTree:
     lower: FloatArray
     upper: FloatArray
 
+    def __post_init__(self) -> None:
+        """Make the arrays read-only."""
+        self.lower.setflags(write=False)
+        self.upper.setflags(write=False)
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        """Pickle by the fields."""
+        return remake(self)
+
+    @cached_property
+    def joint_index(self) -> Mapping[str, int]:
+        """Index among the n movable joints by name."""
+        return {name: index for index, name in enumerate(self.joint_names)}
+
+    @cached_property
+    def joint_kinds(self) -> tuple[str, ...]:
+        """``revolute``, ``continuous`` or ``prismatic`` for each of the n movable joints."""
+        kinds = []
+        for joint in range(1, self.model.njoints):
+            if self.model.nqs[joint] == 2:
+                kinds.append("continuous")
+            else:
+                name = self.model.joints[joint].shortname()
+                kinds.append("prismatic" if name.startswith("JointModelP") else "revolute")
+        return tuple(kinds)
+
+    @cached_property
+    def tolerated(self) -> tuple[FloatArray, FloatArray]:
+        """(n,) lowest and highest positions that pass as within the limits."""
+        slack = np.full(len(self.joint_names), FOLLOWER_TOLERANCE)
+        slack[list(self.coupling.leaders)] = LIMIT_TOLERANCE
+        return self.lower - slack, self.upper + slack
+
+    @cached_property
+    def link_joints(self) -> Mapping[str, int]:
+        """Pinocchio index of the joint that carries each link, 0 for the base."""
+        frames = self.model.frames
+        return {link: int(frames[index].parentJoint) for link, index in self.link_frames.items()}
+
+    @cached_property
+    def parent_links(self) -> Mapping[str, str | None]:
+        """The link at the other end of the joint above each link, None for a root link."""
+        frames = self.model.frames
+        parents: dict[str, str | None] = {}
+        for link, index in self.link_frames.items():
+            above = frames[frames[index].parentFrame]  # the frame of the joint, or the universe
+            name = frames[above.parentFrame].name
+            parents[link] = name if name in self.link_frames else None
+        return parents
+
     @cached_property
     def supports(self) -> NDArray[np.bool_]:
         """(n + 1, n) whether joint j moves what is attached to Pinocchio joint i."""
@@ -90,19 +130,45 @@ class KinematicTree:
             mask[joint, joint - 1] = True
         return mask
 
+    @cached_property
+    def shape_placements(self) -> tuple[NDArray[np.intp], FloatArray]:
+        """(G,) Pinocchio joint and (G, 4, 4) pose in its frame of every collision shape."""
+        joints = np.array([item.joint for item in self.geometries], dtype=np.intp)
+        poses = np.array([item.T_joint_geometry for item in self.geometries]).reshape(-1, 4, 4)
+        return joints, poses
+
+    @cached_property
+    def masses(self) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
+        """Pinocchio joint, mass (kg) and (3,) centre of mass in its frame of all that moves."""
+        heavy = [joint for joint in range(1, self.model.njoints) if self._inertia(joint).mass > 0.0]
+        masses = np.array([self._inertia(joint).mass for joint in heavy], dtype=np.float64)
+        levers = np.array([self._inertia(joint).lever for joint in heavy]).reshape(-1, 3)
+        return np.array(heavy, dtype=np.intp), masses, levers
+
     def configuration(self, positions: FloatArray) -> FloatArray:
         """Return Pinocchio's configuration vector of (n,) joint positions.
 
         Continuous joints take two entries there, the cosine and the sine of their angle.
         """
+        single, angles = self._starts
         q = np.empty(self.model.nq)
-        for index, position in enumerate(positions):
-            start = self.model.idx_qs[index + 1]
-            if self.model.nqs[index + 1] == 2:
-                q[start : start + 2] = np.cos(position), np.sin(position)
-            else:
-                q[start] = position
+        q[single] = positions
+        if len(angles):
+            q[single[angles]] = np.cos(positions[angles])
+            q[single[angles] + 1] = np.sin(positions[angles])
         return q
+
+    def kinematics(self, positions: FloatArray) -> Kinematics:
+        """Return joint poses and Jacobian columns at (n,) joint positions."""
+        q = self.configuration(positions)
+        with _DATA_LOCK:  # one data object serves all configurations of the tree
+            data = self._data
+            pin.computeJointJacobians(self.model, data, q)
+            poses = np.array([pose.homogeneous for pose in data.oMi.tolist()])
+            J = np.array(data.J).reshape(6, -1)  # the binding drops the dimension of one joint
+        poses.setflags(write=False)
+        J.setflags(write=False)
+        return Kinematics(poses, J)
 
     def point_jacobians(self, J_world: FloatArray, joints: Any, points: FloatArray) -> FloatArray:
         """Return (K, 3, n) velocities of K body-fixed points per joint rate, world axes.
@@ -112,17 +178,38 @@ class KinematicTree:
             joints: (K,) Pinocchio joint that carries each point.
             points: (K, 3) world positions in metres.
         """
-        linear, angular = J_world[:3].T, J_world[3:].T
-        velocities = linear + np.cross(angular, points[:, None, :])
-        velocities = velocities * self.supports[np.asarray(joints, dtype=int)][:, :, None]
-        return velocities.transpose(0, 2, 1)
+        J = J_world.reshape(6, -1)
+        arms = (points @ _SKEW).reshape(-1, 3, 3)
+        return (J[:3] - arms @ J[3:]) * self.supports[np.asarray(joints, dtype=int)][:, None, :]
+
+    def _inertia(self, joint: int) -> Any:
+        """Return Pinocchio's inertia of what a joint carries."""
+        return self.model.inertias[joint]
+
+    @cached_property
+    def _starts(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Where each joint starts in q, and which joints are continuous."""
+        starts = np.array(self.model.idx_qs, dtype=np.intp)[1:]
+        return starts, np.flatnonzero(np.array(self.model.nqs)[1:] == 2)
+
+    @cached_property
+    def _data(self) -> Any:
+        """Pinocchio's work space."""
+        return self.model.createData()
 
 
-def build_tree(parts: Sequence[tuple[UrdfDocument, FloatArray]]) -> KinematicTree:
+def build_tree(
+    parts: Sequence[tuple[UrdfDocument, FloatArray]],
+    couplings: Iterable[JointCoupling] = (),
+    *,
+    with_shapes: bool = True,
+) -> KinematicTree:
     """Build one tree of several URDFs, each fixed to the world at its pose.
 
     Args:
         parts: (document, (4, 4) ``T_world_base``) of each; names must differ between documents.
+        couplings: Couplings that replace the documents' own for the same joints.
+        with_shapes: Whether to read meshes and keep the collision shapes.
 
     Returns:
         The tree.
@@ -132,16 +219,17 @@ def build_tree(parts: Sequence[tuple[UrdfDocument, FloatArray]]) -> KinematicTre
         MeshError: If a mesh cannot be read or has no volume.
 
     Warns:
-        GrasplessPinWarning: If a mimic joint follows a joint that does not exist.
+        DanglingMimicWarning: If a mimic joint follows a joint that does not exist.
     """
     model, geometry_model = pin.Model(), pin.GeometryModel()
     for document, T_world_base in parts:
-        part, part_geometry = _load(document)
+        part, part_geometry = _load(document, with_shapes=with_shapes)
         model, geometry_model = pin.appendModel(
             model, part, geometry_model, part_geometry, 0, pin.SE3(np.array(T_world_base))
         )
     joint_names = tuple(model.names)[1:]
-    mimics = [mimic for document, _ in parts for mimic in document.mimics]
+    follows = {item.joint: item for document, _ in parts for item in document.mimics}
+    follows |= {item.joint: item for item in couplings}
     single = np.array([model.nqs[joint] == 1 for joint in range(1, model.njoints)], dtype=bool)
     starts = [model.idx_qs[joint] for joint in range(1, model.njoints)]
     lower = np.where(single, model.lowerPositionLimit[starts], -np.inf)
@@ -154,102 +242,32 @@ def build_tree(parts: Sequence[tuple[UrdfDocument, FloatArray]]) -> KinematicTre
             for index, frame in enumerate(model.frames)
             if frame.type == pin.FrameType.BODY
         },
-        geometries=tuple(_link_geometry(model, item) for item in geometry_model.geometryObjects),
-        coupling=_coupling(joint_names, mimics),
+        geometries=tuple(link_geometry(model, item) for item in geometry_model.geometryObjects),
+        coupling=resolve_couplings(joint_names, follows.values()),
         lower=np.where(lower <= -UNBOUNDED, -np.inf, lower),
         upper=np.where(upper >= UNBOUNDED, np.inf, upper),
     )
 
 
-def _load(document: UrdfDocument) -> tuple[Any, Any]:
+def _load(document: UrdfDocument, *, with_shapes: bool) -> tuple[Any, Any]:
     """Return Pinocchio's model and collision model of one document."""
-    for link, file in document.meshes:
-        try:
-            coal.MeshLoader().load(str(file), np.ones(3))
-        except Exception as error:  # coal raises its own C++ exceptions as plain ones
-            raise MeshError(
-                f"{document.label}: the collision mesh {file} of link {link!r} cannot be read; "
-                "export it again as STL, OBJ or DAE"
-            ) from error
+    geometry_model = pin.GeometryModel()
     try:
         model = pin.buildModelFromXML(document.text)
-        geometry_model = pin.buildGeomFromUrdfString(
-            model, document.text, pin.GeometryType.COLLISION
-        )
-    except ValueError as error:  # what was found wrong went to standard error
+        if with_shapes:
+            geometry_model = pin.buildGeomFromUrdfString(
+                model, document.text, pin.GeometryType.COLLISION
+            )
+    except Exception as error:  # coal raises its own C++ exceptions as plain ones
+        for link, file in document.meshes:
+            load_link_mesh(file, document.label, link)  # names the mesh, if it is one
+        # What else was found wrong went to standard error.
         raise RobotError(f"{document.label}: Pinocchio cannot load this URDF ({error})") from error
     for index, frame in enumerate(model.frames):
         if index > 0 and frame.type != pin.FrameType.BODY:
             # A joint may be called like a link; appendModel looks frames up by name alone.
             frame.name = f"joint {frame.name}"
     return model, geometry_model
-
-
-def _link_geometry(model: Any, item: Any) -> LinkGeometry:
-    """Take one geometry object over, a mesh as its convex hull."""
-    link = model.frames[item.parentFrame].name
-    shape = item.geometry
-    if isinstance(shape, coal.BVHModelBase):
-        shape = _convex_hull(shape, f"the collision mesh {item.meshPath} of link {link!r}")
-    T_joint_geometry = np.array(item.placement.homogeneous)
-    T_joint_geometry.setflags(write=False)
-    return LinkGeometry(link, int(item.parentJoint), shape, T_joint_geometry)
-
-
-def _convex_hull(mesh: Any, what: str) -> Any:
-    """Return the convex hull of a mesh; coal would crash on a flat one."""
-    vertices = np.array(mesh.vertices())
-    extents = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
-    if len(extents) < 3 or extents[2] <= FLATNESS * extents[0]:
-        raise MeshError(f"{what} has no volume; give it a thickness or use a box")
-    error: Exception | None = None
-    # A flat face of hundreds of corners is one fan of triangles with "Qt", of which coal refuses
-    # the hub; joggling ("QJ") splits the face otherwise and leaves the corners where they are.
-    for option in ("Qt", "QJ"):
-        try:
-            mesh.buildConvexHull(True, option)  # noqa: FBT003 - a C++ signature
-        except (RuntimeError, ValueError) as failure:
-            error = failure
-        else:
-            return mesh.convex
-    raise MeshError(f"{what} has no usable convex hull; simplify it ({error})") from error
-
-
-def _coupling(joint_names: Sequence[str], mimics: Sequence[Mimic]) -> Coupling:
-    """Resolve mimic joints in any order, chains included."""
-    follows = {mimic.joint: mimic for mimic in mimics}
-    dangling = [mimic for mimic in mimics if mimic.leader not in joint_names]
-    if dangling:
-        listed = ", ".join(f"{mimic.joint!r} -> {mimic.leader!r}" for mimic in dangling)
-        warnings.warn(
-            f"mimic joints follow joints that do not exist or are fixed: {listed}; they are "
-            "treated as independent, correct the names in the URDF",
-            GrasplessPinWarning,
-            stacklevel=2,
-        )
-        for mimic in dangling:
-            del follows[mimic.joint]
-    leaders = tuple(index for index, name in enumerate(joint_names) if name not in follows)
-    column = {joint_names[index]: number for number, index in enumerate(leaders)}
-    S = np.zeros((len(joint_names), len(leaders)))
-    offset = np.zeros(len(joint_names))
-    for index, name in enumerate(joint_names):
-        multiplier, shift, chain = 1.0, 0.0, [name]
-        while chain[-1] in follows:
-            mimic = follows[chain[-1]]
-            shift += multiplier * mimic.offset
-            multiplier *= mimic.multiplier
-            if mimic.leader in chain:
-                raise RobotError(
-                    f"mimic joints follow each other in a circle: "
-                    f"{' -> '.join([*chain, mimic.leader])}; let one of them lead"
-                )
-            chain.append(mimic.leader)
-        S[index, column[chain[-1]]] = multiplier
-        offset[index] = shift
-    S.setflags(write=False)
-    offset.setflags(write=False)
-    return Coupling(leaders, S, offset)
 
 
 def unknown_name(argument: str, kind: str, name: str, known: Sequence[str]) -> ArgumentError:

@@ -13,23 +13,15 @@ from pathlib import Path
 from xml.parsers import expat
 
 from graspless_pin.errors import RobotError
+from graspless_pin.geometry.coupling import JointCoupling
 from graspless_pin.geometry.urdf_links import check_link, check_origin, number, numbers
 
 UNBOUNDED = 1e30
 """Stands for ``inf`` in the text given to Pinocchio, whose parser rejects the word itself."""
 
-_MOVABLE_TYPES = ("revolute", "prismatic", "continuous")
-_UNSUPPORTED_TYPES = ("floating", "planar")
-
-
-@dataclass(frozen=True)
-class Mimic:
-    """A coupled joint: ``q[joint] = multiplier * q[leader] + offset`` (radians or metres)."""
-
-    joint: str
-    leader: str
-    multiplier: float
-    offset: float
+MOVABLE_TYPES = ("revolute", "prismatic", "continuous")
+FREE_TYPES = ("floating", "planar")
+"""Joints that a hand has no motor for: fixed where they carry a base, refused elsewhere."""
 
 
 @dataclass(frozen=True)
@@ -39,38 +31,68 @@ class UrdfDocument:
     Attributes:
         label: The file, for messages.
         text: The XML to give to Pinocchio.
+        root: The root link.
+        joints: The movable joints, in file order.
         mimics: The couplings, in file order; their leaders need not exist.
         meshes: The collision meshes as (link, file), in file order.
     """
 
     label: str
     text: str
-    mimics: tuple[Mimic, ...]
+    root: str
+    joints: tuple[str, ...]
+    mimics: tuple[JointCoupling, ...]
     meshes: tuple[tuple[str, Path], ...]
 
 
-def read_urdf(path: Path, *, prefix: str = "", package_dirs: Sequence[Path] = ()) -> UrdfDocument:
+def read_urdf(
+    path: Path,
+    *,
+    prefix: str = "",
+    package_dirs: Sequence[Path] = (),
+    root_link: str | None = None,
+    with_meshes: bool = True,
+) -> UrdfDocument:
     """Read, check and normalise one URDF file.
+
+    A floating or planar joint below the root link carries the whole robot; it is fixed at zero,
+    because a hand stands where it is mounted.
 
     Args:
         path: The file. Relative mesh paths in it are relative to its folder.
         prefix: Put before the name of every link and joint.
         package_dirs: Where ``package://NAME/...`` is looked up: a folder that is called NAME or
             one that holds a folder called NAME. The folders above the file are tried last.
+        root_link: Keep only this link and what hangs on it, e.g. the hand of a whole robot.
+        with_meshes: Whether the collision meshes must be there; without, shapes are dropped.
 
     Returns:
         The document.
 
     Raises:
         RobotError: If the file is missing, is not a URDF, declares a DOCTYPE or entities, repeats
-            a name, or has a malformed link or joint or one of an unsupported type.
+            a name, lacks ``root_link``, or has a malformed link or joint or one of an unsupported
+            type.
         MeshError: If a collision mesh cannot be found.
     """
-    root = _parse(path)
+    root = parse_robot(path)
     links = _names(path, root.findall("link"), "link")
     _names(path, root.findall("joint"), "joint")
     mimics = [_check_joint(path, joint, links) for joint in root.findall("joint")]
-    _check_single_root(path, root, links)
+    top = _single_root(path, root, links)
+    if root_link is not None:
+        keep_below(path, root, root_link)
+        top = root_link
+    _fix_base(path, root, top)
+    joints = tuple(
+        joint.get("name", "")
+        for joint in root.findall("joint")
+        if joint.get("type") in MOVABLE_TYPES
+    )
+    if not with_meshes:
+        for link in root.findall("link"):
+            for collision in link.findall("collision"):
+                link.remove(collision)
     meshes = [
         (link.get("name", ""), mesh)
         for link in root.findall("link")
@@ -80,15 +102,19 @@ def read_urdf(path: Path, *, prefix: str = "", package_dirs: Sequence[Path] = ()
     return UrdfDocument(
         label=str(path),
         text=ET.tostring(root, encoding="unicode"),
-        mimics=tuple(
-            Mimic(prefix + m.joint, prefix + m.leader, m.multiplier, m.offset) for m in mimics if m
-        ),
+        root=prefix + top,
+        joints=tuple(prefix + joint for joint in joints),
+        mimics=tuple(m.prefixed(prefix) for m in mimics if m is not None and m.joint in joints),
         meshes=tuple((prefix + link, file) for link, file in meshes),
     )
 
 
-def _parse(path: Path) -> ET.Element:
-    """Return the ``<robot>`` element of a file without expanding anything."""
+def parse_robot(path: Path) -> ET.Element:
+    """Return the ``<robot>`` element of a file without expanding anything.
+
+    Raises:
+        RobotError: If the file is missing, is not a URDF, or declares a DOCTYPE or entities.
+    """
     if not path.is_file():
         raise RobotError(f"{path}: there is no such URDF file")
     content = path.read_bytes()
@@ -127,13 +153,11 @@ def _names(path: Path, elements: Iterable[ET.Element], kind: str) -> set[str]:
     return names
 
 
-def _check_joint(path: Path, joint: ET.Element, links: set[str]) -> Mimic | None:
+def _check_joint(path: Path, joint: ET.Element, links: set[str]) -> JointCoupling | None:
     """Check one joint, rewrite unbounded limits and return its coupling, if it has one."""
     name, kind = joint.get("name", ""), joint.get("type")
     where = f"{path}: joint {name!r}"
-    if kind in _UNSUPPORTED_TYPES:
-        raise RobotError(f"{where} is {kind}; use revolute, continuous, prismatic or fixed joints")
-    if kind not in (*_MOVABLE_TYPES, "fixed"):
+    if kind not in (*MOVABLE_TYPES, *FREE_TYPES, "fixed"):
         raise RobotError(f"{where} has the unknown type {kind!r}")
     for end in ("parent", "child"):
         element = joint.find(end)
@@ -141,7 +165,7 @@ def _check_joint(path: Path, joint: ET.Element, links: set[str]) -> Mimic | None
         if link not in links:
             raise RobotError(f"{where} names the {end} link {link!r}, which does not exist")
     check_origin(where, joint)
-    if kind != "fixed":
+    if kind in MOVABLE_TYPES:
         _check_axis(where, joint)
     limit = joint.find("limit")
     if limit is None and kind in ("revolute", "prismatic"):
@@ -149,15 +173,14 @@ def _check_joint(path: Path, joint: ET.Element, links: set[str]) -> Mimic | None
     if limit is not None:
         _bound_limit(where, limit)
     mimic = joint.find("mimic")
-    if mimic is None or kind == "fixed":
+    if mimic is None:
         return None
     joint.remove(mimic)  # the coupling is applied by us, Pinocchio sees independent joints
-    return Mimic(
-        name,
-        mimic.get("joint", ""),
-        number(where, "mimic multiplier", mimic.get("multiplier", "1")),
-        number(where, "mimic offset", mimic.get("offset", "0")),
-    )
+    if kind not in MOVABLE_TYPES:
+        return None
+    factor = number(where, "mimic multiplier", mimic.get("multiplier", "1"))
+    offset = number(where, "mimic offset", mimic.get("offset", "0"))
+    return JointCoupling(name, {mimic.get("joint", ""): factor}, offset)
 
 
 def _check_axis(where: str, joint: ET.Element) -> None:
@@ -179,8 +202,8 @@ def _bound_limit(where: str, limit: ET.Element) -> None:
             limit.set(key, repr(UNBOUNDED if value > 0.0 else -UNBOUNDED))
 
 
-def _check_single_root(path: Path, root: ET.Element, links: set[str]) -> None:
-    """Refuse forests and loops: exactly one link is nobody's child."""
+def _single_root(path: Path, root: ET.Element, links: set[str]) -> str:
+    """Return the link that is nobody's child; refuse forests and loops."""
     children = [
         element.get("link", "") for j in root.findall("joint") for element in j.findall("child")
     ]
@@ -191,6 +214,50 @@ def _check_single_root(path: Path, root: ET.Element, links: set[str]) -> None:
     if len(roots) != 1:
         found = ", ".join(roots) if roots else "none (the links form a loop)"
         raise RobotError(f"{path}: a robot has one root link, found {found}")
+    return roots[0]
+
+
+def keep_below(path: Path, root: ET.Element, top: str) -> None:
+    """Remove all links and joints but ``top`` and what hangs on it.
+
+    Raises:
+        RobotError: If there is no such link.
+    """
+    joints = root.findall("joint")
+    ends = [(_end(joint, "parent"), _end(joint, "child")) for joint in joints]
+    links = {link.get("name", ""): link for link in root.findall("link")}
+    if top not in links:
+        raise RobotError(f"{path}: there is no link {top!r} to start from")
+    kept = {top}
+    while below := {child for parent, child in ends if parent in kept} - kept:
+        kept |= below
+    for name, link in links.items():
+        if name not in kept:
+            root.remove(link)
+    for joint, (parent, _) in zip(joints, ends, strict=True):
+        if parent not in kept:
+            root.remove(joint)
+
+
+def _fix_base(path: Path, root: ET.Element, top: str) -> None:
+    """Fix the floating or planar joint that carries the robot; refuse it anywhere else."""
+    first = [joint for joint in root.findall("joint") if _end(joint, "parent") == top]
+    for joint in root.findall("joint"):
+        kind = joint.get("type")
+        if kind not in FREE_TYPES:
+            continue
+        if first != [joint]:
+            raise RobotError(
+                f"{path}: joint {joint.get('name')!r} is {kind} and does not carry the whole "
+                "robot; use revolute, continuous, prismatic or fixed joints"
+            )
+        joint.set("type", "fixed")
+
+
+def _end(joint: ET.Element, end: str) -> str:
+    """Return the link at one end of a joint."""
+    element = joint.find(end)
+    return "" if element is None else element.get("link", "")
 
 
 def _add_prefix(root: ET.Element, prefix: str) -> None:

@@ -102,8 +102,7 @@ def _check_mass(where: str, link: ET.Element) -> None:
 def _resolve_mesh(path: Path, where: str, mesh: ET.Element, package_dirs: Sequence[Path]) -> Path:
     """Write the absolute path of a mesh into its element and return it."""
     written = mesh.get("filename", "")
-    candidates = list(_candidates(path, written, package_dirs))
-    found = next((file.resolve() for file in candidates if file.is_file()), None)
+    found, candidates = find_mesh(path, written, package_dirs)
     if found is None:
         looked = ", ".join(str(file) for file in candidates) or "nowhere"
         hint = (
@@ -117,6 +116,23 @@ def _resolve_mesh(path: Path, where: str, mesh: ET.Element, package_dirs: Sequen
         )
     mesh.set("filename", str(found))
     return found
+
+
+def find_mesh(
+    path: Path, written: str, package_dirs: Sequence[Path]
+) -> tuple[Path | None, list[Path]]:
+    """Find the file that a mesh's ``filename`` means.
+
+    Args:
+        path: The URDF file.
+        written: The ``filename``: a path, or an address with ``file://`` or ``package://``.
+        package_dirs: Where ``package://`` addresses are looked up.
+
+    Returns:
+        The file, None if it is missing, and where it was looked for.
+    """
+    candidates = list(_candidates(path, written, package_dirs))
+    return next((file.resolve() for file in candidates if file.is_file()), None), candidates
 
 
 def _candidates(path: Path, written: str, package_dirs: Sequence[Path]) -> Iterable[Path]:

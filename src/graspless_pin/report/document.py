@@ -15,12 +15,16 @@ from typing import Any
 
 import numpy as np
 
+from graspless_pin.algorithms.formulation import Objective, formulate
 from graspless_pin.errors import SceneError
 from graspless_pin.modes.enumeration import requirements_of
 from graspless_pin.modes.kinematics import VirtualKinematics, Witness
+from graspless_pin.modes.rules import StaticFriction
+from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.multipliers import constraint_multipliers
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
+from graspless_pin.solvers import Outcome
 
 
 def solution_document(solution: TorqueSolution, scene: Scene | None = None) -> dict[str, Any]:
@@ -162,8 +166,8 @@ def _proof(solution: TorqueSolution) -> dict[str, Any]:
         motion = kinematics.scale * verdict.motion
         proof["virtual_motion"] = {"object": motion[:6], "joints": motion[6:]}
     if solution.multipliers.is_linear:
-        for name in ("relaxation", "mode"):
-            y, z = getattr(solution.multipliers, name)
+        proofs = {"relaxation": solution.multipliers.relaxation, "mode": _mode_proof(solution)}
+        for name, (y, z) in proofs.items():
             proof[f"{name}_multipliers"] = asdict(
                 constraint_multipliers(
                     solution.problem,
@@ -174,6 +178,27 @@ def _proof(solution: TorqueSolution) -> dict[str, Any]:
                 )
             )
     return proof
+
+
+def _mode_proof(solution: TorqueSolution) -> tuple[FloatArray, FloatArray]:
+    """Multipliers of the mode's own program.
+
+    Those of the search may belong to a node that asks more, or less, of other contacts.
+    """
+    if solution.rules.static_friction is StaticFriction.COULOMB:
+        return solution.multipliers.mode
+    objective = Objective(
+        solution.algorithm,
+        solution.required_margin,
+        by_limits=solution.multipliers.by_limits,
+        regularization=0.0,
+    )
+    formulation = formulate(solution.problem, objective)
+    solver = solution.certificate.solver
+    answer = formulation.solve(*formulation.bounds_of(solution.mode), solver, cutoff=np.inf)
+    if answer.outcome is not Outcome.SOLVED:
+        return solution.multipliers.mode
+    return answer.y, answer.z
 
 
 def _plain(value: Any) -> Any:

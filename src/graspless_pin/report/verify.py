@@ -277,8 +277,8 @@ class _Checker:
         m["torque_lower"] = np.where(finite_low, m["torque_lower"], 0.0)
         # Only constraints that the program has may prove anything.
         for side, finite in (("share_upper", finite_up), ("share_lower", finite_low)):
-            has_share = (finite if by_limits else np.full_like(finite, True)) & (not is_margin)
-            m[side] = np.where(has_share, m[side], 0.0)
+            absent = ~finite if by_limits else np.full(len(finite), is_margin)
+            m[side] = np.where(absent, 0.0, m[side])
         e0 = 0.0 if is_margin else self.document["required_margin"]
         torque = m["torque_upper"] - m["torque_lower"] + m["share_upper"] - m["share_lower"]
         constant = float(m["balance"] @ self.w) + float(torque @ self.gravity)

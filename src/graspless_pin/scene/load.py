@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+import reprlib
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -15,6 +17,7 @@ from graspless_pin.geometry.fingers import FingerSpec
 from graspless_pin.geometry.hand import Hand
 from graspless_pin.geometry.mounts import Mount
 from graspless_pin.geometry.poses import pose_matrix
+from graspless_pin.geometry.robots import describe_urdf, find_robot
 from graspless_pin.geometry.shapes import (
     Box,
     Capsule,
@@ -27,6 +30,7 @@ from graspless_pin.geometry.shapes import (
 )
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene import schema
+from graspless_pin.scene.messages import explain, key_text
 from graspless_pin.scene.scene import GivenContact, HandMotion, Motion, Scene
 from graspless_pin.scene.yaml_source import Location, YamlSource
 
@@ -51,13 +55,13 @@ def load_scene(path: str | Path) -> Scene:
     source = YamlSource(Path(path))
     if not isinstance(source.data, dict):
         raise SceneError(
-            f"{source.path}: a scene is a mapping with the keys object, friction, hand, "
-            f"supports, ...; found {type(source.data).__name__}"
+            f"{source.where(())}: found {reprlib.repr(source.data)}; a scene is a mapping with the "
+            "keys object, friction, hand, supports, ..."
         )
     try:
         entry = schema.SceneEntry.model_validate(source.data)
     except ValidationError as error:
-        raise SceneError(_explain(source, error)) from None
+        raise SceneError(explain(source, error)) from None
     return _Builder(source).scene(entry)
 
 
@@ -69,27 +73,20 @@ class _Builder:
         self._folder = source.path.resolve().parent
 
     def scene(self, entry: schema.SceneEntry) -> Scene:
-        hand = None if entry.hand is None else self._at(("hand",), lambda: self._hand(entry.hand))
+        hand = None if entry.hand is None else self._hand(entry.hand)
         supports = tuple(
-            self._at(("supports", index), lambda item=item: self._support(item))
-            for index, item in enumerate(entry.supports)
+            self._support(("supports", index), item) for index, item in enumerate(entry.supports)
         )
-        names = [entry.object.name, *(support.name for support in supports)]
-        names += [] if hand is None else hand.link_names
-        for index, support in enumerate(supports):
-            if names.count(support.name) > 1:
-                raise SceneError(
-                    f"{self._source.where(('supports', index, 'name'))}: supports[{index}].name: "
-                    f"{support.name!r} names another body too; names must differ"
-                )
-        known_frictions = {"default", "hand", "supports", *names[1:]}
+        links = () if hand is None else hand.link_names
+        bodies = [*(support.name for support in supports), *links]
+        self._check_names(entry, links)
         friction = entry.friction
         if isinstance(friction, dict):
+            known = ["default", "hand", "supports", *bodies]
             for key in friction:
-                if key not in known_frictions:
-                    raise SceneError(
-                        f"{self._source.where(('friction', key))}: friction: {key!r} is no hand "
-                        "link, support, 'hand', 'supports' or 'default'"
+                if key not in known:
+                    raise self._error(
+                        ("friction", key), f"names no body; known: {', '.join(known)}"
                     )
         weight = entry.hand is None or entry.hand.count_own_weight
         return Scene(
@@ -97,11 +94,11 @@ class _Builder:
             path=self._source.path,
             gravity=np.array(entry.gravity),
             hand=hand,
-            object=self._at(("object",), lambda: self._object(entry.object)),
+            object=self._object(entry.object),
             supports=supports,
             friction={"default": friction} if not isinstance(friction, dict) else friction,
-            given_contacts=self._contacts(entry, names[1:]),
-            motion=self._motion(entry.motion),
+            given_contacts=self._contacts(entry, bodies),
+            motion=self._motion(entry.motion, hand),
             max_normal_force=entry.max_normal_force,
             cone_edges=entry.cone_edges,
             contact_tolerance=entry.contact_tolerance,
@@ -111,37 +108,64 @@ class _Builder:
             solve_options=entry.solve.model_dump(),
         )
 
-    def _at(self, location: Location, make: Callable[[], _Made]) -> _Made:
-        """Make something of one part of the file; an error names that part."""
+    def _error(self, location: Location, message: str) -> SceneError:
+        return SceneError(f"{self._source.where(location)}: {key_text(location)}: {message}")
+
+    def _at(self, location: Location, make: Callable[[], _Made], also: Location = ()) -> _Made:
+        """Make something of one part of the file; an error names that part.
+
+        Args:
+            location: The part.
+            make: Makes it.
+            also: Deeper part to name where the error is about no argument but a file or name.
+        """
         try:
             return make()
         except SceneError:
             raise
+        except ArgumentError as error:
+            inner = (*location, *_keys(error.argument))
+            if self._source.has(inner):
+                message = str(error).removeprefix(f"{error.argument}: ")
+                raise self._error(inner, message) from error
+            raise self._error(location, str(error)) from error
         except GrasplessPinError as error:
-            inner = location
-            if isinstance(error, ArgumentError):
-                inner = (*location, *_keys(error.argument))
-            key = ".".join(str(part) for part in location)
-            raise SceneError(f"{self._source.where(inner)}: {key}: {error}") from error
+            raise self._error((*location, *also), str(error)) from error
+        except OSError as error:
+            message = f"a file cannot be read ({error}); check it"
+            raise self._error((*location, *also), message) from error
+
+    def _check_names(self, entry: schema.SceneEntry, links: Sequence[str]) -> None:
+        """Refuse a body that is called like another one: contacts are told by these names."""
+        taken = set(links)
+        bodies: list[tuple[Location, str]] = [(("object", "name"), entry.object.name)]
+        bodies += [(("supports", i, "name"), item.name) for i, item in enumerate(entry.supports)]
+        for location, name in bodies:
+            if name in taken:
+                raise self._error(location, f"{name!r} names another body too; names must differ")
+            taken.add(name)
 
     def _path(self, text: str) -> Path:
         path = Path(text)
         return path if path.is_absolute() else self._folder / path
 
-    def _hand(self, entry: schema.HandEntry | None) -> Hand:
-        assert entry is not None  # noqa: S101 - narrowed by the caller
-        mounts = [
-            self._at(self._mount_key(entry, index), lambda p=prefix, m=mount: self._mount(p, m))
-            for index, (prefix, mount) in enumerate(entry.mount_entries())
-        ]
-        return Hand.assemble(
-            mounts, q=entry.q, control=entry.control, effort_limits=entry.effort_limits
+    def _hand(self, entry: schema.HandEntry) -> Hand:
+        mounts = []
+        for index, (prefix, item) in enumerate(entry.mount_entries()):
+            where: Location = ("hand", "mounts", index) if entry.mounts else ("hand",)
+            mounts.append(self._mount(where, prefix, item))
+        source: Location = ("mounts",)
+        if not entry.mounts:
+            source = ("robot",) if entry.urdf is None else ("urdf",)
+        return self._at(
+            ("hand",),
+            lambda: Hand.assemble(
+                mounts, q=entry.q, control=entry.control, effort_limits=entry.effort_limits
+            ),
+            source,
         )
 
-    def _mount_key(self, entry: schema.HandEntry, index: int) -> Location:
-        return ("hand", "mounts", index) if entry.mounts else ("hand",)
-
-    def _mount(self, prefix: str, entry: schema.MountEntry) -> Mount:
+    def _mount(self, where: Location, prefix: str, entry: schema.MountEntry) -> Mount:
         robot = entry.robot
         if entry.urdf is not None:
             robot = self._path(entry.urdf)
@@ -154,26 +178,49 @@ class _Builder:
                 for name, item in entry.fingers.items()
             }
         assert robot is not None  # noqa: S101 - the schema asks for one of the two
+        source = robot
         folders = [self._path(folder) for folder in entry.package_dirs]
-        return Mount(robot, _pose(entry.base_pose), prefix, fingers, folders)
+        found = self._at(
+            where,
+            lambda: describe_urdf(source, folders) if entry.urdf else find_robot(source, folders),
+            ("robot",),
+        )
+        pose = self._pose((*where, "base_pose"), entry.base_pose)
+        return Mount(found, pose, prefix, fingers)
 
     def _object(self, entry: schema.ObjectEntry) -> ManipulatedObject:
-        body = ManipulatedObject(
-            name=entry.name,
-            shape=self._shape(entry.shape),
-            mass=entry.mass,
-            center_of_mass=np.array(entry.center_of_mass),
-            T_world_object=_pose(entry.pose),
+        body = self._at(
+            ("object",),
+            lambda: ManipulatedObject(
+                name=entry.name,
+                shape=self._shape(entry.shape),
+                mass=entry.mass,
+                center_of_mass=np.array(entry.center_of_mass),
+                T_world_object=self._pose(("object", "pose"), entry.pose),
+            ),
         )
-        body.collision_body()
+        self._at(("object", "shape"), body.collision_body, ("path",))
         return body
 
-    def _support(self, entry: schema.SupportEntry) -> Support:
-        support = Support(
-            entry.name, self._shape(entry.shape), _pose(entry.pose), friction=entry.friction
+    def _support(self, where: Location, entry: schema.SupportEntry) -> Support:
+        pose = self._pose((*where, "pose"), entry.pose)
+        support = self._at(
+            where,
+            lambda: Support(entry.name, self._shape(entry.shape), pose, friction=entry.friction),
         )
-        support.collision_body()
+        self._at((*where, "shape"), support.collision_body, ("path",))
         return support
+
+    def _pose(self, where: Location, entry: schema.PoseEntry) -> FloatArray:
+        rotations = {"rpy": entry.rpy, "quaternion": entry.quaternion, "matrix": entry.matrix}
+        form = next((name for name, value in rotations.items() if value is not None), None)
+        if form is None:
+            return pose_matrix(entry.position)
+        try:
+            return pose_matrix(entry.position, rotations[form])
+        except ArgumentError as error:
+            message = str(error).removeprefix(f"{error.argument}: ")
+            raise self._error((*where, form), message) from error
 
     def _shape(self, entry: Any) -> Shape:
         match entry:
@@ -197,36 +244,33 @@ class _Builder:
     ) -> tuple[GivenContact, ...] | None:
         if entry.contacts is None:
             return None
-        contacts = []
+        contacts: list[GivenContact] = []
         for index, item in enumerate(entry.contacts):
-            where = self._source.where(("contacts", index, "body"))
             if item.body not in bodies:
-                raise SceneError(
-                    f"{where}: contacts[{index}].body: {item.body!r} is no hand link or support; "
-                    f"known: {', '.join(bodies) or 'none'}"
+                raise self._error(
+                    ("contacts", index, "body"),
+                    f"{item.body!r} is no hand link or support; known: "
+                    f"{', '.join(bodies) or 'none'}",
                 )
-            normal = np.array(item.normal)
-            length = float(np.linalg.norm(normal))
-            if length == 0.0:
-                where = self._source.where(("contacts", index, "normal"))
-                raise SceneError(
-                    f"{where}: contacts[{index}].normal: is {list(item.normal)}; it needs a "
-                    "direction, into the object"
-                )
-            contacts.append(GivenContact(item.body, np.array(item.position), normal / length))
+            normal = np.array(item.normal) / np.linalg.norm(item.normal)
+            contacts.append(GivenContact(item.body, np.array(item.position), normal))
         return tuple(contacts)
 
-    def _motion(self, entry: schema.MotionEntry | None) -> Motion | None:
+    def _motion(self, entry: schema.MotionEntry | None, hand: Hand | None) -> Motion | None:
         if entry is None:
             return None
-        hand = None
+        own = None
         if entry.hand is not None:
-            hand = HandMotion(_twist(entry.hand.base_twist), dict(entry.hand.joint_velocities))
-        return Motion(_twist(entry.object_twist), hand)
-
-
-def _pose(entry: schema.PoseEntry) -> FloatArray:
-    return pose_matrix(entry.position, entry.rpy or entry.quaternion or entry.matrix)
+            if hand is None:
+                raise self._error(("motion", "hand"), "the scene has no hand that could move")
+            own = HandMotion(_twist(entry.hand.base_twist), dict(entry.hand.joint_velocities))
+            self._at(
+                ("motion", "hand"),
+                lambda: hand.point_velocities(
+                    (), np.zeros((0, 3)), own.joint_velocities, own.base_twist
+                ),
+            )
+        return Motion(_twist(entry.object_twist), own)
 
 
 def _twist(entry: schema.TwistEntry) -> FloatArray:
@@ -234,37 +278,7 @@ def _twist(entry: schema.TwistEntry) -> FloatArray:
 
 
 def _keys(argument: str) -> tuple[str, ...]:
-    """Split an argument's name such as ``q['joint']`` into keys of the file."""
-    return tuple(part.strip("'\"]") for part in argument.replace("[", ".").split(".") if part)
-
-
-def _explain(source: YamlSource, error: ValidationError) -> str:
-    """Return one line a mistake: file:line, key, what is wrong, what was found."""
-    lines = []
-    for item in error.errors():
-        # Union branches add their own names to the location; only keys of the file are shown.
-        location = _in_file(source, item["loc"])
-        key = ".".join(str(part) for part in location) or "scene"
-        found = item["input"]
-        message = item["msg"].removeprefix("Value error, ")
-        if item["type"] == "extra_forbidden":
-            message = "is not a key that a scene has here"
-        shown = (
-            "" if isinstance(found, dict) and item["type"] == "missing" else f" (found {found!r})"
-        )
-        lines.append(f"{source.where(location)}: {key}: {message}{shown}")
-    return "\n".join(dict.fromkeys(lines))
-
-
-def _in_file(source: YamlSource, location: tuple[int | str, ...]) -> Location:
-    """Keep the parts of a validation location that are keys of the file, and a missing last key."""
-    kept: list[int | str] = []
-    data = source.data
-    for index, part in enumerate(location):
-        in_list = isinstance(data, list) and isinstance(part, int) and part < len(data)
-        if in_list or (isinstance(data, dict) and part in data):
-            data = data[part]  # pyright: ignore[reportArgumentType, reportCallIssue]
-            kept.append(part)
-        elif isinstance(data, dict) and index == len(location) - 1:
-            kept.append(part)
-    return tuple(kept)
+    """Split an argument's name such as ``q['joint_1.0']`` into keys of the file."""
+    return tuple(
+        quoted or plain for quoted, plain in re.findall(r"\['(.*?)'\]|([^.\[\]]+)", argument)
+    )

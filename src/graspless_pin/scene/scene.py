@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.algorithms.torque import maximize_margin, minimize_torque
-from graspless_pin.errors import SceneError
+from graspless_pin.errors import ArgumentError, SceneError, SolverUnavailableError
 from graspless_pin.geometry.bodies import ManipulatedObject, Support
 from graspless_pin.geometry.contacts import BodyKind, ContactPoint, find_contacts
 from graspless_pin.geometry.hand import Hand
 from graspless_pin.geometry.motion import apply_motion, twist_velocities
+from graspless_pin.modes.rules import choice
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.cones import default_tangents
@@ -140,19 +141,26 @@ class Scene:
         points = self._points()
         if not points:
             raise SceneError(
-                f"{self._label()}: nothing touches object {self.object.name!r} within "
-                f"{self.contact_tolerance:g} m; move the hand or the object, or raise "
-                "contact_tolerance"
+                f"{self._label()}: nothing touches object {self.object.name!r}"
+                + (
+                    f" within {self.contact_tolerance:g} m; move the hand or the object, or raise "
+                    "contact_tolerance"
+                    if self.given_contacts is None
+                    else "; contacts is an empty list: fill it, or leave it out to have them found"
+                )
             )
         sliding = np.zeros((len(points), 3))
         if self.motion is not None:
-            points, sliding = apply_motion(
-                points,
-                self.motion.object_twist,
-                self.object.center_of_mass_world,
-                self._body_velocities(points, self.motion),
-                object_name=self.object.name,
-            )
+            try:
+                points, sliding = apply_motion(
+                    points,
+                    self.motion.object_twist,
+                    self.object.center_of_mass_world,
+                    self._body_velocities(points, self.motion),
+                    object_name=self.object.name,
+                )
+            except SceneError as error:
+                raise SceneError(f"{self._label()}: motion: {error}") from error
             if not points:
                 raise SceneError(
                     f"{self._label()}: the declared motion parts object {self.object.name!r} from "
@@ -194,15 +202,30 @@ class Scene:
         Args:
             algorithm: ``margin`` (Algorithm 1) or ``torque`` (Algorithm 2); None: the scene's.
             options: Options of `maximize_margin` or `minimize_torque`.
+
+        Raises:
+            ArgumentError: If an option is not known or not one of this algorithm.
+            SceneError: See `contacts`; or if the scene's own solver is not installed.
         """
         merged = {**self.solve_options, **options}
-        chosen = Algorithm(algorithm or merged.pop("algorithm", "margin"))
-        merged.pop("algorithm", None)
+        own = merged.pop("algorithm", "margin")
+        chosen = choice(Algorithm, "algorithm", algorithm or own)
         if chosen is Algorithm.MARGIN:
-            merged.pop("margin", None)
-            merged.pop("scale", None)
-            return maximize_margin(self.problem(), **merged)
-        return minimize_torque(self.problem(), **merged)
+            for name in ("margin", "scale"):
+                if name in options:
+                    raise ArgumentError(
+                        name,
+                        "is an option of Algorithm 2 and would change nothing here; ask for the "
+                        "algorithm 'torque' or leave it out",
+                    )
+                merged.pop(name, None)
+        run = maximize_margin if chosen is Algorithm.MARGIN else minimize_torque
+        try:
+            return run(self.problem(), **merged)
+        except SolverUnavailableError as error:
+            if "solver" in options:
+                raise
+            raise SceneError(f"{self._label()}: solve.{error}") from error
 
     def _label(self) -> str:
         return self.name if self.path is None else str(self.path)

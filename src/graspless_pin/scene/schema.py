@@ -8,12 +8,36 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+
+def _no_truth_value(value: Any) -> Any:
+    """Refuse true and false as numbers: pydantic would read them as 1 and 0."""
+    if isinstance(value, bool):
+        raise PydanticCustomError("number_type", "Input should be a number")
+    return value
+
+
+def _not_zero(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    if not any(vector):
+        raise ValueError(f"found {list(vector)}; needs a direction, so one of them not zero")
+    return vector
+
+
+_NUMBER = BeforeValidator(_no_truth_value)
+Finite = Annotated[float, Field(allow_inf_nan=False), _NUMBER]
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False), _NUMBER]
+NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False), _NUMBER]
 Vector = tuple[Finite, Finite, Finite]
+Direction = Annotated[Vector, AfterValidator(_not_zero)]
 
 
 class Entry(BaseModel):
@@ -39,7 +63,7 @@ class PoseEntry(Entry):
     def _one_rotation(self) -> PoseEntry:
         forms = [name for name in ("rpy", "quaternion", "matrix") if getattr(self, name)]
         if len(forms) > 1:
-            raise ValueError(f"has {' and '.join(forms)}; give one form of the rotation")
+            raise ValueError(f"found {' and '.join(forms)}; give one form of the rotation")
         return self
 
 
@@ -165,10 +189,17 @@ class HandEntry(Entry):
 
     @model_validator(mode="after")
     def _one_source(self) -> HandEntry:
-        given = [name for name in ("robot", "urdf", "mounts") if getattr(self, name)]
+        given = [name for name in ("robot", "urdf") if getattr(self, name) is not None]
+        given += ["mounts"] if self.mounts else []
         if len(given) != 1:
             found = " and ".join(given) or "none of them"
-            raise ValueError(f"needs exactly one of 'robot', 'urdf' and 'mounts'; found {found}")
+            raise ValueError(f"found {found}; needs exactly one of 'robot', 'urdf' and 'mounts'")
+        of_one = sorted({"package_dirs", "base_pose", "fingers"} & self.model_fields_set)
+        if self.mounts and of_one:
+            raise ValueError(
+                f"found mounts and {' and '.join(of_one)}; with several robots each entry of "
+                "'mounts' has its own"
+            )
         return self
 
     def mount_entries(self) -> list[tuple[str, MountEntry]]:
@@ -209,7 +240,7 @@ class ContactEntry(Entry):
 
     body: str
     position: Vector = Field(description="world frame, m")
-    normal: Vector = Field(description="into the object, world axes; any length")
+    normal: Direction = Field(description="into the object, world axes; any length")
 
 
 class TwistEntry(Entry):
@@ -265,7 +296,7 @@ class SceneEntry(Entry):
     max_normal_force: Positive = Field(default=50.0, description="N")
     cone_edges: int = Field(default=32, ge=3)
     contact_tolerance: Positive = Field(default=1e-3, description="m")
-    tangent_axes: list[Vector] = Field(
+    tangent_axes: list[Direction] = Field(
         default=[],
         description="t1 is the projection of the first of these axes that is not along the normal",
     )

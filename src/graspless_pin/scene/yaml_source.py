@@ -11,6 +11,9 @@ from graspless_pin.errors import SceneError
 
 Location = tuple[str | int, ...]
 
+MOST_ENTRIES = 100_000
+"""More keys and items than any scene has; anchors can multiply a few lines into billions."""
+
 
 class YamlSource:
     """A parsed YAML file that knows on which line each key stands.
@@ -24,23 +27,38 @@ class YamlSource:
         """Read and parse the file.
 
         Raises:
-            SceneError: If the file is missing, is not UTF-8 text or not plain YAML.
+            SceneError: If the file is missing or empty, is not UTF-8 text or not plain YAML.
         """
         self.path = path
         try:
             text = path.read_text(encoding="utf-8")
         except FileNotFoundError:
-            raise SceneError(f"{path}: there is no such file") from None
-        except (OSError, UnicodeDecodeError) as error:
-            raise SceneError(f"{path}: cannot be read as UTF-8 text ({error})") from None
+            raise SceneError(f"{path}: there is no such file; check the path") from None
+        except OSError as error:
+            raise SceneError(f"{path}: cannot be read ({error.strerror})") from None
+        except UnicodeDecodeError as error:
+            raise SceneError(
+                f"{path}: is not UTF-8 text ({error}); a scene is a YAML text file"
+            ) from None
+        self._lines: dict[Location, int] = {}
         try:
             root = yaml.compose(text, Loader=yaml.SafeLoader)
-            self._lines: dict[Location, int] = {}
             if root is not None:
-                self._index(root, ())
+                self._index(root, (), frozenset())
             self.data: Any = yaml.safe_load(text)
-        except yaml.YAMLError as error:
-            raise SceneError(f"{path}: is not plain YAML: {_yaml_message(error)}") from None
+        except yaml.MarkedYAMLError as error:
+            line = f":{error.problem_mark.line + 1}" if error.problem_mark else ""
+            raise SceneError(f"{path}{line}: is not plain YAML: {_advice(error)}") from None
+        except SceneError:
+            raise
+        except (yaml.YAMLError, ValueError) as error:
+            # PyYAML lets Python's own ValueError through for dates and numbers that do not exist.
+            problem = " ".join(str(error).split())
+            raise SceneError(f"{path}: is not plain YAML: {problem}; put text in quotes") from error
+        except RecursionError:
+            raise SceneError(f"{path}: is nested too deeply; a scene has few levels") from None
+        if root is None:
+            raise SceneError(f"{path}: the file is empty; a scene needs object and friction")
 
     def line_of(self, location: Location) -> int:
         """Return the line of a key, or of the nearest key above it that stands in the file."""
@@ -50,12 +68,25 @@ class YamlSource:
                 return line
         return 1
 
+    def has(self, location: Location) -> bool:
+        """Return whether exactly this key stands in the file."""
+        return location in self._lines
+
     def where(self, location: Location) -> str:
         """Return ``file:line`` of a key."""
         return f"{self.path}:{self.line_of(location)}"
 
-    def _index(self, node: yaml.Node, location: Location) -> None:
-        self._lines.setdefault(location, node.start_mark.line + 1)
+    def _index(self, node: yaml.Node, location: Location, above: frozenset[int]) -> None:
+        line = node.start_mark.line + 1
+        if id(node) in above:
+            raise SceneError(f"{self.path}:{line}: an anchor contains itself; write it out")
+        if len(self._lines) > MOST_ENTRIES:
+            raise SceneError(
+                f"{self.path}:{line}: has more than {MOST_ENTRIES} entries; anchors that repeat "
+                "anchors grow without bound"
+            )
+        above |= {id(node)}
+        self._lines.setdefault(location, line)
         if isinstance(node, yaml.MappingNode):
             for key, value in node.value:
                 name = str(key.value)
@@ -66,14 +97,21 @@ class YamlSource:
                         f"stands twice, first on line {self._lines[inner]}; keep one"
                     )
                 self._lines[inner] = key.start_mark.line + 1
-                self._index(value, inner)
+                self._index(value, inner, above)
         elif isinstance(node, yaml.SequenceNode):
             for index, value in enumerate(node.value):
-                self._index(value, (*location, index))
+                self._index(value, (*location, index), above)
 
 
-def _yaml_message(error: yaml.YAMLError) -> str:
-    if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark is not None:
-        mark = error.problem_mark
-        return f"line {mark.line + 1}, column {mark.column + 1}: {error.problem}"
-    return str(error)
+def _advice(error: yaml.MarkedYAMLError) -> str:
+    """Return what PyYAML found, where on the line, and what would do."""
+    problem = error.problem or "unreadable"
+    advice = "use plain mappings, lists, text and numbers"
+    if "tag" in problem:
+        advice = "tags stay inert here: write the plain value"
+    elif "\\t" in problem or "tab" in problem:
+        advice = "indent with spaces"
+    elif "document" in problem:
+        advice = "a file holds one scene"
+    column = f"column {error.problem_mark.column + 1}: " if error.problem_mark else ""
+    return f"{column}{problem}; {advice}"

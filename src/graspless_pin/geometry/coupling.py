@@ -1,0 +1,141 @@
+"""Coupled joints: mimic joints and linkages as one affine map of the independent joints.
+
+The reader is this package's own. yourdfpy reads ``<mimic>`` in any order too, but takes the joint
+that a chain of mimics passes through for standing still; here chains, several leaders and circles
+are resolved or refused. The tests compare both on hands without chains.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspless_pin.errors import DanglingMimicWarning, RobotError
+
+
+@dataclass(frozen=True)
+class JointCoupling:
+    """A coupled joint: ``q[joint] = sum(m * q[leader]) + offset`` (radians or metres).
+
+    Attributes:
+        joint: The joint that follows.
+        follows: Multiplier m by leader; a leader may itself follow others.
+        offset: Its position when all leaders stand at zero.
+    """
+
+    joint: str
+    follows: Mapping[str, float]
+    offset: float = 0.0
+
+    def prefixed(self, prefix: str) -> JointCoupling:
+        """Return the coupling with ``prefix`` before every joint's name."""
+        leaders = {prefix + leader: factor for leader, factor in self.follows.items()}
+        return JointCoupling(prefix + self.joint, leaders, self.offset)
+
+
+@dataclass(frozen=True, eq=False)
+class Coupling:
+    """Coupled joints as an affine map: all n joint positions are ``q = S q_a + offset``.
+
+    Velocities follow ``S v_a`` and the independent joints' motors feel ``S^T tau``.
+
+    Attributes:
+        leaders: Indices of the a independent joints among the n joints.
+        S: (n, a) coupling matrix, the identity if no joint is coupled.
+        offset: (n,) radians or metres.
+    """
+
+    leaders: tuple[int, ...]
+    S: NDArray[np.float64]
+    offset: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        """Make the arrays read-only."""
+        self.S.setflags(write=False)
+        self.offset.setflags(write=False)
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        """Pickle by the fields."""
+        return remake(self)
+
+    def drivers(self, joints: Iterable[int]) -> list[int]:
+        """Return which of the a independent joints move any of ``joints`` (indices among n)."""
+        return np.flatnonzero(np.any(self.S[list(joints)] != 0.0, axis=0)).tolist()
+
+
+def resolve_couplings(joint_names: Sequence[str], couplings: Iterable[JointCoupling]) -> Coupling:
+    """Resolve coupled joints in any order, chains included.
+
+    Args:
+        joint_names: The n movable joints.
+        couplings: At most one for each joint.
+
+    Raises:
+        RobotError: If joints follow each other in a circle.
+
+    Warns:
+        DanglingMimicWarning: If a joint follows one that is not among ``joint_names``.
+    """
+    follows = {item.joint: item for item in couplings}
+    dangling = dangling_couplings(joint_names, follows.values())
+    if dangling:
+        listed = ", ".join(f"{joint!r} -> {leader!r}" for joint, leader in dangling)
+        warnings.warn(
+            f"mimic joints follow joints that do not exist or are fixed: {listed}; they are "
+            "treated as independent, correct the names in the URDF or couple them in a robot file",
+            DanglingMimicWarning,
+            stacklevel=2,
+        )
+        for joint, _ in dangling:
+            follows.pop(joint, None)
+    leaders = tuple(index for index, name in enumerate(joint_names) if name not in follows)
+    rows: dict[str, tuple[NDArray[np.float64], float]] = {
+        joint_names[index]: (np.eye(len(leaders))[column], 0.0)
+        for column, index in enumerate(leaders)
+    }
+
+    def resolve(name: str, chain: tuple[str, ...]) -> tuple[NDArray[np.float64], float]:
+        if name in chain:
+            circle = " -> ".join([*chain[chain.index(name) :], name])
+            raise RobotError(
+                f"mimic joints follow each other in a circle: {circle}; let one of them lead"
+            )
+        if name not in rows:
+            item = follows[name]
+            row, offset = np.zeros(len(leaders)), item.offset
+            for leader, factor in item.follows.items():
+                leader_row, leader_offset = resolve(leader, (*chain, name))
+                row = row + factor * leader_row
+                offset += factor * leader_offset
+            rows[name] = row, offset
+        return rows[name]
+
+    resolved = [resolve(name, ()) for name in joint_names]
+    S = np.array([row for row, _ in resolved]).reshape(len(joint_names), len(leaders))
+    return Coupling(leaders, S, np.array([offset for _, offset in resolved], dtype=np.float64))
+
+
+def dangling_couplings(
+    joint_names: Sequence[str], couplings: Iterable[JointCoupling]
+) -> list[tuple[str, str]]:
+    """Return (joint, leader) of every leader that is not among the movable joints."""
+    return [
+        (item.joint, leader)
+        for item in couplings
+        for leader in item.follows
+        if leader not in joint_names
+    ]
+
+
+def remake(record: Any) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+    """Return how to make a dataclass record again from its fields, for pickling.
+
+    Arrays come out of a pickle writeable and cached values would travel with it; making the record
+    anew does without the latter and runs ``__post_init__``.
+    """
+    return type(record), tuple(getattr(record, item.name) for item in fields(record))

@@ -1,0 +1,167 @@
+"""What a mistake in a scene file is called: file, line, key, what was found and what would do."""
+
+from __future__ import annotations
+
+import difflib
+import reprlib
+from typing import Any
+
+from pydantic import ValidationError
+
+from graspless_pin.scene.schema import scene_json_schema
+from graspless_pin.scene.yaml_source import Location, YamlSource
+
+Node = dict[str, Any]
+"""A part of the JSON schema."""
+
+
+def explain(source: YamlSource, error: ValidationError) -> str:
+    """Return one line a mistake: file:line, key, what was found, what would do."""
+    items = [(_in_file(source.data, item), item) for item in error.errors()]
+    schema = scene_json_schema()
+    lines = []
+    for location, item in items:
+        # Every branch of a union complains; the branch that got furthest is the one that is meant.
+        if any(
+            len(other) > len(location) and other[: len(location)] == location for other, _ in items
+        ):
+            continue
+        mistake = _mistake(schema, source.data, location, item)
+        lines.append(f"{source.where(location)}: {key_text(location)}: {mistake}")
+    return "\n".join(dict.fromkeys(lines))
+
+
+def key_text(location: Location) -> str:
+    """Return a location as people write it, e.g. ``supports[0].name``."""
+    text = ""
+    for part in location:
+        if isinstance(part, int):
+            text += f"[{part}]"
+        elif "." in part:
+            text += f"[{part!r}]"
+        else:
+            text += f".{part}" if text else part
+    return text or "scene"
+
+
+def _mistake(schema: Node, data: Any, location: Location, item: Any) -> str:
+    kind, parts = item["type"], item["loc"]
+    if kind == "value_error":
+        return item["msg"].removeprefix("Value error, ")
+    if kind == "extra_forbidden":
+        known = sorted(
+            {key for node in _nodes_at(schema, data, location[:-1]) for key in _keys(node)}
+        )
+        near = difflib.get_close_matches(str(location[-1]), known, n=1)
+        meant = f"did you mean {near[0]!r}? " if near else ""
+        return f"is no key that can stand here; {meant}known: {', '.join(known)}"
+    if parts[-1] == "[key]":
+        return f"found {item['input']!r} as a name; a name is text: put it in quotes"
+    wanted = _wanted_of(schema, _nodes_at(schema, data, location))
+    if kind == "missing" and location[-1:] == parts[-1:]:
+        return f"is missing; needs {wanted}"
+    return f"found {reprlib.repr(item['input'])}; needs {wanted}"
+
+
+def _in_file(data: Any, item: Any) -> Location:
+    """Keep the parts of a validation location that are keys of the file, and a missing last key.
+
+    Branches of unions add their own names to the location.
+    """
+    kept: list[int | str] = []
+    for part in item["loc"]:
+        if _holds(data, part):
+            data = data[part]
+            kept.append(part)
+    if item["type"] == "missing" and isinstance(data, dict):
+        kept.append(item["loc"][-1])
+    return tuple(kept)
+
+
+def _holds(data: Any, part: Any) -> bool:
+    if isinstance(data, list):
+        return isinstance(part, int) and part < len(data)
+    return isinstance(data, dict) and part in data
+
+
+def _nodes_at(schema: Node, data: Any, location: Location) -> list[Node]:
+    """Return the JSON schemas of what may stand at a location of this file."""
+    nodes = [schema]
+    for part in location:
+        fitting = [node for node in nodes if _is_named(node, data)] or nodes
+        children = [_child(node, part) for node in fitting]
+        nodes = [option for child in children if child for option in _options(schema, child)]
+        data = data[part] if _holds(data, part) else None
+    return [node for node in nodes if _is_named(node, data)] or nodes
+
+
+def _is_named(node: Node, data: Any) -> bool:
+    """Whether ``data`` is the mapping whose ``type`` this branch of a union describes."""
+    named = node.get("properties", {}).get("type", {}).get("const")
+    return named is not None and isinstance(data, dict) and data.get("type") == named
+
+
+def _options(schema: Node, node: Node) -> list[Node]:
+    """Return the branches of a union, each with its reference followed, without null."""
+    if "$ref" in node:
+        node = schema["$defs"][node["$ref"].rpartition("/")[2]]
+    branches = node.get("anyOf") or node.get("oneOf")
+    if branches is None:
+        return [] if node.get("type") == "null" else [node]
+    return [option for branch in branches for option in _options(schema, branch)]
+
+
+def _child(node: Node, part: int | str) -> Node | None:
+    if isinstance(part, int):
+        places = node.get("prefixItems", [])
+        return places[part] if part < len(places) else node.get("items")
+    further = node.get("additionalProperties")
+    return _keys(node).get(part) or (further if isinstance(further, dict) else None)
+
+
+def _keys(node: Node) -> Node:
+    return node.get("properties", {})
+
+
+def _wanted_of(schema: Node, nodes: list[Node]) -> str:
+    """Say in words what any branch of a union allows."""
+    names = [_keys(node)["type"]["const"] for node in nodes if "type" in _keys(node)]
+    if len(names) > 1:
+        return f"a mapping with the type {_join([repr(name) for name in names])}"
+    return _join([_wanted(schema, node) for node in nodes])
+
+
+def _wanted(schema: Node, node: Node) -> str:
+    """Say in words what a part of the schema allows."""
+    if "enum" in node or "const" in node:
+        return _join([repr(value) for value in node.get("enum", [node.get("const")])])
+    match node.get("type"):
+        case "number" | "integer":
+            return f"{'a finite' if node['type'] == 'number' else 'a whole'} number{_bounds(node)}"
+        case "array":
+            inner = node.get("prefixItems", [node.get("items", {})])
+            each = _wanted_of(schema, _options(schema, inner[0]))
+            if "prefixItems" in node:
+                return f"a list of {len(inner)}, each {each}"
+            least = f" of at least {node['minItems']}" if "minItems" in node else ""
+            return f"a list{least}, each item {each}"
+        case "object" if "properties" in node:
+            return f"a mapping with the keys {', '.join(_keys(node))}"
+        case "object":
+            each = _wanted_of(schema, _options(schema, node["additionalProperties"]))
+            return f"a mapping of names, each to {each}"
+        case "boolean":
+            return "true or false"
+        case _:
+            return "text"
+
+
+def _bounds(node: Node) -> str:
+    if "exclusiveMinimum" in node:
+        return f" > {node['exclusiveMinimum']:g}"
+    return f" >= {node['minimum']:g}" if "minimum" in node else ""
+
+
+def _join(words: list[str]) -> str:
+    words = list(dict.fromkeys(words))
+    return " or ".join([", ".join(words[:-1]), words[-1]]) if len(words) > 1 else "".join(words)

@@ -1,0 +1,203 @@
+"""URDFs and meshes named by a scene: what is broken, missing or meant to do harm."""
+
+import os
+from itertools import pairwise
+
+import pytest
+import trimesh
+from cli_tools import LINES, assert_refused, solve_text, spoilt
+
+HIDDEN = "correct horse battery staple"
+LINK = '<link name="base"/>'
+
+
+def urdf(body, header=""):
+    return f'<?xml version="1.0"?>{header}<robot name="test">{body}</robot>'
+
+
+def with_urdf(folder, text, name="hand.urdf", **options):
+    """Solve the scene with a URDF of its own."""
+    if text is not None:
+        (folder / name).write_text(text)
+    hand = LINES[LINES.index("  robot") : LINES.index("object:")]
+    extra = "".join(f"  {key}: {value}\n" for key, value in options.items())
+    return solve_text(folder, spoilt(hand, f"  urdf: {name}\n{extra}"))
+
+
+def meshed(name):
+    return urdf(
+        f'<link name="base"><collision><geometry><mesh filename="{name}"/></geometry></collision>'
+        "</link>"
+    )
+
+
+def jointed(limit='lower="-1" upper="1" effort="2" velocity="1"', kind="revolute"):
+    return urdf(
+        '<link name="base"/><link name="tip"/>'
+        f'<joint name="hinge" type="{kind}"><parent link="base"/><child link="tip"/>'
+        f"<limit {limit}/></joint>"
+    )
+
+
+def test_missing_urdf(tmp_path):
+    message = f"scene.yaml:4: hand.urdf: {tmp_path / 'hand.urdf'}: there is no such URDF file"
+    assert_refused(with_urdf(tmp_path, None), message)
+
+
+def test_missing_robot_file(tmp_path):
+    result = solve_text(tmp_path, spoilt("lever_100mm", "mine.yaml"))
+    assert_refused(result, f":4: hand.robot: {tmp_path / 'mine.yaml'}: there is no such robot file")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (urdf(LINK) + "<", "hand.urdf: not well-formed XML"),
+        ("", "hand.urdf: not well-formed XML"),
+        ("\x00\x01", "hand.urdf: not well-formed XML"),
+        ("<sdf/>", "hand.urdf: a URDF starts with <robot>, this file with <sdf>"),
+        (urdf(""), "hand.urdf: the robot has no <link>"),
+        (urdf(2 * LINK), "hand.urdf: two links are called 'base'; rename one"),
+        (urdf(LINK + '<link name="other"/>'), "hand.urdf: a robot has one root link, found base"),
+        (jointed(kind="ball"), "hand.urdf: joint 'hinge' has the unknown type 'ball'"),
+        (jointed(limit='lower="a" upper="1"'), "hand.urdf: joint 'hinge'"),
+        (meshed("palm.stl"), "palm.stl"),
+        (meshed("package://nowhere/palm.stl"), "package://nowhere/palm.stl"),
+    ],
+)
+def test_bad_urdf(tmp_path, text, message):
+    result = with_urdf(tmp_path, text)
+    assert_refused(result, "scene.yaml:4: hand.urdf: ")
+    assert message in result.stderr
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        '<!DOCTYPE robot [<!ENTITY leak SYSTEM "file://{}">]>',
+        '<!DOCTYPE robot [<!ENTITY leak "{}">]>',
+        '<!DOCTYPE robot [<!ENTITY % leak SYSTEM "file://{}"> %leak;]>',
+        '<!DOCTYPE robot SYSTEM "file://{}">',
+    ],
+)
+def test_xml_entities_stay_inert(tmp_path, header, capfd):
+    secret = tmp_path / "secret"
+    secret.write_text(HIDDEN)
+    text = urdf('<link name="&leak;"/>', header.format(secret))
+    result = with_urdf(tmp_path, text)
+    assert_refused(result, "hand.urdf: the file declares a DOCTYPE or XML entities")
+    seen = capfd.readouterr()
+    assert HIDDEN not in result.output + result.stderr + seen.out + seen.err
+
+
+def test_entities_cannot_grow_without_bound(tmp_path):
+    entities = '<!ENTITY a "ha">' + "".join(
+        f'<!ENTITY {c} "{10 * f"&{b};"}">' for b, c in pairwise("abcdefghij")
+    )
+    text = urdf('<link name="&j;"/>', f"<!DOCTYPE robot [{entities}]>")
+    assert_refused(with_urdf(tmp_path, text), "declares a DOCTYPE or XML entities")
+
+
+def test_a_file_that_may_not_be_read(tmp_path, monkeypatch):
+    """Root may read everything, so the refusal is played."""
+    monkeypatch.setattr("pathlib.Path.read_bytes", _refuse)
+    result = with_urdf(tmp_path, jointed())
+    assert_refused(result, ":4: hand.urdf: a file cannot be read ([Errno 13] Permission denied")
+
+
+def _refuse(path):
+    raise PermissionError(13, os.strerror(13), str(path))
+
+
+def pressed_by_base(folder, shape):
+    return with_urdf(
+        folder,
+        urdf(f'<link name="base"><collision><geometry>{shape}</geometry></collision></link>'),
+        base_pose="{position: [0, -0.15, 0]}",
+    )
+
+
+def test_a_hand_of_a_urdf_works(tmp_path):
+    result = pressed_by_base(tmp_path, '<box size="0.1 0.1 0.1"/>')
+    assert result.exit_code in (0, 1) and result.stderr == ""
+    assert "8 contacts, 0 joints" in result.stdout
+
+
+def box_mesh(folder, edge, name="cup.stl"):
+    trimesh.creation.box((edge, edge, edge)).export(folder / name)
+    return f"{{type: mesh, path: {name}}}"
+
+
+BOX = "{type: box, size: [0.2, 0.2, 0.2]}"
+
+
+def test_an_object_from_a_mesh(tmp_path):
+    result = solve_text(tmp_path, spoilt(BOX, box_mesh(tmp_path, 0.2)))
+    same = solve_text(tmp_path, LINES)
+    assert result.exit_code == 0 and result.stderr == ""
+    assert result.stdout.splitlines()[2] == same.stdout.splitlines()[2]  # margin and torque
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("cup.stl", None, "does not exist; check the path and what it is relative to"),
+        ("cup.stp", b"ISO-10303-21;", "has the unknown ending '.stp'; use one of .stl, .obj"),
+        ("cup.stl", b"", "cup.stl'"),
+        ("cup.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\n", "has no faces; export it as a triangle mesh"),
+        ("cup.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "encloses no volume: all of its"),
+        (
+            "cup.dae",
+            b'<!DOCTYPE d [<!ENTITY x SYSTEM "file:///etc/hostname">]><COLLADA>&x;</COLLADA>',
+            "declares XML entities; export it without a DOCTYPE",
+        ),
+    ],
+)
+def test_a_bad_mesh(tmp_path, name, content, message):
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    result = solve_text(tmp_path, spoilt(BOX, f"{{type: mesh, path: {name}}}"))
+    assert_refused(result, f":9: object.shape.path: mesh file '{tmp_path / name}'")
+    assert message in result.stderr
+
+
+def test_a_bad_mesh_of_a_support(tmp_path):
+    result = solve_text(tmp_path, spoilt("{type: half_space}", "{type: mesh, path: t.stl}"))
+    assert_refused(result, ":14: supports[0].shape.path: mesh file '")
+
+
+def test_a_mesh_in_millimetres_warns(tmp_path):
+    """A 200 m cup: the warning names the file and the scale, and the rest goes on."""
+    result = solve_text(tmp_path, spoilt(BOX, box_mesh(tmp_path, 200.0)))
+    warnings = [line for line in result.stderr.splitlines() if line.startswith("warning: ")]
+    assert warnings == [
+        f"warning: mesh '{tmp_path / 'cup.stl'}' with scale 1.0 is 200 m large; lengths are "
+        "metres: a file in millimetres needs scale 0.001"
+    ]
+
+
+def test_a_scaled_mesh_does_not_warn(tmp_path):
+    shape = box_mesh(tmp_path, 200.0).replace("}", ", scale: 0.001}")
+    result = solve_text(tmp_path, spoilt(BOX, shape))
+    assert result.exit_code == 0 and result.stderr == ""
+
+
+PLACEHOLDER = """
+<link name="base"/>
+<joint name="slide" type="prismatic"><parent link="base"/><child link="pad"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="1" effort="{}" velocity="1"/></joint>
+<link name="pad"><collision><geometry><sphere radius="0.01"/></geometry></collision></link>
+"""
+
+
+@pytest.mark.parametrize("effort", ["0", "1000", "inf"])
+def test_placeholder_efforts_warn_on_standard_error(tmp_path, effort):
+    text = urdf(PLACEHOLDER.format(effort))
+    pose = "{position: [0, -0.11, 0]}"
+    result = with_urdf(tmp_path, text, base_pose=pose)
+    assert result.stderr.startswith("warning: effort limits that look like placeholders: 'slide' (")
+    assert "give the motors' real limits in effort_limits" in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+    assert result.exit_code == 0
+    honest = with_urdf(tmp_path, text, base_pose=pose, effort_limits="{slide: 5}")
+    assert honest.exit_code == 0 and honest.stderr == ""

@@ -1,0 +1,380 @@
+"""Mistakes in a scene file: the message names file, line, key, what was found and what would do."""
+
+import pytest
+from cli_tools import LINES, assert_refused, solve_text, spoilt
+
+NUMBER = "a finite number"
+SIZE = "[0.2, 0.2, 0.2]"
+BOX = "{type: box, size: [0.2, 0.2, 0.2]}"
+POSE = "{position: [0, 0, 0]}"
+Q = "  q: {hinge: 0.0}"
+FRICTION = "friction: 0.3"
+ONE_HAND = LINES[LINES.index("  robot") : LINES.index("object:")]
+SHAPES = "'box', 'sphere', 'cylinder', 'capsule', 'cone' or 'mesh'"
+
+# What is replaced, by what, and the message after the file's name.
+CASES = {
+    "unknown key": (
+        FRICTION,
+        "friction: 0.3\nfrction: 0.4",
+        ":3: frction: is no key that can stand here; did you mean 'friction'? known: cone_edges,",
+    ),
+    "unknown inner key": (
+        "mass: 1.0",
+        "mass: 1.0\n  weight: 3",
+        ":11: object.weight: is no key that can stand here; known: center_of_mass, mass, name,",
+    ),
+    "key of another shape": (
+        SIZE,
+        SIZE + ", radius: 1",
+        ":9: object.shape.radius: is no key that can stand here; known: size, type",
+    ),
+    "missing key": (
+        "  mass: 1.0\n",
+        "",
+        f":7: object.mass: is missing; needs {NUMBER} > 0",
+    ),
+    "missing key at the top": (
+        "friction: 0.3\n",
+        "",
+        f":1: friction: is missing; needs {NUMBER} >= 0 or a mapping of names, each to",
+    ),
+    "missing key of a shape": (
+        ", size: [0.2, 0.2, 0.2]",
+        "",
+        f":9: object.shape.size: is missing; needs a list of 3, each {NUMBER} > 0",
+    ),
+    "text for a number": (
+        "mass: 1.0",
+        "mass: heavy",
+        f":10: object.mass: found 'heavy'; needs {NUMBER} > 0",
+    ),
+    "truth value for a number": (
+        "mass: 1.0",
+        "mass: yes",
+        f":10: object.mass: found True; needs {NUMBER} > 0",
+    ),
+    "number for a text": ("name: box", "name: 7", ":8: object.name: found 7; needs text"),
+    "number for a truth value": (
+        Q,
+        "  count_own_weight: 3",
+        ":6: hand.count_own_weight: found 3; needs true or false",
+    ),
+    "list for a mapping": (
+        "{hinge: 0.0}",
+        "[0.0]",
+        f":6: hand.q: found [0.0]; needs a mapping of names, each to {NUMBER}",
+    ),
+    "mapping for a list": (
+        "supports:\n  - name",
+        "supports:\n    name",
+        ":12: supports: found {'name'",
+    ),
+    "negative mass": (
+        "mass: 1.0",
+        "mass: -1",
+        f":10: object.mass: found -1; needs {NUMBER} > 0",
+    ),
+    "massless": ("mass: 1.0", "mass: 0", f":10: object.mass: found 0; needs {NUMBER} > 0"),
+    "nan": ("mass: 1.0", "mass: .nan", f":10: object.mass: found nan; needs {NUMBER} > 0"),
+    "inf": ("-9.8", "-.inf", f":1: gravity[2]: found -inf; needs {NUMBER}"),
+    "number without end": (
+        "mass: 1.0",
+        "mass: 1" + 400 * "0",
+        f"; needs {NUMBER} > 0",
+    ),
+    "two numbers for three": (
+        "[0, 0, -9.8]",
+        "[0, -9.8]",
+        f":1: gravity: found [0, -9.8]; needs a list of 3, each {NUMBER}",
+    ),
+    "four numbers for three": (
+        "[0, 0, -9.8]",
+        "[0, 0, 0, -9.8]",
+        f":1: gravity: found [0, 0, 0, -9.8]; needs a list of 3, each {NUMBER}",
+    ),
+    "two forms of rotation": (
+        POSE,
+        "{rpy: [0, 0, 0], quaternion: [0, 0, 0, 1]}",
+        ":11: object.pose: found rpy and quaternion; give one form of the rotation",
+    ),
+    "stretching matrix": (
+        POSE,
+        "{matrix: [[1, 0, 0], [0, 2, 0], [0, 0, 1]]}",
+        ":11: object.pose.matrix: the rotation part is not orthonormal (R^T R is off by 3)",
+    ),
+    "mirroring matrix": (
+        POSE,
+        "{matrix: [[1, 0, 0], [0, -1, 0], [0, 0, 1]]}",
+        ":11: object.pose.matrix: the rotation part mirrors (determinant -1); flip one axis",
+    ),
+    "zero quaternion": (
+        POSE,
+        "{quaternion: [0, 0, 0, 0]}",
+        ":11: object.pose.quaternion: a quaternion x, y, z, w must not be zero",
+    ),
+    "zero quaternion of a support": (
+        "{position: [0, 0, -0.1]}",
+        "{quaternion: [0, 0, 0, 0]}",
+        ":15: supports[0].pose.quaternion: a quaternion x, y, z, w must not be zero",
+    ),
+    "zero quaternion of the hand": (
+        "{position: [-0.1, -0.1, 0.0], rpy: [3.141592653589793, 0, 0]}",
+        "\n    quaternion: [0, 0, 0, 0]",
+        ":6: hand.base_pose.quaternion: a quaternion x, y, z, w must not be zero",
+    ),
+    "flat box": (SIZE, "[0.2, 0, 0.2]", f":9: object.shape.size[1]: found 0; needs {NUMBER} > 0"),
+    "half-space as object": (
+        BOX,
+        "{type: half_space}",
+        ":9: object.shape: found {'type': 'half_space'}; needs a mapping with the type " + SHAPES,
+    ),
+    "unknown shape": (
+        "type: box",
+        "type: bx",
+        f"'type': 'bx'}}; needs a mapping with the type {SHAPES}",
+    ),
+    "shape without type": (
+        "type: box, ",
+        "",
+        f"object.shape: found {{'size': {SIZE}}}; needs a mapping with the type {SHAPES}",
+    ),
+    "unknown robot": (
+        "lever_100mm",
+        "lever_100m",
+        ":4: hand.robot: unknown robot 'lever_100m': give a .urdf file, a robot file or a model's "
+        "name; near: lever_100mm,",
+    ),
+    "unknown robot among several": (
+        ONE_HAND,
+        "  mounts:\n    - {prefix: a, robot: lever_100mm}\n    - {prefix: b, robot: lvr_100mm}\n",
+        ":6: hand.mounts[1].robot: unknown robot 'lvr_100mm'",
+    ),
+    "prefixes that do not differ": (
+        ONE_HAND,
+        "  mounts: [{prefix: a, robot: lever_100mm}, {prefix: a, robot: lever_150mm}]\n",
+        ":4: hand.mounts: prefixes must differ, got ['a', 'a']",
+    ),
+    "pose beside mounts": (
+        "  robot: lever_100mm",
+        "  mounts: [{prefix: a, robot: lever_100mm}]",
+        ":3: hand: found mounts and base_pose; with several robots each entry of 'mounts' has its",
+    ),
+    "two sources of a hand": (
+        "  robot: lever_100mm",
+        "  robot: lever_100mm\n  urdf: ''",
+        ":3: hand: found robot and urdf; needs exactly one of 'robot', 'urdf' and 'mounts'",
+    ),
+    "no source of a hand": (
+        "  robot: lever_100mm\n",
+        "",
+        ":3: hand: found none of them; needs exactly one of 'robot', 'urdf' and 'mounts'",
+    ),
+    "unknown joint": ("hinge: 0.0", "hing: 0.0", ":6: hand.q: unknown joint 'hing'; known: hinge"),
+    "joint name that is a number": (
+        "hinge: 0.0",
+        "1: 0.0",
+        ":6: hand.q[1]: found 1 as a name; a name is text: put it in quotes",
+    ),
+    "joint outside its limits": (
+        "hinge: 0.0",
+        "hinge: 3.0",
+        ":6: hand.q.hinge: is 3, outside the joint's limits [-1.57, 1.57]",
+    ),
+    "unknown finger in control": (
+        Q,
+        "  control: {thumb: force}",
+        ":6: hand.control: unknown finger or joint 'thumb'; known: finger, hinge",
+    ),
+    "unknown control mode": (
+        Q,
+        "  control: {finger: soft}",
+        ":6: hand.control.finger: found 'soft'; needs 'force', 'position' or 'hybrid'",
+    ),
+    "hybrid hand": (Q, "  control: hybrid", ":6: hand.control: hybrid control is per finger: give"),
+    "limits the wrong way round": (
+        Q,
+        "  effort_limits: {finger: [1, -1]}",
+        ":6: hand.effort_limits.finger: the lower limit is above the upper one: (1.0, -1.0)",
+    ),
+    "negative limit": (
+        Q,
+        "  effort_limits: {finger: -1}",
+        f":6: hand.effort_limits.finger: found -1; needs {NUMBER} >= 0 or a list of 2, each",
+    ),
+    "unknown joint in limits": (
+        Q,
+        "  effort_limits: {fingr: 1}",
+        ":6: hand.effort_limits: unknown finger or joint 'fingr'; known: finger, hinge",
+    ),
+    "unknown joint of a finger": (
+        Q,
+        "  fingers: {f: {joints: [nope]}}",
+        ":6: hand.fingers.f: unknown joint 'nope'; known: hinge",
+    ),
+    "finger without joints": (
+        Q,
+        "  fingers: {f: {joints: []}}",
+        ":6: hand.fingers.f.joints: found []; needs a list of at least 1, each item text",
+    ),
+    "folders without a URDF": (
+        Q,
+        "  package_dirs: [x]",
+        ":6: hand.package_dirs: only goes with a URDF file, not with 'lever_100mm'",
+    ),
+    "two supports of one name": (
+        "supports:\n",
+        "supports:\n  - {name: floor, shape: {type: half_space}}\n",
+        ":14: supports[1].name: 'floor' names another body too; names must differ",
+    ),
+    "support called like a link": (
+        "name: floor",
+        "name: tip",
+        ":13: supports[0].name: 'tip' names another body too; names must differ",
+    ),
+    "object called like a link": (
+        "name: box",
+        "name: tip",
+        ":8: object.name: 'tip' names another body too; names must differ",
+    ),
+    "nameless support": (
+        "name: floor",
+        "name: ''",
+        ":13: supports[0].name: needs a name that messages can use, got ''",
+    ),
+    "negative friction": (
+        FRICTION,
+        "friction: -0.3",
+        f":2: friction: found -0.3; needs {NUMBER} >= 0 or a mapping of names, each to {NUMBER}",
+    ),
+    "negative friction of a body": (
+        FRICTION,
+        "friction: {default: 0.3, floor: -0.2}",
+        f":2: friction.floor: found -0.2; needs {NUMBER} >= 0",
+    ),
+    "friction of no body": (
+        FRICTION,
+        "friction: {default: 0.3, flor: 0.2}",
+        ":2: friction.flor: names no body; known: default, hand, supports, floor, base, lever, tip",
+    ),
+    "friction not for all": (
+        FRICTION,
+        "friction: {floor: 0.2}",
+        ": friction: has no coefficient for 'tip'; add it, 'hand' or 'default'",
+    ),
+    "contact of no body": (
+        FRICTION,
+        "friction: 0.3\ncontacts:\n  - {body: wall, position: [0, 0, 0], normal: [0, 0, 1]}",
+        ":4: contacts[0].body: 'wall' is no hand link or support; known: floor, base, lever, tip",
+    ),
+    "zero normal": (
+        FRICTION,
+        "friction: 0.3\ncontacts:\n  - {body: floor, position: [0, 0, 0], normal: [0, 0, 0]}",
+        ":4: contacts[0].normal: found [0.0, 0.0, 0.0]; needs a direction",
+    ),
+    "empty list of contacts": (
+        FRICTION,
+        "friction: 0.3\ncontacts: []",
+        ": nothing touches object 'box'; contacts is an empty list: fill it, or leave it out",
+    ),
+    "zero tangent axis": (
+        FRICTION,
+        "friction: 0.3\ntangent_axes: [[1, 0, 0], [0, 0, 0]]",
+        ":3: tangent_axes[1]: found [0.0, 0.0, 0.0]; needs a direction",
+    ),
+    "two cone edges": (
+        FRICTION,
+        "friction: 0.3\ncone_edges: 2",
+        ":3: cone_edges: found 2; needs a whole number >= 3",
+    ),
+    "motion into a support": (
+        FRICTION,
+        "friction: 0.3\nmotion: {object_twist: {linear: [0, 0, -0.1]}}",
+        ": motion: the declared motion drives object 'box' into support 'floor' at 0.1 m/s; change",
+    ),
+    "motion away from everything": (
+        FRICTION,
+        "friction: 0.3\nmotion: {object_twist: {linear: [0, 0.1, 0.1]}, hand: {}}",
+        ": the declared motion parts object 'box' from everything that touches it; no contact",
+    ),
+    "motion of nothing": (
+        FRICTION,
+        "friction: 0.3\nmotion: {hand: {}}",
+        ":3: motion.object_twist: is missing; needs a mapping with the keys linear, angular",
+    ),
+    "velocity of an unknown joint": (
+        FRICTION,
+        "friction: 0.3\nmotion:\n  object_twist: {}\n  hand: {joint_velocities: {hing: 1}}",
+        ":5: motion.hand.joint_velocities: unknown independent joint 'hing'; known: hinge",
+    ),
+    "motion of a hand that is not there": (
+        LINES[LINES.index("hand:") : LINES.index("object:")],
+        "motion: {object_twist: {}, hand: {}}\n",
+        ":3: motion.hand: the scene has no hand that could move",
+    ),
+    "deep overlap": (
+        "[0, 0, -0.1]",
+        "[0, 0, -0.05]",
+        ": support 'floor' and object 'box' overlap by 50.00 mm, more than the 5.00 mm that pass",
+    ),
+    "missing mesh": (
+        BOX,
+        "{type: mesh, path: cup.stl}",
+        ":9: object.shape.path: mesh file '",
+    ),
+    "unknown solver": (
+        FRICTION,
+        "friction: 0.3\nsolve: {solver: simplex}",
+        ": solve.solver: 'simplex' is not installed; available: clarabel, highs, piqp, proxqp",
+    ),
+    "negative margin": (
+        FRICTION,
+        "friction: 0.3\nsolve: {margin: -1}",
+        f":3: solve.margin: found -1; needs {NUMBER} >= 0",
+    ),
+    "unknown algorithm": (
+        FRICTION,
+        "friction: 0.3\nsolve: {algorithm: best}",
+        ":3: solve.algorithm: found 'best'; needs 'margin' or 'torque'",
+    ),
+}
+
+
+@pytest.mark.parametrize(("old", "new", "message"), CASES.values(), ids=CASES)
+def test_a_mistake_is_named(tmp_path, old, new, message):
+    result = solve_text(tmp_path, spoilt(old, new))
+    assert_refused(result, message)
+    assert str(tmp_path / "scene.yaml") in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+
+
+def test_the_scene_itself_is_right(tmp_path):
+    result = solve_text(tmp_path, LINES)
+    assert result.exit_code == 0 and result.stderr == ""
+
+
+def test_several_mistakes_are_all_named(tmp_path):
+    text = spoilt("mass: 1.0", "mass: -1", spoilt(FRICTION, "frction: 0.3"))
+    result = solve_text(tmp_path, text)
+    assert_refused(result, ":2: frction: is no key")
+    for message in (":10: object.mass: found -1", ":1: friction: is missing"):
+        assert message in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 3
+
+
+def test_nothing_touches(tmp_path):
+    text = spoilt("[0, 0, -0.1]", "[0, 0, -0.2]", spoilt("[-0.1, -0.1, 0.0]", "[-0.1, -1.1, 0.0]"))
+    assert_refused(
+        solve_text(tmp_path, text),
+        "scene.yaml: nothing touches object 'box' within 0.001 m; move the hand or the object, or "
+        "raise contact_tolerance",
+    )
+
+
+def test_a_hybrid_finger_with_two_contacts(tmp_path):
+    contacts = "".join(
+        f"\n  - {{body: tip, position: [{x}, -0.1, 0], normal: [0, 1, 0]}}" for x in (0, 0.01)
+    )
+    text = spoilt(FRICTION, f"friction: 0.3\ncontacts:{contacts}")
+    result = solve_text(tmp_path, spoilt(Q, "  control: {finger: hybrid}", text))
+    assert_refused(result, "scene.yaml: hybrid finger 'finger' touches the object at several")

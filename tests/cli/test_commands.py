@@ -1,0 +1,193 @@
+"""Exit codes, what goes to which stream, and how the JSON file is written."""
+
+import json
+import os
+import stat
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+import trimesh
+from cli_tools import ALLEGRO, PAPER, ROOT, assert_refused, run, solve_text, spoilt
+
+from graspless_pin.scene import scene_json_schema
+
+SPHERE = PAPER / "sphere_on_slope.yaml"
+HEAVY = spoilt("friction: 0.3", "friction: 0.3\nmax_normal_force: 1")
+
+
+def shell(*arguments: str | Path, folder: Path = ROOT) -> subprocess.CompletedProcess[str]:
+    """Run the installed program in a process of its own."""
+    program = Path(sys.executable).with_name("graspless-pin")
+    return subprocess.run(  # noqa: S603 - our own program
+        [program, *arguments], cwd=folder, capture_output=True, text=True, check=False, timeout=60
+    )
+
+
+def test_exit_code_0_prints_the_tables():
+    result = run("solve", ALLEGRO)
+    assert result.exit_code == 0 and result.stderr == ""
+    for word in ("joint", "gravity", "of limit", "touching", "friction", "sticking", "certificate"):
+        assert word in result.stdout
+    assert "link_3.0_tip" in result.stdout and "slope" in result.stdout
+    assert "margin e = 0.743" in result.stdout
+
+
+def test_exit_code_1_says_why(tmp_path):
+    result = solve_text(tmp_path, HEAVY)
+    assert result.exit_code == 1 and result.stderr == ""
+    assert "not found: infeasible: no contact forces inside the cones" in result.stdout
+
+
+def test_the_program_itself(tmp_path):
+    """Streams and exit codes 0, 1, 2 of the real process, C++ output included."""
+    trimesh.creation.box((0.2, 0.2, 0.2)).export(tmp_path / "box.stl")
+    mesh = spoilt("{type: box, size: [0.2, 0.2, 0.2]}", "{type: mesh, path: box.stl}")
+    (tmp_path / "scene.yaml").write_text(mesh)
+    found = shell("solve", "scene.yaml", "--json", "-", folder=tmp_path)
+    assert (found.returncode, found.stderr) == (0, "")
+    assert json.loads(found.stdout)["found"] is True
+    (tmp_path / "heavy.yaml").write_text(HEAVY)
+    heavy = shell("solve", "heavy.yaml", "--json", "-", folder=tmp_path)
+    assert (heavy.returncode, heavy.stderr) == (1, "")
+    assert json.loads(heavy.stdout)["found"] is False
+    bad = shell("solve", "none.yaml", "--json", "-", folder=tmp_path)
+    assert (bad.returncode, bad.stdout) == (2, "")
+    assert bad.stderr == "error: none.yaml: there is no such file; check the path\n"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        (),
+        ("solve",),
+        ("solve", SPHERE, "--algorithm", "best"),
+        ("solve", SPHERE, "--sign-rule", "lax"),
+        ("solve", SPHERE, "--margin", "much"),
+        ("solve", SPHERE, "--colour", "red"),
+        ("slove", SPHERE),
+    ],
+)
+def test_wrong_usage_is_exit_code_2(arguments):
+    result = run(*arguments)
+    assert result.exit_code == 2
+    assert "Traceback" not in result.output
+    assert "Usage:" in result.output
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--solver", "simplex"), "solver: 'simplex' is not installed; available: clarabel,"),
+        (("--algorithm", "torque", "--margin", "-1"), "margin: is -1.0; it must be"),
+        (("--algorithm", "torque", "--margin", "nan"), "margin: is nan; it must be"),
+        (("--margin", "0.2"), "margin: is an option of Algorithm 2 and would change nothing here"),
+        (("--scale", "limits"), "scale: is an option of Algorithm 2 and would change nothing here"),
+    ],
+)
+def test_bad_options(options, message):
+    assert_refused(run("solve", SPHERE, *options), message)
+
+
+def solved(*options):
+    result = run("solve", SPHERE, *options, "--json", "-")
+    assert result.exit_code == 0
+    return json.loads(result.stdout)
+
+
+def test_options_reach_the_algorithms():
+    assert solved()["algorithm"] == "margin"
+    assert solved()["margin"] == pytest.approx(1.4509, abs=1e-4)
+    least = solved("--algorithm", "torque", "--margin", "0.3")
+    assert least["algorithm"] == "torque" and least["required_margin"] == 0.3
+    assert least["margin"] == pytest.approx(0.3, rel=1e-4)
+    rules = solved("--sign-rule", "exact", "--sliding-rule", "constrained")["rules"]
+    assert (rules["sign_rule"], rules["sliding_rule"]) == ("exact", "constrained")
+    coulomb = solved("--static-friction", "coulomb", "--solver", "clarabel")
+    assert coulomb["rules"]["static_friction"] == "coulomb"
+    assert coulomb["certificate"]["solver"] == "clarabel"
+    assert solved("--algorithm", "torque", "--scale", "limits")["found"]
+
+
+def test_the_scenes_own_options_count_unless_overruled(tmp_path):
+    text = spoilt("friction: 0.3", "friction: 0.3\nsolve: {algorithm: torque, margin: 0.2}")
+    own = json.loads(solve_text(tmp_path, text, "--json", "-").stdout)
+    assert (own["algorithm"], own["required_margin"]) == ("torque", 0.2)
+    other = json.loads(solve_text(tmp_path, text, "--margin", "0.05", "--json", "-").stdout)
+    assert (other["algorithm"], other["required_margin"]) == ("torque", 0.05)
+    best = json.loads(solve_text(tmp_path, text, "--algorithm", "margin", "--json", "-").stdout)
+    assert best["algorithm"] == "margin"
+
+
+def test_a_json_file_is_the_same_document_beside_the_tables(tmp_path):
+    file = tmp_path / "solution.json"
+    result = run("solve", SPHERE, "--json", file)
+    assert result.exit_code == 0 and "margin e = " in result.stdout
+    assert file.read_text() == run("solve", SPHERE, "--json", "-").stdout
+    assert [path.name for path in tmp_path.iterdir()] == ["solution.json"]
+
+
+def test_a_json_file_is_as_readable_as_any_other(tmp_path):
+    file = tmp_path / "solution.json"
+    run("solve", SPHERE, "--json", file)
+    other = tmp_path / "other"
+    other.touch()
+    assert stat.S_IMODE(file.stat().st_mode) == stat.S_IMODE(other.stat().st_mode)
+
+
+def test_an_infeasible_document_is_written_too(tmp_path):
+    file = tmp_path / "solution.json"
+    assert solve_text(tmp_path, HEAVY, "--json", file).exit_code == 1
+    assert json.loads(file.read_text())["found"] is False
+
+
+def test_bad_input_leaves_the_json_file_alone(tmp_path):
+    file = tmp_path / "solution.json"
+    file.write_text("old")
+    assert solve_text(tmp_path, "", "--json", file).exit_code == 2
+    assert file.read_text() == "old"
+
+
+@pytest.mark.parametrize("step", ["write_text", "replace"])
+def test_a_failed_write_keeps_what_was_there(tmp_path, monkeypatch, step):
+    file = tmp_path / "solution.json"
+    file.write_text("old")
+
+    def fail(path, *_, **__):
+        path.touch()  # a disk that fills up leaves a part of the draft behind
+        raise OSError(28, os.strerror(28), str(path))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, step, fail)
+        result = run("solve", SPHERE, "--json", file)
+    assert_refused(result, f"{file}: cannot be written (No space left on device); choose another")
+    assert file.read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["solution.json"]
+
+
+def test_places_that_cannot_be_written(tmp_path):
+    (tmp_path / "file").touch()
+    for target in (tmp_path, tmp_path / "none" / "x.json", tmp_path / "file" / "x.json"):
+        assert_refused(run("solve", SPHERE, "--json", target), f"{target}: cannot be written (")
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_pipe_is_written_to_and_not_replaced(tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    received = []
+    reader = threading.Thread(target=lambda: received.append(pipe.read_text()), daemon=True)
+    reader.start()
+    result = run("solve", SPHERE, "--json", pipe)
+    reader.join(timeout=10)
+    assert result.exit_code == 0
+    assert json.loads(received[0])["found"] is True
+    assert pipe.is_fifo()
+
+
+def test_schema_prints_the_schema():
+    result = run("schema")
+    assert result.exit_code == 0
+    assert json.loads(result.stdout) == scene_json_schema()

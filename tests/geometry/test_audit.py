@@ -1,0 +1,195 @@
+"""The audit of URDFs and the list of robots: known answers."""
+
+import numpy as np
+import pytest
+import trimesh
+from hand_tools import joint, link, write_urdf
+
+from graspless_pin.errors import RobotError
+from graspless_pin.geometry.audit import FindingKind, audit_urdf
+from graspless_pin.geometry.robot_listing import list_robots
+from graspless_pin.geometry.robots import robot_names
+
+BALL = '<sphere radius="0.01"/>'
+MESH = '<mesh filename="{}"/>'
+TWO = link("a", BALL) + link("b", BALL)
+
+
+def found(report):
+    return [(item.kind, item.where) for item in report.findings]
+
+
+def audit(tmp_path, body, **options):
+    return audit_urdf(write_urdf(tmp_path, body), **options)
+
+
+def test_a_sound_urdf_has_no_findings(tmp_path):
+    report = audit(tmp_path, TWO + joint("hinge", "a", "b"))
+    assert report.findings == ()
+    assert report.loads
+    assert report.links == ("a", "b")
+    assert report.joints == ("hinge",)
+
+
+def test_limits_efforts_and_mimics(tmp_path):
+    body = link("a", BALL) + "".join(link(name, BALL) for name in "bcdefg")
+    body += joint("zero", "a", "b", limit='lower="-1" upper="1" effort="0"')
+    body += joint("endless", "b", "c", "continuous", limit="")
+    body += joint("bent", "c", "d", limit='lower="0.5" upper="1" effort="1"')
+    body += joint("lost", "d", "e", extra='<mimic joint="ero"/>')
+    far = '<mimic joint="zero" offset="3"/>'
+    body += joint("far", "e", "f", extra=far)
+    body += joint("left_lead", "f", "g", limit='lower="-1" upper="1" effort="1000"')
+    report = audit(tmp_path, body.replace('"ero"', '"lead"'))
+    assert report.loads
+    assert found(report) == [
+        (FindingKind.DANGLING_MIMIC, "joint lost"),
+        (FindingKind.PLACEHOLDER_EFFORT, "joint zero"),
+        (FindingKind.PLACEHOLDER_EFFORT, "joint endless"),
+        (FindingKind.PLACEHOLDER_EFFORT, "joint left_lead"),
+        (FindingKind.NEUTRAL_OUTSIDE, "joint bent"),
+        (FindingKind.NEUTRAL_OUTSIDE, "joint far"),
+    ]
+    assert "perhaps left_lead" in report.findings[0].advice
+    assert "stands at 0.5" in report.findings[4].message
+    assert "to 3, outside its limits [-1, 1]" in report.findings[5].message
+
+
+def test_meshes(tmp_path):
+    box = trimesh.creation.box((0.1, 0.1, 0.1))
+    box.export(tmp_path / "good.stl")
+    trimesh.creation.box((100.0, 50.0, 50.0)).export(tmp_path / "millimetres.stl")
+    flat = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], [[0, 1, 2], [1, 3, 2]])
+    flat.export(tmp_path / "flat.stl")
+    (tmp_path / "broken.stl").write_text("no mesh")
+    address = f"file://{tmp_path}/"
+    files = {
+        "a": f"{address}good.stl",
+        "b": "good.stl",
+        "c": f"{address}millimetres.stl",
+        "d": f"{address}flat.stl",
+        "e": f"{address}broken.stl",
+        "f": "package://gone/gone.stl",
+    }
+    body = "".join(link(name, MESH.format(file)) for name, file in files.items())
+    for parent, child in zip("abcde", "bcdef", strict=True):
+        body += joint(child, parent, child, "fixed", limit="")
+    seen = f"<visual><geometry>{MESH.format('gone.dae')}</geometry></visual></link>"
+    report = audit(tmp_path, body.replace("</link>", seen, 1))
+    assert not report.loads
+    assert found(report) == [
+        (FindingKind.MISSING_MESH, "link f, collision"),
+        (FindingKind.MISSING_VISUAL, "link a, visual"),
+        (FindingKind.RELATIVE_MESH, "link b, collision"),
+        (FindingKind.MESH_SCALE, "link c, collision"),
+        (FindingKind.UNUSABLE_MESH, "link d, collision"),
+        (FindingKind.UNUSABLE_MESH, "link e, collision"),
+    ]
+    assert "package_dirs" in report.findings[0].advice
+    assert "is 100 m large" in report.findings[3].message
+
+
+def test_the_unit_of_a_collada_file_is_reported(tmp_path):
+    file = tmp_path / "box.dae"
+    trimesh.creation.box((0.1, 0.1, 0.1)).export(file)
+    text = file.read_text()
+    assert '<unit name="meter" meter="1"' in text or "<unit" not in text
+    text = text.replace('meter="1"', 'meter="0.001"')
+    if "<unit" not in text:
+        text = text.replace("<asset>", '<asset><unit name="mm" meter="0.001"/>', 1)
+    file.write_text(text)
+    report = audit(tmp_path, link("a", MESH.format(f"file://{file}")))
+    assert found(report) == [(FindingKind.MESH_UNIT, "link a, collision")]
+    assert "0.001 m, which is not applied" in report.findings[0].message
+
+
+def test_links_that_nothing_can_touch(tmp_path):
+    drawn = f'<link name="a"><visual><geometry>{BALL}</geometry></visual></link>'
+    assert found(audit(tmp_path, drawn)) == [(FindingKind.NO_COLLISION, "robot")]
+    body = drawn + link("b", BALL) + link("c") + joint("i", "a", "b") + joint("j", "b", "c")
+    assert found(audit(tmp_path, body)) == [(FindingKind.NO_COLLISION, "links a")]
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        (TWO, "one root link"),
+        (TWO + joint("j", "a", "b", limit=""), "has no <limit"),
+        (link("a", "<torus/>"), "unknown shape <torus>"),
+    ],
+)
+def test_what_cannot_be_read_is_a_finding(tmp_path, body, message):
+    report = audit(tmp_path, body)
+    assert [item.kind for item in report.findings] == [FindingKind.UNREADABLE]
+    assert message in report.findings[0].message
+    assert not report.loads
+
+
+def test_what_is_no_urdf_is_a_finding_and_no_file_an_error(tmp_path):
+    file = tmp_path / "robot.urdf"
+    file.write_text("<sdf/>")
+    assert [item.kind for item in audit_urdf(file).findings] == [FindingKind.UNREADABLE]
+    with pytest.raises(RobotError, match="there is no such URDF file"):
+        audit_urdf(tmp_path / "gone.urdf")
+    with pytest.raises(RobotError, match="unknown robot 'nope'"):
+        audit_urdf("nope")
+
+
+def test_a_robot_file_mends_what_the_audit_of_its_model_finds():
+    alone = audit_urdf("psyonic_right")
+    assert {item.kind for item in alone.findings} == {FindingKind.UNKNOWN_EFFORT}
+    assert len(alone.findings) == 6
+    assert alone.fingers["thumb"] == ("Right_thumb_q1", "Right_thumb_q2")
+    panda = audit_urdf("panda")
+    assert found(panda) == [(FindingKind.NEUTRAL_OUTSIDE, "joint panda_joint4")]
+
+
+def effort(item):
+    assert item.effort is not None
+    return item.effort
+
+
+def test_the_list_of_robots_says_where_limits_come_from():
+    records = {record.name: record for record in list_robots()}
+    assert tuple(records) == robot_names()
+    assert all(record.problem is None for record in records.values())
+    hand = records["psyonic_left"]
+    joints = {item.name: item for item in hand.joints}
+    follower = joints["Left_index_q2"]
+    assert follower.follows == {"Left_index_q1": 1.05851325}
+    assert (follower.offset, follower.effort) == (0.72349796, None)
+    thumb = effort(joints["Left_thumb_q1"])
+    assert (thumb.known, thumb.lower, thumb.upper) == (False, -1.2, 1.2)
+    assert "AbilityBaseLink on" in hand.origin
+    panda = {item.name: item for item in records["panda"].joints}
+    grip = panda["panda_finger_joint1"]
+    assert (grip.kind, effort(grip).upper, effort(grip).known) == ("prismatic", 140.0, True)
+    assert effort(grip).source.startswith("70 N continuous grasping force")
+    assert panda["panda_joint1"].is_held
+    assert not grip.is_held
+    bravo = {item.name: item for item in records["bravo7_gripper"].joints}
+    assert (bravo["joint1"].kind, bravo["joint1"].upper) == ("continuous", np.inf)
+    assert "placeholder" in effort(bravo["joint1"]).source
+    trihand = records["trihand"]
+    assert trihand.palms == ("palm",)
+    assert trihand.fingers["finger_2"].tip == "finger_2_tip"
+
+
+def test_the_list_covers_tendons_models_and_failures(tmp_path):
+    write_urdf(tmp_path, TWO + joint("hinge", "a", "b"))
+    file = tmp_path / "robot.yaml"
+    tendons = "tendons: {t: {moment_arms: {hinge: 0.01}}}\n"
+    file.write_text(
+        f"name: r\nurdf: robot.urdf\n{tendons}effort_limits: {{t: {{limit: 9, source: me}}}}"
+    )
+    broken = tmp_path / "broken.yaml"
+    broken.write_text("name: b\nurdf: gone.urdf\n")
+    model, tendon, missing, unknown = list_robots(
+        ["allegro_left_hand", str(file), str(broken), "nope"]
+    )
+    assert list(model.fingers) == [f"finger_{number}" for number in (1, 2, 3, 4)]
+    assert effort(model.joints[0]).source == "the URDF's"
+    assert (tendon.tendons["t"].upper, tendon.tendons["t"].source) == (9.0, "me")
+    assert tendon.joints[0].effort is None
+    assert "no such URDF" in str(missing.problem)
+    assert "unknown robot 'nope'" in str(unknown.problem)

@@ -1,0 +1,55 @@
+"""Scenes as text for the tests: where the examples are, and how to change one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from graspless_pin.scene import Scene, load_scene
+
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLES = ROOT / "examples"
+PAPER = EXAMPLES / "paper"
+ALLEGRO = EXAMPLES / "allegro_box_on_slope.yaml"
+
+# A 1 kg box of 0.2 m on the floor, touched on its -y face by the lever, mounted as in the paper.
+BOX = """\
+gravity: [0, 0, -9.8]
+friction: 0.3
+hand:
+  robot: lever_100mm
+  base_pose: {position: [-0.1, -0.1, 0.0], rpy: [3.141592653589793, 0, 0]}
+object:
+  name: box
+  shape: {type: box, size: [0.2, 0.2, 0.2]}
+  mass: 1.0
+supports:
+  - name: floor
+    shape: {type: half_space}
+    pose: {position: [0, 0, -0.1]}
+"""
+
+
+def content(source: Path | str) -> dict[str, Any]:
+    """Return a scene, a file or text, as plain data that may be changed."""
+    text = source.read_text(encoding="utf-8") if isinstance(source, Path) else source
+    return yaml.safe_load(text)
+
+
+def loaded(folder: Path, data: dict[str, Any] | str) -> Scene:
+    """Write a scene and load it."""
+    file = folder / "scene.yaml"
+    file.write_text(data if isinstance(data, str) else yaml.safe_dump(data), encoding="utf-8")
+    return load_scene(file)
+
+
+def bodies_at(scene: Scene) -> list[str]:
+    return list(scene.contacts.bodies)
+
+
+def unit(*values: float) -> np.ndarray:
+    vector = np.array(values, dtype=float)
+    return vector / np.linalg.norm(vector)

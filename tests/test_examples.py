@@ -1,0 +1,51 @@
+"""Every example runs as it stands, without a screen and from any folder."""
+
+import json
+import runpy
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from graspless_pin.cli import app
+
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+SCRIPTS = sorted(EXAMPLES.rglob("*.py"))
+SCENES = sorted(EXAMPLES.rglob("*.yaml"))
+
+
+def label(file: Path) -> str:
+    return file.relative_to(EXAMPLES).as_posix()
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+
+
+def test_there_are_examples_of_each_way_in():
+    assert {"from_arrays.py", "from_scene.py"} <= {file.name for file in SCRIPTS}
+    assert {"allegro_box_on_slope.yaml", "allegro_push_up_slope.yaml"} <= {f.name for f in SCENES}
+
+
+@pytest.mark.parametrize("file", SCRIPTS, ids=label)
+def test_script(file, capsys):
+    runpy.run_path(str(file), run_name="__main__")
+    seen = capsys.readouterr()
+    assert seen.out.strip()
+    assert seen.err == ""
+
+
+@pytest.mark.parametrize("file", SCENES, ids=label)
+def test_scene(file):
+    """The scene's own algorithm finds an answer, and no warning is left to explain."""
+    result = CliRunner().invoke(
+        app, ["solve", str(file), "--json", "out.json"], catch_exceptions=False
+    )
+    assert result.exit_code == 0, result.output
+    assert result.stderr == ""
+    document = json.loads(Path("out.json").read_text(encoding="utf-8"))
+    assert document["found"] and document["margin"] > 0.0
+    assert document["scene"] in result.stdout
