@@ -1,13 +1,15 @@
 """Objects and supports: what is refused, and what they hand to contact detection."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
-from graspless_pin.errors import ArgumentError, MeshError
+from graspless_pin.errors import ArgumentError, GrasplessPinWarning, MeshError
 from graspless_pin.geometry.bodies import ManipulatedObject, Support
-from graspless_pin.geometry.shapes import Box, HalfSpace, MeshShape, Shape
+from graspless_pin.geometry.shapes import Box, Cone, HalfSpace, MeshShape, Shape
 
 BRICK = Box((0.1, 0.2, 0.3))
 TURNED = np.array([[0.0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]])
@@ -106,3 +108,71 @@ def test_a_missing_mesh_shows_when_the_geometry_is_needed() -> None:
     brick = make(shape=MeshShape(Path("no/such.obj")))
     with pytest.raises(MeshError, match=r"no/such.obj"):
         brick.collision_body()
+
+
+def test_an_object_of_given_density_is_filled_evenly() -> None:
+    brick = ManipulatedObject.from_shape("brick", BRICK, TURNED, density=500.0, material="clay")
+    assert brick.mass == pytest.approx(3.0)
+    assert np.array_equal(brick.center_of_mass, np.zeros(3))
+    assert brick.material == "clay"
+    top = ManipulatedObject.from_shape("top", Cone(0.03, 0.2), TURNED, mass=2.0)
+    assert np.allclose(top.center_of_mass, [0, 0, -0.05])
+    off = ManipulatedObject.from_shape(
+        "off", BRICK, TURNED, density=500.0, center_of_mass=(0, 0, 1)
+    )
+    assert (off.mass, off.center_of_mass[2]) == (pytest.approx(3.0), 1.0)
+
+
+def test_mass_and_centre_that_are_given_need_no_mesh_volume(tmp_path: Path) -> None:
+    # An open box: its volume would be asked for with a warning.
+    box = trimesh.creation.box(extents=[0.1, 0.1, 0.1])
+    box.update_faces(np.arange(len(box.faces)) > 1)
+    box.export(tmp_path / "open.stl")
+    shape = MeshShape(tmp_path / "open.stl")
+    given = ManipulatedObject.from_shape(
+        "box", shape, TURNED, mass=1.0, center_of_mass=(0.0, 0.0, 0.0)
+    )
+    assert given.mass == 1.0
+    with pytest.warns(GrasplessPinWarning, match="is not watertight: volume and centre of mass"):
+        ManipulatedObject.from_shape("box", shape, TURNED, mass=1.0)
+
+
+def test_either_mass_or_density_is_needed() -> None:
+    with pytest.raises(ArgumentError, match="either a mass in kg or a density, found neither"):
+        ManipulatedObject.from_shape("brick", BRICK, TURNED)
+    with pytest.raises(ArgumentError, match="found both"):
+        ManipulatedObject.from_shape(
+            "brick", BRICK, TURNED, mass=1.0, density=1.0, center_of_mass=(0, 0, 0)
+        )
+    with pytest.raises(ArgumentError, match="'brick' cannot be a half-space"):
+        ManipulatedObject.from_shape("brick", HalfSpace(), TURNED, mass=1.0)
+
+
+def test_a_support_stands_still_unless_it_is_given_a_velocity() -> None:
+    assert np.array_equal(Support("table", HalfSpace(), TURNED).velocity, np.zeros(6))
+    velocity = np.array([0.1, 0, 0, 0, 0, 0.2])
+    belt = Support("belt", HalfSpace(), TURNED, velocity=velocity, material="rubber")
+    velocity[:] = 5.0
+    assert np.array_equal(belt.velocity, [0.1, 0, 0, 0, 0, 0.2])
+    assert not belt.velocity.flags.writeable
+    with pytest.raises(ArgumentError, match="velocity: needs six finite numbers"):
+        Support("belt", HalfSpace(), TURNED, velocity=np.zeros(3))
+
+
+def test_a_shape_of_several_pieces_gives_bodies_of_one_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    cubes = [trimesh.creation.box(extents=[0.1] * 3) for _ in range(2)]
+    cubes[1].apply_translation([0.3, 0, 0])
+    trimesh.util.concatenate(cubes).export(tmp_path / "cubes.stl")
+    pair = make(shape=MeshShape(tmp_path / "cubes.stl", convex="decompose"))
+    bodies = pair.collision_bodies()
+    assert [body.name for body in bodies] == ["brick", "brick"]
+    assert all(np.array_equal(body.T_world_geometry, TURNED) for body in bodies)
+    moved = replace(pair, T_world_object=np.eye(4)).collision_bodies()
+    assert [a.geometry is b.geometry for a, b in zip(bodies, moved, strict=True)] == [True, True]
+    with pytest.raises(ArgumentError, match=r"'brick' is 2 convex pieces where one is needed; use"):
+        pair.collision_body()
+    hull = make(shape=MeshShape(tmp_path / "cubes.stl"))
+    assert len(hull.collision_bodies()) == 1

@@ -12,6 +12,7 @@ from graspless_pin.geometry.polygons import (
     first_corner,
     intersection,
     planar_hull,
+    plane_fit,
     reduce_polygon,
 )
 
@@ -109,39 +110,60 @@ def test_a_point_is_in_the_intersection_if_and_only_if_it_is_in_both(
             assert depth(both, probe) < 1e-5
 
 
+def reduced(polygon: Polygon, merge_distance: float, max_points: int) -> Polygon:
+    """The points that a reduction leaves: the means of its groups."""
+    groups = reduce_polygon(polygon, merge_distance, max_points)
+    means = [np.mean([polygon[k] for k in group], axis=0).tolist() for group in groups]
+    return [(u, v) for u, v in means]
+
+
 def test_a_fine_circle_is_reduced_evenly() -> None:
-    reduced = reduce_polygon(regular(64), 1e-3, 8)
-    assert len(reduced) == 8
-    assert area(reduced) == pytest.approx(area(regular(8)))
+    few = reduced(regular(64), 1e-3, 8)
+    assert len(few) == 8
+    assert area(few) == pytest.approx(area(regular(8)))
 
 
 def test_rounding_does_not_decide_what_a_reduction_keeps() -> None:
     rng = np.random.default_rng(0)
-    exact = reduce_polygon(regular(64), 1e-3, 8)
+    exact = reduced(regular(64), 1e-3, 8)
     for _ in range(20):
         noisy = [(u + 1e-12 * rng.normal(), v + 1e-12 * rng.normal()) for u, v in regular(64)]
-        assert np.allclose(reduce_polygon(noisy, 1e-3, 8), exact, atol=1e-10)
+        assert np.allclose(reduced(noisy, 1e-3, 8), exact, atol=1e-10)
 
 
 def test_close_corners_become_their_mean_and_the_others_stay_exact() -> None:
     chamfered = [(0.0, 0.0), (1.0, 0.0), (1.0, 0.9996), (0.9996, 1.0), (0.0, 1.0)]
-    reduced = reduce_polygon(chamfered, 1e-3, 8)
-    assert reduced == [(0.0, 0.0), (1.0, 0.0), pytest.approx((0.9998, 0.9998)), (0.0, 1.0)]
+    assert reduced(chamfered, 1e-3, 8) == [
+        (0.0, 0.0),
+        (1.0, 0.0),
+        pytest.approx((0.9998, 0.9998)),
+        (0.0, 1.0),
+    ]
 
 
 def test_a_tiny_patch_becomes_its_middle() -> None:
-    assert reduce_polygon(regular(16, 1e-4), 1e-3, 8) == [pytest.approx((0.0, 0.0), abs=1e-5)]
+    assert reduced(regular(16, 1e-4), 1e-3, 8) == [pytest.approx((0.0, 0.0), abs=1e-5)]
 
 
 def test_a_thin_strip_becomes_a_segment() -> None:
     strip = [(0.0, 0.0), (1.0, 0.0), (1.0, 5e-4), (0.0, 5e-4)]
-    assert np.allclose(sorted(reduce_polygon(strip, 1e-3, 8)), [(0, 2.5e-4), (1, 2.5e-4)])
+    assert np.allclose(sorted(reduced(strip, 1e-3, 8)), [(0, 2.5e-4), (1, 2.5e-4)])
 
 
 def test_the_count_is_bounded_and_never_below_a_triangle() -> None:
-    assert [len(reduce_polygon(regular(12), 1e-3, count)) for count in (12, 7, 3)] == [12, 7, 3]
+    assert [len(reduced(regular(12), 1e-3, count)) for count in (12, 7, 3)] == [12, 7, 3]
 
 
 def test_the_first_corner_ignores_differences_below_the_resolution() -> None:
     assert first_corner([[1e-8, 1.0], [0.0, 2.0], [-1e-8, 0.5]]) == 2
     assert first_corner([[0.0, 1.0], [-1.0, 2.0]]) == 1
+
+
+def test_the_plane_through_points_is_found_and_a_strip_stays_level_across() -> None:
+    rng = np.random.default_rng(2)
+    flat = rng.uniform(-0.1, 0.1, (6, 2))
+    height = plane_fit([(u, v, 0.3 + 0.004 * u - 0.002 * v) for u, v in flat.tolist()])
+    assert height((0.05, -0.02)) == pytest.approx(0.3 + 0.004 * 0.05 + 0.002 * 0.02, abs=1e-12)
+    strip = [(0.0, 0.0, 0.0), (0.1, 1e-7, 1e-3), (0.1, -1e-7, -1e-3), (0.2, 0.0, 0.0)]
+    assert plane_fit(strip)((0.1, 0.1)) == pytest.approx(0.0, abs=1e-12)
+    assert plane_fit([(0.1, 0.2, 0.3)])((5.0, 5.0)) == 0.3

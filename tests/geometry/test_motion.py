@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 
 from graspless_pin.errors import ArgumentError, SceneError
+from graspless_pin.geometry.bodies import Support
 from graspless_pin.geometry.contacts import BodyKind, ContactPoint
 from graspless_pin.geometry.motion import (
     ContactMotion,
     apply_motion,
     classify_motion,
+    support_velocities,
     twist_velocities,
 )
+from graspless_pin.geometry.shapes import HalfSpace
 
 Q = math.sqrt(0.5)
 CENTER = np.array([0.0, 0.0, 0.1])
@@ -75,16 +78,90 @@ def test_a_cube_that_tips_over_its_edge_sticks_there_and_leaves_elsewhere() -> N
     velocity = np.cross(omega, CENTER - RIGHT.position)
     twist = np.concatenate([velocity, omega])
     motion = classify_motion([LEFT, RIGHT], twist, CENTER)
-    assert motion.states == (ContactMotion.SEPARATING, ContactMotion.STICKING)
+    assert motion.states == (ContactMotion.SEPARATING, ContactMotion.ROLLING)
     assert np.allclose(motion.normal_speeds, [0.04, 0.0])
     kept, sliding = apply_motion([LEFT, RIGHT], twist, CENTER)
     assert kept == (RIGHT,)
     assert np.allclose(sliding, np.zeros((1, 3)))
 
 
-def test_a_rolling_ball_sticks() -> None:
-    motion = classify_motion([contact((0, 0, 0), (0, 0, 1))], [0.1, 0, 0, 0, 1.0, 0], CENTER)
-    assert motion.states == (ContactMotion.STICKING,)
+def test_a_rolling_ball_sticks_and_is_said_to_roll() -> None:
+    touch = contact((0, 0, 0), (0, 0, 1))
+    motion = classify_motion([touch], [0.1, 0, 0, 0, 1.0, 0], CENTER)
+    assert motion.states == (ContactMotion.ROLLING,)
+    assert motion.states[0].sticks
+    kept, sliding = apply_motion([touch], [0.1, 0, 0, 0, 1.0, 0], CENTER)
+    assert kept == (touch,)
+    assert not sliding.any()
+
+
+def test_a_ball_that_spins_about_the_normal_sticks_and_one_that_slips_slides() -> None:
+    touch = contact((0, 0, 0), (0, 0, 1))
+    spinning = classify_motion([touch], [0, 0, 0, 0, 0, 1.0], CENTER)
+    assert spinning.states == (ContactMotion.STICKING,)
+    slipping = classify_motion([touch], [0.12, 0, 0, 0, 1.0, 0], CENTER)
+    assert slipping.states == (ContactMotion.SLIDING,)
+    assert np.allclose(slipping.sliding, [[0.02, 0, 0]])
+    assert [state.sticks for state in ContactMotion] == [True, True, False, False, False]
+
+
+def test_a_fingertip_that_turns_with_the_object_sticks_and_one_that_rolls_off_it_rolls() -> None:
+    twist = [0, 0, 0, 0.3, 0.5, 0]
+    at_contact = twist_velocities(twist, CENTER, BACK.position)
+    along = classify_motion([BACK], twist, CENTER, at_contact, [[0.3, 0.5, 0]])
+    assert along.states == (ContactMotion.STICKING,)
+    rolling = classify_motion([BACK], twist, CENTER, at_contact, [[0.3, -0.1, 0]])
+    assert rolling.states == (ContactMotion.ROLLING,)
+    # The object at rest, a fingertip that rolls on it.
+    tip = classify_motion([BACK], np.zeros(6), CENTER, np.zeros((1, 3)), [[0, 1.0, 0]])
+    assert tip.states == (ContactMotion.ROLLING,)
+
+
+def conveyor(velocity: object) -> Support:
+    T = np.eye(4)
+    T[:3, 3] = [0.5, 0.0, 0.0]
+    return Support("table", HalfSpace(), T, velocity=np.asarray(velocity, dtype=float))
+
+
+def test_a_conveyor_slides_under_a_held_object_and_carries_a_free_one() -> None:
+    belt = conveyor([0.3, 0.1, 0, 0, 0, 0])
+    velocities, turning = support_velocities(SCENE, [belt])
+    assert np.allclose(velocities, [[0, 0, 0], [0.3, 0.1, 0], [0.3, 0.1, 0]])
+    assert not turning.any()
+    held = classify_motion(SCENE, np.zeros(6), CENTER, velocities, turning)
+    assert held.states == (
+        ContactMotion.STICKING,
+        ContactMotion.SLIDING,
+        ContactMotion.SLIDING,
+    )
+    assert np.allclose(held.sliding[1:], -velocities[1:])
+    carried = classify_motion([LEFT, RIGHT], [0.3, 0.1, 0, 0, 0, 0], CENTER, velocities[1:])
+    assert carried.states == (ContactMotion.STICKING,) * 2
+
+
+def test_a_turntable_moves_about_the_origin_of_its_own_frame() -> None:
+    table = conveyor([0, 0, 0, 0, 0, 2.0])
+    velocities, turning = support_velocities([LEFT, RIGHT], [table])
+    assert np.allclose(velocities, [[0, -1.2, 0], [0, -0.8, 0]])
+    assert np.allclose(turning, [[0, 0, 2.0]] * 2)
+    # The object turns with it.
+    center = np.array([0.0, 0.0, 0.1])
+    twist = [0, -1.0, 0, 0, 0, 2.0]
+    motion = classify_motion([LEFT, RIGHT], twist, center, velocities, turning)
+    assert motion.states == (ContactMotion.STICKING,) * 2
+
+
+def test_a_support_that_rises_into_the_object_is_named() -> None:
+    lift = conveyor([0, 0, 0.05, 0, 0, 0])
+    velocities, turning = support_velocities([LEFT], [lift])
+    with pytest.raises(SceneError, match=r"into support 'table' at 0\.05 m/s"):
+        apply_motion([LEFT], np.zeros(6), CENTER, velocities, turning)
+
+
+def test_an_unknown_support_is_named_with_those_that_are_there() -> None:
+    floor = Support("floor", HalfSpace(), np.eye(4))
+    with pytest.raises(ArgumentError, match="has no support 'table'; known: 'floor'"):
+        support_velocities(SCENE, [floor])
 
 
 def test_a_conveyor_drags_the_contact_against_its_own_motion() -> None:
@@ -136,3 +213,8 @@ def test_bad_arrays_are_named(
 ) -> None:
     with pytest.raises(ArgumentError, match=argument):
         classify_motion(SCENE, twist, center, velocities)  # pyright: ignore[reportArgumentType]
+
+
+def test_angular_velocities_need_one_row_a_contact() -> None:
+    with pytest.raises(ArgumentError, match="body_angular_velocities: needs shape"):
+        classify_motion(SCENE, np.zeros(6), CENTER, None, np.zeros((2, 3)))

@@ -26,6 +26,10 @@ from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solution import Status
 from graspless_pin.solvers import Answer, Outcome
 
+_GUESS_EVERY = 8
+"""A mode is guessed at the first conflict and at each so many after it."""
+_GUESSES = 3
+
 
 @dataclass(frozen=True, eq=False)
 class _Node:
@@ -89,10 +93,33 @@ def branch_and_bound(
     return finished(state)
 
 
+def _guess(state: SearchState, answer: Answer) -> None:
+    """Look for a good mode near the friction of an answer: often it is as good as the answer.
+
+    An interior-point optimum has friction everywhere, so where many forces are optimal its own
+    friction is rarely the one that a motion stands behind.
+    """
+    for _ in range(_GUESSES):
+        mode = state.reader.propose(answer.x)
+        if mode is None:
+            return
+        guess = state.solve(*state.formulation.bounds_of(mode))
+        if guess.outcome is not Outcome.SOLVED or guess.value >= state.best_value:
+            return
+        state.best, state.mode = guess, mode
+        if state.closed(answer.bound):
+            return
+        answer = guess
+
+
 def _children(state: SearchState, node: _Node, answer: Answer) -> list[_Node]:
     """Keep the node's optimum if a mode admits it; otherwise split the node."""
     verdict = state.reader.read(answer.x, node.decided)
     state.modes_examined += 1
+    if not isinstance(verdict, SlidingMode) and state.modes_examined % _GUESS_EVERY == 1:
+        _guess(state, answer)
+        if state.closed(answer.bound):
+            return []
     if isinstance(verdict, Conflict):
         return _resolving(state, node, verdict)
     if isinstance(verdict, Opposition):

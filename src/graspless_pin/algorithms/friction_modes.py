@@ -80,6 +80,36 @@ class ModeReader:
             return verdict
         return self._complete(known, verdict)
 
+    def propose(self, x: FloatArray) -> SlidingMode | None:
+        """Return a feasible mode near the friction in x: a guess whose program may be as good.
+
+        Of the motions that keep all contacts touching, the one whose sliding opposes the friction
+        best by least squares; contacts that it leaves at rest are not selected.
+        """
+        contacts = [*self.formulation.cone_contacts, *self._always_selected()]
+        touching = self.formulation.kinematics.touching(tuple(contacts))
+        if touching.shape[2] == 0:
+            return None
+        columns = self.formulation.cone_columns
+        wanted = np.zeros((len(contacts), 2))
+        wanted[: columns.shape[1]] = -x[columns].sum(axis=0)
+        rows = touching.reshape(-1, touching.shape[2])
+        motion = np.linalg.lstsq(rows, wanted.ravel(), rcond=None)[0]
+        sliding = touching @ motion
+        moves = np.abs(sliding) > _MOVES * np.abs(sliding).max(initial=0.0)
+        chosen = moves.all(axis=1)
+        if not chosen[columns.shape[1] :].all():
+            return None
+        signs = np.sign(sliding).astype(int).tolist()
+        return mode_of(
+            self.formulation.problem,
+            tuple(
+                Requirement(contact, (signs[i][0], signs[i][1]))
+                for i, contact in enumerate(contacts)
+                if chosen[i]
+            ),
+        )
+
     def describe(self, x: FloatArray) -> SlidingMode:
         """Return the mode that only describes the friction in x, feasible or not."""
         friction = self._friction(x)

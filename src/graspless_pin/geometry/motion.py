@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.errors import ArgumentError, SceneError
+from graspless_pin.geometry.bodies import Support
 from graspless_pin.geometry.contacts import BodyKind, ContactPoint
 
 Array = NDArray[np.float64]
@@ -19,12 +20,22 @@ SPEED_TOLERANCE = 1e-3
 
 
 class ContactMotion(Enum):
-    """What the two surfaces do at a contact."""
+    """What the two surfaces do at a contact.
+
+    A rolling contact is a sticking one about which the bodies turn relative to each other, other
+    than about the normal: a ball on a table, a fingertip on a face, an edge that a box tips over.
+    """
 
     STICKING = "sticking"
+    ROLLING = "rolling"
     SLIDING = "sliding"
     SEPARATING = "separating"
     PENETRATING = "penetrating"
+
+    @property
+    def sticks(self) -> bool:
+        """Whether the points that touch move alike: sticking or rolling."""
+        return self in (ContactMotion.STICKING, ContactMotion.ROLLING)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,19 +74,51 @@ def twist_velocities(twist: ArrayLike, center: ArrayLike, points: ArrayLike) -> 
     return motion[:3] + np.cross(motion[3:], where - origin)
 
 
+def support_velocities(
+    contacts: Sequence[ContactPoint], supports: Sequence[Support]
+) -> tuple[Array, Array]:
+    """Velocities of the supports at the contacts.
+
+    Args:
+        contacts: M contacts; those of the hand get zeros.
+        supports: All supports that contacts name.
+
+    Returns:
+        (M, 3) velocity of the support's material point at each contact (m/s) and (M, 3) angular
+        velocity of the support (rad/s), world axes.
+
+    Raises:
+        ArgumentError: A contact names a support that is not there.
+    """
+    by_name = {support.name: support for support in supports}
+    linear, angular = np.zeros((len(contacts), 3)), np.zeros((len(contacts), 3))
+    for k, contact in enumerate(contacts):
+        if contact.kind is not BodyKind.SUPPORT:
+            continue
+        support = by_name.get(contact.body)
+        if support is None:
+            known = ", ".join(f"'{name}'" for name in by_name) or "none"
+            raise ArgumentError("supports", f"has no support '{contact.body}'; known: {known}")
+        origin = support.T_world_support[:3, 3]
+        linear[k] = twist_velocities(support.velocity, origin, contact.position)[0]
+        angular[k] = support.velocity[3:]
+    return linear, angular
+
+
 def classify_motion(
     contacts: Sequence[ContactPoint],
     object_twist: ArrayLike,
     center_of_mass: ArrayLike,
     body_velocities: ArrayLike | None = None,
+    body_angular_velocities: ArrayLike | None = None,
     *,
     speed_tolerance: float = SPEED_TOLERANCE,
 ) -> ClassifiedMotion:
     """Tell what each contact does under the motion of the object and of the bodies that it touches.
 
     With u = v_object - v_body at the contact and n into the object, the contact separates for n .
-    u > 0, penetrates for n . u < 0 and slides with u - (n . u) n. A rolling contact has u = 0 and
-    sticks.
+    u > 0, penetrates for n . u < 0 and slides with u - (n . u) n. For u = 0 it rolls if the bodies'
+    relative angular velocity has a part across n, and sticks if not.
 
     Args:
         contacts: M contacts.
@@ -84,7 +127,9 @@ def classify_motion(
         center_of_mass: (3,) of the object, world frame, m.
         body_velocities: (M, 3) velocity of the other body's material point at each contact, world
             axes, m/s; None if all are at rest.
-        speed_tolerance: Share of the fastest speed at hand below which a speed is zero.
+        body_angular_velocities: (M, 3) of those bodies, world axes, rad/s; None if none turns.
+        speed_tolerance: Share of the fastest speed at hand below which a speed is zero, likewise
+            of angular speeds.
 
     Returns:
         State and sliding velocity per contact, in their order.
@@ -97,9 +142,11 @@ def classify_motion(
     normals = np.array([contact.normal for contact in contacts]).reshape(-1, 3)
     twist = _checked("object_twist", object_twist, (6,))
     center = _checked("center_of_mass", center_of_mass, (3,))
-    others = np.zeros((count, 3))
+    others, turning = np.zeros((count, 3)), np.zeros((count, 3))
     if body_velocities is not None:
         others = _checked("body_velocities", body_velocities, (count, 3))
+    if body_angular_velocities is not None:
+        turning = _checked("body_angular_velocities", body_angular_velocities, (count, 3))
     # The object's own parts of speed, not their sum: at a pivot they cancel, and what is left
     # there is nothing.
     arms = np.linalg.norm(points - center, axis=1)
@@ -114,14 +161,21 @@ def classify_motion(
     relative = twist_velocities(twist, center, points) - others
     leaving = np.einsum("mi,mi->m", normals, relative)
     sliding = relative - leaving[:, None] * normals
+    spin = twist[3:] - turning
+    rolling = np.linalg.norm(spin - np.einsum("mi,mi->m", normals, spin)[:, None] * normals, axis=1)
+    fastest = max(np.linalg.norm(twist[3:]), np.linalg.norm(turning, axis=1).max(initial=0.0))
     states: list[ContactMotion] = []
-    for speed, tangential in zip(leaving, np.linalg.norm(sliding, axis=1), strict=True):
+    for speed, tangential, roll in zip(
+        leaving, np.linalg.norm(sliding, axis=1), rolling, strict=True
+    ):
         if speed > threshold:
             states.append(ContactMotion.SEPARATING)
         elif speed < -threshold:
             states.append(ContactMotion.PENETRATING)
         elif tangential > threshold:
             states.append(ContactMotion.SLIDING)
+        elif roll > speed_tolerance * fastest:
+            states.append(ContactMotion.ROLLING)
         else:
             states.append(ContactMotion.STICKING)
     sliding[[state is not ContactMotion.SLIDING for state in states]] = 0.0
@@ -135,6 +189,7 @@ def apply_motion(
     object_twist: ArrayLike,
     center_of_mass: ArrayLike,
     body_velocities: ArrayLike | None = None,
+    body_angular_velocities: ArrayLike | None = None,
     *,
     object_name: str = "object",
     speed_tolerance: float = SPEED_TOLERANCE,
@@ -146,6 +201,7 @@ def apply_motion(
         object_twist: As in `classify_motion`.
         center_of_mass: As in `classify_motion`.
         body_velocities: As in `classify_motion`.
+        body_angular_velocities: As in `classify_motion`.
         object_name: For the message.
         speed_tolerance: As in `classify_motion`.
 
@@ -158,7 +214,12 @@ def apply_motion(
         SceneError: The motion drives the object into another body.
     """
     motion = classify_motion(
-        contacts, object_twist, center_of_mass, body_velocities, speed_tolerance=speed_tolerance
+        contacts,
+        object_twist,
+        center_of_mass,
+        body_velocities,
+        body_angular_velocities,
+        speed_tolerance=speed_tolerance,
     )
     worst: dict[tuple[BodyKind, str], float] = {}
     for contact, state, speed in zip(contacts, motion.states, motion.normal_speeds, strict=True):

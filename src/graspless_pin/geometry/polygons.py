@@ -7,7 +7,7 @@ a point. Plain floats: the polygons have a handful of corners, for which arrays 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 Point = tuple[float, float]
 Polygon = list[Point]
@@ -17,8 +17,13 @@ _PARALLEL = 5e-3  # rad: segments closer in direction than this touch along a li
 _TIE = 1e-9
 
 
-def planar_hull(points: Iterable[Point]) -> Polygon:
-    """Extreme points, counterclockwise; a segment or a point where the points have no area."""
+def planar_hull(points: Iterable[Point], straight: float = _SAME) -> Polygon:
+    """Extreme points, counterclockwise; a segment or a point where the points have no area.
+
+    Args:
+        points: At least one.
+        straight: Points that stick out by less than this lie on a line, m.
+    """
     ordered = sorted(points)
     hull = _chain(ordered)[:-1] + _chain(ordered[::-1])[:-1] or ordered[:1]
     # Points on a line up to rounding make a sliver. Measured against the segment between its
@@ -29,7 +34,7 @@ def planar_hull(points: Iterable[Point]) -> Polygon:
             for k, point in enumerate(hull)
         ]
         least = min(distances)
-        if least > _SAME:
+        if least > straight:
             break
         del hull[distances.index(least)]
     return hull
@@ -136,8 +141,8 @@ def first_corner(keys: list[list[float]], resolution: float = 1e-6) -> int:
     return candidates[0]
 
 
-def reduce_polygon(polygon: Polygon, merge_distance: float, max_points: int) -> Polygon:
-    """Few points that stand for a convex polygon.
+def reduce_polygon(polygon: Polygon, merge_distance: float, max_points: int) -> list[list[int]]:
+    """Few points that stand for a convex polygon, as groups of corners whose means they are.
 
     Neighbours closer than ``merge_distance`` become their mean; corners that stick out by less
     than a tenth of it are dropped; beyond ``max_points`` the corner that cuts off the least area
@@ -147,21 +152,26 @@ def reduce_polygon(polygon: Polygon, merge_distance: float, max_points: int) -> 
         polygon: Corners, in an order that is meant to be kept.
         merge_distance: m.
         max_points: At least 3.
+
+    Returns:
+        Indices of the corners that each remaining point is the mean of, in the order given.
     """
-    corners = [(point, 1.0) for point in polygon]
-    while len(corners) > 1:
-        lengths = [
-            math.dist(corners[k][0], corners[(k + 1) % len(corners)][0])
-            for k in range(len(corners))
-        ]
+    groups = [[k] for k in range(len(polygon))]
+    points = list(polygon)
+    while len(points) > 1:
+        lengths = [math.dist(points[k - 1], points[k]) for k in range(1, len(points))]
+        lengths.append(math.dist(points[-1], points[0]))
         k = _first_least(lengths, _TIE)
         if lengths[k] >= merge_distance:
             break
-        following = (k + 1) % len(corners)
-        merged = _mean(corners[k], corners[following])
-        corners[min(k, following)] = merged
-        del corners[max(k, following)]
-    points = [point for point, _ in corners]
+        keep, gone = sorted((k, (k + 1) % len(points)))
+        groups[keep] += groups.pop(gone)
+        del points[gone]
+        members = [polygon[member] for member in groups[keep]]
+        points[keep] = (
+            math.fsum(u for u, _ in members) / len(members),
+            math.fsum(v for _, v in members) / len(members),
+        )
     while len(points) > 3:
         offsets = [
             -_offset(points[k - 1], points[(k + 1) % len(points)], points[k])
@@ -170,25 +180,48 @@ def reduce_polygon(polygon: Polygon, merge_distance: float, max_points: int) -> 
         k = _first_least(offsets, _TIE)
         if offsets[k] >= 0.1 * merge_distance:
             break
-        del points[k]
+        del points[k], groups[k]
     while len(points) > max_points:
         areas = [
             abs(_cross(points[k - 1], points[k], points[(k + 1) % len(points)]))
             for k in range(len(points))
         ]
-        del points[_first_least(areas, 1e-6 * max(areas))]
-    return points
+        k = _first_least(areas, 1e-6 * max(areas))
+        del points[k], groups[k]
+    return groups
+
+
+def plane_fit(points: list[tuple[float, float, float]]) -> Callable[[Point], float]:
+    """Height over (u, v) of the plane that fits points (u, v, height) best.
+
+    Corners of a strip narrower than its own roughness would tilt the plane: directions in which the
+    points extend less than 1e-4 of their largest extent are left level.
+    """
+    count = len(points)
+    u0 = sum(u for u, _, _ in points) / count
+    v0 = sum(v for _, v, _ in points) / count
+    h0 = sum(h for _, _, h in points) / count
+    suu = suv = svv = suh = svh = 0.0
+    for u, v, h in points:
+        du, dv, dh = u - u0, v - v0, h - h0
+        suu += du * du
+        suv += du * dv
+        svv += dv * dv
+        suh += du * dh
+        svh += dv * dh
+    middle, spread = 0.5 * (suu + svv), math.hypot(0.5 * (suu - svv), suv)
+    large, small = middle + spread, middle - spread
+    if large == 0.0:
+        return lambda _: h0
+    # The axis (c, s) of the largest extent, and the one across it.
+    angle = 0.5 * math.atan2(2.0 * suv, suu - svv)
+    c, s = math.cos(angle), math.sin(angle)
+    along = (c * suh + s * svh) / large
+    across = (c * svh - s * suh) / small if small > 1e-8 * large else 0.0
+    gu, gv = c * along - s * across, s * along + c * across
+    return lambda point: h0 + gu * (point[0] - u0) + gv * (point[1] - v0)
 
 
 def _first_least(values: list[float], tie: float) -> int:
     least = min(values)
     return next(k for k, value in enumerate(values) if value <= least + tie)
-
-
-def _mean(first: tuple[Point, float], second: tuple[Point, float]) -> tuple[Point, float]:
-    (a, weight), (b, other) = first, second
-    total = weight + other
-    return (
-        (weight * a[0] + other * b[0]) / total,
-        (weight * a[1] + other * b[1]) / total,
-    ), total

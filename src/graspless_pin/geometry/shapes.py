@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
-import trimesh
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import QhullError
 
-from graspless_pin.errors import ArgumentError, MeshError, MeshScaleWarning
-from graspless_pin.geometry.convex_sets import hull_of
-
-LARGEST_MESH = 5.0
-SMALLEST_MESH = 1e-3
-MESH_FORMATS = (".stl", ".obj", ".dae", ".glb", ".gltf", ".ply", ".off")
+from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.decomposition import DEFAULT_CONCAVITY, convex_pieces
+from graspless_pin.geometry.meshes import file_state, hull_points, scaled_mesh
 
 
 @dataclass(frozen=True)
@@ -112,34 +107,46 @@ class HalfSpace:
 
 @dataclass(frozen=True)
 class MeshShape:
-    """The convex hull of a mesh file, in the file's own coordinates.
+    """A mesh file, in the file's own coordinates, made convex in one of two ways.
 
     Attributes:
         path: STL, OBJ, DAE, GLB, glTF, PLY or OFF file. A unit written in the file is not applied.
         scale: Metres per unit of the file; one number, or three along x, y, z.
+        convex: ``hull`` fills all hollows; ``decompose`` cuts the mesh into convex pieces, which
+            keeps them (see `decomposition`).
+        concavity: For ``decompose``: deepest hollow that is filled all the same, as a share of half
+            the largest extent, 0.01 to 1.
     """
 
     path: Path
     scale: float | tuple[float, float, float] = 1.0
+    convex: Literal["hull", "decompose"] = "hull"
+    concavity: float = DEFAULT_CONCAVITY
 
     def __post_init__(self) -> None:
-        """Check the scale; the file is read when its geometry is asked for.
+        """Check the numbers; the file is read when its geometry is asked for.
 
         Raises:
-            ArgumentError: The scale is not one or three positive numbers.
+            ArgumentError: The scale is not one or three positive numbers, or the choice of convex
+                parts is unknown or out of range.
         """
         object.__setattr__(self, "path", Path(self.path))
         if np.ndim(self.scale) == 0:
             _check_positive("scale", cast("float", self.scale))
         else:
             object.__setattr__(self, "scale", _lengths("scale", self.scale))
+        if self.convex not in ("hull", "decompose"):
+            raise ArgumentError("convex", f"needs 'hull' or 'decompose', got {self.convex!r}")
+        _check_positive("concavity", self.concavity)
+        if not 0.01 <= self.concavity <= 1.0:
+            raise ArgumentError("concavity", f"needs 0.01 to 1, got {self.concavity!r}")
 
 
 Shape = Box | Sphere | Cylinder | Capsule | Cone | HalfSpace | MeshShape
 
 
 def coal_geometry(shape: Shape) -> Any:
-    """Make the coal geometry of a shape; of a mesh, of its convex hull.
+    """Make the coal geometry of a shape that is one convex piece; of a mesh, of its convex hull.
 
     Raises:
         MeshError: The mesh file is missing, unreadable or encloses no volume.
@@ -161,10 +168,41 @@ def coal_geometry(shape: Shape) -> Any:
         case HalfSpace():
             return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
         case MeshShape():
-            points: Any = coal.StdVec_Vec3s()
-            for point in _hull_points(shape):
-                points.append(point)
-            return coal.Convex.convexHull(points, True, "Qt")  # noqa: FBT003 - keep the triangles
+            return convex_geometry(hull_points(shape.path, shape.scale))
+
+
+def coal_geometries(shape: Shape) -> tuple[Any, ...]:
+    """Make the coal geometries of all convex pieces of a shape.
+
+    A shape is one piece unless it is a mesh that is to be decomposed.
+
+    Raises:
+        MeshError: The mesh file is missing, unreadable or encloses no volume.
+
+    Warns:
+        MeshScaleWarning: The mesh is larger than 5 m or smaller than 1 mm.
+        GrasplessPinWarning: The pieces of a mesh cannot be kept on disk.
+    """
+    if not isinstance(shape, MeshShape) or shape.convex == "hull":
+        return (coal_geometry(shape),)
+    hull_points(shape.path, shape.scale)
+    return _decomposed(shape, file_state(shape.path))
+
+
+@lru_cache(maxsize=32)
+def _decomposed(shape: MeshShape, _state: tuple[str, int, int]) -> tuple[Any, ...]:
+    """Cut a mesh; the same geometries again for an object that has only been moved."""
+    mesh = scaled_mesh(shape.path, shape.scale)
+    pieces = convex_pieces(mesh, f"mesh file '{shape.path}'", shape.concavity)
+    return tuple(convex_geometry(piece) for piece in pieces)
+
+
+def convex_geometry(points: NDArray[np.float64]) -> Any:
+    """Make the coal geometry of the convex hull of (V, 3) points, m."""
+    corners: Any = coal.StdVec_Vec3s()
+    for point in points:
+        corners.append(point)
+    return coal.Convex.convexHull(corners, True, "Qt")  # noqa: FBT003 - keep the triangles
 
 
 def shape_extent(shape: Shape) -> NDArray[np.float64]:
@@ -185,57 +223,7 @@ def shape_extent(shape: Shape) -> NDArray[np.float64]:
         case HalfSpace():
             return np.full(3, np.inf)
         case MeshShape():
-            return np.ptp(_hull_points(shape), axis=0)
-
-
-def load_mesh(path: Path) -> trimesh.Trimesh:
-    """Read all parts of a mesh file as one mesh, in the file's units.
-
-    Raises:
-        MeshError: The file is missing, of an unknown format, unreadable or without faces.
-    """
-    if not path.is_file():
-        raise MeshError(
-            f"mesh file '{path}' does not exist; check the path and what it is relative to"
-        )
-    if path.suffix.lower() not in MESH_FORMATS:
-        raise MeshError(
-            f"mesh file '{path}' has the unknown ending '{path.suffix}'; "
-            f"use one of {', '.join(MESH_FORMATS)}"
-        )
-    if path.suffix.lower() == ".dae" and b"<!DOCTYPE" in path.read_bytes():
-        raise MeshError(f"mesh file '{path}' declares XML entities; export it without a DOCTYPE")
-    try:
-        mesh = trimesh.load_mesh(str(path))
-    except Exception as error:  # the readers behind trimesh raise whatever comes up
-        raise MeshError(
-            f"mesh file '{path}' cannot be read as {path.suffix[1:].upper()}: {error}"
-        ) from error
-    if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
-        raise MeshError(f"mesh file '{path}' has no faces; export it as a triangle mesh")
-    return mesh
-
-
-def _hull_points(shape: MeshShape) -> NDArray[np.float64]:
-    mesh = load_mesh(shape.path)
-    points = np.asarray(mesh.vertices, dtype=float) * np.asarray(shape.scale)
-    if not np.isfinite(points).all():
-        raise MeshError(f"mesh file '{shape.path}' has vertices that are not finite numbers")
-    try:
-        points = hull_of(points).vertices
-    except (QhullError, ValueError) as error:
-        raise MeshError(
-            f"mesh file '{shape.path}' encloses no volume: all of its vertices lie in one plane"
-        ) from error
-    extent = float(np.ptp(points, axis=0).max())
-    if not SMALLEST_MESH <= extent <= LARGEST_MESH:
-        warnings.warn(
-            f"mesh '{shape.path}' with scale {shape.scale} is {extent:.3g} m large; "
-            "lengths are metres: a file in millimetres needs scale 0.001",
-            MeshScaleWarning,
-            stacklevel=3,
-        )
-    return points
+            return np.ptp(hull_points(shape.path, shape.scale), axis=0)
 
 
 def _check_positive(name: str, value: float) -> None:

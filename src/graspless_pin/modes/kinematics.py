@@ -144,6 +144,11 @@ class VirtualKinematics:
         contacts, signs = _split(requirements)
         return self._combine(contacts, signs, rule)[3] > 0.0
 
+    def touching(self, contacts: tuple[int, ...]) -> FloatArray:
+        """(s, 2, d) tangential velocities of contacts over all motions that keep them touching."""
+        signs = np.ones((len(contacts), 2), dtype=int)
+        return self._touching_motions(contacts, signs, SignRule.STRICT).tangential
+
     def _combine(
         self, contacts: tuple[int, ...], signs: NDArray[np.int_], rule: SignRule
     ) -> tuple[_Touching, FloatArray, FloatArray, float]:

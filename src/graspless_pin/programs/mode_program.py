@@ -16,7 +16,7 @@ from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.force_programs import ForceCoordinates
 from graspless_pin.programs.program import Program
 
-LARGEST_MOTION = 1e3
+LARGEST_MOTION = 1e5
 """Virtual sliding of at least 1 is asked of a motion with entries up to this."""
 
 

@@ -1,0 +1,1 @@
+"""Measurements that print markdown tables: ``make bench``, or ``python -m benchmarks SECTION``."""

@@ -1,0 +1,30 @@
+"""Print the tables of all sections, or of those named: ``python -m benchmarks [SECTION ...]``."""
+
+import argparse
+import time
+
+from benchmarks import searches
+
+# Each section is a function without arguments that returns markdown.
+SECTIONS = {
+    "paper": searches.paper_scenes,
+    "random": searches.random_scenes,
+    "rivals": searches.rivals,
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("sections", nargs="*", metavar="SECTION", help=", ".join(SECTIONS))
+    names = parser.parse_args().sections or list(SECTIONS)
+    unknown = [name for name in names if name not in SECTIONS]
+    if unknown:
+        parser.error(f"no section {', '.join(unknown)}; there are {', '.join(SECTIONS)}")
+    start = time.perf_counter()
+    for name in names:
+        print(SECTIONS[name](), end="\n\n", flush=True)
+    print(f"Measured in {time.perf_counter() - start:.0f} s.")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,83 @@
+"""Friction between pairs of materials."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from graspless_pin.errors import ArgumentError
+
+Pair = frozenset[str]
+
+
+@dataclass(frozen=True)
+class Materials:
+    """Coefficients of friction by pair of materials; the order of a pair does not matter.
+
+    Attributes:
+        coefficients: Coefficient by set of two names, or of one where a material meets itself.
+    """
+
+    coefficients: Mapping[Pair, float]
+
+    @classmethod
+    def from_table(cls, table: Mapping[str, Mapping[str, float]]) -> Materials:
+        """Make the record of a nested table, such as ``{"rubber": {"steel": 0.6}}``.
+
+        A pair may be written once, or both ways round with the same coefficient.
+
+        Raises:
+            ArgumentError: A name is empty, a coefficient is negative or not a number, or a pair has
+                two coefficients.
+        """
+        coefficients: dict[Pair, float] = {}
+        for first, row in table.items():
+            for second, value in row.items():
+                key = f"materials[{first!r}][{second!r}]"
+                if not (str(first).strip() and str(second).strip()):
+                    raise ArgumentError(key, "needs two names")
+                if isinstance(value, bool) or not (math.isfinite(value) and value >= 0.0):
+                    raise ArgumentError(key, f"needs a coefficient of zero or more, got {value!r}")
+                pair = frozenset((first, second))
+                if coefficients.setdefault(pair, float(value)) != value:
+                    raise ArgumentError(
+                        key, f"is {value:g}, but {coefficients[pair]:g} the other way round"
+                    )
+        return cls(MappingProxyType(coefficients))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All materials in alphabetical order."""
+        return tuple(sorted({name for pair in self.coefficients for name in pair}))
+
+    def check(self, names: Iterable[str], argument: str = "material") -> None:
+        """Check that materials are in the table.
+
+        Raises:
+            ArgumentError: One is not; the message lists those that are.
+        """
+        for name in names:
+            if name not in self.names:
+                known = ", ".join(self.names) or "none"
+                raise ArgumentError(
+                    argument, f"{name!r} is in no pair of materials; known: {known}"
+                )
+
+    def friction(self, first: str, second: str) -> float:
+        """Coefficient of friction of two materials.
+
+        Raises:
+            ArgumentError: A material is unknown or the pair has no coefficient; the message tells
+                what to add.
+        """
+        value = self.coefficients.get(frozenset((first, second)))
+        if value is None:
+            self.check((first, second))
+            raise ArgumentError(
+                "materials",
+                f"has no coefficient for {first!r} on {second!r}; "
+                f"add it, e.g. {first}: {{{second}: 0.5}}",
+            )
+        return value

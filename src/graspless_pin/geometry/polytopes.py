@@ -1,0 +1,155 @@
+"""Boxes and convex hulls by their corners, faces and edges, in the geometry's own frame, metres."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
+
+Array = NDArray[np.float64]
+
+PARALLEL_ANGLE = 5e-3
+"""Faces and edges tilted by less than this angle (rad) against the contact plane lie in it."""
+
+_COS_PARALLEL = math.cos(PARALLEL_ANGLE)
+_COPLANAR = 1e-3  # rad: triangles of one face, up to the noise of a mesh file
+_FEW_FACES = 24  # trying them all costs nothing and does not depend on the nearest point
+_NEAR_FACE = 1e-3  # a face within 1 mm of the nearest point may be the touching one
+
+
+@dataclass(frozen=True, eq=False)
+class Polytope:
+    """A bounded polytope with interior points.
+
+    Attributes:
+        vertices: (V, 3) corner points.
+        face_normals: (F, 3) outward unit normals.
+        face_offsets: (F,) distances of the faces from the origin, m.
+        faces: (F, 3 or 4) vertices of each face; a flat face may come in several triangles.
+        edges: Per vertex, the neighbours along true edges as (index, length of the edge).
+        center: (3,) centre of a sphere around the set, and of the box around it along its axes.
+        radius: Radius of that sphere, m.
+        half_extents: (3,) half the edge lengths of that box, m.
+    """
+
+    vertices: Array
+    face_normals: Array
+    face_offsets: Array
+    faces: NDArray[np.int64]
+    edges: tuple[tuple[tuple[int, float], ...], ...]
+    center: Array
+    radius: float
+    half_extents: Array
+
+    @cached_property
+    def constant_normals(self) -> Array | None:
+        """All face normals (F, 3) if they are few; None if those near a point must be picked."""
+        return self.face_normals if len(self.face_normals) <= _FEW_FACES else None
+
+    def support_values(self, directions: Array) -> Array:
+        """Largest d . x over the set for each row d of ``directions`` (K, 3): (K,)."""
+        return (directions @ self.vertices.T).max(axis=1)
+
+    def feature(self, direction: Array) -> Array:
+        """Corner points of the face, edge or corner that lies farthest along a unit direction.
+
+        That is, the faces tilted by less than `PARALLEL_ANGLE`, and what can be reached from the
+        farthest vertex along edges that fall off by less than it. The rule has no length in it, so
+        that a wide box and the hull of a fine mesh are both judged by their angles.
+
+        Args:
+            direction: (3,) unit vector.
+
+        Returns:
+            (K, 3) vertices by rising index.
+        """
+        heights = (self.vertices @ direction).tolist()
+        start = max(range(len(heights)), key=heights.__getitem__)
+        reached = {start}
+        reached.update(self.faces[self.face_normals @ direction > _COS_PARALLEL].ravel().tolist())
+        waiting = list(reached)
+        while waiting:
+            here = waiting.pop()
+            for there, length in self.edges[here]:
+                if (
+                    there not in reached
+                    and heights[here] - heights[there] <= PARALLEL_ANGLE * length
+                ):
+                    reached.add(there)
+                    waiting.append(there)
+        return self.vertices[sorted(reached)]
+
+    def normals_near(self, point: Array, direction: Array) -> Array:  # noqa: ARG002
+        """Outward normals (K, 3) of the faces within a millimetre of a point (3,); of few, all."""
+        if self.constant_normals is not None:
+            return self.constant_normals
+        return self.face_normals[self.face_offsets - self.face_normals @ point <= _NEAR_FACE]
+
+    def faces_at(self, point: Array) -> tuple[Array, Array]:
+        """Outward normals (K, 3) of the faces and a point's (3,) heights (K,) over them, m."""
+        return self.face_normals, self.face_normals @ point - self.face_offsets
+
+
+@dataclass(frozen=True, eq=False)
+class Cuboid(Polytope):
+    """A box about the origin; the vertex of index 4x + 2y + z lies at the signs of x, y and z."""
+
+    def feature(self, direction: Array) -> Array:
+        """See `Polytope.feature`; along each axis the edges fall off by the direction's part."""
+        indices = [0]
+        for bit, part in zip((4, 2, 1), direction.tolist(), strict=True):
+            if abs(part) <= PARALLEL_ANGLE:
+                indices += [index + bit for index in indices]
+            elif part > 0.0:
+                indices = [index + bit for index in indices]
+        return self.vertices[sorted(indices)]
+
+
+def box_of(half: Array) -> Cuboid:
+    """The box about the origin with (3,) half edge lengths."""
+    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
+    edges = tuple(
+        tuple((vertex ^ bit, 2.0 * float(half[axis])) for bit, axis in ((4, 0), (2, 1), (1, 2)))
+        for vertex in range(8)
+    )
+    normals = np.vstack([np.eye(3), -np.eye(3)])
+    offsets = np.concatenate([half, half])
+    faces = np.array([np.flatnonzero(signs @ normal > 0) for normal in normals])
+    radius = float(np.linalg.norm(half))
+    return Cuboid(signs * half, normals, offsets, faces, edges, np.zeros(3), radius, half)
+
+
+def hull_of(points: Array) -> Polytope:
+    """The convex hull of (N, 3) points.
+
+    Raises:
+        scipy.spatial.QhullError: All points lie in one plane.
+    """
+    hull = ConvexHull(points)
+    index = np.full(len(points), -1)
+    index[hull.vertices] = np.arange(len(hull.vertices))
+    vertices = points[hull.vertices]
+    triangles = index[hull.simplices]
+    normals = hull.equations[:, :3]
+    neighbours: list[set[int]] = [set() for _ in vertices]
+    for corner in range(3):
+        # Qhull's k-th neighbour of a triangle lies across the edge opposite to its k-th corner.
+        turn = np.linalg.norm(np.cross(normals, normals[hull.neighbors[:, corner]]), axis=1)
+        opposite = np.einsum("fi,fi->f", normals, normals[hull.neighbors[:, corner]]) < 0
+        sharp = triangles[(turn > _COPLANAR) | opposite]
+        for a, b in np.delete(sharp, corner, axis=1).tolist():
+            neighbours[a].add(b)
+            neighbours[b].add(a)
+    edges = tuple(
+        tuple((j, float(np.linalg.norm(vertices[i] - vertices[j]))) for j in sorted(near))
+        for i, near in enumerate(neighbours)
+    )
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    center, half = 0.5 * (low + high), 0.5 * (high - low)
+    radius = float(np.max(np.linalg.norm(vertices - center, axis=1)))
+    offsets = -hull.equations[:, 3]
+    return Polytope(vertices, normals, offsets, triangles, edges, center, radius, half)

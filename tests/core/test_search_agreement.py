@@ -1,0 +1,138 @@
+"""Branch and bound, enumeration and the MILP find the same optimum, or all find none."""
+
+from collections.abc import Callable
+from itertools import product
+
+import numpy as np
+import pytest
+from random_scenes import general_scene, infeasible_scene, slope_scene
+from scenes import SIGN_RULES, SLIDING_RULES, assert_holds, scene
+
+from graspless_pin import (
+    QuasistaticProblem,
+    Status,
+    TorqueSolution,
+    maximize_margin,
+    minimize_torque,
+)
+
+PAIRS = tuple(product(SIGN_RULES, SLIDING_RULES))
+ALGORITHMS = (maximize_margin, minimize_torque)
+SEARCHES = ("auto", "enumerate", "milp")
+
+# (family, seed, contacts): 200 of 2 to 8 contacts, most of them small enough to list all modes.
+SMALL = (
+    *(("general", seed, 2 + seed % 4) for seed in range(35)),
+    *(("general", seed, 6 + seed % 3) for seed in range(35, 40)),
+    *(("weak fingers", seed, 2 + seed % 3) for seed in range(28)),
+    *(("weak fingers", seed, 5) for seed in range(28, 30)),
+    *(("slope", seed, 4 + seed % 2) for seed in range(90)),
+    *(("slope", seed, 3) for seed in range(90, 96)),
+    *(("slope", seed, 6) for seed in range(96, 100)),
+    *(("infeasible", seed, 2 + seed % 7) for seed in range(30)),
+)
+LARGE = tuple((("general", "slope")[seed % 2], seed, 10 + 3 * seed % 15) for seed in range(50))
+
+
+def problem_of(family: str, seed: int, contacts: int) -> QuasistaticProblem:
+    if family == "weak fingers":
+        return general_scene(seed, contacts, joints=(1, 2))
+    makers = {"general": general_scene, "slope": slope_scene, "infeasible": infeasible_scene}
+    return makers[family](seed, contacts)
+
+
+def cases_of(seed: int) -> tuple[tuple[tuple[str, str], Callable[..., TorqueSolution]], ...]:
+    """Each algorithm with a rule pair of its own: all twelve combinations over the seeds."""
+    return tuple((PAIRS[(seed // 3 + 3 * i) % 6], ALGORITHMS[i]) for i in range(2))
+
+
+def optimum(solution: TorqueSolution) -> float | None:
+    if not solution.found:
+        return None
+    return solution.margin if solution.algorithm == "margin" else solution.max_torque
+
+
+def differ(first: float | None, second: float | None) -> bool:
+    if first is None or second is None:
+        return first is not second
+    return first != pytest.approx(second, rel=1e-4, abs=1e-6)
+
+
+def assert_agreement(
+    problem: QuasistaticProblem,
+    algorithm: Callable[..., TorqueSolution],
+    pair: tuple[str, str],
+    searches: tuple[str, ...],
+) -> None:
+    sign_rule, sliding_rule = pair
+    options = {"sign_rule": sign_rule, "sliding_rule": sliding_rule}
+    first, *others = [algorithm(problem, **options, search=search) for search in searches]
+    for solution in (first, *others):
+        where = f"{algorithm.__name__}, {pair}"
+        assert solution.status is first.status, where
+        # 1e-9 N or N m is zero: a scene may hold without any torque.
+        if first.found:
+            assert optimum(solution) == pytest.approx(optimum(first), rel=1e-6, abs=1e-9), where
+    if first.found:
+        assert first.status is Status.OPTIMAL
+        assert_holds(first)
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.parametrize("pair", PAIRS, ids="+".join)
+@pytest.mark.parametrize("name", ["sphere", "rest", "up", "down"])
+def test_paper_scenes(name, pair, algorithm):
+    assert_agreement(scene(name), algorithm, pair, SEARCHES)
+
+
+@pytest.mark.parametrize(("family", "seed", "contacts"), SMALL)
+def test_small_random_scenes(family, seed, contacts):
+    problem = problem_of(family, seed, contacts)
+    for pair, algorithm in cases_of(seed):
+        assert_agreement(problem, algorithm, pair, SEARCHES)
+
+
+@pytest.mark.parametrize(("family", "seed", "contacts"), LARGE)
+def test_large_random_scenes(family, seed, contacts):
+    problem = problem_of(family, seed, contacts)
+    pair, algorithm = PAIRS[seed // 2 % 6], ALGORITHMS[seed % 5 % 2]
+    assert_agreement(problem, algorithm, pair, ("auto", "milp"))
+
+
+@pytest.mark.parametrize(("seed", "algorithm"), [(0, minimize_torque), (105, maximize_margin)])
+def test_virtual_motions_of_very_different_speeds(seed, algorithm):
+    """Where one contact must virtually slide thousands of times as fast as another."""
+    problem = problem_of("weak fingers", seed, 6)
+    assert_agreement(problem, algorithm, ("strict", "exempt"), ("auto", "milp"))
+
+
+def test_small_scenes_cover_found_and_not_found():
+    assert len(SMALL) == 200 and {contacts for _, _, contacts in SMALL} == set(range(2, 9))
+    cases = {case for _, seed, _ in SMALL for case in cases_of(seed)}
+    assert cases == set(product(PAIRS, ALGORITHMS))
+    statuses = [
+        minimize_torque(problem_of(*key), sliding_rule="constrained").status for key in SMALL
+    ]
+    assert statuses.count(Status.OPTIMAL) >= 100
+    assert statuses.count(Status.INFEASIBLE_FORCES) >= 25
+    assert statuses.count(Status.INFEASIBLE_MODES) >= 3
+
+
+def test_virtual_sliding_rule_binds_on_slopes():
+    """In many scenes strict, nonzero and Coulomb friction give three or two different answers."""
+    scenes = [problem_of(*key) for key in SMALL if key[0] == "slope"]
+    strict_nonzero, nonzero_coulomb, all_three = set(), set(), set()
+    for algorithm, (index, problem) in product(ALGORITHMS, enumerate(scenes)):
+        strict, nonzero = (
+            optimum(algorithm(problem, sign_rule=rule, sliding_rule="constrained"))
+            for rule in ("strict", "nonzero")
+        )
+        coulomb = optimum(algorithm(problem, static_friction="coulomb"))
+        if differ(strict, nonzero):
+            strict_nonzero.add(index)
+        if differ(nonzero, coulomb):
+            nonzero_coulomb.add(index)
+        if differ(strict, nonzero) and differ(nonzero, coulomb):
+            all_three.add(index)
+    counts = len(strict_nonzero), len(nonzero_coulomb), len(all_three)
+    assert np.all(np.array(counts) >= (20, 6, 2)), counts

@@ -1,0 +1,214 @@
+"""Convex decomposition: pieces that fill the mesh, and a cache that never answers wrongly."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+from graspless_pin.errors import ArgumentError, GrasplessPinWarning, MeshError
+from graspless_pin.geometry import decomposition
+from graspless_pin.geometry.decomposition import convex_pieces
+from graspless_pin.geometry.shapes import MeshShape, coal_geometries, coal_geometry
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A cache folder of this test alone."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return tmp_path / "cache" / "graspless_pin" / "convex"
+
+
+def ell(size: float = 1.0) -> trimesh.Trimesh:
+    flat = trimesh.creation.box(bounds=[[0, 0, 0], [0.4, 0.1, 0.1]])
+    tall = trimesh.creation.box(bounds=[[0, 0, 0], [0.1, 0.1, 0.4]])
+    mesh = trimesh.boolean.union([flat, tall])
+    mesh.apply_scale(size)
+    return mesh
+
+
+def joined(*meshes: trimesh.Trimesh) -> trimesh.Trimesh:
+    """All faces of several meshes as one mesh."""
+    whole = trimesh.util.concatenate(list(meshes))
+    assert isinstance(whole, trimesh.Trimesh)
+    return whole
+
+
+def volume(pieces: tuple[np.ndarray, ...]) -> float:
+    return sum(trimesh.convex.convex_hull(piece).volume for piece in pieces)
+
+
+def same(first: tuple[np.ndarray, ...], second: tuple[np.ndarray, ...]) -> bool:
+    return len(first) == len(second) and all(map(np.array_equal, first, second))
+
+
+def forbid(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make every further cut an error."""
+
+    def cut(*_: object) -> None:
+        raise AssertionError("cut again")
+
+    monkeypatch.setattr(decomposition, "_cut", cut)
+
+
+def test_an_ell_becomes_two_bars() -> None:
+    pieces = convex_pieces(ell(), "ell")
+    assert len(pieces) == 2
+    assert volume(pieces) == pytest.approx(0.007, rel=1e-3)
+    assert all(not piece.flags.writeable for piece in pieces)
+
+
+def test_pieces_do_not_depend_on_the_way_the_faces_turn() -> None:
+    inside_out = ell()
+    inside_out.invert()
+    assert volume(convex_pieces(inside_out, "ell")) == pytest.approx(0.007, rel=1e-3)
+    assert inside_out.volume < 0.0  # the mesh that was given is left alone
+
+
+def test_a_convex_mesh_stays_whole_and_is_not_kept(cache: Path) -> None:
+    (piece,) = convex_pieces(trimesh.creation.box([0.1, 0.2, 0.3]), "box")
+    assert len(piece) == 8
+    assert not cache.exists()
+
+
+def test_parts_that_only_touch_are_cut_apart_exactly() -> None:
+    blocks = [
+        trimesh.creation.box(bounds=[[0, 0, z], [0.1, 0.1, z + 0.1]]) for z in (0.0, 0.1, 0.3)
+    ]
+    pieces = convex_pieces(joined(*blocks), "blocks")
+    assert len(pieces) == 3
+    assert volume(pieces) == pytest.approx(0.003)
+
+
+def test_a_hollow_within_is_no_part(monkeypatch: pytest.MonkeyPatch) -> None:
+    hollow = trimesh.creation.box([0.1] * 3)
+    hollow.invert()
+    given: list[int] = []
+
+    def cut(mesh: Any, **_: Any) -> list[tuple[np.ndarray, np.ndarray]]:
+        given.append(len(mesh.indices))
+        return [(mesh.vertices, mesh.indices)]
+
+    monkeypatch.setattr("coacd.run_coacd", cut)
+    convex_pieces(joined(trimesh.creation.box([0.2] * 3), hollow), "shell")
+    assert given == [24]
+
+
+def test_the_second_time_the_pieces_come_from_disk(
+    cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pieces = convex_pieces(ell(), "ell")
+    assert [file.suffix for file in cache.iterdir()] == [".npz"]
+    forbid(monkeypatch)
+    again = convex_pieces(ell(), "ell")
+    assert same(again, pieces)
+    assert all(not piece.flags.writeable for piece in again)
+
+
+def test_another_mesh_or_another_way_of_cutting_is_cut_anew(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    convex_pieces(ell(), "ell")
+    forbid(monkeypatch)
+    for mesh, concavity in ((ell(1.01), 0.02), (ell(), 0.03)):
+        with pytest.raises(AssertionError, match="cut again"):
+            convex_pieces(mesh, "ell", concavity)
+
+
+@pytest.mark.parametrize("damage", ["cut off", "nonsense", "empty", "not finite", "miscounted"])
+def test_a_damaged_file_is_cut_and_written_anew(
+    cache: Path, monkeypatch: pytest.MonkeyPatch, damage: str
+) -> None:
+    pieces = convex_pieces(ell(), "ell")
+    (file,) = cache.iterdir()
+    sound = file.read_bytes()
+    points = np.concatenate(pieces)
+    match damage:
+        case "cut off":
+            file.write_bytes(sound[: len(sound) // 2])
+        case "nonsense":
+            file.write_bytes(b"PK nonsense")
+        case "empty":
+            file.write_bytes(b"")
+        case "not finite":
+            np.savez(file, points=points * np.nan, counts=[len(p) for p in pieces])
+        case "miscounted":
+            np.savez(file, points=points, counts=[len(points) + 1])
+    assert same(convex_pieces(ell(), "ell"), pieces)
+    forbid(monkeypatch)
+    assert same(convex_pieces(ell(), "ell"), pieces)
+    assert list(cache.iterdir()) == [file]
+
+
+def test_a_folder_that_cannot_be_written_costs_a_warning_and_no_more(
+    cache: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "cache").write_text("a file where the folder should be")
+    with pytest.warns(GrasplessPinWarning, match="cannot be kept in .* set XDG_CACHE_HOME"):
+        pieces = convex_pieces(ell(), "ell")
+    assert len(pieces) == 2
+
+
+def test_a_relative_cache_home_is_ignored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", "relative")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    convex_pieces(ell(), "ell")
+    assert len(list((tmp_path / ".cache" / "graspless_pin" / "convex").iterdir())) == 1
+
+
+def test_an_open_mesh_is_wrapped_and_says_so() -> None:
+    mesh = ell()
+    mesh.update_faces(np.arange(len(mesh.faces)) > 0)
+    with pytest.warns(GrasplessPinWarning, match="ell is not watertight"):
+        pieces = convex_pieces(mesh, "ell", 1.0)
+    low, high = np.concatenate(pieces).min(axis=0), np.concatenate(pieces).max(axis=0)
+    assert np.allclose([low, high], [[0, 0, 0], [0.4, 0.1, 0.4]], atol=0.01)
+
+
+def test_an_error_in_the_thread_comes_out_and_a_flat_mesh_is_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("coacd.run_coacd", lambda *_, **__: [])
+    with pytest.raises(MeshError, match="ell cannot be cut into convex pieces; repair it"):
+        convex_pieces(ell(), "ell")
+    flat = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    with pytest.raises(MeshError, match="sheet encloses no volume"):
+        convex_pieces(flat, "sheet")
+
+
+def test_slow_work_shows_that_it_goes_on(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(decomposition, "_PATIENCE", 0.0)
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TTY_COMPATIBLE", "1")
+    convex_pieces(ell(), "ell")
+    shown = capfd.readouterr()
+    assert shown.out == ""
+    assert "cutting ell into convex pieces" in shown.err
+
+
+def test_a_mesh_shape_is_its_hull_or_its_pieces(tmp_path: Path) -> None:
+    ell(1000.0).export(tmp_path / "ell.stl")
+    hull = MeshShape(tmp_path / "ell.stl", 0.001)
+    assert len(coal_geometries(hull)) == 1
+    assert len(coal_geometries(MeshShape(tmp_path / "ell.stl", 0.001, "decompose"))) == 2
+    assert len(coal_geometry(hull).points()) == 10
+
+
+def test_a_changed_file_is_read_again(tmp_path: Path) -> None:
+    path = tmp_path / "part.ply"
+    ell().export(path)
+    assert len(coal_geometries(MeshShape(path, 1.0, "decompose"))) == 2
+    trimesh.creation.box([0.1] * 3).export(path)
+    assert len(coal_geometries(MeshShape(path, 1.0, "decompose"))) == 1
+
+
+def test_the_choice_is_checked() -> None:
+    path = Path("part.stl")
+    with pytest.raises(ArgumentError, match="convex: needs 'hull' or 'decompose', got 'soup'"):
+        MeshShape(path, 1.0, "soup")  # pyright: ignore[reportArgumentType]
+    for value in (0.0, 0.001, 1.5, float("nan")):
+        with pytest.raises(ArgumentError, match="concavity: needs"):
+            MeshShape(path, 1.0, "decompose", value)

@@ -1,0 +1,131 @@
+"""Mass and centre of mass: closed forms, meshes against them, and meshes without a volume."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from graspless_pin.errors import ArgumentError, GrasplessPinWarning, MeshError
+from graspless_pin.geometry.mass_properties import mass_properties, volume_and_centroid
+from graspless_pin.geometry.shapes import (
+    Box,
+    Capsule,
+    Cone,
+    Cylinder,
+    HalfSpace,
+    MeshShape,
+    Shape,
+    Sphere,
+)
+
+SHAPES: list[Shape] = [
+    Box((0.1, 0.2, 0.3)),
+    Sphere(0.1),
+    Cylinder(0.1, 0.5),
+    Capsule(0.1, 0.5),
+    Cone(0.1, 0.5),
+]
+
+
+def inside(shape: Shape, points: np.ndarray) -> np.ndarray:
+    """Which of (N, 3) points lie in a shape, by its definition."""
+    x, y, z = points.T
+    rho = np.hypot(x, y)
+    match shape:
+        case Box((a, b, c)):
+            return (abs(x) < a / 2) & (abs(y) < b / 2) & (abs(z) < c / 2)
+        case Sphere(radius):
+            return np.hypot(rho, z) < radius
+        case Cylinder(radius, length):
+            return (rho < radius) & (abs(z) < length / 2)
+        case Capsule(radius, length):
+            return np.hypot(rho, np.maximum(abs(z) - length / 2, 0.0)) < radius
+        case Cone(radius, length):
+            return (rho < radius * (0.5 - z / length)) & (abs(z) < length / 2)
+        case _:
+            raise AssertionError(shape)
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: type(shape).__name__)
+def test_volume_and_centroid_agree_with_a_count_of_points(shape: Shape) -> None:
+    steps = np.linspace(-0.4, 0.4, 101)
+    steps = 0.5 * (steps[1:] + steps[:-1])
+    points = np.array(np.meshgrid(steps, steps, steps)).reshape(3, -1).T
+    within = points[inside(shape, points)]
+    volume, centroid = volume_and_centroid(shape)
+    assert volume == pytest.approx(len(within) * 0.008**3, rel=0.03)
+    assert np.allclose(centroid, within.mean(axis=0), atol=5e-3)
+
+
+def ell(folder: Path, name: str = "ell.stl", *, inverted: bool = False) -> Path:
+    """An L of two bars in millimetres: 40 x 10 x 10 along x, and 10 x 10 x 30 on its left end."""
+    flat = trimesh.creation.box(bounds=[[0, 0, 0], [40, 10, 10]])
+    tall = trimesh.creation.box(bounds=[[0, 0, 0], [10, 10, 40]])
+    mesh = trimesh.boolean.union([flat, tall])
+    if inverted:
+        mesh.invert()
+    mesh.export(folder / name)
+    return folder / name
+
+
+@pytest.mark.parametrize("inverted", [False, True])
+@pytest.mark.parametrize("name", ["ell.stl", "ell.obj", "ell.ply", "ell.glb"])
+def test_a_mesh_counts_with_its_own_volume_not_its_hulls(
+    tmp_path: Path, name: str, inverted: bool
+) -> None:
+    for convex in ("hull", "decompose"):
+        shape = MeshShape(ell(tmp_path, name, inverted=inverted), 0.001, convex)
+        found = mass_properties(shape, density=1000.0)
+        assert found.mass == pytest.approx(0.007)
+        # 4 parts at (20, 5, 5) and 3 at (5, 5, 25) millimetres.
+        assert np.allclose(found.center_of_mass, [95 / 7e3, 5e-3, 95 / 7e3], atol=1e-7)
+        assert not found.center_of_mass.flags.writeable
+
+
+def test_a_mesh_scaled_along_each_axis_is_scaled_in_volume_and_centre(tmp_path: Path) -> None:
+    found = mass_properties(MeshShape(ell(tmp_path), (0.001, 0.002, 0.003)), density=1000.0)
+    assert found.mass == pytest.approx(0.042)
+    assert np.allclose(found.center_of_mass, [95 / 7e3, 10e-3, 285 / 7e3], atol=1e-7)
+
+
+def test_a_given_mass_stays_as_it_is() -> None:
+    found = mass_properties(Cone(0.1, 0.4), mass=2.5)
+    assert found.mass == 2.5
+    assert np.allclose(found.center_of_mass, [0, 0, -0.1])
+
+
+def test_an_open_mesh_counts_with_its_hull_and_says_so(tmp_path: Path) -> None:
+    mesh = trimesh.creation.box(bounds=[[0, 0, 0], [0.1, 0.1, 0.2]])
+    mesh.update_faces(np.arange(len(mesh.faces)) > 0)
+    mesh.export(tmp_path / "open.ply")
+    with pytest.warns(GrasplessPinWarning, match=r"open.ply' is not watertight: volume and centre"):
+        volume, centroid = volume_and_centroid(MeshShape(tmp_path / "open.ply"))
+    assert volume == pytest.approx(0.002)
+    assert np.allclose(centroid, [0.05, 0.05, 0.1])
+
+
+def test_parts_that_fill_the_same_space_twice_are_noticed(tmp_path: Path) -> None:
+    twice = trimesh.util.concatenate(
+        [trimesh.creation.box([0.1] * 3), trimesh.creation.box([0.099] * 3)]
+    )
+    twice.export(tmp_path / "twice.ply")
+    with pytest.warns(GrasplessPinWarning, match="has parts that lie in each other"):
+        volume, _ = volume_and_centroid(MeshShape(tmp_path / "twice.ply"))
+    assert volume == pytest.approx(0.001)
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
+def test_mass_and_density_are_positive(value: float) -> None:
+    with pytest.raises(ArgumentError, match="mass: needs a positive number of kg"):
+        mass_properties(Sphere(0.1), mass=value)
+    with pytest.raises(ArgumentError, match=r"density: needs a positive number of kg/m\^3"):
+        mass_properties(Sphere(0.1), density=value)
+
+
+def test_what_has_no_volume_has_no_mass(tmp_path: Path) -> None:
+    with pytest.raises(ArgumentError, match="a half-space has no mass"):
+        mass_properties(HalfSpace(), mass=1.0)
+    with pytest.raises(MeshError, match="does not exist"):
+        mass_properties(MeshShape(tmp_path / "none.stl"), mass=1.0)
