@@ -14,8 +14,11 @@ from typing import Annotated, Any
 import typer
 
 from graspless_pin.errors import GrasplessPinError, GrasplessPinWarning, SceneError
+from graspless_pin.geometry.audit import audit_urdf
+from graspless_pin.geometry.robot_listing import list_robots
 from graspless_pin.modes.rules import SignRule, SlidingRule, StaticFriction
 from graspless_pin.report import scene_solution_text, solution_document, write_document
+from graspless_pin.report.robots import audit_text, robot_text, robots_text
 from graspless_pin.report.verify import verify_document
 from graspless_pin.scene import load_scene, scene_json_schema
 from graspless_pin.solution import Algorithm
@@ -100,6 +103,35 @@ def verify(
             raise SceneError(f"{file}: {error}") from error
     typer.echo(str(checked))
     raise typer.Exit(FOUND if checked.passed else INFEASIBLE)
+
+
+@app.command()
+def robots(
+    name: Annotated[str | None, typer.Argument(help="Show this robot in full.")] = None,
+) -> None:
+    """List the robots: fingers, joints, effort limits and where they come from."""
+    with _plain_errors():
+        if name is None:
+            typer.echo(robots_text(list_robots()))
+        else:
+            typer.echo(robot_text(list_robots([name])[0]))
+
+
+@app.command()
+def inspect(
+    urdf: Annotated[str, typer.Argument(help="A URDF, a robot file or a robot's name.")],
+    package_dir: Annotated[
+        list[Path] | None, typer.Option(help="Where package:// addresses are looked up.")
+    ] = None,
+) -> None:
+    """Audit a URDF: meshes, effort limits, mimic joints, limits; and say what to do.
+
+    Exit code 0: it can be mounted as it is; 1: it cannot; 2: no such file or robot.
+    """
+    with _plain_errors():
+        report = audit_urdf(urdf, package_dir or [])
+        typer.echo(audit_text(report))
+    raise typer.Exit(FOUND if report.loads else INFEASIBLE)
 
 
 @app.command()

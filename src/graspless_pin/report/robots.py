@@ -1,0 +1,80 @@
+"""Robots and audits as text."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from tabulate import tabulate
+
+from graspless_pin.geometry.audit import AuditReport
+from graspless_pin.geometry.robot_listing import EffortRecord, RobotRecord
+
+
+def robots_text(robots: Sequence[RobotRecord]) -> str:
+    """Return a line a robot: fingers, joints, effort limits and where they come from."""
+    rows = []
+    for robot in robots:
+        if robot.problem is not None:
+            rows.append([robot.name, "-", "-", robot.problem, robot.origin])
+            continue
+        driven = [joint for joint in robot.joints if joint.effort is not None]
+        coupled = sum(bool(joint.follows) for joint in robot.joints)
+        joints = f"{len(robot.joints)}" + (f", {coupled} coupled" if coupled else "")
+        efforts = [joint.effort for joint in driven if joint.effort and not joint.is_held]
+        efforts += robot.tendons.values()
+        rows.append([robot.name, ", ".join(robot.fingers), joints, _limits(efforts), robot.origin])
+    return tabulate(rows, ["robot", "fingers", "joints", "effort limits", "model"])
+
+
+def robot_text(robot: RobotRecord) -> str:
+    """Return one robot in full: every joint with its limits and their sources."""
+    if robot.problem is not None:
+        return f"{robot.name}: {robot.problem}"
+    rows = []
+    for joint in robot.joints:
+        state = "held" if joint.is_held else "driven"
+        if joint.follows:
+            state = "follows " + ", ".join(
+                f"{factor:g} x {name}" for name, factor in joint.follows.items()
+            )
+        effort = (
+            "-" if joint.effort is None else f"{joint.effort.lower:g} .. {joint.effort.upper:g}"
+        )
+        position = f"{joint.lower:.3f} .. {joint.upper:.3f}"
+        rows.append([joint.name, joint.kind, position, effort, state])
+    fingers = "\n".join(
+        f"  {name}: {', '.join(finger.joints)}" for name, finger in robot.fingers.items()
+    )
+    efforts = [joint.effort for joint in robot.joints if joint.effort is not None]
+    sources = dict.fromkeys(f"  {effort.source}" for effort in efforts)
+    table = tabulate(rows, ["joint", "kind", "position [rad, m]", "effort [N m, N]", ""])
+    return (
+        f"{robot.name}, {robot.origin}\nfingers:\n{fingers}\n\n{table}\n\nwhere the limits come "
+        "from:\n" + "\n".join(sources)
+    )
+
+
+def audit_text(report: AuditReport) -> str:
+    """Return what an audit found and what to do about it."""
+    loads = "can be mounted as it is" if report.loads else "cannot be mounted as it is"
+    lines = [
+        f"{report.name} ({report.urdf_path}): {loads}",
+        f"{len(report.links)} links, {len(report.joints)} movable joints; palm: "
+        f"{', '.join(report.palms) or 'none found'}",
+    ]
+    lines += [f"finger {name}: {', '.join(joints)}" for name, joints in report.fingers.items()]
+    if not report.findings:
+        lines.append("nothing to mend")
+    for finding in report.findings:
+        lines.append(f"{finding.kind}: {finding.where}: {finding.message}\n    {finding.advice}")
+    return "\n".join(lines)
+
+
+def _limits(efforts: Sequence[EffortRecord]) -> str:
+    """Return the range of the limits and how many of them are unknown."""
+    if not efforts:
+        return "-"
+    largest = sorted({max(abs(effort.lower), abs(effort.upper)) for effort in efforts})
+    text = f"{largest[0]:g}" if len(largest) == 1 else f"{largest[0]:g} to {largest[-1]:g}"
+    unknown = sum(not effort.known for effort in efforts)
+    return text if not unknown else f"{text} ({unknown} unknown)"

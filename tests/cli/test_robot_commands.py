@@ -1,0 +1,54 @@
+"""`graspless-pin robots` and `graspless-pin inspect`."""
+
+import pytest
+from typer.testing import CliRunner
+
+from graspless_pin.cli import app
+from graspless_pin.geometry.robots import robot_names
+
+
+def run(*words):
+    return CliRunner().invoke(app, list(words))
+
+
+def test_every_robot_is_listed_with_fingers_and_limits():
+    result = run("robots")
+    assert result.exit_code == 0
+    lines = result.stdout.splitlines()[2:]
+    assert [line.split()[0] for line in lines] == list(robot_names())
+    allegro = next(line for line in lines if line.startswith("allegro_right"))
+    assert "index, middle, ring, thumb" in allegro and "0.7" in allegro
+    assert any("coupled" in line for line in lines)
+
+
+def test_one_robot_shows_its_joints_and_sources():
+    result = run("robots", "allegro_right")
+    assert result.exit_code == 0
+    assert "joint_15.0" in result.stdout and "-0.7 .. 0.7" in result.stdout
+    assert "data sheet" in result.stdout
+
+
+@pytest.mark.parametrize("command", ["robots", "inspect"])
+def test_an_unknown_robot_is_refused_by_name(command):
+    result = run(command, "allegrow_right")
+    assert "allegrow_right" in result.output and "allegro_right" in result.output
+
+
+def test_an_audit_says_what_to_do(tmp_path):
+    urdf = tmp_path / "finger.urdf"
+    urdf.write_text(
+        '<robot name="finger"><link name="base"/><link name="tip"><collision><geometry>'
+        '<mesh filename="tip.stl"/></geometry></collision></link><joint name="bend" '
+        'type="revolute"><parent link="base"/><child link="tip"/><axis xyz="0 0 1"/>'
+        '<limit lower="0" upper="1" effort="0" velocity="1"/></joint></robot>'
+    )
+    result = run("inspect", str(urdf))
+    assert result.exit_code == 1
+    assert "missing collision mesh" in result.stdout and "tip.stl" in result.stdout
+    assert "placeholder effort" in result.stdout and "bend" in result.stdout
+
+
+def test_a_sound_robot_passes_its_audit():
+    result = run("inspect", "trihand")
+    assert result.exit_code == 0
+    assert "can be mounted as it is" in result.stdout
