@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from graspless_pin.geometry.contacts import BodyKind
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.table import solution_text
@@ -12,4 +13,7 @@ def scene_solution_text(scene: Scene, solution: TorqueSolution) -> str:
     title = f"{scene.name}: {scene.object.name}, {scene.object.mass:g} kg"
     problem = solution.problem
     title += f", {problem.contact_count} contacts, {problem.joint_count} joints"
+    kinds = {point.kind for point in scene.contacts.points}
+    if scene.hand is not None and BodyKind.HAND not in kinds:
+        title += "\nno link of the hand touches the object; move or close the hand"
     return f"{title}\n{solution_text(solution, scene.contacts.bodies)}"

@@ -175,7 +175,11 @@ class HandEntry(Entry):
     fingers: dict[str, FingerEntry] | None = None
     mounts: list[PrefixedMountEntry] = []
     q: dict[str, Finite] = Field(default={}, description="rad or m by joint name")
-    control: ModeName | dict[str, ModeName] = "force"
+    control: ModeName | dict[str, ModeName] | None = Field(
+        default=None,
+        description="one mode for all joints, or modes by finger or joint; default: force, and "
+        "position for the joints of an arm that carries the hand",
+    )
     effort_limits: dict[str, NotNegative | tuple[Finite, Finite]] = Field(
         default={}, description="N m by joint or finger; a number means -x to x"
     )

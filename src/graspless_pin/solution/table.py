@@ -58,8 +58,9 @@ def joint_table(solution: TorqueSolution) -> str:
         [f"{100.0 * share:.1f} %" if np.isfinite(share) else "-" for share in shares],
         strict=True,
     )
-    headers = ["joint", "contacts", "gravity", "torque [N m]", "lower", "upper", "of limit"]
-    return tabulate(rows, headers, floatfmt="+.4f", stralign="left", colalign=None)
+    headers = ["joint", "contacts", "gravity", "torque", "lower", "upper", "of limit"]
+    table = tabulate(rows, headers, floatfmt="+.4f", stralign="left")
+    return f"{table}\ntorques in N m, of linear and hybrid joints in N"
 
 
 def _plain(values: np.ndarray) -> np.ndarray:
@@ -81,10 +82,21 @@ def contact_table(solution: TorqueSolution, bodies: Sequence[str] | None) -> str
         row = [contact, where, normal[contact], share, contact_state(solution, contact)]
         name = [bodies[contact]] if bodies is not None else []
         rows.append([*row[:1], *name, *row[1:], tokens[contact]])
-    headers = ["#", "point from the centre of mass [m]", "normal [N]", "friction", "state", "B, S"]
+    headers = [
+        "#",
+        "point from the centre of mass [m]",
+        "normal [N]",
+        "friction",
+        "state",
+        "slides",
+    ]
     if bodies is not None:
         headers.insert(1, "touching")
-    return tabulate(rows, headers, floatfmt=".4f", stralign="left", disable_numparse=[1])
+    table = tabulate(rows, headers, floatfmt=".4f", stralign="left", disable_numparse=[1])
+    return (
+        f"{table}\nfriction: share of what mu allows; slides: signs of the virtual sliding (B, S) "
+        "along t1 and t2, .. none"
+    )
 
 
 def friction_use(solution: TorqueSolution) -> np.ndarray:
@@ -122,6 +134,10 @@ def limit_shares(torques: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> n
     return np.where(np.isfinite(limit) & (limit != 0.0), share, np.nan)
 
 
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
 def certificate_text(solution: TorqueSolution) -> str:
     """Return the certificate in a few lines."""
     proof = solution.certificate
@@ -141,8 +157,10 @@ def certificate_text(solution: TorqueSolution) -> str:
             f"{proof.infeasibility:.3g} (scaled)"
         )
     lines.append(
-        f"search: {proof.nodes} nodes, {proof.modes_examined} modes examined, "
-        f"{proof.force_programs} force programs, {proof.kinematic_programs} kinematic programs"
+        f"search: {_count(proof.nodes, 'node')}, "
+        f"{_count(proof.modes_examined, 'mode')} examined, "
+        f"{_count(proof.force_programs, 'force program')}, "
+        f"{_count(proof.kinematic_programs, 'kinematic program')}"
         + (f", answer by {proof.solver}" if proof.solver else "")
     )
     return "\n".join(lines)
