@@ -22,7 +22,7 @@ CASES = {
     "unknown inner key": (
         "mass: 1.0",
         "mass: 1.0\n  weight: 3",
-        ":11: object.weight: is no key that can stand here; known: center_of_mass, mass, name,",
+        ":11: object.weight: is no key that can stand here; known: center_of_mass, density,",
     ),
     "key of another shape": (
         SIZE,
@@ -32,7 +32,7 @@ CASES = {
     "missing key": (
         "  mass: 1.0\n",
         "",
-        f":7: object.mass: is missing; needs {NUMBER} > 0",
+        ":7: object: found neither of 'mass' (kg) and 'density' (kg/m^3); needs one",
     ),
     "missing key at the top": (
         "friction: 0.3\n",

@@ -15,6 +15,7 @@ from graspless_pin.errors import ArgumentError, GrasplessPinError, SceneError
 from graspless_pin.geometry.bodies import ManipulatedObject, Support
 from graspless_pin.geometry.fingers import FingerSpec
 from graspless_pin.geometry.hand import Hand
+from graspless_pin.geometry.materials import Materials
 from graspless_pin.geometry.mounts import Mount
 from graspless_pin.geometry.poses import pose_matrix
 from graspless_pin.geometry.robots import describe_urdf, find_robot
@@ -27,6 +28,7 @@ from graspless_pin.geometry.shapes import (
     MeshShape,
     Shape,
     Sphere,
+    coal_geometries,
 )
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene import schema
@@ -97,6 +99,8 @@ class _Builder:
             object=self._object(entry.object),
             supports=supports,
             friction={"default": friction} if not isinstance(friction, dict) else friction,
+            materials=self._materials(entry),
+            hand_material=None if entry.hand is None else entry.hand.material,
             given_contacts=self._contacts(entry, bodies),
             motion=self._motion(entry.motion, hand),
             max_normal_force=entry.max_normal_force,
@@ -107,6 +111,19 @@ class _Builder:
             hybrid_force_limit=None if entry.hand is None else entry.hand.hybrid_force_limit,
             solve_options=entry.solve.model_dump(),
         )
+
+    def _materials(self, entry: schema.SceneEntry) -> Materials:
+        table = self._at((), lambda: Materials.from_table(entry.materials))
+        named: list[tuple[Location, str | None]] = [(("object", "material"), entry.object.material)]
+        if entry.hand is not None:
+            named.append((("hand", "material"), entry.hand.material))
+        named += [
+            (("supports", i, "material"), item.material) for i, item in enumerate(entry.supports)
+        ]
+        for location, name in named:
+            if name is not None:
+                self._at(location, lambda name=name: table.check([name]))
+        return table
 
     def _error(self, location: Location, message: str) -> SceneError:
         return SceneError(f"{self._source.where(location)}: {key_text(location)}: {message}")
@@ -189,26 +206,35 @@ class _Builder:
         return Mount(found, pose, prefix, fingers)
 
     def _object(self, entry: schema.ObjectEntry) -> ManipulatedObject:
-        body = self._at(
+        shape = self._at(("object", "shape"), lambda: self._shape(entry.shape))
+        self._at(("object", "shape"), lambda: coal_geometries(shape), ("path",))
+        return self._at(
             ("object",),
-            lambda: ManipulatedObject(
-                name=entry.name,
-                shape=self._shape(entry.shape),
+            lambda: ManipulatedObject.from_shape(
+                entry.name,
+                shape,
+                self._pose(("object", "pose"), entry.pose),
                 mass=entry.mass,
-                center_of_mass=np.array(entry.center_of_mass),
-                T_world_object=self._pose(("object", "pose"), entry.pose),
+                density=entry.density,
+                center_of_mass=entry.center_of_mass,
+                material=entry.material,
             ),
         )
-        self._at(("object", "shape"), body.collision_body, ("path",))
-        return body
 
     def _support(self, where: Location, entry: schema.SupportEntry) -> Support:
         pose = self._pose((*where, "pose"), entry.pose)
         support = self._at(
             where,
-            lambda: Support(entry.name, self._shape(entry.shape), pose, friction=entry.friction),
+            lambda: Support(
+                entry.name,
+                self._shape(entry.shape),
+                pose,
+                friction=entry.friction,
+                velocity=_twist(entry.velocity),
+                material=entry.material,
+            ),
         )
-        self._at((*where, "shape"), support.collision_body, ("path",))
+        self._at((*where, "shape"), support.collision_bodies, ("path",))
         return support
 
     def _pose(self, where: Location, entry: schema.PoseEntry) -> FloatArray:
@@ -235,7 +261,12 @@ class _Builder:
             case schema.ConeEntry():
                 return Cone(entry.radius, entry.length)
             case schema.MeshEntry():
-                return MeshShape(self._path(entry.path), entry.scale)
+                return MeshShape(
+                    self._path(entry.path),
+                    entry.scale,
+                    convex=entry.convex,
+                    concavity=entry.concavity,
+                )
             case _:
                 return HalfSpace()
 

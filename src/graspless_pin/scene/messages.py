@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from graspless_pin.scene.schema import scene_json_schema
+from graspless_pin.scene.schema import SceneEntry
 from graspless_pin.scene.yaml_source import Location, YamlSource
 
 Node = dict[str, Any]
@@ -18,7 +18,7 @@ Node = dict[str, Any]
 def explain(source: YamlSource, error: ValidationError) -> str:
     """Return one line a mistake: file:line, key, what was found, what would do."""
     items = [(_in_file(source.data, item), item) for item in error.errors()]
-    schema = scene_json_schema()
+    schema = SceneEntry.model_json_schema()
     lines = []
     for location, item in items:
         # Every branch of a union complains; the branch that got furthest is the one that is meant.

@@ -15,7 +15,8 @@ from graspless_pin.errors import ArgumentError, SceneError, SolverUnavailableErr
 from graspless_pin.geometry.bodies import ManipulatedObject, Support
 from graspless_pin.geometry.contacts import BodyKind, ContactPoint, find_contacts
 from graspless_pin.geometry.hand import Hand
-from graspless_pin.geometry.motion import apply_motion, twist_velocities
+from graspless_pin.geometry.materials import Materials
+from graspless_pin.geometry.motion import apply_motion, support_velocities, twist_velocities
 from graspless_pin.modes.rules import choice
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
@@ -97,6 +98,9 @@ class Scene:
         gravity: (3,) m/s^2, world axes.
         friction: Coefficient by hand link or support, else by ``hand`` or ``supports``, else
             ``default``; a support's own coefficient comes first.
+        materials: Coefficient per pair of materials; it comes before `friction` where both bodies
+            have a material.
+        hand_material: Material of all hand links; None: `friction` tells.
         given_contacts: Contacts to be used as they are; None: found from the shapes.
         motion: The declared motion; None: at rest.
         max_normal_force: f_n,max of every contact, N.
@@ -116,6 +120,8 @@ class Scene:
     supports: tuple[Support, ...] = ()
     path: Path | None = None
     gravity: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
+    materials: Materials = field(default_factory=lambda: Materials({}))
+    hand_material: str | None = None
     given_contacts: tuple[GivenContact, ...] | None = None
     motion: Motion | None = None
     max_normal_force: float = 50.0
@@ -150,13 +156,16 @@ class Scene:
                 )
             )
         sliding = np.zeros((len(points), 3))
-        if self.motion is not None:
+        motion = self.motion
+        if motion is None and any(support.velocity.any() for support in self.supports):
+            motion = Motion(np.zeros(6))
+        if motion is not None:
             try:
                 points, sliding = apply_motion(
                     points,
-                    self.motion.object_twist,
+                    motion.object_twist,
                     self.object.center_of_mass_world,
-                    self._body_velocities(points, self.motion),
+                    self._body_velocities(points, motion),
                     object_name=self.object.name,
                 )
             except SceneError as error:
@@ -244,9 +253,9 @@ class Scene:
             return tuple(sorted(points, key=lambda point: point.kind is BodyKind.SUPPORT))
         try:
             return find_contacts(
-                self.object.collision_body(),
+                self.object.collision_bodies(),
                 () if self.hand is None else self.hand.collision_bodies(),
-                [support.collision_body() for support in self.supports],
+                [body for support in self.supports for body in support.collision_bodies()],
                 tolerance=self.contact_tolerance,
             )
         except SceneError as error:
@@ -256,7 +265,7 @@ class Scene:
         """(M, 3) velocities of what the object touches; hand contacts follow it by default."""
         positions = np.array([point.position for point in points])
         of_hand = np.array([point.kind is BodyKind.HAND for point in points])
-        velocities = np.zeros((len(points), 3))
+        velocities, _ = support_velocities(points, self.supports)
         if motion.hand is None:
             velocities[of_hand] = twist_velocities(
                 motion.object_twist, self.object.center_of_mass_world, positions[of_hand]
@@ -269,9 +278,12 @@ class Scene:
         return velocities
 
     def _friction_at(self, point: ContactPoint) -> float:
-        own = {support.name: support.friction for support in self.supports}.get(point.body)
-        if own is not None:
-            return own
+        support = next((item for item in self.supports if item.name == point.body), None)
+        if support is not None and support.friction is not None:
+            return support.friction
+        material = self.hand_material if support is None else support.material
+        if material is not None and self.object.material is not None:
+            return self.materials.friction(material, self.object.material)
         group = "hand" if point.kind is BodyKind.HAND else "supports"
         for key in (point.body, group, "default"):
             if key in self.friction:
@@ -283,15 +295,12 @@ class Scene:
 
     def _tangents(self, normals: FloatArray) -> FloatArray:
         tangents = default_tangents(normals)
-        for contact, normal in enumerate(normals):
-            for axis in self.tangent_axes:
-                length = float(np.linalg.norm(axis))
-                if length == 0.0 or abs(axis @ normal) > _ALONG * length:
-                    continue
-                first = axis - (axis @ normal) * normal
-                first /= np.linalg.norm(first)
-                tangents[contact] = np.column_stack([first, np.cross(normal, first)])
-                break
+        for axis in reversed(self.tangent_axes):
+            along = normals @ axis
+            usable = np.abs(along) <= _ALONG * np.linalg.norm(axis)
+            first = axis - along[usable, None] * normals[usable]
+            first /= np.linalg.norm(first, axis=1, keepdims=True)
+            tangents[usable] = np.stack([first, np.cross(normals[usable], first)], axis=2)
         return tangents
 
     def _joints(

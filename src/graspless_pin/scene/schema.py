@@ -106,11 +106,15 @@ class ConeEntry(Entry):
 
 
 class MeshEntry(Entry):
-    """A mesh file, taken as its convex hull; the path is relative to the scene file."""
+    """A mesh file, as its convex hull or cut into convex pieces; relative to the scene file."""
 
     type: Literal["mesh"]
     path: str
     scale: Positive | tuple[Positive, Positive, Positive] = 1.0
+    convex: Literal["hull", "decompose"] = Field(
+        default="hull", description="decompose: cut a non-convex mesh into convex pieces, cached"
+    )
+    concavity: float = Field(default=0.02, ge=0.01, le=1.0, description="coarseness of the cut")
 
 
 class HalfSpaceEntry(Entry):
@@ -187,6 +191,7 @@ class HandEntry(Entry):
         default=None,
         description="largest commanded force of a hybrid finger, N; default max_normal_force",
     )
+    material: str | None = Field(default=None, description="of all its links")
     count_own_weight: bool = Field(
         default=True, description="whether g(q), the links' own weight, counts against the limits"
     )
@@ -221,22 +226,45 @@ class HandEntry(Entry):
 
 
 class ObjectEntry(Entry):
-    """The manipulated object."""
+    """The manipulated object, with its mass or its density."""
 
     name: str = "object"
     shape: SolidEntry
-    mass: Positive
-    center_of_mass: Vector = Field(default=(0.0, 0.0, 0.0), description="in the object's frame, m")
+    mass: Positive | None = Field(default=None, description="kg; or density")
+    density: Positive | None = Field(default=None, description="kg/m^3; or mass")
+    center_of_mass: Vector | None = Field(
+        default=None, description="in the object's frame, m; default: the centroid of the shape"
+    )
+    material: str | None = None
     pose: PoseEntry = PoseEntry()
+
+    @model_validator(mode="after")
+    def _mass_or_density(self) -> ObjectEntry:
+        if (self.mass is None) == (self.density is None):
+            found = "neither" if self.mass is None else "both"
+            raise ValueError(f"found {found} of 'mass' (kg) and 'density' (kg/m^3); needs one")
+        return self
+
+
+class TwistEntry(Entry):
+    """A velocity: linear (m/s) and angular (rad/s), world axes."""
+
+    linear: Vector = (0.0, 0.0, 0.0)
+    angular: Vector = (0.0, 0.0, 0.0)
 
 
 class SupportEntry(Entry):
-    """Something fixed that the object may touch."""
+    """Something that the object may touch: fixed, or moving with a velocity of its own."""
 
     name: str
     shape: ShapeEntry
     pose: PoseEntry = PoseEntry()
     friction: NotNegative | None = None
+    velocity: TwistEntry = Field(
+        default=TwistEntry(),
+        description="about the support frame's origin: a conveyor, a turntable",
+    )
+    material: str | None = None
 
 
 class ContactEntry(Entry):
@@ -245,13 +273,6 @@ class ContactEntry(Entry):
     body: str
     position: Vector = Field(description="world frame, m")
     normal: Direction = Field(description="into the object, world axes; any length")
-
-
-class TwistEntry(Entry):
-    """A velocity: linear (m/s) and angular (rad/s), world axes."""
-
-    linear: Vector = (0.0, 0.0, 0.0)
-    angular: Vector = (0.0, 0.0, 0.0)
 
 
 class HandMotionEntry(Entry):
@@ -293,6 +314,9 @@ class SceneEntry(Entry):
     friction: NotNegative | dict[str, NotNegative] = Field(
         description="one coefficient, or by hand link, support, 'hand', 'supports' and 'default'"
     )
+    materials: dict[str, dict[str, NotNegative]] = Field(
+        default={}, description="coefficient per pair of materials, e.g. {rubber: {steel: 0.6}}"
+    )
     contacts: list[ContactEntry] | None = Field(
         default=None, description="given contacts; without this key they are found from the shapes"
     )
@@ -309,4 +333,6 @@ class SceneEntry(Entry):
 
 def scene_json_schema() -> dict[str, Any]:
     """Return the JSON schema of a scene file."""
-    return SceneEntry.model_json_schema()
+    document = SceneEntry.model_json_schema()
+    document["$defs"]["ObjectEntry"]["oneOf"] = [{"required": ["mass"]}, {"required": ["density"]}]
+    return document
