@@ -28,7 +28,7 @@ from graspless_pin.problem import (
 from graspless_pin.solution import Status, TorqueSolution
 
 if TYPE_CHECKING:
-    from graspless_pin.geometry.hand import Hand
+    from graspless_pin.geometry.hand.model import Hand
     from graspless_pin.scene import Scene, load_scene
 
 __all__ = [
@@ -58,7 +58,7 @@ __all__ = [
 
 # Pinocchio and coal are loaded when a hand or scene is first asked for: arrays do not need them.
 _GEOMETRY = {
-    "Hand": "graspless_pin.geometry.hand",
+    "Hand": "graspless_pin.geometry.hand.model",
     "Scene": "graspless_pin.scene",
     "load_scene": "graspless_pin.scene",
 }

@@ -14,8 +14,8 @@ from typing import Annotated, Any
 import typer
 
 from graspless_pin.errors import GrasplessPinError, GrasplessPinWarning, SceneError
-from graspless_pin.geometry.audit import audit_urdf
-from graspless_pin.geometry.robot_listing import list_robots
+from graspless_pin.geometry.robots.audit import audit_urdf
+from graspless_pin.geometry.robots.listing import list_robots
 from graspless_pin.modes.rules import SignRule, SlidingRule, StaticFriction
 from graspless_pin.report import scene_solution_text, solution_document, write_document
 from graspless_pin.report.robots import audit_text, robot_text, robots_text

@@ -4,7 +4,7 @@ import pytest
 from typer.testing import CliRunner
 
 from graspless_pin.cli import app
-from graspless_pin.geometry.robots import robot_names
+from graspless_pin.geometry.robots.files import robot_names
 
 
 def run(*words):

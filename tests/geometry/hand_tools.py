@@ -8,9 +8,9 @@ import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]
 from scipy.spatial.transform import Rotation
 
-from graspless_pin.geometry.finger_joints import joint_ranges
-from graspless_pin.geometry.hand import Hand
+from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.poses import invert, pose_matrix
+from graspless_pin.geometry.posing.finger_joints import joint_ranges
 
 GRAVITY = np.array([0.4, -1.1, -9.8])
 

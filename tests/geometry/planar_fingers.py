@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from graspless_pin.geometry.bodies import ManipulatedObject
-from graspless_pin.geometry.fingers import FingerSpec
-from graspless_pin.geometry.hand import Hand
-from graspless_pin.geometry.mounts import Mount
+from graspless_pin.geometry.bodies.records import ManipulatedObject
+from graspless_pin.geometry.bodies.shapes import Box, Shape, Sphere
+from graspless_pin.geometry.hand.fingers import FingerSpec
+from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.poses import pose_matrix
-from graspless_pin.geometry.robots import load_robot
-from graspless_pin.geometry.shapes import Box, Shape, Sphere
+from graspless_pin.geometry.robots.files import load_robot
 
 RADIUS = 0.01
 UPPER = 0.08  # m, from the first joint to the second

@@ -6,9 +6,9 @@ import trimesh
 from hand_tools import joint, link, write_urdf
 
 from graspless_pin.errors import RobotError
-from graspless_pin.geometry.audit import FindingKind, audit_urdf
-from graspless_pin.geometry.robot_listing import list_robots
-from graspless_pin.geometry.robots import robot_names
+from graspless_pin.geometry.robots.audit import FindingKind, audit_urdf
+from graspless_pin.geometry.robots.files import robot_names
+from graspless_pin.geometry.robots.listing import list_robots
 
 BALL = '<sphere radius="0.01"/>'
 MESH = '<mesh filename="{}"/>'

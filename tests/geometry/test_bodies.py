@@ -8,8 +8,8 @@ import pytest
 import trimesh
 
 from graspless_pin.errors import ArgumentError, GrasplessPinWarning, MeshError
-from graspless_pin.geometry.bodies import ManipulatedObject, Support
-from graspless_pin.geometry.shapes import Box, Cone, HalfSpace, MeshShape, Shape
+from graspless_pin.geometry.bodies.records import ManipulatedObject, Support
+from graspless_pin.geometry.bodies.shapes import Box, Cone, HalfSpace, MeshShape, Shape
 
 BRICK = Box((0.1, 0.2, 0.3))
 TURNED = np.array([[0.0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]])

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from graspless_pin.geometry.broad_phase import near_pairs
-from graspless_pin.geometry.collision import CollisionBody
-from graspless_pin.geometry.shapes import convex_geometry
+from graspless_pin.geometry.bodies.collision import CollisionBody
+from graspless_pin.geometry.bodies.shapes import convex_geometry
+from graspless_pin.geometry.contact.broad_phase import near_pairs
 
 SHAPES = (
     coal.Box(0.1, 0.3, 0.02),

@@ -20,9 +20,9 @@ from planar_fingers import (
 )
 
 from graspless_pin.errors import ArgumentError, SceneError
-from graspless_pin.geometry.closing import close_fingers
-from graspless_pin.geometry.contacts import find_contacts
-from graspless_pin.geometry.distances import separation
+from graspless_pin.geometry.contact.distances import separation
+from graspless_pin.geometry.contact.finding import find_contacts
+from graspless_pin.geometry.posing.closing import close_fingers
 
 GAP = 1e-5
 

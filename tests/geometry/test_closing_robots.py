@@ -14,17 +14,17 @@ from planar_fingers import body
 from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import PlaceholderEffortWarning
-from graspless_pin.geometry.bodies import ManipulatedObject
-from graspless_pin.geometry.closing import ClosingResult, close_fingers
-from graspless_pin.geometry.collision import CollisionBody
-from graspless_pin.geometry.contacts import find_contacts
-from graspless_pin.geometry.distances import separation
-from graspless_pin.geometry.finger_joints import joint_ranges
-from graspless_pin.geometry.hand import Hand
-from graspless_pin.geometry.mounts import Mount
-from graspless_pin.geometry.overlaps import unwanted_overlaps
-from graspless_pin.geometry.robots import robot_names
-from graspless_pin.geometry.shapes import Box, Sphere
+from graspless_pin.geometry.bodies.collision import CollisionBody
+from graspless_pin.geometry.bodies.records import ManipulatedObject
+from graspless_pin.geometry.bodies.shapes import Box, Sphere
+from graspless_pin.geometry.contact.distances import separation
+from graspless_pin.geometry.contact.finding import find_contacts
+from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.geometry.hand.mounts import Mount
+from graspless_pin.geometry.posing.closing import ClosingResult, close_fingers
+from graspless_pin.geometry.posing.finger_joints import joint_ranges
+from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
+from graspless_pin.geometry.robots.files import robot_names
 
 GAP = 1e-5
 STEP = 1e-5  # rad or m, of the differences of distances

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import ArgumentError, SceneError
-from graspless_pin.geometry.collision import CollisionBody
-from graspless_pin.geometry.contacts import ContactPoint, find_contacts
+from graspless_pin.geometry.bodies.collision import CollisionBody
+from graspless_pin.geometry.contact.finding import ContactPoint, find_contacts
 
 FLOOR = coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
 

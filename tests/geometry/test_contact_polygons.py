@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from graspless_pin.geometry.polygons import (
+from graspless_pin.geometry.contact.polygons import (
     Polygon,
     first_corner,
     intersection,

@@ -9,11 +9,18 @@ import numpy as np
 import pytest
 
 from graspless_pin.errors import ArgumentError, SceneError
-from graspless_pin.geometry.bodies import ManipulatedObject, Support
-from graspless_pin.geometry.collision import CollisionBody
-from graspless_pin.geometry.contacts import BodyKind, find_contacts
+from graspless_pin.geometry.bodies.collision import CollisionBody
+from graspless_pin.geometry.bodies.records import ManipulatedObject, Support
+from graspless_pin.geometry.bodies.shapes import (
+    Box,
+    Cylinder,
+    HalfSpace,
+    Shape,
+    Sphere,
+    coal_geometry,
+)
+from graspless_pin.geometry.contact.finding import BodyKind, find_contacts
 from graspless_pin.geometry.poses import pose_matrix
-from graspless_pin.geometry.shapes import Box, Cylinder, HalfSpace, Shape, Sphere, coal_geometry
 
 Q = math.sqrt(0.5)
 SLOPE = (0.0, math.pi / 4, 0.0)  # turns z into (q, 0, q)

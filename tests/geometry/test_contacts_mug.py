@@ -11,9 +11,9 @@ import pytest
 from mugs import BOTTOM, HANDLE, HEIGHT, RADIUS, SIDES, WALL, rim, write_mug
 from scipy.spatial.transform import Rotation
 
-from graspless_pin.geometry.collision import CollisionBody
-from graspless_pin.geometry.contacts import find_contacts
-from graspless_pin.geometry.shapes import MeshShape, coal_geometries, convex_geometry
+from graspless_pin.geometry.bodies.collision import CollisionBody
+from graspless_pin.geometry.bodies.shapes import MeshShape, coal_geometries, convex_geometry
+from graspless_pin.geometry.contact.finding import find_contacts
 
 GROUNDS = {
     "half-space": (coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0), 0.0),

@@ -12,8 +12,8 @@ from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import SceneError
-from graspless_pin.geometry.collision import CollisionBody
-from graspless_pin.geometry.contacts import ContactPoint, find_contacts
+from graspless_pin.geometry.bodies.collision import CollisionBody
+from graspless_pin.geometry.contact.finding import ContactPoint, find_contacts
 
 LYING = Rotation.from_euler("y", 90, degrees=True)
 UPRIGHT = Rotation.identity()

@@ -8,9 +8,9 @@ import pytest
 import trimesh
 
 from graspless_pin.errors import ArgumentError, GrasplessPinWarning, MeshError
-from graspless_pin.geometry import decomposition
-from graspless_pin.geometry.decomposition import convex_pieces
-from graspless_pin.geometry.shapes import MeshShape, coal_geometries, coal_geometry
+from graspless_pin.geometry.bodies import decomposition
+from graspless_pin.geometry.bodies.decomposition import convex_pieces
+from graspless_pin.geometry.bodies.shapes import MeshShape, coal_geometries, coal_geometry
 
 
 @pytest.fixture(autouse=True)

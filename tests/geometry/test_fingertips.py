@@ -21,8 +21,8 @@ from planar_fingers import (
 )
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.fingertips import place_fingertips
-from graspless_pin.geometry.shapes import Box
+from graspless_pin.geometry.bodies.shapes import Box
+from graspless_pin.geometry.posing.fingertips import place_fingertips
 
 INTO_PLATE = (0.0, 1.0, 0.0)
 TIP_RADIUS = 0.012  # of the Allegro's fingertips

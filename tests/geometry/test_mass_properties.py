@@ -8,8 +8,8 @@ import pytest
 import trimesh
 
 from graspless_pin.errors import ArgumentError, GrasplessPinWarning, MeshError
-from graspless_pin.geometry.mass_properties import mass_properties, volume_and_centroid
-from graspless_pin.geometry.shapes import (
+from graspless_pin.geometry.bodies.mass_properties import mass_properties, volume_and_centroid
+from graspless_pin.geometry.bodies.shapes import (
     Box,
     Capsule,
     Cone,

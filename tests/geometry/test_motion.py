@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from graspless_pin.errors import ArgumentError, SceneError
-from graspless_pin.geometry.bodies import Support
-from graspless_pin.geometry.contacts import BodyKind, ContactPoint
-from graspless_pin.geometry.motion import (
+from graspless_pin.geometry.bodies.records import Support
+from graspless_pin.geometry.bodies.shapes import HalfSpace
+from graspless_pin.geometry.contact.finding import BodyKind, ContactPoint
+from graspless_pin.geometry.contact.motion import (
     ContactMotion,
     apply_motion,
     classify_motion,
     support_velocities,
     twist_velocities,
 )
-from graspless_pin.geometry.shapes import HalfSpace
 
 Q = math.sqrt(0.5)
 CENTER = np.array([0.0, 0.0, 0.1])

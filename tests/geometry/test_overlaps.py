@@ -9,14 +9,14 @@ import pytest
 from planar_fingers import RADIUS, allegro, lever
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.bodies import Support
-from graspless_pin.geometry.contacts import BodyKind
-from graspless_pin.geometry.hand import Hand
-from graspless_pin.geometry.mounts import Mount
-from graspless_pin.geometry.overlaps import unwanted_overlaps
+from graspless_pin.geometry.bodies.records import Support
+from graspless_pin.geometry.bodies.shapes import HalfSpace
+from graspless_pin.geometry.contact.finding import BodyKind
+from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.poses import pose_matrix
-from graspless_pin.geometry.robots import load_robot
-from graspless_pin.geometry.shapes import HalfSpace
+from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
+from graspless_pin.geometry.robots.files import load_robot
 from graspless_pin.scene import load_scene
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

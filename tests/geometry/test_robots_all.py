@@ -18,10 +18,10 @@ from hand_tools import (
 )
 
 from graspless_pin.errors import PlaceholderEffortWarning
-from graspless_pin.geometry.hand import Hand
-from graspless_pin.geometry.mounts import Mount
+from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.poses import invert
-from graspless_pin.geometry.robots import find_robot, load_robot, robot_names
+from graspless_pin.geometry.robots.files import find_robot, load_robot, robot_names
 
 LEVERS = {"lever_100mm", "lever_100mm_mirrored", "lever_150mm"}
 NO_SOURCE = {

@@ -7,9 +7,9 @@ import trimesh
 from hand_tools import joint, link, write_urdf
 
 from graspless_pin.errors import DanglingMimicWarning, MeshError, RobotError
-from graspless_pin.geometry.hand import Hand
-from graspless_pin.geometry.mounts import Mount
-from graspless_pin.geometry.robots import find_robot, load_robot
+from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.geometry.hand.mounts import Mount
+from graspless_pin.geometry.robots.files import find_robot, load_robot
 
 MESH = '<mesh filename="{}" scale="1 2 3"/>'
 

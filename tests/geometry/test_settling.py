@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from planar_fingers import ball, body
 
 from graspless_pin.errors import ArgumentError, SceneError
-from graspless_pin.geometry.bodies import Support
-from graspless_pin.geometry.distances import separation
+from graspless_pin.geometry.bodies.records import Support
+from graspless_pin.geometry.bodies.shapes import Box, Cylinder, HalfSpace
+from graspless_pin.geometry.contact.distances import separation
 from graspless_pin.geometry.poses import pose_matrix
-from graspless_pin.geometry.settling import settle
-from graspless_pin.geometry.shapes import Box, Cylinder, HalfSpace
+from graspless_pin.geometry.posing.settling import settle
 
 FLOOR = Support("floor", HalfSpace(), np.eye(4))
 WALL = Support("wall", HalfSpace(), pose_matrix((0.5, 0, 0), (0, -np.pi / 2, 0)))  # solid: x >= 0.5

@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 from graspless_pin.errors import ArgumentError, MeshError, MeshScaleWarning
-from graspless_pin.geometry.shapes import (
+from graspless_pin.geometry.bodies.shapes import (
     Box,
     Capsule,
     Cone,

@@ -9,10 +9,10 @@ import pytest
 from scene_tools import EXAMPLES
 
 from graspless_pin import load_scene
-from graspless_pin.geometry.contacts import BodyKind
-from graspless_pin.geometry.meshes import load_mesh
-from graspless_pin.geometry.overlaps import unwanted_overlaps
-from graspless_pin.geometry.shapes import MeshShape
+from graspless_pin.geometry.bodies.meshes import load_mesh
+from graspless_pin.geometry.bodies.shapes import MeshShape
+from graspless_pin.geometry.contact.finding import BodyKind
+from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
 from graspless_pin.report import solution_document
 from graspless_pin.report.verify import verify_document
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from graspless_pin.geometry.contacts import BodyKind
+from graspless_pin.geometry.contact.finding import BodyKind
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.table import solution_text

@@ -12,14 +12,9 @@ import numpy as np
 from pydantic import ValidationError
 
 from graspless_pin.errors import ArgumentError, GrasplessPinError, SceneError
-from graspless_pin.geometry.bodies import ManipulatedObject, Support
-from graspless_pin.geometry.fingers import FingerSpec
-from graspless_pin.geometry.hand import Hand
-from graspless_pin.geometry.materials import Materials
-from graspless_pin.geometry.mounts import Mount
-from graspless_pin.geometry.poses import pose_matrix
-from graspless_pin.geometry.robots import describe_urdf, find_robot
-from graspless_pin.geometry.shapes import (
+from graspless_pin.geometry.bodies.materials import Materials
+from graspless_pin.geometry.bodies.records import ManipulatedObject, Support
+from graspless_pin.geometry.bodies.shapes import (
     Box,
     Capsule,
     Cone,
@@ -30,6 +25,11 @@ from graspless_pin.geometry.shapes import (
     Sphere,
     coal_geometries,
 )
+from graspless_pin.geometry.hand.fingers import FingerSpec
+from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.geometry.hand.mounts import Mount
+from graspless_pin.geometry.poses import pose_matrix
+from graspless_pin.geometry.robots.files import describe_urdf, find_robot
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene import schema
 from graspless_pin.scene.messages import explain, key_text

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from numpy.typing import ArrayLike
 
 from graspless_pin.errors import SceneError
-from graspless_pin.geometry.closing import ClosingResult
-from graspless_pin.geometry.closing import close_fingers as close_hand
-from graspless_pin.geometry.fingertips import FingertipPlacement, place_fingertips
-from graspless_pin.geometry.hand import Hand
-from graspless_pin.geometry.overlaps import Overlap, unwanted_overlaps
-from graspless_pin.geometry.settling import settle as settle_object
+from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.geometry.posing.closing import ClosingResult
+from graspless_pin.geometry.posing.closing import close_fingers as close_hand
+from graspless_pin.geometry.posing.fingertips import FingertipPlacement, place_fingertips
+from graspless_pin.geometry.posing.overlaps import Overlap, unwanted_overlaps
+from graspless_pin.geometry.posing.settling import settle as settle_object
 from graspless_pin.scene.scene import Scene
 
 
@@ -60,7 +60,7 @@ def close_fingers(
         scene: A scene with a hand.
         fingers: Fingers to close; None closes all.
         wrap: Whether a finger goes on with the joints beyond a link that touches.
-        rates: Rate by joint: see `graspless_pin.geometry.closing.close_fingers`.
+        rates: Rate by joint: see `graspless_pin.geometry.posing.closing.close_fingers`.
 
     Raises:
         SceneError: If the scene has no hand, or a finger starts inside the object.

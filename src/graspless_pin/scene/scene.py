@@ -12,11 +12,11 @@ import numpy as np
 
 from graspless_pin.algorithms.torque import maximize_margin, minimize_torque
 from graspless_pin.errors import ArgumentError, SceneError, SolverUnavailableError
-from graspless_pin.geometry.bodies import ManipulatedObject, Support
-from graspless_pin.geometry.contacts import BodyKind, ContactPoint, find_contacts
-from graspless_pin.geometry.hand import Hand
-from graspless_pin.geometry.materials import Materials
-from graspless_pin.geometry.motion import apply_motion, support_velocities, twist_velocities
+from graspless_pin.geometry.bodies.materials import Materials
+from graspless_pin.geometry.bodies.records import ManipulatedObject, Support
+from graspless_pin.geometry.contact.finding import BodyKind, ContactPoint, find_contacts
+from graspless_pin.geometry.contact.motion import apply_motion, support_velocities, twist_velocities
+from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.modes.rules import choice
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray

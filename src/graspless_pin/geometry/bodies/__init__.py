@@ -1,0 +1,1 @@
+"""Shapes, meshes, the object, supports and materials."""

@@ -1,0 +1,231 @@
+"""Non-convex meshes as several convex pieces, remembered on disk.
+
+CoACD cuts a mesh until each piece is nearly convex. That takes seconds, so its pieces are kept in
+``$XDG_CACHE_HOME/graspless_pin/convex`` (by default below ``~/.cache``), named after the mesh's
+triangles and the way it was cut: a changed file is another mesh. The folder can be deleted at any
+time.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import io
+import os
+import tempfile
+import threading
+import warnings
+import zipfile
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from scipy.spatial import QhullError
+
+from graspless_pin.errors import GrasplessPinWarning, MeshError
+from graspless_pin.geometry.bodies.polytopes import hull_of
+
+Array = NDArray[np.float64]
+
+DEFAULT_CONCAVITY = 0.02
+"""Deepest hollow that a piece may fill, as a share of half the mesh's largest extent."""
+
+_CONVEX = 1.0 - 1e-6  # share of its hull that a mesh fills if it is convex
+_SEED = 0
+_ITERATIONS = 60  # of the search for each cut: more take longer and save few pieces
+_PATIENCE = 1.0  # s without a sign of life
+_UNREADABLE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error)
+
+
+def convex_pieces(
+    mesh: trimesh.Trimesh, label: str, concavity: float = DEFAULT_CONCAVITY
+) -> tuple[Array, ...]:
+    """Cut a mesh into convex pieces, or look up how it was cut before.
+
+    Args:
+        mesh: Triangle mesh.
+        label: What messages call it.
+        concavity: Deepest hollow that a piece may fill, as a share of half the mesh's largest
+            extent; CoACD takes 0.01 to 1.
+
+    Returns:
+        Corners (V, 3) of each piece's convex hull; one piece if the mesh is convex. Read-only.
+
+    Raises:
+        MeshError: The mesh encloses no volume, or CoACD finds no piece.
+
+    Warns:
+        GrasplessPinWarning: The mesh is not watertight, or the pieces cannot be kept on disk.
+    """
+    vertices = np.ascontiguousarray(mesh.vertices, dtype=np.float64)
+    faces = np.ascontiguousarray(mesh.faces, dtype=np.int32)
+    try:
+        hull = hull_of(vertices).vertices
+    except (QhullError, ValueError) as error:
+        raise MeshError(f"{label} encloses no volume: all its vertices lie in one plane") from error
+    if _is_convex(mesh):
+        return _read_only([hull])
+    if not mesh.is_watertight:
+        warnings.warn(
+            f"{label} is not watertight: its convex pieces are those of a skin around it, which "
+            "may be off by a hundredth of its size; repair it, or use its convex hull",
+            GrasplessPinWarning,
+            stacklevel=4,
+        )
+    file = _cache_folder() / f"{_key(vertices, faces, concavity)}.npz"
+    known = _read(file)
+    if known is not None:
+        return known
+    pieces = _with_sign_of_life(
+        f"cutting {label} into convex pieces", lambda: _cut(mesh, label, concavity)
+    )
+    _write(file, pieces)
+    return pieces
+
+
+def _is_convex(mesh: trimesh.Trimesh) -> bool:
+    if not (mesh.is_watertight and mesh.is_winding_consistent):
+        return False
+    return abs(mesh.volume) >= _CONVEX * mesh.convex_hull.volume
+
+
+def _cut(mesh: trimesh.Trimesh, label: str, concavity: float) -> tuple[Array, ...]:
+    import coacd  # a large library that most scenes do not need
+
+    coacd.set_log_level("error")
+    pieces: list[Array] = []
+    for part in _parts(mesh):
+        if _is_convex(part):
+            cut = [(part.vertices, part.faces)]
+        else:
+            solid = coacd.Mesh(part.vertices, np.asarray(part.faces, dtype=np.int32))
+            cut = coacd.run_coacd(
+                solid, threshold=concavity, mcts_iterations=_ITERATIONS, seed=_SEED
+            )
+        for corners, _ in cut:
+            try:
+                pieces.append(hull_of(np.array(corners, dtype=np.float64)).vertices)
+            except (QhullError, ValueError):
+                continue  # a sliver without volume touches nothing that its neighbours do not
+    if not pieces:
+        raise MeshError(
+            f"{label} cannot be cut into convex pieces; repair it, or use its convex hull"
+        )
+    return _read_only(pieces)
+
+
+def _parts(mesh: trimesh.Trimesh) -> list[trimesh.Trimesh]:
+    """Solids of a mesh that are not connected, each turned inside in; else the mesh as it is.
+
+    CoACD would wrap solids that touch in a common skin, which is off by a hundredth of their size.
+    """
+    if not (mesh.is_watertight and mesh.is_winding_consistent):
+        return [mesh]
+    parts = [mesh] if mesh.body_count == 1 else list(mesh.split())
+    inside_out = [part.volume < 0.0 for part in parts]
+    if any(inside_out) and not all(inside_out):
+        return [mesh]  # a hollow is a part that is turned inside out
+    return [_inverted(part) if part.volume < 0.0 else part for part in parts]
+
+
+def _inverted(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    return trimesh.Trimesh(mesh.vertices, mesh.faces[:, ::-1], process=False)
+
+
+def _with_sign_of_life(message: str, work: Callable[[], tuple[Array, ...]]) -> tuple[Array, ...]:
+    """Run slow work in a thread, with a moving bar on a terminal's standard error."""
+    results: list[tuple[Array, ...]] = []
+    errors: list[Exception] = []
+
+    def run() -> None:
+        try:
+            results.append(work())
+        except Exception as error:  # raised again below
+            errors.append(error)
+
+    # A daemon, so that an interrupt does not wait for it.
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    thread.join(_PATIENCE)
+    if thread.is_alive():
+        console = Console(stderr=True)
+        columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+        with Progress(
+            *columns, console=console, transient=True, disable=not console.is_terminal
+        ) as progress:
+            progress.add_task(message, total=None)
+            thread.join()
+    if errors:
+        raise errors[0]
+    return results[0]
+
+
+def _cache_folder() -> Path:
+    given = os.environ.get("XDG_CACHE_HOME", "")
+    # The standard says that a relative path is to be ignored.
+    base = Path(given) if Path(given).is_absolute() else Path("~/.cache").expanduser()
+    return base / "graspless_pin" / "convex"
+
+
+def _key(vertices: Array, faces: NDArray[np.int32], concavity: float) -> str:
+    version = importlib.metadata.version("coacd")
+    way = f"coacd {version} {concavity!r} {_ITERATIONS} {_SEED} {len(vertices)}"
+    digest = hashlib.sha256(way.encode())
+    digest.update(vertices.tobytes())
+    digest.update(faces.tobytes())
+    return digest.hexdigest()
+
+
+def _read(file: Path) -> tuple[Array, ...] | None:
+    """Pieces in a file; None if there is none or it is damaged."""
+    try:
+        with np.load(io.BytesIO(file.read_bytes()), allow_pickle=False) as archive:
+            points = np.asarray(archive["points"], dtype=np.float64)
+            counts = np.asarray(archive["counts"], dtype=np.int32)
+    except _UNREADABLE:
+        return None
+    sound = (
+        points.ndim == 2
+        and points.shape[1] == 3
+        and counts.ndim == 1
+        and len(counts) > 0
+        and int(counts.min()) >= 4
+        and int(counts.sum()) == len(points)
+        and bool(np.isfinite(points).all())
+    )
+    return _read_only(np.split(points, np.cumsum(counts)[:-1])) if sound else None
+
+
+def _write(file: Path, pieces: tuple[Array, ...]) -> None:
+    """Write pieces so that no other process ever sees half a file."""
+    temporary = None
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=file.parent, suffix=".tmp", delete=False) as stream:
+            temporary = Path(stream.name)
+            np.savez(
+                stream,
+                points=np.concatenate(pieces),
+                counts=np.array([len(piece) for piece in pieces]),
+            )
+        temporary.replace(file)
+    except OSError as error:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+        warnings.warn(
+            f"convex pieces cannot be kept in '{file.parent}' ({error}) and will be cut again next "
+            "time; set XDG_CACHE_HOME to a folder that can be written",
+            GrasplessPinWarning,
+            stacklevel=3,
+        )
+
+
+def _read_only(pieces: list[Array]) -> tuple[Array, ...]:
+    for piece in pieces:
+        piece.setflags(write=False)
+    return tuple(pieces)

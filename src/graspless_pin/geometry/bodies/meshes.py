@@ -1,0 +1,127 @@
+"""Mesh files: reading them, their convex hulls, and what their size says about their unit."""
+
+from __future__ import annotations
+
+import warnings
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from scipy.spatial import QhullError
+
+from graspless_pin.errors import MeshError, MeshScaleWarning
+from graspless_pin.geometry.bodies.polytopes import hull_of
+
+Array = NDArray[np.float64]
+Scale = float | tuple[float, float, float]
+
+LARGEST_MESH = 5.0
+SMALLEST_MESH = 1e-3
+MESH_FORMATS = (".stl", ".obj", ".dae", ".glb", ".gltf", ".ply", ".off")
+
+_REMEMBERED = 32  # meshes
+
+
+def load_mesh(path: Path) -> trimesh.Trimesh:
+    """Read all parts of a mesh file as one mesh, in the file's units.
+
+    Raises:
+        MeshError: The file is missing, of an unknown format, unreadable, without faces or has
+            vertices that are not finite.
+    """
+    file_state(path)
+    if path.suffix.lower() not in MESH_FORMATS:
+        raise MeshError(
+            f"mesh file '{path}' has the unknown ending '{path.suffix}'; "
+            f"use one of {', '.join(MESH_FORMATS)}"
+        )
+    if path.suffix.lower() == ".dae" and b"<!DOCTYPE" in path.read_bytes():
+        raise MeshError(f"mesh file '{path}' declares XML entities; export it without a DOCTYPE")
+    try:
+        mesh = trimesh.load_mesh(str(path))
+    except Exception as error:  # the readers behind trimesh raise whatever comes up
+        raise MeshError(
+            f"mesh file '{path}' cannot be read as {path.suffix[1:].upper()}: {error}"
+        ) from error
+    if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
+        raise MeshError(f"mesh file '{path}' has no faces; export it as a triangle mesh")
+    if not np.isfinite(mesh.vertices).all():
+        raise MeshError(f"mesh file '{path}' has vertices that are not finite numbers")
+    return mesh
+
+
+def scaled_mesh(path: Path, scale: Scale) -> trimesh.Trimesh:
+    """Read a mesh file in metres.
+
+    A file is read again only if it has changed; do not change what is returned.
+
+    Args:
+        path: See `load_mesh`.
+        scale: Metres per unit of the file; one number, or three along x, y, z.
+
+    Returns:
+        The mesh, with vertices that have the same place joined.
+
+    Raises:
+        MeshError: See `load_mesh`.
+    """
+    return _scaled_mesh(path, scale, file_state(path))
+
+
+def file_state(path: Path) -> tuple[str, int, int]:
+    """What tells one state of a file from another: its place, time and size.
+
+    Raises:
+        MeshError: The file is missing.
+    """
+    if not path.is_file():
+        raise MeshError(
+            f"mesh file '{path}' does not exist; check the path and what it is relative to"
+        )
+    status = path.stat()
+    return str(path.absolute()), status.st_mtime_ns, status.st_size
+
+
+@lru_cache(maxsize=_REMEMBERED)
+def _scaled_mesh(path: Path, scale: Scale, _state: tuple[str, int, int]) -> trimesh.Trimesh:
+    mesh = load_mesh(path)
+    mesh.apply_scale(np.broadcast_to(np.asarray(scale, dtype=float), 3))
+    # Colours and normals per corner keep corners apart that are one.
+    mesh.merge_vertices(merge_tex=True, merge_norm=True)
+    return mesh
+
+
+def hull_points(path: Path, scale: Scale) -> Array:
+    """Corners (V, 3) of the convex hull of a mesh file, m, read-only.
+
+    Raises:
+        MeshError: See `load_mesh`; or all vertices lie in one plane.
+
+    Warns:
+        MeshScaleWarning: The mesh is larger than 5 m or smaller than 1 mm.
+    """
+    points = _hull_points(path, scale, file_state(path))
+    extent = float(np.ptp(points, axis=0).max())
+    if not SMALLEST_MESH <= extent <= LARGEST_MESH:
+        warnings.warn(
+            f"mesh '{path}' with scale {scale} is {extent:.3g} m large; "
+            "lengths are metres: a file in millimetres needs scale 0.001",
+            MeshScaleWarning,
+            stacklevel=4,
+        )
+    return points
+
+
+@lru_cache(maxsize=_REMEMBERED)
+def _hull_points(path: Path, scale: Scale, state: tuple[str, int, int]) -> Array:
+    vertices = np.array(_scaled_mesh(path, scale, state).vertices, dtype=float)
+    try:
+        points = hull_of(vertices).vertices
+    except (QhullError, ValueError) as error:
+        raise MeshError(
+            f"mesh file '{path}' encloses no volume: all of its vertices lie in one plane"
+        ) from error
+    points.setflags(write=False)
+    return points

@@ -1,0 +1,234 @@
+"""The manipulated object and what supports it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.bodies.collision import CollisionBody
+from graspless_pin.geometry.bodies.mass_properties import mass_properties
+from graspless_pin.geometry.bodies.shapes import HalfSpace, Shape, coal_geometries
+from graspless_pin.geometry.poses import as_pose
+
+
+@dataclass(frozen=True, eq=False)
+class ManipulatedObject:
+    """A rigid object with its mass.
+
+    Attributes:
+        name: What messages and tables call it.
+        shape: Bounded shape.
+        mass: kg.
+        center_of_mass: (3,) read-only, in the object's frame, m.
+        T_world_object: (4, 4) read-only pose, m.
+        material: Name in a table of `Materials`; None if friction is given otherwise.
+    """
+
+    name: str
+    shape: Shape
+    mass: float
+    center_of_mass: NDArray[np.float64]
+    T_world_object: NDArray[np.float64]
+    material: str | None = None
+
+    @classmethod
+    def from_shape(
+        cls,
+        name: str,
+        shape: Shape,
+        T_world_object: ArrayLike,
+        *,
+        mass: float | None = None,
+        density: float | None = None,
+        center_of_mass: ArrayLike | None = None,
+        material: str | None = None,
+    ) -> ManipulatedObject:
+        """Make an object that its shape fills evenly.
+
+        Args:
+            name: See the attributes.
+            shape: See the attributes.
+            T_world_object: See the attributes.
+            mass: kg; or
+            density: kg/m^3.
+            center_of_mass: (3,) in the object's frame, m; None: the centroid of the shape.
+            material: See the attributes.
+
+        Raises:
+            ArgumentError: As for the constructor, or not exactly one of mass and density is given.
+            MeshError: The mesh file is missing, unreadable or encloses no volume.
+
+        Warns:
+            GrasplessPinWarning: A mesh is not watertight and what is asked of it needs its volume.
+        """
+        if isinstance(shape, HalfSpace):
+            raise ArgumentError("shape", f"object '{name}' cannot be a half-space")
+        if mass is None or density is not None or center_of_mass is None:
+            filled = mass_properties(shape, mass=mass, density=density)
+            mass = filled.mass
+            center_of_mass = filled.center_of_mass if center_of_mass is None else center_of_mass
+        return cls(
+            name,
+            shape,
+            mass,
+            _vector("center_of_mass", center_of_mass),
+            np.asarray(T_world_object, dtype=float),
+            material,
+        )
+
+    def __post_init__(self) -> None:
+        """Check all fields and copy the arrays.
+
+        Raises:
+            ArgumentError: The name is empty, the shape is a half-space, the mass is not positive,
+                the centre of mass is not three finite numbers, or the pose is not rigid.
+        """
+        _check_name(self.name)
+        if isinstance(self.shape, HalfSpace):
+            raise ArgumentError("shape", f"object '{self.name}' cannot be a half-space")
+        if not (math.isfinite(self.mass) and self.mass > 0.0):
+            raise ArgumentError(
+                "mass", f"object '{self.name}' needs a positive mass in kg, got {self.mass!r}"
+            )
+        object.__setattr__(self, "center_of_mass", _vector("center_of_mass", self.center_of_mass))
+        object.__setattr__(self, "T_world_object", as_pose("T_world_object", self.T_world_object))
+
+    @property
+    def center_of_mass_world(self) -> NDArray[np.float64]:
+        """(3,) centre of mass in the world frame, m."""
+        T = self.T_world_object
+        return T[:3, :3] @ self.center_of_mass + T[:3, 3]
+
+    @cached_property
+    def geometries(self) -> tuple[Any, ...]:
+        """The coal geometries of the shape's convex pieces, made at first use.
+
+        Raises:
+            MeshError: See `coal_geometries`.
+        """
+        return coal_geometries(self.shape)
+
+    def collision_bodies(self) -> tuple[CollisionBody, ...]:
+        """The object as contact detection takes it: its convex pieces, all of its name.
+
+        Raises:
+            MeshError: See `coal_geometries`.
+        """
+        return tuple(
+            CollisionBody(self.name, geometry, self.T_world_object) for geometry in self.geometries
+        )
+
+    def collision_body(self) -> CollisionBody:
+        """The one convex piece that the object is.
+
+        Raises:
+            ArgumentError: It has several pieces.
+            MeshError: See `coal_geometries`.
+        """
+        return _only(self.collision_bodies())
+
+
+@dataclass(frozen=True, eq=False)
+class Support:
+    """Something that the object may touch and does not move: a table, a slope, a wall.
+
+    What a support is follows from its shape: a table, slope or wall is a half-space (exact and
+    fastest) or a box; a corner is two or three supports that are half-spaces, a step a box on a
+    half-space; a second object that is fixed, a rack or a vice is a box, cylinder or mesh,
+    decomposed where the object reaches into its hollows. A conveyor is any of them with a velocity.
+
+    Attributes:
+        name: What messages and tables call it.
+        shape: Any shape.
+        T_world_support: (4, 4) read-only pose, m.
+        friction: Coefficient of friction against the object; None for the materials' or scene's.
+        velocity: (6,) read-only [v; omega], v at the origin of the support's frame, world axes, m/s
+            and rad/s: how its surface moves at this moment.
+        material: Name in a table of `Materials`; None if friction is given otherwise.
+    """
+
+    name: str
+    shape: Shape
+    T_world_support: NDArray[np.float64]
+    friction: float | None = None
+    velocity: NDArray[np.float64] = field(default_factory=lambda: np.zeros(6))
+    material: str | None = None
+
+    def __post_init__(self) -> None:
+        """Check all fields and copy the pose.
+
+        Raises:
+            ArgumentError: The name is empty, the pose is not rigid, the friction is negative, or
+                the velocity is not six finite numbers.
+        """
+        _check_name(self.name)
+        object.__setattr__(
+            self, "T_world_support", as_pose("T_world_support", self.T_world_support)
+        )
+        if self.friction is not None and not (math.isfinite(self.friction) and self.friction >= 0):
+            raise ArgumentError(
+                "friction",
+                f"support '{self.name}' needs a coefficient of zero or more, got {self.friction!r}",
+            )
+        object.__setattr__(self, "velocity", _vector("velocity", self.velocity, 6))
+
+    @cached_property
+    def geometries(self) -> tuple[Any, ...]:
+        """The coal geometries of the shape's convex pieces, made at first use.
+
+        Raises:
+            MeshError: See `coal_geometries`.
+        """
+        return coal_geometries(self.shape)
+
+    def collision_bodies(self) -> tuple[CollisionBody, ...]:
+        """The support as contact detection takes it: its convex pieces, all of its name.
+
+        Raises:
+            MeshError: See `coal_geometries`.
+        """
+        return tuple(
+            CollisionBody(self.name, geometry, self.T_world_support) for geometry in self.geometries
+        )
+
+    def collision_body(self) -> CollisionBody:
+        """The one convex piece that the support is.
+
+        Raises:
+            ArgumentError: It has several pieces.
+            MeshError: See `coal_geometries`.
+        """
+        return _only(self.collision_bodies())
+
+
+def _only(bodies: tuple[CollisionBody, ...]) -> CollisionBody:
+    if len(bodies) != 1:
+        raise ArgumentError(
+            "shape",
+            f"'{bodies[0].name}' is {len(bodies)} convex pieces where one is needed; use "
+            "collision_bodies(), or its convex hull (convex='hull')",
+        )
+    return bodies[0]
+
+
+def _check_name(name: str) -> None:
+    if not isinstance(name, str) or not name.strip():
+        raise ArgumentError("name", f"needs a name that messages can use, got {name!r}")
+
+
+def _vector(name: str, values: ArrayLike, count: int = 3) -> NDArray[np.float64]:
+    words = {3: "three", 6: "six"}[count]
+    try:
+        vector = np.array(values, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise ArgumentError(name, f"needs {words} numbers, got {values!r}") from error
+    if vector.shape != (count,) or not np.isfinite(vector).all():
+        raise ArgumentError(name, f"needs {words} finite numbers, got {vector.tolist()}")
+    vector.setflags(write=False)
+    return vector

@@ -1,0 +1,244 @@
+"""Shapes of objects and supports, and their coal geometries. Lengths in metres, axes as in URDF."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Literal, cast
+
+import coal  # pyright: ignore[reportMissingImports]
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.bodies.decomposition import DEFAULT_CONCAVITY, convex_pieces
+from graspless_pin.geometry.bodies.meshes import file_state, hull_points, scaled_mesh
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box about its frame's origin.
+
+    Attributes:
+        size: Full edge lengths along x, y, z, m.
+    """
+
+    size: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        """Check the size.
+
+        Raises:
+            ArgumentError: It is not three positive numbers.
+        """
+        object.__setattr__(self, "size", _lengths("size", self.size))
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A sphere about its frame's origin.
+
+    Attributes:
+        radius: m.
+    """
+
+    radius: float
+
+    def __post_init__(self) -> None:
+        """Check the radius.
+
+        Raises:
+            ArgumentError: It is not a positive number.
+        """
+        _check_positive("radius", self.radius)
+
+
+@dataclass(frozen=True)
+class _Axial:
+    radius: float
+    length: float
+
+    def __post_init__(self) -> None:
+        """Check the lengths.
+
+        Raises:
+            ArgumentError: One is not a positive number.
+        """
+        _check_positive("radius", self.radius)
+        _check_positive("length", self.length)
+
+
+@dataclass(frozen=True)
+class Cylinder(_Axial):
+    """A cylinder along z, centred at its frame's origin.
+
+    Attributes:
+        radius: m.
+        length: Full height, m.
+    """
+
+
+@dataclass(frozen=True)
+class Capsule(_Axial):
+    """A cylinder along z with half spheres at both ends, centred at its frame's origin.
+
+    Attributes:
+        radius: m.
+        length: Height of the cylinder without its ends, m.
+    """
+
+
+@dataclass(frozen=True)
+class Cone(_Axial):
+    """A cone with its tip at z = +length/2 and its base at z = -length/2.
+
+    Attributes:
+        radius: Radius of the base, m.
+        length: Full height, m.
+    """
+
+
+@dataclass(frozen=True)
+class HalfSpace:
+    """Everything at z <= 0 of its frame; the outward normal is +z."""
+
+
+@dataclass(frozen=True)
+class MeshShape:
+    """A mesh file, in the file's own coordinates, made convex in one of two ways.
+
+    Attributes:
+        path: STL, OBJ, DAE, GLB, glTF, PLY or OFF file. A unit written in the file is not applied.
+        scale: Metres per unit of the file; one number, or three along x, y, z.
+        convex: ``hull`` fills all hollows; ``decompose`` cuts the mesh into convex pieces, which
+            keeps them (see `decomposition`).
+        concavity: For ``decompose``: deepest hollow that is filled all the same, as a share of half
+            the largest extent, 0.01 to 1.
+    """
+
+    path: Path
+    scale: float | tuple[float, float, float] = 1.0
+    convex: Literal["hull", "decompose"] = "hull"
+    concavity: float = DEFAULT_CONCAVITY
+
+    def __post_init__(self) -> None:
+        """Check the numbers; the file is read when its geometry is asked for.
+
+        Raises:
+            ArgumentError: The scale is not one or three positive numbers, or the choice of convex
+                parts is unknown or out of range.
+        """
+        object.__setattr__(self, "path", Path(self.path))
+        if np.ndim(self.scale) == 0:
+            _check_positive("scale", cast("float", self.scale))
+        else:
+            object.__setattr__(self, "scale", _lengths("scale", self.scale))
+        if self.convex not in ("hull", "decompose"):
+            raise ArgumentError("convex", f"needs 'hull' or 'decompose', got {self.convex!r}")
+        _check_positive("concavity", self.concavity)
+        if not 0.01 <= self.concavity <= 1.0:
+            raise ArgumentError("concavity", f"needs 0.01 to 1, got {self.concavity!r}")
+
+
+Shape = Box | Sphere | Cylinder | Capsule | Cone | HalfSpace | MeshShape
+
+
+def coal_geometry(shape: Shape) -> Any:
+    """Make the coal geometry of a shape that is one convex piece; of a mesh, of its convex hull.
+
+    Raises:
+        MeshError: The mesh file is missing, unreadable or encloses no volume.
+
+    Warns:
+        MeshScaleWarning: The mesh is larger than 5 m or smaller than 1 mm.
+    """
+    match shape:
+        case Box(size):
+            return coal.Box(*size)
+        case Sphere(radius):
+            return coal.Sphere(radius)
+        case Cylinder(radius, length):
+            return coal.Cylinder(radius, length)
+        case Capsule(radius, length):
+            return coal.Capsule(radius, length)
+        case Cone(radius, length):
+            return coal.Cone(radius, length)
+        case HalfSpace():
+            return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
+        case MeshShape():
+            return convex_geometry(hull_points(shape.path, shape.scale))
+
+
+def coal_geometries(shape: Shape) -> tuple[Any, ...]:
+    """Make the coal geometries of all convex pieces of a shape.
+
+    A shape is one piece unless it is a mesh that is to be decomposed.
+
+    Raises:
+        MeshError: The mesh file is missing, unreadable or encloses no volume.
+
+    Warns:
+        MeshScaleWarning: The mesh is larger than 5 m or smaller than 1 mm.
+        GrasplessPinWarning: The pieces of a mesh cannot be kept on disk.
+    """
+    if not isinstance(shape, MeshShape) or shape.convex == "hull":
+        return (coal_geometry(shape),)
+    hull_points(shape.path, shape.scale)
+    return _decomposed(shape, file_state(shape.path))
+
+
+@lru_cache(maxsize=32)
+def _decomposed(shape: MeshShape, _state: tuple[str, int, int]) -> tuple[Any, ...]:
+    """Cut a mesh; the same geometries again for an object that has only been moved."""
+    mesh = scaled_mesh(shape.path, shape.scale)
+    pieces = convex_pieces(mesh, f"mesh file '{shape.path}'", shape.concavity)
+    return tuple(convex_geometry(piece) for piece in pieces)
+
+
+def convex_geometry(points: NDArray[np.float64]) -> Any:
+    """Make the coal geometry of the convex hull of (V, 3) points, m."""
+    corners: Any = coal.StdVec_Vec3s()
+    for point in points:
+        corners.append(point)
+    return coal.Convex.convexHull(corners, True, "Qt")  # noqa: FBT003 - keep the triangles
+
+
+def shape_extent(shape: Shape) -> NDArray[np.float64]:
+    """Edge lengths (3,) of the box around a shape along its own axes, m; infinite for a half-space.
+
+    Raises:
+        MeshError: The mesh file is missing, unreadable or encloses no volume.
+    """
+    match shape:
+        case Box(size):
+            return np.array(size)
+        case Sphere(radius):
+            return np.full(3, 2.0 * radius)
+        case Capsule(radius, length):
+            return np.array([2.0 * radius, 2.0 * radius, length + 2.0 * radius])
+        case Cylinder(radius, length) | Cone(radius, length):
+            return np.array([2.0 * radius, 2.0 * radius, length])
+        case HalfSpace():
+            return np.full(3, np.inf)
+        case MeshShape():
+            return np.ptp(hull_points(shape.path, shape.scale), axis=0)
+
+
+def _check_positive(name: str, value: float) -> None:
+    if not isinstance(value, (int, float, np.floating)) or isinstance(value, bool):
+        raise ArgumentError(name, f"needs a positive number, got {value!r}")
+    if not (math.isfinite(value) and value > 0.0):
+        raise ArgumentError(name, f"needs a positive number, got {value!r}")
+
+
+def _lengths(name: str, values: ArrayLike) -> tuple[float, float, float]:
+    try:
+        array = np.array(values, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise ArgumentError(name, f"needs three positive numbers, got {values!r}") from error
+    if array.shape != (3,) or not np.isfinite(array).all() or not (array > 0.0).all():
+        raise ArgumentError(name, f"needs three positive numbers, got {array.tolist()}")
+    x, y, z = array.tolist()
+    return x, y, z

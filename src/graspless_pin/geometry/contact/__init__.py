@@ -1,0 +1,1 @@
+"""Where bodies touch and what a motion does there."""

@@ -1,0 +1,219 @@
+"""Contacts of two bodies that are made of several convex pieces, as if each were one piece.
+
+Where two pieces meet, one of them may report its border as a contact although the surface goes on
+in the other; such patches are dropped. Patches in one plane become one, and of patches in one place
+the one with the smallest gap stays.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspless_pin.geometry.bodies.collision import CollisionBody
+from graspless_pin.geometry.bodies.polytopes import PARALLEL_ANGLE
+from graspless_pin.geometry.contact.convex_sets import (
+    ConvexSet,
+    Plane,
+    Polytope,
+    Revolved,
+    convex_set,
+)
+from graspless_pin.geometry.contact.patches import plane_basis
+from graspless_pin.geometry.contact.polygons import planar_hull
+
+Array = NDArray[np.float64]
+
+_SAME_SURFACE = 1e-4  # m: how far pieces of one body may be off where they meet
+_COS_FLAT = math.cos(math.radians(45.0))  # what is steeper is a step or groove, not a seam
+_INTO = -0.1  # cosine below which a direction goes into a surface
+_STEP = 0.1  # part of a piece's size by which it passes another's face where they make a step
+_STRAIGHT = 2e-5  # m: corners that stick out by less come from pieces' slightly different normals
+_LEVEL = 1e-6  # m: gaps that differ by less are the same
+
+
+@dataclass(frozen=True, eq=False)
+class Touch:
+    """A patch in the world frame, with the pieces that make it.
+
+    Attributes:
+        object_piece: Piece of the object.
+        other_piece: Piece of the other body.
+        object_first: Whether the object's piece is the patch's first body.
+        normal: (3,) from the first to the second, world axes.
+        points: (K, 3) midway between the bodies, counterclockwise about the normal, world, m.
+        gaps: (K,) signed gaps, m.
+    """
+
+    object_piece: CollisionBody
+    other_piece: CollisionBody
+    object_first: bool
+    normal: Array
+    points: Array
+    gaps: Array
+
+    @property
+    def into_object(self) -> Array:
+        """(3,) unit normal into the object."""
+        return -self.normal if self.object_first else self.normal
+
+
+def merge_touches(
+    touches: Sequence[Touch],
+    object_pieces: Sequence[CollisionBody],
+    other_pieces: Sequence[CollisionBody],
+    merge_distance: float,
+) -> list[Touch]:
+    """Merge what the pieces of two bodies report.
+
+    Args:
+        touches: All patches between the two bodies.
+        object_pieces: All pieces of the object.
+        other_pieces: All pieces of the other body.
+        merge_distance: Points closer than this are one, m.
+
+    Returns:
+        The patches that are left, with extreme points only.
+    """
+    if len(touches) < 2:
+        return list(touches)
+    apparent = [t for t in touches if not _is_seam(t, object_pieces, other_pieces)]
+    merged = [
+        group[0] if len(group) == 1 else _union(group, merge_distance)
+        for group in _coplanar(apparent or touches)
+    ]
+    kept: list[Touch] = []
+    for touch in sorted(merged, key=lambda t: float(t.gaps.min())):
+        if not any(_repeats(touch, other, merge_distance) for other in kept):
+            kept.append(touch)
+    return [touch for touch in merged if touch in kept]
+
+
+def _is_seam(
+    touch: Touch, object_pieces: Sequence[CollisionBody], other_pieces: Sequence[CollisionBody]
+) -> bool:
+    """Whether either body's surface goes on in another of its pieces where the patch is."""
+    middle, half = touch.points.mean(axis=0), 0.5 * float(touch.gaps.mean())
+    inward = touch.into_object
+    return any(
+        _covers(piece, touch.object_piece, middle + half * inward, -inward)
+        for piece in object_pieces
+        if piece is not touch.object_piece
+    ) or any(
+        _covers(piece, touch.other_piece, middle - half * inward, inward)
+        for piece in other_pieces
+        if piece is not touch.other_piece
+    )
+
+
+def _covers(piece: CollisionBody, own: CollisionBody, point: Array, outward: Array) -> bool:
+    """Whether a point of one piece is no contact point with another piece of the body there.
+
+    That is, if the point lies inside the other piece, if the direction leads into that piece, or if
+    the piece's surface goes through the point and rises along the direction: then the bodies come
+    nearer elsewhere. Where the two pieces make a step or groove, both have contacts of their own.
+
+    Args:
+        piece: The other piece.
+        own: The piece that the point belongs to.
+        point: (3,) world frame, m.
+        outward: (3,) unit vector out of the body, world axes.
+    """
+    R, t = piece.T_world_geometry[:3, :3], piece.T_world_geometry[:3, 3]
+    local, direction = (point - t) @ R, outward @ R
+    solid = convex_set(piece.name, piece.geometry)
+    normals, heights = solid.faces_at(local)
+    highest = float(heights.max())
+    if highest > _SAME_SURFACE:
+        return False
+    if highest < -_SAME_SURFACE:
+        return True
+    here = normals[heights >= -_SAME_SURFACE]
+    leanings = here @ direction
+    k = int(leanings.argmax())
+    if leanings[k] < _INTO:
+        return True
+    if not _rises(solid, local, direction):
+        return False
+    return leanings[k] >= _COS_FLAT or not _passes(own, point, R @ here[k])
+
+
+def _rises(solid: ConvexSet, point: Array, direction: Array) -> bool:
+    """Whether a set has points higher along a direction than a point of its surface."""
+    match solid:
+        case Plane(normal=normal):
+            return bool(normal @ direction < math.cos(PARALLEL_ANGLE))
+        case Polytope(vertices=vertices):
+            arms = vertices - point
+            lengths = np.linalg.norm(arms, axis=1)
+            return bool((arms @ direction > _SAME_SURFACE + PARALLEL_ANGLE * lengths).any())
+        case Revolved(radius=radius):
+            rise = float(solid.support_values(direction[None])[0] - direction @ point)
+            return rise > _SAME_SURFACE + PARALLEL_ANGLE * 2.0 * radius
+
+
+def _passes(piece: CollisionBody, point: Array, normal: Array) -> bool:
+    """Whether a piece passes through a plane, and so makes a step with what lies behind that."""
+    R, t = piece.T_world_geometry[:3, :3], piece.T_world_geometry[:3, 3]
+    solid = convex_set(piece.name, piece.geometry)
+    if isinstance(solid, Plane):
+        return True
+    reach = float(solid.support_values((normal @ R)[None])[0] - normal @ (point - t))
+    return reach > _STEP * solid.radius
+
+
+def _coplanar(touches: Sequence[Touch]) -> list[list[Touch]]:
+    """Patches by common plane, in their order; the first of each group has the smallest gap."""
+    groups: list[list[Touch]] = []
+    order = {id(touch): k for k, touch in enumerate(touches)}
+    for touch in sorted(touches, key=lambda t: float(t.gaps.min())):
+        for group in groups:
+            if _in_plane(touch, group[0]):
+                group.append(touch)
+                break
+        else:
+            groups.append([touch])
+    return sorted(groups, key=lambda group: min(order[id(touch)] for touch in group))
+
+
+def _in_plane(touch: Touch, seed: Touch) -> bool:
+    if touch.into_object @ seed.into_object < math.cos(2.0 * PARALLEL_ANGLE):
+        return False
+    arms = touch.points - seed.points.mean(axis=0)
+    reach = _SAME_SURFACE + 2.0 * PARALLEL_ANGLE * float(np.linalg.norm(arms, axis=1).max())
+    return bool((np.abs(arms @ seed.normal) <= reach).all())
+
+
+def _union(group: Sequence[Touch], merge_distance: float) -> Touch:
+    """The patches of one plane as one, but for points where the bodies lean away from each other.
+
+    That is, where the gap has grown by more than `PARALLEL_ANGLE` from every nearer point. A patch
+    that is one point gives way to a nearer point in the same place.
+    """
+    seed = group[0]
+    points = np.concatenate([touch.points for touch in group])
+    gaps = np.concatenate([touch.gaps for touch in group])
+    single = np.array([len(touch.points) == 1 for touch in group for _ in touch.points])
+    near = np.zeros(len(points), dtype=bool)
+    for k in np.argsort(gaps, kind="stable").tolist():
+        distances = np.linalg.norm(points[near] - points[k], axis=1)
+        rises = gaps[k] - gaps[near] - PARALLEL_ANGLE * distances
+        apart = merge_distance if single[k] else 0.0
+        near[k] = not near.any() or (rises.min() <= _LEVEL and distances.min() >= apart)
+    points, gaps = points[near], gaps[near]
+    flat = [(u, v) for u, v in (points @ plane_basis(seed.normal).T).tolist()]
+    index = {point: k for k, point in enumerate(flat)}
+    order = [index[point] for point in planar_hull(flat, _STRAIGHT)]
+    return replace(seed, points=points[order], gaps=gaps[order])
+
+
+def _repeats(touch: Touch, other: Touch, merge_distance: float) -> bool:
+    """Whether all of a patch's points are points of another that faces about the same way."""
+    if touch.into_object @ other.into_object < _COS_FLAT:
+        return False
+    distances = np.linalg.norm(touch.points[:, None] - other.points, axis=2)
+    return bool((distances.min(axis=1) < merge_distance).all())

@@ -1,0 +1,253 @@
+"""What a declared motion of the object does at each contact: stick, slide, part or penetrate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspless_pin.errors import ArgumentError, SceneError
+from graspless_pin.geometry.bodies.records import Support
+from graspless_pin.geometry.contact.finding import BodyKind, ContactPoint
+
+Array = NDArray[np.float64]
+
+SPEED_TOLERANCE = 1e-3
+"""Speeds below this share of the fastest are zero: motions are typed in with a few digits."""
+
+
+class ContactMotion(Enum):
+    """What the two surfaces do at a contact.
+
+    A rolling contact is a sticking one about which the bodies turn relative to each other, other
+    than about the normal: a ball on a table, a fingertip on a face, an edge that a box tips over.
+    """
+
+    STICKING = "sticking"
+    ROLLING = "rolling"
+    SLIDING = "sliding"
+    SEPARATING = "separating"
+    PENETRATING = "penetrating"
+
+    @property
+    def sticks(self) -> bool:
+        """Whether the points that touch move alike: sticking or rolling."""
+        return self in (ContactMotion.STICKING, ContactMotion.ROLLING)
+
+
+@dataclass(frozen=True, eq=False)
+class ClassifiedMotion:
+    """The motion at each of M contacts.
+
+    Attributes:
+        states: M states.
+        sliding: (M, 3) read-only tangential velocity of the object relative to the other body,
+            world axes, m/s; zero rows where the contact does not slide.
+        normal_speeds: (M,) read-only speed at which the object leaves the other body, m/s.
+    """
+
+    states: tuple[ContactMotion, ...]
+    sliding: Array
+    normal_speeds: Array
+
+
+def twist_velocities(twist: ArrayLike, center: ArrayLike, points: ArrayLike) -> Array:
+    """Velocities v + omega x (p - c) of a rigid body's points.
+
+    Args:
+        twist: (6,) [v; omega] about ``center`` in world axes, m/s and rad/s.
+        center: (3,) world frame, m.
+        points: (M, 3) world frame, m.
+
+    Returns:
+        (M, 3) world axes, m/s.
+
+    Raises:
+        ArgumentError: A shape is wrong or a number is not finite.
+    """
+    motion = _checked("twist", twist, (6,))
+    origin = _checked("center", center, (3,))
+    where = np.asarray(points, dtype=float).reshape(-1, 3)
+    return motion[:3] + np.cross(motion[3:], where - origin)
+
+
+def support_velocities(
+    contacts: Sequence[ContactPoint], supports: Sequence[Support]
+) -> tuple[Array, Array]:
+    """Velocities of the supports at the contacts.
+
+    Args:
+        contacts: M contacts; those of the hand get zeros.
+        supports: All supports that contacts name.
+
+    Returns:
+        (M, 3) velocity of the support's material point at each contact (m/s) and (M, 3) angular
+        velocity of the support (rad/s), world axes.
+
+    Raises:
+        ArgumentError: A contact names a support that is not there.
+    """
+    by_name = {support.name: support for support in supports}
+    linear, angular = np.zeros((len(contacts), 3)), np.zeros((len(contacts), 3))
+    for k, contact in enumerate(contacts):
+        if contact.kind is not BodyKind.SUPPORT:
+            continue
+        support = by_name.get(contact.body)
+        if support is None:
+            known = ", ".join(f"'{name}'" for name in by_name) or "none"
+            raise ArgumentError("supports", f"has no support '{contact.body}'; known: {known}")
+        origin = support.T_world_support[:3, 3]
+        linear[k] = twist_velocities(support.velocity, origin, contact.position)[0]
+        angular[k] = support.velocity[3:]
+    return linear, angular
+
+
+def classify_motion(
+    contacts: Sequence[ContactPoint],
+    object_twist: ArrayLike,
+    center_of_mass: ArrayLike,
+    body_velocities: ArrayLike | None = None,
+    body_angular_velocities: ArrayLike | None = None,
+    *,
+    speed_tolerance: float = SPEED_TOLERANCE,
+) -> ClassifiedMotion:
+    """Tell what each contact does under the motion of the object and of the bodies that it touches.
+
+    With u = v_object - v_body at the contact and n into the object, the contact separates for n .
+    u > 0, penetrates for n . u < 0 and slides with u - (n . u) n. For u = 0 it rolls if the bodies'
+    relative angular velocity has a part across n, and sticks if not.
+
+    Args:
+        contacts: M contacts.
+        object_twist: (6,) [v; omega] of the object about its centre of mass, world axes, m/s and
+            rad/s.
+        center_of_mass: (3,) of the object, world frame, m.
+        body_velocities: (M, 3) velocity of the other body's material point at each contact, world
+            axes, m/s; None if all are at rest.
+        body_angular_velocities: (M, 3) of those bodies, world axes, rad/s; None if none turns.
+        speed_tolerance: Share of the fastest speed at hand below which a speed is zero, likewise
+            of angular speeds.
+
+    Returns:
+        State and sliding velocity per contact, in their order.
+
+    Raises:
+        ArgumentError: A shape is wrong or a number is not finite.
+    """
+    count = len(contacts)
+    points = np.array([contact.position for contact in contacts]).reshape(-1, 3)
+    normals = np.array([contact.normal for contact in contacts]).reshape(-1, 3)
+    twist = _checked("object_twist", object_twist, (6,))
+    center = _checked("center_of_mass", center_of_mass, (3,))
+    others, turning = np.zeros((count, 3)), np.zeros((count, 3))
+    if body_velocities is not None:
+        others = _checked("body_velocities", body_velocities, (count, 3))
+    if body_angular_velocities is not None:
+        turning = _checked("body_angular_velocities", body_angular_velocities, (count, 3))
+    # The object's own parts of speed, not their sum: at a pivot they cancel, and what is left
+    # there is nothing.
+    arms = np.linalg.norm(points - center, axis=1)
+    speeds = np.concatenate(
+        [
+            [np.linalg.norm(twist[:3])],
+            np.linalg.norm(twist[3:]) * arms,
+            np.linalg.norm(others, axis=1),
+        ]
+    )
+    threshold = speed_tolerance * float(speeds.max())
+    relative = twist_velocities(twist, center, points) - others
+    leaving = np.einsum("mi,mi->m", normals, relative)
+    sliding = relative - leaving[:, None] * normals
+    spin = twist[3:] - turning
+    rolling = np.linalg.norm(spin - np.einsum("mi,mi->m", normals, spin)[:, None] * normals, axis=1)
+    fastest = max(np.linalg.norm(twist[3:]), np.linalg.norm(turning, axis=1).max(initial=0.0))
+    states: list[ContactMotion] = []
+    for speed, tangential, roll in zip(
+        leaving, np.linalg.norm(sliding, axis=1), rolling, strict=True
+    ):
+        if speed > threshold:
+            states.append(ContactMotion.SEPARATING)
+        elif speed < -threshold:
+            states.append(ContactMotion.PENETRATING)
+        elif tangential > threshold:
+            states.append(ContactMotion.SLIDING)
+        elif roll > speed_tolerance * fastest:
+            states.append(ContactMotion.ROLLING)
+        else:
+            states.append(ContactMotion.STICKING)
+    sliding[[state is not ContactMotion.SLIDING for state in states]] = 0.0
+    sliding.setflags(write=False)
+    leaving.setflags(write=False)
+    return ClassifiedMotion(tuple(states), sliding, leaving)
+
+
+def apply_motion(
+    contacts: Sequence[ContactPoint],
+    object_twist: ArrayLike,
+    center_of_mass: ArrayLike,
+    body_velocities: ArrayLike | None = None,
+    body_angular_velocities: ArrayLike | None = None,
+    *,
+    object_name: str = "object",
+    speed_tolerance: float = SPEED_TOLERANCE,
+) -> tuple[tuple[ContactPoint, ...], Array]:
+    """Drop the contacts that part and give the sliding velocities of the others.
+
+    Args:
+        contacts: M contacts.
+        object_twist: As in `classify_motion`.
+        center_of_mass: As in `classify_motion`.
+        body_velocities: As in `classify_motion`.
+        body_angular_velocities: As in `classify_motion`.
+        object_name: For the message.
+        speed_tolerance: As in `classify_motion`.
+
+    Returns:
+        The K contacts that stay, in their order, and their (K, 3) read-only sliding velocities (see
+        `ClassifiedMotion.sliding`).
+
+    Raises:
+        ArgumentError: A shape is wrong or a number is not finite.
+        SceneError: The motion drives the object into another body.
+    """
+    motion = classify_motion(
+        contacts,
+        object_twist,
+        center_of_mass,
+        body_velocities,
+        body_angular_velocities,
+        speed_tolerance=speed_tolerance,
+    )
+    worst: dict[tuple[BodyKind, str], float] = {}
+    for contact, state, speed in zip(contacts, motion.states, motion.normal_speeds, strict=True):
+        if state is ContactMotion.PENETRATING:
+            key = (contact.kind, contact.body)
+            worst[key] = max(worst.get(key, 0.0), -float(speed))
+    if worst:
+        hits = ", ".join(
+            f"{'hand link' if kind is BodyKind.HAND else 'support'} '{body}' at {speed:.3g} m/s"
+            for (kind, body), speed in worst.items()
+        )
+        raise SceneError(
+            f"the declared motion drives object '{object_name}' into {hits}; "
+            "change the object's twist or the motion of what it runs into"
+        )
+    kept = [k for k, state in enumerate(motion.states) if state is not ContactMotion.SEPARATING]
+    sliding = motion.sliding[kept]
+    sliding.setflags(write=False)
+    return tuple(contacts[k] for k in kept), sliding
+
+
+def _checked(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
+    try:
+        array = np.array(values, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise ArgumentError(name, f"needs numbers, got {values!r}") from error
+    if array.shape != shape:
+        raise ArgumentError(name, f"needs shape {shape}, got {array.shape}")
+    if not np.isfinite(array).all():
+        raise ArgumentError(name, f"needs finite numbers, got {array.tolist()}")
+    return array

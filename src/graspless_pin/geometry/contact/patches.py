@@ -1,0 +1,299 @@
+"""Where two convex bodies touch: the polygon that they share, at a gap of either sign and at none.
+
+coal's nearest points tell where two bodies are close. Direction and points are then found from the
+bodies' own faces, edges and corners: the signed distance of convex bodies is the largest gap that
+any direction leaves between them, so among coal's normal and the normals of the faces at hand the
+one with the largest gap is right. Along it, the face, edge or corner of each body that lies
+farthest is projected onto the contact plane, and their common part is where they touch. A
+half-space, and a sphere on a face, need no coal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import coal  # pyright: ignore[reportMissingImports]
+import numpy as np
+from numpy.typing import NDArray
+
+from graspless_pin.errors import SceneError
+from graspless_pin.geometry.bodies.collision import CollisionBody
+from graspless_pin.geometry.contact.convex_sets import Plane, Polytope, Revolved, convex_set
+from graspless_pin.geometry.contact.polygons import (
+    Point,
+    Polygon,
+    intersection,
+    planar_hull,
+    plane_fit,
+)
+
+Array = NDArray[np.float64]
+
+# With coal's default of 1e-6, one pair in hundreds comes out inside out at a micrometre of gap.
+_REQUEST: Any = coal.DistanceRequest()
+_REQUEST.gjk_tolerance = 1e-9
+_REQUEST.epa_tolerance = 1e-9
+_IDENTITY: Any = coal.Transform3s()
+_DISTANCE_ERROR = 1e-4  # coal's distance is far better; this leaves room for large bodies
+_PULLED_APART = 1e-3  # m: a gap at which coal's direction is sure
+_ATTEMPTS = 5
+_AGREED = 1.0 - 1e-5  # cosine between a face normal and coal's direction
+_SAME_GAP = 1e-9  # directions whose gaps differ by less are equally good
+_ON_FACE = 1e-9  # m
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """The polygon, segment or point at which two bodies touch.
+
+    Attributes:
+        normal: (3,) from the first body to the second.
+        points: (K, 3) extreme points midway between the bodies, counterclockwise about the normal.
+        gaps: (K,) signed gaps at the points.
+    """
+
+    normal: Array
+    points: Array
+    gaps: Array
+
+
+def find_patch(
+    first: CollisionBody,
+    second: CollisionBody,
+    R: Array,
+    t: Array,
+    tolerance: float,
+    max_penetration: float,
+) -> Patch | None:
+    """Find where two bodies touch.
+
+    Args:
+        first: Half-space, polytope or curved body.
+        second: The other body; not a half-space.
+        R: (3, 3) rotation of the second body's geometry in the first's frame.
+        t: (3,) position of the second body's geometry in the first's frame, m.
+        tolerance: Gaps up to this count as touching, m.
+        max_penetration: Overlaps up to this pass for contact, m.
+
+    Returns:
+        The patch, in the frame of the first body's geometry; None if the gap is wider than the
+        tolerance.
+
+    Raises:
+        SceneError: A geometry is of a kind that cannot be used, or the second is a half-space.
+    """
+    one = convex_set(first.name, first.geometry)
+    two = convex_set(second.name, second.geometry)
+    if isinstance(two, Plane):
+        raise SceneError(f"half-space '{second.name}' must come before '{first.name}' in a pair")
+    if isinstance(one, Plane):
+        return _on_plane(one, two.feature(-(one.normal @ R)) @ R.T + t, tolerance)
+    if isinstance(one, Polytope) and isinstance(two, Revolved) and two.is_sphere:
+        normal, height, on_face = _highest_face(one, t)
+        if height - two.radius > tolerance:
+            return None
+        if on_face:
+            middle = t - 0.5 * (height + two.radius) * normal
+            return Patch(normal, middle[None], np.array([height - two.radius]))
+    nearest = _Nearest(first, one, second, two, R, t).find(tolerance, max_penetration)
+    if nearest is None:
+        return None
+    normal, witness = nearest
+    window, subject = one.feature(normal), two.feature(-(normal @ R)) @ R.T + t
+    return _common_part(normal, witness, window, subject, tolerance)
+
+
+def plane_basis(normal: Array) -> Array:
+    """Two unit vectors (2, 3) that with the normal make a right-handed frame (u, v, normal)."""
+    x, y, z = normal.tolist()
+    # The branch-free construction of Duff et al., which is smooth but at z = 0.
+    sign = 1.0 if z >= 0.0 else -1.0
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    return np.array([[1.0 + sign * x * x * a, sign * b, -sign * x], [b, sign + y * y * a, -y]])
+
+
+def _on_plane(plane: Plane, subject: Array, tolerance: float) -> Patch | None:
+    gaps = subject @ plane.normal - plane.offset
+    near = gaps <= tolerance
+    if not near.any():
+        return None
+    if not near.all():
+        subject, gaps = subject[near], gaps[near]
+    middles = subject - 0.5 * gaps[:, None] * plane.normal
+    if len(middles) > 1:
+        flat = [(u, v) for u, v in (middles @ plane_basis(plane.normal).T).tolist()]
+        index = {point: k for k, point in enumerate(flat)}
+        order = [index[point] for point in planar_hull(flat)]
+        middles, gaps = middles[order], gaps[order]
+    return Patch(plane.normal, middles, gaps)
+
+
+def _highest_face(one: Polytope, point: Array) -> tuple[Array, float, bool]:
+    """Normal of the face that a point is highest over, its height, and whether its foot is on it.
+
+    If it is, or if the point is inside, no other direction leaves a larger gap to the point.
+    """
+    heights = one.face_normals @ point - one.face_offsets
+    k = int(heights.argmax())
+    normal, height = one.face_normals[k], float(heights[k])
+    if height <= 0.0:
+        return normal, height, True
+    foot = point - height * normal
+    return normal, height, bool((one.face_normals @ foot - one.face_offsets).max() <= _ON_FACE)
+
+
+def _common_part(
+    normal: Array, witness: Array, window: Array, subject: Array, tolerance: float
+) -> Patch | None:
+    """The part that two features share along a normal, as far as it is near."""
+    basis = plane_basis(normal)
+    if len(subject) == 1 or len(window) == 1:
+        point = subject[0] if len(subject) == 1 else window[0]
+        polygon: Polygon = [(float(basis[0] @ point), float(basis[1] @ point))]
+    else:
+        # Nothing in common means that the bodies meet at the border of their features, where the
+        # nearest points are.
+        polygon = intersection(_project(window, basis), _project(subject, basis)) or [
+            (float(basis[0] @ witness), float(basis[1] @ witness))
+        ]
+    low = _height_over_plane(window, basis, normal)
+    high = _height_over_plane(subject, basis, normal)
+    heights = [(low(point), high(point)) for point in polygon]
+    near = [k for k, (below, above) in enumerate(heights) if above - below <= tolerance]
+    if not near:
+        return None
+    middles = np.array([0.5 * (heights[k][0] + heights[k][1]) for k in near])
+    points = np.array([polygon[k] for k in near]) @ basis + middles[:, None] * normal
+    return Patch(normal, points, np.array([heights[k][1] - heights[k][0] for k in near]))
+
+
+@dataclass(frozen=True, eq=False)
+class _Nearest:
+    """Search for the direction from one body to the other and a point between them.
+
+    coal's direction is only as good as its distance, and at a gap of a micrometre that is poor. Of
+    all directions the true one leaves the largest gap, so that the faces near the nearest points
+    are tried against it. An overlap along no face is asked for again with the bodies pulled apart,
+    first along their middles, then along the best direction so far: of rims that overlap by a
+    hair, coal may take any direction for the shallowest, while of bodies apart it is sure.
+    """
+
+    first: CollisionBody
+    one: Polytope | Revolved
+    second: CollisionBody
+    two: Polytope | Revolved
+    R: Array
+    t: Array
+
+    def find(self, tolerance: float, max_penetration: float) -> tuple[Array, Array] | None:
+        """Return direction (3,) and point (3,); None if the bodies are far apart."""
+        fixed = self._constant_directions()
+        fixed_gaps = self._gaps(fixed)
+        if len(fixed) and float(fixed_gaps.max()) > tolerance:
+            return None
+        middles = _unit(self.t + self.R @ self.two.center - self.one.center)
+        best_gap, best, witness = -np.inf, middles, self.t
+        apart = np.zeros(3)
+        for attempt in range(_ATTEMPTS):
+            distance, on_first, on_second, guess = self._ask_coal(apart)
+            if attempt == 0 and distance > tolerance + _DISTANCE_ERROR:
+                return None
+            guess = middles if guess is None else guess
+            near = self._directions_near(on_first, on_second, guess)
+            gaps = np.concatenate([fixed_gaps, self._gaps(near)])
+            k = int((gaps >= gaps.max() - _SAME_GAP).argmax())
+            direction = fixed[k] if k < len(fixed) else near[k - len(fixed)]
+            gain = float(gaps[k]) - best_gap
+            if gain > 0.0:
+                best_gap, best = float(gaps[k]), direction
+                witness = 0.5 * (on_first + on_second)
+            on_a_face = k < len(gaps) - 1 and direction @ guess > _AGREED
+            settled = on_a_face or (attempt >= 2 and gain <= _SAME_GAP)
+            if best_gap >= 0.0 or (settled and best_gap >= -max_penetration):
+                break
+            axis = middles if attempt == 0 else best
+            apart = (_PULLED_APART - float(self._gaps(axis[None])[0])) * axis
+        return (best, witness) if best_gap <= tolerance else None
+
+    def _gaps(self, directions: Array) -> Array:
+        """Gap that each direction (K, 3) leaves between the bodies."""
+        return (
+            directions @ self.t
+            - self.two.support_values(-(directions @ self.R))
+            - self.one.support_values(directions)
+        )
+
+    def _constant_directions(self) -> Array:
+        """Directions (K, 3) that are tried wherever the nearest points are."""
+        parts = []
+        if self.one.constant_normals is not None:
+            parts.append(self.one.constant_normals)
+        if self.two.constant_normals is not None:
+            parts.append(-self.two.constant_normals @ self.R.T)
+        return np.concatenate(parts) if parts else np.empty((0, 3))
+
+    def _directions_near(self, on_first: Array, on_second: Array, guess: Array) -> Array:
+        """Directions (K, 3) to try for nearest points and coal's direction, which comes last."""
+        parts = [guess[None]]
+        crossing = self._across_edges(guess)
+        if crossing is not None:
+            parts.insert(0, crossing[None])
+        if self.two.constant_normals is None:
+            near = self.two.normals_near((on_second - self.t) @ self.R, -(guess @ self.R))
+            parts.insert(0, -near @ self.R.T)
+        if self.one.constant_normals is None:
+            parts.insert(0, self.one.normals_near(on_first, guess))
+        return np.concatenate(parts)
+
+    def _across_edges(self, guess: Array) -> Array | None:
+        """Common normal of two crossing edges, along the guess; None for other features."""
+        first = self.one.feature(guess)
+        if len(first) != 2:
+            return None
+        second = self.two.feature(-(guess @ self.R))
+        if len(second) != 2:
+            return None
+        edge, other = first[1] - first[0], (second[1] - second[0]) @ self.R.T
+        normal = np.cross(edge, other)
+        length = float(np.linalg.norm(normal))
+        if length <= 1e-3 * np.linalg.norm(edge) * np.linalg.norm(other):
+            return None
+        return np.sign(normal @ guess) * normal / length
+
+    def _ask_coal(self, apart: Array) -> tuple[float, Array, Array, Array | None]:
+        """Distance, nearest points and direction with the second body moved by ``apart``."""
+        result: Any = coal.DistanceResult()
+        placed = coal.Transform3s(np.ascontiguousarray(self.R), self.t + apart)
+        distance = coal.distance(
+            self.first.geometry, _IDENTITY, self.second.geometry, placed, _REQUEST, result
+        )
+        guess = np.array(result.normal)
+        sure = bool(np.isfinite(guess).all() and guess.any())
+        return (
+            float(distance),
+            np.array(result.getNearestPoint1()),
+            np.array(result.getNearestPoint2()) - apart,
+            _unit(guess) if sure else None,
+        )
+
+
+def _unit(vector: Array) -> Array:
+    """The vector at length one; z if it has no length."""
+    length = float(np.linalg.norm(vector))
+    return vector / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
+
+
+def _project(points: Array, basis: Array) -> Polygon:
+    return planar_hull([(u, v) for u, v in (points @ basis.T).tolist()])
+
+
+def _height_over_plane(points: Array, basis: Array, normal: Array) -> Callable[[Point], float]:
+    """Height along the normal of the plane or line through (K, 3) points, over (u, v)."""
+    if len(points) == 1:
+        height = float(normal @ points[0])
+        return lambda _: height
+    flat = points @ np.vstack([basis, normal]).T
+    return plane_fit([(u, v, h) for u, v, h in flat.tolist()])

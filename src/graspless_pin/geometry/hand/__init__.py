@@ -1,0 +1,1 @@
+"""A hand: URDFs in Pinocchio, fingers, couplings, control, Jacobians, limits."""

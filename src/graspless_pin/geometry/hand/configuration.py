@@ -1,0 +1,101 @@
+"""Joint positions by name, checked against the limits, couplings applied."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.hand.tree import FOLLOWER_TOLERANCE, KinematicTree, unknown_name
+
+
+def joint_positions(
+    tree: KinematicTree, q: Mapping[str, float], start: NDArray[np.float64] | None = None
+) -> NDArray[np.float64]:
+    """Return the positions of all joints of a tree.
+
+    Args:
+        tree: The kinematic tree with n movable joints.
+        q: Position by joint name in radians or metres. A mimic joint may be named if its value
+            agrees with the joint it follows.
+        start: (n,) positions of the joints that ``q`` does not name; None is zero, clamped into
+            the limits.
+
+    Returns:
+        (n,) read-only positions in model order.
+
+    Raises:
+        ArgumentError: If a joint is unknown, or a value is not a finite number, outside the
+            joint's limits or against the coupling.
+    """
+    coupling, index_of = tree.coupling, tree.joint_index
+    given: dict[int, float] = {}
+    for name, value in q.items():
+        if name not in index_of:
+            raise unknown_name("q", "joint", name, tree.joint_names)
+        given[index_of[name]] = _finite(name, value)
+    positions = np.clip(0.0, tree.lower, tree.upper) if start is None else start.copy()
+    indices = list(given)
+    if indices:
+        positions[indices] = list(given.values())
+    if len(coupling.leaders) < len(positions):
+        positions = coupling.S @ positions[list(coupling.leaders)] + coupling.offset
+        _check_followers(tree, given, positions)
+    lower, upper = tree.tolerated
+    outside = (positions < lower) | (positions > upper)
+    if outside.any():
+        _check_limits(tree, indices, positions, outside)
+    positions.setflags(write=False)
+    return positions
+
+
+def _check_followers(
+    tree: KinematicTree, given: Mapping[int, float], positions: NDArray[np.float64]
+) -> None:
+    """Refuse positions of coupled joints that disagree with what they follow."""
+    for index, value in given.items():
+        if abs(value - positions[index]) > FOLLOWER_TOLERANCE:
+            name, followed = tree.joint_names[index], _followed(tree, index)
+            raise ArgumentError(
+                f"q[{name!r}]",
+                f"is {value:g}, but this joint mimics {followed} and stands at "
+                f"{positions[index]:g}; name only {followed}",
+            )
+
+
+def _check_limits(
+    tree: KinematicTree,
+    given: list[int],
+    positions: NDArray[np.float64],
+    outside: NDArray[np.bool_],
+) -> None:
+    """Refuse a joint outside its limits if the named joints moved it there."""
+    leaders = tree.coupling.leaders
+    moved = np.any(tree.coupling.S[:, np.isin(leaders, given)] != 0.0, axis=1)
+    for index in np.flatnonzero(moved & outside).tolist():
+        because = "" if index in leaders else f" because it mimics {_followed(tree, index)}"
+        raise ArgumentError(
+            f"q[{tree.joint_names[index]!r}]",
+            f"is {positions[index]:g}{because}, outside the joint's limits "
+            f"[{tree.lower[index]:g}, {tree.upper[index]:g}]",
+        )
+
+
+def _followed(tree: KinematicTree, index: int) -> str:
+    """Name the independent joints that a coupled joint follows."""
+    columns = tree.coupling.drivers([index])
+    return ", ".join(repr(tree.joint_names[tree.coupling.leaders[column]]) for column in columns)
+
+
+def _finite(name: str, value: float) -> float:
+    """Return ``value`` as a finite float."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError) as error:
+        raise ArgumentError(f"q[{name!r}]", f"needs a number, got {value!r}") from error
+    if not math.isfinite(number):
+        raise ArgumentError(f"q[{name!r}]", f"needs a finite number, got {value!r}")
+    return number

@@ -1,0 +1,367 @@
+"""A hand of one or several mounted URDFs at a configuration: Jacobians, limits, shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.bodies.collision import CollisionBody
+from graspless_pin.geometry.hand.actuation import Actuation, plan_actuation
+from graspless_pin.geometry.hand.configuration import joint_positions
+from graspless_pin.geometry.hand.effort_limits import (
+    EffortLimit,
+    expand_overrides,
+    resolve_effort_limits,
+)
+from graspless_pin.geometry.hand.fingers import ControlPlan, FingerSpec, plan_control
+from graspless_pin.geometry.hand.mounts import Mount, join_mounts
+from graspless_pin.geometry.hand.tree import Kinematics, KinematicTree, unknown_name
+from graspless_pin.geometry.robots.files import describe_model, describe_urdf
+from graspless_pin.problem import ControlMode
+
+Control = ControlMode | str | Mapping[str, ControlMode | str]
+
+
+@dataclass(frozen=True, eq=False)
+class Hand:
+    """A mounted hand at a configuration. Make one with ``from_urdf`` and its sisters.
+
+    The L columns of every Jacobian are ``actuated_joint_names``: the actuators under force
+    control. Coupled joints have no column; what they feel counts at the joint they follow
+    (``J_a = J S``, ``tau_a = S^T tau`` for ``q = S q_a + offset``). Joints on tendons have the
+    tendons' columns and, for every motion that no tendon resists, a passive one with the limits
+    0 and 0. The motors' torque under contact forces f on the object is
+    ``J^T f + gravity_torques(gravity)``.
+
+    Fingers that nobody names are the branches below the palm. Joints that are not below a palm,
+    such as an arm's, are position-controlled unless ``control`` says otherwise.
+
+    Attributes:
+        tree: Kinematics and shapes of all mounted robots.
+        base_poses: (4, 4) ``T_world_base`` by mount prefix, in mounting order.
+        palms: The links that carry fingers, empty if there is no branching link.
+        fingers: Fingers by (prefixed) name.
+        arms: The joints that carry a palm, by the name that stands for them in ``control``.
+        control: Control modes of the independent joints, and the hybrid fingers.
+        actuation: The L actuators and how the joints' torques become theirs.
+        effort_limits: (lower, upper), each (L,), in N m (N for prismatic joints and tendons).
+        positions: (n,) position of every movable joint, mimic joints included (rad or m).
+    """
+
+    tree: KinematicTree
+    base_poses: Mapping[str, NDArray[np.float64]]
+    palms: tuple[str, ...]
+    fingers: Mapping[str, FingerSpec]
+    arms: Mapping[str, tuple[str, ...]]
+    control: ControlPlan
+    actuation: Actuation
+    effort_limits: tuple[NDArray[np.float64], NDArray[np.float64]]
+    positions: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        """Make arrays and mappings read-only."""
+        for name in ("base_poses", "fingers", "arms"):
+            if not isinstance(getattr(self, name), MappingProxyType):
+                object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+        for array in (*self.base_poses.values(), *self.effort_limits, self.positions):
+            array.setflags(write=False)
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        """Pickle by the fields; read-only mappings as plain ones."""
+        values = (getattr(self, item.name) for item in fields(self))
+        return Hand, tuple(dict(v) if isinstance(v, MappingProxyType) else v for v in values)
+
+    @classmethod
+    def from_urdf(
+        cls,
+        path: str | Path,
+        *,
+        package_dirs: Sequence[str | Path] = (),
+        T_world_base: ArrayLike | None = None,
+        fingers: Mapping[str, FingerSpec] | None = None,
+        q: Mapping[str, float] | None = None,
+        control: Control | None = None,
+        effort_limits: Mapping[str, EffortLimit] | None = None,
+    ) -> Hand:
+        """Load a URDF file; the arguments are those of ``Mount`` and ``assemble``."""
+        mount = Mount(describe_urdf(path, package_dirs), T_world_base, fingers=fingers)
+        return cls.assemble([mount], q=q, control=control, effort_limits=effort_limits)
+
+    @classmethod
+    def from_model_name(
+        cls,
+        name: str,
+        *,
+        T_world_base: ArrayLike | None = None,
+        fingers: Mapping[str, FingerSpec] | None = None,
+        q: Mapping[str, float] | None = None,
+        control: Control | None = None,
+        effort_limits: Mapping[str, EffortLimit] | None = None,
+    ) -> Hand:
+        """Load an example-robot-data model; the arguments are those of ``from_urdf``."""
+        mount = Mount(describe_model(name), T_world_base, fingers=fingers)
+        return cls.assemble([mount], q=q, control=control, effort_limits=effort_limits)
+
+    @classmethod
+    def assemble(
+        cls,
+        mounts: Sequence[Mount],
+        *,
+        q: Mapping[str, float] | None = None,
+        control: Control | None = None,
+        effort_limits: Mapping[str, EffortLimit] | None = None,
+    ) -> Hand:
+        """Assemble a hand of one or several mounted robots.
+
+        Args:
+            mounts: The robots. Their prefixes must differ.
+            q: Position by joint name in radians or metres. A joint that is not named stands at
+                zero or, where zero is outside its limits, at the nearest limit.
+            control: One mode for all joints, or modes by finger, arm or joint name; ``arm`` with
+                the mount's prefix means the joints that carry its palm. The default is FORCE, and
+                POSITION for joints that are not below a palm.
+            effort_limits: Limits by finger, joint or tendon name (a number, or (lower, upper))
+                that replace those of the robot file and the URDF.
+
+        Returns:
+            The hand.
+
+        Raises:
+            ArgumentError: If a name is unknown, a value impossible or a pose not rigid.
+            RobotError: If a robot cannot be found or loaded.
+            MeshError: If a mesh is missing or unusable.
+
+        Warns:
+            PlaceholderEffortWarning: If a force-controlled joint's limit is the URDF's and looks
+                like a placeholder or a robot file calls it unknown.
+            DanglingMimicWarning: If a mimic joint follows a joint that does not exist.
+        """
+        parts = join_mounts(mounts)
+        tree = parts.tree
+        given = expand_overrides(tree, parts.fingers, effort_limits or {}, parts.tendons)
+        plan = plan_control(tree, parts.fingers, control, arms=parts.arms, held=parts.held_joints)
+        actuation = plan_actuation(tree, plan, parts.tendons)
+        return cls(
+            tree=tree,
+            base_poses=parts.base_poses,
+            palms=parts.palms,
+            fingers=parts.fingers,
+            arms=parts.arms,
+            control=plan,
+            actuation=actuation,
+            effort_limits=resolve_effort_limits(
+                tree,
+                actuation,
+                parts.effort_limits | given,
+                parts.effort_unknown,
+                parts.held_joints,
+            ),
+            positions=joint_positions(tree, q or {}),
+        )
+
+    def with_configuration(self, q: Mapping[str, float]) -> Hand:
+        """Return this hand at another configuration; joints that ``q`` does not name stay.
+
+        Args:
+            q: Position by joint name in radians or metres.
+
+        Raises:
+            ArgumentError: As for ``assemble``.
+        """
+        return replace(self, positions=joint_positions(self.tree, q, self.positions))
+
+    @property
+    def T_world_base(self) -> NDArray[np.float64]:
+        """(4, 4) pose of the root link; of the first mount, if there are several."""
+        return next(iter(self.base_poses.values()))
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """All n movable joints in model order, mimic joints included."""
+        return self.tree.joint_names
+
+    @property
+    def actuated_joint_names(self) -> tuple[str, ...]:
+        """The L actuators under force control: the columns of the Jacobian.
+
+        Motors by the name of their joint, then tendons, then passive motions.
+        """
+        return self.actuation.names
+
+    @property
+    def link_names(self) -> tuple[str, ...]:
+        """All links in model order."""
+        return tuple(self.tree.link_frames)
+
+    @property
+    def q(self) -> Mapping[str, float]:
+        """Position of every movable joint by name, radians or metres."""
+        return MappingProxyType(dict(zip(self.joint_names, self.positions.tolist(), strict=True)))
+
+    def finger_of(self, link: str) -> str | None:
+        """Return the finger that ``link`` belongs to, None for the palm and other links.
+
+        Raises:
+            ArgumentError: If there is no such link.
+        """
+        self._joints_of([link])
+        return next((name for name, spec in self.fingers.items() if link in spec.links), None)
+
+    def is_hybrid(self, link: str) -> bool:
+        """Return whether contacts on ``link`` are a hybrid finger's: a column n each.
+
+        Raises:
+            ArgumentError: If there is no such link.
+        """
+        return self.finger_of(link) in self.control.hybrid_fingers
+
+    def link_pose(self, link: str) -> NDArray[np.float64]:
+        """Return the (4, 4) pose ``T_world_link`` of a link's frame.
+
+        Raises:
+            ArgumentError: If there is no such link.
+        """
+        joint = self._joints_of([link])[0]
+        frame = self.tree.model.frames[self.tree.link_frames[link]]
+        return self._kinematics.T_world_joint[joint] @ frame.placement.homogeneous
+
+    def collision_bodies(self) -> tuple[CollisionBody, ...]:
+        """Return the collision shapes at the hand's configuration, in model order.
+
+        Boxes, spheres, cylinders and capsules stay what they are; a mesh is its convex hull. A
+        body is named after its link, so a link with several shapes gives several bodies of one
+        name.
+        """
+        joints, placements = self.tree.shape_placements
+        poses = self._kinematics.T_world_joint[joints] @ placements
+        poses.setflags(write=False)
+        return tuple(
+            _LinkBody(item.link, item.shape, pose)
+            for item, pose in zip(self.tree.geometries, poses, strict=True)
+        )
+
+    def contact_jacobian(self, links: Sequence[str], points: ArrayLike) -> NDArray[np.float64]:
+        """Return the Jacobian of points that are fixed to links.
+
+        Args:
+            links: K link names.
+            points: (K, 3) where the points are now, world, metres.
+
+        Returns:
+            (3K, L) velocity in world axes per rate of each actuated joint, three rows a point:
+            ``J^T f`` is the torque that pushes with the forces f (3K,).
+
+        Raises:
+            ArgumentError: If a link is unknown or ``points`` does not have one row per link.
+        """
+        by_joint = self._joint_jacobians(links, points)
+        columns = self.actuation.from_joints
+        return (by_joint @ columns).reshape(3 * len(links), columns.shape[1])
+
+    def gravity_torques(self, gravity: ArrayLike) -> NDArray[np.float64]:
+        """Return the torques that carry the links' own weight.
+
+        Args:
+            gravity: (3,) gravitational acceleration, world, m/s^2, e.g. (0, 0, -9.8).
+
+        Returns:
+            (L,) g(q) in N m (N for prismatic joints), zero for links without mass.
+
+        Raises:
+            ArgumentError: If ``gravity`` is not three finite numbers.
+        """
+        acceleration = np.asarray(gravity, dtype=np.float64)
+        if acceleration.shape != (3,) or not np.isfinite(acceleration).all():
+            raise ArgumentError("gravity", f"needs 3 finite numbers, got {gravity!r}")
+        joints, masses, levers = self.tree.masses
+        poses = self._kinematics.T_world_joint[joints]
+        centers = np.einsum("kij,kj->ki", poses[:, :3, :3], levers) + poses[:, :3, 3]
+        J = self.tree.point_jacobians(self._kinematics.J, joints, centers)
+        torques = -np.einsum("k,i,kij->j", masses, acceleration, J)
+        return torques @ self.actuation.from_joints
+
+    def point_velocities(
+        self,
+        links: Sequence[str],
+        points: ArrayLike,
+        joint_velocities: Mapping[str, float] | None = None,
+        base_twist: ArrayLike | None = None,
+    ) -> NDArray[np.float64]:
+        """Return the velocities of points that are fixed to links.
+
+        Args:
+            links: K link names.
+            points: (K, 3) where the points are now, world, metres.
+            joint_velocities: Rate by independent joint (rad/s or m/s), whatever its control mode;
+                the others stand still. Mimic joints follow.
+            base_twist: (6,) [v; omega] of all bases as one rigid body, v at the origin of
+                ``T_world_base``, world axes, m/s and rad/s; None stands still.
+
+        Returns:
+            (K, 3) velocities in world axes, m/s.
+
+        Raises:
+            ArgumentError: If a name is unknown or a mimic joint's, or a shape or value is wrong.
+        """
+        leaders = [self.joint_names[index] for index in self.tree.coupling.leaders]
+        rates = np.zeros(len(leaders))
+        for name, rate in (joint_velocities or {}).items():
+            if name not in leaders:
+                raise unknown_name("joint_velocities", "independent joint", name, leaders)
+            rates[leaders.index(name)] = rate
+        twist = np.zeros(6) if base_twist is None else np.asarray(base_twist, dtype=np.float64)
+        if twist.shape != (6,) or not np.isfinite(twist).all():
+            raise ArgumentError("base_twist", f"needs 6 finite numbers, got {base_twist!r}")
+        if not np.isfinite(rates).all():
+            raise ArgumentError("joint_velocities", f"needs finite numbers, got {joint_velocities}")
+        arms = _points(links, points) - self.T_world_base[:3, 3]
+        return (
+            self._joint_jacobians(links, points) @ (self.tree.coupling.S @ rates)
+            + twist[:3]
+            + np.cross(twist[3:], arms)
+        )
+
+    @cached_property
+    def _kinematics(self) -> Kinematics:
+        """Joint poses and Jacobian columns at the configuration."""
+        return self.tree.kinematics(self.positions)
+
+    def _joint_jacobians(self, links: Sequence[str], points: ArrayLike) -> NDArray[np.float64]:
+        """Return (K, 3, n) Jacobians for all movable joints."""
+        positions = _points(links, points)
+        return self.tree.point_jacobians(self._kinematics.J, self._joints_of(links), positions)
+
+    def _joints_of(self, links: Sequence[str]) -> list[int]:
+        """Return the Pinocchio joint that carries each link."""
+        carriers = self.tree.link_joints
+        try:
+            return [carriers[link] for link in links]
+        except KeyError as error:
+            raise unknown_name("links", "link", str(error.args[0]), self.link_names) from error
+
+
+class _LinkBody(CollisionBody):
+    """A body whose pose is fresh and read-only already: half of the cost of a configuration."""
+
+    def __post_init__(self) -> None:
+        """Take the pose as it is."""
+
+
+def _points(links: Sequence[str], points: ArrayLike) -> NDArray[np.float64]:
+    """Return ``points`` as (K, 3), one row per link."""
+    positions = np.asarray(points, dtype=np.float64)
+    if positions.shape != (len(links), 3):
+        raise ArgumentError(
+            "points", f"needs shape ({len(links)}, 3), one row per link, got {positions.shape}"
+        )
+    if not np.isfinite(positions).all():
+        raise ArgumentError("points", f"needs finite numbers, got {positions.tolist()}")
+    return positions

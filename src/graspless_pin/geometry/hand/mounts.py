@@ -1,0 +1,178 @@
+"""Robots fixed to the world, and how several of them become one tree."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspless_pin.errors import ArgumentError, RobotError
+from graspless_pin.geometry.hand.coupling import JointCoupling
+from graspless_pin.geometry.hand.effort_limits import expand_overrides, spread_names
+from graspless_pin.geometry.hand.finger_discovery import discover_hands
+from graspless_pin.geometry.hand.fingers import FingerSpec, check_fingers, driving_joints
+from graspless_pin.geometry.hand.tree import KinematicTree, build_tree, unknown_name
+from graspless_pin.geometry.hand.urdf import UrdfDocument, read_urdf
+from graspless_pin.geometry.poses import as_pose
+from graspless_pin.geometry.robots.files import RobotDescription, find_robot
+
+
+@dataclass(frozen=True, eq=False)
+class Mount:
+    """A robot fixed to the world.
+
+    Attributes:
+        source: A path to a URDF or robot file, the name of a robot file or example-robot-data
+            model, or a description.
+        T_world_base: (4, 4) pose of the robot's root link; None is the world's origin.
+        prefix: Put before the names of its joints, links and fingers.
+        fingers: Its fingers, without the prefix; None takes the robot file's, or finds them.
+        package_dirs: For the ``package://`` addresses of a URDF given by path.
+    """
+
+    source: RobotDescription | str | Path
+    T_world_base: ArrayLike | None = None
+    prefix: str = ""
+    fingers: Mapping[str, FingerSpec] | None = None
+    package_dirs: Sequence[str | Path] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class JoinedMounts:
+    """Several mounted robots as one tree, with prefixed names throughout.
+
+    Attributes:
+        tree: Their common tree.
+        base_poses: (4, 4) ``T_world_base`` by prefix, in mounting order.
+        palms: The links that carry fingers.
+        fingers: All fingers, checked.
+        arms: The joints that carry a palm, by the name ``arm`` with the mount's prefix.
+        held_joints: Joints that neither a finger has nor a palm carries, where there is a palm.
+        tendons: Moment arm by joint, m, by tendon.
+        effort_limits: (lower, upper) by joint or tendon, as far as the robot files state them.
+        effort_unknown: What is known by joint or tendon whose limit a robot file calls unknown.
+    """
+
+    tree: KinematicTree
+    base_poses: dict[str, NDArray[np.float64]]
+    palms: tuple[str, ...]
+    fingers: dict[str, FingerSpec]
+    arms: dict[str, tuple[str, ...]]
+    held_joints: tuple[str, ...]
+    tendons: dict[str, dict[str, float]]
+    effort_limits: dict[str, tuple[float, float]]
+    effort_unknown: dict[str, str]
+
+
+def join_mounts(mounts: Sequence[Mount], *, with_shapes: bool = True) -> JoinedMounts:
+    """Find, read and join robots.
+
+    Args:
+        mounts: The robots.
+        with_shapes: Whether to read their meshes and keep their collision shapes.
+
+    Raises:
+        ArgumentError: If there is no mount, two share a prefix, a pose is not rigid or fingers
+            given with a mount do not fit.
+        RobotError: If a robot cannot be found or loaded, or its robot file does not fit its URDF.
+        MeshError: If a mesh is missing or unusable.
+    """
+    if not mounts:
+        raise ArgumentError("mounts", "a hand needs at least one robot")
+    prefixes = [mount.prefix for mount in mounts]
+    if len(set(prefixes)) < len(prefixes):
+        raise ArgumentError("mounts", f"prefixes must differ, got {prefixes}")
+    robots = [find_robot(mount.source, mount.package_dirs) for mount in mounts]
+    poses = [
+        as_pose("T_world_base", np.eye(4) if mount.T_world_base is None else mount.T_world_base)
+        for mount in mounts
+    ]
+    documents = [
+        read_urdf(
+            robot.urdf_path,
+            prefix=prefix,
+            package_dirs=robot.package_dirs,
+            root_link=robot.root_link,
+            with_meshes=with_shapes,
+        )
+        for robot, prefix in zip(robots, prefixes, strict=True)
+    ]
+    couplings = [
+        coupling
+        for robot, document, prefix in zip(robots, documents, prefixes, strict=True)
+        for coupling in _couplings(robot, document, prefix)
+    ]
+    tree = build_tree(list(zip(documents, poses, strict=True)), couplings, with_shapes=with_shapes)
+    joined = JoinedMounts(tree, dict(zip(prefixes, poses, strict=True)), (), {}, {}, (), {}, {}, {})
+    for mount, robot, document in zip(mounts, robots, documents, strict=True):
+        joined = _add(joined, mount, robot, document.root)
+    return joined
+
+
+def _couplings(robot: RobotDescription, document: UrdfDocument, prefix: str) -> list[JointCoupling]:
+    """Return the couplings of a robot file, prefixed and checked."""
+    couplings = [coupling.prefixed(prefix) for coupling in robot.couplings]
+    for coupling in couplings:
+        for joint in (coupling.joint, *coupling.follows):
+            if joint not in document.joints:
+                error = unknown_name("couplings", "joint", joint, document.joints)
+                raise RobotError(f"robot {robot.name!r}: {error}") from error
+    return couplings
+
+
+def _add(joined: JoinedMounts, mount: Mount, robot: RobotDescription, root: str) -> JoinedMounts:
+    """Add what one robot and its file say about its fingers, tendons and limits."""
+    tree, prefix = joined.tree, mount.prefix
+    tendons = {
+        prefix + name: {prefix + joint: arm for joint, arm in arms.items()}
+        for name, arms in robot.tendons.items()
+    }
+    try:
+        palms = [prefix + palm for palm in robot.palms]
+        structure = discover_hands(tree, root, palms, prefix)
+        fingers = structure.fingers
+        if robot.fingers:
+            fingers = check_fingers(tree, _prefix_fingers(prefix, robot.fingers))
+        for arms in tendons.values():
+            for joint in arms:
+                if joint not in tree.joint_index:
+                    raise unknown_name("tendons", "joint", joint, tree.joint_names)
+        limits = {prefix + name: limit for name, limit in robot.effort_limits.items()}
+        expanded = expand_overrides(tree, fingers, limits, tendons)
+        notes = {prefix + name: note for name, note in robot.effort_unknown.items()}
+        unknown = {
+            target: notes[name]
+            for target, name in spread_names(tree, fingers, notes, tendons).items()
+        }
+    except ArgumentError as error:
+        raise RobotError(f"robot {robot.name!r}: {error}") from error
+    if mount.fingers is not None:
+        fingers = check_fingers(tree, _prefix_fingers(prefix, mount.fingers))
+    arm = structure.arm_joints
+    in_fingers = {joint for spec in fingers.values() for joint in driving_joints(tree, spec)}
+    held = tuple(joint for joint in structure.held_joints if joint not in in_fingers)
+    return replace(
+        joined,
+        palms=(*joined.palms, *structure.palms),
+        fingers=joined.fingers | fingers,
+        arms=joined.arms | ({f"{prefix}arm": arm} if arm else {}),
+        held_joints=(*joined.held_joints, *held),
+        tendons=joined.tendons | tendons,
+        effort_limits=joined.effort_limits | expanded,
+        effort_unknown=joined.effort_unknown | unknown,
+    )
+
+
+def _prefix_fingers(prefix: str, fingers: Mapping[str, FingerSpec]) -> dict[str, FingerSpec]:
+    """Put ``prefix`` before the names of fingers, their joints and their links."""
+    return {
+        prefix + finger: FingerSpec(
+            joints=tuple(prefix + joint for joint in spec.joints),
+            links=tuple(prefix + link for link in spec.links),
+            tip=None if spec.tip is None else prefix + spec.tip,
+        )
+        for finger, spec in fingers.items()
+    }

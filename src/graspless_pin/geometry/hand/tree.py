@@ -1,0 +1,276 @@
+"""One Pinocchio model of all mounted URDFs, with couplings and collision geometry of its own."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pinocchio as pin  # pyright: ignore[reportMissingImports]
+from numpy.typing import NDArray
+
+from graspless_pin.errors import ArgumentError, RobotError
+from graspless_pin.geometry.hand.coupling import Coupling, JointCoupling, remake, resolve_couplings
+from graspless_pin.geometry.hand.link_shapes import LinkGeometry, link_geometry, load_link_mesh
+from graspless_pin.geometry.hand.urdf import UNBOUNDED, UrdfDocument
+
+FloatArray = NDArray[np.float64]
+
+LIMIT_TOLERANCE = 1e-6
+"""How far outside its limits a named joint may stand (rounded input), radians or metres."""
+
+FOLLOWER_TOLERANCE = 1e-3
+"""The same for mimic joints, whose limits rarely match multiplier times limit to all digits."""
+
+_DATA_LOCK = threading.Lock()
+_SKEW = np.zeros((3, 3, 3))
+for _axis, (_row, _column) in enumerate([(2, 1), (0, 2), (1, 0)]):
+    _SKEW[_axis, _row, _column], _SKEW[_axis, _column, _row] = 1.0, -1.0
+_SKEW = _SKEW.reshape(3, 9)
+"""(3, 9): ``p @ _SKEW`` is the matrix [p]x, row by row."""
+
+
+@dataclass(frozen=True, eq=False)
+class Kinematics:
+    """Where everything is at one configuration.
+
+    Attributes:
+        T_world_joint: (n + 1, 4, 4) pose of every Pinocchio joint, the base first.
+        J: (6, n) spatial joint columns [v; omega] about the world's origin, world axes.
+    """
+
+    T_world_joint: FloatArray
+    J: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class KinematicTree:
+    """Everything about a hand that does not depend on its configuration.
+
+    Every movable joint has one degree of freedom, so joint i of ``joint_names`` is Pinocchio's
+    joint i + 1 and velocity coordinate i.
+
+    Attributes:
+        model: ``pinocchio.Model`` with coupled joints independent.
+        joint_names: (n) movable joints in model order.
+        link_frames: Frame index by link name.
+        geometries: Collision shapes in model order.
+        coupling: Coupled joints.
+        lower: (n,) lower position limits, -inf where there is none (radians or metres).
+        upper: (n,) upper position limits, inf where there is none.
+    """
+
+    model: Any
+    joint_names: tuple[str, ...]
+    link_frames: Mapping[str, int]
+    geometries: tuple[LinkGeometry, ...]
+    coupling: Coupling
+    lower: FloatArray
+    upper: FloatArray
+
+    def __post_init__(self) -> None:
+        """Make the arrays read-only."""
+        self.lower.setflags(write=False)
+        self.upper.setflags(write=False)
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        """Pickle by the fields."""
+        return remake(self)
+
+    @cached_property
+    def joint_index(self) -> Mapping[str, int]:
+        """Index among the n movable joints by name."""
+        return {name: index for index, name in enumerate(self.joint_names)}
+
+    @cached_property
+    def joint_kinds(self) -> tuple[str, ...]:
+        """``revolute``, ``continuous`` or ``prismatic`` for each of the n movable joints."""
+        kinds = []
+        for joint in range(1, self.model.njoints):
+            if self.model.nqs[joint] == 2:
+                kinds.append("continuous")
+            else:
+                name = self.model.joints[joint].shortname()
+                kinds.append("prismatic" if name.startswith("JointModelP") else "revolute")
+        return tuple(kinds)
+
+    @cached_property
+    def tolerated(self) -> tuple[FloatArray, FloatArray]:
+        """(n,) lowest and highest positions that pass as within the limits."""
+        slack = np.full(len(self.joint_names), FOLLOWER_TOLERANCE)
+        slack[list(self.coupling.leaders)] = LIMIT_TOLERANCE
+        return self.lower - slack, self.upper + slack
+
+    @cached_property
+    def link_joints(self) -> Mapping[str, int]:
+        """Pinocchio index of the joint that carries each link, 0 for the base."""
+        frames = self.model.frames
+        return {link: int(frames[index].parentJoint) for link, index in self.link_frames.items()}
+
+    @cached_property
+    def parent_links(self) -> Mapping[str, str | None]:
+        """The link at the other end of the joint above each link, None for a root link."""
+        frames = self.model.frames
+        parents: dict[str, str | None] = {}
+        for link, index in self.link_frames.items():
+            above = frames[frames[index].parentFrame]  # the frame of the joint, or the universe
+            name = frames[above.parentFrame].name
+            parents[link] = name if name in self.link_frames else None
+        return parents
+
+    @cached_property
+    def supports(self) -> NDArray[np.bool_]:
+        """(n + 1, n) whether joint j moves what is attached to Pinocchio joint i."""
+        mask = np.zeros((self.model.njoints, self.model.nv), dtype=bool)
+        for joint in range(1, self.model.njoints):
+            mask[joint] = mask[self.model.parents[joint]]
+            mask[joint, joint - 1] = True
+        return mask
+
+    @cached_property
+    def shape_placements(self) -> tuple[NDArray[np.intp], FloatArray]:
+        """(G,) Pinocchio joint and (G, 4, 4) pose in its frame of every collision shape."""
+        joints = np.array([item.joint for item in self.geometries], dtype=np.intp)
+        poses = np.array([item.T_joint_geometry for item in self.geometries]).reshape(-1, 4, 4)
+        return joints, poses
+
+    @cached_property
+    def masses(self) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
+        """Pinocchio joint, mass (kg) and (3,) centre of mass in its frame of all that moves."""
+        heavy = [joint for joint in range(1, self.model.njoints) if self._inertia(joint).mass > 0.0]
+        masses = np.array([self._inertia(joint).mass for joint in heavy], dtype=np.float64)
+        levers = np.array([self._inertia(joint).lever for joint in heavy]).reshape(-1, 3)
+        return np.array(heavy, dtype=np.intp), masses, levers
+
+    def configuration(self, positions: FloatArray) -> FloatArray:
+        """Return Pinocchio's configuration vector of (n,) joint positions.
+
+        Continuous joints take two entries there, the cosine and the sine of their angle.
+        """
+        single, angles = self._starts
+        q = np.empty(self.model.nq)
+        q[single] = positions
+        if len(angles):
+            q[single[angles]] = np.cos(positions[angles])
+            q[single[angles] + 1] = np.sin(positions[angles])
+        return q
+
+    def kinematics(self, positions: FloatArray) -> Kinematics:
+        """Return joint poses and Jacobian columns at (n,) joint positions."""
+        q = self.configuration(positions)
+        with _DATA_LOCK:  # one data object serves all configurations of the tree
+            data = self._data
+            pin.computeJointJacobians(self.model, data, q)
+            poses = np.array([pose.homogeneous for pose in data.oMi.tolist()])
+            J = np.array(data.J).reshape(6, -1)  # the binding drops the dimension of one joint
+        poses.setflags(write=False)
+        J.setflags(write=False)
+        return Kinematics(poses, J)
+
+    def point_jacobians(self, J_world: FloatArray, joints: Any, points: FloatArray) -> FloatArray:
+        """Return (K, 3, n) velocities of K body-fixed points per joint rate, world axes.
+
+        Args:
+            J_world: (6, n) spatial joint columns about the world origin (``data.J``).
+            joints: (K,) Pinocchio joint that carries each point.
+            points: (K, 3) world positions in metres.
+        """
+        J = J_world.reshape(6, -1)
+        arms = (points @ _SKEW).reshape(-1, 3, 3)
+        return (J[:3] - arms @ J[3:]) * self.supports[np.asarray(joints, dtype=int)][:, None, :]
+
+    def _inertia(self, joint: int) -> Any:
+        """Return Pinocchio's inertia of what a joint carries."""
+        return self.model.inertias[joint]
+
+    @cached_property
+    def _starts(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Where each joint starts in q, and which joints are continuous."""
+        starts = np.array(self.model.idx_qs, dtype=np.intp)[1:]
+        return starts, np.flatnonzero(np.array(self.model.nqs)[1:] == 2)
+
+    @cached_property
+    def _data(self) -> Any:
+        """Pinocchio's work space."""
+        return self.model.createData()
+
+
+def build_tree(
+    parts: Sequence[tuple[UrdfDocument, FloatArray]],
+    couplings: Iterable[JointCoupling] = (),
+    *,
+    with_shapes: bool = True,
+) -> KinematicTree:
+    """Build one tree of several URDFs, each fixed to the world at its pose.
+
+    Args:
+        parts: (document, (4, 4) ``T_world_base``) of each; names must differ between documents.
+        couplings: Couplings that replace the documents' own for the same joints.
+        with_shapes: Whether to read meshes and keep the collision shapes.
+
+    Returns:
+        The tree.
+
+    Raises:
+        RobotError: If Pinocchio refuses a document or mimic joints follow each other in a circle.
+        MeshError: If a mesh cannot be read or has no volume.
+
+    Warns:
+        DanglingMimicWarning: If a mimic joint follows a joint that does not exist.
+    """
+    model, geometry_model = pin.Model(), pin.GeometryModel()
+    for document, T_world_base in parts:
+        part, part_geometry = _load(document, with_shapes=with_shapes)
+        model, geometry_model = pin.appendModel(
+            model, part, geometry_model, part_geometry, 0, pin.SE3(np.array(T_world_base))
+        )
+    joint_names = tuple(model.names)[1:]
+    follows = {item.joint: item for document, _ in parts for item in document.mimics}
+    follows |= {item.joint: item for item in couplings}
+    single = np.array([model.nqs[joint] == 1 for joint in range(1, model.njoints)], dtype=bool)
+    starts = [model.idx_qs[joint] for joint in range(1, model.njoints)]
+    lower = np.where(single, model.lowerPositionLimit[starts], -np.inf)
+    upper = np.where(single, model.upperPositionLimit[starts], np.inf)
+    return KinematicTree(
+        model=model,
+        joint_names=joint_names,
+        link_frames={
+            frame.name: index
+            for index, frame in enumerate(model.frames)
+            if frame.type == pin.FrameType.BODY
+        },
+        geometries=tuple(link_geometry(model, item) for item in geometry_model.geometryObjects),
+        coupling=resolve_couplings(joint_names, follows.values()),
+        lower=np.where(lower <= -UNBOUNDED, -np.inf, lower),
+        upper=np.where(upper >= UNBOUNDED, np.inf, upper),
+    )
+
+
+def _load(document: UrdfDocument, *, with_shapes: bool) -> tuple[Any, Any]:
+    """Return Pinocchio's model and collision model of one document."""
+    geometry_model = pin.GeometryModel()
+    try:
+        model = pin.buildModelFromXML(document.text)
+        if with_shapes:
+            geometry_model = pin.buildGeomFromUrdfString(
+                model, document.text, pin.GeometryType.COLLISION
+            )
+    except Exception as error:  # coal raises its own C++ exceptions as plain ones
+        for link, file in document.meshes:
+            load_link_mesh(file, document.label, link)  # names the mesh, if it is one
+        # What else was found wrong went to standard error.
+        raise RobotError(f"{document.label}: Pinocchio cannot load this URDF ({error})") from error
+    for index, frame in enumerate(model.frames):
+        if index > 0 and frame.type != pin.FrameType.BODY:
+            # A joint may be called like a link; appendModel looks frames up by name alone.
+            frame.name = f"joint {frame.name}"
+    return model, geometry_model
+
+
+def unknown_name(argument: str, kind: str, name: str, known: Sequence[str]) -> ArgumentError:
+    """Return the error for a name that is not among the known ones, which it lists."""
+    listed = ", ".join(known) if known else "none"
+    return ArgumentError(argument, f"unknown {kind} {name!r}; known: {listed}")

@@ -1,0 +1,271 @@
+"""Read a URDF as inert data: refuse XML tricks, find its meshes, prefix its names.
+
+Pinocchio gets the text only after this module has checked it: its own parser reports mistakes on
+standard error only, drops malformed shapes and fails on relative mesh paths.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from xml.parsers import expat
+
+from graspless_pin.errors import RobotError
+from graspless_pin.geometry.hand.coupling import JointCoupling
+from graspless_pin.geometry.hand.urdf_links import check_link, check_origin, number, numbers
+
+UNBOUNDED = 1e30
+"""Stands for ``inf`` in the text given to Pinocchio, whose parser rejects the word itself."""
+
+MOVABLE_TYPES = ("revolute", "prismatic", "continuous")
+FREE_TYPES = ("floating", "planar")
+"""Joints that a hand has no motor for: fixed where they carry a base, refused elsewhere."""
+
+
+@dataclass(frozen=True)
+class UrdfDocument:
+    """A checked URDF with prefixed names and absolute mesh paths.
+
+    Attributes:
+        label: The file, for messages.
+        text: The XML to give to Pinocchio.
+        root: The root link.
+        joints: The movable joints, in file order.
+        mimics: The couplings, in file order; their leaders need not exist.
+        meshes: The collision meshes as (link, file), in file order.
+    """
+
+    label: str
+    text: str
+    root: str
+    joints: tuple[str, ...]
+    mimics: tuple[JointCoupling, ...]
+    meshes: tuple[tuple[str, Path], ...]
+
+
+def read_urdf(
+    path: Path,
+    *,
+    prefix: str = "",
+    package_dirs: Sequence[Path] = (),
+    root_link: str | None = None,
+    with_meshes: bool = True,
+) -> UrdfDocument:
+    """Read, check and normalise one URDF file.
+
+    A floating or planar joint below the root link carries the whole robot; it is fixed at zero,
+    because a hand stands where it is mounted.
+
+    Args:
+        path: The file. Relative mesh paths in it are relative to its folder.
+        prefix: Put before the name of every link and joint.
+        package_dirs: Where ``package://NAME/...`` is looked up: a folder that is called NAME or
+            one that holds a folder called NAME. The folders above the file are tried last.
+        root_link: Keep only this link and what hangs on it, e.g. the hand of a whole robot.
+        with_meshes: Whether the collision meshes must be there; without, shapes are dropped.
+
+    Returns:
+        The document.
+
+    Raises:
+        RobotError: If the file is missing, is not a URDF, declares a DOCTYPE or entities, repeats
+            a name, lacks ``root_link``, or has a malformed link or joint or one of an unsupported
+            type.
+        MeshError: If a collision mesh cannot be found.
+    """
+    root = parse_robot(path)
+    links = _names(path, root.findall("link"), "link")
+    _names(path, root.findall("joint"), "joint")
+    mimics = [_check_joint(path, joint, links) for joint in root.findall("joint")]
+    top = _single_root(path, root, links)
+    if root_link is not None:
+        keep_below(path, root, root_link)
+        top = root_link
+    _fix_base(path, root, top)
+    joints = tuple(
+        joint.get("name", "")
+        for joint in root.findall("joint")
+        if joint.get("type") in MOVABLE_TYPES
+    )
+    if not with_meshes:
+        for link in root.findall("link"):
+            for collision in link.findall("collision"):
+                link.remove(collision)
+    meshes = [
+        (link.get("name", ""), mesh)
+        for link in root.findall("link")
+        for mesh in check_link(path, link, package_dirs)
+    ]
+    _add_prefix(root, prefix)
+    return UrdfDocument(
+        label=str(path),
+        text=ET.tostring(root, encoding="unicode"),
+        root=prefix + top,
+        joints=tuple(prefix + joint for joint in joints),
+        mimics=tuple(m.prefixed(prefix) for m in mimics if m is not None and m.joint in joints),
+        meshes=tuple((prefix + link, file) for link, file in meshes),
+    )
+
+
+def parse_robot(path: Path) -> ET.Element:
+    """Return the ``<robot>`` element of a file without expanding anything.
+
+    Raises:
+        RobotError: If the file is missing, is not a URDF, or declares a DOCTYPE or entities.
+    """
+    if not path.is_file():
+        raise RobotError(f"{path}: there is no such URDF file")
+    content = path.read_bytes()
+
+    def refuse(*_: object) -> None:
+        raise RobotError(
+            f"{path}: the file declares a DOCTYPE or XML entities; a URDF needs neither, "
+            "remove the declaration"
+        )
+
+    scanner = expat.ParserCreate()
+    scanner.StartDoctypeDeclHandler = refuse
+    scanner.EntityDeclHandler = refuse
+    try:
+        scanner.Parse(content, True)  # noqa: FBT003 - final, a positional-only flag
+        root = ET.fromstring(content)  # noqa: S314 - declarations were refused above
+    except (expat.ExpatError, ET.ParseError) as error:
+        raise RobotError(f"{path}: not well-formed XML ({error})") from error
+    if root.tag != "robot":
+        raise RobotError(f"{path}: a URDF starts with <robot>, this file with <{root.tag}>")
+    return root
+
+
+def _names(path: Path, elements: Iterable[ET.Element], kind: str) -> set[str]:
+    """Return the names of links or joints, which must exist and differ."""
+    names: set[str] = set()
+    for element in elements:
+        name = element.get("name")
+        if not name:
+            raise RobotError(f"{path}: a <{kind}> has no name")
+        if name in names:
+            raise RobotError(f"{path}: two {kind}s are called {name!r}; rename one")
+        names.add(name)
+    if kind == "link" and not names:
+        raise RobotError(f"{path}: the robot has no <link>")
+    return names
+
+
+def _check_joint(path: Path, joint: ET.Element, links: set[str]) -> JointCoupling | None:
+    """Check one joint, rewrite unbounded limits and return its coupling, if it has one."""
+    name, kind = joint.get("name", ""), joint.get("type")
+    where = f"{path}: joint {name!r}"
+    if kind not in (*MOVABLE_TYPES, *FREE_TYPES, "fixed"):
+        raise RobotError(f"{where} has the unknown type {kind!r}")
+    for end in ("parent", "child"):
+        element = joint.find(end)
+        link = None if element is None else element.get("link")
+        if link not in links:
+            raise RobotError(f"{where} names the {end} link {link!r}, which does not exist")
+    check_origin(where, joint)
+    if kind in MOVABLE_TYPES:
+        _check_axis(where, joint)
+    limit = joint.find("limit")
+    if limit is None and kind in ("revolute", "prismatic"):
+        raise RobotError(f"{where} is {kind} and has no <limit lower upper effort velocity>")
+    if limit is not None:
+        _bound_limit(where, limit)
+    mimic = joint.find("mimic")
+    if mimic is None:
+        return None
+    joint.remove(mimic)  # the coupling is applied by us, Pinocchio sees independent joints
+    if kind not in MOVABLE_TYPES:
+        return None
+    factor = number(where, "mimic multiplier", mimic.get("multiplier", "1"))
+    offset = number(where, "mimic offset", mimic.get("offset", "0"))
+    return JointCoupling(name, {mimic.get("joint", ""): factor}, offset)
+
+
+def _check_axis(where: str, joint: ET.Element) -> None:
+    """Refuse an axis of length zero, which Pinocchio would turn into NaN."""
+    axis = joint.find("axis")
+    if axis is None:
+        return
+    if not any(numbers(where, "axis xyz", axis.get("xyz", "1 0 0"), 3)):
+        raise RobotError(f"{where} has the axis {axis.get('xyz')!r}; give one that is not zero")
+
+
+def _bound_limit(where: str, limit: ET.Element) -> None:
+    """Write what is unbounded or missing in a ``<limit>`` as large finite numbers."""
+    for key in ("effort", "velocity"):
+        limit.attrib.setdefault(key, "inf")
+    for key, text in list(limit.attrib.items()):
+        value = number(where, f"limit {key}", text)
+        if abs(value) > UNBOUNDED:
+            limit.set(key, repr(UNBOUNDED if value > 0.0 else -UNBOUNDED))
+
+
+def _single_root(path: Path, root: ET.Element, links: set[str]) -> str:
+    """Return the link that is nobody's child; refuse forests and loops."""
+    children = [
+        element.get("link", "") for j in root.findall("joint") for element in j.findall("child")
+    ]
+    for link in children:
+        if children.count(link) > 1:
+            raise RobotError(f"{path}: link {link!r} is the child of two joints")
+    roots = sorted(links - set(children))
+    if len(roots) != 1:
+        found = ", ".join(roots) if roots else "none (the links form a loop)"
+        raise RobotError(f"{path}: a robot has one root link, found {found}")
+    return roots[0]
+
+
+def keep_below(path: Path, root: ET.Element, top: str) -> None:
+    """Remove all links and joints but ``top`` and what hangs on it.
+
+    Raises:
+        RobotError: If there is no such link.
+    """
+    joints = root.findall("joint")
+    ends = [(_end(joint, "parent"), _end(joint, "child")) for joint in joints]
+    links = {link.get("name", ""): link for link in root.findall("link")}
+    if top not in links:
+        raise RobotError(f"{path}: there is no link {top!r} to start from")
+    kept = {top}
+    while below := {child for parent, child in ends if parent in kept} - kept:
+        kept |= below
+    for name, link in links.items():
+        if name not in kept:
+            root.remove(link)
+    for joint, (parent, _) in zip(joints, ends, strict=True):
+        if parent not in kept:
+            root.remove(joint)
+
+
+def _fix_base(path: Path, root: ET.Element, top: str) -> None:
+    """Fix the floating or planar joint that carries the robot; refuse it anywhere else."""
+    first = [joint for joint in root.findall("joint") if _end(joint, "parent") == top]
+    for joint in root.findall("joint"):
+        kind = joint.get("type")
+        if kind not in FREE_TYPES:
+            continue
+        if first != [joint]:
+            raise RobotError(
+                f"{path}: joint {joint.get('name')!r} is {kind} and does not carry the whole "
+                "robot; use revolute, continuous, prismatic or fixed joints"
+            )
+        joint.set("type", "fixed")
+
+
+def _end(joint: ET.Element, end: str) -> str:
+    """Return the link at one end of a joint."""
+    element = joint.find(end)
+    return "" if element is None else element.get("link", "")
+
+
+def _add_prefix(root: ET.Element, prefix: str) -> None:
+    """Put ``prefix`` before every link and joint name and every reference to one."""
+    if not prefix:
+        return
+    for element in (*root.findall("link"), *root.findall("joint")):
+        element.set("name", prefix + element.get("name", ""))
+    for joint in root.findall("joint"):
+        for end in (*joint.findall("parent"), *joint.findall("child")):
+            end.set("link", prefix + end.get("link", ""))

@@ -1,0 +1,1 @@
+"""Closing fingers, placing fingertips, settling objects."""

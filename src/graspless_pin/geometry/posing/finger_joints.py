@@ -1,0 +1,114 @@
+"""Which independent joints move a finger, how far they go, and which of them flex it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin  # pyright: ignore[reportMissingImports]
+from numpy.typing import NDArray
+
+from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.hand.configuration import FOLLOWER_TOLERANCE
+from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
+
+Array = NDArray[np.float64]
+
+_COS_PARALLEL = math.cos(math.radians(30.0))
+
+
+def chosen_fingers(hand: Hand, fingers: Sequence[str] | None) -> tuple[str, ...]:
+    """Return the named fingers, or all of them.
+
+    Raises:
+        ArgumentError: If a finger is unknown, ``fingers`` is one string, or the hand has none.
+    """
+    if isinstance(fingers, str):
+        raise ArgumentError("fingers", f"needs a list of names, got the text {fingers!r}")
+    if not hand.fingers:
+        raise ArgumentError(
+            "hand", "has no fingers; name their joints in the robot file or in the scene"
+        )
+    for name in fingers or ():
+        if name not in hand.fingers:
+            raise unknown_name("fingers", "finger", name, tuple(hand.fingers))
+    return tuple(hand.fingers) if fingers is None else tuple(dict.fromkeys(fingers))
+
+
+def driving_columns(hand: Hand, finger: str) -> list[int]:
+    """Return which independent joints (columns of the coupling) drive a finger's joints."""
+    rows = [hand.joint_names.index(joint) for joint in hand.fingers[finger].joints]
+    return np.flatnonzero(np.any(hand.tree.coupling.S[rows] != 0.0, axis=0)).tolist()
+
+
+def groups_of_fingers(hand: Hand, fingers: Sequence[str]) -> list[tuple[str, ...]]:
+    """Put fingers that share an independent joint, as the jaws of a gripper do, into one group."""
+    groups: list[tuple[set[int], list[str]]] = []
+    for finger in fingers:
+        columns, names = set(driving_columns(hand, finger)), [finger]
+        apart = []
+        for group in groups:
+            if columns.isdisjoint(group[0]):
+                apart.append(group)
+            else:
+                columns |= group[0]
+                names = group[1] + names
+        groups = [*apart, (columns, names)]
+    return [tuple(names) for _, names in groups]
+
+
+def joint_ranges(tree: KinematicTree) -> tuple[Array, Array]:
+    """Return the (a,) lowest and highest positions of the independent joints.
+
+    The limits of the joints that follow it narrow a joint's range; a joint that follows several
+    does not, because how far one of them may go depends on the others.
+    """
+    coupling = tree.coupling
+    lower = tree.lower[list(coupling.leaders)].copy()
+    upper = tree.upper[list(coupling.leaders)].copy()
+    for row, column in zip(*np.nonzero(coupling.S), strict=True):
+        if coupling.leaders[column] == row or np.count_nonzero(coupling.S[row]) > 1:
+            continue
+        ends = (
+            np.array([tree.lower[row] - FOLLOWER_TOLERANCE, tree.upper[row] + FOLLOWER_TOLERANCE])
+            - coupling.offset[row]
+        ) / coupling.S[row, column]
+        lower[column] = max(lower[column], ends.min())
+        upper[column] = min(upper[column], ends.max())
+    return lower, upper
+
+
+def is_prismatic(tree: KinematicTree, joint: int) -> bool:
+    """Return whether movable joint ``joint`` slides rather than turns."""
+    kind = tree.model.joints[joint + 1].shortname()
+    return kind.startswith("JointModelP")
+
+
+def flexion_rates(hand: Hand, finger: str) -> dict[int, float]:
+    """Return the joints that flex a finger, as +1 or -1 by column, one sense for the finger.
+
+    A finger flexes about the axis of its last joint and of the joints of the same kind whose axes
+    are within 30 degrees of it, at the hand's configuration. Spread and opposition are not among
+    them.
+    """
+    tree = hand.tree
+    columns = driving_columns(hand, finger)
+    if not columns:
+        return {}
+    data = tree.model.createData()
+    J = pin.computeJointJacobians(tree.model, data, tree.configuration(hand.positions))
+    J = J.reshape(6, -1)  # the binding drops the dimension of a single joint
+    joints = {column: tree.coupling.leaders[column] for column in columns}
+    last = max(columns, key=lambda column: int(tree.supports[joints[column] + 1].sum()))
+    turns = {column: not is_prismatic(tree, joint) for column, joint in joints.items()}
+    axes = {
+        column: J[3:, joint] if turns[column] else J[:3, joint] for column, joint in joints.items()
+    }
+    rates: dict[int, float] = {}
+    for column in columns:
+        cosine = float(axes[column] @ axes[last])
+        if turns[column] == turns[last] and abs(cosine) > _COS_PARALLEL:
+            rates[column] = math.copysign(1.0, cosine)
+    return rates

@@ -1,0 +1,122 @@
+"""Where a hand is in itself or in a support, which no contact is meant to be."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.bodies.collision import CollisionBody
+from graspless_pin.geometry.bodies.records import Support
+from graspless_pin.geometry.contact.distances import far_apart, separation
+from graspless_pin.geometry.contact.finding import BodyKind
+from graspless_pin.geometry.hand.model import Hand
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """Two bodies that are in each other.
+
+    Attributes:
+        link: A hand link.
+        other: Another link of the hand, or a support.
+        kind: Whether ``other`` is of the hand too, or a support.
+        depth: How far they must be moved to only touch, m.
+    """
+
+    link: str
+    other: str
+    kind: BodyKind
+    depth: float
+
+    def __str__(self) -> str:
+        """One line for a message."""
+        what = "support" if self.kind is BodyKind.SUPPORT else "hand link"
+        depth = f"{self.depth * 1e3:.2f} mm"
+        return f"hand link '{self.link}' and {what} '{self.other}' overlap by {depth}"
+
+
+def unwanted_overlaps(
+    hand: Hand, supports: Sequence[Support] = (), *, tolerance: float = 1e-4
+) -> tuple[Overlap, ...]:
+    """Find where a hand overlaps itself or a support.
+
+    Links of one robot are not compared if they are rigidly joined or neighbours at a joint, nor if
+    they overlap when all joints are at zero (or at the limit nearest to it): collision shapes are
+    often so wide that they do so for ever.
+
+    Args:
+        hand: The hand at its configuration.
+        supports: What it should stay out of.
+        tolerance: Overlap up to which bodies count as touching only, m.
+
+    Returns:
+        Self-overlaps, then those with supports, each in model order.
+
+    Raises:
+        ArgumentError: If ``tolerance`` is negative or not finite.
+    """
+    if not (np.isfinite(tolerance) and tolerance >= 0.0):
+        raise ArgumentError("tolerance", f"needs zero or more metres, got {tolerance!r}")
+    bodies = hand.collision_bodies()
+    found: dict[tuple[str, str], float] = {}
+    at_neutral: tuple[CollisionBody, ...] = ()
+    ignored: set[tuple[str, str]] = set()
+    for i, j in _pairs(hand):
+        depth = _depth(bodies[i], bodies[j])
+        if depth <= tolerance:
+            continue
+        pair = (bodies[i].name, bodies[j].name)
+        if _mount(hand, pair[0]) == _mount(hand, pair[1]):
+            at_neutral = at_neutral or _neutral(hand).collision_bodies()
+            if _depth(at_neutral[i], at_neutral[j]) > 0.0:
+                ignored.add(pair)
+        found[pair] = max(found.get(pair, 0.0), depth)
+    overlaps = [Overlap(*pair, BodyKind.HAND, found[pair]) for pair in found if pair not in ignored]
+    for support in supports:
+        other = support.collision_body()
+        deepest: dict[str, float] = {}
+        for body in bodies:
+            depth = _depth(body, other)
+            if depth > tolerance:
+                deepest[body.name] = max(deepest.get(body.name, 0.0), depth)
+        overlaps += [
+            Overlap(link, support.name, BodyKind.SUPPORT, d) for link, d in deepest.items()
+        ]
+    return tuple(overlaps)
+
+
+def _pairs(hand: Hand) -> Iterator[tuple[int, int]]:
+    """Shapes that could meet: not rigidly joined or neighbours, unless of two robots."""
+    parents = [int(parent) for parent in hand.tree.model.parents]
+    for (i, first), (j, second) in combinations(enumerate(hand.tree.geometries), 2):
+        joined = (
+            first.joint == second.joint
+            or parents[second.joint] == first.joint
+            or parents[first.joint] == second.joint
+        )
+        if not joined or _mount(hand, first.link) != _mount(hand, second.link):
+            yield i, j
+
+
+def _mount(hand: Hand, link: str) -> str:
+    """Return the prefix of the robot that a link belongs to."""
+    return max((prefix for prefix in hand.base_poses if link.startswith(prefix)), key=len)
+
+
+def _neutral(hand: Hand) -> Hand:
+    tree = hand.tree
+    rest = np.clip(0.0, tree.lower, tree.upper)
+    return hand.with_configuration(
+        {hand.joint_names[index]: float(rest[index]) for index in tree.coupling.leaders}
+    )
+
+
+def _depth(first: CollisionBody, second: CollisionBody) -> float:
+    """Return how deep two bodies overlap, zero if they do not."""
+    if far_apart(first, second):
+        return 0.0
+    return max(-separation(first, second).distance, 0.0)

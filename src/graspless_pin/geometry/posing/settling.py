@@ -1,0 +1,108 @@
+"""Putting an object down on its supports."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspless_pin.errors import ArgumentError, SceneError
+from graspless_pin.geometry.bodies.collision import CollisionBody
+from graspless_pin.geometry.bodies.records import ManipulatedObject, Support
+from graspless_pin.geometry.contact.distances import separation
+
+Array = NDArray[np.float64]
+
+TOLERANCE = 1e-4
+"""Overlap with a support across the direction of settling that is left as it is, m."""
+
+_TOUCH = 1e-7  # m
+_ALONG = 1e-3  # approach per travel, about 0.06 degrees, up to which bodies pass along each other
+_STEPS = 100
+
+
+def settle(
+    target: ManipulatedObject,
+    supports: Sequence[Support],
+    direction: ArrayLike = (0.0, 0.0, -1.0),
+) -> ManipulatedObject:
+    """Move an object along a direction until it touches the first support in its way.
+
+    The gap that is left is zero up to about a micrometre either way.
+
+    An object that overlaps a support in its way is taken back until it only touches; one that is
+    more than half through it goes on to the far side. A support that the object moves along, as
+    along a wall on its way down, does not stop it; so an object is put into a corner by settling it
+    twice, in two directions. The object only translates: it neither turns nor slides nor tips over,
+    touches with as little as one corner if that comes first, and may not stay where it is put.
+
+    Args:
+        target: The object.
+        supports: What it may come to rest on.
+        direction: (3,) where to move, world axes, of any length; gravity, for example.
+
+    Returns:
+        The object at its new pose.
+
+    Raises:
+        ArgumentError: If ``direction`` is zero or not three finite numbers.
+        SceneError: If no support lies in the way, or the object overlaps one across the direction
+            by more than `TOLERANCE`.
+    """
+    way = np.array(direction, dtype=np.float64)
+    if way.shape != (3,) or not np.isfinite(way).all() or not np.any(way):
+        raise ArgumentError(
+            "direction", f"needs three finite numbers, not all zero, got {direction!r}"
+        )
+    way /= np.linalg.norm(way)
+    body = target.collision_body()
+    others = [support.collision_body() for support in supports]
+    paths = [_path_to(body, other, way) for other in others]
+    ahead = [path for path in paths if path is not None]
+    if not ahead:
+        known = ", ".join(f"'{support.name}'" for support in supports) or "there is none"
+        raise SceneError(
+            f"object '{target.name}' meets no support in the direction {way.round(6).tolist()} "
+            f"({known}); turn the direction or move the object"
+        )
+    travel = min(ahead)
+    resting = _moved(body, travel * way)
+    for support, other in zip(supports, others, strict=True):
+        overlap = -separation(other, resting).distance
+        if overlap > TOLERANCE:
+            raise SceneError(
+                f"object '{target.name}' overlaps support '{support.name}' by "
+                f"{overlap * 1e3:.2f} mm where it settles in the direction "
+                f"{way.round(6).tolist()}; move it aside or settle it off that support first"
+            )
+    return replace(target, T_world_object=resting.T_world_geometry)
+
+
+def _path_to(body: CollisionBody, other: CollisionBody, way: Array) -> float | None:
+    """Return how far ``body`` goes until it touches ``other``, negative to come out of it.
+
+    The signed distance of convex bodies is a convex function of the travel. Newton's method
+    therefore reaches its root from the side of the gap without passing it, and from an overlap
+    falls back to that side first.
+
+    Returns:
+        The travel, m; None if the bodies never meet or only pass along each other.
+    """
+    travel = 0.0
+    for _ in range(_STEPS):
+        here = separation(other, _moved(body, travel * way))
+        approach = -float(here.normal @ way)
+        if approach <= _ALONG:
+            return None
+        if abs(here.distance) <= _TOUCH:
+            break
+        travel += here.distance / approach
+    return travel
+
+
+def _moved(body: CollisionBody, shift: Array) -> CollisionBody:
+    T = np.array(body.T_world_geometry)
+    T[:3, 3] += shift
+    return CollisionBody(body.name, body.geometry, T)

@@ -1,0 +1,1 @@
+"""Robot files, their list, and audits of URDFs."""

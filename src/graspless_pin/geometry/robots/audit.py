@@ -1,0 +1,200 @@
+"""Audit a URDF: what will hurt later, and what to do about it."""
+
+from __future__ import annotations
+
+import warnings
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from graspless_pin.errors import ArgumentError, DanglingMimicWarning, MeshError, RobotError
+from graspless_pin.geometry.hand.configuration import joint_positions
+from graspless_pin.geometry.hand.coupling import dangling_couplings
+from graspless_pin.geometry.hand.effort_limits import is_placeholder
+from graspless_pin.geometry.hand.mounts import JoinedMounts, Mount, join_mounts
+from graspless_pin.geometry.hand.urdf import keep_below, parse_robot, read_urdf
+from graspless_pin.geometry.robots.audit_meshes import Finding, FindingKind, audit_meshes
+from graspless_pin.geometry.robots.files import RobotDescription, find_robot
+from graspless_pin.geometry.robots.listing import describe_efforts
+
+_MESH_FAILURES = (FindingKind.MISSING_MESH, FindingKind.UNUSABLE_MESH)
+
+
+@dataclass(frozen=True)
+class AuditReport:
+    """The audit of one URDF.
+
+    Attributes:
+        name: The robot.
+        urdf_path: Its URDF.
+        loads: Whether it can be mounted as it is.
+        links: Its links.
+        joints: Its movable joints.
+        palms: The links that carry fingers.
+        fingers: The joints of every finger.
+        findings: What was found, the gravest kinds first.
+    """
+
+    name: str
+    urdf_path: Path
+    loads: bool
+    links: tuple[str, ...]
+    joints: tuple[str, ...]
+    palms: tuple[str, ...]
+    fingers: dict[str, tuple[str, ...]]
+    findings: tuple[Finding, ...]
+
+
+def audit_urdf(source: str | Path, package_dirs: Sequence[str | Path] = ()) -> AuditReport:
+    """Audit a URDF or robot; mistakes in it become findings, not errors.
+
+    Args:
+        source: A path to a URDF or robot file, or a robot's name. What a robot file mends (limits,
+            couplings) is not found again.
+        package_dirs: For the ``package://`` addresses of a URDF given by path.
+
+    Returns:
+        The report.
+
+    Raises:
+        RobotError: If there is no such robot, robot file or URDF.
+        ArgumentError: If ``package_dirs`` is given for anything but a URDF.
+    """
+    robot = find_robot(source, package_dirs)
+    if not robot.urdf_path.is_file():
+        raise RobotError(f"{robot.urdf_path}: there is no such URDF file")
+    try:
+        root = parse_robot(robot.urdf_path)
+        if robot.root_link is not None:
+            keep_below(robot.urdf_path, root, robot.root_link)
+    except RobotError as error:
+        return _report(robot, None, [_unreadable(robot, error)], loads=False)
+    findings = [*audit_meshes(robot, root), *_audit_shapes(root)]
+    joined: JoinedMounts | None = None
+    loads = False
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DanglingMimicWarning)
+        try:
+            joined = join_mounts([Mount(robot)], with_shapes=False)
+        except (RobotError, MeshError, ArgumentError) as error:
+            findings.append(_unreadable(robot, error))
+        else:
+            findings += [*_audit_mimics(robot), *_audit_joints(robot, joined)]
+            try:
+                join_mounts([Mount(robot)])
+                loads = True
+            except (RobotError, MeshError) as error:
+                if not any(item.kind in _MESH_FAILURES for item in findings):
+                    findings.append(_unreadable(robot, error))
+    return _report(robot, joined, findings, loads=loads)
+
+
+def _report(
+    robot: RobotDescription, joined: JoinedMounts | None, findings: list[Finding], *, loads: bool
+) -> AuditReport:
+    """Put a report together, findings in the order of their kinds."""
+    kinds = list(FindingKind)
+    return AuditReport(
+        name=robot.name,
+        urdf_path=robot.urdf_path,
+        loads=loads,
+        links=() if joined is None else tuple(joined.tree.link_frames),
+        joints=() if joined is None else joined.tree.joint_names,
+        palms=() if joined is None else joined.palms,
+        fingers={}
+        if joined is None
+        else {name: spec.joints for name, spec in joined.fingers.items()},
+        findings=tuple(sorted(findings, key=lambda item: kinds.index(item.kind))),
+    )
+
+
+def _unreadable(robot: RobotDescription, error: Exception) -> Finding:
+    """Return the finding for a URDF that is refused."""
+    return Finding(
+        FindingKind.UNREADABLE,
+        str(robot.urdf_path),
+        str(error),
+        "correct this first: the robot cannot be loaded before",
+    )
+
+
+def _audit_shapes(root: ET.Element) -> Iterator[Finding]:
+    """Find links that are seen but never touched."""
+    links = root.findall("link")
+    solid = [link for link in links if link.find("collision") is not None]
+    bare = [
+        link.get("name", "")
+        for link in links
+        if link not in solid and link.find("visual") is not None
+    ]
+    if not solid:
+        yield Finding(
+            FindingKind.NO_COLLISION,
+            "robot",
+            "no link has collision geometry: it never touches anything",
+            "add <collision> shapes, at least to the fingertips, or give the contacts in the scene",
+        )
+    elif bare:
+        yield Finding(
+            FindingKind.NO_COLLISION,
+            f"links {', '.join(bare)}",
+            "are drawn but have no collision geometry: nothing touches them",
+            "add <collision> shapes to those that may touch the object",
+        )
+
+
+def _audit_mimics(robot: RobotDescription) -> Iterator[Finding]:
+    """Find mimic joints whose leader does not exist."""
+    document = read_urdf(robot.urdf_path, root_link=robot.root_link, with_meshes=False)
+    couplings = {item.joint: item for item in (*document.mimics, *robot.couplings)}
+    for joint, leader in dangling_couplings(document.joints, couplings.values()):
+        near = [name for name in document.joints if leader and name.endswith(leader)]
+        meant = f" (perhaps {', '.join(near)})" if near else ""
+        yield Finding(
+            FindingKind.DANGLING_MIMIC,
+            f"joint {joint}",
+            f"mimics {leader!r}, which does not exist or is fixed; it is left independent",
+            f"correct the name{meant} in the URDF, or couple it under 'couplings' in a robot file",
+        )
+
+
+def _audit_joints(robot: RobotDescription, joined: JoinedMounts) -> Iterator[Finding]:
+    """Find doubtful effort limits and joints that cannot stand at zero."""
+    tree = joined.tree
+    for name, effort in describe_efforts(robot, joined).items():
+        on_arm = name in joined.held_joints
+        held = " (position-controlled unless asked)" if on_arm else ""
+        where = f"{'tendon' if name in joined.tendons else 'joint'} {name}"
+        if name in joined.effort_unknown and not effort.known:
+            yield Finding(
+                FindingKind.UNKNOWN_EFFORT,
+                where,
+                f"the effort limit {effort.upper:g} is declared unknown: {effort.source}",
+                "measure it or ask the maker, and give it in effort_limits",
+            )
+        elif not effort.known and is_placeholder(effort.upper, on_arm=on_arm):
+            yield Finding(
+                FindingKind.PLACEHOLDER_EFFORT,
+                where,
+                f"the effort limit {effort.upper:g} looks like a placeholder{held}",
+                "give the motor's real limit in effort_limits (N m, or N if prismatic)",
+            )
+    rest = joint_positions(tree, {})
+    lowest, highest = tree.tolerated
+    for index, name in enumerate(tree.joint_names):
+        limits = f"[{tree.lower[index]:g}, {tree.upper[index]:g}]"
+        if not lowest[index] <= rest[index] <= highest[index]:
+            yield Finding(
+                FindingKind.NEUTRAL_OUTSIDE,
+                f"joint {name}",
+                f"follows its leader to {rest[index]:g}, outside its limits {limits}",
+                "name a position of the leader in q, or correct limits, multiplier or offset",
+            )
+        elif index in tree.coupling.leaders and not lowest[index] <= 0.0 <= highest[index]:
+            yield Finding(
+                FindingKind.NEUTRAL_OUTSIDE,
+                f"joint {name}",
+                f"zero is outside its limits {limits}; unnamed, it stands at {rest[index]:g}",
+                "name its position in q if that is not what is meant",
+            )

@@ -1,0 +1,129 @@
+"""What an audit can find, and the part of it that looks at the meshes."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+import numpy as np
+
+from graspless_pin.errors import MeshError
+from graspless_pin.geometry.bodies.meshes import LARGEST_MESH, SMALLEST_MESH
+from graspless_pin.geometry.hand.link_shapes import is_flat, load_link_mesh
+from graspless_pin.geometry.hand.urdf_links import find_mesh
+from graspless_pin.geometry.robots.files import RobotDescription
+
+_DAE_UNIT = re.compile(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']+)[\"']")
+
+
+class FindingKind(StrEnum):
+    """What an audit can find."""
+
+    UNREADABLE = "unreadable"
+    MISSING_MESH = "missing collision mesh"
+    MISSING_VISUAL = "missing visual mesh"
+    RELATIVE_MESH = "relative mesh path"
+    MESH_SCALE = "mesh scale"
+    MESH_UNIT = "mesh unit"
+    UNUSABLE_MESH = "unusable mesh"
+    NO_COLLISION = "no collision geometry"
+    DANGLING_MIMIC = "dangling mimic"
+    PLACEHOLDER_EFFORT = "placeholder effort"
+    UNKNOWN_EFFORT = "unknown effort"
+    NEUTRAL_OUTSIDE = "neutral outside limits"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that an audit found.
+
+    Attributes:
+        kind: What it is.
+        where: The link, joint or file it is about.
+        message: What was found.
+        advice: What to do.
+    """
+
+    kind: FindingKind
+    where: str
+    message: str
+    advice: str
+
+
+def audit_meshes(robot: RobotDescription, root: ET.Element) -> Iterator[Finding]:
+    """Find meshes that are missing, of a strange size or unusable.
+
+    Args:
+        robot: The robot, for its paths.
+        root: Its ``<robot>`` element.
+
+    Yields:
+        The findings, link by link.
+    """
+    for link in root.findall("link"):
+        for use in ("collision", "visual"):
+            for mesh in link.findall(f"{use}/geometry/mesh"):
+                yield from _audit_mesh(robot, link.get("name", ""), use, mesh)
+
+
+def _audit_mesh(
+    robot: RobotDescription, link: str, use: str, mesh: ET.Element
+) -> Iterator[Finding]:
+    """Audit one mesh of a link."""
+    written = mesh.get("filename", "")
+    where = f"link {link}, {use}"
+    file, looked = find_mesh(robot.urdf_path, written, robot.package_dirs)
+    if file is None:
+        places = ", ".join(str(item) for item in looked) or "nowhere"
+        grave = "the robot cannot be loaded" if use == "collision" else "only drawing needs it"
+        yield Finding(
+            FindingKind.MISSING_MESH if use == "collision" else FindingKind.MISSING_VISUAL,
+            where,
+            f"{written!r} is missing (looked for {places}); {grave}",
+            "give package_dirs, the folder that holds the package"
+            if written.startswith("package://")
+            else "put the file there or correct the path",
+        )
+        return
+    if "://" not in written and not Path(written).is_absolute():
+        yield Finding(
+            FindingKind.RELATIVE_MESH,
+            where,
+            f"{written!r} is relative to the URDF's folder",
+            "nothing to do here; Pinocchio alone and most ROS tools need package:// or file://",
+        )
+    if use == "visual":
+        return
+    try:
+        vertices = np.array(load_link_mesh(file, str(robot.urdf_path), link).vertices())
+        scale = np.array([float(word) for word in mesh.get("scale", "1 1 1").split()])
+    except (MeshError, ValueError) as error:
+        yield Finding(FindingKind.UNUSABLE_MESH, where, str(error), "export the mesh again as STL")
+        return
+    extent = float(np.ptp(vertices * scale, axis=0).max())
+    if not SMALLEST_MESH <= extent <= LARGEST_MESH:
+        yield Finding(
+            FindingKind.MESH_SCALE,
+            where,
+            f"{file.name} with scale {mesh.get('scale', '1 1 1')} is {extent:.3g} m large",
+            'lengths are metres: a mesh in millimetres needs scale="0.001 0.001 0.001"',
+        )
+    if is_flat(vertices):
+        yield Finding(
+            FindingKind.UNUSABLE_MESH,
+            where,
+            f"{file.name} lies in one plane and has no volume",
+            "give it a thickness or use a box",
+        )
+    unit = _DAE_UNIT.search(file.read_bytes()) if file.suffix.lower() == ".dae" else None
+    if unit is not None and float(unit.group(1)) != 1.0:
+        yield Finding(
+            FindingKind.MESH_UNIT,
+            where,
+            f"{file.name} says that its unit is {float(unit.group(1)):g} m, which is not applied",
+            "write it into the mesh's scale in the URDF unless the figures are metres already",
+        )

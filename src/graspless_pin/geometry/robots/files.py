@@ -1,0 +1,181 @@
+"""Where a hand comes from: a URDF, a robot file in ``robots/`` or an example-robot-data model."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from example_robot_data import (  # pyright: ignore[reportMissingImports]
+    ROBOTS,
+    getModelPath,
+)
+
+from graspless_pin.errors import ArgumentError, RobotError
+from graspless_pin.geometry.hand.coupling import JointCoupling
+from graspless_pin.geometry.hand.fingers import FingerSpec
+from graspless_pin.geometry.robots.schema import read_robot_file
+
+_PACKAGE_ROBOTS = Path(__file__).resolve().parents[2] / "robots"
+_SOURCE_ROBOTS = Path(__file__).resolve().parents[4] / "robots"
+
+
+@dataclass(frozen=True)
+class RobotDescription:
+    """A hand before it is mounted: a URDF and what the URDF does not say.
+
+    Attributes:
+        name: Its name, for messages and tables.
+        urdf_path: The URDF.
+        package_dirs: Where the URDF's ``package://`` addresses are looked up.
+        root_link: The link that is mounted, with all that hangs on it; None is the URDF's root.
+        palms: The links that carry fingers; empty: found from the tree.
+        fingers: Fingers by name; empty: the branches below the palms.
+        couplings: Coupled joints, instead of the URDF's mimic joints of these names.
+        tendons: Moment arm by joint, m, by tendon.
+        effort_limits: Limit by finger, joint or tendon (N m, or N for a prismatic joint or a
+            tendon): a symmetric one, or (lower, upper).
+        effort_sources: Where each of these limits comes from.
+        effort_unknown: What is known by finger, joint or tendon whose real limit is not.
+        file: The robot file, if there is one.
+        model: The model of example-robot-data, if it is one.
+    """
+
+    name: str
+    urdf_path: Path
+    package_dirs: tuple[Path, ...] = ()
+    root_link: str | None = None
+    palms: tuple[str, ...] = ()
+    fingers: Mapping[str, FingerSpec] = field(default_factory=dict)
+    couplings: tuple[JointCoupling, ...] = ()
+    tendons: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    effort_limits: Mapping[str, float | tuple[float, float]] = field(default_factory=dict)
+    effort_sources: Mapping[str, str] = field(default_factory=dict)
+    effort_unknown: Mapping[str, str] = field(default_factory=dict)
+    file: Path | None = None
+    model: str | None = None
+
+
+def describe_urdf(path: str | Path, package_dirs: Sequence[str | Path] = ()) -> RobotDescription:
+    """Describe a plain URDF, of which no fingers or honest limits are known."""
+    file = Path(path)
+    return RobotDescription(file.stem, file, tuple(Path(folder) for folder in package_dirs))
+
+
+def describe_model(name: str) -> RobotDescription:
+    """Describe a model of example-robot-data by its name there, e.g. ``allegro_right_hand``.
+
+    Raises:
+        RobotError: If there is no such model or it has no URDF; names similar ones.
+    """
+    loader = ROBOTS.get(name)
+    if loader is None:
+        raise RobotError(f"unknown model {name!r} of example-robot-data; {_similar(name, ROBOTS)}")
+    if not loader.urdf_filename:
+        raise RobotError(f"model {name!r} of example-robot-data is not a URDF; choose another one")
+    inside = Path(loader.path) / loader.urdf_subpath / loader.urdf_filename
+    models = Path(getModelPath(str(inside))).resolve()
+    return RobotDescription(name, models / inside, (models.parents[1],), model=name)
+
+
+def robot_names() -> tuple[str, ...]:
+    """Return the names of the robot files that come with this package, sorted."""
+    return tuple(sorted(file.stem for file in _robots_folder().glob("*.yaml")))
+
+
+def load_robot(name_or_path: str | Path) -> RobotDescription:
+    """Load a robot file: one of this package's by name, or any by path.
+
+    Args:
+        name_or_path: A name out of ``robot_names()``, or a path that ends in .yaml or .yml.
+
+    Returns:
+        The description.
+
+    Raises:
+        RobotError: If there is no such robot or its file is not valid; the message names the
+            file, the key and what was found.
+    """
+    text = str(name_or_path)
+    if text.endswith((".yaml", ".yml")):
+        file = Path(text)
+        if not file.is_file():
+            raise RobotError(f"{file}: there is no such robot file")
+    elif text in robot_names():
+        file = _robots_folder() / f"{text}.yaml"
+    else:
+        raise RobotError(f"unknown robot {text!r}; {_similar(text, robot_names())}")
+    entry = read_robot_file(file)
+    efforts = entry.effort_limits
+    fingers = {
+        finger: FingerSpec(tuple(spec.joints), tuple(spec.links), spec.tip)
+        for finger, spec in entry.fingers.items()
+    }
+    if entry.model is not None:
+        try:
+            base = describe_model(entry.model)
+        except RobotError as error:
+            raise RobotError(f"{file}: model: {error}") from error
+    else:
+        base = describe_urdf(file.parent / str(entry.urdf))
+    return RobotDescription(
+        name=entry.name,
+        urdf_path=base.urdf_path,
+        package_dirs=base.package_dirs,
+        root_link=entry.root_link,
+        palms=(entry.palm,) if isinstance(entry.palm, str) else tuple(entry.palm),
+        fingers=fingers,
+        couplings=tuple(item.coupling(joint) for joint, item in entry.couplings.items()),
+        tendons={name: item.moment_arms for name, item in entry.tendons.items()},
+        effort_limits={name: e.limit for name, e in efforts.items() if e.limit is not None},
+        effort_sources={name: e.source for name, e in efforts.items() if e.source is not None},
+        effort_unknown={name: e.unknown for name, e in efforts.items() if e.unknown is not None},
+        file=file,
+        model=entry.model,
+    )
+
+
+def find_robot(
+    source: RobotDescription | str | Path, package_dirs: Sequence[str | Path] = ()
+) -> RobotDescription:
+    """Find out what ``source`` means.
+
+    Args:
+        source: A description; a path to a .urdf, .yaml or .yml file; the name of a robot file; or
+            the name of an example-robot-data model. Robot files win over models.
+        package_dirs: For the ``package://`` addresses of a URDF given by path.
+
+    Raises:
+        RobotError: If it means nothing; names similar robots.
+        ArgumentError: If ``package_dirs`` is given for anything but a URDF.
+    """
+    is_urdf = not isinstance(source, RobotDescription) and Path(source).suffix in (".urdf", ".xml")
+    if is_urdf:
+        return describe_urdf(str(source), package_dirs)
+    if package_dirs:
+        raise ArgumentError("package_dirs", f"only goes with a URDF file, not with {source!r}")
+    if isinstance(source, RobotDescription):
+        return source
+    text = str(source)
+    if text.endswith((".yaml", ".yml")) or text in robot_names():
+        return load_robot(text)
+    if text in ROBOTS:
+        return describe_model(text)
+    raise RobotError(
+        f"unknown robot {text!r}: give a .urdf file, a robot file or a model's name; "
+        f"{_similar(text, [*robot_names(), *ROBOTS])}"
+    )
+
+
+def _robots_folder() -> Path:
+    """Return the folder of robot files, inside the installed package or beside its source."""
+    return _PACKAGE_ROBOTS if _PACKAGE_ROBOTS.is_dir() else _SOURCE_ROBOTS
+
+
+def _similar(name: str, known: Sequence[str] | Mapping[str, Any]) -> str:
+    """Say which known names are near ``name``, or all of them if none is."""
+    near = difflib.get_close_matches(name, list(known), n=5, cutoff=0.5)
+    near += [other for other in known if name and name in other and other not in near]
+    return f"near: {', '.join(near)}" if near else f"known: {', '.join(sorted(known))}"

@@ -1,0 +1,173 @@
+"""List robots with their fingers, joints and limits, and where these come from."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from graspless_pin.errors import DanglingMimicWarning, MeshError, RobotError
+from graspless_pin.geometry.hand.effort_limits import is_placeholder, spread_names, urdf_efforts
+from graspless_pin.geometry.hand.fingers import FingerSpec
+from graspless_pin.geometry.hand.mounts import JoinedMounts, Mount, join_mounts
+from graspless_pin.geometry.hand.tree import KinematicTree
+from graspless_pin.geometry.robots.files import RobotDescription, find_robot, robot_names
+
+
+@dataclass(frozen=True)
+class EffortRecord:
+    """The effort limit of a joint or tendon.
+
+    Attributes:
+        lower: Lower limit, N m (N for prismatic joints and tendons).
+        upper: Upper limit, in the same unit.
+        known: Whether it is stated with a source, rather than taken from the URDF.
+        source: Where it comes from, or what is known of it.
+    """
+
+    lower: float
+    upper: float
+    known: bool
+    source: str
+
+
+@dataclass(frozen=True)
+class JointRecord:
+    """A movable joint.
+
+    Attributes:
+        name: Its name.
+        kind: ``revolute``, ``continuous`` or ``prismatic``.
+        lower: Lower position limit, rad or m; -inf without one.
+        upper: Upper position limit, rad or m; inf without one.
+        follows: Multiplier by independent joint that it follows; empty if it is independent.
+        offset: Its position when those stand at zero, rad or m.
+        effort: Its effort limit; None for a joint that follows others or hangs on tendons.
+        is_held: Whether it is position-controlled unless asked otherwise.
+    """
+
+    name: str
+    kind: str
+    lower: float
+    upper: float
+    follows: Mapping[str, float]
+    offset: float
+    effort: EffortRecord | None
+    is_held: bool
+
+
+@dataclass(frozen=True)
+class RobotRecord:
+    """A robot of the list.
+
+    Attributes:
+        name: Its name.
+        origin: Where its model comes from.
+        urdf_path: Its URDF.
+        palms: The links that carry fingers.
+        fingers: Fingers by name.
+        joints: Movable joints in model order.
+        tendons: Effort limit by tendon.
+        problem: Why it cannot be loaded, if it cannot; then the rest is empty.
+    """
+
+    name: str
+    origin: str
+    urdf_path: Path | None
+    palms: tuple[str, ...] = ()
+    fingers: Mapping[str, FingerSpec] = field(default_factory=dict)
+    joints: tuple[JointRecord, ...] = ()
+    tendons: Mapping[str, EffortRecord] = field(default_factory=dict)
+    problem: str | None = None
+
+
+def list_robots(names: Sequence[str] | None = None) -> tuple[RobotRecord, ...]:
+    """List robots; meshes are not read.
+
+    Args:
+        names: Robot files or example-robot-data models; None lists all robot files that come with
+            this package.
+
+    Returns:
+        A record of each. One that cannot be loaded says why.
+    """
+    return tuple(_record(name) for name in (robot_names() if names is None else names))
+
+
+def describe_efforts(robot: RobotDescription, joined: JoinedMounts) -> dict[str, EffortRecord]:
+    """Return the effort limit of every joint with a motor and every tendon of one robot."""
+    tree, tendons = joined.tree, joined.tendons
+    stated = spread_names(tree, joined.fingers, robot.effort_sources, tendons)
+    pulled = {joint for arms in tendons.values() for joint in arms}
+    lower, upper = urdf_efforts(tree)
+    efforts: dict[str, EffortRecord] = {}
+    for index in tree.coupling.leaders:
+        name = tree.joint_names[index]
+        if name in pulled:
+            continue
+        note = joined.effort_unknown.get(name)
+        if note is None and is_placeholder(float(upper[index]), on_arm=name in joined.held_joints):
+            note = "the URDF's, which looks like a placeholder"
+        efforts[name] = EffortRecord(
+            float(lower[index]), float(upper[index]), known=False, source=note or "the URDF's"
+        )
+    for name in tendons:
+        note = joined.effort_unknown.get(name, "nobody states it")
+        efforts[name] = EffortRecord(0.0, float("inf"), known=False, source=note)
+    for name, (low, high) in joined.effort_limits.items():
+        source = " ".join(robot.effort_sources[stated[name]].split())
+        efforts[name] = EffortRecord(low, high, known=True, source=source)
+    return efforts
+
+
+def _record(name: str) -> RobotRecord:
+    """Return the record of one robot."""
+    try:
+        robot = find_robot(name)
+    except RobotError as error:
+        return RobotRecord(name, "unknown", None, problem=str(error))
+    origin = (
+        f"the model {robot.model} of example-robot-data"
+        if robot.model
+        else f"the URDF {robot.urdf_path.name}"
+    )
+    if robot.root_link is not None:
+        origin += f", from the link {robot.root_link} on"
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DanglingMimicWarning)  # the audit reports them
+            joined = join_mounts([Mount(robot)], with_shapes=False)
+    except (RobotError, MeshError) as error:
+        return RobotRecord(robot.name, origin, robot.urdf_path, problem=str(error))
+    efforts = describe_efforts(robot, joined)
+    return RobotRecord(
+        name=robot.name,
+        origin=origin,
+        urdf_path=robot.urdf_path,
+        palms=joined.palms,
+        fingers=joined.fingers,
+        joints=tuple(_joint(joined, index, efforts) for index in range(len(joined.tree.lower))),
+        tendons={tendon: efforts[tendon] for tendon in joined.tendons},
+    )
+
+
+def _joint(joined: JoinedMounts, index: int, efforts: Mapping[str, EffortRecord]) -> JointRecord:
+    """Return the record of one joint."""
+    tree: KinematicTree = joined.tree
+    name, coupling = tree.joint_names[index], tree.coupling
+    leads = index in coupling.leaders
+    follows = {
+        tree.joint_names[coupling.leaders[column]]: float(coupling.S[index, column])
+        for column in coupling.drivers([index])
+    }
+    return JointRecord(
+        name=name,
+        kind=tree.joint_kinds[index],
+        lower=float(tree.lower[index]),
+        upper=float(tree.upper[index]),
+        follows={} if leads else follows,
+        offset=float(coupling.offset[index]),
+        effort=efforts.get(name),
+        is_held=name in joined.held_joints,
+    )

@@ -1,0 +1,116 @@
+"""The schema of robot files (``robots/*.yaml``): what may stand in one, unknown keys refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from graspless_pin.errors import RobotError
+from graspless_pin.geometry.hand.coupling import JointCoupling
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class _Entry(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class FingerEntry(_Entry):
+    """A finger; without links, all that its joints move."""
+
+    joints: list[str] = Field(min_length=1)
+    links: list[str] = []
+    tip: str | None = None
+
+
+class EffortEntry(_Entry):
+    """A limit and where it comes from, or what is known while the real limit is not."""
+
+    limit: float | tuple[float, float] | None = None
+    source: str | None = Field(default=None, min_length=1)
+    unknown: str | None = Field(default=None, min_length=1)
+
+    @model_validator(mode="after")
+    def _one_form(self) -> EffortEntry:
+        stated = self.limit is not None and self.source is not None and self.unknown is None
+        open_ = self.limit is None and self.source is None and self.unknown is not None
+        if not (stated or open_):
+            raise ValueError(
+                "give 'limit' and 'source' (where it comes from), or only 'unknown' (what is known)"
+            )
+        return self
+
+
+class CouplingEntry(_Entry):
+    """A coupled joint: it follows one joint with a multiplier, or several by name."""
+
+    follows: str | dict[str, Finite] = Field(min_length=1)
+    multiplier: Finite = 1.0
+    offset: Finite = 0.0
+
+    @model_validator(mode="after")
+    def _one_multiplier(self) -> CouplingEntry:
+        if isinstance(self.follows, dict) and "multiplier" in self.model_fields_set:
+            raise ValueError("'multiplier' goes with one leader; write {leader: multiplier}")
+        return self
+
+    def coupling(self, joint: str) -> JointCoupling:
+        """Return the coupling of ``joint``."""
+        follows = (
+            self.follows if isinstance(self.follows, dict) else {self.follows: self.multiplier}
+        )
+        return JointCoupling(joint, follows, self.offset)
+
+
+class TendonEntry(_Entry):
+    """A tendon: torque on each joint per newton of tension, that is its moment arm in metres."""
+
+    moment_arms: dict[str, Finite] = Field(min_length=1)
+
+
+class RobotFile(_Entry):
+    """A robot file."""
+
+    name: str = Field(min_length=1)
+    urdf: str | None = None
+    model: str | None = None
+    root_link: str | None = None
+    palm: str | list[str] = []
+    fingers: dict[str, FingerEntry] = {}
+    couplings: dict[str, CouplingEntry] = {}
+    tendons: dict[str, TendonEntry] = {}
+    effort_limits: dict[str, EffortEntry] = {}
+
+    @model_validator(mode="after")
+    def _one_source(self) -> RobotFile:
+        if (self.urdf is None) == (self.model is None):
+            raise ValueError(
+                "give either 'urdf' (a path relative to this file) or 'model' (the name of an "
+                "example-robot-data model)"
+            )
+        return self
+
+
+def read_robot_file(file: Path) -> RobotFile:
+    """Read and validate one robot file.
+
+    Raises:
+        RobotError: If it is not plain YAML or not valid; names file, key and what was found.
+    """
+    try:
+        content: Any = yaml.safe_load(file.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise RobotError(f"{file}: not plain YAML ({error})") from error
+    if not isinstance(content, dict):
+        raise RobotError(
+            f"{file}: a robot file is a mapping with the keys name, urdf or model, ..."
+        )
+    try:
+        return RobotFile.model_validate(content)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"]) or "file"
+        raise RobotError(f"{file}: {key}: {first['msg']} (found {first['input']!r})") from error
