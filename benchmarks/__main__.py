@@ -3,13 +3,14 @@
 import argparse
 import time
 
-from benchmarks import searches
+from benchmarks import geometry, searches
 
 # Each section is a function without arguments that returns markdown.
 SECTIONS = {
     "paper": searches.paper_scenes,
     "random": searches.random_scenes,
     "rivals": searches.rivals,
+    "geometry": geometry.scene_problem,
 }
 
 
