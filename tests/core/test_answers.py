@@ -70,6 +70,11 @@ def test_documents_verify_and_tampering_shows(name):
         ):
             spoilt = copy.deepcopy(document)
             change(spoilt)
+            if spoilt["contacts"] == document["contacts"] and not solution.mode.selection.any():
+                # Without a virtual sliding any motion will do, the one at rest too.
+                spoilt["certificate"]["virtual_motion"] = document["certificate"]["virtual_motion"]
+            if spoilt == document:
+                continue
             assert not verify_document(spoilt).passed
 
 
