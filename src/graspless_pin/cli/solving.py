@@ -1,36 +1,21 @@
-"""The command line: ``graspless-pin solve SCENE`` and its sisters."""
+"""``graspless-pin solve``, ``verify`` and ``schema``: scenes and their solutions."""
 
 from __future__ import annotations
 
 import json
-import sys
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from graspless_pin.errors import GrasplessPinError, GrasplessPinWarning, SceneError
-from graspless_pin.geometry.robots.audit import audit_urdf
-from graspless_pin.geometry.robots.listing import list_robots
+from graspless_pin.cli.outcome import FOUND, INFEASIBLE, plain_errors
+from graspless_pin.errors import SceneError
 from graspless_pin.modes.rules import SignRule, SlidingRule, StaticFriction
 from graspless_pin.report import scene_solution_text, solution_document, write_document
-from graspless_pin.report.robots import audit_text, robot_text, robots_text
 from graspless_pin.report.verify import verify_document
 from graspless_pin.scene import load_scene, scene_json_schema
 from graspless_pin.solution import Algorithm
-
-FOUND, INFEASIBLE, BAD_INPUT = 0, 1, 2
-
-app = typer.Typer(
-    add_completion=False,
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    help="Robust joint torques for hands that push, slide, pivot or hold an object.",
-)
 
 
 class Scale(StrEnum):
@@ -40,7 +25,6 @@ class Scale(StrEnum):
     LIMITS = "limits"
 
 
-@app.command()
 def solve(
     scene: Annotated[Path, typer.Argument(help="Scene file (YAML).")],
     algorithm: Annotated[
@@ -69,7 +53,7 @@ def solve(
 
     Exit code 0: found; 1: infeasible; 2: bad input.
     """
-    with _plain_errors():
+    with plain_errors():
         loaded = load_scene(scene)
         given: dict[str, Any] = {
             "margin": margin,
@@ -88,7 +72,6 @@ def solve(
     raise typer.Exit(FOUND if solution.found else INFEASIBLE)
 
 
-@app.command()
 def verify(
     file: Annotated[Path, typer.Argument(help="Solution document (JSON) written by solve.")],
 ) -> None:
@@ -96,7 +79,7 @@ def verify(
 
     Exit code 0: every check passed; 1: one failed; 2: not a document of a found solution.
     """
-    with _plain_errors():
+    with plain_errors():
         try:
             checked = verify_document(json.loads(file.read_text(encoding="utf-8")))
         except (OSError, ValueError, RecursionError) as error:
@@ -105,60 +88,6 @@ def verify(
     raise typer.Exit(FOUND if checked.passed else INFEASIBLE)
 
 
-@app.command()
-def robots(
-    name: Annotated[str | None, typer.Argument(help="Show this robot in full.")] = None,
-) -> None:
-    """List the robots: fingers, joints, effort limits and where they come from."""
-    with _plain_errors():
-        if name is None:
-            typer.echo(robots_text(list_robots()))
-        else:
-            typer.echo(robot_text(list_robots([name])[0]))
-
-
-@app.command()
-def inspect(
-    urdf: Annotated[str, typer.Argument(help="A URDF, a robot file or a robot's name.")],
-    package_dir: Annotated[
-        list[Path] | None, typer.Option(help="Where package:// addresses are looked up.")
-    ] = None,
-) -> None:
-    """Audit a URDF: meshes, effort limits, mimic joints, limits; and say what to do.
-
-    Exit code 0: it can be mounted as it is; 1: it cannot; 2: no such file or robot.
-    """
-    with _plain_errors():
-        report = audit_urdf(urdf, package_dir or [])
-        typer.echo(audit_text(report))
-    raise typer.Exit(FOUND if report.loads else INFEASIBLE)
-
-
-@app.command()
 def schema() -> None:
     """Print the JSON schema of a scene file."""
     typer.echo(json.dumps(scene_json_schema(), indent=2))
-
-
-def main() -> None:
-    """Run the command line."""
-    app()
-
-
-@contextmanager
-def _plain_errors() -> Iterator[None]:
-    """Show warnings and errors of this package as one message each, without a traceback."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", GrasplessPinWarning)
-        try:
-            yield
-        except GrasplessPinError as error:
-            typer.echo(f"error: {error}", err=True)
-            raise typer.Exit(BAD_INPUT) from None
-        finally:
-            for message in dict.fromkeys(str(item.message) for item in caught):
-                typer.echo(f"warning: {message}", err=True)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,0 +1,23 @@
+"""The command line: ``graspless-pin solve SCENE`` and its sisters, one module per group."""
+
+import typer
+
+from graspless_pin.cli.robots import inspect, robots
+from graspless_pin.cli.solving import schema, solve, verify
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="Robust joint torques for hands that push, slide, pivot or hold an object.",
+)
+
+for _command in (solve, verify, robots, inspect, schema):
+    app.command()(_command)
+
+
+def main() -> None:
+    """Run the command line."""
+    app()
