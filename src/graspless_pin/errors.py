@@ -27,6 +27,10 @@ class SceneError(GrasplessPinError, ValueError):
     """A scene file, or what it describes, cannot be used."""
 
 
+class StudyError(GrasplessPinError, ValueError):
+    """A study, or the file that its results go to, cannot be used."""
+
+
 class RobotError(GrasplessPinError, ValueError):
     """A URDF, robot file or named robot model cannot be used."""
 

@@ -1,10 +1,16 @@
 """A mug with a handle, the non-convex mesh of these tests, and how to place bodies."""
 
 import math
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+import pytest
 import trimesh
+
+from graspless_pin.geometry.bodies.shapes import MeshShape
 
 SIDES = 12
 RADIUS = 0.04
@@ -31,6 +37,17 @@ def write_mug(folder: Path, suffix: str = "ply") -> Path:
     path = folder / f"mug.{suffix}"
     mug().export(path)
     return path
+
+
+@contextmanager
+def cut_mug(factory: pytest.TempPathFactory) -> Iterator[MeshShape]:
+    """The mug in convex pieces, cut once for all modules and workers of a test run."""
+    shared = factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        shared = shared.parent
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(shared))
+        yield MeshShape(write_mug(factory.mktemp("mug")), convex="decompose", concavity=0.05)
 
 
 def rim() -> np.ndarray:

@@ -45,7 +45,7 @@ def test_arrays_are_read_only_copies() -> None:
     for array in (
         brick.center_of_mass,
         brick.T_world_object,
-        brick.collision_body().T_world_geometry,
+        brick.collision_bodies()[0].T_world_geometry,
     ):
         assert not array.flags.writeable
 
@@ -53,7 +53,7 @@ def test_arrays_are_read_only_copies() -> None:
 def test_the_geometry_is_made_once() -> None:
     brick, table = make(), Support("table", HalfSpace(), TURNED, 0.3)
     for body, pose in ((brick, brick.T_world_object), (table, table.T_world_support)):
-        first, second = body.collision_body(), body.collision_body()
+        (first,), (second,) = body.collision_bodies(), body.collision_bodies()
         assert first.geometry is second.geometry
         assert first.name == body.name
         assert np.array_equal(first.T_world_geometry, pose)
@@ -107,7 +107,7 @@ def test_friction_is_zero_or_more(friction: float) -> None:
 def test_a_missing_mesh_shows_when_the_geometry_is_needed() -> None:
     brick = make(shape=MeshShape(Path("no/such.obj")))
     with pytest.raises(MeshError, match=r"no/such.obj"):
-        brick.collision_body()
+        brick.collision_bodies()
 
 
 def test_an_object_of_given_density_is_filled_evenly() -> None:
@@ -172,7 +172,5 @@ def test_a_shape_of_several_pieces_gives_bodies_of_one_name(
     assert all(np.array_equal(body.T_world_geometry, TURNED) for body in bodies)
     moved = replace(pair, T_world_object=np.eye(4)).collision_bodies()
     assert [a.geometry is b.geometry for a, b in zip(bodies, moved, strict=True)] == [True, True]
-    with pytest.raises(ArgumentError, match=r"'brick' is 2 convex pieces where one is needed; use"):
-        pair.collision_body()
     hull = make(shape=MeshShape(tmp_path / "cubes.stl"))
     assert len(hull.collision_bodies()) == 1

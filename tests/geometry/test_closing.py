@@ -20,7 +20,7 @@ from planar_fingers import (
 )
 
 from graspless_pin.errors import ArgumentError, SceneError
-from graspless_pin.geometry.contact.distances import separation
+from graspless_pin.geometry.contact.distances import nearest_separation
 from graspless_pin.geometry.contact.finding import find_contacts
 from graspless_pin.geometry.posing.closing import close_fingers
 
@@ -31,7 +31,7 @@ def gaps(hand, target) -> dict[str, float]:
     """Smallest signed distance of each link."""
     found: dict[str, float] = {}
     for shape in hand.collision_bodies():
-        distance = separation(shape, target.collision_body()).distance
+        distance = nearest_separation([shape], target.collision_bodies()).distance
         found[shape.name] = min(found.get(shape.name, np.inf), distance)
     return found
 
@@ -160,7 +160,7 @@ def test_an_allegro_hand_wraps_a_sphere(radius, offset, height, opposition, cont
     assert all(distance >= 0.0 for distance in measured.values())
     for name in ("joint_0.0", "joint_4.0", "joint_8.0", "joint_12.0", "joint_13.0"):
         assert result.hand.q[name] == hand.q[name]
-    found = find_contacts(target.collision_body(), result.hand.collision_bodies(), ())
+    found = find_contacts(target.collision_bodies(), result.hand.collision_bodies(), ())
     assert len(found) == contacts
     # Every joint is where it is because it must: a little further, and a link is in the object.
     at_limit = {joint for finger in result.fingers for joint in finger.at_limit}

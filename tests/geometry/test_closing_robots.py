@@ -185,7 +185,7 @@ def closed(name: str, shape: str) -> tuple[ClosingResult, ManipulatedObject]:
         if result.all_touch:
             break
         touching = [b for b in result.hand.collision_bodies() if b.name in result.touching]
-        found = find_contacts(target.collision_body(), touching, ())
+        found = find_contacts(target.collision_bodies(), touching, ())
         push = np.sum([contact.normal for contact in found], axis=0)
         way = 0.5 * float(np.ptp([finger.distance for finger in result.fingers]))
         T = target.T_world_object
@@ -195,7 +195,7 @@ def closed(name: str, shape: str) -> tuple[ClosingResult, ManipulatedObject]:
 
 
 def touching_shapes(hand: Hand, target: ManipulatedObject) -> list[int]:
-    piece = target.collision_body()
+    (piece,) = target.collision_bodies()
     return [
         index
         for index, shape in enumerate(hand.collision_bodies())
@@ -233,7 +233,7 @@ def test_fingers_close_until_they_touch(name, shape):
     result, target = closed(name, shape)
     assert result.all_touch, str(result)
     assert len(set(result.touching)) >= GRIPS[name].touching
-    piece = target.collision_body()
+    (piece,) = target.collision_bodies()
     assert min(separation(b, piece).distance for b in result.hand.collision_bodies()) >= 0.0
     for finger in result.fingers:
         assert 0.0 <= finger.distance <= GAP
@@ -246,7 +246,7 @@ def test_fingers_close_until_they_touch(name, shape):
 def test_jacobians_of_the_contacts(name, shape):
     result, target = closed(name, shape)
     hand = result.hand
-    found = find_contacts(target.collision_body(), hand.collision_bodies(), ())
+    found = find_contacts(target.collision_bodies(), hand.collision_bodies(), ())
     links, points = [c.body for c in found], np.array([c.position for c in found])
     J = hand.contact_jacobian(links, points)
     expected = difference_jacobian(hand, hand.actuated_joint_names, links, points)
@@ -262,7 +262,7 @@ def test_jacobians_of_the_contacts(name, shape):
 @pytest.mark.parametrize(("name", "shape"), CASES)
 def test_distances_change_as_the_normals_and_jacobians_say(name, shape):
     result, target = closed(name, shape)
-    piece = target.collision_body()
+    (piece,) = target.collision_bodies()
     shapes = touching_shapes(result.hand, target)
     at_one_point = set()
     for index in shapes:

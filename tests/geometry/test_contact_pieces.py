@@ -6,7 +6,7 @@ import math
 import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -95,7 +95,7 @@ def test_a_box_cut_in_pieces_stands_like_the_whole_one(
     poses,
     gaps,
     st.tuples(st.floats(-0.039, 0.039), st.floats(-0.049, 0.049)),
-    st.sampled_from([0.004, 0.01]),
+    st.sampled_from([0.004, 0.01, 0.05]),
 )
 def test_a_sphere_on_a_face_touches_a_cut_box_in_one_point(
     cuts: tuple[list[float], ...],
@@ -104,10 +104,6 @@ def test_a_sphere_on_a_face_touches_a_cut_box_in_one_point(
     foot: tuple[float, float],
     radius: float,
 ) -> None:
-    # A seam inside the circle in which the sphere is within tolerance counts as touched as well.
-    within = 1.2 * math.sqrt(2.0 * radius * (1e-3 + abs(gap)))
-    seams = zip(cuts[:2], foot, strict=True)
-    assume(all(abs(cut - at) > within for inner, at in seams for cut in inner[1:-1]))
     tip = CollisionBody("tip", coal.Sphere(radius), world @ place((*foot, 0.03 + radius + gap)))
     (point,) = find_contacts(bricks("box", cuts, world), [tip], [])
     expected = world[:3, :3] @ [*foot, 0.03 + 0.5 * gap] + world[:3, 3]

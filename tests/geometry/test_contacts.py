@@ -48,7 +48,7 @@ def test_the_paper_sphere_touches_two_fingers_and_the_slope_at_minus_a_tenth_of_
     ball = ManipulatedObject("ball", Sphere(0.1), 1.0, np.zeros(3), np.eye(4))
     slope = Support("slope", HalfSpace(), pose_matrix(-0.1 * n2, SLOPE))
     tips = [body(f"tip{k}", Sphere(0.015), at(*(-0.115 * n))) for k, n in ((1, n1), (3, n3))]
-    contacts = find_contacts(ball.collision_body(), tips, [slope.collision_body()])
+    contacts = find_contacts(ball.collision_bodies(), tips, slope.collision_bodies())
     assert [(c.body, c.kind) for c in contacts] == [
         ("tip1", BodyKind.HAND),
         ("tip3", BodyKind.HAND),
@@ -65,7 +65,7 @@ def test_the_paper_cuboid_stands_on_four_corners_between_two_fingers() -> None:
     cuboid = ManipulatedObject("cuboid", Box((0.2, 0.2, 0.2)), 1.0, np.zeros(3), at(0, 0, 0, SLOPE))
     slope = Support("slope", HalfSpace(), pose_matrix((-0.1 * Q, 0, -0.1 * Q), SLOPE))
     tips = [body("tip1", Sphere(0.02), at(h, -0.12, h)), body("tip6", Sphere(0.02), at(h, 0.12, h))]
-    contacts = find_contacts(cuboid.collision_body(), tips, [slope.collision_body()])
+    contacts = find_contacts(cuboid.collision_bodies(), tips, slope.collision_bodies())
     assert len(contacts) == 6
     p1, p6, *corners = contacts
     assert np.allclose(p1.position, [h, -0.1, h], atol=1e-12)

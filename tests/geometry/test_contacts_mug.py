@@ -1,18 +1,17 @@
 """A mug cut into convex pieces: known support points and touches in random poses."""
 
 import math
-import os
 from collections.abc import Iterator
 from typing import Any
 
 import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
 import pytest
-from mugs import BOTTOM, HANDLE, HEIGHT, RADIUS, SIDES, WALL, rim, write_mug
+from mugs import BOTTOM, HANDLE, HEIGHT, RADIUS, SIDES, WALL, cut_mug, rim
 from scipy.spatial.transform import Rotation
 
 from graspless_pin.geometry.bodies.collision import CollisionBody
-from graspless_pin.geometry.bodies.shapes import MeshShape, coal_geometries, convex_geometry
+from graspless_pin.geometry.bodies.shapes import coal_geometries, convex_geometry
 from graspless_pin.geometry.contact.finding import find_contacts
 
 GROUNDS = {
@@ -35,14 +34,9 @@ GROUNDS = {
 
 @pytest.fixture(scope="module")
 def mug(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Any, ...]]:
-    """The pieces of the mug, cut once for all workers of a test run."""
-    folder = tmp_path_factory.mktemp("mug")
-    shared = tmp_path_factory.getbasetemp()
-    if "PYTEST_XDIST_WORKER" in os.environ:
-        shared = shared.parent
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(shared))
-        yield coal_geometries(MeshShape(write_mug(folder), convex="decompose", concavity=0.05))
+    """The pieces of the mug."""
+    with cut_mug(tmp_path_factory) as shape:
+        yield coal_geometries(shape)
 
 
 def place(position: object, rotation: Rotation | None = None) -> np.ndarray:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
-from hand_tools import random_q
+from hand_tools import joint, link, random_q, write_urdf
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from planar_fingers import (
@@ -22,6 +24,8 @@ from planar_fingers import (
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.shapes import Box
+from graspless_pin.geometry.hand.fingers import FingerSpec
+from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.posing.fingertips import place_fingertips
 
 INTO_PLATE = (0.0, 1.0, 0.0)
@@ -77,6 +81,60 @@ def test_joint_limits_hold():
     placed = place_fingertips(lever(), target, {"finger": ((-0.1, 0.1, 0.0), INTO_PLATE)})
     assert placed.hand.q["hinge"] == pytest.approx(1.57, abs=1e-5)
     assert placed.fingertips[0].residual > 0.09
+    assert placed.fingertips[0].at_limit == ("hinge",)
+    assert "at their limit: hinge" in str(placed)
+
+
+def three_link_finger(folder: Path, **q: float) -> Hand:
+    """Links of 0.06, 0.06 and 0.04 m in a plane, each joint from -0.5 to 1.5: one to spare."""
+    limit = 'lower="-0.5" upper="1.5" effort="2"'
+    text = link("base")
+    for name, parent, x in (("a", "base", 0.0), ("b", "a", 0.06), ("c", "b", 0.06)):
+        hinge = joint(f"q{name}", parent, name, limit=limit)
+        hinge = hinge.replace('xyz="0.1 0.02 0" rpy="0.2 0 0.1"', f'xyz="{x} 0 0"')
+        text += hinge.replace('axis xyz="0 0.6 0.8"', 'axis xyz="0 0 1"')
+        text += link(name) if name != "c" else ""
+    ball = f'<origin xyz="0.04 0 0"/><geometry><sphere radius="{RADIUS}"/></geometry>'
+    text += f'<link name="c"><collision>{ball}</collision></link>'
+    fingers = {"finger": FingerSpec(("qa", "qb", "qc"), tip="c")}
+    return Hand.from_urdf(write_urdf(folder, text), fingers=fingers, q=q)
+
+
+@pytest.mark.parametrize("qc", [-0.5, 1.5, -0.45])
+def test_a_joint_to_spare_keeps_the_others_off_their_limits(tmp_path, qc):
+    # The tip is at its goal already, with a joint at or near its limit.
+    hand = three_link_finger(tmp_path, qa=0.5, qb=0.6, qc=qc)
+    point = hand.link_pose("c") @ [0.04, RADIUS, 0.0, 1.0]
+    normal = hand.link_pose("c")[:3, 1]
+    target = ball(0.01, point[:3] + 0.01 * normal)
+    placed = place_fingertips(hand, target, {"finger": (point[:3], normal)})
+    assert placed.reached
+    assert placed.fingertips[0].at_limit == ()
+    for position in placed.hand.q.values():
+        assert -0.5 + 0.09 * 2.0 < position < 1.5 - 0.09 * 2.0
+    # Where no joint is near its limit, the finger stays as it is.
+    easy = three_link_finger(tmp_path, qa=0.5, qb=0.6, qc=0.4)
+    point = easy.link_pose("c") @ [0.04, RADIUS, 0.0, 1.0]
+    normal = easy.link_pose("c")[:3, 1]
+    target = ball(0.01, point[:3] + 0.01 * normal)
+    still = place_fingertips(easy, target, {"finger": (point[:3], normal)})
+    assert still.hand.q == pytest.approx(dict(easy.q), abs=1e-5)
+
+
+@pytest.mark.parametrize(("second", "expected"), [(1.0, 1.0), (-1.0, 1.0)])
+def test_a_limit_is_kept_only_where_the_point_asks_for_it(tmp_path, second, expected):
+    # The elbow that is bent backwards stands at its limit; of the other one it is the only posture.
+    hand = two_link_finger(tmp_path, first=1.5, second=second)
+    center = hand.link_pose("lower")[:3] @ [LOWER, 0.0, 0.0, 1.0]
+    normal = hand.link_pose("lower")[:3, 0]
+    point = center + RADIUS * normal
+    target = ball(0.003, point + 0.003 * normal)
+    placed = place_fingertips(hand, target, {"finger": (point, normal)})
+    assert placed.reached
+    assert placed.hand.q["second"] == pytest.approx(expected, abs=1e-4)
+    at_limit = ("first",) if second == expected else ()
+    assert placed.fingertips[0].at_limit == at_limit
+    assert ("at their limit: first" in str(placed)) == bool(at_limit)
 
 
 @settings(max_examples=10, deadline=None)

@@ -44,6 +44,12 @@ VALID = "name: r\nmodel: allegro_right_hand\n"
         ("- 1", "robot.yaml: a robot file is a mapping"),
         ("name: [", "robot.yaml: not plain YAML"),
         ("name: !!python/object/apply:os.getcwd []", "robot.yaml: not plain YAML"),
+        ("name: 2020-13-45", "robot.yaml: not plain YAML .*month"),
+        (b"name: \xff", "robot.yaml: not plain YAML .*utf-8"),
+        ("name: " + 2000 * "[", "robot.yaml: nested too deeply"),
+        (VALID + "1: 2", "robot.yaml: 1"),
+        (VALID + "convex: soup", "robot.yaml: convex.* 'hull' or 'decompose'"),
+        (VALID + "concavity: 0", "robot.yaml: concavity: .*0.01"),
         ("name: r", "robot.yaml: file: .*either 'urdf'.*or 'model'"),
         (VALID + "urdf: x.urdf", "either 'urdf'.*or 'model'"),
         (VALID + "colour: red", "robot.yaml: colour: .*found 'red'"),
@@ -58,7 +64,7 @@ VALID = "name: r\nmodel: allegro_right_hand\n"
 )
 def test_bad_robot_files(tmp_path, text, message):
     file = tmp_path / "robot.yaml"
-    file.write_text(text)
+    file.write_bytes(text if isinstance(text, bytes) else text.encode())
     with pytest.raises(RobotError, match=message):
         load_robot(file)
 

@@ -12,7 +12,7 @@ from planar_fingers import ball, body
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry.bodies.records import Support
 from graspless_pin.geometry.bodies.shapes import Box, Cylinder, HalfSpace
-from graspless_pin.geometry.contact.distances import separation
+from graspless_pin.geometry.contact.distances import nearest_separation
 from graspless_pin.geometry.poses import pose_matrix
 from graspless_pin.geometry.posing.settling import settle
 
@@ -25,7 +25,7 @@ def slope(angle: float) -> Support:
 
 
 def distance(target, support) -> float:
-    return separation(support.collision_body(), target.collision_body()).distance
+    return nearest_separation(support.collision_bodies(), target.collision_bodies()).distance
 
 
 @pytest.mark.parametrize("start", [0.3, 0.05, 0.02, -0.01])

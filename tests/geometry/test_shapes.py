@@ -113,6 +113,15 @@ def test_a_mesh_of_unlikely_size_gets_a_warning_with_its_scale(
         coal_geometry(MeshShape(path, scale))
 
 
+@pytest.mark.parametrize("sections", [250, 300])
+def test_a_mesh_may_have_a_flat_face_of_hundreds_of_corners(tmp_path: Path, sections: int) -> None:
+    trimesh.creation.cylinder(0.05, 0.1, sections=sections).export(tmp_path / "drum.ply")
+    points = np.array(coal_geometry(MeshShape(tmp_path / "drum.ply")).points())
+    assert len(points) == 2 * sections
+    assert np.allclose(np.hypot(points[:, 0], points[:, 1]), 0.05, atol=1e-7)
+    assert np.allclose(np.abs(points[:, 2]), 0.05, atol=1e-7)
+
+
 def test_a_missing_mesh_is_named() -> None:
     with pytest.raises(MeshError, match=r"mesh file 'no/such.stl' does not exist; check the path"):
         coal_geometry(MeshShape(Path("no/such.stl")))

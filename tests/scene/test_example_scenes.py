@@ -2,16 +2,19 @@
 
 import json
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 from scene_tools import EXAMPLES
 
 from graspless_pin import load_scene
+from graspless_pin.errors import SceneError
+from graspless_pin.geometry.bodies.collision import CollisionBody
 from graspless_pin.geometry.bodies.meshes import load_mesh
-from graspless_pin.geometry.bodies.shapes import MeshShape
-from graspless_pin.geometry.contact.finding import BodyKind
+from graspless_pin.geometry.bodies.shapes import MeshShape, Sphere, coal_geometry
+from graspless_pin.geometry.contact.finding import BodyKind, find_contacts
+from graspless_pin.geometry.poses import pose_matrix
 from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
 from graspless_pin.report import solution_document
 from graspless_pin.report.verify import verify_document
@@ -182,6 +185,19 @@ def test_the_mugs_figures_are_the_meshs():
     assert scene.object.mass == pytest.approx(mug.volume * 2300, rel=1e-2)  # kg/m^3, stoneware
     assert scene.object.center_of_mass == pytest.approx(mug.center_mass, abs=1e-4)
     assert scene.object.shape.path.stat().st_size < 200_000
+
+
+def test_the_mugs_hollow_and_handle_are_open():
+    """Nothing touches a fingertip there, although both are within the mug's convex hull."""
+    mug = example("allegro_mug_against_wall").object
+    assert isinstance(mug.shape, MeshShape)
+    for position in ((0.0, 0.0, 0.05), (0.0, 0.05, 0.0475)):
+        T = mug.T_world_object @ pose_matrix(position)
+        tip = [CollisionBody("tip", coal_geometry(Sphere(0.008)), T)]
+        assert find_contacts(mug.collision_bodies(), tip, []) == ()
+        hull = replace(mug, shape=replace(mug.shape, convex="hull"))
+        with pytest.raises(SceneError, match="'tip' and object 'mug' overlap"):
+            find_contacts(hull.collision_bodies(), tip, [])
 
 
 def test_the_grippers_motor_feels_both_fingers():

@@ -33,10 +33,10 @@ def real_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Fl
         array = None
     if array is None:
         raise ArgumentError(name, f"is {value!r:.200}; it must be an array of real numbers")
-    expected = str(tuple("any" if n is None else n for n in shape)).replace("'", "")
     if array.ndim != len(shape) or any(
         n not in (None, m) for n, m in zip(shape, array.shape, strict=True)
     ):
+        expected = str(tuple("any" if n is None else n for n in shape)).replace("'", "")
         raise ArgumentError(name, f"has shape {array.shape}; expected {expected}")
     if np.isnan(array).any():
         index = tuple(int(i) for i in np.argwhere(np.isnan(array))[0])

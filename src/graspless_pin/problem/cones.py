@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from functools import cache
+
 import numpy as np
 
-from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.checks import FloatArray, read_only
 
 _NEARLY_PARALLEL = 0.99
+
+Rows = list[list[float]]
+"""The rows x, y and z of [t1 t2]."""
 
 
 def default_tangents(normals: FloatArray) -> FloatArray:
@@ -20,14 +27,46 @@ def default_tangents(normals: FloatArray) -> FloatArray:
     Returns:
         (M, 3, 2) unit tangents; ``[l, :, 0]`` is t1 and ``[l, :, 1]`` is t2, right-handed with n.
     """
-    axis = np.zeros_like(normals)
-    use_x = np.abs(normals[:, 1]) > _NEARLY_PARALLEL
-    axis[use_x, 0] = 1.0
-    axis[~use_x, 1] = 1.0
-    first: FloatArray = np.cross(normals, axis)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    second: FloatArray = np.cross(normals, first)
-    return np.stack([first, second], axis=2)
+    return projected_tangents(normals, ())
+
+
+def projected_tangents(normals: FloatArray, axes: Sequence[FloatArray]) -> FloatArray:
+    """Return tangents whose t1 is the projection of the first axis that is not along the normal.
+
+    Args:
+        normals: (M, 3) unit normals, world axes.
+        axes: (3,) directions of any length, world axes; where none serves, or there is none, the
+            rule of `default_tangents` does.
+
+    Returns:
+        (M, 3, 2) as `default_tangents`.
+    """
+    directions = [[float(part) for part in axis] for axis in axes]
+    # Plain floats: there are few contacts, and those of one patch share their normal.
+    known: dict[tuple[float, float, float], Rows] = {}
+    rows: list[Rows] = []
+    for x, y, z in normals.tolist():
+        pair = known.get((x, y, z))
+        if pair is None:
+            pair = known[x, y, z] = _tangents(x, y, z, directions)
+        rows.append(pair)
+    return np.array(rows, dtype=np.float64).reshape(-1, 3, 2)
+
+
+def _tangents(x: float, y: float, z: float, directions: list[list[float]]) -> Rows:
+    """Rows of [t1 t2] for the normal (x, y, z)."""
+    for a, b, c in directions:
+        along = a * x + b * y + c * z
+        if abs(along) <= _NEARLY_PARALLEL * math.hypot(a, b, c):
+            u, v, w = a - along * x, b - along * y, c - along * z
+            length = math.hypot(u, v, w)
+            if length > 0.0:
+                break
+    else:
+        u, v, w = (0.0, z, -y) if abs(y) > _NEARLY_PARALLEL else (-z, 0.0, x)
+        length = math.hypot(u, v, w) or 1.0  # a normal of no length is refused elsewhere
+    u, v, w = u / length, v / length, w / length
+    return [[u, y * w - z * v], [v, z * u - x * w], [w, x * v - y * u]]
 
 
 def cone_edges_local(friction: float, edges: int) -> FloatArray:
@@ -43,16 +82,29 @@ def cone_edges_local(friction: float, edges: int) -> FloatArray:
     return columns / np.sqrt(1.0 + friction**2)
 
 
-def cone_faces_local(friction: float, edges: int) -> FloatArray:
+def cone_faces_local(friction: float | FloatArray, edges: int) -> FloatArray:
     """Return the unit outward side-face normals of that cone in (n, t1, t2) coordinates, eq. (38).
 
     Face m lies between the edges m and m + 1: a force f is inside when h_m^T f <= 0, and
     -h_m^T f is its distance to the face, in newton.
 
+    Args:
+        friction: One coefficient, or (c,) of as many cones.
+        edges: Number r of edges.
+
     Returns:
-        (3, r) columns h_m.
+        (3, r) columns h_m; (c, 3, r) for c cones.
     """
+    slope = np.asarray(friction * np.cos(np.pi / edges))[..., None]
+    columns = np.empty((*slope.shape[:-1], 3, edges))
+    columns[..., 0, :] = -slope
+    columns[..., 1:, :] = _face_directions(edges)
+    columns /= np.sqrt(1.0 + slope[..., None] ** 2)
+    return columns
+
+
+@cache
+def _face_directions(edges: int) -> FloatArray:
+    """(2, r) directions of the side faces in the plane of t1 and t2."""
     angles = 2.0 * np.pi * (np.arange(edges) + 0.5) / edges
-    slope = friction * np.cos(np.pi / edges)
-    columns = np.stack([np.full(edges, -slope), np.cos(angles), np.sin(angles)])
-    return columns / np.sqrt(1.0 + slope**2)
+    return read_only(np.stack([np.cos(angles), np.sin(angles)]))

@@ -151,6 +151,84 @@ class QuasistaticProblem:
             object.__setattr__(self, name, value)
         object.__setattr__(self, "scratch", {})
 
+    @classmethod
+    def of_own_arrays(
+        cls,
+        positions: FloatArray,
+        normals: FloatArray,
+        external_wrench: FloatArray,
+        jacobian: FloatArray,
+        *,
+        friction: FloatArray,
+        tangents: FloatArray,
+        sliding: FloatArray,
+        torque_limits: tuple[FloatArray, FloatArray],
+        max_normal_force: float,
+        cone_edges: int,
+        joint_names: tuple[str, ...],
+        gravity_torques: FloatArray,
+    ) -> QuasistaticProblem:
+        """Take arrays that the caller has made itself, which costs a sixth of the constructor.
+
+        They become read-only and are not copied. Shapes, orthonormal frames, tangential sliding and
+        distinct names are the caller's affair; whether all numbers are possible ones is checked.
+
+        Args:
+            positions: (M, 3) m.
+            normals: (M, 3) unit.
+            external_wrench: (6,) N and N m.
+            jacobian: (3M, L).
+            friction: (M,).
+            tangents: (M, 3, 2).
+            sliding: (M, 3) m/s.
+            torque_limits: (lower, upper), each (L,).
+            max_normal_force: One for all contacts, N.
+            cone_edges: As in the constructor.
+            joint_names: L distinct names.
+            gravity_torques: (L,).
+
+        Raises:
+            ArgumentError: See the constructor.
+        """
+        lower, upper = torque_limits
+        numbers = (positions, normals, external_wrench, jacobian, friction, tangents, sliding,
+                   gravity_torques)  # fmt: skip
+        total = np.concatenate([array.ravel() for array in numbers])
+        if not (
+            len(positions) > 0
+            and np.isfinite(total).all()
+            and min(friction.tolist()) >= 0.0
+            and 0.0 < max_normal_force < np.inf
+            and isinstance(cone_edges, int)
+            and cone_edges >= 3
+            and ((lower <= upper) & (lower < np.inf) & (upper > -np.inf)).all()
+        ):
+            # The constructor finds what is wrong and names it.
+            return cls(positions, normals, external_wrench, jacobian, friction=friction,
+                       tangents=tangents, sliding=sliding, torque_limits=torque_limits,
+                       max_normal_force=max_normal_force, cone_edges=cone_edges,
+                       joint_names=joint_names, gravity_torques=gravity_torques)  # fmt: skip
+        for array in (*numbers, lower, upper):
+            array.setflags(write=False)
+        made = object.__new__(cls)
+        made.__dict__.update(
+            positions=positions,
+            normals=normals,
+            external_wrench=external_wrench,
+            jacobian=jacobian,
+            friction=friction,
+            tangents=tangents,
+            sliding=sliding,
+            lower_torque=lower,
+            upper_torque=upper,
+            max_normal_force=read_only(np.full(len(positions), float(max_normal_force))),
+            cone_edges=cone_edges,
+            joint_names=joint_names,
+            gravity_torques=gravity_torques,
+            scratch={},
+        )
+        return made
+
     def __getstate__(self) -> dict[str, Any]:
         """Return the data alone: what was derived from it is derived again after unpickling."""
         return {item.name: getattr(self, item.name) for item in fields(self)} | {"scratch": {}}
@@ -215,11 +293,17 @@ class QuasistaticProblem:
         """(M, 3) force per newton of normal force where there is no cone, n - mu v/|v|; else 0."""
         directions = np.zeros_like(self.normals)
         bare = ~self.has_cone
-        directions[bare] = self.normals[bare]
-        slide = self.is_sliding
-        unit = self.sliding[slide] / np.linalg.norm(self.sliding[slide], axis=1, keepdims=True)
-        directions[slide] -= self.friction[slide, None] * unit
+        if bare.any():
+            directions[bare] = self.normals[bare]
+            slide = self.is_sliding
+            unit = self.sliding[slide] / np.linalg.norm(self.sliding[slide], axis=1, keepdims=True)
+            directions[slide] -= self.friction[slide, None] * unit
         return read_only(directions)
+
+    @cached_property
+    def frames(self) -> FloatArray:
+        """(M, 3, 3) columns n, t1, t2 of each contact."""
+        return read_only(np.concatenate([self.normals[:, :, None], self.tangents], axis=2))
 
     @cached_property
     def W(self) -> FloatArray:
@@ -253,7 +337,7 @@ class QuasistaticProblem:
         for contact in range(self.contact_count):
             if self.has_cone[contact]:
                 local = cone_edges_local(float(self.friction[contact]), self.cone_edges)
-                blocks.append(self._frame(contact) @ local)
+                blocks.append(self.frames[contact] @ local)
             else:
                 edge = self.kinetic_directions[contact]
                 blocks.append((edge / np.linalg.norm(edge))[:, None])
@@ -272,7 +356,7 @@ class QuasistaticProblem:
         for contact in range(self.contact_count):
             if self.has_cone[contact]:
                 local = cone_faces_local(float(self.friction[contact]), self.cone_edges)
-                blocks.append(self._frame(contact) @ local)
+                blocks.append(self.frames[contact] @ local)
             else:
                 blocks.append(np.zeros((3, 1)))
         return _block_diagonal(blocks)
@@ -310,10 +394,6 @@ class QuasistaticProblem:
         faces = self.H.T @ f.ravel()
         kept = np.diag(self.D_star) == 0.0
         return float(min(margin, -faces[kept].max(initial=-np.inf)))
-
-    def _frame(self, contact: int) -> FloatArray:
-        """(3, 3) columns n, t1, t2 of one contact."""
-        return np.column_stack([self.normals[contact], self.tangents[contact]])
 
 
 def _block_diagonal(blocks: list[FloatArray]) -> FloatArray:
@@ -392,7 +472,7 @@ def _checked_names(names: Sequence[str] | None, count: int) -> tuple[str, ...]:
         raise ArgumentError(
             "joint_names", f"has {len(checked)} names; the jacobian has {count} columns"
         )
-    repeated = {name for name in checked if checked.count(name) > 1}
-    if repeated:
+    if len(set(checked)) < count:
+        repeated = {name for name in checked if checked.count(name) > 1}
         raise ArgumentError("joint_names", f"repeats {sorted(repeated)}; names must be distinct")
     return checked

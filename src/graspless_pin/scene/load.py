@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import reprlib
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -33,6 +34,7 @@ from graspless_pin.geometry.robots.files import describe_urdf, find_robot
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene import schema
 from graspless_pin.scene.messages import explain, key_text
+from graspless_pin.scene.parts import SceneParts
 from graspless_pin.scene.scene import GivenContact, HandMotion, Motion, Scene
 from graspless_pin.scene.yaml_source import Location, YamlSource
 
@@ -54,7 +56,19 @@ def load_scene(path: str | Path) -> Scene:
     Raises:
         SceneError: Naming file, line and key, what was found and what would do.
     """
-    source = YamlSource(Path(path))
+    return build_scene(YamlSource(Path(path)))
+
+
+def build_scene(source: YamlSource, parts: SceneParts | None = None) -> Scene:
+    """Build the scene of a parsed file.
+
+    Args:
+        source: The file, perhaps with changed content.
+        parts: What earlier scenes of the same folder left; None: nothing is shared.
+
+    Raises:
+        SceneError: See `load_scene`.
+    """
     if not isinstance(source.data, dict):
         raise SceneError(
             f"{source.where(())}: found {reprlib.repr(source.data)}; a scene is a mapping with the "
@@ -64,14 +78,15 @@ def load_scene(path: str | Path) -> Scene:
         entry = schema.SceneEntry.model_validate(source.data)
     except ValidationError as error:
         raise SceneError(explain(source, error)) from None
-    return _Builder(source).scene(entry)
+    return _Builder(source, parts or SceneParts()).scene(entry)
 
 
 class _Builder:
     """Builds the records of one scene file and locates every error in it."""
 
-    def __init__(self, source: YamlSource) -> None:
+    def __init__(self, source: YamlSource, parts: SceneParts) -> None:
         self._source = source
+        self._parts = parts
         self._folder = source.path.resolve().parent
 
     def scene(self, entry: schema.SceneEntry) -> Scene:
@@ -167,6 +182,9 @@ class _Builder:
         return path if path.is_absolute() else self._folder / path
 
     def _hand(self, entry: schema.HandEntry) -> Hand:
+        return self._at(("hand",), lambda: self._parts.hand(entry, lambda: self._assembled(entry)))
+
+    def _assembled(self, entry: schema.HandEntry) -> Hand:
         mounts = []
         for index, (prefix, item) in enumerate(entry.mount_entries()):
             where: Location = ("hand", "mounts", index) if entry.mounts else ("hand",)
@@ -199,11 +217,19 @@ class _Builder:
         folders = [self._path(folder) for folder in entry.package_dirs]
         found = self._at(
             where,
-            lambda: describe_urdf(source, folders) if entry.urdf else find_robot(source, folders),
+            lambda: self._parts.robot(
+                ("urdf" if entry.urdf else "robot", str(source), *map(str, folders)),
+                lambda: (
+                    describe_urdf(source, folders) if entry.urdf else find_robot(source, folders)
+                ),
+            ),
             ("robot",),
         )
         pose = self._pose((*where, "base_pose"), entry.base_pose)
-        return Mount(found, pose, prefix, fingers)
+        given = {"convex": entry.convex, "concavity": entry.concavity}
+        own = {name: value for name, value in given.items() if value is not None}
+        meshes = replace(found.meshes, **own) if own else None
+        return Mount(found, pose, prefix, fingers, meshes=meshes)
 
     def _object(self, entry: schema.ObjectEntry) -> ManipulatedObject:
         shape = self._at(("object", "shape"), lambda: self._shape(entry.shape))

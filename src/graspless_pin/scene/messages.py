@@ -6,7 +6,7 @@ import difflib
 import reprlib
 from typing import Any
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from graspless_pin.scene.schema import SceneEntry
 from graspless_pin.scene.yaml_source import Location, YamlSource
@@ -15,10 +15,16 @@ Node = dict[str, Any]
 """A part of the JSON schema."""
 
 
-def explain(source: YamlSource, error: ValidationError) -> str:
-    """Return one line a mistake: file:line, key, what was found, what would do."""
+def explain(source: YamlSource, error: ValidationError, model: type[BaseModel] = SceneEntry) -> str:
+    """Return one line a mistake: file:line, key, what was found, what would do.
+
+    Args:
+        source: The file.
+        error: What pydantic says of its content.
+        model: What the file was to be.
+    """
     items = [(_in_file(source.data, item), item) for item in error.errors()]
-    schema = SceneEntry.model_json_schema()
+    schema = model.model_json_schema()
     lines = []
     for location, item in items:
         # Every branch of a union complains; the branch that got furthest is the one that is meant.
@@ -147,6 +153,8 @@ def _wanted(schema: Node, node: Node) -> str:
             return f"a list{least}, each item {each}"
         case "object" if "properties" in node:
             return f"a mapping with the keys {', '.join(_keys(node))}"
+        case "object" if not isinstance(node.get("additionalProperties"), dict):
+            return "a mapping"
         case "object":
             each = _wanted_of(schema, _options(schema, node["additionalProperties"]))
             return f"a mapping of names, each to {each}"

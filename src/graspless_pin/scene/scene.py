@@ -2,28 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+import operator
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from graspless_pin.algorithms.torque import maximize_margin, minimize_torque
 from graspless_pin.errors import ArgumentError, SceneError, SolverUnavailableError
+from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, PlacedBodies
 from graspless_pin.geometry.bodies.materials import Materials
 from graspless_pin.geometry.bodies.records import ManipulatedObject, Support
-from graspless_pin.geometry.contact.finding import BodyKind, ContactPoint, find_contacts
-from graspless_pin.geometry.contact.motion import apply_motion, support_velocities, twist_velocities
+from graspless_pin.geometry.contact.finding import contact_arrays
+from graspless_pin.geometry.contact.motion import (
+    classify_motion,
+    contacts_that_stay,
+    support_velocities,
+    twist_velocities,
+)
+from graspless_pin.geometry.contact.records import BodyKind, ContactArrays, ContactPoint
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.modes.rules import choice
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.problem.cones import default_tangents
+from graspless_pin.problem.cones import projected_tangents
 from graspless_pin.solution import Algorithm, TorqueSolution
 
-_ALONG = 0.99
+_Made = TypeVar("_Made")
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,17 +80,22 @@ class SceneContacts:
     """The contacts of a scene that carry force.
 
     Attributes:
-        points: M contacts, hand first.
+        arrays: M contacts, hand first.
         sliding: (M, 3) velocity of the object relative to the other body, zero where it sticks.
     """
 
-    points: tuple[ContactPoint, ...]
+    arrays: ContactArrays
     sliding: FloatArray
+
+    @cached_property
+    def points(self) -> tuple[ContactPoint, ...]:
+        """The M contacts one by one."""
+        return tuple(self.arrays)
 
     @property
     def bodies(self) -> tuple[str, ...]:
         """M names of the hand links and supports that touch the object."""
-        return tuple(point.body for point in self.points)
+        return self.arrays.bodies
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,8 +146,19 @@ class Scene:
     solve_options: Mapping[str, Any] = field(default_factory=dict)
 
     def with_changes(self, **changes: Any) -> Scene:
-        """Return the same scene with some fields replaced."""
-        return replace(self, **changes)
+        """Return the same scene with some fields replaced; what they do not touch is not redone.
+
+        Raises:
+            TypeError: If a name is none of the fields.
+        """
+        unknown = changes.keys() - _FIELDS
+        if unknown:
+            raise TypeError(f"{sorted(unknown)[0]!r} is no field of a scene")
+        changed = object.__new__(type(self))
+        changed.__dict__.update(self.__dict__, _kept=self._kept)
+        changed.__dict__.pop("contacts", None)
+        changed.__dict__.update(changes)
+        return changed
 
     @cached_property
     def contacts(self) -> SceneContacts:
@@ -144,8 +168,8 @@ class Scene:
             SceneError: If nothing touches the object, bodies overlap too deeply, or the declared
                 motion drives the object into something.
         """
-        points = self._points()
-        if not points:
+        touching = self._touching()
+        if not len(touching):
             raise SceneError(
                 f"{self._label()}: nothing touches object {self.object.name!r}"
                 + (
@@ -155,27 +179,27 @@ class Scene:
                     else "; contacts is an empty list: fill it, or leave it out to have them found"
                 )
             )
-        sliding = np.zeros((len(points), 3))
         motion = self.motion
-        if motion is None and any(support.velocity.any() for support in self.supports):
+        if motion is None:
+            if not self._once("moving", (self.supports,), self._supports_move):
+                return SceneContacts(touching, np.zeros((len(touching), 3)))
             motion = Motion(np.zeros(6))
-        if motion is not None:
-            try:
-                points, sliding = apply_motion(
-                    points,
-                    motion.object_twist,
-                    self.object.center_of_mass_world,
-                    self._body_velocities(points, motion),
-                    object_name=self.object.name,
-                )
-            except SceneError as error:
-                raise SceneError(f"{self._label()}: motion: {error}") from error
-            if not points:
-                raise SceneError(
-                    f"{self._label()}: the declared motion parts object {self.object.name!r} from "
-                    "everything that touches it; no contact is left"
-                )
-        return SceneContacts(points, sliding)
+        center = self.object.center_of_mass_world
+        try:
+            classified = classify_motion(
+                touching, motion.object_twist, center, self._body_velocities(touching, motion)
+            )
+            kept = contacts_that_stay(touching, classified, self.object.name)
+        except SceneError as error:
+            raise SceneError(f"{self._label()}: motion: {error}") from error
+        if len(kept) == len(touching):
+            return SceneContacts(touching, classified.sliding)
+        if not kept:
+            raise SceneError(
+                f"{self._label()}: the declared motion parts object {self.object.name!r} from "
+                "everything that touches it; no contact is left"
+            )
+        return SceneContacts(touching.chosen(kept), classified.sliding[kept])
 
     def problem(self) -> QuasistaticProblem:
         """Return the problem: contacts, contact Jacobian, weight and limits as arrays.
@@ -186,19 +210,21 @@ class Scene:
             SceneError: See `contacts`.
         """
         contacts = self.contacts
-        normals = np.array([point.normal for point in contacts.points])
-        positions = np.array([point.position for point in contacts.points])
-        jacobian, lower, upper, gravity, names = self._joints(contacts)
-        weight = self.object.mass * self.gravity
-        return QuasistaticProblem(
-            positions - self.object.center_of_mass_world,
-            normals,
-            np.concatenate([weight, np.zeros(3)]),
+        touching = contacts.arrays
+        jacobian, limits, gravity, names = self._joints(touching)
+        weight = np.zeros(6)
+        weight[:3] = self.object.mass * self.gravity
+        # Contacts that are given may be anything; those found are right by themselves.
+        made = QuasistaticProblem.of_own_arrays
+        return (made if self.given_contacts is None else QuasistaticProblem)(
+            touching.positions - self.object.center_of_mass_world,
+            touching.normals,
+            weight,
             jacobian,
-            friction=[self._friction_at(point) for point in contacts.points],
-            tangents=self._tangents(normals),
+            friction=self._friction(touching),
+            tangents=projected_tangents(touching.normals, self.tangent_axes),
             sliding=contacts.sliding,
-            torque_limits=(lower, upper),
+            torque_limits=limits,
             max_normal_force=self.max_normal_force,
             cone_edges=self.cone_edges,
             joint_names=names,
@@ -239,7 +265,8 @@ class Scene:
     def _label(self) -> str:
         return self.name if self.path is None else str(self.path)
 
-    def _points(self) -> tuple[ContactPoint, ...]:
+    def _touching(self) -> ContactArrays:
+        """All contacts before the motion, hand first."""
         if self.given_contacts is not None:
             links = () if self.hand is None else self.hand.link_names
             kinds = [
@@ -250,104 +277,147 @@ class Scene:
                 ContactPoint(given.body, kind, given.position, given.normal, 0.0)
                 for given, kind in zip(self.given_contacts, kinds, strict=True)
             ]
-            return tuple(sorted(points, key=lambda point: point.kind is BodyKind.SUPPORT))
+            return ContactArrays.of(sorted(points, key=lambda one: one.kind is BodyKind.SUPPORT))
+        hand_bodies = () if self.hand is None else self.hand.placed_bodies
+        on_hand = self._found(hand_bodies, BodyKind.HAND)
+        sources = (self.object, self.supports, self.contact_tolerance)
+        return on_hand.followed_by(self._once("on supports", sources, self._found_on_supports))
+
+    def _found(self, bodies: Sequence[CollisionBody], kind: BodyKind) -> ContactArrays:
+        pieces = self.object.placed_bodies
         try:
-            return find_contacts(
-                self.object.collision_bodies(),
-                () if self.hand is None else self.hand.collision_bodies(),
-                [body for support in self.supports for body in support.collision_bodies()],
-                tolerance=self.contact_tolerance,
-            )
+            return contact_arrays(pieces, bodies, kind, tolerance=self.contact_tolerance)
         except SceneError as error:
             raise SceneError(f"{self._label()}: {error}") from error
 
-    def _body_velocities(self, points: tuple[ContactPoint, ...], motion: Motion) -> FloatArray:
+    def _found_on_supports(self) -> ContactArrays:
+        bodies = self._once("support bodies", (self.supports,), self._support_bodies)
+        return self._found(bodies, BodyKind.SUPPORT)
+
+    def _support_bodies(self) -> PlacedBodies:
+        """The pieces of all supports."""
+        parts = [support.placed_bodies for support in self.supports]
+        names = tuple(name for part in parts for name in part.shapes.names)
+        geometries = tuple(shape for part in parts for shape in part.shapes.geometries)
+        poses = [part.poses for part in parts]
+        return PlacedBodies(
+            BodyShapes(names, geometries), np.concatenate([np.empty((0, 4, 4)), *poses])
+        )
+
+    @cached_property
+    def _kept(self) -> dict[str, tuple[tuple[Any, ...], Any]]:
+        """What this scene and those changed from it found last, and what they found it from."""
+        return {}
+
+    def _once(self, name: str, sources: tuple[Any, ...], make: Callable[[], _Made]) -> _Made:
+        """What ``make`` returns, made again only where one of its sources is another object."""
+        kept = self._kept.get(name)
+        if kept is not None and all(map(operator.is_, kept[0], sources)):
+            return kept[1]
+        made = make()
+        self._kept[name] = sources, made
+        return made
+
+    def _supports_move(self) -> bool:
+        return any(support.velocity.any() for support in self.supports)
+
+    def _body_velocities(self, touching: ContactArrays, motion: Motion) -> FloatArray:
         """(M, 3) velocities of what the object touches; hand contacts follow it by default."""
-        positions = np.array([point.position for point in points])
-        of_hand = np.array([point.kind is BodyKind.HAND for point in points])
-        velocities, _ = support_velocities(points, self.supports)
+        count = touching.hand_count
+        velocities = np.zeros((len(touching), 3))
+        if self._once("moving", (self.supports,), self._supports_move):
+            velocities, _ = support_velocities(touching, self.supports)
         if motion.hand is None:
-            velocities[of_hand] = twist_velocities(
-                motion.object_twist, self.object.center_of_mass_world, positions[of_hand]
+            velocities[:count] = twist_velocities(
+                motion.object_twist, self.object.center_of_mass_world, touching.positions[:count]
             )
         elif self.hand is not None:
-            links = [point.body for point in points if point.kind is BodyKind.HAND]
-            velocities[of_hand] = self.hand.point_velocities(
-                links, positions[of_hand], motion.hand.joint_velocities, motion.hand.base_twist
+            velocities[:count] = self.hand.point_velocities(
+                touching.bodies[:count],
+                touching.positions[:count],
+                motion.hand.joint_velocities,
+                motion.hand.base_twist,
             )
         return velocities
 
-    def _friction_at(self, point: ContactPoint) -> float:
-        support = next((item for item in self.supports if item.name == point.body), None)
+    def _friction(self, touching: ContactArrays) -> FloatArray:
+        """(M,) coefficients."""
+        count = touching.hand_count
+        known: dict[tuple[bool, str], float] = {}
+        coefficients = []
+        for index, body in enumerate(touching.bodies):
+            key = index < count, body
+            if key not in known:
+                known[key] = self._friction_at(touching.kinds[index], body)
+            coefficients.append(known[key])
+        return np.array(coefficients, dtype=np.float64)
+
+    def _friction_at(self, kind: BodyKind, body: str) -> float:
+        support = next((item for item in self.supports if item.name == body), None)
         if support is not None and support.friction is not None:
             return support.friction
         material = self.hand_material if support is None else support.material
         if material is not None and self.object.material is not None:
             return self.materials.friction(material, self.object.material)
-        group = "hand" if point.kind is BodyKind.HAND else "supports"
-        for key in (point.body, group, "default"):
+        group = "hand" if kind is BodyKind.HAND else "supports"
+        for key in (body, group, "default"):
             if key in self.friction:
                 return self.friction[key]
         raise SceneError(
-            f"{self._label()}: friction: has no coefficient for {point.body!r}; add it, "
+            f"{self._label()}: friction: has no coefficient for {body!r}; add it, "
             f"{group!r} or 'default'"
         )
 
-    def _tangents(self, normals: FloatArray) -> FloatArray:
-        tangents = default_tangents(normals)
-        for axis in reversed(self.tangent_axes):
-            along = normals @ axis
-            usable = np.abs(along) <= _ALONG * np.linalg.norm(axis)
-            first = axis - along[usable, None] * normals[usable]
-            first /= np.linalg.norm(first, axis=1, keepdims=True)
-            tangents[usable] = np.stack([first, np.cross(normals[usable], first)], axis=2)
-        return tangents
-
     def _joints(
-        self, contacts: SceneContacts
-    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, list[str]]:
+        self, touching: ContactArrays
+    ) -> tuple[FloatArray, tuple[FloatArray, FloatArray], FloatArray, tuple[str, ...]]:
         """J (12), limits, g(q) and names: force-controlled joints, then hybrid fingers."""
-        rows = 3 * len(contacts.points)
+        rows = 3 * len(touching)
         if self.hand is None:
-            return np.zeros((rows, 0)), np.zeros(0), np.zeros(0), np.zeros(0), []
-        on_hand = [
-            index for index, point in enumerate(contacts.points) if point.kind is BodyKind.HAND
-        ]
-        touching = [contacts.points[index] for index in on_hand]
-        links = [point.body for point in touching]
-        names = list(self.hand.actuated_joint_names)
+            return np.zeros((rows, 0)), (np.zeros(0), np.zeros(0)), np.zeros(0), ()
+        count = touching.hand_count
+        names = self.hand.actuated_joint_names
         jacobian = np.zeros((rows, len(names)))
-        block = self.hand.contact_jacobian(
-            links, np.array([point.position for point in touching]).reshape(-1, 3)
-        )
-        for row, index in enumerate(on_hand):
-            jacobian[3 * index : 3 * index + 3] = block[3 * row : 3 * row + 3]
-        lower, upper = self.hand.effort_limits
-        gravity = np.zeros(len(names))
+        links = touching.bodies[:count]
+        jacobian[: 3 * count] = self.hand.contact_jacobian(links, touching.positions[:count])
         if self.count_own_weight and names:
             gravity = self.hand.gravity_torques(self.gravity)
-        hybrid = [index for index in on_hand if self.hand.is_hybrid(contacts.points[index].body)]
-        columns = np.zeros((rows, len(hybrid)))
+        else:
+            gravity = np.zeros(len(names))
+        if not self.hand.control.hybrid_fingers:
+            return jacobian, self.hand.effort_limits, gravity, names
+        return self._with_hybrid_fingers(touching, self.hand, jacobian, gravity)
+
+    def _with_hybrid_fingers(
+        self, touching: ContactArrays, hand: Hand, jacobian: FloatArray, gravity: FloatArray
+    ) -> tuple[FloatArray, tuple[FloatArray, FloatArray], FloatArray, tuple[str, ...]]:
+        """Append a column n for the one contact of each hybrid finger (Sec. II-A)."""
+        names = list(hand.actuated_joint_names)
+        hybrid = [
+            index
+            for index, link in enumerate(touching.bodies[: touching.hand_count])
+            if hand.is_hybrid(link)
+        ]
+        columns = np.zeros((len(jacobian), len(hybrid)))
         for column, index in enumerate(hybrid):
-            columns[3 * index : 3 * index + 3, column] = contacts.points[index].normal
-            names.append(self._hybrid_name(contacts.points[index].body, names))
+            columns[3 * index : 3 * index + 3, column] = touching.normals[index]
+            finger = hand.finger_of(touching.bodies[index])
+            name = f"{finger}.normal_force"
+            if name in names:
+                raise SceneError(
+                    f"{self._label()}: hybrid finger {finger!r} touches the object at several "
+                    "points; a hybrid finger has exactly one contact: give the contacts, or "
+                    "control it by force"
+                )
+            names.append(name)
         limit = self.hybrid_force_limit or self.max_normal_force
-        return (
-            np.hstack([jacobian, columns]),
+        lower, upper = hand.effort_limits
+        limits = (
             np.concatenate([lower, np.zeros(len(hybrid))]),
             np.concatenate([upper, np.full(len(hybrid), limit)]),
-            np.concatenate([gravity, np.zeros(len(hybrid))]),
-            names,
         )
+        gravity = np.concatenate([gravity, np.zeros(len(hybrid))])
+        return np.hstack([jacobian, columns]), limits, gravity, tuple(names)
 
-    def _hybrid_name(self, link: str, taken: list[str]) -> str:
-        """Name the commanded force of a hybrid finger: one contact a finger (Sec. II-A)."""
-        finger = None if self.hand is None else self.hand.finger_of(link)
-        name = f"{finger}.normal_force"
-        if name in taken:
-            raise SceneError(
-                f"{self._label()}: hybrid finger {finger!r} touches the object at several points; "
-                "a hybrid finger has exactly one contact: give the contacts, or control it by "
-                "force"
-            )
-        return name
+
+_FIELDS = frozenset(item.name for item in fields(Scene))

@@ -38,6 +38,15 @@ Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False), _NUMBER]
 NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False), _NUMBER]
 Vector = tuple[Finite, Finite, Finite]
 Direction = Annotated[Vector, AfterValidator(_not_zero)]
+Convex = Literal["hull", "decompose"]
+LinkConvex = Annotated[
+    Convex | dict[str, Convex] | None,
+    Field(
+        description="how the links' collision meshes are made convex, for all or by link; default: "
+        "as in the robot file, else hull",
+    ),
+]
+Concavity = Annotated[float, Field(ge=0.01, le=1.0, description="coarseness of the cut")]
 
 
 class Entry(BaseModel):
@@ -111,10 +120,10 @@ class MeshEntry(Entry):
     type: Literal["mesh"]
     path: str
     scale: Positive | tuple[Positive, Positive, Positive] = 1.0
-    convex: Literal["hull", "decompose"] = Field(
+    convex: Convex = Field(
         default="hull", description="decompose: cut a non-convex mesh into convex pieces, cached"
     )
-    concavity: float = Field(default=0.02, ge=0.01, le=1.0, description="coarseness of the cut")
+    concavity: Concavity = 0.02
 
 
 class HalfSpaceEntry(Entry):
@@ -152,6 +161,8 @@ class MountEntry(Entry):
     package_dirs: list[str] = []
     base_pose: PoseEntry = PoseEntry()
     fingers: dict[str, FingerEntry] | None = None
+    convex: LinkConvex = None
+    concavity: Concavity | None = None
 
     @model_validator(mode="after")
     def _one_source(self) -> MountEntry:
@@ -177,6 +188,8 @@ class HandEntry(Entry):
     package_dirs: list[str] = []
     base_pose: PoseEntry = PoseEntry()
     fingers: dict[str, FingerEntry] | None = None
+    convex: LinkConvex = None
+    concavity: Concavity | None = None
     mounts: list[PrefixedMountEntry] = []
     q: dict[str, Finite] = Field(default={}, description="rad or m by joint name")
     control: ModeName | dict[str, ModeName] | None = Field(
@@ -203,7 +216,8 @@ class HandEntry(Entry):
         if len(given) != 1:
             found = " and ".join(given) or "none of them"
             raise ValueError(f"found {found}; needs exactly one of 'robot', 'urdf' and 'mounts'")
-        of_one = sorted({"package_dirs", "base_pose", "fingers"} & self.model_fields_set)
+        single = {"package_dirs", "base_pose", "fingers", "convex", "concavity"}
+        of_one = sorted(single & self.model_fields_set)
         if self.mounts and of_one:
             raise ValueError(
                 f"found mounts and {' and '.join(of_one)}; with several robots each entry of "
@@ -221,6 +235,8 @@ class HandEntry(Entry):
             package_dirs=self.package_dirs,
             base_pose=self.base_pose,
             fingers=self.fingers,
+            convex=self.convex,
+            concavity=self.concavity,
         )
         return [("", single)]
 

@@ -11,6 +11,11 @@ from graspless_pin.errors import SceneError
 
 Location = tuple[str | int, ...]
 
+_NEEDED = {
+    "scene": "a scene needs object and friction",
+    "study": "a study needs scene and vary",
+}
+
 MOST_ENTRIES = 100_000
 """More keys and items than any scene has; anchors can multiply a few lines into billions."""
 
@@ -23,8 +28,12 @@ class YamlSource:
         data: Its content as plain Python data.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, kind: str = "scene") -> None:
         """Read and parse the file.
+
+        Args:
+            path: The file.
+            kind: What the file describes, for messages.
 
         Raises:
             SceneError: If the file is missing or empty, is not UTF-8 text or not plain YAML.
@@ -38,7 +47,7 @@ class YamlSource:
             raise SceneError(f"{path}: cannot be read ({error.strerror})") from None
         except UnicodeDecodeError as error:
             raise SceneError(
-                f"{path}: is not UTF-8 text ({error}); a scene is a YAML text file"
+                f"{path}: is not UTF-8 text ({error}); a {kind} is a YAML text file"
             ) from None
         self._lines: dict[Location, int] = {}
         try:
@@ -56,9 +65,22 @@ class YamlSource:
             problem = " ".join(str(error).split())
             raise SceneError(f"{path}: is not plain YAML: {problem}; put text in quotes") from error
         except RecursionError:
-            raise SceneError(f"{path}: is nested too deeply; a scene has few levels") from None
+            raise SceneError(f"{path}: is nested too deeply; a {kind} has few levels") from None
         if root is None:
-            raise SceneError(f"{path}: the file is empty; a scene needs object and friction")
+            raise SceneError(f"{path}: the file is empty; {_NEEDED[kind]}")
+
+    @classmethod
+    def of_data(cls, data: Any, path: Path) -> YamlSource:
+        """Return content that was made in Python, under the name that messages give it."""
+        source = object.__new__(cls)
+        source.path, source.data, source._lines = path, data, {}
+        return source
+
+    def with_data(self, data: Any) -> YamlSource:
+        """Return the same file with changed content; lines stay those of the file."""
+        source = self.of_data(data, self.path)
+        source._lines = self._lines
+        return source
 
     def line_of(self, location: Location) -> int:
         """Return the line of a key, or of the nearest key above it that stands in the file."""
@@ -73,7 +95,9 @@ class YamlSource:
         return location in self._lines
 
     def where(self, location: Location) -> str:
-        """Return ``file:line`` of a key."""
+        """Return ``file:line`` of a key; the name alone of what came from no file."""
+        if not self._lines:
+            return str(self.path)
         return f"{self.path}:{self.line_of(location)}"
 
     def _index(self, node: yaml.Node, location: Location, above: frozenset[int]) -> None:

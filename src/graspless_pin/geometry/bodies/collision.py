@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,3 +40,71 @@ class CollisionBody:
             raise ArgumentError("T_world_geometry", f"needs shape (4, 4), got {pose.shape}")
         pose.setflags(write=False)
         object.__setattr__(self, "T_world_geometry", pose)
+
+
+@dataclass(frozen=True, eq=False)
+class BodyShapes:
+    """What does not change when bodies move. Keep one object for all their poses.
+
+    Attributes:
+        names: K names of hand links, supports or objects.
+        geometries: K coal primitives or convex hulls.
+    """
+
+    names: tuple[str, ...]
+    geometries: tuple[Any, ...]
+
+
+class PlacedBodies(Sequence[CollisionBody]):
+    """Bodies at poses, each made when it is asked for: most of a hand touches nothing.
+
+    Attributes:
+        shapes: What they are.
+        poses: (K, 4, 4) read-only poses of the geometries, m.
+    """
+
+    __slots__ = ("_made", "poses", "shapes")
+
+    def __init__(self, shapes: BodyShapes, poses: NDArray[np.float64]) -> None:
+        """Place the shapes; ``poses`` is kept, not copied."""
+        poses.setflags(write=False)
+        self.shapes = shapes
+        self.poses = poses
+        self._made: dict[int, CollisionBody] = {}
+
+    @classmethod
+    def of(cls, bodies: Sequence[CollisionBody]) -> PlacedBodies:
+        """Take bodies that are given one by one; placed bodies are returned as they are."""
+        if isinstance(bodies, PlacedBodies):
+            return bodies
+        shapes = BodyShapes(
+            tuple([body.name for body in bodies]), tuple([body.geometry for body in bodies])
+        )
+        poses = np.array([body.T_world_geometry for body in bodies], dtype=float)
+        placed = cls(shapes, poses.reshape(-1, 4, 4))
+        placed._made.update(enumerate(bodies))
+        return placed
+
+    def __len__(self) -> int:
+        """K."""
+        return len(self.shapes.names)
+
+    @overload
+    def __getitem__(self, index: int) -> CollisionBody: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[CollisionBody, ...]: ...
+    def __getitem__(self, index: int | slice) -> CollisionBody | tuple[CollisionBody, ...]:
+        """The body, which is the same object each time."""
+        if isinstance(index, slice):
+            return tuple([self[k] for k in range(*index.indices(len(self)))])
+        k = range(len(self.shapes.names))[index]
+        body = self._made.get(k)
+        if body is None:
+            body = object.__new__(CollisionBody)  # its pose is read-only already: no copy
+            body.__dict__.update(
+                name=self.shapes.names[k],
+                geometry=self.shapes.geometries[k],
+                T_world_geometry=self.poses[k],
+            )
+            self._made[k] = body
+        return body

@@ -27,7 +27,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from scipy.spatial import QhullError
 
-from graspless_pin.errors import GrasplessPinWarning, MeshError
+from graspless_pin.errors import ArgumentError, GrasplessPinWarning, MeshError
 from graspless_pin.geometry.bodies.polytopes import hull_of
 
 Array = NDArray[np.float64]
@@ -40,6 +40,17 @@ _SEED = 0
 _ITERATIONS = 60  # of the search for each cut: more take longer and save few pieces
 _PATIENCE = 1.0  # s without a sign of life
 _UNREADABLE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error)
+
+
+def check_concavity(concavity: float) -> None:
+    """Refuse a concavity that CoACD does not take.
+
+    Raises:
+        ArgumentError: It is not a number from 0.01 to 1.
+    """
+    is_number = isinstance(concavity, (int, float, np.floating)) and not isinstance(concavity, bool)
+    if not is_number or not 0.01 <= concavity <= 1.0:
+        raise ArgumentError("concavity", f"needs 0.01 to 1, got {concavity!r}")
 
 
 def convex_pieces(

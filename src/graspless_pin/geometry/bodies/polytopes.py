@@ -18,6 +18,7 @@ PARALLEL_ANGLE = 5e-3
 _COS_PARALLEL = math.cos(PARALLEL_ANGLE)
 _COPLANAR = 1e-3  # rad: triangles of one face, up to the noise of a mesh file
 _FEW_FACES = 24  # trying them all costs nothing and does not depend on the nearest point
+_ON_FACE = 1e-9  # m
 _NEAR_FACE = 1e-3  # a face within 1 mm of the nearest point may be the touching one
 
 
@@ -93,6 +94,26 @@ class Polytope:
         """Outward normals (K, 3) of the faces and a point's (3,) heights (K,) over them, m."""
         return self.face_normals, self.face_normals @ point - self.face_offsets
 
+    def highest_face(self, point: Array) -> tuple[Array, float, bool]:
+        """Tell over which face a point is highest, how high, and whether its foot is on that face.
+
+        If it is, or if the point is inside, no other direction leaves a larger gap to the point.
+
+        Args:
+            point: (3,) m.
+
+        Returns:
+            The face's outward normal (3,), the height, m, and whether the foot is on the face.
+        """
+        heights = self.face_normals @ point - self.face_offsets
+        k = int(heights.argmax())
+        normal, height = self.face_normals[k], float(heights[k])
+        if height <= 0.0:
+            return normal, height, True
+        foot = point - height * normal
+        over = self.face_normals @ foot - self.face_offsets
+        return normal, height, bool(over.max() <= _ON_FACE)
+
 
 @dataclass(frozen=True, eq=False)
 class Cuboid(Polytope):
@@ -100,13 +121,38 @@ class Cuboid(Polytope):
 
     def feature(self, direction: Array) -> Array:
         """See `Polytope.feature`; along each axis the edges fall off by the direction's part."""
-        indices = [0]
-        for bit, part in zip((4, 2, 1), direction.tolist(), strict=True):
-            if abs(part) <= PARALLEL_ANGLE:
-                indices += [index + bit for index in indices]
-            elif part > 0.0:
-                indices = [index + bit for index in indices]
-        return self.vertices[sorted(indices)]
+        x, y, z = direction.tolist()
+        signs = (
+            0 if abs(x) <= PARALLEL_ANGLE else (1 if x > 0.0 else -1),
+            0 if abs(y) <= PARALLEL_ANGLE else (1 if y > 0.0 else -1),
+            0 if abs(z) <= PARALLEL_ANGLE else (1 if z > 0.0 else -1),
+        )
+        corners = self._features.get(signs)
+        if corners is None:
+            indices = [0]
+            for bit, sign in zip((4, 2, 1), signs, strict=True):
+                if sign == 0:
+                    indices += [index + bit for index in indices]
+                elif sign > 0:
+                    indices = [index + bit for index in indices]
+            corners = self._features[signs] = self.vertices[sorted(indices)]
+            corners.setflags(write=False)
+        return corners
+
+    @cached_property
+    def _features(self) -> dict[tuple[int, int, int], Array]:
+        """The corners, edges and faces that were asked for, by the signs of the direction."""
+        return {}
+
+    def highest_face(self, point: Array) -> tuple[Array, float, bool]:
+        """See `Polytope.highest_face`; the foot keeps the point's heights over the other faces."""
+        place = point.tolist()
+        heights = [abs(x) - half for x, half in zip(place, self.half_extents.tolist(), strict=True)]
+        height = max(heights)
+        axis = heights.index(height)
+        normal = self.face_normals[axis if place[axis] >= 0.0 else axis + 3]
+        heights.remove(height)
+        return normal, height, height <= 0.0 or max(heights) <= _ON_FACE
 
 
 def box_of(half: Array) -> Cuboid:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.bodies.collision import CollisionBody
+from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, PlacedBodies
 from graspless_pin.geometry.bodies.mass_properties import mass_properties
 from graspless_pin.geometry.bodies.shapes import HalfSpace, Shape, coal_geometries
 from graspless_pin.geometry.poses import as_pose
@@ -99,6 +99,19 @@ class ManipulatedObject:
         object.__setattr__(self, "center_of_mass", _vector("center_of_mass", self.center_of_mass))
         object.__setattr__(self, "T_world_object", as_pose("T_world_object", self.T_world_object))
 
+    def with_pose(self, T_world_object: ArrayLike) -> ManipulatedObject:
+        """Return this object at another pose, with the same geometries: the quick way to move it.
+
+        Raises:
+            ArgumentError: If the pose is not rigid.
+            MeshError: See `coal_geometries`.
+        """
+        pose = as_pose("T_world_object", T_world_object)
+        moved = object.__new__(type(self))
+        placed = PlacedBodies(self.shapes, _repeated(pose, self.shapes))
+        moved.__dict__.update(self.__dict__, T_world_object=pose, placed_bodies=placed)
+        return moved
+
     @property
     def center_of_mass_world(self) -> NDArray[np.float64]:
         """(3,) centre of mass in the world frame, m."""
@@ -120,18 +133,25 @@ class ManipulatedObject:
         Raises:
             MeshError: See `coal_geometries`.
         """
-        return tuple(
-            CollisionBody(self.name, geometry, self.T_world_object) for geometry in self.geometries
-        )
+        return tuple(self.placed_bodies)
 
-    def collision_body(self) -> CollisionBody:
-        """The one convex piece that the object is.
+    @cached_property
+    def shapes(self) -> BodyShapes:
+        """Names and geometries of its convex pieces, which do not change with its pose.
 
         Raises:
-            ArgumentError: It has several pieces.
             MeshError: See `coal_geometries`.
         """
-        return _only(self.collision_bodies())
+        return BodyShapes((self.name,) * len(self.geometries), self.geometries)
+
+    @cached_property
+    def placed_bodies(self) -> PlacedBodies:
+        """What `collision_bodies` returns, each made only when it is asked for.
+
+        Raises:
+            MeshError: See `coal_geometries`.
+        """
+        return PlacedBodies(self.shapes, _repeated(self.T_world_object, self.shapes))
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,28 +213,30 @@ class Support:
         Raises:
             MeshError: See `coal_geometries`.
         """
-        return tuple(
-            CollisionBody(self.name, geometry, self.T_world_support) for geometry in self.geometries
-        )
+        return tuple(self.placed_bodies)
 
-    def collision_body(self) -> CollisionBody:
-        """The one convex piece that the support is.
+    @cached_property
+    def shapes(self) -> BodyShapes:
+        """Names and geometries of its convex pieces, which do not change with its pose.
 
         Raises:
-            ArgumentError: It has several pieces.
             MeshError: See `coal_geometries`.
         """
-        return _only(self.collision_bodies())
+        return BodyShapes((self.name,) * len(self.geometries), self.geometries)
+
+    @cached_property
+    def placed_bodies(self) -> PlacedBodies:
+        """What `collision_bodies` returns, each made only when it is asked for.
+
+        Raises:
+            MeshError: See `coal_geometries`.
+        """
+        return PlacedBodies(self.shapes, _repeated(self.T_world_support, self.shapes))
 
 
-def _only(bodies: tuple[CollisionBody, ...]) -> CollisionBody:
-    if len(bodies) != 1:
-        raise ArgumentError(
-            "shape",
-            f"'{bodies[0].name}' is {len(bodies)} convex pieces where one is needed; use "
-            "collision_bodies(), or its convex hull (convex='hull')",
-        )
-    return bodies[0]
+def _repeated(T: NDArray[np.float64], shapes: BodyShapes) -> NDArray[np.float64]:
+    """One pose (K, 4, 4) for all pieces."""
+    return np.repeat(T[None], len(shapes.geometries), axis=0)
 
 
 def _check_name(name: str) -> None:

@@ -12,8 +12,12 @@ import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.bodies.decomposition import DEFAULT_CONCAVITY, convex_pieces
+from graspless_pin.errors import ArgumentError, MeshError
+from graspless_pin.geometry.bodies.decomposition import (
+    DEFAULT_CONCAVITY,
+    check_concavity,
+    convex_pieces,
+)
 from graspless_pin.geometry.bodies.meshes import file_state, hull_points, scaled_mesh
 
 
@@ -137,9 +141,7 @@ class MeshShape:
             object.__setattr__(self, "scale", _lengths("scale", self.scale))
         if self.convex not in ("hull", "decompose"):
             raise ArgumentError("convex", f"needs 'hull' or 'decompose', got {self.convex!r}")
-        _check_positive("concavity", self.concavity)
-        if not 0.01 <= self.concavity <= 1.0:
-            raise ArgumentError("concavity", f"needs 0.01 to 1, got {self.concavity!r}")
+        check_concavity(self.concavity)
 
 
 Shape = Box | Sphere | Cylinder | Capsule | Cone | HalfSpace | MeshShape
@@ -168,7 +170,9 @@ def coal_geometry(shape: Shape) -> Any:
         case HalfSpace():
             return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
         case MeshShape():
-            return convex_geometry(hull_points(shape.path, shape.scale))
+            return convex_geometry(
+                hull_points(shape.path, shape.scale), f"mesh file '{shape.path}'"
+            )
 
 
 def coal_geometries(shape: Shape) -> tuple[Any, ...]:
@@ -193,16 +197,33 @@ def coal_geometries(shape: Shape) -> tuple[Any, ...]:
 def _decomposed(shape: MeshShape, _state: tuple[str, int, int]) -> tuple[Any, ...]:
     """Cut a mesh; the same geometries again for an object that has only been moved."""
     mesh = scaled_mesh(shape.path, shape.scale)
-    pieces = convex_pieces(mesh, f"mesh file '{shape.path}'", shape.concavity)
-    return tuple(convex_geometry(piece) for piece in pieces)
+    label = f"mesh file '{shape.path}'"
+    pieces = convex_pieces(mesh, label, shape.concavity)
+    return tuple(convex_geometry(piece, label) for piece in pieces)
 
 
-def convex_geometry(points: NDArray[np.float64]) -> Any:
-    """Make the coal geometry of the convex hull of (V, 3) points, m."""
+def convex_geometry(points: NDArray[np.float64], label: str = "the mesh") -> Any:
+    """Make the coal geometry of the convex hull of points that are not all in one plane.
+
+    Args:
+        points: (V, 3), m.
+        label: What messages call them.
+
+    Raises:
+        MeshError: coal cannot use their hull.
+    """
     corners: Any = coal.StdVec_Vec3s()
     for point in points:
         corners.append(point)
-    return coal.Convex.convexHull(corners, True, "Qt")  # noqa: FBT003 - keep the triangles
+    error: Exception | None = None
+    # A flat face of hundreds of corners is one fan of triangles with "Qt", of which coal refuses
+    # the hub; joggling ("QJ") splits the face otherwise and leaves the corners where they are.
+    for option in ("Qt", "QJ"):
+        try:
+            return coal.Convex.convexHull(corners, True, option)  # noqa: FBT003 - keep triangles
+        except (RuntimeError, ValueError) as failure:
+            error = failure
+    raise MeshError(f"{label} has no usable convex hull; simplify it ({error})") from error
 
 
 def shape_extent(shape: Shape) -> NDArray[np.float64]:

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.geometry.bodies.collision import CollisionBody
-from graspless_pin.geometry.contact.convex_sets import ConvexSet, Plane, convex_set
+from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
+from graspless_pin.geometry.contact.solids import Solids, solids_of
 
 Array = NDArray[np.float64]
 
-_ENDLESS = 1e12  # m; finite, as zero times infinity is not a number
+_FEW = 4  # pairs at which a closer look costs less than a second look at their boxes
 
 
 def near_pairs(
@@ -21,7 +20,9 @@ def near_pairs(
 ) -> list[tuple[int, int]]:
     """Pairs whose gap may be within the tolerance; half-spaces are always near.
 
-    A pair is far if a side of one of the boxes along the bodies' own axes parts the two boxes.
+    A pair is far if a side of the first body's box, along that body's own axes, parts it from the
+    sphere around the second; where more than a few pairs are left, also if a side of one of the
+    boxes along the bodies' own axes parts the two boxes.
 
     Args:
         first: P bodies, no half-spaces.
@@ -36,32 +37,33 @@ def near_pairs(
     """
     if not first or not second:
         return []
-    R, centers, halves = _placed(first)
-    R_other, other_centers, other_halves = _placed(second)
-    offsets = other_centers - centers[:, None]
-    size = np.abs(R.transpose(0, 2, 1)[:, None] @ R_other)
-    along = np.abs(offsets @ R) - halves[:, None] - (size @ other_halves[:, :, None])[..., 0]
-    other_along = np.abs(offsets[:, :, None] @ R_other) - halves[:, None, None] @ size
-    gap = np.maximum(along, other_along[:, :, 0] - other_halves)
-    near = (gap <= tolerance).all(axis=2)
-    return [(p, k) for k, p in np.argwhere(near.T).tolist()]
+    one, two = PlacedBodies.of(first), PlacedBodies.of(second)
+    return near_solids(one, solids_of(one.shapes), two, solids_of(two.shapes), tolerance)
 
 
-def _placed(bodies: Sequence[CollisionBody]) -> tuple[Array, Array, Array]:
-    """Rotations (K, 3, 3), world centres (K, 3) and half extents (K, 3) of boxes around bodies."""
-    centers, halves = _boxes(tuple([convex_set(body.name, body.geometry) for body in bodies]))
-    poses = np.concatenate([body.T_world_geometry for body in bodies]).reshape(-1, 4, 4)
-    R = poses[:, :3, :3]
-    return R, (R @ centers)[:, :, 0] + poses[:, :3, 3], halves
+def near_solids(
+    one: PlacedBodies, solids: Solids, two: PlacedBodies, others: Solids, tolerance: float
+) -> list[tuple[int, int]]:
+    """Return what `near_pairs` does for at least one body each, whose sets are known."""
+    if others.only_planes:
+        return [(p, k) for k in range(len(two)) for p in range(len(one))]
+    R = one.poses[:, :3, :3]
+    offsets = (_centers(two, others) - _centers(one, solids)[:, None]) @ R
+    beyond = np.abs(offsets) - solids.half_extents[:, None]
+    k, p = np.nonzero((beyond <= others.reaches[:, None] + tolerance).all(axis=2).T)
+    if len(p) > _FEW:
+        relative = R.transpose(0, 2, 1)[p] @ two.poses[k, :3, :3]
+        size = np.abs(relative)
+        along = beyond[p, k] - (size @ others.half_extents[k, :, None])[..., 0]
+        across = np.abs((offsets[p, k, None] @ relative)[:, 0]) - others.half_extents[k]
+        across -= (solids.half_extents[p, None] @ size)[:, 0]
+        near = (np.maximum(along, across) <= tolerance).all(axis=1)
+        p, k = p[near], k[near]
+    return list(zip(p.tolist(), k.tolist(), strict=True))
 
 
-@lru_cache(maxsize=32)
-def _boxes(solids: tuple[ConvexSet, ...]) -> tuple[Array, Array]:
-    """Local centres (K, 3, 1) and half extents (K, 3)."""
-    boxes = [
-        (np.zeros(3), np.full(3, _ENDLESS))
-        if isinstance(solid, Plane)
-        else (solid.center, solid.half_extents)
-        for solid in solids
-    ]
-    return np.array([center for center, _ in boxes])[:, :, None], np.array([h for _, h in boxes])
+def _centers(bodies: PlacedBodies, solids: Solids) -> Array:
+    """(K, 3) centres of the boxes around bodies, world frame, m."""
+    if solids.centered:
+        return bodies.poses[:, :3, 3]
+    return (bodies.poses[:, :3, :3] @ solids.centers)[..., 0] + bodies.poses[:, :3, 3]

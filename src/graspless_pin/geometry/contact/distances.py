@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -52,18 +52,20 @@ def separation(first: CollisionBody, second: CollisionBody) -> Separation:
     return Separation(float(distance), np.array(result.normal))
 
 
-def far_apart(first: CollisionBody, second: CollisionBody) -> bool:
-    """Return whether the bounding spheres are apart, which is much cheaper to tell."""
-    sets = [convex_set(body.name, body.geometry) for body in (first, second)]
-    if any(isinstance(one, Plane) for one in sets):
-        return False
-    centers = [
-        body.T_world_geometry[:3, :3] @ one.center + body.T_world_geometry[:3, 3]
-        for body, one in zip((first, second), sets, strict=True)
-        if not isinstance(one, Plane)
-    ]
-    reach = sum(one.radius for one in sets if not isinstance(one, Plane))
-    return float(np.linalg.norm(centers[0] - centers[1])) > reach
+def nearest_separation(
+    first: Sequence[CollisionBody], second: Sequence[CollisionBody]
+) -> Separation:
+    """Measure the pair of pieces, one of each of two bodies, with the smallest signed distance.
+
+    That is the bodies' distance where they are apart. Where they overlap, at least one of them must
+    move by its amount.
+
+    Args:
+        first: The pieces of the first body, at least one.
+        second: Those of the second.
+    """
+    pairs = (separation(one, other) for one in first for other in second)
+    return min(pairs, key=lambda found: found.distance)
 
 
 def bounded_set(item: LinkGeometry) -> Polytope | Revolved:
@@ -79,7 +81,9 @@ def bounded_set(item: LinkGeometry) -> Polytope | Revolved:
 
 
 class LinkDistances:
-    """Signed distances of the shapes of some links to one fixed body, at any configuration.
+    """Signed distances of the shapes of some links to a fixed body, at any configuration.
+
+    The distance to a body of several convex pieces is that to the nearest, or deepest, of them.
 
     It costs a fraction of making a new `Hand` for each configuration.
 
@@ -89,16 +93,16 @@ class LinkDistances:
         shapes: (K) geometries with their poses, `LinkGeometry`.
     """
 
-    def __init__(self, hand: Hand, links: Collection[str], body: CollisionBody) -> None:
-        """Take the shapes of ``links`` in ``hand``, to be measured against ``body``."""
+    def __init__(self, hand: Hand, links: Collection[str], pieces: Sequence[CollisionBody]) -> None:
+        """Take the shapes of ``links`` in ``hand``, to be measured against a body's pieces."""
         self.shapes = tuple(item for item in hand.tree.geometries if item.link in links)
         self.links = tuple(item.link for item in self.shapes)
         self.joints = [item.joint for item in self.shapes]
         self._tree = hand.tree
         self._data: Any = hand.tree.model.createData()
         self._placements = [pin.SE3(np.array(item.T_joint_geometry)) for item in self.shapes]
-        self._body = body.geometry
-        self._T_world_body = _transform(body.T_world_geometry)
+        self._pieces = [(piece.geometry, _transform(piece.T_world_geometry)) for piece in pieces]
+        self._centers, self._radii = _bounding_spheres(pieces)
 
     def at(self, positions: Array) -> Array:
         """Return the (K,) signed distances with all joints at (n,) ``positions``, m."""
@@ -107,15 +111,40 @@ class LinkDistances:
         distances = np.empty(len(self.shapes))
         for index, (item, placement) in enumerate(zip(self.shapes, self._placements, strict=True)):
             pose = self._data.oMi[item.joint] * placement
-            distances[index] = coal.distance(
-                item.shape,
-                coal.Transform3s(pose.rotation, pose.translation),
-                self._body,
-                self._T_world_body,
-                _REQUEST,
-                coal.DistanceResult(),
-            )
+            distances[index] = self._nearest(item, pose)
         return distances
+
+    def _nearest(self, item: LinkGeometry, pose: Any) -> float:
+        """Return the signed distance of a shape at a pose to the nearest piece."""
+        there = coal.Transform3s(pose.rotation, pose.translation)
+        order, least = [0], [-np.inf]
+        if len(self._pieces) > 1:
+            solid = bounded_set(item)
+            offsets = self._centers - pose.act(solid.center)
+            gaps = np.linalg.norm(offsets, axis=1) - self._radii - solid.radius
+            order, least = np.argsort(gaps).tolist(), gaps.tolist()
+        nearest = np.inf
+        for index in order:
+            if least[index] >= nearest:
+                break
+            geometry, T_world_piece = self._pieces[index]
+            distance = coal.distance(
+                item.shape, there, geometry, T_world_piece, _REQUEST, coal.DistanceResult()
+            )
+            nearest = min(nearest, float(distance))
+        return nearest
+
+
+def _bounding_spheres(pieces: Sequence[CollisionBody]) -> tuple[Array, Array]:
+    """World centres (P, 3) and radii (P,) of spheres around pieces; endless for a half-space."""
+    centers, radii = np.zeros((len(pieces), 3)), np.full(len(pieces), np.inf)
+    for index, piece in enumerate(pieces):
+        solid = convex_set(piece.name, piece.geometry)
+        if not isinstance(solid, Plane):
+            T = piece.T_world_geometry
+            centers[index] = T[:3, :3] @ solid.center + T[:3, 3]
+            radii[index] = solid.radius
+    return centers, radii
 
 
 def _transform(T: Array) -> Any:

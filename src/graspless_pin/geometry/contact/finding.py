@@ -4,56 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.errors import ArgumentError, SceneError
-from graspless_pin.geometry.bodies.collision import CollisionBody
-from graspless_pin.geometry.contact.broad_phase import near_pairs
-from graspless_pin.geometry.contact.convex_sets import Plane, Polytope, convex_set
+from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
+from graspless_pin.geometry.contact.broad_phase import near_solids
 from graspless_pin.geometry.contact.merging import Touch, merge_touches
 from graspless_pin.geometry.contact.patches import find_patch, plane_basis
 from graspless_pin.geometry.contact.polygons import first_corner, reduce_polygon
+from graspless_pin.geometry.contact.records import BodyKind, ContactArrays, ContactPoint
+from graspless_pin.geometry.contact.solids import solids_of
 
 Array = NDArray[np.float64]
 
 
-class BodyKind(Enum):
-    """What touches the object."""
-
-    HAND = "hand"
-    SUPPORT = "support"
-
-
-@dataclass(frozen=True, eq=False)
-class ContactPoint:
-    """One point at which something touches the object.
-
-    Attributes:
-        body: Name of the hand link or support.
-        kind: Which of the two it is.
-        position: (3,) read-only point midway between the two surfaces, world frame, m.
-        normal: (3,) read-only unit vector into the object, world axes.
-        distance: Gap between the surfaces along the normal, negative where they overlap, m.
-    """
-
-    body: str
-    kind: BodyKind
-    position: Array
-    normal: Array
-    distance: float
-
-    def __post_init__(self) -> None:
-        """Make the arrays read-only copies."""
-        for field in ("position", "normal"):
-            array = getattr(self, field)
-            if not isinstance(array, np.ndarray) or array.flags.writeable:
-                array = np.array(array, dtype=float)
-                array.setflags(write=False)
-                object.__setattr__(self, field, array)
+_TOLERANCE = 1e-3  # m
+_MAX_PENETRATION = 5e-3  # m
+_MERGE_DISTANCE = 1e-3  # m
+_MAX_POINTS = 8
 
 
 def find_contacts(
@@ -61,10 +31,10 @@ def find_contacts(
     hand_bodies: Sequence[CollisionBody],
     support_bodies: Sequence[CollisionBody],
     *,
-    tolerance: float = 1e-3,
-    max_penetration: float = 5e-3,
-    merge_distance: float = 1e-3,
-    max_points: int = 8,
+    tolerance: float = _TOLERANCE,
+    max_penetration: float = _MAX_PENETRATION,
+    merge_distance: float = _MERGE_DISTANCE,
+    max_points: int = _MAX_POINTS,
 ) -> tuple[ContactPoint, ...]:
     """Find all points at which hand and supports touch the object.
 
@@ -92,105 +62,133 @@ def find_contacts(
         SceneError: Bodies overlap by more than ``max_penetration``, or a geometry is of a kind
             that cannot be used.
     """
+    pieces = [object_body] if isinstance(object_body, CollisionBody) else object_body
+    limits = (tolerance, max_penetration, merge_distance, max_points)
+    on_hand = contact_arrays(pieces, hand_bodies, BodyKind.HAND, *limits)
+    on_supports = contact_arrays(pieces, support_bodies, BodyKind.SUPPORT, *limits)
+    return tuple(on_hand.followed_by(on_supports))
+
+
+def contact_arrays(
+    object_bodies: Sequence[CollisionBody],
+    others: Sequence[CollisionBody],
+    kind: BodyKind,
+    tolerance: float = _TOLERANCE,
+    max_penetration: float = _MAX_PENETRATION,
+    merge_distance: float = _MERGE_DISTANCE,
+    max_points: int = _MAX_POINTS,
+) -> ContactArrays:
+    """Find where the object touches hand links, or where it touches supports.
+
+    Args:
+        object_bodies: The object's convex pieces.
+        others: Hand links or supports.
+        kind: Which of them.
+        tolerance: As in `find_contacts`.
+        max_penetration: As in `find_contacts`.
+        merge_distance: As in `find_contacts`.
+        max_points: As in `find_contacts`.
+
+    Raises:
+        ArgumentError: As `find_contacts`.
+        SceneError: As `find_contacts`.
+    """
+    if not (
+        0.0 < tolerance < math.inf
+        and 0.0 < max_penetration < math.inf
+        and 0.0 < merge_distance < math.inf
+        and max_points >= 3
+    ):
+        _refuse_limits(tolerance, max_penetration, merge_distance, max_points)
+    if not object_bodies:
+        raise ArgumentError("object_body", "needs at least one piece")
+    pieces, bodies = PlacedBodies.of(object_bodies), PlacedBodies.of(others)
+    solids, others_solids = solids_of(pieces.shapes), solids_of(bodies.shapes)
+    if solids.has_plane:
+        raise SceneError(
+            f"object '{pieces.shapes.names[0]}' is a half-space; only a support can be one: "
+            "give the object a box, sphere, cylinder, capsule, cone or mesh"
+        )
+    touches: dict[str, list[Touch]] = {}
+    near = near_solids(pieces, solids, bodies, others_solids, tolerance) if len(bodies) else []
+    for p, k in near:
+        piece, body = pieces[p], bodies[k]
+        mine, other = (piece, solids.sets[p]), (body, others_solids.sets[k])
+        # Whichever of the two is the object, the pair is computed in the same order, so that
+        # swapping them changes nothing but the normal's sign.
+        object_first = solids.ranks[p] < others_solids.ranks[k]
+        pair = (*mine, *other) if object_first else (*other, *mine)
+        patch = find_patch(*pair, tolerance, max_penetration)
+        if patch is not None:
+            touch = Touch(piece, body, object_first, patch.normal, patch.points, patch.gaps)
+            touches.setdefault(body.name, []).append(touch)
+    names: list[str] = []
+    positions: list[Array] = []
+    normals: list[Array] = []
+    distances: list[float] = []
+    for name, found in touches.items():
+        merged = found
+        if len(found) > 1:
+            own = [bodies[k] for k, other in enumerate(bodies.shapes.names) if other == name]
+            merged = merge_touches(found, pieces, own, merge_distance)
+        for touch in merged:
+            if min(touch.gaps) < -max_penetration:
+                depth = -min(min(one.gaps) for one in merged)
+                raise SceneError(
+                    f"{'hand link' if kind is BodyKind.HAND else 'support'} '{name}' and object "
+                    f"'{pieces.shapes.names[0]}' overlap by {depth * 1e3:.2f} mm, more than the "
+                    f"{max_penetration * 1e3:.2f} mm that pass for contact; move one until they "
+                    "touch"
+                )
+            points, gaps = _contacts_of(touch, merge_distance, max_points)
+            names += [name] * len(gaps)
+            positions.append(points)
+            normals += [touch.into_object.tolist()] * len(gaps)
+            distances += gaps
+    return ContactArrays(
+        tuple(names),
+        (kind,) * len(names),
+        np.concatenate(positions) if positions else np.empty((0, 3)),
+        np.array(normals).reshape(-1, 3),
+        tuple(distances),
+    )
+
+
+def _refuse_limits(
+    tolerance: float, max_penetration: float, merge_distance: float, max_points: int
+) -> None:
+    """Say which limit is out of range."""
     for name, value in (
         ("tolerance", tolerance),
         ("max_penetration", max_penetration),
         ("merge_distance", merge_distance),
     ):
-        if not (math.isfinite(value) and value > 0.0):
+        if not 0.0 < value < math.inf:
             raise ArgumentError(name, f"needs a positive length in metres, got {value!r}")
-    if max_points < 3:
-        raise ArgumentError("max_points", f"needs at least 3, got {max_points!r}")
-    pieces = [object_body] if isinstance(object_body, CollisionBody) else list(object_body)
-    if not pieces:
-        raise ArgumentError("object_body", "needs at least one piece")
-    for piece in pieces:
-        if isinstance(convex_set(piece.name, piece.geometry), Plane):
-            raise SceneError(
-                f"object '{piece.name}' is a half-space; only a support can be one: "
-                "give the object a box, sphere, cylinder, capsule, cone or mesh"
-            )
-    others = [*hand_bodies, *support_bodies]
-    touches: dict[tuple[BodyKind, str], list[Touch]] = {}
-    for p, k in near_pairs(pieces, others, tolerance):
-        touch = _touch(pieces[p], others[k], tolerance, max_penetration)
-        if touch is not None:
-            kind = BodyKind.HAND if k < len(hand_bodies) else BodyKind.SUPPORT
-            touches.setdefault((kind, others[k].name), []).append(touch)
-    contacts: list[ContactPoint] = []
-    for (kind, name), found in touches.items():
-        bodies = hand_bodies if kind is BodyKind.HAND else support_bodies
-        merged = found
-        if len(found) > 1:
-            own = [body for body in bodies if body.name == name]
-            merged = merge_touches(found, pieces, own, merge_distance)
-        depth = -min([min(touch.gaps.tolist()) for touch in merged])
-        if depth > max_penetration:
-            raise SceneError(
-                f"{'hand link' if kind is BodyKind.HAND else 'support'} '{name}' and object "
-                f"'{pieces[0].name}' overlap by {depth * 1e3:.2f} mm, more than the "
-                f"{max_penetration * 1e3:.2f} mm that pass for contact; move one until they touch"
-            )
-        for touch in merged:
-            contacts += _contacts_of(touch, kind, merge_distance, max_points)
-    return tuple(contacts)
+    raise ArgumentError("max_points", f"needs at least 3, got {max_points!r}")
 
 
-def _touch(
-    object_piece: CollisionBody,
-    other_piece: CollisionBody,
-    tolerance: float,
-    max_penetration: float,
-) -> Touch | None:
-    # Whichever of the two is the object, the pair is computed in the same order, so that swapping
-    # them changes nothing but the normal's sign.
-    object_first = _rank(object_piece) < _rank(other_piece)
-    first, second = (object_piece, other_piece) if object_first else (other_piece, object_piece)
-    T_first, T_second = first.T_world_geometry, second.T_world_geometry
-    R, t = T_first[:3, :3], T_first[:3, 3]
-    patch = find_patch(
-        first,
-        second,
-        R.T @ T_second[:3, :3],
-        (T_second[:3, 3] - t) @ R,
-        tolerance,
-        max_penetration,
-    )
-    if patch is None:
-        return None
-    points = patch.points @ R.T + t
-    return Touch(object_piece, other_piece, object_first, R @ patch.normal, points, patch.gaps)
-
-
-def _contacts_of(
-    touch: Touch, kind: BodyKind, merge_distance: float, max_points: int
-) -> list[ContactPoint]:
-    """The contact points that stand for one patch."""
-    points, gaps, order = touch.points, touch.gaps, [0]
-    if len(points) > 1:
-        second = touch.other_piece if touch.object_first else touch.object_piece
-        around = _from_first_corner(points, second)
-        flat = (points[around] @ plane_basis(touch.normal).T).tolist()
-        groups = [
-            [around[k] for k in group]
-            for group in reduce_polygon([(u, v) for u, v in flat], merge_distance, max_points)
-        ]
-        if len(groups) < len(points):
-            points = np.array([points[group].mean(axis=0) for group in groups])
-            gaps = np.array([gaps[group].mean() for group in groups])
-        else:
-            points, gaps = points[around], gaps[around]
-        if touch.object_first:
-            points, gaps = points[::-1], gaps[::-1]
-        order = list(range(len(points)))
-        if touch.object_first or len(groups) < len(around):
-            order = _from_first_corner(points, touch.object_piece)
-    normal = touch.into_object
-    points = np.array(points)
-    for array in (normal, points):
-        array.setflags(write=False)
-    name, heights = touch.other_piece.name, gaps.tolist()
-    return [ContactPoint(name, kind, points[k], normal, heights[k]) for k in order]
+def _contacts_of(touch: Touch, merge_distance: float, max_points: int) -> tuple[Array, list[float]]:
+    """The contact points (K, 3) that stand for one patch, and their gaps."""
+    points, heights = touch.points, touch.gaps
+    if len(points) == 1:
+        return points, heights
+    second = touch.other_piece if touch.object_first else touch.object_piece
+    around = _from_first_corner(points, second)
+    flat = (points[around] @ plane_basis(touch.normal).T).tolist()
+    groups = reduce_polygon([(u, v) for u, v in flat], merge_distance, max_points)
+    reduced = len(groups) < len(around)
+    if reduced:
+        members = [[around[k] for k in group] for group in groups]
+        points = np.array([points[group].mean(axis=0) for group in members])
+        heights = [math.fsum(heights[k] for k in group) / len(group) for group in members]
+        around = list(range(len(points)))
+    if touch.object_first:
+        around.reverse()
+    if touch.object_first or reduced:
+        turn = _from_first_corner(points[around], touch.object_piece)
+        around = [around[k] for k in turn]
+    return points[around], [heights[k] for k in around]
 
 
 def _from_first_corner(points: Array, body: CollisionBody) -> list[int]:
@@ -198,11 +196,3 @@ def _from_first_corner(points: Array, body: CollisionBody) -> list[int]:
     T = body.T_world_geometry
     start = first_corner(((points - T[:3, 3]) @ T[:3, :3]).tolist())
     return [*range(start, len(points)), *range(start)]
-
-
-def _rank(body: CollisionBody) -> tuple[int, float, str]:
-    """Half-spaces before polytopes before curved shapes, large before small, then by name."""
-    solid = convex_set(body.name, body.geometry)
-    if isinstance(solid, Plane):
-        return 0, 0.0, body.name
-    return (1 if isinstance(solid, Polytope) else 2), -solid.radius, body.name

@@ -33,6 +33,7 @@ _COS_FLAT = math.cos(math.radians(45.0))  # what is steeper is a step or groove,
 _INTO = -0.1  # cosine below which a direction goes into a surface
 _STEP = 0.1  # part of a piece's size by which it passes another's face where they make a step
 _STRAIGHT = 2e-5  # m: corners that stick out by less come from pieces' slightly different normals
+_SHARES = np.linspace(0.0, 1.0, 9)[1:-1]  # of a line, where it is looked at
 _LEVEL = 1e-6  # m: gaps that differ by less are the same
 
 
@@ -46,7 +47,7 @@ class Touch:
         object_first: Whether the object's piece is the patch's first body.
         normal: (3,) from the first to the second, world axes.
         points: (K, 3) midway between the bodies, counterclockwise about the normal, world, m.
-        gaps: (K,) signed gaps, m.
+        gaps: K signed gaps, m.
     """
 
     object_piece: CollisionBody
@@ -54,7 +55,7 @@ class Touch:
     object_first: bool
     normal: Array
     points: Array
-    gaps: Array
+    gaps: list[float]
 
     @property
     def into_object(self) -> Array:
@@ -87,8 +88,19 @@ def merge_touches(
         for group in _coplanar(apparent or touches)
     ]
     kept: list[Touch] = []
-    for touch in sorted(merged, key=lambda t: float(t.gaps.min())):
-        if not any(_repeats(touch, other, merge_distance) for other in kept):
+    for touch in sorted(merged, key=lambda t: min(t.gaps)):
+        if not any(
+            _repeats(touch, other, merge_distance)
+            or (
+                touch.other_piece is other.other_piece
+                and _leads_to(touch, other, object_pieces, 0.5)
+            )
+            or (
+                touch.object_piece is other.object_piece
+                and _leads_to(touch, other, other_pieces, -0.5)
+            )
+            for other in kept
+        ):
             kept.append(touch)
     return [touch for touch in merged if touch in kept]
 
@@ -97,7 +109,7 @@ def _is_seam(
     touch: Touch, object_pieces: Sequence[CollisionBody], other_pieces: Sequence[CollisionBody]
 ) -> bool:
     """Whether either body's surface goes on in another of its pieces where the patch is."""
-    middle, half = touch.points.mean(axis=0), 0.5 * float(touch.gaps.mean())
+    middle, half = touch.points.mean(axis=0), 0.5 * math.fsum(touch.gaps) / len(touch.gaps)
     inward = touch.into_object
     return any(
         _covers(piece, touch.object_piece, middle + half * inward, -inward)
@@ -170,7 +182,7 @@ def _coplanar(touches: Sequence[Touch]) -> list[list[Touch]]:
     """Patches by common plane, in their order; the first of each group has the smallest gap."""
     groups: list[list[Touch]] = []
     order = {id(touch): k for k, touch in enumerate(touches)}
-    for touch in sorted(touches, key=lambda t: float(t.gaps.min())):
+    for touch in sorted(touches, key=lambda t: min(t.gaps)):
         for group in groups:
             if _in_plane(touch, group[0]):
                 group.append(touch)
@@ -208,7 +220,7 @@ def _union(group: Sequence[Touch], merge_distance: float) -> Touch:
     flat = [(u, v) for u, v in (points @ plane_basis(seed.normal).T).tolist()]
     index = {point: k for k, point in enumerate(flat)}
     order = [index[point] for point in planar_hull(flat, _STRAIGHT)]
-    return replace(seed, points=points[order], gaps=gaps[order])
+    return replace(seed, points=points[order], gaps=gaps[order].tolist())
 
 
 def _repeats(touch: Touch, other: Touch, merge_distance: float) -> bool:
@@ -217,3 +229,37 @@ def _repeats(touch: Touch, other: Touch, merge_distance: float) -> bool:
         return False
     distances = np.linalg.norm(touch.points[:, None] - other.points, axis=2)
     return bool((distances.min(axis=1) < merge_distance).all())
+
+
+def _leads_to(touch: Touch, nearer: Touch, pieces: Sequence[CollisionBody], side: float) -> bool:
+    """Whether a body goes straight on from a single point to a nearer touch of the same piece.
+
+    The distance from a convex piece is convex along a straight line, so that the point is no
+    minimum of it: it is the border of a piece where the body's surface goes on.
+
+    Args:
+        touch: The touch in question.
+        nearer: One with a smaller gap.
+        pieces: All pieces of the body.
+        side: Where its surface lies, in gaps from the middle into the object.
+    """
+    if len(touch.points) > 1:
+        return False
+    arms = nearer.points - touch.points[0]
+    lengths = np.linalg.norm(arms, axis=1)
+    k = int(lengths.argmin())
+    if touch.gaps[0] - nearer.gaps[k] <= PARALLEL_ANGLE * lengths[k]:
+        return False
+    start = touch.points[0] + side * touch.gaps[0] * touch.into_object
+    end = nearer.points[k] + side * nearer.gaps[k] * nearer.into_object
+    return all(
+        any(_height(piece, start + share * (end - start)) <= _SAME_SURFACE for piece in pieces)
+        for share in _SHARES
+    )
+
+
+def _height(piece: CollisionBody, point: Array) -> float:
+    """Height (at most the distance) of a point over a piece, negative inside, m."""
+    T = piece.T_world_geometry
+    local = (point - T[:3, 3]) @ T[:3, :3]
+    return float(convex_set(piece.name, piece.geometry).faces_at(local)[1].max())

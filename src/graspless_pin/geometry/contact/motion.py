@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -11,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry.bodies.records import Support
-from graspless_pin.geometry.contact.finding import BodyKind, ContactPoint
+from graspless_pin.geometry.contact.records import BodyKind, ContactArrays, ContactPoint
+from graspless_pin.geometry.poses import turning_velocities
 
 Array = NDArray[np.float64]
 
@@ -70,8 +72,12 @@ def twist_velocities(twist: ArrayLike, center: ArrayLike, points: ArrayLike) -> 
     """
     motion = _checked("twist", twist, (6,))
     origin = _checked("center", center, (3,))
-    where = np.asarray(points, dtype=float).reshape(-1, 3)
-    return motion[:3] + np.cross(motion[3:], where - origin)
+    return _velocities(motion, np.asarray(points, dtype=float).reshape(-1, 3) - origin)
+
+
+def _velocities(twist: Array, arms: Array) -> Array:
+    """Velocities v + omega x r at the arms r (M, 3)."""
+    return twist[:3] + turning_velocities(twist[3:], arms)
 
 
 def support_velocities(
@@ -91,17 +97,22 @@ def support_velocities(
         ArgumentError: A contact names a support that is not there.
     """
     by_name = {support.name: support for support in supports}
-    linear, angular = np.zeros((len(contacts), 3)), np.zeros((len(contacts), 3))
-    for k, contact in enumerate(contacts):
-        if contact.kind is not BodyKind.SUPPORT:
-            continue
-        support = by_name.get(contact.body)
+    touching = ContactArrays.of(contacts)
+    linear, angular = np.zeros((len(touching), 3)), np.zeros((len(touching), 3))
+    rows: dict[str, list[int]] = {}
+    for k, (body, kind) in enumerate(zip(touching.bodies, touching.kinds, strict=True)):
+        if kind is BodyKind.SUPPORT:
+            rows.setdefault(body, []).append(k)
+    for name, own in rows.items():
+        support = by_name.get(name)
         if support is None:
             known = ", ".join(f"'{name}'" for name in by_name) or "none"
-            raise ArgumentError("supports", f"has no support '{contact.body}'; known: {known}")
-        origin = support.T_world_support[:3, 3]
-        linear[k] = twist_velocities(support.velocity, origin, contact.position)[0]
-        angular[k] = support.velocity[3:]
+            raise ArgumentError("supports", f"has no support '{name}'; known: {known}")
+        if support.velocity.any():
+            linear[own] = twist_velocities(
+                support.velocity, support.T_world_support[:3, 3], touching.positions[own]
+            )
+            angular[own] = support.velocity[3:]
     return linear, angular
 
 
@@ -138,8 +149,8 @@ def classify_motion(
         ArgumentError: A shape is wrong or a number is not finite.
     """
     count = len(contacts)
-    points = np.array([contact.position for contact in contacts]).reshape(-1, 3)
-    normals = np.array([contact.normal for contact in contacts]).reshape(-1, 3)
+    touching = ContactArrays.of(contacts)
+    points, normals = touching.positions, touching.normals
     twist = _checked("object_twist", object_twist, (6,))
     center = _checked("center_of_mass", center_of_mass, (3,))
     others, turning = np.zeros((count, 3)), np.zeros((count, 3))
@@ -149,32 +160,28 @@ def classify_motion(
         turning = _checked("body_angular_velocities", body_angular_velocities, (count, 3))
     # The object's own parts of speed, not their sum: at a pivot they cancel, and what is left
     # there is nothing.
-    arms = np.linalg.norm(points - center, axis=1)
-    speeds = np.concatenate(
-        [
-            [np.linalg.norm(twist[:3])],
-            np.linalg.norm(twist[3:]) * arms,
-            np.linalg.norm(others, axis=1),
-        ]
-    )
-    threshold = speed_tolerance * float(speeds.max())
-    relative = twist_velocities(twist, center, points) - others
-    leaving = np.einsum("mi,mi->m", normals, relative)
+    arms = points - center
+    linear, spin = math.hypot(*twist[:3].tolist()), math.hypot(*twist[3:].tolist())
+    fastest = max([linear, spin * _longest(arms), _longest(others)])
+    threshold = speed_tolerance * fastest
+    relative = _velocities(twist, arms) - others
+    leaving = (normals * relative).sum(axis=1)
     sliding = relative - leaving[:, None] * normals
-    spin = twist[3:] - turning
-    rolling = np.linalg.norm(spin - np.einsum("mi,mi->m", normals, spin)[:, None] * normals, axis=1)
-    fastest = max(np.linalg.norm(twist[3:]), np.linalg.norm(turning, axis=1).max(initial=0.0))
+    rolls = [0.0] * count
+    if spin > 0.0 or turning.any():
+        rolling = twist[3:] - turning
+        rolling = rolling - (normals * rolling).sum(axis=1)[:, None] * normals
+        rolls = _lengths(rolling)
+    slow_turn = speed_tolerance * max(spin, _longest(turning))
     states: list[ContactMotion] = []
-    for speed, tangential, roll in zip(
-        leaving, np.linalg.norm(sliding, axis=1), rolling, strict=True
-    ):
+    for speed, along, roll in zip(leaving.tolist(), _lengths(sliding), rolls, strict=True):
         if speed > threshold:
             states.append(ContactMotion.SEPARATING)
         elif speed < -threshold:
             states.append(ContactMotion.PENETRATING)
-        elif tangential > threshold:
+        elif along > threshold:
             states.append(ContactMotion.SLIDING)
-        elif roll > speed_tolerance * fastest:
+        elif roll > slow_turn:
             states.append(ContactMotion.ROLLING)
         else:
             states.append(ContactMotion.STICKING)
@@ -221,12 +228,27 @@ def apply_motion(
         body_angular_velocities,
         speed_tolerance=speed_tolerance,
     )
-    worst: dict[tuple[BodyKind, str], float] = {}
-    for contact, state, speed in zip(contacts, motion.states, motion.normal_speeds, strict=True):
-        if state is ContactMotion.PENETRATING:
-            key = (contact.kind, contact.body)
-            worst[key] = max(worst.get(key, 0.0), -float(speed))
-    if worst:
+    kept = contacts_that_stay(contacts, motion, object_name)
+    sliding = motion.sliding[kept]
+    sliding.setflags(write=False)
+    return tuple(contacts[k] for k in kept), sliding
+
+
+def contacts_that_stay(
+    contacts: Sequence[ContactPoint], motion: ClassifiedMotion, object_name: str
+) -> list[int]:
+    """Return the indices of the contacts that do not part.
+
+    Raises:
+        SceneError: The motion drives the object into another body.
+    """
+    if ContactMotion.PENETRATING in motion.states:
+        touching = ContactArrays.of(contacts)
+        worst: dict[tuple[BodyKind, str], float] = {}
+        for k, state in enumerate(motion.states):
+            if state is ContactMotion.PENETRATING:
+                key = (touching.kinds[k], touching.bodies[k])
+                worst[key] = max(worst.get(key, 0.0), -float(motion.normal_speeds[k]))
         hits = ", ".join(
             f"{'hand link' if kind is BodyKind.HAND else 'support'} '{body}' at {speed:.3g} m/s"
             for (kind, body), speed in worst.items()
@@ -235,10 +257,17 @@ def apply_motion(
             f"the declared motion drives object '{object_name}' into {hits}; "
             "change the object's twist or the motion of what it runs into"
         )
-    kept = [k for k, state in enumerate(motion.states) if state is not ContactMotion.SEPARATING]
-    sliding = motion.sliding[kept]
-    sliding.setflags(write=False)
-    return tuple(contacts[k] for k in kept), sliding
+    return [k for k, state in enumerate(motion.states) if state is not ContactMotion.SEPARATING]
+
+
+def _lengths(vectors: Array) -> list[float]:
+    """Lengths of the rows."""
+    return np.sqrt((vectors * vectors).sum(axis=1)).tolist()
+
+
+def _longest(vectors: Array) -> float:
+    """Length of the longest row, 0 without any."""
+    return math.sqrt((vectors * vectors).sum(axis=1).max(initial=0.0))
 
 
 def _checked(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
@@ -248,6 +277,6 @@ def _checked(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
         raise ArgumentError(name, f"needs numbers, got {values!r}") from error
     if array.shape != shape:
         raise ArgumentError(name, f"needs shape {shape}, got {array.shape}")
-    if not np.isfinite(array).all():
+    if not all(map(math.isfinite, array.ravel().tolist())):
         raise ArgumentError(name, f"needs finite numbers, got {array.tolist()}")
     return array

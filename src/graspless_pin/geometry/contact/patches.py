@@ -12,7 +12,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 
 from graspless_pin.errors import SceneError
 from graspless_pin.geometry.bodies.collision import CollisionBody
-from graspless_pin.geometry.contact.convex_sets import Plane, Polytope, Revolved, convex_set
+from graspless_pin.geometry.contact.convex_sets import ConvexSet, Plane, Polytope, Revolved
 from graspless_pin.geometry.contact.polygons import (
     Point,
     Polygon,
@@ -41,29 +42,28 @@ _PULLED_APART = 1e-3  # m: a gap at which coal's direction is sure
 _ATTEMPTS = 5
 _AGREED = 1.0 - 1e-5  # cosine between a face normal and coal's direction
 _SAME_GAP = 1e-9  # directions whose gaps differ by less are equally good
-_ON_FACE = 1e-9  # m
 
 
-@dataclass(frozen=True, eq=False)
-class Patch:
+class Patch(NamedTuple):
     """The polygon, segment or point at which two bodies touch.
 
     Attributes:
-        normal: (3,) from the first body to the second.
-        points: (K, 3) extreme points midway between the bodies, counterclockwise about the normal.
-        gaps: (K,) signed gaps at the points.
+        normal: (3,) from the first body to the second, world axes.
+        points: (K, 3) extreme points midway between the bodies, counterclockwise about the normal,
+            world, m.
+        gaps: K signed gaps at the points, m.
     """
 
     normal: Array
     points: Array
-    gaps: Array
+    gaps: list[float]
 
 
 def find_patch(
     first: CollisionBody,
+    one: ConvexSet,
     second: CollisionBody,
-    R: Array,
-    t: Array,
+    two: ConvexSet,
     tolerance: float,
     max_penetration: float,
 ) -> Patch | None:
@@ -71,78 +71,78 @@ def find_patch(
 
     Args:
         first: Half-space, polytope or curved body.
+        one: The set that it fills.
         second: The other body; not a half-space.
-        R: (3, 3) rotation of the second body's geometry in the first's frame.
-        t: (3,) position of the second body's geometry in the first's frame, m.
+        two: The set that it fills.
         tolerance: Gaps up to this count as touching, m.
         max_penetration: Overlaps up to this pass for contact, m.
 
     Returns:
-        The patch, in the frame of the first body's geometry; None if the gap is wider than the
-        tolerance.
+        The patch; None if the gap is wider than the tolerance.
 
     Raises:
-        SceneError: A geometry is of a kind that cannot be used, or the second is a half-space.
+        SceneError: The second body is a half-space.
     """
-    one = convex_set(first.name, first.geometry)
-    two = convex_set(second.name, second.geometry)
     if isinstance(two, Plane):
         raise SceneError(f"half-space '{second.name}' must come before '{first.name}' in a pair")
+    T, T_second = first.T_world_geometry, second.T_world_geometry
+    R, origin = T[:3, :3], T[:3, 3]
+    R_second = T_second[:3, :3]
     if isinstance(one, Plane):
-        return _on_plane(one, two.feature(-(one.normal @ R)) @ R.T + t, tolerance)
+        normal = R @ one.normal
+        subject = two.feature(-(normal @ R_second)) @ R_second.T + T_second[:3, 3]
+        return _on_plane(normal, float(normal @ origin) + one.offset, subject, tolerance)
+    t = (T_second[:3, 3] - origin) @ R
     if isinstance(one, Polytope) and isinstance(two, Revolved) and two.is_sphere:
-        normal, height, on_face = _highest_face(one, t)
-        if height - two.radius > tolerance:
+        normal, height, on_face = one.highest_face(t)
+        gap = height - two.radius
+        if gap > tolerance:
             return None
         if on_face:
-            middle = t - 0.5 * (height + two.radius) * normal
-            return Patch(normal, middle[None], np.array([height - two.radius]))
-    nearest = _Nearest(first, one, second, two, R, t).find(tolerance, max_penetration)
+            normal = R @ normal
+            middle = T_second[:3, 3] - 0.5 * (height + two.radius) * normal
+            return Patch(normal, middle[None], [gap])
+    relative = R.T @ R_second
+    nearest = _Nearest(first, one, second, two, relative, t).find(tolerance, max_penetration)
     if nearest is None:
         return None
     normal, witness = nearest
-    window, subject = one.feature(normal), two.feature(-(normal @ R)) @ R.T + t
-    return _common_part(normal, witness, window, subject, tolerance)
+    window, subject = one.feature(normal), two.feature(-(normal @ relative)) @ relative.T + t
+    patch = _common_part(normal, witness, window, subject, tolerance)
+    if patch is None:
+        return None
+    return Patch(R @ patch.normal, patch.points @ R.T + origin, patch.gaps)
 
 
 def plane_basis(normal: Array) -> Array:
-    """Two unit vectors (2, 3) that with the normal make a right-handed frame (u, v, normal)."""
-    x, y, z = normal.tolist()
+    """Two unit vectors (2, 3), read-only, that with the normal make a right-handed frame."""
+    return _basis(*normal.tolist())
+
+
+@lru_cache(maxsize=256)
+def _basis(x: float, y: float, z: float) -> Array:
     # The branch-free construction of Duff et al., which is smooth but at z = 0.
     sign = 1.0 if z >= 0.0 else -1.0
     a = -1.0 / (sign + z)
     b = x * y * a
-    return np.array([[1.0 + sign * x * x * a, sign * b, -sign * x], [b, sign + y * y * a, -y]])
+    basis = np.array([[1.0 + sign * x * x * a, sign * b, -sign * x], [b, sign + y * y * a, -y]])
+    basis.setflags(write=False)
+    return basis
 
 
-def _on_plane(plane: Plane, subject: Array, tolerance: float) -> Patch | None:
-    gaps = subject @ plane.normal - plane.offset
-    near = gaps <= tolerance
-    if not near.any():
+def _on_plane(normal: Array, offset: float, subject: Array, tolerance: float) -> Patch | None:
+    heights = subject @ normal - offset
+    gaps = heights.tolist()
+    near = [k for k, gap in enumerate(gaps) if gap <= tolerance]
+    if not near:
         return None
-    if not near.all():
-        subject, gaps = subject[near], gaps[near]
-    middles = subject - 0.5 * gaps[:, None] * plane.normal
-    if len(middles) > 1:
-        flat = [(u, v) for u, v in (middles @ plane_basis(plane.normal).T).tolist()]
-        index = {point: k for k, point in enumerate(flat)}
-        order = [index[point] for point in planar_hull(flat)]
-        middles, gaps = middles[order], gaps[order]
-    return Patch(plane.normal, middles, gaps)
-
-
-def _highest_face(one: Polytope, point: Array) -> tuple[Array, float, bool]:
-    """Normal of the face that a point is highest over, its height, and whether its foot is on it.
-
-    If it is, or if the point is inside, no other direction leaves a larger gap to the point.
-    """
-    heights = one.face_normals @ point - one.face_offsets
-    k = int(heights.argmax())
-    normal, height = one.face_normals[k], float(heights[k])
-    if height <= 0.0:
-        return normal, height, True
-    foot = point - height * normal
-    return normal, height, bool((one.face_normals @ foot - one.face_offsets).max() <= _ON_FACE)
+    middles = subject - (0.5 * heights)[:, None] * normal
+    order = near
+    if len(near) > 1:
+        flat = (middles @ plane_basis(normal).T).tolist()
+        index = {(flat[k][0], flat[k][1]): k for k in near}
+        order = [index[point] for point in planar_hull(index)]
+    return Patch(normal, middles[order], [gaps[k] for k in order])
 
 
 def _common_part(
@@ -167,7 +167,7 @@ def _common_part(
         return None
     middles = np.array([0.5 * (heights[k][0] + heights[k][1]) for k in near])
     points = np.array([polygon[k] for k in near]) @ basis + middles[:, None] * normal
-    return Patch(normal, points, np.array([heights[k][1] - heights[k][0] for k in near]))
+    return Patch(normal, points, [heights[k][1] - heights[k][0] for k in near])
 
 
 @dataclass(frozen=True, eq=False)

@@ -136,8 +136,10 @@ def first_corner(keys: list[list[float]], resolution: float = 1e-6) -> int:
     """
     candidates = list(range(len(keys)))
     for axis in range(len(keys[0])):
-        least = min(keys[k][axis] for k in candidates)
-        candidates = [k for k in candidates if keys[k][axis] <= least + resolution]
+        least = min([keys[k][axis] for k in candidates]) + resolution
+        candidates = [k for k in candidates if keys[k][axis] <= least]
+        if len(candidates) == 1:
+            break
     return candidates[0]
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -46,6 +47,12 @@ class Actuation:
         """Make the arrays read-only."""
         self.from_independent.setflags(write=False)
         self.from_joints.setflags(write=False)
+
+    @cached_property
+    def every_joint_alone(self) -> bool:
+        """Whether all movable joints have a motor each, in their order."""
+        rows, columns = self.from_joints.shape
+        return rows == columns and bool((self.from_joints == np.eye(rows)).all())
 
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
         """Pickle by the fields."""

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.hand.tree import FOLLOWER_TOLERANCE, KinematicTree, unknown_name
@@ -32,22 +32,64 @@ def joint_positions(
             joint's limits or against the coupling.
     """
     coupling, index_of = tree.coupling, tree.joint_index
-    given: dict[int, float] = {}
-    for name, value in q.items():
-        if name not in index_of:
-            raise unknown_name("q", "joint", name, tree.joint_names)
-        given[index_of[name]] = _finite(name, value)
+    try:
+        indices = [index_of[name] for name in q]
+    except KeyError as error:
+        raise unknown_name("q", "joint", str(error.args[0]), tree.joint_names) from error
     positions = np.clip(0.0, tree.lower, tree.upper) if start is None else start.copy()
-    indices = list(given)
     if indices:
-        positions[indices] = list(given.values())
+        try:
+            positions[indices] = list(q.values())
+        except (TypeError, ValueError):
+            positions[indices] = [_finite(name, value) for name, value in q.items()]
     if len(coupling.leaders) < len(positions):
+        given = positions[indices].tolist()
         positions = coupling.S @ positions[list(coupling.leaders)] + coupling.offset
-        _check_followers(tree, given, positions)
+        _check_followers(tree, dict(zip(indices, given, strict=True)), positions)
     lower, upper = tree.tolerated
-    outside = (positions < lower) | (positions > upper)
-    if outside.any():
-        _check_limits(tree, indices, positions, outside)
+    within = (lower <= positions) & (positions <= upper)
+    if not within.all():
+        for name, value in q.items():
+            _finite(name, value)
+        _check_limits(tree, indices, positions, ~within)
+    positions.setflags(write=False)
+    return positions
+
+
+def independent_positions(tree: KinematicTree, values: ArrayLike) -> NDArray[np.float64]:
+    """Return the positions of all joints of a tree for those of its independent joints.
+
+    Args:
+        tree: The kinematic tree with a independent and n movable joints.
+        values: (a,) radians or metres, in model order.
+
+    Returns:
+        (n,) read-only positions in model order.
+
+    Raises:
+        ArgumentError: If the shape is wrong, or a value is not a finite number or takes a joint
+            outside its limits.
+    """
+    coupling = tree.coupling
+    count = len(coupling.leaders)
+    try:
+        positions = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ArgumentError("positions", f"needs numbers, got {values!r:.200}") from error
+    if positions.shape != (count,):
+        raise ArgumentError(
+            "positions",
+            f"needs shape ({count},), one number per independent joint, got {positions.shape}",
+        )
+    if count < len(tree.joint_names):
+        positions = coupling.S @ positions + coupling.offset
+    lower, upper = tree.tolerated
+    within = (lower <= positions) & (positions <= upper)
+    if not within.all():
+        named = {tree.joint_names[joint]: positions[joint] for joint in coupling.leaders}
+        for name, value in named.items():
+            _finite(name, value)
+        _check_limits(tree, list(coupling.leaders), positions, ~within)
     positions.setflags(write=False)
     return positions
 

@@ -1,17 +1,25 @@
-"""The collision shapes of a model's links: primitives stay, a mesh becomes its convex hull."""
+"""The collision shapes of a model's links: primitives stay, a mesh becomes convex."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
 
-from graspless_pin.errors import MeshError
+from graspless_pin.errors import ArgumentError, MeshError
+from graspless_pin.geometry.bodies.decomposition import (
+    DEFAULT_CONCAVITY,
+    check_concavity,
+    convex_pieces,
+)
+from graspless_pin.geometry.bodies.shapes import convex_geometry
 from graspless_pin.geometry.hand.coupling import remake
 
 FLATNESS = 1e-7
@@ -43,17 +51,96 @@ class LinkGeometry:
         return remake(self)
 
 
-def link_geometry(model: Any, item: Any) -> LinkGeometry:
-    """Take one of Pinocchio's geometry objects over, a mesh as its convex hull.
+@dataclass(frozen=True)
+class LinkMeshes:
+    """How the collision meshes of a robot's links are made convex.
+
+    A cut takes seconds for a mesh, minutes for a hand of fine ones, and is remembered on disk.
+
+    Attributes:
+        convex: ``hull`` fills all hollows; ``decompose`` cuts a mesh into convex pieces. One word
+            for all links, or words by link, the others being hulls.
+        concavity: For ``decompose``: deepest hollow that is filled all the same, as a share of half
+            a mesh's largest extent, 0.01 to 1.
+    """
+
+    convex: str | Mapping[str, str] = "hull"
+    concavity: float = DEFAULT_CONCAVITY
+
+    def __post_init__(self) -> None:
+        """Check the words and the number.
+
+        Raises:
+            ArgumentError: One is not among those above.
+        """
+        by_link = isinstance(self.convex, Mapping)
+        words = dict(self.convex) if isinstance(self.convex, Mapping) else {"": self.convex}
+        for link, word in words.items():
+            if word not in ("hull", "decompose"):
+                argument = f"convex[{link!r}]" if by_link else "convex"
+                raise ArgumentError(argument, f"needs 'hull' or 'decompose', got {word!r}")
+        check_concavity(self.concavity)
+
+    def cuts(self, links: Collection[str], prefix: str = "") -> dict[str, float]:
+        """Return which links' meshes are cut, and the concavity of the cut.
+
+        Args:
+            links: All links that have a mesh, with the prefix.
+            prefix: Before every link's name.
+
+        Raises:
+            ArgumentError: If a named link is not among them.
+        """
+        if not isinstance(self.convex, Mapping):
+            return dict.fromkeys(links if self.convex == "decompose" else (), self.concavity)
+        for link in self.convex:
+            if prefix + link not in links:
+                known = ", ".join(name.removeprefix(prefix) for name in links) or "none"
+                message = f"unknown link with a collision mesh {link!r}; known: {known}"
+                raise ArgumentError("convex", message)
+        named = [prefix + link for link, word in self.convex.items() if word == "decompose"]
+        return dict.fromkeys(named, self.concavity)
+
+
+def link_geometries(
+    model: Any, item: Any, cuts: Mapping[str, float] = MappingProxyType({})
+) -> tuple[LinkGeometry, ...]:
+    """Take one of Pinocchio's geometry objects over.
+
+    Args:
+        model: ``pinocchio.Model``.
+        item: ``pinocchio.GeometryObject``.
+        cuts: Concavity by link whose meshes are cut into convex pieces; others become hulls.
+
+    Returns:
+        A primitive or a convex hull, or the pieces.
 
     Raises:
-        MeshError: If the mesh has no volume.
+        MeshError: If a mesh has no volume or cannot be cut.
+
+    Warns:
+        GrasplessPinWarning: A mesh that is cut is not watertight, or its pieces cannot be kept.
     """
     link = model.frames[item.parentFrame].name
-    shape = item.geometry
-    if isinstance(shape, coal.BVHModelBase):
-        shape = _convex_hull(shape, f"the collision mesh {item.meshPath} of link {link!r}")
-    return LinkGeometry(link, int(item.parentJoint), shape, np.array(item.placement.homogeneous))
+    shapes = [item.geometry]
+    if isinstance(item.geometry, coal.BVHModelBase):
+        what = f"the collision mesh {item.meshPath} of link {link!r}"
+        concavity = cuts.get(link)
+        points = [np.array(item.geometry.vertices())]
+        if is_flat(points[0]):
+            raise MeshError(f"{what} has no volume; give it a thickness or use a box")
+        if concavity is not None:
+            points = convex_pieces(_triangles(item.geometry), what, concavity)
+        shapes = [convex_geometry(corners, what) for corners in points]
+    joint, T = int(item.parentJoint), np.array(item.placement.homogeneous)
+    return tuple(LinkGeometry(link, joint, shape, T) for shape in shapes)
+
+
+def _triangles(mesh: Any) -> trimesh.Trimesh:
+    """Return a triangle soup of coal's as a mesh whose triangles share their corners."""
+    corners = [mesh.tri_indices(index) for index in range(mesh.num_tris)]
+    faces = [[corner[0], corner[1], corner[2]] for corner in corners]
+    return trimesh.Trimesh(np.array(mesh.vertices()), faces)
 
 
 def load_link_mesh(file: Path, label: str, link: str) -> Any:
@@ -80,20 +167,3 @@ def is_flat(vertices: NDArray[np.float64]) -> bool:
     """Return whether (V, 3) vertices lie in one plane; coal would crash on their hull."""
     extents = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
     return len(extents) < 3 or bool(extents[2] <= FLATNESS * extents[0])
-
-
-def _convex_hull(mesh: Any, what: str) -> Any:
-    """Return the convex hull of a mesh."""
-    if is_flat(np.array(mesh.vertices())):
-        raise MeshError(f"{what} has no volume; give it a thickness or use a box")
-    error: Exception | None = None
-    # A flat face of hundreds of corners is one fan of triangles with "Qt", of which coal refuses
-    # the hub; joggling ("QJ") splits the face otherwise and leaves the corners where they are.
-    for option in ("Qt", "QJ"):
-        try:
-            mesh.buildConvexHull(True, option)  # noqa: FBT003 - a C++ signature
-        except (RuntimeError, ValueError) as failure:
-            error = failure
-        else:
-            return mesh.convex
-    raise MeshError(f"{what} has no usable convex hull; simplify it ({error})") from error

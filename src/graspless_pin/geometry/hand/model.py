@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.bodies.collision import CollisionBody
+from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
 from graspless_pin.geometry.hand.actuation import Actuation, plan_actuation
-from graspless_pin.geometry.hand.configuration import joint_positions
+from graspless_pin.geometry.hand.configuration import independent_positions, joint_positions
 from graspless_pin.geometry.hand.effort_limits import (
     EffortLimit,
     expand_overrides,
@@ -24,6 +24,7 @@ from graspless_pin.geometry.hand.effort_limits import (
 from graspless_pin.geometry.hand.fingers import ControlPlan, FingerSpec, plan_control
 from graspless_pin.geometry.hand.mounts import Mount, join_mounts
 from graspless_pin.geometry.hand.tree import Kinematics, KinematicTree, unknown_name
+from graspless_pin.geometry.poses import turning_velocities
 from graspless_pin.geometry.robots.files import describe_model, describe_urdf
 from graspless_pin.problem import ControlMode
 
@@ -176,7 +177,19 @@ class Hand:
         Raises:
             ArgumentError: As for ``assemble``.
         """
-        return replace(self, positions=joint_positions(self.tree, q, self.positions))
+        return self._at(joint_positions(self.tree, q, self.positions))
+
+    def with_positions(self, positions: ArrayLike) -> Hand:
+        """Return this hand at the positions of its independent joints: the quick way to move it.
+
+        Args:
+            positions: (a,) radians or metres, in the order of ``control.joints``.
+
+        Raises:
+            ArgumentError: If the shape is wrong, or a value is not a finite number or takes a joint
+                outside its limits.
+        """
+        return self._at(independent_positions(self.tree, positions))
 
     @property
     def T_world_base(self) -> NDArray[np.float64]:
@@ -240,13 +253,13 @@ class Hand:
         body is named after its link, so a link with several shapes gives several bodies of one
         name.
         """
+        return tuple(self.placed_bodies)
+
+    @cached_property
+    def placed_bodies(self) -> PlacedBodies:
+        """What `collision_bodies` returns, each made only when it is asked for."""
         joints, placements = self.tree.shape_placements
-        poses = self._kinematics.T_world_joint[joints] @ placements
-        poses.setflags(write=False)
-        return tuple(
-            _LinkBody(item.link, item.shape, pose)
-            for item, pose in zip(self.tree.geometries, poses, strict=True)
-        )
+        return PlacedBodies(self.tree.shapes, self._kinematics.T_world_joint[joints] @ placements)
 
     def contact_jacobian(self, links: Sequence[str], points: ArrayLike) -> NDArray[np.float64]:
         """Return the Jacobian of points that are fixed to links.
@@ -262,9 +275,11 @@ class Hand:
         Raises:
             ArgumentError: If a link is unknown or ``points`` does not have one row per link.
         """
-        by_joint = self._joint_jacobians(links, points)
+        jacobians = self._joint_jacobians(links, points)
         columns = self.actuation.from_joints
-        return (by_joint @ columns).reshape(3 * len(links), columns.shape[1])
+        if not self.actuation.every_joint_alone:
+            jacobians = jacobians @ columns
+        return jacobians.reshape(3 * len(links), columns.shape[1])
 
     def gravity_torques(self, gravity: ArrayLike) -> NDArray[np.float64]:
         """Return the torques that carry the links' own weight.
@@ -281,12 +296,9 @@ class Hand:
         acceleration = np.asarray(gravity, dtype=np.float64)
         if acceleration.shape != (3,) or not np.isfinite(acceleration).all():
             raise ArgumentError("gravity", f"needs 3 finite numbers, got {gravity!r}")
-        joints, masses, levers = self.tree.masses
-        poses = self._kinematics.T_world_joint[joints]
-        centers = np.einsum("kij,kj->ki", poses[:, :3, :3], levers) + poses[:, :3, 3]
-        J = self.tree.point_jacobians(self._kinematics.J, joints, centers)
-        torques = -np.einsum("k,i,kij->j", masses, acceleration, J)
-        return torques @ self.actuation.from_joints
+        torques = self.tree.gravity_torques(self.positions, acceleration)
+        alone = self.actuation.every_joint_alone
+        return torques if alone else torques @ self.actuation.from_joints
 
     def point_velocities(
         self,
@@ -326,13 +338,21 @@ class Hand:
         return (
             self._joint_jacobians(links, points) @ (self.tree.coupling.S @ rates)
             + twist[:3]
-            + np.cross(twist[3:], arms)
+            + turning_velocities(twist[3:], arms)
         )
 
     @cached_property
     def _kinematics(self) -> Kinematics:
         """Joint poses and Jacobian columns at the configuration."""
         return self.tree.kinematics(self.positions)
+
+    def _at(self, positions: NDArray[np.float64]) -> Hand:
+        """Return this hand at (n,) read-only positions; nothing else is checked again."""
+        moved = object.__new__(type(self))
+        moved.__dict__.update(self.__dict__, positions=positions)
+        for derived in ("_kinematics", "placed_bodies"):
+            moved.__dict__.pop(derived, None)
+        return moved
 
     def _joint_jacobians(self, links: Sequence[str], points: ArrayLike) -> NDArray[np.float64]:
         """Return (K, 3, n) Jacobians for all movable joints."""
@@ -346,13 +366,6 @@ class Hand:
             return [carriers[link] for link in links]
         except KeyError as error:
             raise unknown_name("links", "link", str(error.args[0]), self.link_names) from error
-
-
-class _LinkBody(CollisionBody):
-    """A body whose pose is fresh and read-only already: half of the cost of a configuration."""
-
-    def __post_init__(self) -> None:
-        """Take the pose as it is."""
 
 
 def _points(links: Sequence[str], points: ArrayLike) -> NDArray[np.float64]:

@@ -14,6 +14,7 @@ from graspless_pin.geometry.hand.coupling import JointCoupling
 from graspless_pin.geometry.hand.effort_limits import expand_overrides, spread_names
 from graspless_pin.geometry.hand.finger_discovery import discover_hands
 from graspless_pin.geometry.hand.fingers import FingerSpec, check_fingers, driving_joints
+from graspless_pin.geometry.hand.link_shapes import LinkMeshes
 from graspless_pin.geometry.hand.tree import KinematicTree, build_tree, unknown_name
 from graspless_pin.geometry.hand.urdf import UrdfDocument, read_urdf
 from graspless_pin.geometry.poses import as_pose
@@ -31,6 +32,7 @@ class Mount:
         prefix: Put before the names of its joints, links and fingers.
         fingers: Its fingers, without the prefix; None takes the robot file's, or finds them.
         package_dirs: For the ``package://`` addresses of a URDF given by path.
+        meshes: How its collision meshes are made convex; None takes the robot file's way.
     """
 
     source: RobotDescription | str | Path
@@ -38,6 +40,7 @@ class Mount:
     prefix: str = ""
     fingers: Mapping[str, FingerSpec] | None = None
     package_dirs: Sequence[str | Path] = ()
+    meshes: LinkMeshes | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +78,8 @@ def join_mounts(mounts: Sequence[Mount], *, with_shapes: bool = True) -> JoinedM
         with_shapes: Whether to read their meshes and keep their collision shapes.
 
     Raises:
-        ArgumentError: If there is no mount, two share a prefix, a pose is not rigid or fingers
-            given with a mount do not fit.
+        ArgumentError: If there is no mount, two share a prefix, a pose is not rigid, or fingers or
+            links given with a mount do not fit.
         RobotError: If a robot cannot be found or loaded, or its robot file does not fit its URDF.
         MeshError: If a mesh is missing or unusable.
     """
@@ -105,7 +108,12 @@ def join_mounts(mounts: Sequence[Mount], *, with_shapes: bool = True) -> JoinedM
         for robot, document, prefix in zip(robots, documents, prefixes, strict=True)
         for coupling in _couplings(robot, document, prefix)
     ]
-    tree = build_tree(list(zip(documents, poses, strict=True)), couplings, with_shapes=with_shapes)
+    cuts: dict[str, float] = {}
+    for mount, robot, document in zip(mounts, robots, documents, strict=True):
+        cuts |= _cuts(mount, robot, document) if with_shapes else {}
+    tree = build_tree(
+        list(zip(documents, poses, strict=True)), couplings, with_shapes=with_shapes, cuts=cuts
+    )
     joined = JoinedMounts(tree, dict(zip(prefixes, poses, strict=True)), (), {}, {}, (), {}, {}, {})
     for mount, robot, document in zip(mounts, robots, documents, strict=True):
         joined = _add(joined, mount, robot, document.root)
@@ -121,6 +129,17 @@ def _couplings(robot: RobotDescription, document: UrdfDocument, prefix: str) -> 
                 error = unknown_name("couplings", "joint", joint, document.joints)
                 raise RobotError(f"robot {robot.name!r}: {error}") from error
     return couplings
+
+
+def _cuts(mount: Mount, robot: RobotDescription, document: UrdfDocument) -> dict[str, float]:
+    """Return the concavity by link of one robot whose meshes are cut."""
+    links = dict.fromkeys(link for link, _ in document.meshes)
+    if mount.meshes is not None:
+        return mount.meshes.cuts(links, mount.prefix)
+    try:
+        return robot.meshes.cuts(links, mount.prefix)
+    except ArgumentError as error:
+        raise RobotError(f"robot {robot.name!r}: {error}") from error
 
 
 def _add(joined: JoinedMounts, mount: Mount, robot: RobotDescription, root: str) -> JoinedMounts:

@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,9 @@ import pinocchio as pin  # pyright: ignore[reportMissingImports]
 from numpy.typing import NDArray
 
 from graspless_pin.errors import ArgumentError, RobotError
+from graspless_pin.geometry.bodies.collision import BodyShapes
 from graspless_pin.geometry.hand.coupling import Coupling, JointCoupling, remake, resolve_couplings
-from graspless_pin.geometry.hand.link_shapes import LinkGeometry, link_geometry, load_link_mesh
+from graspless_pin.geometry.hand.link_shapes import LinkGeometry, link_geometries, load_link_mesh
 from graspless_pin.geometry.hand.urdf import UNBOUNDED, UrdfDocument
 
 FloatArray = NDArray[np.float64]
@@ -99,10 +101,11 @@ class KinematicTree:
 
     @cached_property
     def tolerated(self) -> tuple[FloatArray, FloatArray]:
-        """(n,) lowest and highest positions that pass as within the limits."""
+        """(n,) lowest and highest positions that pass as within the limits, all finite."""
         slack = np.full(len(self.joint_names), FOLLOWER_TOLERANCE)
         slack[list(self.coupling.leaders)] = LIMIT_TOLERANCE
-        return self.lower - slack, self.upper + slack
+        most = np.finfo(float).max
+        return np.maximum(self.lower - slack, -most), np.minimum(self.upper + slack, most)
 
     @cached_property
     def link_joints(self) -> Mapping[str, int]:
@@ -138,12 +141,12 @@ class KinematicTree:
         return joints, poses
 
     @cached_property
-    def masses(self) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
-        """Pinocchio joint, mass (kg) and (3,) centre of mass in its frame of all that moves."""
-        heavy = [joint for joint in range(1, self.model.njoints) if self._inertia(joint).mass > 0.0]
-        masses = np.array([self._inertia(joint).mass for joint in heavy], dtype=np.float64)
-        levers = np.array([self._inertia(joint).lever for joint in heavy]).reshape(-1, 3)
-        return np.array(heavy, dtype=np.intp), masses, levers
+    def shapes(self) -> BodyShapes:
+        """The collision shapes as contact detection takes them."""
+        return BodyShapes(
+            tuple(item.link for item in self.geometries),
+            tuple(item.shape for item in self.geometries),
+        )
 
     def configuration(self, positions: FloatArray) -> FloatArray:
         """Return Pinocchio's configuration vector of (n,) joint positions.
@@ -164,8 +167,9 @@ class KinematicTree:
         with _DATA_LOCK:  # one data object serves all configurations of the tree
             data = self._data
             pin.computeJointJacobians(self.model, data, q)
-            poses = np.array([pose.homogeneous for pose in data.oMi.tolist()])
+            poses = np.concatenate([pose.homogeneous for pose in data.oMi.tolist()])
             J = np.array(data.J).reshape(6, -1)  # the binding drops the dimension of one joint
+        poses = poses.reshape(-1, 4, 4)
         poses.setflags(write=False)
         J.setflags(write=False)
         return Kinematics(poses, J)
@@ -182,9 +186,18 @@ class KinematicTree:
         arms = (points @ _SKEW).reshape(-1, 3, 3)
         return (J[:3] - arms @ J[3:]) * self.supports[np.asarray(joints, dtype=int)][:, None, :]
 
-    def _inertia(self, joint: int) -> Any:
-        """Return Pinocchio's inertia of what a joint carries."""
-        return self.model.inertias[joint]
+    def gravity_torques(self, positions: FloatArray, gravity: FloatArray) -> FloatArray:
+        """Return the (n,) torques that carry the links' weight at (n,) joint positions.
+
+        Args:
+            positions: rad or m.
+            gravity: (3,) gravitational acceleration, world axes, m/s^2.
+        """
+        q = self.configuration(positions)
+        with _DATA_LOCK:
+            model = self._weighed
+            model.gravity.linear = gravity
+            return np.array(pin.computeGeneralizedGravity(model, self._data, q)).reshape(-1)
 
     @cached_property
     def _starts(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -197,12 +210,18 @@ class KinematicTree:
         """Pinocchio's work space."""
         return self.model.createData()
 
+    @cached_property
+    def _weighed(self) -> Any:
+        """A copy of the model whose gravity is set at every use."""
+        return self.model.copy()
+
 
 def build_tree(
     parts: Sequence[tuple[UrdfDocument, FloatArray]],
     couplings: Iterable[JointCoupling] = (),
     *,
     with_shapes: bool = True,
+    cuts: Mapping[str, float] = MappingProxyType({}),
 ) -> KinematicTree:
     """Build one tree of several URDFs, each fixed to the world at its pose.
 
@@ -210,6 +229,7 @@ def build_tree(
         parts: (document, (4, 4) ``T_world_base``) of each; names must differ between documents.
         couplings: Couplings that replace the documents' own for the same joints.
         with_shapes: Whether to read meshes and keep the collision shapes.
+        cuts: Concavity by link whose meshes are cut into convex pieces; others become hulls.
 
     Returns:
         The tree.
@@ -242,7 +262,11 @@ def build_tree(
             for index, frame in enumerate(model.frames)
             if frame.type == pin.FrameType.BODY
         },
-        geometries=tuple(link_geometry(model, item) for item in geometry_model.geometryObjects),
+        geometries=tuple(
+            shape
+            for item in geometry_model.geometryObjects
+            for shape in link_geometries(model, item, cuts)
+        ),
         coupling=resolve_couplings(joint_names, follows.values()),
         lower=np.where(lower <= -UNBOUNDED, -np.inf, lower),
         upper=np.where(upper >= UNBOUNDED, np.inf, upper),

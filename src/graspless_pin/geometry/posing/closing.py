@@ -155,7 +155,7 @@ def _report(
     hand: Hand, target: ManipulatedObject, finger: str, at_limit: set[int], gap: float
 ) -> FingerClosing:
     """Measure where a finger ended."""
-    probe = LinkDistances(hand, hand.fingers[finger].links, target.collision_body())
+    probe = LinkDistances(hand, hand.fingers[finger].links, target.collision_bodies())
     distances = probe.at(hand.positions)
     leaders = hand.tree.coupling.leaders
     return FingerClosing(

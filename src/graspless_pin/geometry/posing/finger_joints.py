@@ -16,6 +16,9 @@ from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
 
 Array = NDArray[np.float64]
 
+AT_LIMIT = 1e-4
+"""Share of a joint's range within which it stands at one of its ends."""
+
 _COS_PARALLEL = math.cos(math.radians(30.0))
 
 
@@ -78,6 +81,20 @@ def joint_ranges(tree: KinematicTree) -> tuple[Array, Array]:
         lower[column] = max(lower[column], ends.min())
         upper[column] = min(upper[column], ends.max())
     return lower, upper
+
+
+def joints_at_limit(hand: Hand, finger: str) -> tuple[str, ...]:
+    """Return the independent joints that move a finger and stand at an end of their range."""
+    lower, upper = joint_ranges(hand.tree)
+    leaders = hand.tree.coupling.leaders
+    named = []
+    for column in driving_columns(hand, finger):
+        position = hand.positions[leaders[column]]
+        span = upper[column] - lower[column]
+        slack = AT_LIMIT * span if np.isfinite(span) else AT_LIMIT
+        if span > 0.0 and min(position - lower[column], upper[column] - position) <= slack:
+            named.append(hand.joint_names[leaders[column]])
+    return tuple(named)
 
 
 def is_prismatic(tree: KinematicTree, joint: int) -> bool:

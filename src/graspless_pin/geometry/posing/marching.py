@@ -51,7 +51,7 @@ class March:
         self._lower = np.where(np.isinf(lower), start - _UNLIMITED, lower)
         self._upper = np.where(np.isinf(upper), start + _UNLIMITED, upper)
         links = {link for finger in fingers for link in hand.fingers[finger].links}
-        self._distances = LinkDistances(hand, links, target.collision_body())
+        self._distances = LinkDistances(hand, links, target.collision_bodies())
         self._reach = _reaches(self._distances, hand)
 
     def refuse_overlap(self, independent: Array) -> None:

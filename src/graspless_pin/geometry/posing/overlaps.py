@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import CollisionBody
 from graspless_pin.geometry.bodies.records import Support
-from graspless_pin.geometry.contact.distances import far_apart, separation
+from graspless_pin.geometry.contact.broad_phase import near_pairs
+from graspless_pin.geometry.contact.distances import separation
 from graspless_pin.geometry.contact.finding import BodyKind
 from graspless_pin.geometry.hand.model import Hand
 
@@ -24,7 +24,8 @@ class Overlap:
         link: A hand link.
         other: Another link of the hand, or a support.
         kind: Whether ``other`` is of the hand too, or a support.
-        depth: How far they must be moved to only touch, m.
+        depth: How far they must be moved to only touch, m; of bodies in several convex pieces, as
+            far as the deepest pair of pieces tells.
     """
 
     link: str
@@ -65,7 +66,7 @@ def unwanted_overlaps(
     found: dict[tuple[str, str], float] = {}
     at_neutral: tuple[CollisionBody, ...] = ()
     ignored: set[tuple[str, str]] = set()
-    for i, j in _pairs(hand):
+    for i, j in _pairs(hand, bodies):
         depth = _depth(bodies[i], bodies[j])
         if depth <= tolerance:
             continue
@@ -77,22 +78,25 @@ def unwanted_overlaps(
         found[pair] = max(found.get(pair, 0.0), depth)
     overlaps = [Overlap(*pair, BodyKind.HAND, found[pair]) for pair in found if pair not in ignored]
     for support in supports:
-        other = support.collision_body()
+        pieces = support.collision_bodies()
         deepest: dict[str, float] = {}
-        for body in bodies:
-            depth = _depth(body, other)
+        for i, k in sorted(near_pairs(bodies, pieces, 0.0)):
+            depth = _depth(bodies[i], pieces[k])
             if depth > tolerance:
-                deepest[body.name] = max(deepest.get(body.name, 0.0), depth)
+                deepest[bodies[i].name] = max(deepest.get(bodies[i].name, 0.0), depth)
         overlaps += [
             Overlap(link, support.name, BodyKind.SUPPORT, d) for link, d in deepest.items()
         ]
     return tuple(overlaps)
 
 
-def _pairs(hand: Hand) -> Iterator[tuple[int, int]]:
-    """Shapes that could meet: not rigidly joined or neighbours, unless of two robots."""
+def _pairs(hand: Hand, bodies: Sequence[CollisionBody]) -> Iterator[tuple[int, int]]:
+    """Shapes that may meet: not rigidly joined or neighbours, unless of two robots."""
     parents = [int(parent) for parent in hand.tree.model.parents]
-    for (i, first), (j, second) in combinations(enumerate(hand.tree.geometries), 2):
+    for i, j in sorted(near_pairs(bodies, bodies, 0.0)):
+        if i >= j:
+            continue
+        first, second = hand.tree.geometries[i], hand.tree.geometries[j]
         joined = (
             first.joint == second.joint
             or parents[second.joint] == first.joint
@@ -116,7 +120,5 @@ def _neutral(hand: Hand) -> Hand:
 
 
 def _depth(first: CollisionBody, second: CollisionBody) -> float:
-    """Return how deep two bodies overlap, zero if they do not."""
-    if far_apart(first, second):
-        return 0.0
+    """Return how deep two convex pieces overlap, zero if they do not."""
     return max(-separation(first, second).distance, 0.0)

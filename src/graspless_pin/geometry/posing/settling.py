@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry.bodies.collision import CollisionBody
 from graspless_pin.geometry.bodies.records import ManipulatedObject, Support
-from graspless_pin.geometry.contact.distances import separation
+from graspless_pin.geometry.contact.distances import nearest_separation, separation
 
 Array = NDArray[np.float64]
 
@@ -57,9 +57,9 @@ def settle(
             "direction", f"needs three finite numbers, not all zero, got {direction!r}"
         )
     way /= np.linalg.norm(way)
-    body = target.collision_body()
-    others = [support.collision_body() for support in supports]
-    paths = [_path_to(body, other, way) for other in others]
+    pieces = target.collision_bodies()
+    others = [support.collision_bodies() for support in supports]
+    paths = [_path_to(piece, body, way) for other in others for body in other for piece in pieces]
     ahead = [path for path in paths if path is not None]
     if not ahead:
         known = ", ".join(f"'{support.name}'" for support in supports) or "there is none"
@@ -68,27 +68,27 @@ def settle(
             f"({known}); turn the direction or move the object"
         )
     travel = min(ahead)
-    resting = _moved(body, travel * way)
+    resting = [_moved(piece, travel * way) for piece in pieces]
     for support, other in zip(supports, others, strict=True):
-        overlap = -separation(other, resting).distance
+        overlap = -nearest_separation(other, resting).distance
         if overlap > TOLERANCE:
             raise SceneError(
                 f"object '{target.name}' overlaps support '{support.name}' by "
                 f"{overlap * 1e3:.2f} mm where it settles in the direction "
                 f"{way.round(6).tolist()}; move it aside or settle it off that support first"
             )
-    return replace(target, T_world_object=resting.T_world_geometry)
+    return replace(target, T_world_object=resting[0].T_world_geometry)
 
 
 def _path_to(body: CollisionBody, other: CollisionBody, way: Array) -> float | None:
-    """Return how far ``body`` goes until it touches ``other``, negative to come out of it.
+    """Return how far one convex piece goes until it touches another, negative to come out of it.
 
     The signed distance of convex bodies is a convex function of the travel. Newton's method
     therefore reaches its root from the side of the gap without passing it, and from an overlap
     falls back to that side first.
 
     Returns:
-        The travel, m; None if the bodies never meet or only pass along each other.
+        The travel, m; None if the pieces never meet or only pass along each other.
     """
     travel = 0.0
     for _ in range(_STEPS):

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import CollisionBody
 from graspless_pin.geometry.bodies.records import ManipulatedObject
-from graspless_pin.geometry.contact.distances import separation
+from graspless_pin.geometry.contact.distances import nearest_separation
 from graspless_pin.geometry.poses import pose_matrix
 
 Array = NDArray[np.float64]
@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 SURFACE_TOLERANCE = 1e-3
 """How far off the object's surface a given point may lie, m."""
 
+_OUTSIDE = 2.0 * SURFACE_TOLERANCE  # how far a point is moved to see whether it gets out
 _POINT_RADIUS = 1e-6  # m, a point as coal knows it
 
 
@@ -53,12 +54,12 @@ def checked_goal(
     off, outward = _off_surface(target, point)
     if abs(off) > SURFACE_TOLERANCE:
         side = "outside" if off > 0.0 else "inside"
-        nearest = (point - off * outward).round(6).tolist()
-        raise ArgumentError(
-            argument,
-            f"the point {point.tolist()} is {abs(off) * 1e3:.1f} mm {side} the surface of object "
-            f"'{target.name}'; the nearest point of it is {nearest}",
-        )
+        nearest = point - off * outward
+        message = f"the point {point.tolist()} is {abs(off) * 1e3:.1f} mm {side} the surface of "
+        message += f"object '{target.name}'"
+        if not _is_within(target, nearest, outward):
+            message += f"; the nearest point of it is {nearest.round(6).tolist()}"
+        raise ArgumentError(argument, message)
     ahead, _ = _off_surface(target, point + SURFACE_TOLERANCE * normal)
     if ahead > off + 0.5 * SURFACE_TOLERANCE:
         raise ArgumentError(
@@ -66,11 +67,29 @@ def checked_goal(
             f"the normal {normal.round(6).tolist()} points out of object '{target.name}'; normals "
             "point into it",
         )
+    if _is_within(target, point, -normal):
+        raise ArgumentError(
+            argument,
+            f"the point {point.tolist()} lies inside object '{target.name}' where two of its "
+            "convex pieces meet: no finger gets there along the normal",
+        )
     return point, normal
 
 
+def _is_within(target: ManipulatedObject, point: Array, outward: Array) -> bool:
+    """Return whether the object goes on outwards of a point on the surface of one of its pieces."""
+    _, aside, across = np.linalg.svd(outward[None])[2]
+    ways = [outward, *(outward + turn for turn in (aside, -aside, across, -across))]
+    reached = [point + _OUTSIDE * way / np.linalg.norm(way) for way in ways]
+    return max(_off_surface(target, there)[0] for there in reached) < 0.25 * _OUTSIDE
+
+
 def _off_surface(target: ManipulatedObject, point: Array) -> tuple[float, Array]:
-    """Return a point's signed distance from the object's surface and the direction outwards."""
+    """Return a point's signed distance from the object's surface and the direction outwards.
+
+    Inside an object of several convex pieces it is the distance from the surface of the piece in
+    which the point lies deepest.
+    """
     tiny = CollisionBody("point", coal.Sphere(_POINT_RADIUS), pose_matrix(point))
-    apart = separation(target.collision_body(), tiny)
+    apart = nearest_separation(target.collision_bodies(), [tiny])
     return apart.distance + _POINT_RADIUS, apart.normal

@@ -16,6 +16,7 @@ from example_robot_data import (  # pyright: ignore[reportMissingImports]
 from graspless_pin.errors import ArgumentError, RobotError
 from graspless_pin.geometry.hand.coupling import JointCoupling
 from graspless_pin.geometry.hand.fingers import FingerSpec
+from graspless_pin.geometry.hand.link_shapes import LinkMeshes
 from graspless_pin.geometry.robots.schema import read_robot_file
 
 _PACKAGE_ROBOTS = Path(__file__).resolve().parents[2] / "robots"
@@ -39,6 +40,7 @@ class RobotDescription:
             tendon): a symmetric one, or (lower, upper).
         effort_sources: Where each of these limits comes from.
         effort_unknown: What is known by finger, joint or tendon whose real limit is not.
+        meshes: How the collision meshes of its links are made convex.
         file: The robot file, if there is one.
         model: The model of example-robot-data, if it is one.
     """
@@ -54,6 +56,7 @@ class RobotDescription:
     effort_limits: Mapping[str, float | tuple[float, float]] = field(default_factory=dict)
     effort_sources: Mapping[str, str] = field(default_factory=dict)
     effort_unknown: Mapping[str, str] = field(default_factory=dict)
+    meshes: LinkMeshes = field(default_factory=LinkMeshes)
     file: Path | None = None
     model: str | None = None
 
@@ -132,6 +135,7 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
         effort_limits={name: e.limit for name, e in efforts.items() if e.limit is not None},
         effort_sources={name: e.source for name, e in efforts.items() if e.source is not None},
         effort_unknown={name: e.unknown for name, e in efforts.items() if e.unknown is not None},
+        meshes=LinkMeshes(entry.convex, entry.concavity),
         file=file,
         model=entry.model,
     )

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from graspless_pin.errors import RobotError
+from graspless_pin.geometry.bodies.decomposition import DEFAULT_CONCAVITY
 from graspless_pin.geometry.hand.coupling import JointCoupling
 
+Convex = Literal["hull", "decompose"]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
@@ -83,6 +85,8 @@ class RobotFile(_Entry):
     couplings: dict[str, CouplingEntry] = {}
     tendons: dict[str, TendonEntry] = {}
     effort_limits: dict[str, EffortEntry] = {}
+    convex: Convex | dict[str, Convex] = "hull"
+    concavity: float = Field(default=DEFAULT_CONCAVITY, ge=0.01, le=1.0)
 
     @model_validator(mode="after")
     def _one_source(self) -> RobotFile:
@@ -98,12 +102,18 @@ def read_robot_file(file: Path) -> RobotFile:
     """Read and validate one robot file.
 
     Raises:
-        RobotError: If it is not plain YAML or not valid; names file, key and what was found.
+        RobotError: If it cannot be read, is not plain YAML or not valid; names file, key and what
+            was found.
     """
     try:
         content: Any = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise RobotError(f"{file}: not plain YAML ({error})") from error
+    except (yaml.YAMLError, ValueError) as error:
+        # PyYAML lets Python's own ValueError through for dates and numbers that do not exist.
+        raise RobotError(f"{file}: not plain YAML ({error}); put text in quotes") from error
+    except RecursionError as error:
+        raise RobotError(f"{file}: nested too deeply; a robot file has few levels") from error
+    except OSError as error:
+        raise RobotError(f"{file}: cannot be read ({error.strerror})") from error
     if not isinstance(content, dict):
         raise RobotError(
             f"{file}: a robot file is a mapping with the keys name, urdf or model, ..."

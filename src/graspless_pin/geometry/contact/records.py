@@ -1,0 +1,130 @@
+"""Contacts as records and, many at once, as arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class BodyKind(Enum):
+    """What touches the object."""
+
+    HAND = "hand"
+    SUPPORT = "support"
+
+
+@dataclass(frozen=True, eq=False)
+class ContactPoint:
+    """One point at which something touches the object.
+
+    Attributes:
+        body: Name of the hand link or support.
+        kind: Which of the two it is.
+        position: (3,) read-only point midway between the two surfaces, world frame, m.
+        normal: (3,) read-only unit vector into the object, world axes.
+        distance: Gap between the surfaces along the normal, negative where they overlap, m.
+    """
+
+    body: str
+    kind: BodyKind
+    position: Array
+    normal: Array
+    distance: float
+
+    def __post_init__(self) -> None:
+        """Make the arrays read-only copies."""
+        for field in ("position", "normal"):
+            array = getattr(self, field)
+            if not isinstance(array, np.ndarray) or array.flags.writeable:
+                array = np.array(array, dtype=float)
+                array.setflags(write=False)
+                object.__setattr__(self, field, array)
+
+
+@dataclass(frozen=True, eq=False)
+class ContactArrays(Sequence[ContactPoint]):
+    """M contacts as arrays; a contact is made when it is asked for.
+
+    Attributes:
+        bodies: M names of hand links and supports.
+        kinds: M kinds of these bodies.
+        positions: (M, 3) read-only, world frame, m.
+        normals: (M, 3) read-only unit vectors into the object, world axes.
+        distances: M gaps, m.
+    """
+
+    bodies: tuple[str, ...]
+    kinds: tuple[BodyKind, ...]
+    positions: Array
+    normals: Array
+    distances: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        """Make the arrays read-only."""
+        self.positions.setflags(write=False)
+        self.normals.setflags(write=False)
+
+    @classmethod
+    def of(cls, contacts: Sequence[ContactPoint]) -> ContactArrays:
+        """Take contacts that are given one by one; arrays are returned as they are."""
+        if isinstance(contacts, ContactArrays):
+            return contacts
+        return cls(
+            tuple(contact.body for contact in contacts),
+            tuple(contact.kind for contact in contacts),
+            np.array([contact.position for contact in contacts], dtype=float).reshape(-1, 3),
+            np.array([contact.normal for contact in contacts], dtype=float).reshape(-1, 3),
+            tuple(contact.distance for contact in contacts),
+        )
+
+    @property
+    def hand_count(self) -> int:
+        """How many are on hand links."""
+        return self.kinds.count(BodyKind.HAND)
+
+    def __len__(self) -> int:
+        """M."""
+        return len(self.bodies)
+
+    @overload
+    def __getitem__(self, index: int) -> ContactPoint: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[ContactPoint, ...]: ...
+    def __getitem__(self, index: int | slice) -> ContactPoint | tuple[ContactPoint, ...]:
+        """One contact, or some."""
+        if isinstance(index, slice):
+            return tuple([self[k] for k in range(*index.indices(len(self)))])
+        return ContactPoint(
+            self.bodies[index],
+            self.kinds[index],
+            self.positions[index],
+            self.normals[index],
+            self.distances[index],
+        )
+
+    def chosen(self, rows: Sequence[int]) -> ContactArrays:
+        """The contacts at some indices."""
+        return ContactArrays(
+            tuple([self.bodies[k] for k in rows]),
+            tuple([self.kinds[k] for k in rows]),
+            self.positions[rows],
+            self.normals[rows],
+            tuple([self.distances[k] for k in rows]),
+        )
+
+    def followed_by(self, others: ContactArrays) -> ContactArrays:
+        """These contacts and then the others."""
+        return ContactArrays(
+            self.bodies + others.bodies,
+            self.kinds + others.kinds,
+            np.concatenate([self.positions, others.positions]),
+            np.concatenate([self.normals, others.normals]),
+            self.distances + others.distances,
+        )

@@ -1,0 +1,193 @@
+"""Collision meshes of links: hulls by default, convex pieces where a robot or scene asks for it."""
+
+from __future__ import annotations
+
+import pickle
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+import yaml
+from hand_tools import joint, link, write_urdf
+from planar_fingers import ball
+
+from graspless_pin import load_scene
+from graspless_pin.errors import ArgumentError, GrasplessPinWarning, RobotError, SceneError
+from graspless_pin.geometry.bodies import decomposition
+from graspless_pin.geometry.contact.finding import find_contacts
+from graspless_pin.geometry.hand.fingers import FingerSpec
+from graspless_pin.geometry.hand.link_shapes import LinkMeshes
+from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.geometry.hand.mounts import Mount
+from graspless_pin.geometry.posing.closing import close_fingers
+from graspless_pin.geometry.robots.files import load_robot
+
+BAR = 0.02  # m, thickness of the two bars of the hook, each 0.08 m long
+RADIUS = 0.01
+NOTCH = (BAR + RADIUS, 0.5 * BAR, BAR + RADIUS)  # where a ball touches both bars
+CUT = 1e-5  # m: CoACD moves corners by some micrometres
+FINGERS = {"finger": FingerSpec(("slide",))}
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A cache folder of this test alone."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+
+@pytest.fixture
+def urdf(tmp_path: Path) -> Path:
+    """A hook of two bars along x and z that slides along x, with a plate below it."""
+    flat = trimesh.creation.box(bounds=[[0, 0, 0], [80, 20, 20]])
+    tall = trimesh.creation.box(bounds=[[0, 0, 0], [20, 20, 80]])
+    trimesh.boolean.union([flat, tall]).export(tmp_path / "hook.stl")
+    slide = joint("slide", "base", "hook", "prismatic", 'lower="-0.1" upper="0.1" effort="5"')
+    slide = slide.replace('xyz="0.1 0.02 0" rpy="0.2 0 0.1"', 'xyz="0 0 0"')
+    slide = slide.replace('axis xyz="0 0.6 0.8"', 'axis xyz="1 0 0"')
+    mesh = '<mesh filename="hook.stl" scale="0.001 0.001 0.001"/>'
+    return write_urdf(tmp_path, link("base") + slide + link("hook", mesh))
+
+
+def hook(urdf: Path, meshes: LinkMeshes | None = None, **q: float) -> Hand:
+    return Hand.assemble([Mount(urdf, fingers=FINGERS, meshes=meshes)], q=q)
+
+
+def contacts(hand: Hand):
+    target = ball(RADIUS, NOTCH)
+    return find_contacts(target.collision_bodies(), hand.collision_bodies(), ())
+
+
+def names(hand: Hand) -> Counter[str]:
+    return Counter(piece.name for piece in hand.collision_bodies())
+
+
+def test_a_link_is_its_hull_unless_asked_otherwise(urdf, monkeypatch):
+    def cut(*_: object) -> None:
+        raise AssertionError("cut")
+
+    monkeypatch.setattr(decomposition, "_cut", cut)
+    assert names(hook(urdf)) == {"hook": 1}
+    assert names(hook(urdf, LinkMeshes({"hook": "hull"}))) == {"hook": 1}
+    (touch,) = find_contacts(
+        ball(
+            RADIUS, np.array([0.05, 0.01, 0.05]) + RADIUS / np.sqrt(2) * np.array([1, 0, 1])
+        ).collision_bodies(),
+        hook(urdf).collision_bodies(),
+        (),
+    )  # the face from bar to bar
+    assert touch.normal == pytest.approx(np.array([1, 0, 1]) / np.sqrt(2))
+
+
+@pytest.mark.parametrize("convex", ["decompose", {"hook": "decompose"}])
+def test_a_cut_hook_holds_a_ball_in_its_notch(urdf, convex):
+    hand = hook(urdf, LinkMeshes(convex))
+    assert names(hand) == {"hook": 2}
+    found = sorted(contacts(hand), key=lambda contact: contact.normal[0])
+    assert [contact.body for contact in found] == ["hook", "hook"]
+    for contact, normal in zip(found, np.eye(3)[[2, 0]], strict=True):
+        assert contact.normal == pytest.approx(normal, abs=1e-3)
+        assert contact.position == pytest.approx(NOTCH - RADIUS * normal, abs=CUT)
+    J = hand.contact_jacobian([c.body for c in found], [c.position for c in found])
+    assert J.ravel().tolist() == pytest.approx([1.0, 0.0, 0.0, 1.0, 0.0, 0.0])
+
+
+def test_a_cut_hook_closes_on_a_ball_between_its_bars(urdf):
+    for meshes, way in ((LinkMeshes("decompose"), 0.04), (None, None)):
+        hand = hook(urdf, meshes, slide=-0.04)
+        target = ball(RADIUS, np.add(NOTCH, (0, 0, 0.001)))
+        if way is None:  # the hull is in the way from the start on
+            with pytest.raises(SceneError, match="'hook' overlaps object 'ball'"):
+                close_fingers(hand, target, rates={"slide": 1.0})
+        else:
+            result = close_fingers(hand, target, rates={"slide": 1.0})
+            assert result.hand.q["slide"] == pytest.approx(-0.04 + way, abs=2e-5)
+            assert result.touching == ("hook",)
+
+
+def test_a_mirrored_mesh_is_cut_as_well(urdf):
+    urdf.write_text(urdf.read_text().replace('scale="0.001 ', 'scale="-0.001 '))
+    corners = np.concatenate(
+        [
+            np.array(body.geometry.points())
+            for body in hook(urdf, LinkMeshes("decompose")).collision_bodies()
+        ]
+    )
+    assert corners.min(axis=0) == pytest.approx([-0.08, 0, 0], abs=CUT)
+    assert corners.max(axis=0) == pytest.approx([0, 0.02, 0.08], abs=CUT)
+    assert not (corners[:, [0, 2]] * [-1, 1] > 0.021).all(axis=1).any()
+
+
+def test_an_open_mesh_says_so_with_its_link(urdf):
+    mesh = trimesh.load_mesh(str(urdf.parent / "hook.stl"))
+    mesh.update_faces(np.arange(len(mesh.faces)) > 0)
+    mesh.export(urdf.parent / "hook.stl")
+    with pytest.warns(GrasplessPinWarning, match=r"hook\.stl of link 'hook' is not watertight"):
+        hook(urdf, LinkMeshes("decompose", 1.0))
+
+
+def test_a_robot_file_and_a_mount_may_choose(urdf, tmp_path):
+    file = tmp_path / "robot.yaml"
+    file.write_text(f"name: r\nurdf: {urdf.name}\nconvex: {{hook: decompose}}\nconcavity: 0.1\n")
+    assert load_robot(file).meshes == LinkMeshes({"hook": "decompose"}, 0.1)
+    assert names(Hand.assemble([Mount(file)])) == {"hook": 2}
+    two = [Mount(file, prefix="a/"), Mount(file, prefix="b/", meshes=LinkMeshes("hull"))]
+    hand = Hand.assemble(two)
+    assert names(hand) == {"a/hook": 2, "b/hook": 1}
+    again = pickle.loads(pickle.dumps(hand))  # noqa: S301 - our own bytes
+    assert names(again) == names(hand)
+
+
+def scene(urdf: Path, **hand: object):
+    content = {
+        "hand": {"urdf": urdf.name, "fingers": {"finger": {"joints": ["slide"]}}, **hand},
+        "object": {
+            "shape": {"type": "sphere", "radius": RADIUS},
+            "mass": 0.1,
+            "pose": {"position": list(NOTCH)},
+        },
+        "friction": 0.5,
+    }
+    file = urdf.parent / "scene.yaml"
+    file.write_text(yaml.safe_dump(content))
+    return load_scene(file)
+
+
+def test_a_scene_may_choose(urdf):
+    for choice in ({"convex": "decompose"}, {"convex": {"hook": "decompose"}, "concavity": 0.1}):
+        assert scene(urdf, **choice).contacts.bodies == ("hook", "hook")
+    with pytest.raises(SceneError, match="'hook' and object 'object' overlap"):
+        _ = scene(urdf).contacts
+
+
+@pytest.mark.parametrize(
+    ("choice", "message"),
+    [
+        ({"convex": "soup"}, r"scene.yaml:\d+: hand.convex: .*'hull' or 'decompose'"),
+        ({"convex": {"hook": "soup"}}, r"hand.convex.*'hull' or 'decompose'"),
+        ({"concavity": 2}, r"hand.concavity: "),
+        (
+            {"convex": {"base": "decompose"}},
+            r"scene.yaml:\d+: hand.convex: unknown link with a collision mesh 'base'; known: hook",
+        ),
+    ],
+)
+def test_bad_choices_in_a_scene_are_located(urdf, choice, message):
+    with pytest.raises(SceneError, match=message):
+        scene(urdf, **choice)
+
+
+def test_bad_choices_are_named(urdf, tmp_path):
+    with pytest.raises(ArgumentError, match=r"convex\['hook'\]: needs 'hull' or 'decompose'"):
+        LinkMeshes({"hook": "soup"})
+    with pytest.raises(ArgumentError, match="convex: needs 'hull' or 'decompose', got 'soup'"):
+        LinkMeshes("soup")
+    with pytest.raises(ArgumentError, match=r"concavity: needs 0\.01 to 1, got 0\.0"):
+        LinkMeshes("decompose", 0.0)
+    with pytest.raises(ArgumentError, match=r"convex: unknown link.* 'palm'; known: hook"):
+        hook(urdf, LinkMeshes({"palm": "decompose"}))
+    file = tmp_path / "robot.yaml"
+    file.write_text(f"name: r\nurdf: {urdf.name}\nconvex: {{palm: decompose}}\n")
+    with pytest.raises(RobotError, match=r"robot 'r': convex: unknown link.* 'palm'; known: hook"):
+        Hand.assemble([Mount(file)])

@@ -1,0 +1,245 @@
+"""A changed scene takes over what is still valid, and answers like one that was made anew."""
+
+import pickle
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from graspless_pin import QuasistaticProblem, Scene, load_scene
+from graspless_pin.errors import ArgumentError, SceneError
+from graspless_pin.geometry.bodies.records import Support
+from graspless_pin.geometry.bodies.shapes import Box, HalfSpace
+from graspless_pin.problem.cones import default_tangents, projected_tangents
+from graspless_pin.scene.scene import GivenContact, Motion
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+FILES = (
+    "allegro_box_on_slope.yaml",
+    "panda_slide_cuboid_up_slope.yaml",  # a mimic joint
+    "panda_arm_drag_board.yaml",  # an arm that holds its position
+    "two_hands_slide_crate.yaml",
+)
+
+
+@pytest.fixture(scope="module", params=FILES)
+def scene(request: pytest.FixtureRequest) -> Scene:
+    return load_scene(EXAMPLES / request.param)
+
+
+def anew(scene: Scene) -> Scene:
+    """The same scene without anything that it or another one has found before."""
+    bodies = {item.name: getattr(scene.object, item.name) for item in fields(scene.object)}
+    return replace(
+        scene,
+        hand=pickle.loads(pickle.dumps(scene.hand)),  # noqa: S301 - our own bytes
+        object=type(scene.object)(**bodies),
+        supports=tuple(replace(support) for support in scene.supports),
+    )
+
+
+def assert_same(ours: QuasistaticProblem, theirs: QuasistaticProblem) -> None:
+    for item in fields(QuasistaticProblem):
+        mine, other = getattr(ours, item.name), getattr(theirs, item.name)
+        if isinstance(mine, np.ndarray):
+            assert not mine.flags.writeable, item.name
+            np.testing.assert_array_equal(mine, other, err_msg=item.name)
+        else:
+            assert mine == other, item.name
+
+
+def moved_hand(scene: Scene, seed: int):
+    assert scene.hand is not None
+    leaders = list(scene.hand.tree.coupling.leaders)
+    lower, upper = scene.hand.tree.lower[leaders], scene.hand.tree.upper[leaders]
+    noise = np.random.default_rng(seed).uniform(-1e-5, 1e-5, len(leaders))
+    return np.clip(scene.hand.positions[leaders] + noise, lower, upper)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_changed_hand_gives_the_problem_of_a_new_scene(scene: Scene, seed: int) -> None:
+    assert scene.hand is not None
+    scene.problem()
+    changed = scene.with_changes(hand=scene.hand.with_positions(moved_hand(scene, seed)))
+    problem = changed.problem()
+    assert_same(problem, anew(changed).problem())
+    assert not np.array_equal(problem.positions, scene.problem().positions)
+
+
+def test_a_moved_object_gives_the_problem_of_a_new_scene(scene: Scene) -> None:
+    scene.problem()
+    T = np.array(scene.object.T_world_object)
+    T[:3, 3] += [1e-5, -2e-5, 1e-5]
+    changed = scene.with_changes(object=scene.object.with_pose(T))
+    assert_same(changed.problem(), anew(changed).problem())
+    # And back again: what was kept last is the moved object's.
+    back = changed.with_changes(object=scene.object)
+    assert_same(back.problem(), anew(scene).problem())
+
+
+def test_supports_and_tolerance_decide_anew(scene: Scene) -> None:
+    scene.problem()
+    far = np.eye(4)
+    far[2, 3] = -10.0
+    for changes in (
+        {"supports": (*scene.supports, Support("pit", HalfSpace(), far))},
+        {"contact_tolerance": 2e-3},
+        {"cone_edges": 8},
+        {"friction": {"default": 0.4}},
+        {"max_normal_force": 7.0},
+    ):
+        changed = scene.with_changes(**changes)
+        assert_same(changed.problem(), anew(changed).problem())
+    alone = scene.with_changes(supports=())
+    assert set(alone.contacts.bodies).isdisjoint(support.name for support in scene.supports)
+
+
+def test_a_support_that_starts_to_move_slides() -> None:
+    scene = load_scene(EXAMPLES / "allegro_box_on_slope.yaml")
+    assert not scene.problem().is_sliding.any()
+    (slope,) = scene.supports
+    belt = scene.with_changes(supports=(replace(slope, velocity=[0, 0.1, 0, 0, 0, 0]),))
+    assert belt.problem().is_sliding.sum() == belt.contacts.bodies.count("slope") == 4
+    assert not belt.with_changes(supports=scene.supports).problem().is_sliding.any()
+
+
+def test_a_declared_motion_after_none_counts() -> None:
+    scene = load_scene(EXAMPLES / "allegro_box_on_slope.yaml")
+    scene.problem()
+    uphill = scene.object.T_world_object[:3, 0]
+    moving = scene.with_changes(motion=Motion(np.concatenate([-0.05 * uphill, np.zeros(3)])))
+    problem = moving.problem()
+    assert problem.is_sliding.sum() == 4
+    np.testing.assert_allclose(problem.sliding[-4:], [-0.05 * uphill] * 4, atol=1e-15)
+    assert not moving.with_changes(motion=None).problem().is_sliding.any()
+
+
+def test_an_unknown_field_is_refused(scene: Scene) -> None:
+    with pytest.raises(TypeError, match="'tolerance' is no field"):
+        scene.with_changes(tolerance=1e-3)
+
+
+def test_positions_by_order_and_by_name_agree(scene: Scene) -> None:
+    assert scene.hand is not None
+    values = moved_hand(scene, 9)
+    ordered = scene.hand.with_positions(values)
+    named = scene.hand.with_configuration(
+        dict(zip(scene.hand.control.joints, values.tolist(), strict=True))
+    )
+    np.testing.assert_array_equal(ordered.positions, named.positions)
+    for ours, theirs in zip(ordered.collision_bodies(), named.collision_bodies(), strict=True):
+        np.testing.assert_array_equal(ours.T_world_geometry, theirs.T_world_geometry)
+    tip = scene.hand.link_names[-1]
+    np.testing.assert_array_equal(ordered.link_pose(tip), named.link_pose(tip))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda q: q[:-1], r"needs shape \(16,\), one number per independent joint, got \(15,\)"),
+        (lambda q: [*q[:-1], "far"], "needs numbers"),
+        (lambda q: [np.nan, *q[1:]], r"q\['joint_0.0'\].*finite"),
+        (lambda q: [*q[:2], np.inf, *q[3:]], r"q\['joint_2.0'\].*finite"),
+        (lambda q: [q[0], 9.0, *q[2:]], r"q\['joint_1.0'\].*is 9, outside the joint's limits"),
+    ],
+    ids=["short", "text", "nan", "inf", "outside"],
+)
+def test_impossible_positions_are_refused(spoil, message: str) -> None:
+    hand = load_scene(EXAMPLES / FILES[0]).hand
+    assert hand is not None
+    with pytest.raises(ArgumentError, match=message):
+        hand.with_positions(spoil(list(hand.positions)))
+
+
+def test_a_moved_object_shares_its_shapes_and_leaves_the_first_alone(scene: Scene) -> None:
+    before = np.array(scene.object.T_world_object)
+    T = np.eye(4)
+    T[:3, 3] = [1.0, 2.0, 3.0]
+    moved = scene.object.with_pose(T)
+    T[:3, 3] = 0.0
+    np.testing.assert_array_equal(scene.object.T_world_object, before)
+    assert moved.mass == scene.object.mass
+    for ours, theirs in zip(moved.collision_bodies(), scene.object.collision_bodies(), strict=True):
+        assert ours.geometry is theirs.geometry
+        np.testing.assert_array_equal(ours.T_world_geometry[:3, 3], [1.0, 2.0, 3.0])
+    turned = np.eye(4)
+    turned[0, 0] = 2.0
+    with pytest.raises(ArgumentError, match="not orthonormal"):
+        scene.object.with_pose(turned)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"friction": {"default": -0.1}}, "friction: is -0.1 at index 0"),
+        ({"friction": {"default": np.nan}}, "friction: is NaN at index"),
+        ({"max_normal_force": 0.0}, "max_normal_force: is 0.0"),
+        ({"max_normal_force": np.nan}, "max_normal_force: is NaN"),
+        ({"cone_edges": 2}, "cone_edges: is 2"),
+        ({"cone_edges": 8.0}, "cone_edges: is 8.0"),
+        ({"gravity": np.array([0.0, 0.0, np.nan])}, "gravity: needs 3 finite numbers"),
+    ],
+)
+def test_numbers_that_cannot_be_are_named(changes: dict, message: str) -> None:
+    scene = load_scene(EXAMPLES / FILES[0])
+    with pytest.raises(ArgumentError, match=message):
+        scene.with_changes(**changes).problem()
+
+
+def test_a_given_contact_needs_a_unit_normal() -> None:
+    scene = load_scene(EXAMPLES / FILES[0])
+    for normal in ([0.0, 0.0, 2.0], [0.0, 0.0, 0.0]):
+        given = GivenContact("slope", np.zeros(3), np.array(normal))
+        with pytest.raises(ArgumentError, match=r"normals.*row 0.*each must be a unit vector"):
+            scene.with_changes(given_contacts=(given,)).problem()
+
+
+def test_an_object_that_is_pushed_into_the_slope_is_still_found_too_deep() -> None:
+    scene = load_scene(EXAMPLES / FILES[0])
+    scene.problem()
+    T = np.array(scene.object.T_world_object)
+    T[:3, 3] -= 0.02 * T[:3, 2]
+    with pytest.raises(SceneError, match="support 'slope' and object 'box' overlap by 2"):
+        scene.with_changes(object=scene.object.with_pose(T)).problem()
+
+
+UNIT = st.floats(-1.0, 1.0)
+
+
+@settings(max_examples=60, deadline=None)
+@given(x=UNIT, y=UNIT, z=UNIT, axis=st.tuples(UNIT, UNIT, UNIT))
+def test_tangents_are_projections_by_the_textbook(x, y, z, axis) -> None:
+    normal = np.array([x, y, z])
+    if np.linalg.norm(normal) < 1e-2:
+        normal = np.array([0.0, 0.0, 1.0])
+    normal = normal / np.linalg.norm(normal)
+    along = np.array(axis)
+    (pair,) = projected_tangents(normal[None], [along])
+    if abs(along @ normal) <= 0.99 * np.linalg.norm(along) and np.linalg.norm(along) > 1e-6:
+        first = along - (along @ normal) * normal
+        first /= np.linalg.norm(first)
+        np.testing.assert_allclose(pair, np.column_stack([first, np.cross(normal, first)]),
+                                   atol=1e-9)  # fmt: skip
+    default = default_tangents(normal[None])[0]
+    axis_of = [1.0, 0.0, 0.0] if abs(normal[1]) > 0.99 else [0.0, 1.0, 0.0]
+    first = np.cross(normal, axis_of)
+    first /= np.linalg.norm(first)
+    np.testing.assert_allclose(default, np.column_stack([first, np.cross(normal, first)]),
+                               atol=1e-12)  # fmt: skip
+
+
+def test_a_scene_that_never_answered_shares_what_its_copies_find() -> None:
+    scene = load_scene(EXAMPLES / FILES[0])
+    assert scene.hand is not None
+    hand = scene.hand
+    first = scene.with_changes(hand=hand.with_positions(hand.positions)).contacts
+    second = scene.with_changes(hand=hand.with_positions(hand.positions)).contacts
+    np.testing.assert_array_equal(first.arrays.positions, second.arrays.positions)
+    box = Support("box", Box((0.1, 0.1, 0.1)), np.eye(4))
+    apart = np.array(box.T_world_support)
+    apart[:3, 3] = [0.0, 0.0, 5.0]
+    with_box = scene.with_changes(supports=(*scene.supports, replace(box, T_world_support=apart)))
+    assert with_box.contacts.bodies == first.bodies
