@@ -18,6 +18,7 @@ run: install
 	$(BIN)/graspless-pin solve examples/allegro_box_on_slope.yaml
 
 test: install
+	bash tests/browser/install_chromium.sh
 	$(BIN)/python -m pytest --numprocesses auto
 
 lint: install

@@ -18,6 +18,7 @@ from graspless_pin.geometry.bodies.collision import BodyShapes
 from graspless_pin.geometry.hand.coupling import Coupling, JointCoupling, remake, resolve_couplings
 from graspless_pin.geometry.hand.link_shapes import LinkGeometry, link_geometries, load_link_mesh
 from graspless_pin.geometry.hand.urdf import UNBOUNDED, UrdfDocument
+from graspless_pin.geometry.hand.urdf_visuals import LinkVisual
 
 FloatArray = NDArray[np.float64]
 
@@ -63,6 +64,7 @@ class KinematicTree:
         coupling: Coupled joints.
         lower: (n,) lower position limits, -inf where there is none (radians or metres).
         upper: (n,) upper position limits, inf where there is none.
+        visuals: How the links look; only drawing asks.
     """
 
     model: Any
@@ -72,6 +74,7 @@ class KinematicTree:
     coupling: Coupling
     lower: FloatArray
     upper: FloatArray
+    visuals: tuple[LinkVisual, ...] = ()
 
     def __post_init__(self) -> None:
         """Make the arrays read-only."""
@@ -270,6 +273,7 @@ def build_tree(
         coupling=resolve_couplings(joint_names, follows.values()),
         lower=np.where(lower <= -UNBOUNDED, -np.inf, lower),
         upper=np.where(upper >= UNBOUNDED, np.inf, upper),
+        visuals=tuple(visual for document, _ in parts for visual in document.visuals),
     )
 
 

@@ -15,6 +15,7 @@ from xml.parsers import expat
 from graspless_pin.errors import RobotError
 from graspless_pin.geometry.hand.coupling import JointCoupling
 from graspless_pin.geometry.hand.urdf_links import check_link, check_origin, number, numbers
+from graspless_pin.geometry.hand.urdf_visuals import LinkVisual, read_visuals
 
 UNBOUNDED = 1e30
 """Stands for ``inf`` in the text given to Pinocchio, whose parser rejects the word itself."""
@@ -35,6 +36,7 @@ class UrdfDocument:
         joints: The movable joints, in file order.
         mimics: The couplings, in file order; their leaders need not exist.
         meshes: The collision meshes as (link, file), in file order.
+        visuals: How the links look.
     """
 
     label: str
@@ -43,6 +45,7 @@ class UrdfDocument:
     joints: tuple[str, ...]
     mimics: tuple[JointCoupling, ...]
     meshes: tuple[tuple[str, Path], ...]
+    visuals: tuple[LinkVisual, ...] = ()
 
 
 def read_urdf(
@@ -106,6 +109,7 @@ def read_urdf(
         joints=tuple(prefix + joint for joint in joints),
         mimics=tuple(m.prefixed(prefix) for m in mimics if m is not None and m.joint in joints),
         meshes=tuple((prefix + link, file) for link, file in meshes),
+        visuals=read_visuals(path, root, package_dirs) if with_meshes else (),
     )
 
 

@@ -1,0 +1,31 @@
+"""``graspless-pin view``: a scene on an interactive page."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from graspless_pin.cli.outcome import plain_errors
+from graspless_pin.scene import load_scene
+from graspless_pin.viewer.page import DEFAULT_PORT
+from graspless_pin.viewer.page import view as show
+
+
+def view(
+    scene: Annotated[Path, typer.Argument(help="Scene file (YAML).")],
+    host: Annotated[
+        str, typer.Option(help="Address to listen at; the default is this machine only.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="Port, or the next free one above it.")] = DEFAULT_PORT,
+    no_open: Annotated[bool, typer.Option("--no-open", help="Do not open a browser.")] = False,
+) -> None:
+    """Show a scene on an interactive page until it is interrupted (Ctrl-C)."""
+    with plain_errors():
+        viewer = show(load_scene(scene), host=host, port=port, open_browser=not no_open)
+    typer.echo(f"{viewer.url} (Ctrl-C ends it)")
+    with contextlib.suppress(KeyboardInterrupt):
+        viewer.wait()
+    viewer.stop()

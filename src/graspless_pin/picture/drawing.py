@@ -1,0 +1,121 @@
+"""A scene with its solution as a picture."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.bodies.records import Support
+from graspless_pin.geometry.bodies.shapes import HalfSpace
+from graspless_pin.geometry.bodies.triangles import Triangles, shape_triangles, slab_triangles
+from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.geometry.hand.visuals import hand_triangles
+from graspless_pin.picture.contacts import contact_meshes
+from graspless_pin.picture.looking import look_across, up_against
+from graspless_pin.picture.records import Mesh, Picture, Role
+from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.scene import Scene
+from graspless_pin.solution import TorqueSolution
+
+_OBJECT_OPACITY = 0.45
+# Of a hand that is an arm, what is farther from the object than so many of its radii is context.
+_NEAR = 3.5
+# A half-space is drawn this wide on each side of the object, and this deep, in its radii.
+_SLAB_WIDTH = 1.3
+_SLAB_THICKNESS = 0.08
+
+
+def draw_scene(
+    scene: Scene,
+    solution: TorqueSolution | None = None,
+    *,
+    force_scale: float | None = None,
+    max_faces: int = 1500,
+) -> Picture:
+    """Draw hand, object, supports and contacts, and with a solution forces and virtual sliding.
+
+    Args:
+        scene: The scene.
+        solution: A solution of ``scene.problem()``; None, or not found: without forces.
+        force_scale: Metres per newton; None: fitted to the object.
+        max_faces: Most triangles of one link, object or support; finer meshes are simplified.
+
+    Raises:
+        ArgumentError: The solution is of a problem with other contacts.
+        SceneError: The contacts cannot be found, see `Scene.contacts`.
+        MeshError: A mesh file is missing or unreadable.
+    """
+    problem = scene.problem() if solution is None else solution.problem
+    points = np.array([point.position for point in scene.contacts.points])
+    origin = scene.object.center_of_mass_world
+    if len(points) != problem.contact_count or not np.allclose(points, problem.positions + origin):
+        raise ArgumentError("solution", "is of a problem whose contacts are not the scene's")
+    bodies = draw_bodies(scene, max_faces=max_faces)
+    _, size = _enclosing(bodies.of(Role.OBJECT)[0].vertices)
+    contacts = contact_meshes(problem, solution, origin, size, force_scale)
+    return replace(bodies, meshes=(*bodies.meshes, *contacts))
+
+
+def draw_bodies(scene: Scene, *, max_faces: int = 1500) -> Picture:
+    """Draw hand, object and supports alone, wherever they are.
+
+    Args:
+        scene: The scene.
+        max_faces: Most triangles of one link, object or support; finer meshes are simplified.
+
+    Raises:
+        MeshError: A mesh file is missing or unreadable.
+    """
+    body = shape_triangles(scene.object.shape, max_faces=max_faces)
+    body = body.moved(scene.object.T_world_object)
+    middle, size = _enclosing(body.vertices)
+    hand = [] if scene.hand is None else _hand(scene.hand, max_faces)
+    near = [
+        mesh.vertices[np.linalg.norm(mesh.vertices - middle, axis=1) < _NEAR * size]
+        for mesh in hand
+    ]
+    shown = np.vstack([body.vertices, *near])
+    center, radius = _enclosing(shown)
+    up = up_against(scene.gravity)
+    meshes = (
+        *hand,
+        _mesh(f"object/{scene.object.name}", Role.OBJECT, body, _OBJECT_OPACITY),
+        *(_support(support, middle, size, max_faces) for support in scene.supports),
+    )
+    away = shown[len(body.vertices) :].mean(axis=0) - middle if any(map(len, near)) else 0.0 * up
+    walls = [
+        support.T_world_support[:3, 2]
+        for support in scene.supports
+        if isinstance(support.shape, HalfSpace)
+    ]
+    return Picture(meshes, read_only(center), radius, up, look_across(away, up, walls))
+
+
+def _hand(hand: Hand, max_faces: int) -> list[Mesh]:
+    return [
+        _mesh(f"hand/{index}/{link}", Role.HAND, triangles, 1.0)
+        for index, (link, triangles) in enumerate(hand_triangles(hand, max_faces=max_faces))
+    ]
+
+
+def _support(support: Support, middle: FloatArray, size: float, max_faces: int) -> Mesh:
+    """A support; of a half-space the slab below the object."""
+    T = support.T_world_support
+    if isinstance(support.shape, HalfSpace):
+        local = T[:3, :3].T @ (middle - T[:3, 3])
+        surface = slab_triangles(local[:2], _SLAB_WIDTH * size, _SLAB_THICKNESS * size)
+    else:
+        surface = shape_triangles(support.shape, max_faces=max_faces)
+    return _mesh(f"support/{support.name}", Role.SUPPORT, surface.moved(T), 1.0)
+
+
+def _enclosing(points: FloatArray) -> tuple[FloatArray, float]:
+    """Middle of the box around points and the radius of the sphere about it that holds them."""
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    return middle, float(np.linalg.norm(points - middle, axis=1).max())
+
+
+def _mesh(name: str, role: Role, surface: Triangles, opacity: float) -> Mesh:
+    return Mesh(name, role, surface.vertices, surface.faces, opacity)

@@ -1,0 +1,73 @@
+"""Which way is up, from where to look, and from how far."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from graspless_pin.picture.records import Picture
+from graspless_pin.problem.checks import FloatArray, read_only
+
+_FORWARD, _HEIGHT = 0.35, 0.5
+_TOO_SHORT = 1e-9
+# Of an arm's far links, only what is nearer to the middle than this is framed, in radii.
+_FRAMED = 1.5
+_ROOM = 1.08
+
+
+def up_against(force: FloatArray) -> FloatArray:
+    """(3,) unit vector against gravity or weight; z where there is none."""
+    length = float(np.linalg.norm(force))
+    if length <= _TOO_SHORT:
+        return read_only(np.array([0.0, 0.0, 1.0]))
+    return read_only(0.0 - force / length)  # without negative zeros
+
+
+def look_across(away: FloatArray, up: FloatArray, walls: Sequence[FloatArray] = ()) -> FloatArray:
+    """(3,) unit vector to where object and hand are seen side by side, from somewhat above.
+
+    Args:
+        away: (3,) from the object to the hand, m; anything without a horizontal part means no
+            hand.
+        up: (3,) unit.
+        walls: (3,) outward normals of planes, to be seen from outside rather than from behind.
+    """
+    level = away - (away @ up) * up
+    if np.linalg.norm(level) <= _TOO_SHORT + 0.1 * np.linalg.norm(away):
+        level = np.array([1.0, 0.0, 0.0]) if abs(up[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
+        level -= (level @ up) * up
+    level /= np.linalg.norm(level)
+    side = np.cross(level, up)
+    choices = [
+        across * side + forward * level + _HEIGHT * up
+        for forward in (_FORWARD, -_FORWARD)
+        for across in (1.0, -1.0)
+    ]
+    best = max(choices, key=lambda way: min((0.0, *(float(way @ wall) for wall in walls))))
+    return read_only(best / np.linalg.norm(best))
+
+
+def framing(picture: Picture, field_of_view: float, aspect: float) -> tuple[FloatArray, float]:
+    """Where a camera in direction ``view_from`` looks, and from how far, to see all that matters.
+
+    Args:
+        picture: The picture.
+        field_of_view: Vertical, rad.
+        aspect: Width over height of the drawing.
+
+    Returns:
+        (3,) point to look at and the camera's distance from it, m.
+    """
+    toward, up = picture.view_from, picture.up
+    right = np.cross(up, toward)
+    right /= np.linalg.norm(right)
+    axes = np.stack([right, np.cross(toward, right), toward])
+    vertices = np.vstack([mesh.vertices for mesh in picture.meshes]) - picture.center
+    near = np.linalg.norm(vertices, axis=1) < _FRAMED * picture.radius
+    seen = vertices[near] @ axes.T
+    middle = 0.5 * (seen.min(axis=0) + seen.max(axis=0)) * [1.0, 1.0, 0.0]
+    x, y, z = (seen - middle).T
+    slope = np.tan(0.5 * field_of_view)
+    distance = float(np.max(np.maximum(np.abs(x) / aspect, np.abs(y)) * _ROOM / slope + z))
+    return picture.center + middle @ axes, distance

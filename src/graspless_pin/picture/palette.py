@@ -1,0 +1,73 @@
+"""Colours by role, for light and dark backgrounds, told apart by colour-blind readers as well.
+
+What carries meaning has the hues of Okabe and Ito's set; hand, object and supports are muted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from graspless_pin.picture.records import Role
+
+
+@dataclass(frozen=True)
+class Palette:
+    """Colours of one background.
+
+    Attributes:
+        background: ``#rrggbb``.
+        text: ``#rrggbb``, to be read on the background.
+        roles: ``#rrggbb`` by role.
+    """
+
+    background: str
+    text: str
+    roles: Mapping[Role, str]
+
+    def rgb(self, role: Role) -> tuple[int, int, int]:
+        """Return a role's colour as three numbers from 0 to 255."""
+        red, green, blue = bytes.fromhex(self.roles[role].removeprefix("#"))
+        return red, green, blue
+
+
+LIGHT = Palette(
+    background="#ffffff",
+    text="#1b1f24",
+    roles=MappingProxyType(
+        {
+            Role.HAND: "#8d949c",
+            Role.OBJECT: "#9cc3e0",
+            Role.SUPPORT: "#cdbf9f",
+            Role.CONTACT: "#1b1f24",
+            Role.CONE: "#e6c700",
+            Role.NORMAL_FORCE: "#0072b2",
+            Role.FRICTION_FORCE: "#009e73",
+            Role.FRICTION_AT_LIMIT: "#d55e00",
+            Role.TOTAL_FORCE: "#4b4f55",
+            Role.VIRTUAL_SLIDING: "#b8508e",
+            Role.SLIDING: "#e69f00",
+        }
+    ),
+)
+
+DARK = Palette(
+    background="#14181d",
+    text="#e8eaed",
+    roles=MappingProxyType(
+        {
+            Role.HAND: "#8a919a",
+            Role.OBJECT: "#4a7fa5",
+            Role.SUPPORT: "#6f6650",
+            Role.CONTACT: "#ffffff",
+            Role.CONE: "#f0e442",
+            Role.NORMAL_FORCE: "#56b4e9",
+            Role.FRICTION_FORCE: "#2fd0a0",
+            Role.FRICTION_AT_LIMIT: "#ff7f3f",
+            Role.TOTAL_FORCE: "#d5d9de",
+            Role.VIRTUAL_SLIDING: "#e58fc2",
+            Role.SLIDING: "#ffb733",
+        }
+    ),
+)

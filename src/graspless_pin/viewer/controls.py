@@ -1,0 +1,247 @@
+"""The numbers of a scene that a viewer may change, and the scene after a change."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from graspless_pin.errors import ArgumentError, SceneError
+from graspless_pin.geometry.bodies.shapes import HalfSpace
+from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.scene import Scene
+
+_FRICTION = "friction/"
+_OBJECT = "object/"
+_JOINT = "joint/"
+_SHIFT = 20.0  # mm
+_TURN = 30.0  # degrees
+_TILT = 45.0  # degrees
+_LEVEL = 1e-6
+
+
+@dataclass(frozen=True)
+class Control:
+    """A number of a scene that can be changed.
+
+    Attributes:
+        key: ``friction/hand``, ``friction/supports``, ``mass``, ``slope``, ``object/x`` to
+            ``object/z``, ``object/turn`` or ``joint/NAME``.
+        label: What the page calls it, with its unit.
+        group: The folder that it is in.
+        low: Smallest value.
+        high: Largest value.
+        step: Distance between values.
+        initial: The scene's own value.
+    """
+
+    key: str
+    label: str
+    group: str
+    low: float
+    high: float
+    step: float
+    initial: float
+
+
+def controls_of(scene: Scene) -> tuple[Control, ...]:
+    """Return what can be changed in a scene.
+
+    Object and joints can be moved where contacts are found from the shapes, not where they are
+    given.
+    """
+    found = [*_friction_controls(scene)]
+    mass = scene.object.mass
+    step = 10.0 ** (math.floor(math.log10(mass)) - 2)
+    found.append(Control("mass", "mass [kg]", "Load", 5.0 * step, 4.0 * mass, step, mass))
+    name, angle = _slope(scene)
+    angle = round(angle, 2)
+    low, high = max(angle - _TILT, 0.0 if angle > 0.0 else -_TILT), angle + _TILT
+    label = "tilt [°]" if name is None else f"angle of {name} [°]"
+    found.append(Control("slope", label, "Load", low, high, 0.1, angle))
+    if scene.given_contacts is None:
+        for axis in "xyz":
+            key, label = _OBJECT + axis, f"shift along {axis} [mm]"
+            found.append(Control(key, label, "Object", -_SHIFT, _SHIFT, 0.1, 0.0))
+        found.append(
+            Control(_OBJECT + "turn", "turn about up [°]", "Object", -_TURN, _TURN, 0.1, 0.0)
+        )
+        if scene.hand is not None:
+            found += _joint_controls(scene.hand)
+    return tuple(found)
+
+
+def changed_scene(scene: Scene, values: Mapping[str, float]) -> Scene:
+    """Return the scene with other values of its controls; those that are not named stay.
+
+    Friction of a group scales in proportion, with its largest coefficient becoming the value. The
+    slope turns gravity, which is the same as tilting hand, object and supports together. The
+    object turns about its centre of mass.
+
+    Args:
+        scene: The scene.
+        values: Value by the key of its control.
+
+    Raises:
+        ArgumentError: A key is no control of this scene or a value is impossible.
+    """
+    controls = {control.key: control for control in controls_of(scene)}
+    for key, value in values.items():
+        if key not in controls:
+            raise ArgumentError("values", f"unknown control {key!r}; known: {', '.join(controls)}")
+        if not math.isfinite(value):
+            raise ArgumentError("values", f"{key} needs a finite number, got {value!r}")
+    moved = {key: value for key, value in values.items() if value != controls[key].initial}
+    changed = scene
+    for key, value in moved.items():
+        if key.startswith(_FRICTION):
+            first = controls[key].initial
+            changed = _with_friction(
+                changed,
+                key.removeprefix(_FRICTION),
+                lambda mu, first=first, value=value: mu * value / first if first > 0.0 else value,
+            )
+    if "mass" in moved:
+        changed = changed.with_changes(object=replace(changed.object, mass=moved["mass"]))
+    if "slope" in moved:
+        angle = math.radians(_slope(scene)[1] - moved["slope"])
+        turn = _rotation(_tilt_axis(scene), angle)
+        changed = changed.with_changes(gravity=turn @ scene.gravity)
+    shift = np.array([moved.get(_OBJECT + axis, 0.0) for axis in "xyz"]) / 1000.0
+    yaw = math.radians(moved.get(_OBJECT + "turn", 0.0))
+    if shift.any() or yaw:
+        changed = _with_object_moved(changed, shift, _rotation(_up(scene), yaw))
+    joints = {
+        key.removeprefix(_JOINT): value for key, value in moved.items() if key.startswith(_JOINT)
+    }
+    if joints and changed.hand is not None:
+        changed = changed.with_changes(hand=changed.hand.with_configuration(joints))
+    return changed
+
+
+def joint_values(hand: Hand) -> dict[str, float]:
+    """Return the values of the joint controls at a hand's configuration."""
+    leaders = [hand.joint_names[index] for index in hand.tree.coupling.leaders]
+    return {_JOINT + name: hand.q[name] for name in leaders}
+
+
+def _friction_controls(scene: Scene) -> list[Control]:
+    """One control for the hand's contacts and one for the supports', as far as there are any."""
+    try:
+        coefficients = scene.problem().friction
+        bodies = scene.contacts.bodies
+    except SceneError:
+        return []
+    supports = {support.name for support in scene.supports}
+    controls = []
+    for group in ("hand", "supports"):
+        mask = np.array([(body in supports) == (group == "supports") for body in bodies])
+        if mask.any():
+            largest = float(coefficients[mask].max())
+            differ = bool(np.ptp(coefficients[mask]) > 0.0)
+            label = f"friction, {group}" + (" (largest)" if differ else "")
+            high = max(1.5, 2.0 * largest)
+            controls.append(Control(_FRICTION + group, label, "Load", 0.0, high, 0.01, largest))
+    return controls
+
+
+def _joint_controls(hand: Hand) -> list[Control]:
+    controls = []
+    for index in hand.tree.coupling.leaders:
+        name = hand.joint_names[index]
+        value = float(hand.positions[index])
+        prismatic = hand.tree.joint_kinds[index] == "prismatic"
+        reach = 0.1 if prismatic else math.pi
+        low, high = float(hand.tree.lower[index]), float(hand.tree.upper[index])
+        low = min(low, value) if math.isfinite(low) else value - reach
+        high = max(high, value) if math.isfinite(high) else value + reach
+        finger = next(
+            (finger for finger, spec in hand.fingers.items() if name in spec.joints), "other joints"
+        )
+        label, step = f"{name} [{'m' if prismatic else 'rad'}]", 1e-4 if prismatic else 1e-3
+        controls.append(Control(_JOINT + name, label, f"Joints: {finger}", low, high, step, value))
+    return controls
+
+
+def _with_friction(scene: Scene, group: str, change: Callable[[float], float]) -> Scene:
+    """Change the coefficients of one group: those of materials become the bodies' own."""
+    if group == "supports":
+        return scene.with_changes(
+            supports=tuple(
+                replace(support, friction=change(own), material=None)
+                if (own := _support_friction(scene, support.name)) is not None
+                else support
+                for support in scene.supports
+            )
+        )
+    links = () if scene.hand is None else scene.hand.link_names
+    friction = dict(scene.friction)
+    if scene.hand_material is not None and scene.object.material is not None:
+        of_pair = scene.materials.friction(scene.hand_material, scene.object.material)
+        friction = {key: value for key, value in friction.items() if key not in links}
+        friction["hand"] = change(of_pair)
+        return scene.with_changes(friction=friction, hand_material=None)
+    for key in ("hand", *links):
+        if key in friction:
+            friction[key] = change(friction[key])
+    if "hand" not in friction and "default" in friction:
+        friction["hand"] = change(friction["default"])
+    return scene.with_changes(friction=friction)
+
+
+def _support_friction(scene: Scene, name: str) -> float | None:
+    """The coefficient between object and a support, None where the scene has none."""
+    support = next(item for item in scene.supports if item.name == name)
+    if support.friction is not None:
+        return support.friction
+    if support.material is not None and scene.object.material is not None:
+        return scene.materials.friction(support.material, scene.object.material)
+    return next(
+        (scene.friction[key] for key in (name, "supports", "default") if key in scene.friction),
+        None,
+    )
+
+
+def _with_object_moved(scene: Scene, shift: FloatArray, rotation: FloatArray) -> Scene:
+    """Turn the object about its centre of mass, then shift it (m), in world axes."""
+    body = scene.object
+    center = body.center_of_mass_world
+    T = body.T_world_object.copy()
+    T[:3, :3] = rotation @ T[:3, :3]
+    T[:3, 3] = center + rotation @ (T[:3, 3] - center) + shift
+    return scene.with_changes(object=replace(body, T_world_object=T))
+
+
+def _rotation(axis: FloatArray, angle: float) -> FloatArray:
+    return Rotation.from_rotvec(angle * axis).as_matrix()
+
+
+def _up(scene: Scene) -> FloatArray:
+    length = float(np.linalg.norm(scene.gravity))
+    return -scene.gravity / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
+
+
+def _slope(scene: Scene) -> tuple[str | None, float]:
+    """Name of the first half-space and its angle against level ground, degrees."""
+    for support in scene.supports:
+        if isinstance(support.shape, HalfSpace):
+            cosine = float(np.clip(support.T_world_support[:3, 2] @ _up(scene), -1.0, 1.0))
+            return support.name, math.degrees(math.acos(cosine))
+    return None, 0.0
+
+
+def _tilt_axis(scene: Scene) -> FloatArray:
+    """Unit axis about which up turns towards the slope's normal; y where nothing slopes."""
+    up = _up(scene)
+    for support in scene.supports:
+        if isinstance(support.shape, HalfSpace):
+            axis = np.cross(up, support.T_world_support[:3, 2])
+            length = float(np.linalg.norm(axis))
+            if length > _LEVEL:
+                return axis / length
+            break
+    return np.array([0.0, 1.0, 0.0])

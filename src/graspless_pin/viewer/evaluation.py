@@ -1,0 +1,86 @@
+"""What the page shows for one setting of its controls; no browser, no server."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from graspless_pin.errors import GrasplessPinError, GrasplessPinWarning
+from graspless_pin.picture import Picture, draw_bodies, draw_scene
+from graspless_pin.scene import Scene
+from graspless_pin.solution import Algorithm, TorqueSolution
+from graspless_pin.viewer.controls import changed_scene
+
+_DEFAULT_MARGIN = 0.1
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The state of the page.
+
+    Attributes:
+        algorithm: Which algorithm.
+        required_margin: e_0 of Algorithm 2, N.
+        values: Value by the key of a `Control`; those that are not named are the scene's own.
+    """
+
+    algorithm: Algorithm
+    required_margin: float
+    values: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """What a setting leads to.
+
+    Attributes:
+        settings: The setting.
+        scene: The scene as changed; as loaded if it cannot be changed so.
+        solution: The solution, found or not; None if there is no problem to solve.
+        picture: What it looks like; without contacts if there are none.
+        reason: Why there are no torques; empty if there are.
+    """
+
+    settings: Settings
+    scene: Scene
+    solution: TorqueSolution | None
+    picture: Picture
+    reason: str
+
+
+def initial_settings(scene: Scene) -> Settings:
+    """Return the scene's own algorithm and margin."""
+    options: Mapping[str, Any] = scene.solve_options
+    return Settings(
+        Algorithm(options.get("algorithm", Algorithm.MARGIN)),
+        float(options.get("margin", _DEFAULT_MARGIN)),
+    )
+
+
+def evaluate(scene: Scene, settings: Settings) -> Evaluation:
+    """Change a scene, solve it and draw it. A scene that makes no sense gives a reason, no error.
+
+    Args:
+        scene: The scene as loaded.
+        settings: What to change and to solve.
+
+    Raises:
+        MeshError: A mesh file is missing or unreadable.
+    """
+    changed = scene
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", GrasplessPinWarning)  # they were shown at loading
+        try:
+            changed = changed_scene(scene, settings.values)
+            options = {}
+            if settings.algorithm is Algorithm.TORQUE:
+                options["margin"] = settings.required_margin
+            solution = changed.solve(settings.algorithm, **options)
+        except GrasplessPinError as error:
+            return Evaluation(settings, changed, None, draw_bodies(changed), str(error))
+        reason = ""
+        if not solution.found:
+            reason = f"{solution.status.message}\n\n{solution.explanation}".strip()
+        return Evaluation(settings, changed, solution, draw_scene(changed, solution), reason)

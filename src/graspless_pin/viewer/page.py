@@ -1,0 +1,348 @@
+"""The page: viser draws what `evaluate` works out for the settings of its controls."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import logging
+import socket
+import threading
+import webbrowser
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from graspless_pin.errors import ArgumentError, GrasplessPinError
+from graspless_pin.picture import DARK, LIGHT, Mesh, Picture, Role, framing
+from graspless_pin.scene import Scene
+from graspless_pin.solution import Algorithm
+from graspless_pin.viewer.controls import Control, controls_of
+from graspless_pin.viewer.evaluation import Evaluation, evaluate, initial_settings
+from graspless_pin.viewer.panels import legend_html, result_html, torque_html
+
+DEFAULT_PORT = 8080
+
+_LAST_PORT = 65_000  # viser looks upward for a free one
+
+_ROOT = "/scene"
+_ALGORITHMS = {
+    "1: largest margin": Algorithm.MARGIN,
+    "2: smallest torque": Algorithm.TORQUE,
+}
+_HIDDEN_AT_FIRST = frozenset({Role.TOTAL_FORCE})
+_OPEN_GROUPS = ("Load",)
+_FIELD_OF_VIEW = 0.7  # rad, vertical
+_ASPECT = 0.75  # of what lies between the panels on a screen of 1280 x 800
+_AMBIENT = 1.6
+_RESULT_WIDTH = 330  # px
+_log = logging.getLogger(__name__)
+
+
+def view(
+    scene: Scene,
+    *,
+    host: str = "127.0.0.1",
+    port: int = DEFAULT_PORT,
+    open_browser: bool = False,
+    dark: bool = False,
+) -> Viewer:
+    """Show a scene on an interactive page and return at once; the page lives in threads.
+
+    Args:
+        scene: The scene.
+        host: The address to listen at. Whoever reaches it can move the controls: the default can
+            only be reached from this machine.
+        port: The port; the next free one above it if it is taken.
+        open_browser: Whether to open the page.
+        dark: Whether the page begins dark.
+
+    Raises:
+        GrasplessPinError: viser is not installed.
+        ArgumentError: Nothing can listen at this host, or there is no such port.
+        MeshError: A mesh file is missing or unreadable.
+    """
+    try:
+        import viser
+    except ImportError as error:
+        raise GrasplessPinError(
+            "the viewer needs viser: pip install 'graspless-pin[viewer]'"
+        ) from error
+    _check_address(host, port)
+    with contextlib.redirect_stdout(io.StringIO()):  # viser announces itself
+        server = viser.ViserServer(host=host, port=port, label="graspless_pin", verbose=False)
+    viewer = Viewer(scene, server, host, dark=dark)
+    if open_browser:
+        webbrowser.open(viewer.url)
+    return viewer
+
+
+def _check_address(host: str, port: int) -> None:
+    """Refuse what viser would try in vain for ever.
+
+    Raises:
+        ArgumentError: See `view`.
+    """
+    if not 0 <= port <= _LAST_PORT:
+        raise ArgumentError("port", f"is {port}; it must be 0 (any free one) to {_LAST_PORT}")
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, kind, protocol) as probe:
+            probe.bind(address)
+    except OSError as error:
+        raise ArgumentError(
+            "host", f"nothing can listen at {host!r} ({error}); use an address of this machine"
+        ) from error
+
+
+class Viewer:
+    """A running page. Make one with `view`; ends with `stop` or its process.
+
+    Attributes:
+        scene: The scene as loaded.
+        url: Where the page is.
+    """
+
+    def __init__(self, scene: Scene, server: Any, host: str, *, dark: bool) -> None:
+        """Build the page on a viser server and begin to answer its controls."""
+        self.scene = scene
+        shown = "localhost" if host in ("0.0.0.0", "::", "") else host  # noqa: S104 - not binding
+        self.url = f"http://{shown}:{server.get_port()}"
+        self._server = server
+        self._dark = dark
+        self._settings = initial_settings(scene)
+        self._initial = evaluate(scene, self._settings)
+        self._shown = self._initial
+        self._meshes: dict[str, tuple[Mesh, Any]] = {}
+        self._changed = threading.Condition()
+        self._waiting = False
+        self._stopped = threading.Event()
+        self._build()
+        self._show(self._initial)
+        self._worker = threading.Thread(target=self._work, name="graspless-viewer", daemon=True)
+        self._worker.start()
+
+    @property
+    def evaluation(self) -> Evaluation:
+        """What the page shows now."""
+        return self._shown
+
+    def wait(self) -> None:
+        """Wait until the page is stopped, from another thread or by the keyboard."""
+        self._stopped.wait()
+
+    def stop(self) -> None:
+        """Close the page. Doing so again does nothing."""
+        if self._stopped.is_set():
+            return
+        self._stopped.set()
+        with self._changed:
+            self._changed.notify()
+        self._worker.join()
+        with contextlib.redirect_stdout(io.StringIO()):
+            self._server.stop()
+
+    def _build(self) -> None:
+        """Lay out panels, controls, light and camera."""
+        server, picture = self._server, self._initial.picture
+        gui = server.gui
+        self._layers = {
+            role: server.scene.add_frame(
+                f"{_ROOT}/{role}", show_axes=False, visible=role not in _HIDDEN_AT_FIRST
+            )
+            for role in Role
+        }
+        self._root = server.scene.add_frame(_ROOT, show_axes=False)
+        server.scene.set_up_direction(picture.up)
+        server.scene.configure_environment_map(None)
+        server.scene.add_light_ambient("/ambient light", intensity=_AMBIENT)
+        _aim(server.initial_camera, picture)
+        results = gui.add_panel()
+        with results.add_tab("Result"):
+            self._result = gui.add_html("")
+            self._torques = gui.add_html("")
+        with results.add_tab("Layers"):
+            self._legend = gui.add_html("")
+            self._dark_box = gui.add_checkbox("dark page", self._dark)
+            self._dark_box.on_update(lambda _: self._switch_mode())
+            for role in Role:
+                self._add_layer_box(role)
+        results.dock_left()
+        results.set_width(_RESULT_WIDTH)
+        gui.main_panel.dock_right()
+        self._add_controls()
+        self._set_mode()
+
+    def _add_layer_box(self, role: Role) -> None:
+        box = self._server.gui.add_checkbox(role.label, role not in _HIDDEN_AT_FIRST)
+
+        @box.on_update
+        def _(_event: Any) -> None:
+            self._layers[role].visible = box.value
+
+    def _add_controls(self) -> None:
+        gui, settings = self._server.gui, self._settings
+        names = {algorithm: name for name, algorithm in _ALGORITHMS.items()}
+        algorithm = gui.add_dropdown(
+            "algorithm", tuple(_ALGORITHMS), initial_value=names[settings.algorithm]
+        )
+        margin = gui.add_number(
+            "e0 [N]",
+            settings.required_margin,
+            min=0.0,
+            step=0.01,
+            hint="required margin of Algorithm 2",
+            disabled=settings.algorithm is Algorithm.MARGIN,
+        )
+
+        @algorithm.on_update
+        def _(_event: Any) -> None:
+            chosen = _ALGORITHMS[algorithm.value]
+            margin.disabled = chosen is Algorithm.MARGIN
+            self._set(algorithm=chosen)
+
+        @margin.on_update
+        def _(_event: Any) -> None:
+            self._set(required_margin=float(margin.value))
+
+        reset = gui.add_button("As loaded")
+        sliders: list[tuple[Control, Any]] = []
+        folders: dict[str, Any] = {}
+        for control in controls_of(self.scene):
+            if control.group not in folders:
+                folders[control.group] = gui.add_folder(
+                    control.group, expand_by_default=control.group in _OPEN_GROUPS
+                )
+            with folders[control.group]:
+                sliders.append((control, self._add_slider(control)))
+
+        @reset.on_click
+        def _(_event: Any) -> None:
+            first = self._initial.settings
+            algorithm.value, margin.value = names[first.algorithm], first.required_margin
+            for control, slider in sliders:
+                slider.value = control.initial
+            self._set(**vars(first))
+
+    def _add_slider(self, control: Control) -> Any:
+        slider = self._server.gui.add_slider(
+            control.label, control.low, control.high, control.step, control.initial
+        )
+
+        @slider.on_update
+        def _(_event: Any) -> None:
+            self._set(values={**self._settings.values, control.key: float(slider.value)})
+
+        return slider
+
+    def _set(self, **changes: Any) -> None:
+        """Ask for other settings; the newest ones win over those not yet worked out."""
+        with self._changed:
+            self._settings = replace(self._settings, **changes)
+            self._waiting = True
+            self._changed.notify()
+
+    def _work(self) -> None:
+        """Work settings out and show them until the page is stopped."""
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._waiting or self._stopped.is_set())
+                if self._stopped.is_set():
+                    return
+                settings, self._waiting = self._settings, False
+            try:
+                self._show(evaluate(self.scene, settings))
+            except Exception as error:  # a page that goes on and says so is better than a dead one
+                _log.exception("the settings %s cannot be shown", settings)
+                self._result.content = result_html(
+                    replace(self._shown, settings=settings, solution=None, reason=str(error)),
+                    None,
+                    dark=self._dark,
+                )
+
+    def _show(self, result: Evaluation) -> None:
+        """Bring meshes and readings up to date."""
+        self._shown = result
+        with self._server.atomic():
+            self._draw(result.picture)
+            self._write()
+        self._server.flush()
+
+    def _write(self) -> None:
+        """Write the readings."""
+        shown = self._shown
+        same = shown.settings.algorithm is self._initial.settings.algorithm
+        before = self._initial.solution if same else None
+        self._result.content = result_html(shown, before, dark=self._dark)
+        self._torques.content = torque_html(shown, dark=self._dark)
+        self._legend.content = legend_html(Role, dark=self._dark)
+
+    def _draw(self, picture: Picture) -> None:
+        """Send the meshes that are new or have changed and remove those that are gone."""
+        names = {_node(mesh): mesh for mesh in picture.meshes}
+        for name in [name for name in self._meshes if name not in names]:
+            self._meshes.pop(name)[1].remove()
+        for name, mesh in names.items():
+            if name not in self._meshes or not _same_faces(self._meshes[name][0], mesh):
+                self._meshes[name] = (mesh, self._add_mesh(name, mesh))
+                continue
+            before, handle = self._meshes[name]
+            if not np.array_equal(before.vertices, mesh.vertices):
+                handle.vertices = mesh.vertices.astype(np.float32)
+                self._meshes[name] = (mesh, handle)
+        self._tilt(picture)
+
+    def _tilt(self, picture: Picture) -> None:
+        """Turn all that is drawn about its middle so that up stays up on the page."""
+        first = self._initial.picture
+        turn = Rotation.align_vectors(first.up[None], picture.up[None])[0]
+        self._root.wxyz = turn.as_quat(scalar_first=True)
+        self._root.position = first.center - turn.as_matrix() @ first.center
+
+    def _add_mesh(self, name: str, mesh: Mesh) -> Any:
+        palette = DARK if self._dark else LIGHT
+        return self._server.scene.add_mesh_simple(
+            name,
+            mesh.vertices.astype(np.float32),
+            mesh.faces.astype(np.uint32),
+            color=palette.rgb(mesh.role),
+            opacity=mesh.opacity if mesh.opacity < 1.0 else None,
+            flat_shading=True,
+            side="double",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+
+    def _switch_mode(self) -> None:
+        """Follow the box of the dark page."""
+        self._dark = self._dark_box.value
+        self._set_mode()
+        palette = DARK if self._dark else LIGHT
+        for mesh, handle in list(self._meshes.values()):
+            handle.color = palette.rgb(mesh.role)
+        self._write()
+
+    def _set_mode(self) -> None:
+        self._server.gui.configure_theme(
+            dark_mode=self._dark, show_logo=False, show_share_button=False, control_width="medium"
+        )
+
+
+def _node(mesh: Mesh) -> str:
+    """Name of a mesh on the page: links of prefixed robots have slashes of their own."""
+    return f"{_ROOT}/{mesh.role}/{mesh.name.replace('/', ' ')}"
+
+
+def _same_faces(first: Mesh, second: Mesh) -> bool:
+    return first.faces is second.faces or np.array_equal(first.faces, second.faces)
+
+
+def _aim(camera: Any, picture: Picture) -> None:
+    """Look at what matters, all of it."""
+    center, distance = framing(picture, _FIELD_OF_VIEW, _ASPECT)
+    camera.fov = _FIELD_OF_VIEW
+    camera.position = center + distance * picture.view_from
+    camera.look_at = center
+    camera.near = 0.01 * distance
+    camera.far = 100.0 * distance

@@ -1,0 +1,145 @@
+"""The page's readings as HTML: margin, torque bars, why not, legend. Styled for both modes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from html import escape
+
+import numpy as np
+
+from graspless_pin.picture import DARK, LIGHT, Role
+from graspless_pin.solution import Algorithm, TorqueSolution
+from graspless_pin.solution.table import limit_shares
+from graspless_pin.viewer.evaluation import Evaluation
+
+_FULL = 0.999
+_TEXT = "font-size:13px;line-height:1.4;padding:0 6px;overflow-wrap:anywhere"
+_MUTED = "opacity:0.75"
+
+
+def result_html(result: Evaluation, as_loaded: TorqueSolution | None, *, dark: bool) -> str:
+    """Return margin and largest torque with their bars, or why there are no torques.
+
+    Args:
+        result: What to show.
+        as_loaded: The solution of the unchanged scene, to compare with.
+        dark: Whether the page is dark.
+    """
+    solution = result.solution
+    if solution is None or not solution.found:
+        words = escape(result.reason).replace("\n", "<br>")
+        color = (DARK if dark else LIGHT).roles[Role.FRICTION_AT_LIMIT]
+        return (
+            f'<div id="graspless-result" data-found="false" style="{_TEXT}">'
+            f'<div style="border-left:4px solid {color};padding-left:8px">'
+            f"<b>No torques: why not</b><br>{words}</div></div>"
+        )
+    what = (
+        "Algorithm 1: largest margin"
+        if solution.algorithm is Algorithm.MARGIN
+        else f"Algorithm 2: smallest torque at margin {solution.required_margin:g} N"
+    )
+    before = as_loaded if as_loaded is not None and as_loaded.found else None
+    roles = (DARK if dark else LIGHT).roles
+    margin = _reading(
+        "margin e", "N", solution.margin, before and before.margin, roles[Role.FRICTION_FORCE]
+    )
+    torque = _reading(
+        "max torque",
+        "N m",
+        solution.max_torque,
+        before and before.max_torque,
+        roles[Role.NORMAL_FORCE],
+    )
+    return (
+        f'<div id="graspless-result" data-found="true" data-margin="{solution.margin!r}" '
+        f'style="{_TEXT}">'
+        f"{margin}{torque}"
+        f'<div style="{_MUTED}">{escape(what)}; {escape(solution.status.message)}</div></div>'
+    )
+
+
+def torque_html(result: Evaluation, *, dark: bool) -> str:
+    """Return one bar a joint between its limits, zero marked; nothing without a solution."""
+    solution = result.solution
+    if solution is None or not solution.found or not solution.problem.joint_count:
+        return f'<div id="graspless-torques" style="{_TEXT};{_MUTED}">no torques</div>'
+    problem, palette = solution.problem, DARK if dark else LIGHT
+    shares = limit_shares(solution.torques, problem.lower_torque, problem.upper_torque)
+    widest = max(solution.max_torque, 1e-9)
+    rows = []
+    for index, name in enumerate(problem.joint_names):
+        torque = float(solution.torques[index])
+        low, high = _axis(problem.lower_torque[index], problem.upper_torque[index], widest)
+        full = np.isfinite(shares[index]) and shares[index] >= _FULL
+        color = palette.roles[Role.FRICTION_AT_LIMIT if full else Role.NORMAL_FORCE]
+        rows.append(
+            f'<div style="display:grid;grid-template-columns:38% 1fr 22%;gap:6px;'
+            f'align-items:center"><span style="white-space:nowrap;overflow:hidden;'
+            f'text-overflow:ellipsis" title="{escape(name)}">{escape(name)}</span>'
+            f"{_bar(torque, low, high, color)}"
+            f'<span style="text-align:right;font-variant-numeric:tabular-nums">{torque:+.4f}</span>'
+            "</div>"
+        )
+    return (
+        f'<div id="graspless-torques" style="{_TEXT};line-height:1.5"><b>Torques</b>{"".join(rows)}'
+        f'<div style="{_MUTED}">motor torques between their limits, N m; of linear and hybrid '
+        "joints N</div></div>"
+    )
+
+
+def legend_html(roles: Iterable[Role], *, dark: bool) -> str:
+    """Return the colours of roles."""
+    palette = DARK if dark else LIGHT
+    items = "".join(
+        '<span style="white-space:nowrap;margin-right:10px;display:inline-block">'
+        f'<span style="display:inline-block;width:10px;height:10px;margin-right:4px;'
+        f'background:{palette.roles[role]}"></span>{escape(role.label)}</span>'
+        for role in roles
+    )
+    return f'<div id="graspless-legend" style="{_TEXT}">{items}</div>'
+
+
+def _reading(label: str, unit: str, value: float, before: float | None, color: str) -> str:
+    """A figure, its bar up to twice that of the unchanged scene, and that as a mark."""
+    top = max(2.0 * abs(before) if before else 0.0, abs(value), 1e-9)
+    compared = "" if before is None else f'<span style="{_MUTED}">as loaded {before:.4f}</span>'
+    mark = "" if before is None else _mark(before / top)
+    return (
+        '<div style="display:flex;flex-wrap:wrap;justify-content:space-between;'
+        'align-items:baseline;column-gap:8px;white-space:nowrap">'
+        f'<span>{escape(label)} <b style="font-size:17px;font-variant-numeric:tabular-nums">'
+        f"{value:.4f}</b> {escape(unit)}</span>{compared}</div>"
+        '<div style="position:relative;height:8px;margin:2px 0 6px;'
+        'background:rgba(128,128,128,0.25)"><div style="position:absolute;left:0;top:0;bottom:0;'
+        f'width:{100.0 * max(value, 0.0) / top:.2f}%;background:{color}"></div>{mark}</div>'
+    )
+
+
+def _axis(lower: float, upper: float, widest: float) -> tuple[float, float]:
+    """The ends of a bar: the limits, or something finite around zero."""
+    low = lower if np.isfinite(lower) else -widest
+    high = upper if np.isfinite(upper) else widest
+    low, high = min(low, 0.0), max(high, 0.0)
+    return (low, high) if high > low else (-widest, widest)
+
+
+def _bar(value: float, low: float, high: float, color: str) -> str:
+    """A bar from zero to the value between two ends."""
+    zero = -low / (high - low)
+    end = float(np.clip((value - low) / (high - low), 0.0, 1.0))
+    left, width = min(zero, end), abs(end - zero)
+    return (
+        '<span style="position:relative;height:10px;display:block;'
+        'background:rgba(128,128,128,0.25)"><span style="position:absolute;top:0;bottom:0;'
+        f'left:{100.0 * left:.2f}%;width:{100.0 * width:.2f}%;background:{color}"></span>'
+        f"{_mark(zero)}</span>"
+    )
+
+
+def _mark(place: float) -> str:
+    """A thin line across a bar at a share of its length."""
+    return (
+        '<span style="position:absolute;top:-2px;bottom:-2px;width:1px;background:currentColor;'
+        f'left:{100.0 * min(max(place, 0.0), 0.997):.2f}%"></span>'
+    )

@@ -1,0 +1,51 @@
+"""``graspless-pin view``: what it says, that it answers, and how it ends."""
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from urllib.request import urlopen
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+COMMAND = "import typer; from graspless_pin.cli.viewing import view; typer.run(view)"
+
+
+def start(*arguments: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(  # noqa: S603 - our own interpreter and a fixed program
+        [sys.executable, "-c", COMMAND, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def test_it_serves_a_page_until_it_is_interrupted():
+    scene = EXAMPLES / "paper" / "sphere_on_slope.yaml"
+    with start(str(scene), "--no-open", "--port", "0") as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        line = process.stdout.readline()
+        assert line.endswith("(Ctrl-C ends it)\n"), process.stderr.read()
+        url = line.split()[0]
+        assert url.startswith("http://127.0.0.1:")
+        with urlopen(url, timeout=10) as answer:  # noqa: S310 - our own page
+            assert b"<html" in answer.read()
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=30)
+        assert process.returncode == 0
+        assert errors == ""
+
+
+def test_bad_input_is_one_message_and_exit_code_2(tmp_path):
+    scene = str(EXAMPLES / "paper" / "sphere_on_slope.yaml")
+    for arguments, words in (
+        ([str(tmp_path / "none.yaml")], "none.yaml"),
+        ([scene, "--host", "198.51.100.1"], "host: nothing can listen at '198.51.100.1'"),
+        ([scene, "--port", "70000"], "port: is 70000"),
+    ):
+        with start(*arguments, "--no-open") as process:
+            _, errors = process.communicate(timeout=60)
+        assert process.returncode == 2, errors
+        assert errors.startswith("error: ")
+        assert words in errors
+        assert "Traceback" not in errors

@@ -1,0 +1,264 @@
+"""The viewer's page in a real browser: figures, sliders, the drawing, legibility."""
+
+from __future__ import annotations
+
+import io
+import socket
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+from playwright.sync_api import Locator, Page, expect
+
+from graspless_pin.errors import ArgumentError
+from graspless_pin.picture import DARK, LIGHT, Role
+from graspless_pin.scene import Scene, load_scene
+from graspless_pin.viewer import Viewer, changed_scene, view
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+PATIENCE = 20_000  # ms
+
+Opened = Callable[..., Page]
+
+
+@pytest.fixture(scope="module")
+def allegro() -> Scene:
+    return load_scene(EXAMPLES / "allegro_box_on_slope.yaml")
+
+
+@pytest.fixture(scope="module")
+def viewers(allegro) -> Iterator[dict[bool, Viewer]]:
+    """A light and a dark page of the scene for all tests: stopping waits for idle connections."""
+    running = {dark: view(allegro, port=0, dark=dark) for dark in (False, True)}
+    yield running
+    for viewer in running.values():
+        viewer.stop()
+
+
+@pytest.fixture
+def opened(page: Page, viewers: dict[bool, Viewer], allegro: Scene) -> Opened:
+    """Open a page as it was at first."""
+
+    def open_page(*, dark: bool = False) -> Page:
+        page.goto(viewers[dark].url)
+        page.wait_for_selector("#graspless-result", timeout=PATIENCE)
+        # viser warns of drawing without a graphics card, over the middle of the page.
+        page.get_by_role("alert").get_by_role("button").first.click()
+        page.get_by_role("button", name="As loaded").click()
+        settled(page, allegro.solve().margin)
+        return page
+
+    return open_page
+
+
+def row(page: Page, label: str) -> Locator:
+    """The slider and number of a control."""
+    return page.locator(f"label:text-is('{label}') >> xpath=../../..")
+
+
+def enter(page: Page, label: str, value: str) -> None:
+    """Type a number and confirm it."""
+    number = row(page, label).locator("input[inputmode]")
+    number.fill(value)
+    number.press("Enter")
+
+
+def choose_smallest_torque(page: Page) -> None:
+    page.locator("input[value='1: largest margin']").first.click()
+    page.get_by_role("option", name="2: smallest torque").click()
+
+
+def margin(page: Page) -> float:
+    return float(page.locator("#graspless-result").get_attribute("data-margin") or "nan")
+
+
+def settled(page: Page, expected: float) -> None:
+    """Wait for a margin, then compare all digits."""
+    shown = page.locator("#graspless-result b").first
+    expect(shown).to_have_text(f"{expected:.4f}", timeout=PATIENCE)
+    assert margin(page) == pytest.approx(expected, rel=1e-12)
+
+
+def drawing(page: Page, file: Path | None = None) -> np.ndarray:
+    """(H, W, 3) pixels of the page."""
+    png = page.screenshot(path=file)
+    return np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(float)
+
+
+def middle(pixels: np.ndarray) -> np.ndarray:
+    """What lies between the panels."""
+    return pixels[:, 345:945]
+
+
+def bluish(pixels: np.ndarray) -> int:
+    """Pixels of saturated blue: the arrows of normal forces in a light page."""
+    red, _, blue = np.moveaxis(middle(pixels), 2, 0)
+    return int(((blue > 90.0) & (red < 0.35 * blue)).sum())
+
+
+def test_the_page_shows_what_the_library_computes(allegro, opened):
+    page = opened()
+    settled(page, allegro.solve().margin)
+    text = page.locator("#graspless-torques").inner_text()
+    for torque in allegro.solve().torques:
+        assert f"{torque:+.4f}" in text
+
+
+def test_a_slider_moved_in_the_page_changes_the_margin(allegro, opened):
+    page = opened()
+    before = margin(page)
+    control = row(page, "friction, supports")
+    thumb = control.get_by_role("slider")
+    thumb.focus()
+    for _ in range(3):
+        page.keyboard.press("ArrowRight")
+    expect(thumb).to_have_attribute("aria-valuenow", "0.38", timeout=PATIENCE)
+    first = changed_scene(allegro, {"friction/supports": 0.38}).solve().margin
+    assert first != pytest.approx(before, rel=1e-3)
+    settled(page, first)
+    enter(page, "friction, supports", "0.5")
+    settled(page, changed_scene(allegro, {"friction/supports": 0.5}).solve().margin)
+    enter(page, "angle of slope [°]", "25")
+    both = {"friction/supports": 0.5, "slope": 25.0}
+    settled(page, changed_scene(allegro, both).solve().margin)
+    page.get_by_role("button", name="As loaded").click()
+    settled(page, before)
+    expect(thumb).to_have_attribute("aria-valuenow", "0.35")
+
+
+def test_the_other_algorithm_and_its_margin(allegro, opened):
+    page = opened()
+    choose_smallest_torque(page)
+    settled(page, allegro.solve("torque", margin=0.1).margin)
+    enter(page, "e0 [N]", "0.4")
+    result = page.locator("#graspless-result")
+    expect(result).to_contain_text("at margin 0.4 N", timeout=PATIENCE)
+    expect(result).to_contain_text(f"{allegro.solve('torque', margin=0.4).max_torque:.4f}")
+
+
+def test_what_cannot_be_held_says_why_not(allegro, opened):
+    page = opened()
+    choose_smallest_torque(page)
+    enter(page, "e0 [N]", "12")  # a margin is at most half of max_normal_force
+    result = page.locator("#graspless-result")
+    expect(result).to_contain_text("why not", timeout=PATIENCE)
+    expect(result).to_contain_text("infeasible")
+    expect(result).to_have_attribute("data-found", "false")
+
+
+def test_the_scene_is_drawn_and_layers_can_be_hidden(allegro, opened, tmp_path):
+    page = opened()
+    page.wait_for_timeout(1500)  # the drawing has no sign of being finished
+    shown = drawing(page, tmp_path / "light.png")
+    arrows = bluish(shown)
+    assert arrows > 500
+    inside = middle(shown)
+    drawn = np.abs(inside - 255.0).max(axis=2) > 12.0
+    assert 0.1 < drawn.mean() < 0.9
+    # Nothing reaches the top, the bottom or the panels.
+    rim = np.concatenate([drawn[0], drawn[-1], drawn[:, 0], drawn[:, -1]])
+    assert not rim.any(), "the scene is cut off"
+    page.get_by_role("tab", name="Layers").click()
+    page.get_by_label("normal force").click()
+    page.wait_for_timeout(1500)
+    without = bluish(drawing(page))
+    page.get_by_label("normal force").click()  # as it was, for the next page
+    assert without < 0.2 * arrows
+
+
+LEGIBILITY = """(root) => {
+  const rgb = (text) => text.match(/[\\d.]+/g).map(Number);
+  const light = ([r, g, b]) => [r, g, b]
+    .map((v) => v / 255)
+    .map((v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4))
+    .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
+  const opaque = (node) => {
+    for (; node; node = node.parentElement) {
+      const color = rgb(getComputedStyle(node).backgroundColor);
+      if (color.length === 3 || color[3] === 1) return color;
+    }
+    return [255, 255, 255];
+  };
+  const through = (node) => {
+    let share = 1;
+    for (; node; node = node.parentElement) share *= Number(getComputedStyle(node).opacity);
+    return share;
+  };
+  const found = [];
+  for (const node of root.querySelectorAll("*")) {
+    const own = [...node.childNodes].some((n) => n.nodeType === 3 && n.textContent.trim());
+    if (!own) continue;
+    const behind = opaque(node);
+    const share = through(node);
+    const ink = rgb(getComputedStyle(node).color).slice(0, 3)
+      .map((v, i) => share * v + (1 - share) * behind[i]);
+    const [low, high] = [light(ink), light(behind)].sort((a, b) => a - b);
+    const box = node.getBoundingClientRect();
+    found.push({
+      text: node.textContent,
+      contrast: (high + 0.05) / (low + 0.05),
+      size: parseFloat(getComputedStyle(node).fontSize),
+      left: box.left, right: box.right, bottom: box.bottom,
+      cut: node.scrollWidth > node.clientWidth + 1 && getComputedStyle(node).display !== "inline",
+    });
+  }
+  return found;
+}"""
+
+
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+def test_the_readings_are_legible(allegro, opened, dark):
+    page = opened(dark=dark)
+    found: list[dict[str, Any]] = []
+    for reading in ("#graspless-result", "#graspless-torques"):
+        found += page.locator(reading).evaluate(LEGIBILITY)
+    assert len(found) > 2 * len(allegro.solve().torques)
+    for item in found:
+        assert item["contrast"] > 4.5, item
+        assert item["size"] >= 12.0, item
+        assert item["left"] >= 0.0, item
+        assert item["right"] <= 335.0, item
+        assert item["bottom"] <= 800.0, item
+        assert not item["cut"], item
+
+
+def test_the_page_can_turn_dark(allegro, opened, tmp_path):
+    page = opened()
+    page.wait_for_timeout(1000)
+    assert np.median(middle(drawing(page))) > 200.0
+    page.get_by_role("tab", name="Layers").click()
+    for palette in (LIGHT, DARK):
+        shades = page.locator("#graspless-legend").inner_html()
+        assert all(palette.roles[role] in shades for role in Role)
+        if palette is LIGHT:
+            page.get_by_label("dark page").click()
+            page.wait_for_timeout(1500)
+    dark = drawing(page, tmp_path / "dark.png")
+    page.get_by_label("dark page").click()  # as it was, for the next page
+    assert np.median(middle(dark)) < 60.0
+
+
+def test_it_listens_on_this_machine_only_and_stops(allegro):
+    viewer = view(allegro, port=0)
+    port = int(viewer.url.rsplit(":", 1)[1])
+    assert viewer.url == f"http://127.0.0.1:{port}"
+    with socket.socket() as probe:
+        assert probe.connect_ex(("127.0.0.1", port)) == 0
+    with socket.socket() as probe:
+        assert probe.connect_ex(("127.0.0.2", port)) != 0
+    assert viewer.evaluation.solution is not None
+    viewer.stop()
+    viewer.stop()
+    viewer.wait()
+    with socket.socket() as probe:
+        assert probe.connect_ex(("127.0.0.1", port)) != 0
+
+
+def test_impossible_addresses_are_refused(allegro):
+    with pytest.raises(ArgumentError, match="host"):
+        view(allegro, host="198.51.100.1")
+    with pytest.raises(ArgumentError, match="port"):
+        view(allegro, port=70_000)

@@ -1,0 +1,119 @@
+"""Triangles of every shape: closed, outward, of the right size and where the shape is."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.bodies.mass_properties import mass_properties
+from graspless_pin.geometry.bodies.shapes import (
+    Box,
+    Capsule,
+    Cone,
+    Cylinder,
+    HalfSpace,
+    MeshShape,
+    Shape,
+    Sphere,
+    coal_geometry,
+    shape_extent,
+)
+from graspless_pin.geometry.bodies.triangles import (
+    Triangles,
+    geometry_triangles,
+    shape_triangles,
+    simplified,
+    slab_triangles,
+)
+
+MUG = Path(__file__).resolve().parents[2] / "examples" / "meshes" / "mug.stl"
+
+length = st.floats(1e-3, 3.0)
+shapes = st.one_of(
+    st.builds(Box, st.tuples(length, length, length)),
+    st.builds(Sphere, length),
+    st.builds(Cylinder, length, length),
+    st.builds(Capsule, length, length),
+    st.builds(Cone, length, length),
+)
+
+
+def solid(surface: Triangles) -> trimesh.Trimesh:
+    return trimesh.Trimesh(surface.vertices, surface.faces, process=False)
+
+
+def check(surface: Triangles, shape: Shape) -> None:
+    mesh = solid(surface)
+    assert mesh.is_watertight
+    filled = mass_properties(shape, density=1.0)
+    # Inscribed in circles of 32 corners, whose area is 0.994 of the circle's.
+    assert 0.97 * filled.mass < mesh.volume < (1.0 + 1e-9) * filled.mass
+    size = np.asarray(shape_extent(shape))
+    assert mesh.center_mass == pytest.approx(filled.center_of_mass, abs=1e-2 * size.max())
+    assert np.ptp(surface.vertices, axis=0) == pytest.approx(size, rel=1e-2)
+
+
+@given(shapes)
+@settings(max_examples=40, deadline=None)
+def test_a_surface_is_closed_outward_and_fills_its_shape(shape):
+    check(shape_triangles(shape), shape)
+
+
+@given(shapes)
+@settings(max_examples=40, deadline=None)
+def test_what_contact_detection_sees_is_drawn_the_same(shape):
+    seen = geometry_triangles(coal_geometry(shape))
+    check(seen, shape)
+    drawn = shape_triangles(shape)
+    assert seen.vertices.min(axis=0) == pytest.approx(drawn.vertices.min(axis=0), abs=1e-12)
+    assert seen.vertices.max(axis=0) == pytest.approx(drawn.vertices.max(axis=0), abs=1e-12)
+
+
+def test_a_convex_hull_is_drawn_by_its_corners():
+    mug = MeshShape(MUG)
+    hull = geometry_triangles(coal_geometry(mug))
+    assert solid(hull).is_watertight
+    assert solid(hull).volume == pytest.approx(trimesh.load_mesh(MUG).convex_hull.volume, rel=1e-6)
+
+
+def test_a_mesh_is_drawn_as_it_is_with_its_hollows():
+    drawn = shape_triangles(MeshShape(MUG, scale=2.0))
+    file = trimesh.load_mesh(MUG)
+    assert solid(drawn).volume == pytest.approx(8.0 * file.volume, rel=1e-6)
+    assert len(drawn.faces) == len(file.faces)
+
+
+def test_a_mesh_is_simplified_to_the_given_size():
+    fine = shape_triangles(Sphere(0.5))
+    coarse = simplified(fine, 300)
+    assert 100 <= len(coarse.faces) <= 300
+    assert np.linalg.norm(coarse.vertices, axis=1) == pytest.approx(0.5, abs=0.05)
+    assert solid(coarse).volume > 0.8 * solid(fine).volume
+    assert simplified(fine, len(fine.faces)) is fine
+
+
+def test_a_half_space_is_a_slab_below_its_plane():
+    slab = slab_triangles((1.0, -2.0), 0.5, 0.1)
+    assert solid(slab).is_watertight
+    assert slab.vertices.min(axis=0) == pytest.approx([0.5, -2.5, -0.1])
+    assert slab.vertices.max(axis=0) == pytest.approx([1.5, -1.5, 0.0])
+    with pytest.raises(ArgumentError, match="slab_triangles"):
+        shape_triangles(HalfSpace())
+    with pytest.raises(ArgumentError, match="Halfspace"):
+        geometry_triangles(coal_geometry(HalfSpace()))
+
+
+def test_a_surface_moves_with_its_pose():
+    turn = np.eye(4)
+    turn[:2, :2] = [[0.0, -1.0], [1.0, 0.0]]
+    turn[:3, 3] = [1.0, 2.0, 3.0]
+    moved = shape_triangles(Box((0.2, 0.4, 0.6))).moved(turn)
+    assert moved.vertices.min(axis=0) == pytest.approx([0.8, 1.9, 2.7])
+    assert solid(moved).volume == pytest.approx(0.2 * 0.4 * 0.6)
+    with pytest.raises(ValueError, match="read-only"):
+        moved.vertices[0] = math.nan

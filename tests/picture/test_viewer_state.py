@@ -1,0 +1,222 @@
+"""What the viewer's controls do to a scene, without a browser."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from graspless_pin.errors import ArgumentError
+from graspless_pin.picture import Role
+from graspless_pin.scene import load_scene
+from graspless_pin.solution import Algorithm
+from graspless_pin.viewer import (
+    Settings,
+    changed_scene,
+    controls_of,
+    evaluate,
+    initial_settings,
+)
+from graspless_pin.viewer.panels import legend_html, result_html, torque_html
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+ALLEGRO = EXAMPLES / "allegro_box_on_slope.yaml"
+PAPER = EXAMPLES / "paper" / "cuboid_at_rest.yaml"
+
+
+@pytest.fixture(scope="module")
+def allegro():
+    return load_scene(ALLEGRO)
+
+
+@pytest.fixture(scope="module")
+def paper():
+    return load_scene(PAPER)
+
+
+def by_key(scene):
+    return {control.key: control for control in controls_of(scene)}
+
+
+def write(folder: Path, text: str):
+    file = folder / "scene.yaml"
+    file.write_text(text, encoding="utf-8")
+    return load_scene(file)
+
+
+def test_controls_begin_at_the_scenes_own_values(allegro):
+    controls = by_key(allegro)
+    assert controls["friction/hand"].initial == 0.9
+    assert controls["friction/supports"].initial == 0.35
+    assert controls["mass"].initial == 1.0
+    assert controls["slope"].initial == pytest.approx(30.0, abs=1e-3)
+    joints = {key.removeprefix("joint/") for key in controls if key.startswith("joint/")}
+    assert joints == set(allegro.hand.joint_names)
+    for control in controls.values():
+        assert control.low <= control.initial <= control.high
+        assert control.low < control.high
+        assert control.step > 0.0
+
+
+def test_initial_values_change_nothing(allegro):
+    values = {key: control.initial for key, control in by_key(allegro).items()}
+    assert changed_scene(allegro, values) is allegro
+
+
+def test_friction_of_one_group_becomes_the_value(allegro):
+    changed = changed_scene(allegro, {"friction/supports": 0.5})
+    bodies = changed.contacts.bodies
+    for body, mu in zip(bodies, changed.problem().friction, strict=True):
+        assert mu == pytest.approx(0.5 if body == "slope" else 0.9)
+    hand = changed_scene(allegro, {"friction/hand": 0.3}).problem().friction
+    assert sorted(set(hand.round(9))) == [0.3, 0.35]
+    none = changed_scene(changed_scene(allegro, {"friction/hand": 0.0}), {"friction/hand": 0.7})
+    assert none.problem().friction.max() == pytest.approx(0.7)
+
+
+SHELF = """\
+friction: {default: 0.2, wall: 0.1}
+materials: {wood: {steel: 0.4}}
+hand: {robot: lever_100mm, base_pose: {position: [-0.1, -0.1, 0.0], rpy: [3.141592653589793, 0, 0]},
+       material: wood}
+object: {shape: {type: box, size: [0.2, 0.2, 0.2]}, mass: 1.0, material: steel}
+supports:
+  - {name: floor, shape: {type: half_space}, pose: {position: [0, 0, -0.1]}, material: wood}
+  - {name: wall, shape: {type: half_space},
+     pose: {position: [0, 0.1, 0], rpy: [1.5707963267948966, 0, 0]}}
+"""
+
+
+def test_materials_and_own_coefficients_scale_together(tmp_path):
+    scene = write(tmp_path, SHELF)
+    controls = by_key(scene)
+    assert controls["friction/supports"].initial == 0.4
+    assert "largest" in controls["friction/supports"].label
+    changed = changed_scene(scene, {"friction/supports": 0.8, "friction/hand": 0.1})
+    friction = dict(zip(changed.contacts.bodies, changed.problem().friction, strict=True))
+    assert friction.pop("floor") == pytest.approx(0.8)
+    assert friction.pop("wall") == pytest.approx(0.2)
+    assert list(friction.values()) == pytest.approx([0.1] * len(friction))
+
+
+def test_mass_scales_the_weight(allegro):
+    weight = changed_scene(allegro, {"mass": 2.5}).problem().external_wrench[:3]
+    assert weight == pytest.approx([0.0, 0.0, -2.5 * 9.81])
+
+
+def test_the_slope_is_the_angle_between_normal_and_up(allegro, paper):
+    for scene in (allegro, paper):
+        for angle in (5.0, 20.0, 60.0):
+            changed = changed_scene(scene, {"slope": angle})
+            normal = scene.supports[0].T_world_support[:3, 2]
+            cosine = -normal @ changed.gravity / np.linalg.norm(changed.gravity)
+            assert math.degrees(math.acos(cosine)) == pytest.approx(angle)
+            assert np.linalg.norm(changed.gravity) == pytest.approx(np.linalg.norm(scene.gravity))
+            # It tilts about the slope's level line: gravity stays in the plane of steepest fall.
+            plane = np.cross(normal, scene.gravity)
+            assert changed.gravity @ plane == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_level_floor_can_be_tilted_both_ways():
+    scene = load_scene(EXAMPLES / "trihand_push_box.yaml")
+    assert by_key(scene)["slope"].low < 0.0
+    left = changed_scene(scene, {"slope": -10.0}).gravity
+    right = changed_scene(scene, {"slope": 10.0}).gravity
+    assert left * [-1, 1, 1] == pytest.approx(right)
+    assert right[0] == pytest.approx(9.81 * math.sin(math.radians(10.0)))
+
+
+def test_the_object_is_shifted_and_turned_about_its_centre(paper):
+    values = {"object/x": 1.0, "object/z": -2.0, "object/turn": 90.0}
+    moved = changed_scene(paper, values).object
+    expected = paper.object.center_of_mass_world + np.array([0.001, 0.0, -0.002])
+    assert moved.center_of_mass_world == pytest.approx(expected)
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    before = paper.object.T_world_object[:3, :3]
+    assert moved.T_world_object[:3, :3] == pytest.approx(turn @ before)
+
+
+def test_joints_move_the_hand(allegro):
+    changed = changed_scene(allegro, {"joint/joint_12.0": 0.6})
+    assert changed.hand is not None
+    assert changed.hand.q["joint_12.0"] == 0.6
+    assert changed.hand.q["joint_1.0"] == allegro.hand.q["joint_1.0"]
+
+
+def test_unknown_controls_and_values_are_refused(allegro):
+    with pytest.raises(ArgumentError, match="unknown control 'frictoin'"):
+        changed_scene(allegro, {"frictoin": 1.0})
+    with pytest.raises(ArgumentError, match="finite"):
+        changed_scene(allegro, {"mass": math.nan})
+
+
+def test_given_contacts_leave_object_and_joints_alone(tmp_path):
+    scene = write(
+        tmp_path,
+        "friction: 0.5\nobject: {shape: {type: box, size: [1, 1, 1]}, mass: 1}\n"
+        "supports: [{name: floor, shape: {type: half_space}, pose: {position: [0, 0, -0.5]}}]\n"
+        "contacts: [{body: floor, position: [0, 0, -0.5], normal: [0, 0, 1]}]\n",
+    )
+    assert set(by_key(scene)) == {"friction/supports", "mass", "slope"}
+
+
+def test_the_evaluation_is_the_librarys(allegro):
+    settings = Settings(Algorithm.MARGIN, 0.1, {"friction/supports": 0.5})
+    result = evaluate(allegro, settings)
+    expected = changed_scene(allegro, settings.values).solve("margin")
+    assert result.solution is not None
+    assert result.solution.margin == expected.margin
+    assert result.reason == ""
+    assert result.picture.of(Role.NORMAL_FORCE)
+    least = evaluate(allegro, Settings(Algorithm.TORQUE, 0.3))
+    assert least.solution is not None
+    assert least.solution.required_margin == 0.3
+    assert least.solution.margin >= 0.3 - 1e-6
+
+
+def test_an_infeasible_setting_says_why(allegro):
+    too_much = 0.6 * allegro.max_normal_force  # a margin is at most half of it
+    result = evaluate(allegro, Settings(Algorithm.TORQUE, too_much))
+    assert result.solution is not None
+    assert not result.solution.found
+    assert "infeasible" in result.reason
+    assert result.picture.of(Role.CONTACT)
+    assert not result.picture.of(Role.NORMAL_FORCE)
+    assert "why not" in result_html(result, None, dark=False)
+    assert "no torques" in torque_html(result, dark=False)
+
+
+def test_a_scene_that_makes_no_sense_says_why(allegro):
+    result = evaluate(allegro, Settings(Algorithm.MARGIN, 0.1, {"object/x": 20.0}))
+    assert result.solution is None
+    assert "overlap" in result.reason
+    assert result.picture.of(Role.OBJECT)
+    assert not result.picture.of(Role.CONTACT)
+
+
+def test_the_page_begins_with_the_scenes_own_options():
+    scene = load_scene(EXAMPLES / "allegro_sphere_on_slope.yaml")
+    settings = initial_settings(scene)
+    assert settings.algorithm is Algorithm.TORQUE
+    assert settings.required_margin == 1.0
+    result = evaluate(scene, settings)
+    assert result.solution is not None
+    assert result.solution.max_torque == scene.solve().max_torque
+
+
+def test_readings_hold_the_figures_and_no_markup_of_the_scene(allegro):
+    result = evaluate(allegro, initial_settings(allegro))
+    assert result.solution is not None
+    html = result_html(result, result.solution, dark=True)
+    assert f"{result.solution.margin:.4f}" in html
+    assert f"{result.solution.max_torque:.4f}" in html
+    bars = torque_html(result, dark=False)
+    for name, torque in zip(
+        allegro.hand.actuated_joint_names, result.solution.torques, strict=True
+    ):
+        assert f">{name}<" in bars
+        assert f"{torque:+.4f}" in bars
+    assert all(role.label in legend_html(Role, dark=True) for role in Role)
+    hostile = evaluate(allegro, Settings(Algorithm.MARGIN, 0.1, {"<script>": 1.0}))
+    assert "<script>" not in result_html(hostile, None, dark=False)
+    assert "&lt;script&gt;" in result_html(hostile, None, dark=False)
