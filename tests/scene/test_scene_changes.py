@@ -14,7 +14,7 @@ from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry.bodies.records import Support
 from graspless_pin.geometry.bodies.shapes import Box, HalfSpace
 from graspless_pin.problem.cones import default_tangents, projected_tangents
-from graspless_pin.scene.scene import GivenContact, Motion
+from graspless_pin.scene.records import GivenContact, Motion
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 FILES = (

@@ -35,7 +35,8 @@ from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene import schema
 from graspless_pin.scene.messages import explain, key_text
 from graspless_pin.scene.parts import SceneParts
-from graspless_pin.scene.scene import GivenContact, HandMotion, Motion, Scene
+from graspless_pin.scene.records import GivenContact, HandMotion, Motion
+from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.yaml_source import Location, YamlSource
 
 _Made = TypeVar("_Made")

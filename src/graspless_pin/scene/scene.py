@@ -29,73 +29,10 @@ from graspless_pin.modes.rules import choice
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.cones import projected_tangents
+from graspless_pin.scene.records import GivenContact, Motion, SceneContacts
 from graspless_pin.solution import Algorithm, TorqueSolution
 
 _Made = TypeVar("_Made")
-
-
-@dataclass(frozen=True, eq=False)
-class GivenContact:
-    """A contact that the scene states instead of having it found.
-
-    Attributes:
-        body: Hand link or support.
-        position: (3,) world frame, m.
-        normal: (3,) unit, into the object, world axes.
-    """
-
-    body: str
-    position: FloatArray
-    normal: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class HandMotion:
-    """The hand's own motion.
-
-    Attributes:
-        base_twist: (6,) [v; omega], world axes, m/s and rad/s.
-        joint_velocities: rad/s or m/s by joint name.
-    """
-
-    base_twist: FloatArray
-    joint_velocities: Mapping[str, float]
-
-
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """The declared motion.
-
-    Attributes:
-        object_twist: (6,) [v; omega] of the object about its centre of mass, world axes.
-        hand: The hand's own motion; None: its contacts follow the object and stick.
-    """
-
-    object_twist: FloatArray
-    hand: HandMotion | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class SceneContacts:
-    """The contacts of a scene that carry force.
-
-    Attributes:
-        arrays: M contacts, hand first.
-        sliding: (M, 3) velocity of the object relative to the other body, zero where it sticks.
-    """
-
-    arrays: ContactArrays
-    sliding: FloatArray
-
-    @cached_property
-    def points(self) -> tuple[ContactPoint, ...]:
-        """The M contacts one by one."""
-        return tuple(self.arrays)
-
-    @property
-    def bodies(self) -> tuple[str, ...]:
-        """M names of the hand links and supports that touch the object."""
-        return self.arrays.bodies
 
 
 @dataclass(frozen=True, eq=False)
