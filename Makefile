@@ -16,6 +16,7 @@ $(STAMP): pyproject.toml constraints.txt
 
 run: install
 	$(BIN)/graspless-pin solve examples/allegro_box_on_slope.yaml
+	$(BIN)/graspless-pin report examples/allegro_box_on_slope.yaml -o out/report.html
 
 test: install
 	bash tests/browser/install_chromium.sh

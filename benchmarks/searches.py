@@ -85,8 +85,8 @@ def paper_scenes() -> str:
                "kinematic programs"]  # fmt: skip
     return _section(
         "The paper's scenes",
-        "Times in bare solves (one PIQP solve of the relaxed LP, set-up included): again on a "
-        "problem solved before, and the first call on a new problem object.",
+        "Times in bare solves (one dense PIQP solve of the relaxed LP, set-up included): again on "
+        "a problem solved before, and the first call on a new problem object.",
         tabulate(rows, headers, "pipe", floatfmt=("", "", ".3f", ".1f", ".1f", "", "", "")),
     )
 

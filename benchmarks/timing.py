@@ -56,7 +56,10 @@ def relaxed_program(problem: QuasistaticProblem) -> Program:
 
 
 def bare_solve(program: Program) -> None:
-    """One PIQP solve, set-up included, with its default settings: the unit of the tables."""
+    """One dense PIQP solve, set-up included, with its default settings: the unit of the tables.
+
+    The package itself solves with the sparse one and keeps it, so a whole search can take less.
+    """
     engine = piqp.DenseSolver()
     engine.setup(
         program.hessian, program.c, program.A, program.b, program.G, program.l, program.u

@@ -12,6 +12,7 @@ from graspless_pin.algorithms.comparison import compare_rules, solve_each_mode
 from graspless_pin.algorithms.disturbances import disturbance_margin
 from graspless_pin.algorithms.explanation import explain
 from graspless_pin.algorithms.force_bounds import contact_force_bounds
+from graspless_pin.algorithms.gradients import optimum_gradients
 from graspless_pin.algorithms.minimum_friction import minimum_friction
 from graspless_pin.algorithms.sensitivity import margin_sensitivity
 from graspless_pin.algorithms.torque import maximize_margin, minimize_torque
@@ -29,10 +30,12 @@ from graspless_pin.solution import Status, TorqueSolution
 
 if TYPE_CHECKING:
     from graspless_pin.geometry.hand.model import Hand
+    from graspless_pin.planning import Evaluator, Waypoint, evaluate_path
     from graspless_pin.scene import Scene, load_scene
 
 __all__ = [
     "ControlMode",
+    "Evaluator",
     "FingerContacts",
     "GrasplessPinError",
     "Hand",
@@ -42,24 +45,30 @@ __all__ = [
     "SlidingMode",
     "Status",
     "TorqueSolution",
+    "Waypoint",
     "assemble_joint_space",
     "compare_rules",
     "contact_force_bounds",
     "disturbance_margin",
     "enumerate_modes",
+    "evaluate_path",
     "explain",
     "load_scene",
     "margin_sensitivity",
     "maximize_margin",
     "minimize_torque",
     "minimum_friction",
+    "optimum_gradients",
     "solve_each_mode",
 ]
 
 # Pinocchio and coal are loaded when a hand or scene is first asked for: arrays do not need them.
 _GEOMETRY = {
+    "Evaluator": "graspless_pin.planning",
     "Hand": "graspless_pin.geometry.hand.model",
     "Scene": "graspless_pin.scene",
+    "Waypoint": "graspless_pin.planning",
+    "evaluate_path": "graspless_pin.planning",
     "load_scene": "graspless_pin.scene",
 }
 

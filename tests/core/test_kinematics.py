@@ -48,8 +48,16 @@ def test_verdicts_agree_with_linprog_and_prove_themselves(question):
     assert_right_verdict(*question)
 
 
-def assert_right_verdict(problem, rule, requirements):
-    verdict = VirtualKinematics(problem).solve(requirements, rule)
+@settings(max_examples=80, deadline=None)
+@given(questions(list(SignRule)), st.integers(0, 2000))
+def test_what_matters_most_changes_no_verdict(question, seed):
+    problem, rule, requirements = question
+    importance = np.random.default_rng(seed).uniform(0.03, 1.0, (len(requirements), 2))
+    assert_right_verdict(problem, rule, requirements, importance)
+
+
+def assert_right_verdict(problem, rule, requirements, importance=None):
+    verdict = VirtualKinematics(problem).solve(requirements, rule, importance)
     assert isinstance(verdict, Witness) == oracle(problem, rule, requirements)
     if isinstance(verdict, Witness):
         assert_witness(problem, rule, requirements, verdict)

@@ -92,6 +92,13 @@ def test_small_random_scenes(family, seed, contacts):
         assert_agreement(problem, algorithm, pair, SEARCHES)
 
 
+@pytest.mark.parametrize(("family", "seed", "contacts"), SMALL[::9])
+def test_small_random_scenes_under_every_pair(family, seed, contacts):
+    problem = problem_of(family, seed, contacts)
+    for pair, algorithm in product(PAIRS, ALGORITHMS):
+        assert_agreement(problem, algorithm, pair, ("auto", "milp"))
+
+
 @pytest.mark.parametrize(("family", "seed", "contacts"), LARGE)
 def test_large_random_scenes(family, seed, contacts):
     problem = problem_of(family, seed, contacts)

@@ -53,6 +53,7 @@ SCENES = {
     "panda_slide_cuboid_up_slope": Expected(PADS, "slope", 4, slides=True),
     "panda_arm_drag_board": Expected(PADS, "table", 2, slides=True),
     "two_hands_slide_crate": Expected(BOTH, "table", 4, slides=True),
+    "trihand_slide_and_pivot": Expected(TRIHAND, "slope", 4, slides=True),
 }
 
 

@@ -52,27 +52,26 @@ def branch_and_bound(
         time_limit: Stop after so many seconds; None: no limit.
     """
     deadline = np.inf if time_limit is None else time.monotonic() + time_limit
+    answer = state.relax()
+    state.nodes += 1
+    if answer.outcome is not Outcome.SOLVED:
+        failed = answer.outcome is Outcome.FAILED
+        return SearchResult(Status.UNVERIFIED if failed else Status.INFEASIBLE_FORCES, state)
     program = state.formulation.program
-    root = _Node(program.lb, program.ub, {}, 0)
-    # Best bound first; among equals the deepest, then the youngest, which dives to an answer.
-    heap: list[tuple[float, int, int, _Node]] = [(-np.inf, 0, 0, root)]
-    pushed = 0
-    seen: set[tuple[bytes, bytes, tuple[tuple[int, SignPair], ...]]] = set()
+    queue = _Queue()
+    if not state.closed(answer.bound):
+        queue.add(answer.bound, _children(state, _Node(program.lb, program.ub, {}, 0), answer))
     # The lowest bound of the nodes that were left without being split: no optimum lies below it.
-    left = np.inf
-    while heap:
-        bound, _, _, node = heapq.heappop(heap)
-        if node.depth:
-            state.raise_bound(min(bound, left))
-            if state.closed(bound):
-                return finished(state)
+    left = np.inf if queue.nodes else answer.bound
+    while queue.nodes:
+        bound, _, _, node = heapq.heappop(queue.nodes)
+        state.raise_bound(min(bound, left))
+        if state.closed(bound):
+            return finished(state)
         if (node_limit is not None and state.nodes >= node_limit) or time.monotonic() > deadline:
             return finished(state, interrupted=True)
-        answer = state.relax() if node.depth == 0 else state.solve(node.lb, node.ub)
+        answer = state.solve(node.lb, node.ub)
         state.nodes += 1
-        if node.depth == 0 and answer.outcome is not Outcome.SOLVED:
-            failed = answer.outcome is Outcome.FAILED
-            return SearchResult(Status.UNVERIFIED if failed else Status.INFEASIBLE_FORCES, state)
         if answer.outcome is Outcome.FAILED:
             left = min(left, bound)
             continue
@@ -82,15 +81,30 @@ def branch_and_bound(
         children = _children(state, node, answer)
         if not children:
             left = min(left, answer.bound)
-        for child in children:
-            key = (child.lb.tobytes(), child.ub.tobytes(), tuple(sorted(child.decided.items())))
-            if key in seen:
-                continue
-            seen.add(key)
-            pushed += 1
-            heapq.heappush(heap, (answer.bound, -child.depth, -pushed, child))
+        queue.add(answer.bound, children)
     state.raise_bound(left)
     return finished(state)
+
+
+class _Queue:
+    """Nodes to be solved, none of them twice.
+
+    Attributes:
+        nodes: A heap: best bound first; among equals the deepest, then the youngest, which dives
+            to an answer.
+    """
+
+    def __init__(self) -> None:
+        self.nodes: list[tuple[float, int, int, _Node]] = []
+        self._seen: set[tuple[bytes, bytes, tuple[tuple[int, SignPair], ...]]] = set()
+
+    def add(self, bound: float, children: list[_Node]) -> None:
+        """Add the children of a node with its bound."""
+        for child in children:
+            key = (child.lb.tobytes(), child.ub.tobytes(), tuple(sorted(child.decided.items())))
+            if key not in self._seen:
+                self._seen.add(key)
+                heapq.heappush(self.nodes, (bound, -child.depth, -len(self._seen), child))
 
 
 def _guess(state: SearchState, answer: Answer) -> None:

@@ -13,6 +13,9 @@ from graspless_pin.modes.enumeration import enumerate_modes
 from graspless_pin.modes.rules import Rules, SignRule, SlidingRule, StaticFriction, choice
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.solution import Algorithm, TorqueSolution
+from graspless_pin.solution.table import table_html
+
+_HEADERS = ["rule", "margin [N]", "max |torque| [N m]", ""]
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +32,13 @@ class RuleComparison:
 
     def __str__(self) -> str:
         """Return a readable table."""
+        return tabulate(self._rows(), _HEADERS)
+
+    def _repr_html_(self) -> str:
+        """Return the table as HTML, for notebooks."""
+        return table_html(self._rows(), _HEADERS)
+
+    def _rows(self) -> list[list[str]]:
         rows = []
         for rules, solution in self.solutions.items():
             name = f"{rules.sign} + {rules.sliding}"
@@ -38,7 +48,7 @@ class RuleComparison:
                 rows.append([name, f"{solution.margin:.4f}", f"{solution.max_torque:.4f}", ""])
             else:
                 rows.append([name, "-", "-", solution.status.message])
-        return tabulate(rows, ["rule", "margin [N]", "max |torque| [N m]", ""])
+        return rows
 
 
 def compare_rules(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,17 +12,17 @@ from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.formulation import Formulation, shared_parts
 from graspless_pin.algorithms.search import SearchState
 from graspless_pin.errors import ArgumentError, NoSolutionError
-from graspless_pin.modes.rules import Rules
+from graspless_pin.modes.rules import Rules, SlidingMode, StaticFriction
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
-from graspless_pin.programs.analysis_programs import continued_program, disturbance_program
+from graspless_pin.programs.analysis_programs import disturbance_program, with_objective
 from graspless_pin.programs.force_programs import force_rows
 from graspless_pin.solution import Status
 from graspless_pin.solvers import Outcome, check_solver
 
 _SAMPLES = 64
 _STEP = 1e-6
-"""Multiples closer than this, over F, are the same: where one mode ends another may begin."""
+"""Multiples closer than this, over F, are the same: where one mode begins another may end."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,9 +32,9 @@ class DisturbanceMargin:
     Attributes:
         status: OPTIMAL, or why not even the undisturbed object is balanced.
         directions: (K, 6) unit directions [force; moment / characteristic length].
-        magnitudes: (K,) largest balanced multiple, N: along direction d every disturbance from
-            none to magnitude * [d_f; characteristic_length * d_m] is balanced, and beyond it some
-            is not. NaN where the status is not OPTIMAL.
+        magnitudes: (K,) N: the largest t such that along direction d every disturbance
+            s [d_f; characteristic_length * d_m] with 0 <= s <= t is balanced in some feasible
+            mode. Finite, since normal-force limits are; NaN where the status is not OPTIMAL.
         characteristic_length: m; what makes a moment comparable to a force.
         problem: The problem.
     """
@@ -96,8 +96,10 @@ def disturbance_margin(
 
     The robustness test of Maeda and Makita's *A quantitative test for the robustness of graspless
     manipulation*: contact forces inside cones and normal-force limits, over all feasible modes.
-    The wrenches that one mode balances are convex, those of all modes together need not be: a
-    disturbance counts only where every smaller one in its direction is balanced too.
+    One mode balances one interval of the multiples of a disturbance. The union over all modes may
+    have gaps, so a disturbance counts only where every smaller one in its direction is balanced
+    too: the margin is the end of the connected part of the union that holds zero. Gaps narrower
+    than 2e-6 of the largest normal-force limit are not seen.
 
     Args:
         problem: Contacts, wrench, joints and limits.
@@ -132,46 +134,60 @@ def disturbance_margin(
     for index, unit in enumerate(units):
         program = disturbance_program(rows, coordinates, scale * unit, held)
         formulation = Formulation(problem, coordinates, program, kinematics)
-        status, magnitudes[index] = _largest(formulation, rules, solver)
+        if index == 0:
+            status = _undisturbed(formulation, rules, solver)
+        if status is Status.OPTIMAL:
+            status, magnitudes[index] = _largest(formulation, rules, solver)
         if status is not Status.OPTIMAL:
             magnitudes[:] = np.nan
             break
     return DisturbanceMargin(status, units, read_only(magnitudes), float(length), problem)
 
 
+def _undisturbed(formulation: Formulation, rules: Rules, solver: str) -> Status:
+    """Whether some mode balances the object as it is; the direction does not matter."""
+    program = formulation.program
+    ub = program.ub.copy()
+    ub[-1] = 0.0
+    still = replace(formulation, program=program.bounded(program.lb, ub))
+    return branch_and_bound(SearchState(still, rules, solver)).status
+
+
 def _largest(formulation: Formulation, rules: Rules, solver: str) -> tuple[Status, float]:
-    """The end (N) of the balanced multiples of one disturbance that are connected with zero."""
-    program, force = formulation.program, formulation.coordinates.force_scale
-    state = SearchState(formulation, rules, solver)
-    result = branch_and_bound(state)
-    if state.best is None or state.mode is None:
-        return result.status, np.nan
-    farthest = -state.best.value
-    lb, ub = formulation.bounds_of(state.mode)
-    lb[-1] = ub[-1] = 0.0
-    if formulation.solve(lb, ub, solver, cutoff=np.inf).outcome is Outcome.SOLVED:
-        return result.status, force * farthest
-    # The mode of the farthest multiple does not balance the undisturbed object: go on from zero
-    # by modes that each balance the end of the one before.
-    reached = 0.0
-    while True:
-        pair = Formulation(
-            formulation.problem,
-            formulation.coordinates,
-            continued_program(program, reached, _STEP),
-            formulation.kinematics,
-            layers=(0, len(program.c)),
-        )
-        state = SearchState(pair, rules, solver)
-        result = branch_and_bound(state)
-        if state.best is None:
-            if reached > 0.0:
-                return Status.OPTIMAL, force * reached
-            return result.status, np.nan
-        end = -state.best.value
-        if end <= reached + _STEP or end >= farthest - _STEP:
-            return result.status, force * max(reached, end)
-        reached = end
+    """The end (N) of the balanced multiples of one disturbance that are connected with zero.
+
+    Each mode balances one interval of multiples. This walks down from the farthest balanced
+    multiple, interval by interval, and starts over below each gap between them.
+    """
+    program = formulation.program
+    largest = begin = np.inf
+    while begin > _STEP:
+        ub = program.ub.copy()
+        ub[-1] = begin - _STEP
+        nearer = replace(formulation, program=program.bounded(program.lb, ub))
+        result = branch_and_bound(SearchState(nearer, rules, solver))
+        best, mode = result.state.best, result.state.mode
+        if result.status is not Status.OPTIMAL or best is None or mode is None:
+            # Zero was found to be balanced: a search that denies it has no answer to give.
+            return Status.UNVERIFIED, np.nan
+        end = -best.value
+        if end < begin - 2.0 * _STEP:
+            largest = end
+        begin = _first(formulation, mode, rules, solver, end)
+    return Status.OPTIMAL, formulation.coordinates.force_scale * largest
+
+
+def _first(
+    formulation: Formulation, mode: SlidingMode, rules: Rules, solver: str, end: float
+) -> float:
+    """The smallest multiple that a mode balances; it balances all from there to ``end``."""
+    program = formulation.program
+    least = replace(formulation, program=with_objective(program, -program.c))
+    lb, ub = program.lb, program.ub
+    if rules.static_friction is not StaticFriction.COULOMB:
+        lb, ub = formulation.bounds_of(mode)
+    answer = least.solve(lb, ub, solver, cutoff=np.inf)
+    return min(answer.value, end) if answer.outcome is Outcome.SOLVED else end
 
 
 def _unit_directions(directions: ArrayLike | None) -> FloatArray:

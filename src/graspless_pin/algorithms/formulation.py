@@ -65,12 +65,17 @@ class Formulation:
     @cached_property
     def cone_contacts(self) -> tuple[int, ...]:
         """Contacts that have a friction cone."""
-        return tuple(np.flatnonzero(self.problem.has_cone).tolist())
+        return tuple(self.cone_index.tolist())
+
+    @cached_property
+    def cone_index(self) -> NDArray[np.int_]:
+        """The same, as an array."""
+        return np.flatnonzero(self.problem.has_cone)
 
     @cached_property
     def cone_columns(self) -> NDArray[np.int_]:
         """(layers, number of cones, 2) columns of their friction components."""
-        columns = self.coordinates.tangent[list(self.cone_contacts)]
+        columns = self.coordinates.tangent[self.cone_index]
         return np.array(self.layers)[:, None, None] + columns
 
     def friction_columns(self, contact: int) -> NDArray[np.int_]:
@@ -79,15 +84,25 @@ class Formulation:
 
     def solve(self, lb: FloatArray, ub: FloatArray, solver: str, *, cutoff: float) -> Answer:
         """Solve the program under other bounds; values above the cutoff count as infeasible."""
-        program = self.program
+        program, cutoff = self.program, min(cutoff, self.cutoff)
         if lb is not program.lb or ub is not program.ub:
-            program = program.bounded(lb, ub)
-        return solve(program, solver, cutoff=min(cutoff, self.cutoff))
+            program = program.bounded(lb, ub, cutoff)
+        return solve(program, solver, cutoff=cutoff)
+
+    def admitted(self, mode: SlidingMode, x: FloatArray) -> FloatArray:
+        """Return x without the friction that one mode forbids; x itself if there is none."""
+        friction = x[self.cone_columns]
+        forbidden = friction * mode.signs[self.cone_index] >= 0.0
+        if not np.logical_or.reduce(forbidden, axis=None):
+            return x
+        x = x.copy()
+        x[self.cone_columns[forbidden]] = 0.0
+        return x
 
     def bounds_of(self, mode: SlidingMode) -> tuple[FloatArray, FloatArray]:
         """Return the bounds that one mode puts on the variables, (27) and (31)."""
         lb, ub = self.program.lb.copy(), self.program.ub.copy()
-        signs = mode.signs[list(self.cone_contacts)]
+        signs = mode.signs[self.cone_index]
         for columns in self.cone_columns:
             ub[columns[signs >= 0]] = 0.0
             lb[columns[signs <= 0]] = 0.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from graspless_pin.problem.checks import FloatArray
 NO_FRICTION = 1e-8
 """Friction below this share of the largest normal-force limit counts as none."""
 _MOVES = 1e-6
+_LEAST_IMPORTANCE = 1e-3
 
 SignPair = tuple[int, int]
 
@@ -62,6 +64,10 @@ class ModeReader:
         """
         if self.rules.static_friction is StaticFriction.COULOMB:
             return self.describe(x)
+        if not decided:
+            mode = self._at_once(x)
+            if mode is not None:
+                return mode
         friction = self._friction(x)
         if isinstance(friction, Opposition):
             return friction
@@ -70,15 +76,27 @@ class ModeReader:
             for contact, (a, b) in friction.items()
             if a or b
         ]
-        always = self._always_selected()
+        always = self._always_selected
         # What does not depend on the signs of vanishing components: necessary for every mode.
         known = [*needed, *(Requirement(contact, (0, 0)) for contact in always)]
         rule = SignRule.STRICT if self.rules.sign is SignRule.EXACT else self.rules.sign
         self.kinematic_programs += 1
-        verdict = self.formulation.kinematics.solve(known, rule)
+        verdict = self.formulation.kinematics.solve(known, rule, self._importance(x, known))
         if isinstance(verdict, Conflict):
             return verdict
         return self._complete(known, verdict)
+
+    def _importance(self, x: FloatArray, known: list[Requirement]) -> FloatArray:
+        """How much the friction along each required sign matters to the forces in x.
+
+        Conflicts among large friction forces cost the most to resolve, so splitting on them
+        raises the bounds of the children the most.
+        """
+        size = np.zeros((self.formulation.problem.contact_count, 2))
+        friction = np.abs(x[self.formulation.cone_columns]).max(axis=0, initial=0.0)
+        size[self.formulation.cone_index] = friction
+        size = size[[requirement.contact for requirement in known]]
+        return np.sqrt(np.maximum(size / size.max(initial=1e-300), _LEAST_IMPORTANCE))
 
     def propose(self, x: FloatArray) -> SlidingMode | None:
         """Return a feasible mode near the friction in x: a guess whose program may be as good.
@@ -86,18 +104,14 @@ class ModeReader:
         Of the motions that keep all contacts touching, the one whose sliding opposes the friction
         best by least squares; contacts that it leaves at rest are not selected.
         """
-        contacts = [*self.formulation.cone_contacts, *self._always_selected()]
-        touching = self.formulation.kinematics.touching(tuple(contacts))
-        if touching.shape[2] == 0:
-            return None
+        contacts = [*self.formulation.cone_contacts, *self._always_selected]
         columns = self.formulation.cone_columns
         wanted = np.zeros((len(contacts), 2))
         wanted[: columns.shape[1]] = -x[columns].sum(axis=0)
-        rows = touching.reshape(-1, touching.shape[2])
-        motion = np.linalg.lstsq(rows, wanted.ravel(), rcond=None)[0]
-        sliding = touching @ motion
-        moves = np.abs(sliding) > _MOVES * np.abs(sliding).max(initial=0.0)
-        chosen = moves.all(axis=1)
+        sliding = self.formulation.kinematics.nearest_sliding(tuple(contacts), wanted)
+        if sliding is None:
+            return None
+        chosen = (sliding != 0.0).all(axis=1)
         if not chosen[columns.shape[1] :].all():
             return None
         signs = np.sign(sliding).astype(int).tolist()
@@ -119,6 +133,29 @@ class ModeReader:
         )
         return mode_of(self.formulation.problem, requirements)
 
+    def _at_once(self, x: FloatArray) -> SlidingMode | None:
+        """The mode of the friction in x, if a motion behind it is found without a search."""
+        formulation = self.formulation
+        if self._always_selected or len(formulation.layers) > 1:
+            return None
+        friction = x[formulation.cone_columns[0]]
+        rubs = np.abs(friction) > NO_FRICTION
+        opposed = -np.sign(friction)
+        chosen, contacts = formulation.cone_index, formulation.cone_contacts
+        if not np.logical_and.reduce(rubs, axis=None):
+            opposed *= rubs
+            some = np.logical_or.reduce(rubs, axis=1)
+            chosen, opposed = chosen[some], opposed[some]
+            contacts = tuple(chosen.tolist())
+        known = formulation.kinematics.glimpse(contacts, opposed.ravel())
+        if known is None:
+            return None
+        self.kinematic_programs += 1
+        selection = np.zeros(formulation.problem.contact_count, dtype=bool)
+        signs = np.zeros((len(selection), 2), dtype=np.int8)
+        selection[chosen], signs[chosen] = True, known.reshape(-1, 2)
+        return SlidingMode.unchecked(selection, signs)
+
     def _friction(self, x: FloatArray) -> dict[int, SignPair] | Opposition:
         """Signs of the friction at each contact with a cone, 0 where a component vanishes."""
         values = x[self.formulation.cone_columns]
@@ -132,13 +169,16 @@ class ModeReader:
             signs = np.sign(signs.sum(axis=0))[None]
         return dict(zip(contacts, map(tuple, signs[0].tolist()), strict=True))
 
+    @cached_property
     def _always_selected(self) -> list[int]:
         """Contacts in actual sliding, where (22) is asked of them."""
         if self.rules.sliding is SlidingRule.EXEMPT:
             return []
         return [int(contact) for contact in np.flatnonzero(self.formulation.problem.is_sliding)]
 
-    def _complete(self, known: list[Requirement], witness: Witness) -> SlidingMode | None:
+    def _complete(
+        self, known: list[Requirement], witness: Witness
+    ) -> SlidingMode | Conflict | None:
         """Fill in the signs that the friction leaves open, first as the witness moves.
 
         A witness that moves along every open component proves its own signs.
@@ -154,6 +194,9 @@ class ModeReader:
         )
         if all(0 not in requirement.signs for requirement in shown):
             return mode_of(self.formulation.problem, shown)
+        blocked = self._blocked(known)
+        if blocked is not None:
+            return blocked
         options = []
         for requirement, suggested in zip(known, shown, strict=True):
             admitted = [
@@ -163,6 +206,36 @@ class ModeReader:
             options.append([Requirement(requirement.contact, pair) for pair in admitted])
         chosen = self._first_feasible(options, ())
         return None if chosen is None else mode_of(self.formulation.problem, chosen)
+
+    def _blocked(self, known: list[Requirement]) -> Conflict | None:
+        """Look for a component that the known signs let move neither way.
+
+        Where both components of a selected contact must move, that is a conflict of those signs
+        with the selection of the contact.
+        """
+        if self.rules.sign is not SignRule.STRICT:
+            return None
+        for index, (contact, signs) in enumerate(known):
+            for component in range(2):
+                if signs[component] != 0:
+                    continue
+                conflicts = []
+                for sign in (1, -1):
+                    pair = (sign, signs[1]) if component == 0 else (signs[0], sign)
+                    tried = [*known[:index], Requirement(contact, pair), *known[index + 1 :]]
+                    self.kinematic_programs += 1
+                    verdict = self.formulation.kinematics.solve(tried, self.rules.sign)
+                    if isinstance(verdict, Witness):
+                        break
+                    conflicts.append(verdict)
+                if len(conflicts) < 2:
+                    continue
+                items = {item for conflict in conflicts for item in conflict.signs}
+                items = {item for item in items if item[:2] != (contact, component)}
+                owners = {owner for conflict in conflicts for owner in conflict.contacts}
+                owners = (owners | {contact}) - {owner for owner, _, _ in items}
+                return Conflict(tuple(sorted(items)), tuple(sorted(owners)))
+        return None
 
     def _first_feasible(
         self, options: list[list[Requirement]], chosen: tuple[Requirement, ...]

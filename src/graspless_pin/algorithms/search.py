@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -88,17 +88,16 @@ class SearchState:
             Whether the answer's own value was reached.
         """
         exact = answer
-        lb, ub = self.formulation.bounds_of(mode)
-        if (answer.x < lb).any() or (answer.x > ub).any():
-            x = np.minimum(np.maximum(answer.x, lb), ub)
+        x = self.formulation.admitted(mode, answer.x)
+        if x is not answer.x:
             residual = self.formulation.program.residual(x)
             if residual > PRIMAL_TOLERANCE:
-                exact = self.solve(lb, ub)
+                exact = self.solve(*self.formulation.bounds_of(mode))
                 if exact.outcome is not Outcome.SOLVED:
                     return False
             else:
                 value = self.formulation.program.value(x)
-                exact = replace(answer, x=x, value=value, residual=residual)
+                exact = answer.moved(x, value, residual)
         if exact.value < self.best_value:
             self.best, self.mode = exact, mode
         return exact.value <= answer.value + CLOSED

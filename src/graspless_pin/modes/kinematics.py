@@ -19,10 +19,18 @@ from graspless_pin.problem.checks import FloatArray
 _RANK_TOLERANCE = 1e-8
 # A witness with |x| = 1 / sqrt(this) for unit requirements is as good as none.
 _NO_WITNESS = 1e-12
+# The smallest such slack that is accepted without a search.
+_CLEAR_WITNESS = 1e-10
+_GLIMPSES = 4
+# Stands in for ranks where the answer is checked: of squared rows of unit size, far above their
+# rounding and far below what a motion needs.
+_DAMPING = 1e-12
+_CORRECTIONS = 2
 _IN_CONFLICT = 1e-9
 _ROUNDING = 1e-12
 _LARGEST_MOTION = 1e6
 _MOST_KEPT = 4096
+_NO_SIGNS = np.ones((0, 2), dtype=int)
 
 
 class Requirement(NamedTuple):
@@ -109,16 +117,24 @@ class VirtualKinematics:
 
     def __init__(self, problem: QuasistaticProblem) -> None:
         """Assemble the scaled map."""
-        frames = np.concatenate([problem.normals[:, :, None], problem.tangents], axis=2)
-        count = problem.contact_count
-        world = np.hstack([problem.W.T, -problem.jacobian]).reshape(count, 3, -1)
-        local = frames.transpose(0, 2, 1) @ world
-        size = np.linalg.norm(local.reshape(3 * count, -1), axis=0)
+        count, joints = problem.contact_count, problem.joint_count
+        world = np.empty((count, 3, 6 + joints))
+        world[:, :, :6] = problem.W.T.reshape(count, 3, 6)
+        np.negative(problem.jacobian.reshape(count, 3, joints), out=world[:, :, 6:])
+        local = problem.frames.transpose(0, 2, 1) @ world
+        size = np.sqrt(np.einsum("lij,lij->j", local, local))
         self.scale: FloatArray = 1.0 / np.where(size > 0.0, size, 1.0)
         self.rows: FloatArray = local * self.scale
+        self._size = 6 + joints
         self._touching: dict[tuple[tuple[int, ...], tuple[int, ...]], _Touching] = {}
+        self._nearest: dict[tuple[int, ...], FloatArray] = {}
 
-    def solve(self, requirements: Sequence[Requirement], rule: SignRule) -> Witness | Conflict:
+    def solve(
+        self,
+        requirements: Sequence[Requirement],
+        rule: SignRule,
+        importance: FloatArray | None = None,
+    ) -> Witness | Conflict:
         """Find a virtual motion that meets all requirements, or prove that there is none.
 
         Feasible exactly when no nonzero, nonnegative combination of the sign requirements
@@ -129,9 +145,11 @@ class VirtualKinematics:
         Args:
             requirements: At most one per contact.
             rule: How a zero sign is read, and whether both components must move.
+            importance: (number of requirements, 2) positive; a conflict is sought among the
+                signs of most importance. None: any conflict will do.
         """
         contacts, signs = _split(requirements)
-        touching, moving, weights, slack = self._combine(contacts, signs, rule)
+        touching, moving, weights, slack = self._combine(contacts, signs, rule, importance)
         if slack > 0.0:
             motion = touching.basis @ (weights @ moving)
             # Rows that may be zero leave no room to nudge the motion.
@@ -144,13 +162,86 @@ class VirtualKinematics:
         contacts, signs = _split(requirements)
         return self._combine(contacts, signs, rule)[3] > 0.0
 
-    def touching(self, contacts: tuple[int, ...]) -> FloatArray:
-        """(s, 2, d) tangential velocities of contacts over all motions that keep them touching."""
-        signs = np.ones((len(contacts), 2), dtype=int)
-        return self._touching_motions(contacts, signs, SignRule.STRICT).tangential
+    def glimpse(self, contacts: tuple[int, ...], signs: FloatArray) -> FloatArray | None:
+        """Look for a witness without a search, among the motions nearest to wanted slidings.
+
+        Args:
+            contacts: s contacts that must touch and slide along both tangents.
+            signs: (2 s,) signs of their sliding, 0 where any will do.
+
+        Returns:
+            (2 s,) the signs completed by a motion that slides with all of them, a witness under
+            every rule; None says nothing.
+        """
+        if not contacts:
+            return signs
+        nearest = self._nearest_motions(contacts)
+        wanted, full = signs, signs
+        open_signs = not np.logical_and.reduce(signs)
+        for _ in range(_GLIMPSES):
+            sliding, apart, motion = self._split_motion(nearest @ wanted)
+            if open_signs:
+                full = np.where(signs != 0.0, signs, np.where(sliding < 0.0, -1.0, 1.0))
+            along = sliding * full
+            least = float(np.minimum.reduce(along))
+            size = float(motion @ motion)
+            touches = float(apart @ apart) <= _RANK_TOLERANCE**2 * size
+            if least > 0.0 and least * least >= _CLEAR_WITNESS * size and touches:
+                return full
+            wanted = full * np.maximum(along, 1.0)
+        return None
+
+    def _nearest_motions(self, contacts: tuple[int, ...]) -> FloatArray:
+        """(3 s + 6 + L, 2 s) from wanted slidings to tangential, normal velocities and the motion.
+
+        Of the motions that keep the contacts touching, that with the nearest slidings, up to a
+        little damping in place of the ranks: what comes out is checked.
+        """
+        known = self._nearest.get(contacts)
+        if known is None:
+            rows = self.rows[list(contacts)]
+            normal, tangential = rows[:, 0], rows[:, 1:].reshape(-1, self._size)
+            back = _damped_pseudo_inverse(normal)
+            held = tangential - (tangential @ back) @ normal
+            motion = _damped_pseudo_inverse(held)
+            # Again, to take away what damping and rounding left.
+            for _ in range(_CORRECTIONS):
+                motion -= back @ (normal @ motion)
+            known = np.concatenate([tangential @ motion, normal @ motion, motion])
+            if len(self._nearest) >= _MOST_KEPT:
+                self._nearest.clear()
+            self._nearest[contacts] = known
+        return known
+
+    def nearest_sliding(self, contacts: tuple[int, ...], wanted: FloatArray) -> FloatArray | None:
+        """Sliding, nearest to what is wanted, of a motion that keeps all the contacts touching.
+
+        Args:
+            contacts: s contacts.
+            wanted: (s, 2) sliding along t1 and t2.
+
+        Returns:
+            (s, 2), 0 where it is too slow to count as a sliding; None if none was found.
+        """
+        sliding, apart, motion = self._split_motion(
+            self._nearest_motions(contacts) @ wanted.ravel()
+        )
+        size = float(motion @ motion)
+        if float(apart @ apart) > _RANK_TOLERANCE**2 * size:
+            return None
+        return np.where(sliding**2 >= _CLEAR_WITNESS * size, sliding, 0.0).reshape(-1, 2)
+
+    def _split_motion(self, found: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Tangential and normal velocities and the motion, from a product of `_nearest_motions`."""
+        count = (len(found) - self._size) // 3
+        return found[: 2 * count], found[2 * count : 3 * count], found[3 * count :]
 
     def _combine(
-        self, contacts: tuple[int, ...], signs: NDArray[np.int_], rule: SignRule
+        self,
+        contacts: tuple[int, ...],
+        signs: NDArray[np.int_],
+        rule: SignRule,
+        importance: FloatArray | None = None,
     ) -> tuple[_Touching, FloatArray, FloatArray, float]:
         """Weights of the rows' combination nearest to zero, and its slack, 0 if it vanishes."""
         touching = self._touching_motions(contacts, signs, rule)
@@ -162,7 +253,12 @@ class VirtualKinematics:
         system[-1] = strictness
         target = np.zeros(len(system))
         target[-1] = 1.0
-        weights, _ = nnls(system, target)
+        if importance is None or rule is SignRule.NONZERO:
+            weights, _ = nnls(system, target)
+        else:
+            # The algorithm takes the steepest rows first, so rows that are made longer go first.
+            scale = importance[signs != 0]
+            weights = scale * nnls(system * scale, target)[0]
         residual = target - system @ weights
         slack = float(residual @ residual)
         # The solver is not believed: a vanishing residual proves itself, and so does one on whose
@@ -231,6 +327,18 @@ class VirtualKinematics:
             if reaction > _IN_CONFLICT * largest
         }
         return Conflict(items, tuple(sorted(carrying - {contact for contact, _, _ in items})))
+
+
+def _damped_pseudo_inverse(rows: FloatArray) -> FloatArray:
+    """Pseudo-inverse of rows that may depend on each other, nearly: zeros if that fails too."""
+    gram = rows @ rows.T
+    diagonal = gram.reshape(-1)[:: len(gram) + 1]
+    diagonal += _DAMPING * (1.0 + float(np.add.reduce(diagonal)))
+    try:
+        solved: FloatArray = np.linalg.solve(gram, rows).astype(np.float64, copy=False)
+    except np.linalg.LinAlgError:
+        return np.zeros_like(rows.T)
+    return solved.T
 
 
 def _by_linear_program(moving: FloatArray, strictness: FloatArray) -> tuple[FloatArray, float]:

@@ -150,35 +150,6 @@ def disturbance_program(
     )
 
 
-def continued_program(program: Program, start: float, slack: float) -> Program:
-    """A disturbance program beside itself, held at the multiple ``start``.
-
-    Variables (x, s, x', s'): x balances s times the disturbance and x' balances s' times, where
-    s' is ``start`` give or take ``slack``. A mode that rules both balances every multiple between.
-
-    Args:
-        program: Of `disturbance_program`.
-        start: Multiple of the disturbance, over F.
-        slack: Room for the rounding of ``start``, over F.
-    """
-    still = np.zeros_like(program.A)
-    apart = np.zeros_like(program.G)
-    lb, ub = program.lb.copy(), program.ub.copy()
-    lb[-1], ub[-1] = max(start - slack, 0.0), start + slack
-    return Program(
-        P=np.tile(program.P, 2),
-        c=np.append(program.c, np.zeros(len(program.c))),
-        A=np.asfortranarray(np.block([[program.A, still], [still, program.A]])),
-        b=np.tile(program.b, 2),
-        G=np.asfortranarray(np.block([[program.G, apart], [apart, program.G]])),
-        l=np.tile(program.l, 2),
-        u=np.tile(program.u, 2),
-        lb=np.append(program.lb, lb),
-        ub=np.append(program.ub, ub),
-        box=np.tile(program.box, 2),
-    )
-
-
 def relief_program(
     rows: ForceRows,
     coordinates: ForceCoordinates,

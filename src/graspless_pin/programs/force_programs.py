@@ -9,6 +9,7 @@ modes of a problem differ in bounds only.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,9 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.cones import cone_faces_local
 from graspless_pin.programs.program import Program
+
+_FRAME = np.arange(3)
+_TANGENTS = np.array([1, 2])
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,28 +53,24 @@ class ForceCoordinates:
 
 def force_coordinates(problem: QuasistaticProblem) -> ForceCoordinates:
     """Choose coordinates and scales for a problem."""
-    count = problem.contact_count
-    normal = np.zeros(count, dtype=int)
-    tangent = np.full((count, 2), -1)
-    columns: list[FloatArray] = []
-    for contact in range(count):
-        normal[contact] = len(columns)
-        directions = [problem.kinetic_directions[contact]]
-        if problem.has_cone[contact]:
-            tangent[contact] = len(columns) + 1, len(columns) + 2
-            directions = [problem.normals[contact], *problem.tangents[contact].T]
-        for direction in directions:
-            column = np.zeros(3 * count)
-            column[3 * contact : 3 * contact + 3] = direction
-            columns.append(column)
-    basis = np.array(columns).T
+    count, has_cone = problem.contact_count, problem.has_cone
+    widths = np.where(has_cone, 3, 1)
+    normal = np.cumsum(widths) - widths
+    tangent = np.where(has_cone[:, None], normal[:, None] + _TANGENTS, -1)
+    basis = np.zeros((count, 3, int(widths.sum())))
+    cones = np.flatnonzero(has_cone)
+    basis[cones[:, None], :, normal[cones, None] + _FRAME] = problem.frames[cones].swapaxes(1, 2)
+    if len(cones) < count:
+        bare = np.flatnonzero(~has_cone)
+        basis[bare, :, normal[bare]] = problem.kinetic_directions[bare]
+    basis = basis.reshape(3 * count, -1)
     force = float(problem.max_normal_force.max())
     limits = np.abs(np.concatenate([problem.lower_torque, problem.upper_torque]))
-    torque = float(limits[np.isfinite(limits)].max(initial=0.0))
+    torque = float(limits.max(initial=0.0, where=np.isfinite(limits)))
     if torque == 0.0:
         reach = force * np.abs(problem.jacobian).sum(axis=0).max(initial=0.0)
         torque = float(reach) or 1.0
-    length = float(np.linalg.norm(problem.positions, axis=1).max()) or 1.0
+    length = math.sqrt(float((problem.positions**2).sum(axis=1).max())) or 1.0
     return ForceCoordinates(basis, force, torque, length, normal, tangent)
 
 
@@ -117,34 +117,48 @@ def force_rows(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> Fo
     count, size = problem.contact_count, coordinates.basis.shape[1]
     force, torque = coordinates.force_scale, coordinates.torque_scale
     limit = problem.max_normal_force / force
-    faces = [np.zeros((0, size))]
+    cones = np.flatnonzero(problem.has_cone)
+    friction = problem.friction[cones]
+    faces = np.zeros((len(cones), problem.cone_edges, size))
+    columns = coordinates.normal[cones, None] + _FRAME
+    blocks = cone_faces_local(friction, problem.cone_edges)
+    faces[np.arange(len(cones))[:, None], :, columns] = blocks
     box = np.zeros((2, size))
     box[1, coordinates.normal] = limit
-    for contact in np.flatnonzero(problem.has_cone):
-        mu = float(problem.friction[contact])
-        block = np.zeros((problem.cone_edges, size))
-        start = coordinates.normal[contact]
-        block[:, start : start + 3] = cone_faces_local(mu, problem.cone_edges).T
-        faces.append(block)
-        reach = mu * limit[contact]
-        box[:, coordinates.tangent[contact]] = [[-reach, -reach], [reach, reach]]
+    box[1, columns[:, 1:]] = (friction * limit[cones])[:, None]
+    box[0, columns[:, 1:]] = -box[1, columns[:, 1:]]
     normal = np.zeros((count, size))
     normal[np.arange(count), coordinates.normal] = 1.0
     weight = np.repeat([1.0, 1.0 / coordinates.length_scale], 3)
     return ForceRows(
-        faces=np.vstack(faces),
+        faces=faces.reshape(-1, size),
         normal=normal,
         limit=limit,
         bare=~problem.has_cone,
         balance=weight[:, None] * (problem.W @ coordinates.basis),
         wrench=-weight * problem.external_wrench / force,
         weight=weight,
-        torque=problem.jacobian.T @ coordinates.basis * (force / torque),
+        torque=_torque_rows(problem, coordinates) * (force / torque),
         lower=(problem.lower_torque - problem.gravity_torques) / torque,
         upper=(problem.upper_torque - problem.gravity_torques) / torque,
         gravity=problem.gravity_torques / torque,
         box=box,
     )
+
+
+def _torque_rows(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> FloatArray:
+    """(L, n) J^T basis, contact by contact: each column of the basis is one contact's."""
+    count, joints = problem.contact_count, problem.joint_count
+    own = problem.jacobian.reshape(count, 3, joints).swapaxes(1, 2)
+    rows = np.empty((joints, coordinates.basis.shape[1]))
+    cones = np.flatnonzero(problem.has_cone)
+    along = (own[cones] @ problem.frames[cones]).swapaxes(1, 2)
+    rows[:, coordinates.normal[cones, None] + _FRAME] = along.transpose(2, 0, 1)
+    if len(cones) < count:
+        bare = np.flatnonzero(~problem.has_cone)
+        along = own[bare] @ problem.kinetic_directions[bare][:, :, None]
+        rows[:, coordinates.normal[bare]] = along[:, :, 0].T
+    return rows
 
 
 def margin_program(
@@ -157,18 +171,18 @@ def margin_program(
     """
     rows = force_rows(problem, coordinates)
     size, low = rows.size, -rows.normal[rows.bare]
-    sides = np.vstack([rows.faces, rows.normal, low])
-    G = np.block(
-        [[sides, np.ones((len(sides), 1))], [rows.torque, np.zeros((len(rows.torque), 1))]]
-    )
+    sides = len(rows.faces) + len(rows.normal) + len(low)
+    G = np.zeros((sides + len(rows.torque), size + 1), order="F")
+    np.concatenate([rows.faces, rows.normal, low, rows.torque], out=G[:, :size])
+    G[:sides, size] = 1.0
     u = np.concatenate([np.zeros(len(rows.faces)), rows.limit, np.zeros(len(low)), rows.upper])
-    l = np.concatenate([np.full(len(sides), -np.inf), rows.lower])  # noqa: E741
+    l = np.concatenate([np.full(sides, -np.inf), rows.lower])  # noqa: E741
     # The box speaks of forces inside their cones, that is of e >= 0: what it proves, it proves of
     # those, and a proven bound above zero on -e proves that there are none.
     return _program(
         coordinates, rows, regularization, G, l, u,
         objective=np.append(np.zeros(size), -1.0),
-        box=np.hstack([rows.box, [[0.0], [float(rows.limit.min()) / 2.0]]]),
+        box=_widened(rows.box, float(rows.limit.min()) / 2.0),
         imposed=(np.full(size + 1, -np.inf), np.full(size + 1, np.inf)),
     )  # fmt: skip
 
@@ -197,15 +211,12 @@ def torque_program(
         unit_up = np.maximum(problem.upper_torque / scale, 0.0)
         unit_down = np.maximum(-problem.lower_torque / scale, 0.0)
     up, down = np.isfinite(unit_up) & (unit_up > 0.0), np.isfinite(unit_down) & (unit_down > 0.0)
-    zero = np.zeros((1, 1))
-    G = np.vstack(
-        [
-            np.hstack([rows.faces, np.repeat(zero, len(rows.faces), axis=0)]),
-            np.hstack([torque[up], -unit_up[up, None]]),
-            np.hstack([-torque[down], -unit_down[down, None]]),
-            np.hstack([torque, np.repeat(zero, len(torque), axis=0)]),
-        ]
-    )
+    blocks = [rows.faces, torque[up], -torque[down], torque]
+    first, middle, last, end = np.cumsum([len(block) for block in blocks])
+    G = np.zeros((end, size + 1), order="F")
+    np.concatenate(blocks, out=G[:, :size])
+    G[first:middle, size] = -unit_up[up]
+    G[middle:last, size] = -unit_down[down]
     u = np.concatenate([np.full(len(rows.faces), -e), -gravity[up], gravity[down], rows.upper])
     l = np.concatenate([np.full(len(u) - len(rows.upper), -np.inf), rows.lower])  # noqa: E741
     low, high = np.full(size + 1, -np.inf), np.full(size + 1, np.inf)
@@ -218,9 +229,17 @@ def torque_program(
     return _program(
         coordinates, rows, regularization, G, l, u,
         objective=np.append(np.zeros(size), 1.0),
-        box=np.hstack([rows.box, [[0.0], [highest]]]),
+        box=_widened(rows.box, highest),
         imposed=(low, high),
     )  # fmt: skip
+
+
+def _widened(box: FloatArray, highest: float) -> FloatArray:
+    """The box of the forces with one more variable between 0 and a bound."""
+    wide = np.zeros((2, box.shape[1] + 1))
+    wide[:, :-1] = box
+    wide[1, -1] = highest
+    return wide
 
 
 def _program(
@@ -235,13 +254,17 @@ def _program(
     box: FloatArray,
     imposed: tuple[FloatArray, FloatArray],
 ) -> Program:
-    lengths = (coordinates.basis**2).sum(axis=0)
+    P = np.zeros(rows.size + 1)
+    if regularization > 0.0:
+        P[:-1] = regularization * (coordinates.basis**2).sum(axis=0)
+    A = np.zeros((6, rows.size + 1), order="F")
+    A[:, :-1] = rows.balance
     return Program(
-        P=np.append(regularization * lengths, 0.0),
+        P=P,
         c=objective,
-        A=np.asfortranarray(np.hstack([rows.balance, np.zeros((6, 1))])),
+        A=A,
         b=rows.wrench,
-        G=np.asfortranarray(G),
+        G=G,
         l=l,
         u=u,
         lb=imposed[0],

@@ -4,10 +4,34 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from graspless_pin.problem.checks import FloatArray
+
+_LARGEST_DENSE = 8192
+
+
+class _Sides(NamedTuple):
+    """The sides of all rows of a program, those of A before those of G.
+
+    Attributes:
+        low: (m + k,) lower sides, -inf where there is none.
+        high: (m + k,) upper sides, inf where there is none.
+        middle: Mean of both sides, with 0 for a side that is not there.
+        half: Half their distance, likewise; may be negative.
+        least: Least multiplier that a row can have: 0 without a lower side, else -inf.
+        most: Largest multiplier that a row can have: 0 without an upper side, else inf.
+    """
+
+    low: FloatArray
+    high: FloatArray
+    middle: FloatArray
+    half: FloatArray
+    least: FloatArray
+    most: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,12 +65,18 @@ class Program:
     ub: FloatArray
     box: FloatArray
 
-    def bounded(self, lb: FloatArray, ub: FloatArray) -> Program:
-        """Return the same program with other bounds; matrices and what is known of them shared."""
+    def bounded(self, lb: FloatArray, ub: FloatArray, cutoff: float = np.inf) -> Program:
+        """Return the same program with other bounds; matrices and what is known of them shared.
+
+        Args:
+            lb: (n,) lower bounds.
+            ub: (n,) upper bounds.
+            cutoff: A value above which solutions are of no interest.
+        """
         if "worst" not in self.__dict__:
-            _ = self.hessian, self.is_linear, self.sides, self.worst
+            _ = self.is_linear, self.rows, self.products, self.sides, self.pattern, self.worst
         program = object.__new__(Program)
-        program.__dict__.update(self.__dict__, lb=lb, ub=ub)
+        program.__dict__.update(self.__dict__, lb=lb, ub=ub, worst=min(self.worst, cutoff))
         program.__dict__.pop("reach", None)
         return program
 
@@ -61,14 +91,39 @@ class Program:
         return not self.P.any()
 
     @cached_property
-    def sides(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """(has upper, upper or 0, has lower, lower or 0) of the rows of G, all (k,)."""
-        up, down = np.isfinite(self.u), np.isfinite(self.l)
-        return (
-            up.astype(np.float64),
-            np.where(up, self.u, 0.0),
-            down.astype(np.float64),
-            np.where(down, self.l, 0.0),
+    def rows(self) -> FloatArray:
+        """(m + k, n) all rows, A above G."""
+        return np.concatenate([self.A, self.G])
+
+    @cached_property
+    def products(self) -> tuple[Any, Any]:
+        """The rows and their transpose for products with vectors, sparse where they are large.
+
+        A large dense product is spread over threads, and on a busy machine their waiting for each
+        other costs far more than the product.
+        """
+        if self.rows.size <= _LARGEST_DENSE:
+            return self.rows, self.rows.T
+        return csr_array(self.rows), csr_array(self.rows.T)
+
+    @cached_property
+    def pattern(self) -> bytes:
+        """Where A and G have entries: the same for programs of the same structure."""
+        return np.packbits(self.rows != 0.0).tobytes()
+
+    @cached_property
+    def sides(self) -> _Sides:
+        """The sides of all rows."""
+        low, high = np.concatenate([self.b, self.l]), np.concatenate([self.b, self.u])
+        has_low, has_high = np.isfinite(low), np.isfinite(high)
+        down, up = np.where(has_low, low, 0.0), np.where(has_high, high, 0.0)
+        return _Sides(
+            low,
+            high,
+            0.5 * (up + down),
+            0.5 * (up - down),
+            np.where(has_low, -np.inf, 0.0),
+            np.where(has_high, np.inf, 0.0),
         )
 
     @cached_property
@@ -78,24 +133,26 @@ class Program:
 
     @cached_property
     def worst(self) -> float:
-        """The largest objective value inside the box: no bound of a feasible program exceeds it."""
+        """A bound above it ends the search for a solution.
+
+        The largest objective value inside the box, which no bound of a feasible program exceeds,
+        or a cutoff below it.
+        """
         reach = np.where(self.c >= 0.0, self.box[1], self.box[0])
         return float(self.c @ reach + 0.5 * self.P @ np.abs(self.box).max(axis=0) ** 2)
 
     def value(self, x: FloatArray) -> float:
         """Return the objective at x."""
+        if self.is_linear:
+            return float(self.c @ x)
         return float((0.5 * self.P * x + self.c) @ x)
 
     def residual(self, x: FloatArray) -> float:
         """Return the largest violation of any constraint at x, in scaled units."""
-        rows = self.G @ x
-        worst = max((self.lb - x).max(), (x - self.ub).max(), 0.0)
-        if len(rows):
-            worst = max(worst, (rows - self.u).max(), (self.l - rows).max())
-        if len(self.b):
-            balance = self.A @ x - self.b
-            worst = max(worst, balance.max(), -balance.min())
-        return float(worst)
+        sides, rows = self.sides, self.products[0] @ x
+        beyond = np.maximum(rows - sides.high, sides.low - rows)
+        outside = np.maximum(x - self.ub, self.lb - x)
+        return float(np.maximum.reduce(outside, initial=np.maximum.reduce(beyond, initial=0.0)))
 
     def dual_bound(self, y: FloatArray, z: FloatArray) -> float:
         """Return a lower bound on the optimum that the multipliers prove, whatever their quality.
@@ -107,38 +164,48 @@ class Program:
             y: (m,) multipliers of A x = b.
             z: (k,) multipliers of the rows of G; positive: the upper side, negative: the lower.
         """
-        slope, constant = self._lagrangian(y, z)
-        return self._smallest(self.c + slope, self.P, linear=self.is_linear) + constant
+        slope, constant = self._lagrangian(np.concatenate((y, z)))
+        slope += self.c
+        return self._smallest(slope, curved=not self.is_linear) + constant
 
     def infeasibility_bound(self, y: FloatArray, z: FloatArray) -> float:
         """Return a lower bound on the smallest common violation of all rows within the bounds.
 
         Positive: the multipliers are a Farkas certificate that no feasible point exists.
         """
-        size = float(np.abs(y).sum() + np.abs(z).sum())
+        weights = np.concatenate([y, z])
+        size = float(np.abs(weights).sum())
         if not (np.isfinite(size) and size > 0.0):
             return -np.inf
-        slope, constant = self._lagrangian(y / size, z / size)
-        return self._smallest(slope, self.P, linear=True) + constant
+        slope, constant = self._lagrangian(weights / size)
+        return self._smallest(slope, curved=False) + constant
 
-    def _lagrangian(self, y: FloatArray, z: FloatArray) -> tuple[FloatArray, float]:
-        """Slope and constant of y^T (A x - b) + up^T (G x - u) + down^T (l - G x)."""
-        has_upper, upper, has_lower, lower = self.sides
-        up = np.maximum(z, 0.0) * has_upper
-        down = np.maximum(-z, 0.0) * has_lower
-        slope = y @ self.A + (up - down) @ self.G
-        return slope, float(down @ lower - up @ upper - y @ self.b)
+    def _lagrangian(self, weights: FloatArray) -> tuple[FloatArray, float]:
+        """Slope and constant of what the multipliers add to the objective.
 
-    def _smallest(self, slope: FloatArray, curvature: FloatArray, *, linear: bool) -> float:
-        """Smallest value of 1/2 x^T diag(P) x + slope^T x over the bounds, imposed and implied."""
+        That is up^T (rows x - high) + down^T (low - rows x), with the positive weights in up and
+        the sizes of the negative ones in down; a weight on a side that is not there counts as 0.
+        """
+        sides = self.sides
+        weights = np.minimum(np.maximum(weights, sides.least), sides.most)
+        constant = -float(weights @ sides.middle + np.abs(weights) @ sides.half)
+        return self.products[1] @ weights, constant
+
+    def _smallest(self, slope: FloatArray, *, curved: bool) -> float:
+        """Smallest value of 1/2 x^T diag(P) x + slope^T x over the bounds, imposed and implied.
+
+        Args:
+            slope: (n,) the linear term.
+            curved: Whether P counts.
+        """
         low, high = self.reach
         at = np.where(slope >= 0.0, low, high)
-        if linear:
+        if not curved:
             return float(slope @ at)
-        curved = curvature > 0.0
-        turning = np.where(curved, -slope / np.where(curved, curvature, 1.0), at)
-        at = np.where(curved, np.clip(turning, low, high), at)
-        return float((0.5 * curvature * at + slope) @ at)
+        bent = self.P > 0.0
+        turning = np.where(bent, -slope / np.where(bent, self.P, 1.0), at)
+        at = np.where(bent, np.clip(turning, low, high), at)
+        return float((0.5 * self.P * at + slope) @ at)
 
 
 def elastic(program: Program) -> Program:

@@ -22,6 +22,7 @@ from graspless_pin.modes.kinematics import VirtualKinematics, Witness
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.multipliers import constraint_multipliers
+from graspless_pin.report.provenance import provenance
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solvers import Outcome
@@ -38,7 +39,8 @@ def solution_document(solution: TorqueSolution, scene: Scene | None = None) -> d
     Returns:
         Plain data for `json.dumps`: ``status``, ``found``, ``algorithm``, ``margin`` (N),
         ``max_torque`` (N m), ``gravity``, ``object``, ``hand``, ``joints``, ``contacts``,
-        ``certificate`` and the options. Poses are (4, 4) rows of T_world_object, T_world_base.
+        ``certificate``, ``provenance`` and the options. Poses are (4, 4) rows of T_world_object,
+        T_world_base.
     """
     found = solution.found
     document: dict[str, Any] = {
@@ -66,6 +68,7 @@ def solution_document(solution: TorqueSolution, scene: Scene | None = None) -> d
         document["certificate"] |= _proof(solution)
     elif solution.explanation:
         document["explanation"] = solution.explanation
+    document["provenance"] = provenance(solution.problem, None if scene is None else scene.path)
     return _plain(document)
 
 
@@ -78,7 +81,15 @@ def write_document(document: dict[str, Any], target: str | Path) -> None:
     Raises:
         SceneError: If the file cannot be written.
     """
-    text = json.dumps(document, indent=2, allow_nan=False) + "\n"
+    write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", target, kind="JSON")
+
+
+def write_text(text: str, target: str | Path, *, kind: str) -> None:
+    """Write a text as `write_document` does; ``kind`` says in a message what it is.
+
+    Raises:
+        SceneError: If the file cannot be written.
+    """
     if str(target) == "-":
         sys.stdout.write(text)
         return
@@ -95,7 +106,7 @@ def write_document(document: dict[str, Any], target: str | Path) -> None:
             draft.unlink(missing_ok=True)
     except OSError as error:
         raise SceneError(
-            f"{path}: cannot be written ({error.strerror}); choose another file for the JSON"
+            f"{path}: cannot be written ({error.strerror}); choose another file for the {kind}"
         ) from error
 
 

@@ -15,5 +15,20 @@ def scene_solution_text(scene: Scene, solution: TorqueSolution) -> str:
     title += f", {problem.contact_count} contacts, {problem.joint_count} joints"
     kinds = {point.kind for point in scene.contacts.points}
     if scene.hand is not None and BodyKind.HAND not in kinds:
-        title += "\nno link of the hand touches the object; move or close the hand"
-    return f"{title}\n{solution_text(solution, scene.contacts.bodies)}"
+        title += (
+            "\nno link of the hand touches the object; move the hand or close its fingers, e.g. "
+            "with graspless_pin.scene.close_fingers"
+        )
+    return f"{title}\n{solution_text(solution, _touching(scene))}"
+
+
+def _touching(scene: Scene) -> list[str]:
+    """Name what touches at each contact: the support, or the hand link with its finger."""
+    names: list[str] = []
+    for point in scene.contacts.points:
+        finger = None
+        if scene.hand is not None and point.kind is BodyKind.HAND:
+            finger = scene.hand.finger_of(point.body)
+        told = finger is None or finger in point.body
+        names.append(point.body if told else f"{point.body} ({finger})")
+    return names

@@ -14,7 +14,7 @@ from graspless_pin.errors import NoSolutionError
 from graspless_pin.modes.rules import Rules, SlidingMode
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.solution.table import solution_text
+from graspless_pin.solution.table import solution_html, solution_text
 
 _Value = TypeVar("_Value")
 
@@ -196,6 +196,10 @@ class TorqueSolution:
     def __str__(self) -> str:
         """Return a readable table."""
         return solution_text(self)
+
+    def _repr_html_(self) -> str:
+        """Return the tables as HTML, for notebooks."""
+        return solution_html(self)
 
     def _read(self, value: _Value | None) -> _Value:
         if value is None:

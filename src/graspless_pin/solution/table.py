@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import html
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from tabulate import tabulate
@@ -12,6 +13,12 @@ if TYPE_CHECKING:
     from graspless_pin.solution.records import TorqueSolution
 
 _AT_LIMIT = 1e-6
+_JOINT_HEADERS = ["joint", "contacts", "gravity", "torque", "lower", "upper", "of limit"]
+_TORQUE_UNITS = "torques in N m, of linear and hybrid joints in N"
+_CONTACT_LEGEND = (
+    "friction: share of what mu allows; slides: signs of the virtual sliding (B, S) along t1 and "
+    "t2, .. none"
+)
 
 
 def solution_text(solution: TorqueSolution, bodies: Sequence[str] | None = None) -> str:
@@ -31,6 +38,33 @@ def solution_text(solution: TorqueSolution, bodies: Sequence[str] | None = None)
     return "\n\n".join(parts)
 
 
+def solution_html(solution: TorqueSolution) -> str:
+    """Return what `solution_text` does as HTML, for notebooks."""
+    if not solution.found:
+        why = f"{solution.status.message}\n{solution.explanation}".strip()
+        return f"{paragraph(f'not found: {why}')}\n{paragraph(certificate_text(solution))}"
+    parts = [paragraph(headline(solution))]
+    if solution.problem.joint_count:
+        parts.append(table_html(_joint_rows(solution), _JOINT_HEADERS, _TORQUE_UNITS, "+.4f"))
+    rows, headers = _contact_rows(solution, None)
+    parts.append(table_html(rows, headers, _CONTACT_LEGEND, ".4f"))
+    parts.append(paragraph(certificate_text(solution)))
+    return "\n".join(parts)
+
+
+def table_html(
+    rows: Sequence[Sequence[Any]], headers: Sequence[str], note: str = "", floats: str = "g"
+) -> str:
+    """Return a table as HTML with a note below it, for notebooks; all text is escaped."""
+    table = tabulate(rows, headers, tablefmt="html", floatfmt=floats, disable_numparse=True)
+    return f"{table}\n{paragraph(note)}" if note else table
+
+
+def paragraph(text: str) -> str:
+    """Return text as an HTML paragraph; every line stays one."""
+    return f"<p>{'<br>'.join(html.escape(line) for line in text.splitlines())}</p>"
+
+
 def headline(solution: TorqueSolution) -> str:
     """Return one or two lines: what was solved and the two figures that matter."""
     if solution.algorithm == "margin":
@@ -45,10 +79,15 @@ def headline(solution: TorqueSolution) -> str:
 
 def joint_table(solution: TorqueSolution) -> str:
     """Return the joints: torque from contacts, from gravity, total, limits, share of the limit."""
+    table = tabulate(_joint_rows(solution), _JOINT_HEADERS, floatfmt="+.4f", stralign="left")
+    return f"{table}\n{_TORQUE_UNITS}"
+
+
+def _joint_rows(solution: TorqueSolution) -> list[tuple[Any, ...]]:
     problem = solution.problem
     torques = solution.torques
     shares = limit_shares(torques, problem.lower_torque, problem.upper_torque)
-    rows = zip(
+    columns = (
         problem.joint_names,
         _plain(solution.contact_torques),
         _plain(problem.gravity_torques),
@@ -56,11 +95,8 @@ def joint_table(solution: TorqueSolution) -> str:
         problem.lower_torque,
         problem.upper_torque,
         [f"{100.0 * share:.1f} %" if np.isfinite(share) else "-" for share in shares],
-        strict=True,
     )
-    headers = ["joint", "contacts", "gravity", "torque", "lower", "upper", "of limit"]
-    table = tabulate(rows, headers, floatfmt="+.4f", stralign="left")
-    return f"{table}\ntorques in N m, of linear and hybrid joints in N"
+    return list(zip(*columns, strict=True))
 
 
 def _plain(values: np.ndarray) -> np.ndarray:
@@ -70,6 +106,14 @@ def _plain(values: np.ndarray) -> np.ndarray:
 
 def contact_table(solution: TorqueSolution, bodies: Sequence[str] | None) -> str:
     """Return the contacts: point, normal force, friction and its use, state, virtual sliding."""
+    rows, headers = _contact_rows(solution, bodies)
+    table = tabulate(rows, headers, floatfmt=".4f", stralign="left", disable_numparse=[1])
+    return f"{table}\n{_CONTACT_LEGEND}"
+
+
+def _contact_rows(
+    solution: TorqueSolution, bodies: Sequence[str] | None
+) -> tuple[list[list[Any]], list[str]]:
     problem = solution.problem
     forces, mode = solution.contact_forces, solution.mode
     normal = np.einsum("ij,ij->i", problem.normals, forces)
@@ -92,11 +136,7 @@ def contact_table(solution: TorqueSolution, bodies: Sequence[str] | None) -> str
     ]
     if bodies is not None:
         headers.insert(1, "touching")
-    table = tabulate(rows, headers, floatfmt=".4f", stralign="left", disable_numparse=[1])
-    return (
-        f"{table}\nfriction: share of what mu allows; slides: signs of the virtual sliding (B, S) "
-        "along t1 and t2, .. none"
-    )
+    return rows, headers
 
 
 def friction_use(solution: TorqueSolution) -> np.ndarray:

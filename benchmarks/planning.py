@@ -1,0 +1,97 @@
+"""The evaluator of many states: against loading each state, and in bare LP solves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from tabulate import tabulate
+
+from benchmarks.timing import Timer, bare_solve, medians, relaxed_program, timed
+from graspless_pin import load_scene, maximize_margin
+from graspless_pin.planning import Evaluator
+
+_EXAMPLES = Path(__file__).parents[1] / "examples"
+_SCENES = (
+    "two_hands_slide_crate",
+    "allegro_box_on_slope",
+    "trihand_pivot_box",
+    "paper/cuboid_at_rest",
+    "paper/cuboid_sliding_up",
+)
+_STATES = 8
+_SPREAD = 0.003
+"""rad, of the joints about the scene's configuration: neighbours on a planner's path."""
+
+
+def evaluator() -> str:
+    """`Evaluator.evaluate` of Algorithm 1 in neighbouring states that differ in all joints."""
+    rows = [_row(name) for name in _SCENES]
+    headers = [
+        "scene",
+        "fresh us",
+        "evaluate us",
+        "fresh / evaluate",
+        "geometry us",
+        "bare LP us",
+        "(evaluate - geometry) / bare LP",
+        "is_feasible us",
+    ]
+    note = (
+        f"Medians over {_STATES} states. Fresh: `load_scene`, the state, `problem()` and "
+        "`maximize_margin`; geometry: the state and `problem()`; bare LP: PIQP, set-up included. "
+        "The aims are 3 and 2."
+    )
+    return f"## Evaluator\n\n{tabulate(rows, headers, tablefmt='github')}\n\n{note}"
+
+
+def _row(name: str) -> list[str]:
+    path = _EXAMPLES / f"{name}.yaml"
+    warm = Evaluator(load_scene(path), algorithm="margin")
+    states = _states(warm)
+    programs = [relaxed_program(warm.scene_at(q).problem()) for q in states]
+    margin = 0.5 * warm.evaluate().margin
+
+    def fresh(q: np.ndarray) -> float:
+        scene = load_scene(path)
+        hand = scene.hand
+        if hand is None:
+            raise ValueError("the scene has no hand")
+        named = dict(zip(warm.joint_names, q.tolist(), strict=True))
+        return maximize_margin(
+            scene.with_changes(hand=hand.with_configuration(named)).problem()
+        ).margin
+
+    def each(call) -> Timer:
+        return lambda: float(np.median([timed(lambda q=q: call(q)) for q in states]))
+
+    timers: list[Timer] = [
+        each(fresh),
+        each(lambda q: warm.evaluate(q).margin),
+        each(lambda q: warm.scene_at(q).problem()),
+        lambda: float(np.median([timed(lambda p=p: bare_solve(p)) for p in programs])),
+        each(lambda q: warm.is_feasible(q, margin=margin)),
+    ]
+    loaded, ours, geometry, bare, decided = medians(timers, budget=2.0)
+    return [
+        name,
+        f"{1e6 * loaded:.0f}",
+        f"{1e6 * ours:.0f}",
+        f"{loaded / ours:.1f}",
+        f"{1e6 * geometry:.0f}",
+        f"{1e6 * bare:.0f}",
+        f"{(ours - geometry) / bare:.1f}",
+        f"{1e6 * decided:.0f}",
+    ]
+
+
+def _states(warm: Evaluator) -> list[np.ndarray]:
+    """Configurations about the scene's in which torques are found."""
+    rng = np.random.default_rng(0)
+    lower, upper = warm.joint_limits
+    home, states = warm.configuration(), []
+    while len(states) < _STATES:
+        q = np.clip(home + rng.normal(0.0, _SPREAD, len(home)), lower, upper)
+        if warm.evaluate(q).found:
+            states.append(q)
+    return states

@@ -1,0 +1,196 @@
+"""Gradients of the optimum of Algorithm 1 or 2 by everything that the problem is made of.
+
+The derivative of an optimum is that of its Lagrangian at fixed forces, multipliers and mode. With
+the multipliers y of the balance and kappa of the joints' torques, a change df of one contact's
+force costs c^T df, c = W^T y + J kappa; so whatever turns or moves a contact counts by what it does
+to its force.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspless_pin.algorithms.optimal_faces import Marginals, Optimum
+from graspless_pin.errors import ArgumentError, NoSolutionError
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.solution import Algorithm, TorqueSolution
+
+_SAME = 1e-6
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Gradients:
+    """Derivatives of one optimum: of the largest margin e (N) or of the smallest torque t (N m).
+
+    Attributes:
+        positions: (M, 3) per m of each contact point; its frame and the joints' lever arms stay.
+        normals: (M, 3) per rad, tangential: the contact's frame, its sliding and the force in it
+            turn with the normal the shortest way; position and Jacobian stay.
+        spins: (M,) per rad about each normal: tangents and sliding direction turn, n stays.
+        friction: (M,) per unit of each coefficient.
+        external_wrench: (6,) per N of force and N m of moment.
+        jacobian: (3M, L) per unit of each entry.
+        gravity_torques: (L,) per N m of what the motors bear besides the contacts.
+        upper_torque: (L,) per N m of each upper limit.
+        lower_torque: (L,) per N m of each lower limit.
+        max_normal_force: (M,) per N of each normal-force limit.
+        required_margin: (1,) per N of the margin that Algorithm 2 keeps; 0 in Algorithm 1.
+    """
+
+    positions: FloatArray
+    normals: FloatArray
+    spins: FloatArray
+    friction: FloatArray
+    external_wrench: FloatArray
+    jacobian: FloatArray
+    gravity_torques: FloatArray
+    upper_torque: FloatArray
+    lower_torque: FloatArray
+    max_normal_force: FloatArray
+    required_margin: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class OptimumGradients:
+    """Gradients of an optimum, and where they are only one of several one-sided derivatives.
+
+    Attributes:
+        values: The derivatives.
+        unique: By name of a field of `Gradients`, (same shape) whether all optimal forces and
+            multipliers agree on an entry. Where they do not, the optimum has or may have a kink:
+            forces or multipliers are not unique, or a sign of the mode is about to change.
+        solution: The solution that they belong to.
+        marginals: The forces and multipliers behind them.
+        alternatives: Two more points of the affine hulls of all optimal forces and multipliers:
+            what differs there, of a function linear in each, is not unique.
+    """
+
+    values: Gradients
+    unique: Mapping[str, NDArray[np.bool_]]
+    solution: TorqueSolution
+    marginals: Marginals
+    alternatives: tuple[Marginals, ...]
+
+    @property
+    def degenerate(self) -> bool:
+        """Whether any entry is not unique."""
+        return not all(mask.all() for mask in self.unique.values())
+
+    @property
+    def load(self) -> float:
+        """Derivative by a common factor on the external wrench."""
+        return float(self.values.external_wrench @ self.solution.problem.external_wrench)
+
+    def per_mass(self, mass: float) -> float:
+        """Return the derivative per kilogram where the external wrench is the weight of a mass."""
+        return self.load / mass
+
+
+def optimum_gradients(solution: TorqueSolution) -> OptimumGradients:
+    """Differentiate the optimum of a solution by its problem's data, in its mode.
+
+    Args:
+        solution: A solution of `maximize_margin` or `minimize_torque` without regularisation.
+
+    Returns:
+        The gradients; where forces or multipliers are not unique, those of the solution's own,
+        which lie amid the others, and marked so.
+
+    Raises:
+        NoSolutionError: If nothing was found.
+        ArgumentError: If the solution has a regularisation.
+    """
+    if not solution.found:
+        raise NoSolutionError(f"There is no optimum to differentiate ({solution.status.message}).")
+    if not solution.multipliers.is_linear:
+        raise ArgumentError(
+            "solution", "has a regularisation; gradients need the optimum of the bare program"
+        )
+    optimum = Optimum(solution)
+    marginals, alternatives = optimum.marginals(), optimum.alternatives()
+    values = gradients_at(solution, marginals)
+    others = [gradients_at(solution, other) for other in alternatives]
+    unique = {
+        item.name: agreeing(
+            getattr(values, item.name), *(getattr(other, item.name) for other in others)
+        )
+        for item in fields(Gradients)
+    }
+    return OptimumGradients(
+        values,
+        MappingProxyType(unique),
+        solution,
+        marginals,
+        alternatives,
+    )
+
+
+def agreeing(values: FloatArray, *others: FloatArray) -> NDArray[np.bool_]:
+    """Return which entries are the same in arrays of one quantity, read-only."""
+    stack = np.stack([values, *others])
+    spread = np.abs(stack - values).max(axis=0)
+    same = spread <= _SAME * np.abs(stack).max(initial=0.0) + _ROUNDING
+    same.setflags(write=False)
+    return same
+
+
+def force_costs(problem: QuasistaticProblem, marginals: Marginals) -> FloatArray:
+    """Return (M, 3) c = W^T y + J kappa: what a change of each contact's force costs."""
+    y = marginals.wrench
+    through_joints = (problem.jacobian @ marginals.torque).reshape(-1, 3)
+    return y[:3] + np.cross(y[3:], problem.positions) + through_joints
+
+
+def gradients_at(solution: TorqueSolution, at: Marginals) -> Gradients:
+    """Return the derivatives that one choice of optimal forces and multipliers gives."""
+    problem, f = solution.problem, at.forces
+    # The margin is maximised: minus the optimum of the minimisation.
+    sign = -1.0 if solution.algorithm is Algorithm.MARGIN else 1.0
+    cost = force_costs(problem, at)
+    upper, lower = -at.upper, at.lower
+    if solution.multipliers.by_limits:
+        upper = upper - at.share_upper * at.level
+        lower = lower + at.share_lower * at.level
+    margin = 0.0
+    if solution.algorithm is Algorithm.TORQUE:
+        margin = float(at.faces.sum() + at.normal_upper.sum() + at.normal_lower.sum())
+    values = {
+        "positions": np.cross(f, at.wrench[3:]),
+        "normals": np.cross(np.cross(f, cost), problem.normals),
+        "spins": np.einsum("mi,mi->m", cost, np.cross(problem.normals, f)),
+        "friction": _by_friction(problem, at, cost),
+        "external_wrench": at.wrench,
+        "jacobian": np.outer(f.ravel(), at.torque),
+        "gravity_torques": at.torque,
+        "upper_torque": upper,
+        "lower_torque": lower,
+        "max_normal_force": -at.normal_upper,
+        "required_margin": np.array([margin]),
+    }
+    return Gradients(**{name: read_only(sign * value) for name, value in values.items()})
+
+
+def _by_friction(problem: QuasistaticProblem, at: Marginals, cost: FloatArray) -> FloatArray:
+    """(M,) a wider cone turns its faces; kinetic friction grows against the sliding."""
+    r = problem.cone_edges
+    angles = 2.0 * np.pi * (np.arange(r) + 0.5) / r
+    frames = np.concatenate([problem.normals[:, :, None], problem.tangents], axis=2)
+    local = np.einsum("mij,mi->mj", frames, at.forces)
+    around = local[:, 1:] @ np.stack([np.cos(angles), np.sin(angles)])
+    slope = problem.friction * np.cos(np.pi / r)
+    length = np.sqrt(1.0 + slope**2)
+    # h = (-s, cos, sin) / sqrt(1 + s^2), s = mu cos(pi / r)
+    turned = -local[:, :1] - (slope / length**2)[:, None] * (around - slope[:, None] * local[:, :1])
+    by_cone = np.cos(np.pi / r) / length * np.einsum("mk,mk->m", at.faces, turned)
+    slide = problem.is_sliding
+    speed = np.linalg.norm(problem.sliding, axis=1)
+    unit = problem.sliding / np.where(slide, speed, 1.0)[:, None]
+    by_sliding = -local[:, 0] * np.einsum("mi,mi->m", cost, unit)
+    return np.where(slide, by_sliding, np.where(problem.has_cone, by_cone, 0.0))

@@ -1,0 +1,63 @@
+"""``graspless-pin report``: a solution as one HTML page."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from graspless_pin.cli.outcome import FOUND, INFEASIBLE, plain_errors
+from graspless_pin.errors import ArgumentError, SceneError
+from graspless_pin.report.document import write_text
+from graspless_pin.report.html import Case, case_of_document, case_of_scene, report_html
+from graspless_pin.scene import load_scene
+
+
+def report(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="SCENE|SOLUTION.json", help="Scene file, or a document that solve wrote."
+        ),
+    ],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FILE|-", help="The page to write.")
+    ] = Path("report.html"),
+    ranges: Annotated[
+        bool,
+        typer.Option(help="Compute the force ranges: minutes where many contacts stick."),
+    ] = True,
+) -> None:
+    """Write a solution as one HTML page that fetches nothing: 3-D view, torques, contacts, proof.
+
+    A scene is solved with its own options; for others, solve it with --json and report that file.
+
+    Exit code 0: found; 1: infeasible, and the page says why; 2: bad input.
+    """
+    with plain_errors():
+        case = _case(source)
+        page = report_html(case, ranges=ranges)
+        try:
+            output.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise SceneError(f"{output.parent}: cannot be made ({error.strerror})") from error
+        write_text(page, output, kind="report")
+        if str(output) != "-":
+            typer.echo(f"wrote {output} ({len(page.encode()) / 1e6:.1f} MB)")
+    raise typer.Exit(FOUND if case.solution.found else INFEASIBLE)
+
+
+def _case(source: Path) -> Case:
+    if source.suffix.lower() != ".json":
+        scene = load_scene(source)
+        return case_of_scene(scene, scene.solve())
+    try:
+        document = json.loads(source.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise SceneError(f"{source}: {error}") from error
+    try:
+        return case_of_document(document, source.parent)
+    except ArgumentError as error:
+        raise SceneError(f"{source}: {error}") from error

@@ -1,0 +1,24 @@
+"""Many states of one scene: evaluating them, paths through them, and gradients."""
+
+from graspless_pin.planning.configuration_gradient import (
+    ConfigurationGradient,
+    configuration_gradient,
+)
+from graspless_pin.planning.evaluation import Evaluation, StateStatus
+from graspless_pin.planning.evaluator import Evaluator
+from graspless_pin.planning.path import ContactChange, PathProfile, Waypoint, evaluate_path
+from graspless_pin.planning.path_export import joint_trajectory, write_path_csv
+
+__all__ = [
+    "ConfigurationGradient",
+    "ContactChange",
+    "Evaluation",
+    "Evaluator",
+    "PathProfile",
+    "StateStatus",
+    "Waypoint",
+    "configuration_gradient",
+    "evaluate_path",
+    "joint_trajectory",
+    "write_path_csv",
+]

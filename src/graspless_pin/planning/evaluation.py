@@ -1,0 +1,102 @@
+"""What an evaluator returns for one state, and what can be wrong with a state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from functools import cached_property
+
+import numpy as np
+
+from graspless_pin.errors import NoSolutionError
+from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.scene import Scene, SceneContacts
+from graspless_pin.solution import TorqueSolution
+
+
+class StateStatus(Enum):
+    """What is known of a state; the value is the message."""
+
+    FOUND = "torques were found"
+    INFEASIBLE = "no torques hold the object in this state"
+    UNDECIDED = "a node or time limit, or a program that no solver answered, ended the search"
+    OUTSIDE_LIMITS = "a joint stands outside its limits"
+    NO_CONTACT = "nothing touches the object"
+    OVERLAP = "bodies overlap by more than passes for contact"
+    BLOCKED = "the motion drives the object into a body"
+    PARTED = "the motion parts the object from everything that touches it"
+    AMBIGUOUS = "a hybrid finger touches the object at several points"
+
+    @property
+    def message(self) -> str:
+        """The message in words."""
+        return self.value
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """The answer for one state. That there is none is an answer, too: then ``found`` is False.
+
+    Attributes:
+        status: What is known.
+        reason: Why there are no torques, with the bodies' names; empty if there are.
+        scene: The scene in this state; where a joint is outside its limits, with the evaluator's
+            own configuration.
+    """
+
+    status: StateStatus
+    reason: str
+    scene: Scene
+    _solution: TorqueSolution | None
+
+    @property
+    def found(self) -> bool:
+        """Whether there are torques to read."""
+        return self.status is StateStatus.FOUND
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """L names of the torques; empty without a problem."""
+        return () if self._solution is None else self._solution.problem.joint_names
+
+    @property
+    def has_contacts(self) -> bool:
+        """Whether anything carries force, found torques or not."""
+        return self._solution is not None
+
+    @property
+    def solution(self) -> TorqueSolution:
+        """The solution with its problem, forces, mode and proof, found or not.
+
+        Raises:
+            NoSolutionError: If the state has no contacts to solve for; with the reason.
+        """
+        if self._solution is None:
+            raise NoSolutionError(f"This state has no contacts to solve for ({self.reason}).")
+        return self._solution
+
+    @property
+    def contacts(self) -> SceneContacts:
+        """The contacts that carry force.
+
+        Raises:
+            NoSolutionError: As for `solution`.
+        """
+        _ = self.solution
+        return self.scene.contacts
+
+    @cached_property
+    def margin(self) -> float:
+        """The margin e, N; -inf where there are no torques, so that it is below every demand."""
+        return self.solution.margin if self.found else -np.inf
+
+    @cached_property
+    def torques(self) -> FloatArray:
+        """(L,) motor torques, N m (N for linear and hybrid joints).
+
+        Raises:
+            NoSolutionError: If there are none; with the reason.
+        """
+        if not self.found:
+            raise NoSolutionError(f"This state has no torques ({self.reason}); check .found first.")
+        return read_only(self.solution.torques)

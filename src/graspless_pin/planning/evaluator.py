@@ -1,0 +1,322 @@
+"""Margins and torques of many states of one scene: for planners and other inner loops."""
+
+from __future__ import annotations
+
+from copy import copy
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from graspless_pin.algorithms.warm_start import reaches_margin, solve_from
+from graspless_pin.errors import ArgumentError, SceneError
+from graspless_pin.geometry.bodies.materials import Materials
+from graspless_pin.modes.rules import Rules, SlidingMode
+from graspless_pin.planning.configurations import Configuration, Configurations
+from graspless_pin.planning.evaluation import Evaluation, StateStatus
+from graspless_pin.planning.options import SolveOptions
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray, finite_array, real_number
+from graspless_pin.scene import Scene
+from graspless_pin.scene.records import Motion
+from graspless_pin.solution import Algorithm, Status
+
+_MOST_MODES = 256
+_UNDECIDED = (Status.NOT_FOUND_IN_LIMIT, Status.UNVERIFIED)
+# What `Scene.contacts` and `Scene.problem` say of a state, by a part of the message.
+_REASONS = {
+    "nothing touches": StateStatus.NO_CONTACT,
+    "overlap by": StateStatus.OVERLAP,
+    "motion drives object": StateStatus.BLOCKED,
+    "motion parts object": StateStatus.PARTED,
+    "touches the object at several points": StateStatus.AMBIGUOUS,
+}
+
+
+class Evaluator:
+    """Evaluates states of a scene: hand configurations, object poses and motions.
+
+    What does not depend on the state is made once: kinematic models, collision shapes, and, in the
+    solver, the structure of the programs. The mode of the last answer with the same contacts is
+    tried first; the answer does not depend on it, but where several sets of torques are equally
+    good, which of them is returned may.
+
+    A state in which the object cannot be held, touches nothing, overlaps with something or is
+    driven into something is an answer with a status and a reason. A wrong argument is an error.
+
+    One evaluator may be shared by threads, and pickled for other processes; what it has learned
+    stays behind.
+
+    Attributes:
+        scene: The scene that the states are of.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        algorithm: str | None = None,
+        required_margin: float | None = None,
+        scale: str | None = None,
+        sign_rule: str | None = None,
+        sliding_rule: str | None = None,
+        static_friction: str | None = None,
+        solver: str | None = None,
+        regularization: float | None = None,
+        node_limit: int | None = None,
+        time_limit: float | None = None,
+    ) -> None:
+        """Take the scene and the options of all solves; what is not given is the scene's own.
+
+        Args:
+            scene: The scene; what `evaluate` is not told stays as it is there.
+            algorithm: ``margin`` (Algorithm 1) or ``torque`` (Algorithm 2).
+            required_margin: See the attributes.
+            scale: See `minimize_torque`.
+            sign_rule: See `maximize_margin`, as for all that follow.
+            sliding_rule: See `maximize_margin`.
+            static_friction: See `maximize_margin`.
+            solver: See `maximize_margin`.
+            regularization: See `maximize_margin`; positive: torques change continuously from
+                state to state as long as the contacts do.
+            node_limit: See `maximize_margin`.
+            time_limit: See `maximize_margin`.
+
+        Raises:
+            ArgumentError: If an option is not known or a figure out of range.
+            SolverUnavailableError: If the solver is not installed.
+        """
+        if not isinstance(scene, Scene):
+            raise ArgumentError("scene", f"is {scene!r:.80}; it must be a Scene: see load_scene")
+        given = {
+            "algorithm": algorithm,
+            "margin": required_margin,
+            "scale": scale,
+            "sign_rule": sign_rule,
+            "sliding_rule": sliding_rule,
+            "static_friction": static_friction,
+            "solver": solver,
+            "regularization": regularization,
+            "node_limit": node_limit,
+            "time_limit": time_limit,
+        }
+        self.scene = scene
+        self._options = SolveOptions.of(scene.solve_options, given)
+        self._configurations = Configurations(scene.hand)
+        self._modes: dict[tuple[Any, ...], SlidingMode] = {}
+
+    @property
+    def algorithm(self) -> Algorithm:
+        """What `evaluate` solves: Algorithm 1 or 2."""
+        return self._options.objective.algorithm
+
+    @property
+    def required_margin(self) -> float:
+        """Margin that Algorithm 2 and `is_feasible` ask for, N."""
+        return self._options.required_margin
+
+    @property
+    def rules(self) -> Rules:
+        """The reading of the virtual-sliding constraint."""
+        return self._options.rules
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The a joints that a configuration given as an array is of.
+
+        All movable joints of the hand in its order, without those that follow others.
+        """
+        return self._configurations.joint_names
+
+    @property
+    def joint_limits(self) -> tuple[FloatArray, FloatArray]:
+        """(lower, upper), each (a,), rad or m; infinite where there is no limit."""
+        return self._configurations.joint_limits
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what was given: what was learned is learned again elsewhere."""
+        plain = Materials(dict(self.scene.materials.coefficients))
+        return {**self.__dict__, "scene": self.scene.with_changes(materials=plain), "_modes": {}}
+
+    def with_regularization(self, regularization: float) -> Evaluator:
+        """Return an evaluator of the same scene and options with another regularisation.
+
+        Args:
+            regularization: See `maximize_margin`.
+
+        Raises:
+            ArgumentError: If it is negative or not finite.
+        """
+        other = copy(self)
+        other._options = self._options.with_regularization(regularization)
+        other._modes = {}
+        return other
+
+    def evaluate(
+        self,
+        q: Configuration | None = None,
+        T_world_object: ArrayLike | None = None,
+        twist: ArrayLike | Motion | None = None,
+    ) -> Evaluation:
+        """Solve for one state.
+
+        Args:
+            q: Positions by joint name (the others stay as in the scene), or (a,) positions of
+                `joint_names`, rad or m; None: as in the scene.
+            T_world_object: (4, 4) pose of the object; None: as in the scene.
+            twist: (6,) [v; omega] of the object about its centre of mass, world axes, m/s and
+                rad/s, with the fingers moving along; or a `Motion`, which tells how the hand
+                moves; None: as in the scene; zeros: at rest.
+
+        Returns:
+            Margin, torques and contacts, or why there are none.
+
+        Raises:
+            ArgumentError: If a joint is unknown, a number not finite, a shape wrong, or the pose
+                not rigid.
+            SceneError: If the scene cannot be used in any state: a body without a coefficient of
+                friction, a shape that cannot be used.
+        """
+        state = self._state(q, T_world_object, twist)
+        if isinstance(state, Evaluation):
+            return state
+        scene, problem = state
+        key = _structure(scene, problem)
+        solution = solve_from(
+            problem,
+            self._options.objective,
+            self.rules,
+            self._modes.get(key),
+            **self._options.search,
+        )
+        if solution.found:
+            self._learn(key, solution.mode)
+            return Evaluation(StateStatus.FOUND, "", scene, solution)
+        undecided = solution.status in _UNDECIDED
+        status = StateStatus.UNDECIDED if undecided else StateStatus.INFEASIBLE
+        return Evaluation(status, solution.status.message, scene, solution)
+
+    def is_feasible(
+        self,
+        q: Configuration | None = None,
+        T_world_object: ArrayLike | None = None,
+        twist: ArrayLike | Motion | None = None,
+        *,
+        margin: float | None = None,
+    ) -> bool:
+        """Tell whether a state can be held with a margin within the torque limits.
+
+        It stops at the first proof: a mode that reaches the margin, or a bound over all modes below
+        it. That is cheaper than `evaluate`, which looks for the best mode.
+
+        Args:
+            q: See `evaluate`.
+            T_world_object: See `evaluate`.
+            twist: See `evaluate`.
+            margin: Margin to reach, N; None: `required_margin`.
+
+        Returns:
+            True with a proof; False also where a node or time limit ended the search before one,
+            and for a state without contacts to hold the object by.
+
+        Raises:
+            ArgumentError: As for `evaluate`, or the margin is negative.
+            SceneError: As for `evaluate`.
+        """
+        required = self.required_margin if margin is None else real_number("margin", margin, 0.0)
+        state = self._state(q, T_world_object, twist)
+        if isinstance(state, Evaluation):
+            return False
+        scene, problem = state
+        key = _structure(scene, problem)
+        reached, mode = reaches_margin(
+            problem,
+            required,
+            self.rules,
+            self._modes.get(key),
+            **self._options.search,
+        )
+        if mode is not None:
+            self._learn(key, mode)
+        return bool(reached)
+
+    def scene_at(
+        self,
+        q: Configuration | None = None,
+        T_world_object: ArrayLike | None = None,
+        twist: ArrayLike | Motion | None = None,
+    ) -> Scene:
+        """Return the scene in one state.
+
+        Args:
+            q: See `evaluate`.
+            T_world_object: See `evaluate`.
+            twist: See `evaluate`.
+
+        Raises:
+            ArgumentError: As for `evaluate`, or a joint stands outside its limits.
+        """
+        return self._posed(
+            None if q is None else self._configurations.named(q), T_world_object, twist
+        )
+
+    def configuration(self, q: Configuration | None = None) -> FloatArray:
+        """Return a configuration as an array.
+
+        Args:
+            q: See `evaluate`.
+
+        Returns:
+            (a,) positions of `joint_names`, rad or m.
+
+        Raises:
+            ArgumentError: As for `evaluate`.
+        """
+        return self._configurations.array({} if q is None else self._configurations.named(q))
+
+    def _state(
+        self,
+        q: Configuration | None,
+        T_world_object: ArrayLike | None,
+        twist: ArrayLike | Motion | None,
+    ) -> tuple[Scene, QuasistaticProblem] | Evaluation:
+        """Return the posed scene and its problem, or the answer that there is none."""
+        named = None if q is None else self._configurations.named(q)
+        outside = "" if named is None else self._configurations.outside(named)
+        scene = self._posed(None if outside else named, T_world_object, twist)
+        if outside:
+            return Evaluation(StateStatus.OUTSIDE_LIMITS, outside, scene, None)
+        try:
+            return scene, scene.problem()
+        except SceneError as error:
+            message = str(error)
+            for part, status in _REASONS.items():
+                if part in message:
+                    return Evaluation(status, message, scene, None)
+            raise
+
+    def _posed(
+        self,
+        named: dict[str, float] | None,
+        T_world_object: ArrayLike | None,
+        twist: ArrayLike | Motion | None,
+    ) -> Scene:
+        changes: dict[str, Any] = {}
+        if named and self.scene.hand is not None:
+            changes["hand"] = self.scene.hand.with_configuration(named)
+        if T_world_object is not None:
+            changes["object"] = self.scene.object.with_pose(T_world_object)
+        if twist is not None:
+            changes["motion"] = (
+                twist if isinstance(twist, Motion) else Motion(finite_array("twist", twist, (6,)))
+            )
+        return self.scene.with_changes(**changes)
+
+    def _learn(self, key: tuple[Any, ...], mode: SlidingMode) -> None:
+        if len(self._modes) >= _MOST_MODES:
+            self._modes = {}
+        self._modes[key] = mode
+
+
+def _structure(scene: Scene, problem: QuasistaticProblem) -> tuple[Any, ...]:
+    """What must be alike for a mode of one state to be one of another."""
+    return scene.contacts.bodies, problem.is_sliding.tobytes()

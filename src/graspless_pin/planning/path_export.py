@@ -1,0 +1,143 @@
+"""A path's profile for other programs: a CSV table, and a message-like joint trajectory."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from graspless_pin.errors import ArgumentError, NoSolutionError
+from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.planning.path import PathProfile
+
+_NANOSECONDS = 1_000_000_000
+
+
+def write_path_csv(profile: PathProfile, path: str | Path) -> None:
+    """Write a profile as a table with a row for each waypoint and units in the column names.
+
+    The columns are time, status, margin, whether the contacts differ from the row before, what
+    touches (a name for each contact, separated by blanks), the object's position and quaternion
+    (x, y, z, w), and position and torque of each joint. Numbers are written with all their digits;
+    where there are no torques the cells are empty. An existing file is replaced.
+
+    Args:
+        profile: The profile.
+        path: The file.
+
+    Raises:
+        ArgumentError: If the file cannot be written.
+    """
+    hand = profile.hand
+    positions = [f"position_{name}_{_position_unit(hand, name)}" for name in profile.position_names]
+    torques = [f"torque_{name}_{_torque_unit(hand, name)}" for name in profile.torque_names]
+    header = [
+        "time_s",
+        "status",
+        "margin_N",
+        "contacts_change",
+        "contacts",
+        *("object_x_m", "object_y_m", "object_z_m"),
+        *("object_qx", "object_qy", "object_qz", "object_qw"),
+        *positions,
+        *torques,
+    ]
+    changing = {change.waypoint for change in profile.contact_changes}
+    quaternions = Rotation.from_matrix(profile.object_poses[:, :3, :3]).as_quat(canonical=True)
+    try:
+        with Path(path).open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(header)
+            for k, evaluation in enumerate(profile.evaluations):
+                bodies = evaluation.contacts.bodies if evaluation.has_contacts else ()
+                writer.writerow(
+                    [
+                        repr(float(profile.times[k])),
+                        evaluation.status.name.lower(),
+                        *_cells(profile.margins[k : k + 1]),
+                        int(k in changing),
+                        " ".join(bodies),
+                        *_cells(profile.object_poses[k, :3, 3]),
+                        *_cells(quaternions[k]),
+                        *_cells(profile.positions[k]),
+                        *_cells(profile.torques[k]),
+                    ]
+                )
+    except OSError as error:
+        raise ArgumentError("path", f"cannot write '{path}': {error.strerror}") from error
+
+
+def joint_trajectory(profile: PathProfile) -> dict[str, Any]:
+    """Return a profile in the form of a ``trajectory_msgs/JointTrajectory``.
+
+    The joints are the hand's independent ones. The effort of a joint is its motor's torque; a
+    joint without a motor under force control (position-controlled, or moved by tendons) has the
+    effort 0. Times count from the first waypoint.
+
+    Args:
+        profile: A profile with torques at every waypoint.
+
+    Returns:
+        Plain dicts, lists, numbers and strings, as ROS 2 names them and JSON takes them.
+
+    Raises:
+        NoSolutionError: If a waypoint has no torques.
+    """
+    if not profile.found:
+        first = profile.failures[0]
+        raise NoSolutionError(
+            f"waypoint {first} has no torques to send ({profile.evaluations[first].reason}); "
+            "check .found first"
+        )
+    columns = [
+        profile.torque_names.index(name) if name in profile.torque_names else None
+        for name in profile.position_names
+    ]
+    points = []
+    for time, positions, torques in zip(
+        (profile.times - profile.times[0]).tolist(),
+        profile.positions.tolist(),
+        np.nan_to_num(profile.torques).tolist(),
+        strict=True,
+    ):
+        seconds, nanoseconds = divmod(round(time * _NANOSECONDS), _NANOSECONDS)
+        points.append(
+            {
+                "positions": positions,
+                "velocities": [],
+                "accelerations": [],
+                "effort": [0.0 if column is None else torques[column] for column in columns],
+                "time_from_start": {"sec": seconds, "nanosec": nanoseconds},
+            }
+        )
+    return {
+        "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""},
+        "joint_names": list(profile.position_names),
+        "points": points,
+    }
+
+
+def _cells(values: Any) -> list[str]:
+    """Numbers with all their digits, empty where there is none."""
+    return [repr(float(value)) if np.isfinite(value) else "" for value in values]
+
+
+def _position_unit(hand: Hand | None, name: str) -> str:
+    return "m" if _is_linear(hand, name) else "rad"
+
+
+def _torque_unit(hand: Hand | None, name: str) -> str:
+    """N m at turning joints; N at linear ones, at tendons and for commanded normal forces."""
+    if hand is None or _is_linear(hand, name):
+        return "N"
+    turns = name in hand.joint_names or name in hand.actuation.passive
+    return "N_m" if turns else "N"
+
+
+def _is_linear(hand: Hand | None, name: str) -> bool:
+    if hand is None or name not in hand.joint_names:
+        return False
+    return hand.tree.joint_kinds[hand.tree.joint_index[name]] == "prismatic"

@@ -1,0 +1,25 @@
+"""Plots of solutions and analyses with matplotlib: each function returns the `Axes` it drew on.
+
+Needs the extra ``plots``. Without ``ax`` a new pyplot figure is made; with it nothing but those
+axes is touched, so that plots can be combined and styled by the caller.
+"""
+
+from graspless_pin.plots.cones import friction_section
+from graspless_pin.plots.curves import disturbance_polar, margin_torque_plot, plane_directions
+from graspless_pin.plots.paths import path_margins, path_torques
+from graspless_pin.plots.ranges import normal_force_ranges
+from graspless_pin.plots.tables import margin_heat_map, margin_plot
+from graspless_pin.plots.torques import torque_bars
+
+__all__ = [
+    "disturbance_polar",
+    "friction_section",
+    "margin_heat_map",
+    "margin_plot",
+    "margin_torque_plot",
+    "normal_force_ranges",
+    "path_margins",
+    "path_torques",
+    "plane_directions",
+    "torque_bars",
+]

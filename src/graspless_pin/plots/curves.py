@@ -1,0 +1,131 @@
+"""What an analysis of one problem found: disturbances by direction, torque against margin."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from graspless_pin.algorithms.disturbances import DisturbanceMargin
+from graspless_pin.algorithms.margin_torque_curve import MarginTorqueCurve
+from graspless_pin.errors import ArgumentError, NoSolutionError
+from graspless_pin.picture import LIGHT, Role
+from graspless_pin.plots.canvas import axes_for
+from graspless_pin.problem.checks import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.projections.polar import PolarAxes
+
+COMPONENTS = ("fx", "fy", "fz", "mx", "my", "mz")
+_IN_PLANE = 1e-9
+_FEWEST = 3
+
+
+def plane_directions(first: str, second: str, count: int = 72) -> FloatArray:
+    """(count, 6) unit directions all around a plane of wrench space, for `disturbance_margin`.
+
+    Args:
+        first: Component at angle 0: ``fx``, ``fy``, ``fz``, ``mx``, ``my`` or ``mz``.
+        second: Component at a right angle.
+        count: How many directions, evenly spaced, beginning along the first.
+
+    Raises:
+        ArgumentError: If a component is not known, both are the same or there are fewer than 3.
+    """
+    plane = _plane(first, second)
+    if count < _FEWEST:
+        raise ArgumentError("count", f"is {count}; a polar plot needs at least {_FEWEST}")
+    angles = 2.0 * np.pi * np.arange(count) / count
+    directions = np.zeros((count, 6))
+    directions[:, plane[0]], directions[:, plane[1]] = np.cos(angles), np.sin(angles)
+    return directions
+
+
+def disturbance_polar(
+    margin: DisturbanceMargin, first: str = "fx", second: str = "fz", ax: PolarAxes | None = None
+) -> Axes:
+    """Draw the largest balanced disturbance by direction in a plane of wrench space.
+
+    Args:
+        margin: Its directions in that plane are drawn; `plane_directions` makes them.
+        first: Component at angle 0: ``fx``, ``fy``, ``fz``, ``mx``, ``my`` or ``mz``.
+        second: Component at a right angle.
+        ax: Polar axes to draw on; None: a new figure.
+
+    Returns:
+        Polar axes, radius in N; moments are divided by the characteristic length.
+
+    Raises:
+        ArgumentError: If fewer than 3 directions lie in the plane or a component is not known.
+        NoSolutionError: If not even the undisturbed object is balanced.
+    """
+    plane = _plane(first, second)
+    if not margin.found:
+        raise NoSolutionError(f"There is no disturbance margin ({margin.status.message}).")
+    others = np.delete(margin.directions, plane, axis=1)
+    chosen = np.flatnonzero((np.abs(others) <= _IN_PLANE).all(axis=1))
+    if len(chosen) < _FEWEST:
+        raise ArgumentError(
+            "margin",
+            f"has {len(chosen)} directions in the plane of {first} and {second}; a polar plot "
+            f"needs at least {_FEWEST}: give disturbance_margin plane_directions({first!r}, "
+            f"{second!r})",
+        )
+    angles = np.arctan2(margin.directions[chosen, plane[1]], margin.directions[chosen, plane[0]])
+    order = np.argsort(angles)
+    angles, radii = angles[order], margin.magnitudes[chosen][order]
+    axes = axes_for(ax, size=(4.6, 4.6), projection="polar")
+    blue = LIGHT.roles[Role.NORMAL_FORCE]
+    axes.plot(np.append(angles, angles[0]), np.append(radii, radii[0]), color=blue)
+    axes.fill(angles, radii, color=blue, alpha=0.2, linewidth=0.0)
+    worst = int(np.argmin(radii))
+    axes.plot(
+        angles[worst], radii[worst], "o", color=LIGHT.roles[Role.FRICTION_AT_LIMIT], label="least"
+    )
+    axes.set_xticks(
+        np.arange(4) * np.pi / 2.0, [f"+{first}", f"+{second}", f"−{first}", f"−{second}"]
+    )
+    axes.set_ylim(bottom=0.0)
+    axes.set_title(
+        f"largest balanced disturbance [N], least {radii[worst]:.4g} N", fontsize="medium"
+    )
+    return axes
+
+
+def margin_torque_plot(curve: MarginTorqueCurve, ax: Axes | None = None) -> Axes:
+    """Draw the least torque against the margin asked for.
+
+    Args:
+        curve: Of `margin_torque_curve`.
+        ax: Axes to draw on; None: a new figure.
+
+    Returns:
+        The axes: e_0 in N to the right; up the smallest largest |torque|, N m or a share of the
+        limits as the curve has it. Dots are where pieces meet, dotted lines jumps.
+
+    Raises:
+        NoSolutionError: If no margin is feasible.
+    """
+    if not curve.found:
+        raise NoSolutionError(f"There is no curve to draw ({curve.status.message}).")
+    axes = axes_for(ax)
+    blue = LIGHT.roles[Role.NORMAL_FORCE]
+    axes.plot(
+        curve.margins.ravel(), curve.torques.ravel(), ":", color=blue, linewidth=1.0, zorder=1
+    )
+    # A column a piece: the straight pieces over the dotted whole, which shows at jumps.
+    axes.plot(curve.margins.T, curve.torques.T, "o-", color=blue, markersize=4, linewidth=1.8)
+    axes.set_xlabel("required margin $e_0$ [N]")
+    axes.set_ylabel("smallest largest |torque| [N m, or of the limits]")
+    axes.grid(alpha=0.25)
+    return axes
+
+
+def _plane(first: str, second: str) -> list[int]:
+    for argument, name in (("first", first), ("second", second)):
+        if name not in COMPONENTS:
+            raise ArgumentError(argument, f"is {name!r}; it must be one of {', '.join(COMPONENTS)}")
+    if first == second:
+        raise ArgumentError("second", f"is {second!r}, as the first; a plane needs two components")
+    return [COMPONENTS.index(first), COMPONENTS.index(second)]

@@ -1,0 +1,87 @@
+"""Margin and torques along a path."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from graspless_pin.picture import LIGHT, Role
+from graspless_pin.planning import PathProfile
+from graspless_pin.plots.canvas import axes_for
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_FOOT = 0.02
+
+
+def path_margins(profile: PathProfile, ax: Axes | None = None) -> Axes:
+    """Draw the margin against time.
+
+    Args:
+        profile: Of `evaluate_path`.
+        ax: Axes to draw on; None: a new figure.
+
+    Returns:
+        The axes: s to the right, N up. Crosses are waypoints without torques, dashed lines
+        changes of contacts.
+    """
+    axes = axes_for(ax)
+    margins = np.where(np.isfinite(profile.margins), profile.margins, np.nan)
+    blue = LIGHT.roles[Role.NORMAL_FORCE]
+    axes.plot(profile.times, margins, "o-", color=blue, markersize=4, label="margin")
+    axes.set_ylabel("margin e [N]")
+    _mark_path(axes, profile)
+    return axes
+
+
+def path_torques(profile: PathProfile, ax: Axes | None = None) -> Axes:
+    """Draw each joint's motor torque against time.
+
+    Args:
+        profile: Of `evaluate_path`.
+        ax: Axes to draw on; None: a new figure.
+
+    Returns:
+        The axes: s to the right, N m (N for linear and hybrid joints) up, a line a joint. Crosses
+        are waypoints without torques, dashed lines changes of contacts.
+    """
+    from matplotlib import colormaps
+
+    axes = axes_for(ax, size=(7.6, 4.4))
+    count = len(profile.torque_names)
+    colors = colormaps["viridis"](np.linspace(0.0, 0.9, max(count, 1)))
+    styles = ("-", "--", "-.")
+    for index, name in enumerate(profile.torque_names):
+        axes.plot(
+            profile.times,
+            profile.torques[:, index],
+            styles[index % len(styles)],
+            color=colors[index],
+            label=name,
+        )
+    axes.set_ylabel("motor torque [N m; N for linear and hybrid joints]")
+    _mark_path(axes, profile)
+    if count:
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")
+    return axes
+
+
+def _mark_path(axes: Axes, profile: PathProfile) -> None:
+    """Time, changes of contacts and waypoints without torques."""
+    for change in profile.contact_changes:
+        axes.axvline(
+            profile.times[change.waypoint], color=LIGHT.text, linestyle="--", linewidth=0.8
+        )
+    lost = profile.times[list(profile.failures)]
+    axes.plot(
+        lost,
+        np.full(len(lost), _FOOT),
+        "x",
+        color=LIGHT.roles[Role.FRICTION_AT_LIMIT],
+        transform=axes.get_xaxis_transform(),
+        label="_no torques",
+    )
+    axes.set_xlabel("time [s]")
+    axes.grid(alpha=0.25)

@@ -1,0 +1,62 @@
+"""The normal forces that given torques can end up with."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from graspless_pin.algorithms.force_bounds import ContactForceBounds
+from graspless_pin.errors import NoSolutionError
+from graspless_pin.picture import LIGHT, Role
+from graspless_pin.plots.canvas import axes_for
+from graspless_pin.solution import TorqueSolution
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_BAR = 0.5
+_BEYOND = 1.15
+
+
+def normal_force_ranges(
+    bounds: ContactForceBounds, solution: TorqueSolution | None = None, ax: Axes | None = None
+) -> Axes:
+    """Draw the range of each contact's normal force as a bar, and the solution's as a dot.
+
+    Args:
+        bounds: Ranges that were found, of `contact_force_bounds`.
+        solution: A solution of the same problem; None: no dots.
+        ax: Axes to draw on; None: a new figure.
+
+    Returns:
+        The axes, N: one bar a contact, the first on top. An unbounded one leaves the axes and ends
+        in an arrow.
+
+    Raises:
+        NoSolutionError: If the torques cannot be held.
+    """
+    if not bounds.found:
+        raise NoSolutionError(f"There are no force ranges ({bounds.status.message}).")
+    problem = bounds.problem
+    lower, upper = bounds.lower[:, 0], bounds.upper[:, 0]
+    axes = axes_for(ax, size=(6.4, 1.2 + 0.3 * len(lower)))
+    rows = np.arange(len(lower))
+    finite = upper[np.isfinite(upper)]
+    edge = _BEYOND * float(max(finite.max(initial=0.0), lower.max(), 1e-9))
+    blue = LIGHT.roles[Role.NORMAL_FORCE]
+    ends = np.where(np.isfinite(upper), upper, edge)
+    axes.barh(rows, ends - lower, left=lower, height=_BAR, color=blue, alpha=0.35)
+    # A determinate force has a range without width.
+    axes.vlines(lower, rows - 0.5 * _BAR, rows + 0.5 * _BAR, color=blue, linewidth=2.0)
+    free = np.isinf(upper)
+    axes.plot(ends[free], rows[free], ">", color=blue, label="unbounded")
+    if solution is not None:
+        normal = np.einsum("ij,ij->i", problem.normals, solution.contact_forces)
+        axes.plot(normal, rows, "o", color=LIGHT.text, markersize=5, label="the solution's")
+    axes.set_yticks(rows, [f"contact {row}" for row in rows])
+    axes.set_ylim(len(rows) - 0.4, -0.6)
+    axes.set_xlabel("normal force $f_n$ [N]")
+    axes.grid(axis="x", alpha=0.25)
+    axes.set_axisbelow(True)
+    return axes

@@ -1,0 +1,124 @@
+"""The margin, or another result, over one or two of the things that a study varied."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from graspless_pin.errors import ArgumentError
+from graspless_pin.picture import LIGHT, Role
+from graspless_pin.plots.canvas import axes_for
+from graspless_pin.problem.checks import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+def margin_plot(table: Any, x: str, ax: Axes | None = None, *, value: str = "margin_N") -> Axes:
+    """Draw a result against one parameter: found ones as a line, the others as marks below.
+
+    Args:
+        table: A study's table: a pandas data frame, or any mapping of columns.
+        x: Column of the parameter.
+        ax: Axes to draw on; None: a new figure.
+        value: Column of the result; not a number where nothing was found.
+
+    Returns:
+        The axes. Of several results at one parameter the line joins the means, and a band goes
+        from the least to the largest.
+
+    Raises:
+        ArgumentError: If a column is missing or not of numbers.
+    """
+    at, results = _column(table, "x", x), _column(table, "value", value)
+    axes = axes_for(ax)
+    blue = LIGHT.roles[Role.NORMAL_FORCE]
+    places = np.unique(at)
+    groups = [results[(at == place) & np.isfinite(results)] for place in places]
+    # A place where nothing was found breaks the line.
+    means = np.array([group.mean() if len(group) else np.nan for group in groups])
+    if max((len(group) for group in groups), default=0) > 1:
+        low = [group.min() if len(group) else np.nan for group in groups]
+        high = [group.max() if len(group) else np.nan for group in groups]
+        axes.fill_between(places, low, high, color=blue, alpha=0.2, linewidth=0.0)
+    axes.plot(places, means, "o-", color=blue, markersize=4, label=value)
+    lost = np.unique(at[~np.isfinite(results)])
+    if len(lost):
+        axes.plot(
+            lost,
+            np.full(len(lost), 0.02),
+            "x",
+            color=LIGHT.roles[Role.FRICTION_AT_LIMIT],
+            transform=axes.get_xaxis_transform(),
+            label="nothing found",
+        )
+        axes.legend()
+    axes.set_xlabel(x)
+    axes.set_ylabel(_with_unit(value))
+    axes.grid(alpha=0.25)
+    return axes
+
+
+def margin_heat_map(
+    table: Any, x: str, y: str, ax: Axes | None = None, *, value: str = "margin_N"
+) -> Axes:
+    """Draw a result over two parameters as a map of coloured cells with a colour bar.
+
+    Args:
+        table: A study's table: a pandas data frame, or any mapping of columns.
+        x: Column of the parameter to the right.
+        y: Column of the parameter that goes up.
+        ax: Axes to draw on; None: a new figure.
+        value: Column of the result; not a number where nothing was found.
+
+    Returns:
+        The axes. Cells without any result are hatched; several in one cell are averaged.
+
+    Raises:
+        ArgumentError: If a column is missing or not of numbers.
+    """
+    columns, rows = _column(table, "x", x), _column(table, "y", y)
+    cells = heat_cells(columns, rows, _column(table, "value", value))
+    axes = axes_for(ax, size=(6.4, 4.8))
+    across, up = np.unique(columns), np.unique(rows)
+    # The hatched background shows through the cells that have no colour.
+    axes.patch.set(hatch="///", edgecolor=LIGHT.text, alpha=0.25)
+    mesh = axes.pcolormesh(across, up, cells, shading="nearest", cmap="viridis")
+    bar = axes.figure.colorbar(mesh, ax=axes)
+    bar.set_label(_with_unit(value))
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+    return axes
+
+
+def heat_cells(x: FloatArray, y: FloatArray, values: FloatArray) -> np.ma.MaskedArray:
+    """(rows of y, columns of x) means of the values in each cell, masked where there is none."""
+    across, column = np.unique(x, return_inverse=True)
+    up, row = np.unique(y, return_inverse=True)
+    sums, counts = np.zeros((len(up), len(across))), np.zeros((len(up), len(across)))
+    found = np.isfinite(values)
+    np.add.at(sums, (row[found], column[found]), values[found])
+    np.add.at(counts, (row[found], column[found]), 1.0)
+    return np.ma.masked_array(sums / np.maximum(counts, 1.0), mask=counts == 0.0)
+
+
+def _column(table: Any, argument: str, name: str) -> FloatArray:
+    try:
+        column = table[name]
+    except KeyError:
+        known = ", ".join(str(key) for key in table)
+        raise ArgumentError(argument, f"is {name!r}; the table has the columns {known}") from None
+    try:
+        # A pandas column of integers may have gaps of its own kind.
+        if hasattr(column, "to_numpy"):
+            return column.to_numpy(dtype=float, na_value=np.nan)
+        return np.asarray(column, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise ArgumentError(
+            argument, f"is {name!r}, whose column does not hold numbers ({error})"
+        ) from None
+
+
+def _with_unit(value: str) -> str:
+    return {"margin_N": "margin e [N]", "max_torque_Nm": "largest |torque| [N m]"}.get(value, value)

@@ -1,0 +1,9 @@
+"""A solution as one self-contained HTML page that fetches nothing.
+
+Needs the extra ``report``.
+"""
+
+from graspless_pin.report.html.case import Case, case_of_document, case_of_scene
+from graspless_pin.report.html.page import report_html
+
+__all__ = ["Case", "case_of_document", "case_of_scene", "report_html"]

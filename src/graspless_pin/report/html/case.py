@@ -1,0 +1,133 @@
+"""What a report is of: a solution, and as much of its scene as there is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from graspless_pin.errors import GrasplessPinError
+from graspless_pin.picture import Picture, draw_contacts, draw_scene
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.report.document import solution_document
+from graspless_pin.report.provenance import file_sha256, same_problem, solve_command
+from graspless_pin.report.reading import document_bodies, document_origin, read_solution
+from graspless_pin.scene import Scene, load_scene
+from graspless_pin.solution import TorqueSolution
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """What a report is of.
+
+    Attributes:
+        title: Of the scene, or a plain word.
+        solution: The solution, found or not.
+        document: Its JSON document.
+        bodies: M names of what touches the object; None: not known.
+        points: (M, 3) contact points in the picture's frame, m.
+        picture: What there is to see.
+        missing: Why the picture lacks the scene's bodies; empty: it does not.
+        command: The command that solves it again; None: there is none.
+    """
+
+    title: str
+    solution: TorqueSolution
+    document: dict[str, Any]
+    bodies: tuple[str, ...] | None
+    points: FloatArray
+    picture: Picture
+    missing: str
+    command: str | None
+
+
+def case_of_scene(scene: Scene, solution: TorqueSolution) -> Case:
+    """Return the case of a scene and a solution of its problem.
+
+    Raises:
+        ArgumentError: If the solution is of other contacts.
+        MeshError: If a mesh file is missing or unreadable.
+    """
+    command = None
+    if scene.path is not None and not isinstance(_same_scene(scene.path, solution), str):
+        command = solve_command(solution, scene.path)
+    return Case(
+        scene.name,
+        solution,
+        solution_document(solution, scene),
+        scene.contacts.bodies,
+        solution.problem.positions + scene.object.center_of_mass_world,
+        draw_scene(scene, solution),
+        "",
+        command,
+    )
+
+
+def case_of_document(document: dict[str, Any], folder: Path | None = None) -> Case:
+    """Return the case of a document, with the bodies of its scene where they still are the same.
+
+    Args:
+        document: A document of `solution_document`.
+        folder: Where the scene file is looked for besides the working directory.
+
+    Raises:
+        ArgumentError: If it is no such document.
+    """
+    solution = read_solution(document)
+    origin = document_origin(document)
+    found = _scene_of(document, solution, folder)
+    if isinstance(found, str):
+        picture, missing, command = (
+            draw_contacts(solution.problem, solution, origin=origin),
+            found,
+            None,
+        )
+    else:
+        scene, path = found
+        picture, missing = draw_scene(scene, solution), ""
+        command = solve_command(solution, path)
+    return Case(
+        str(document.get("scene", "A problem made from arrays")),
+        solution,
+        document,
+        document_bodies(document),
+        solution.problem.positions + origin,
+        picture,
+        missing,
+        command,
+    )
+
+
+def _scene_of(
+    document: dict[str, Any], solution: TorqueSolution, folder: Path | None
+) -> tuple[Scene, Path] | str:
+    """The scene that a document names, or why it cannot be used."""
+    made_of = document.get("provenance") or {}
+    name = made_of.get("scene_file")
+    if not isinstance(name, str):
+        return "The document names no scene file."
+    places = (
+        [Path(name)] if folder is None else [Path(name), folder / name, folder / Path(name).name]
+    )
+    path = next((place for place in places if place.is_file()), None)
+    if path is None:
+        return f"The scene file {name} is not here."
+    if file_sha256(path) != made_of.get("scene_sha256"):
+        return f"The scene file {path} has changed since."
+    scene = _same_scene(path, solution)
+    return scene if isinstance(scene, str) else (scene, path)
+
+
+def _same_scene(path: Path, solution: TorqueSolution) -> Scene | str:
+    """The scene of a file if it still leads to the problem of a solution, or why not."""
+    try:
+        scene = load_scene(path)
+        problem = scene.problem()
+    except GrasplessPinError as error:
+        return f"The scene file {path} cannot be loaded: {error}."
+    if not same_problem(problem, solution.problem):
+        return (
+            f"The scene file {path} now leads to another problem: a model that it names has "
+            "changed, or the scene was changed in Python."
+        )
+    return scene

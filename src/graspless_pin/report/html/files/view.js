@@ -1,0 +1,363 @@
+// Draws the scene of the page with WebGL 2: turn, move, zoom, layers by role. Nothing is fetched.
+(() => {
+  "use strict";
+  const root = document.getElementById("view");
+  const canvas = root.querySelector("canvas");
+  const labels = root.querySelector(".labels");
+  const model = JSON.parse(document.getElementById("model").textContent);
+  const CREASE = Math.cos((35 * Math.PI) / 180);
+  const FIELD = (32 * Math.PI) / 180;
+  const OUTLINED = new Set(["object", "support"]);
+  const BODIES = new Set(["hand", "object", "support"]);
+
+  const sub = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+  const add = (a, b, k = 1) => [a[0] + k * b[0], a[1] + k * b[1], a[2] + k * b[2]];
+  const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+  const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+  const unit = (a) => { const n = Math.hypot(...a) || 1; return a.map((x) => x / n); };
+
+  function fail(text) {
+    canvas.hidden = true;
+    const note = root.querySelector(".fallback");
+    note.hidden = false;
+    note.textContent = text;
+    root.dataset.state = "unavailable";
+  }
+
+  async function unpack() {
+    const bytes = Uint8Array.from(atob(model.data), (c) => c.charCodeAt(0));
+    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+    const buffer = await new Response(stream).arrayBuffer();
+    const count = model.meshes.reduce((sum, mesh) => sum + mesh.vertices, 0);
+    const corners = new Uint16Array(buffer, 0, 3 * count);
+    const faces = new Uint32Array(buffer, 4 * Math.ceil((6 * count) / 4));
+    const parts = {};
+    let v = 0, f = 0;
+    for (const mesh of model.meshes) {
+      mesh.points = [];
+      for (let i = 0; i < mesh.vertices; i++, v += 3) {
+        mesh.points.push([0, 1, 2].map((k) => mesh.low[k] + (mesh.size[k] * corners[v + k]) / 65535));
+      }
+      mesh.triangles = [];
+      for (let i = 0; i < mesh.faces; i++, f += 3) mesh.triangles.push([faces[f], faces[f + 1], faces[f + 2]]);
+      mesh.middle = add(mesh.low, mesh.size, 0.5);
+      (parts[mesh.role] ||= []).push(mesh.middle);
+      const reach = (mesh.role === "support" ? 2.3 : 1.1) * model.radius;
+      near.push(...mesh.points.filter((point) => Math.hypot(...sub(point, model.center)) < reach));
+    }
+    for (const [role, all] of Object.entries(parts)) {
+      middles[role] = all.reduce((sum, one) => add(sum, one, 1 / all.length), [0, 0, 0]);
+    }
+  }
+
+  // Corners with normals that are smooth but at creases, and the lines of the creases.
+  function surface(mesh) {
+    const normals = mesh.triangles.map(([a, b, c]) =>
+      cross(sub(mesh.points[b], mesh.points[a]), sub(mesh.points[c], mesh.points[a])));
+    const units = normals.map(unit);
+    const around = mesh.points.map(() => []);
+    mesh.triangles.forEach((corners, t) => corners.forEach((corner) => around[corner].push(t)));
+    const data = [], lines = [], edges = new Map();
+    mesh.triangles.forEach((corners, t) => {
+      corners.forEach((corner, k) => {
+        let sum = [0, 0, 0];
+        for (const other of around[corner]) if (dot(units[other], units[t]) > CREASE) sum = add(sum, normals[other]);
+        data.push(...mesh.points[corner], ...unit(sum));
+        const next = corners[(k + 1) % 3];
+        const key = Math.min(corner, next) + " " + Math.max(corner, next);
+        edges.set(key, [...(edges.get(key) || []), t]);
+      });
+    });
+    for (const [key, [first, second]] of edges) {
+      if (second !== undefined && dot(units[first], units[second]) > CREASE) continue;
+      for (const end of key.split(" ")) lines.push(...mesh.points[end], 0, 0, 0);
+    }
+    return { data: new Float32Array(data), lines: new Float32Array(lines) };
+  }
+
+  const VERTEX = `#version 300 es
+    in vec3 point; in vec3 normal; uniform mat4 view; uniform mat4 lens; out vec3 n;
+    void main() { n = mat3(view) * normal; gl_Position = lens * view * vec4(point, 1.0); }`;
+  const FRAGMENT = `#version 300 es
+    precision highp float;
+    in vec3 n; uniform vec3 color; uniform float alpha; uniform bool lit; out vec4 result;
+    void main() {
+      float light = 1.0;
+      if (lit) {
+        vec3 m = normalize(n) * (gl_FrontFacing ? 1.0 : -1.0);
+        light = 0.52 + 0.38 * max(dot(m, normalize(vec3(0.35, 0.6, 0.75))), 0.0) + 0.14 * max(m.z, 0.0);
+      }
+      result = vec4(min(color * light, 1.0) * alpha, alpha);
+    }`;
+
+  function program(gl) {
+    const made = gl.createProgram();
+    for (const [kind, text] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]]) {
+      const shader = gl.createShader(kind);
+      gl.shaderSource(shader, text);
+      gl.compileShader(shader);
+      gl.attachShader(made, shader);
+    }
+    gl.linkProgram(made);
+    if (!gl.getProgramParameter(made, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(made));
+    return made;
+  }
+
+  function upload(gl, shader, data) {
+    const array = gl.createVertexArray();
+    gl.bindVertexArray(array);
+    gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
+    gl.bufferData(gl.ARRAY_BUFFER, data, gl.STATIC_DRAW);
+    for (const [name, offset] of [["point", 0], ["normal", 12]]) {
+      const place = gl.getAttribLocation(shader, name);
+      if (place < 0) continue;
+      gl.enableVertexAttribArray(place);
+      gl.vertexAttribPointer(place, 3, gl.FLOAT, false, 24, offset);
+    }
+    return { array, count: data.length / 6 };
+  }
+
+  // The camera goes around the target; up is against gravity.
+  const up = unit(model.up);
+  const east = unit(cross(Math.abs(up[1]) < 0.9 ? [0, 1, 0] : [1, 0, 0], up));
+  const north = cross(up, east);
+  const near = []; // what the first view has to hold
+  const middles = {}; // of hand, object and supports
+  let camera;
+
+  // From the side of the line between object and hand, so that neither hides the contacts, and
+  // from the free side of the supports.
+  function bestTurn() {
+    const level = (a) => add(a, up, -dot(a, up));
+    const small = 0.1 * model.radius;
+    let back = add(add([0, 0, 0], east, 0.54), north, -0.84);
+    const free = middles.support ? level(sub(model.center, middles.support)) : [0, 0, 0];
+    const reach = middles.hand && middles.object ? level(sub(middles.hand, middles.object)) : [0, 0, 0];
+    if (Math.hypot(...reach) > small) {
+      const side = unit(cross(up, reach));
+      const sign = dot(side, add(back, free, 4 / model.radius)) < 0 ? -1 : 1;
+      back = add([0, 0, 0], side, sign);
+    }
+    if (Math.hypot(...free) > small) back = add(back, unit(free), 0.45);
+    return Math.atan2(dot(back, north), dot(back, east));
+  }
+
+  function start() {
+    camera = { turn: bestTurn(), tilt: 0.38, distance: 1, target: [...model.center] };
+    const { right, over, back } = frame();
+    const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
+    for (const point of near) {
+      const from = sub(point, model.center);
+      [right, over, back].forEach((axis, k) => {
+        low[k] = Math.min(low[k], dot(from, axis));
+        high[k] = Math.max(high[k], dot(from, axis));
+      });
+    }
+    camera.target = add(add(camera.target, right, 0.5 * (low[0] + high[0])), over, 0.5 * (low[1] + high[1]));
+    const wide = (canvas.clientWidth / canvas.clientHeight) || 1;
+    const tall = Math.max(high[1] - low[1], (high[0] - low[0]) / Math.max(1, wide)) / 2;
+    camera.distance = high[2] + (1.12 * tall) / Math.tan(FIELD / 2);
+  }
+
+  function frame() {
+    const flat = Math.cos(camera.tilt);
+    let back = add(add([0, 0, 0], east, flat * Math.cos(camera.turn)), north, flat * Math.sin(camera.turn));
+    back = add(back, up, Math.sin(camera.tilt));
+    const right = unit(cross(up, back));
+    return { back, right, over: cross(back, right), eye: add(camera.target, back, camera.distance) };
+  }
+
+  function matrices(axes, aspect) {
+    const { right, over, back, eye } = axes;
+    const view = [];
+    for (let k = 0; k < 3; k++) view.push(right[k], over[k], back[k], 0);
+    view.push(-dot(right, eye), -dot(over, eye), -dot(back, eye), 1);
+    const near = 0.02 * camera.distance, far = camera.distance + 40 * model.radius;
+    // On a narrow stage the field is that of the width.
+    const tall = Math.tan(FIELD / 2) * Math.max(1, 1 / aspect);
+    const lens = [1 / (tall * aspect), 0, 0, 0, 0, 1 / tall, 0, 0, 0, 0, (far + near) / (near - far), -1,
+      0, 0, (2 * far * near) / (near - far), 0];
+    return { view, lens, tall };
+  }
+
+  function viewer(gl) {
+    const shader = program(gl);
+    const place = Object.fromEntries(
+      ["view", "lens", "color", "alpha", "lit"].map((name) => [name, gl.getUniformLocation(shader, name)]));
+    for (const mesh of model.meshes) {
+      const { data, lines } = surface(mesh);
+      mesh.body = upload(gl, shader, data);
+      mesh.outline = OUTLINED.has(mesh.role) && lines.length ? upload(gl, shader, lines) : null;
+      mesh.points = mesh.triangles = null;
+    }
+    const marks = model.points.map((_, index) => {
+      const mark = document.createElement("span");
+      mark.textContent = index;
+      return labels.appendChild(mark);
+    });
+    const boxes = [...root.querySelectorAll("input")];
+    let asked = false;
+
+    function draw() {
+      asked = false;
+      const scale = window.devicePixelRatio || 1;
+      const width = canvas.clientWidth, height = canvas.clientHeight;
+      if (!width || !height) return;
+      canvas.width = Math.round(scale * width);
+      canvas.height = Math.round(scale * height);
+      gl.viewport(0, 0, canvas.width, canvas.height);
+      const axes = frame();
+      const { view, lens, tall } = matrices(axes, width / height);
+      const style = getComputedStyle(document.documentElement);
+      const colorOf = (name) => {
+        const hex = style.getPropertyValue("--" + name).trim();
+        return [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16) / 255);
+      };
+      const shown = new Set(boxes.filter((box) => box.checked).map((box) => box.value));
+      const visible = model.meshes.filter((mesh) => shown.has(mesh.role));
+      const paint = (mesh, alpha) => {
+        gl.uniform3fv(place.color, colorOf(mesh.role));
+        gl.uniform1f(place.alpha, alpha);
+        gl.bindVertexArray(mesh.body.array);
+        gl.drawArrays(gl.TRIANGLES, 0, mesh.body.count);
+      };
+      gl.clearColor(0, 0, 0, 0);
+      gl.depthMask(true);
+      gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+      gl.useProgram(shader);
+      gl.uniformMatrix4fv(place.view, false, view);
+      gl.uniformMatrix4fv(place.lens, false, lens);
+      gl.uniform1i(place.lit, 1);
+      gl.enable(gl.DEPTH_TEST);
+      gl.disable(gl.CULL_FACE);
+      gl.disable(gl.BLEND);
+      gl.depthFunc(gl.LESS);
+      const solid = visible.filter((mesh) => mesh.opacity >= 1);
+      // A surface that a contact ball or an arrow's foot lies in must not flicker through it.
+      gl.enable(gl.POLYGON_OFFSET_FILL);
+      gl.polygonOffset(1, 1);
+      for (const mesh of solid) if (BODIES.has(mesh.role)) paint(mesh, 1);
+      gl.disable(gl.POLYGON_OFFSET_FILL);
+      for (const mesh of solid) if (!BODIES.has(mesh.role)) paint(mesh, 1);
+      gl.enable(gl.BLEND);
+      gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+      gl.depthMask(false);
+      // What solid bodies hide of contacts and arrows still shows faintly.
+      gl.depthFunc(gl.GREATER);
+      for (const mesh of solid) if (!BODIES.has(mesh.role)) paint(mesh, 0.3);
+      gl.depthFunc(gl.LEQUAL);
+      gl.uniform1i(place.lit, 0);
+      for (const mesh of visible) {
+        if (!mesh.outline) continue;
+        gl.uniform3fv(place.color, colorOf("text"));
+        gl.uniform1f(place.alpha, 0.55);
+        gl.bindVertexArray(mesh.outline.array);
+        gl.drawArrays(gl.LINES, 0, mesh.outline.count);
+      }
+      gl.uniform1i(place.lit, 1);
+      const depth = (mesh) => dot(sub(mesh.middle, axes.eye), axes.back);
+      gl.enable(gl.CULL_FACE);
+      for (const mesh of visible.filter((m) => m.opacity < 1).sort((a, b) => depth(a) - depth(b))) {
+        for (const side of [gl.FRONT, gl.BACK]) {
+          gl.cullFace(side);
+          paint(mesh, 0.6 * mesh.opacity);
+        }
+      }
+      marks.forEach((mark, index) => {
+        const from = sub(model.points[index], axes.eye);
+        const deep = -dot(from, axes.back);
+        const x = (dot(from, axes.right) / (deep * tall)) * 0.5 * height + 0.5 * width;
+        const y = (-dot(from, axes.over) / (deep * tall)) * 0.5 * height + 0.5 * height;
+        mark.hidden = !shown.has("labels") || deep <= 0;
+        mark.style.transform = `translate(${x + 6}px, ${y + 6}px)`;
+      });
+      root.dataset.state = "drawn";
+    }
+
+    const redraw = () => { if (!asked) { asked = true; requestAnimationFrame(draw); } };
+    boxes.forEach((box) => box.addEventListener("change", redraw));
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
+    new ResizeObserver(redraw).observe(canvas);
+    return redraw;
+  }
+
+  function controls(redraw) {
+    const turn = (x, y) => {
+      camera.turn -= x;
+      camera.tilt = Math.min(1.55, Math.max(-1.55, camera.tilt + y));
+      redraw();
+    };
+    const move = (x, y) => {
+      const { right, over } = frame();
+      const size = (2 * camera.distance * Math.tan(FIELD / 2)) / canvas.clientHeight;
+      camera.target = add(add(camera.target, right, -x * size), over, y * size);
+      redraw();
+    };
+    const zoom = (factor) => {
+      camera.distance = Math.min(30 * model.radius, Math.max(0.1 * model.radius, camera.distance * factor));
+      redraw();
+    };
+    const reset = () => { start(); redraw(); };
+    const actions = {
+      closer: () => zoom(0.8),
+      farther: () => zoom(1.25),
+      top: () => { camera.tilt = 1.55; redraw(); },
+      reset,
+    };
+    root.querySelectorAll("button").forEach((button) =>
+      button.addEventListener("click", actions[button.dataset.do]));
+    canvas.addEventListener("keydown", (event) => {
+      const arrow = { ArrowLeft: [1, 0], ArrowRight: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
+      if (event.ctrlKey || event.metaKey || event.altKey) return;
+      if (arrow && event.shiftKey) move(20 * arrow[0], 20 * arrow[1]);
+      else if (arrow) turn(0.08 * arrow[0], 0.08 * arrow[1]);
+      else if (event.key === "+" || event.key === "=") zoom(0.85);
+      else if (event.key === "-") zoom(1 / 0.85);
+      else if (event.key === "Home") reset();
+      else return;
+      event.preventDefault();
+    });
+    const fingers = new Map();
+    canvas.addEventListener("pointerdown", (event) => {
+      canvas.setPointerCapture(event.pointerId);
+      fingers.set(event.pointerId, [event.clientX, event.clientY]);
+    });
+    canvas.addEventListener("pointermove", (event) => {
+      const last = fingers.get(event.pointerId);
+      if (!last) return;
+      const [x, y] = [event.clientX - last[0], event.clientY - last[1]];
+      const other = [...fingers].find(([id]) => id !== event.pointerId);
+      if (other) {
+        const apart = (from) => Math.hypot(from[0] - other[1][0], from[1] - other[1][1]) || 1;
+        zoom(apart(last) / apart([event.clientX, event.clientY]));
+      } else if (event.shiftKey || event.buttons & 6) move(x, y);
+      else turn(0.008 * x, 0.008 * y);
+      fingers.set(event.pointerId, [event.clientX, event.clientY]);
+    });
+    for (const end of ["pointerup", "pointercancel"]) {
+      canvas.addEventListener(end, (event) => fingers.delete(event.pointerId));
+    }
+    canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+    canvas.addEventListener("wheel", (event) => {
+      // Without a click first the wheel scrolls the page.
+      if (!event.ctrlKey && document.activeElement !== canvas) return;
+      event.preventDefault();
+      zoom(Math.exp(0.0015 * event.deltaY));
+    }, { passive: false });
+  }
+
+  async function main() {
+    const gl = canvas.getContext("webgl2", { antialias: true });
+    if (!gl || typeof DecompressionStream === "undefined") {
+      fail("This browser offers no WebGL 2, so the scene cannot be drawn here. The tables below have every figure.");
+      return;
+    }
+    await unpack();
+    start();
+    const redraw = viewer(gl);
+    controls(redraw);
+    redraw();
+  }
+
+  main().catch((error) => fail(`The scene could not be drawn: ${error.message}`));
+})();

@@ -1,0 +1,145 @@
+"""The page: what the template is filled with."""
+
+from __future__ import annotations
+
+import base64
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from graspless_pin.algorithms.force_bounds import contact_force_bounds
+from graspless_pin.errors import ArgumentError, GrasplessPinError, NoSolutionError
+from graspless_pin.picture import DARK, LIGHT, Role
+from graspless_pin.report.html.case import Case
+from graspless_pin.report.html.model import model_data
+from graspless_pin.report.html.sections import (
+    check_rows,
+    contact_rows,
+    friction_figures,
+    joint_rows,
+    range_figure,
+    range_rows,
+    scene_in_words,
+    torque_figure,
+)
+
+_FILES = Path(__file__).with_name("files")
+_SUGGESTION = "- "
+_NO_RANGES = {"bounds": None, "no_bounds": "they were not asked for."}
+# A sum of two arrows that are drawn anyway.
+_HIDDEN_AT_FIRST = (Role.TOTAL_FORCE,)
+
+
+def report_html(case: Case, *, ranges: bool = True) -> str:
+    """Return a case as one HTML page that fetches nothing.
+
+    Args:
+        case: What the report is of.
+        ranges: Whether to compute the force ranges: two searches for each force component, which
+            can take minutes where many contacts stick.
+
+    Raises:
+        GrasplessPinError: If Jinja2 or matplotlib is not installed.
+        ArgumentError: If the case's document is not complete.
+    """
+    try:
+        import matplotlib  # noqa: F401
+        from jinja2 import Environment, FileSystemLoader, StrictUndefined
+    except ImportError as error:
+        raise GrasplessPinError(
+            f"reports need Jinja2 and matplotlib ({error}); install them with pip install "
+            "'graspless-pin[report]'"
+        ) from None
+    environment = Environment(
+        loader=FileSystemLoader(_FILES),
+        autoescape=True,
+        undefined=StrictUndefined,
+        keep_trailing_newline=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template("report.html").render(_context(case, ranges=ranges))
+
+
+def _context(case: Case, *, ranges: bool) -> dict[str, Any]:
+    solution = case.solution
+    problem, why = solution.problem, solution.explanation.splitlines()
+    context: dict[str, Any] = {
+        "case": case,
+        "solution": solution,
+        "problem": problem,
+        "proof": solution.certificate,
+        "found": solution.found,
+        "algorithm": 1 if solution.algorithm == "margin" else 2,
+        "joints": joint_rows(solution),
+        "contacts": contact_rows(case),
+        "scene_words": scene_in_words(case.picture),
+        "legend": _legend(case),
+        "palettes": {"light": LIGHT, "dark": DARK},
+        "model": _embedded(model_data(case.picture, case.points)),
+        "made_of": case.document.get("provenance") or {},
+        "download": base64.b64encode(json.dumps(case.document, indent=2).encode()).decode("ascii"),
+        "style": (_FILES / "style.css").read_text(encoding="utf-8"),
+        "script": (_FILES / "view.js").read_text(encoding="utf-8"),
+        "number": _number,
+        "why": [line for line in why if not line.startswith(_SUGGESTION)],
+        "suggestions": [line[2:] for line in why if line.startswith(_SUGGESTION)],
+    }
+    if solution.found:
+        context |= {
+            "torque_figure": torque_figure(solution) if problem.joint_count else "",
+            "friction_figures": friction_figures(solution),
+            "checks": _checks(case.document),
+            **(_ranges(solution) if ranges else _NO_RANGES),
+        }
+    return context
+
+
+def _ranges(solution: Any) -> dict[str, Any]:
+    """The force ranges of the solution's torques, or why there are none."""
+    try:
+        bounds = contact_force_bounds(
+            solution.problem, solution.torques, **solution.rules.options()
+        )
+    except NoSolutionError as error:
+        return {"bounds": None, "no_bounds": str(error)}
+    if not bounds.found:
+        return {"bounds": None, "no_bounds": bounds.status.message}
+    return {
+        "bounds": bounds,
+        "ranges": range_rows(bounds),
+        "range_figure": range_figure(bounds, solution),
+    }
+
+
+def _checks(document: dict[str, Any]) -> list[dict[str, str]]:
+    try:
+        return check_rows(document)
+    except ValueError as error:
+        raise ArgumentError("document", str(error)) from None
+
+
+def _legend(case: Case) -> list[dict[str, Any]]:
+    """The roles that the picture has, in the order of `Role`."""
+    return [
+        {"role": role, "label": role.label, "shown": role not in _HIDDEN_AT_FIRST}
+        for role in Role
+        if case.picture.of(role)
+    ]
+
+
+def _embedded(data: Any) -> str:
+    """JSON that no ``</script>`` inside a name can end early."""
+    return json.dumps(data, allow_nan=False).replace("<", "\\u003c")
+
+
+def _number(value: float | None, digits: int = 4, *, signed: bool = False) -> str:
+    """A figure for reading, with a true minus sign; a dash where there is none."""
+    if value is None or np.isnan(value):
+        return "–"
+    if np.isinf(value):
+        return ("+∞" if signed else "∞") if value > 0.0 else "−∞"
+    text = f"{round(float(value), digits) + 0.0:{'+' if signed else ''}.{digits}f}"
+    return text.replace("-", "−")

@@ -1,0 +1,158 @@
+"""The rows and figures of the page's sections."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+
+from graspless_pin.algorithms.force_bounds import ContactForceBounds
+from graspless_pin.picture import Picture, Role
+from graspless_pin.plots import friction_section, normal_force_ranges, torque_bars
+from graspless_pin.report.html.case import Case
+from graspless_pin.report.html.figures import inline_svg
+from graspless_pin.report.verify import verify_document
+from graspless_pin.solution import TorqueSolution
+from graspless_pin.solution.table import contact_state, friction_use, limit_shares
+
+_SIGNS = {-1: "−", 0: "0 ", 1: "+"}
+_SECTION_SIZE = (2.5, 2.75)
+
+
+def joint_rows(solution: TorqueSolution) -> list[dict[str, Any]]:
+    """Return a row a joint; torques are None where nothing was found, infinite limits too."""
+    problem = solution.problem
+    rows = []
+    shares = np.full(problem.joint_count, np.nan)
+    if solution.found:
+        shares = limit_shares(solution.torques, problem.lower_torque, problem.upper_torque)
+    for index, name in enumerate(problem.joint_names):
+        rows.append(
+            {
+                "name": name,
+                "contacts": solution.contact_torques[index] if solution.found else None,
+                "gravity": problem.gravity_torques[index],
+                "torque": solution.torques[index] if solution.found else None,
+                "lower": problem.lower_torque[index],
+                "upper": problem.upper_torque[index],
+                "share": shares[index],
+            }
+        )
+    return rows
+
+
+def contact_rows(case: Case) -> list[dict[str, Any]]:
+    """Return a row a contact; what only a solution knows is None where nothing was found."""
+    solution = case.solution
+    problem = solution.problem
+    rows = []
+    for index in range(problem.contact_count):
+        row: dict[str, Any] = {
+            "body": None if case.bodies is None else case.bodies[index],
+            "position": case.points[index],
+            "friction": problem.friction[index],
+            "state": "sliding" if problem.is_sliding[index] else "at rest",
+        }
+        if solution.found:
+            force = solution.contact_forces[index]
+            local = np.array([problem.normals[index] @ force, *(problem.tangents[index].T @ force)])
+            row |= {
+                "force": local,
+                "use": friction_use(solution)[index],
+                "state": contact_state(solution, index),
+                "slides": _slides(solution, index),
+            }
+        rows.append(row)
+    return rows
+
+
+def torque_figure(solution: TorqueSolution) -> str:
+    """Return the torques as SVG."""
+    problem = solution.problem
+    top = int(np.argmax(np.abs(solution.torques)))
+    alt = (
+        f"Bars of {problem.joint_count} motor torques between the marks of their limits. The "
+        f"largest is {solution.torques[top]:+.4g} at {problem.joint_names[top]}. The table has "
+        "every figure."
+    )
+    size = (7.0, 0.9 + 0.24 * problem.joint_count)
+    return inline_svg("torques", alt, size, lambda ax: torque_bars(solution, ax))
+
+
+def friction_figures(solution: TorqueSolution) -> list[str]:
+    """Return the friction of each contact in the cut of its cone, as SVGs."""
+    problem = solution.problem
+    figures = []
+    for contact in range(problem.contact_count):
+        force = solution.contact_forces[contact]
+        normal = float(problem.normals[contact] @ force)
+        along = problem.tangents[contact].T @ force
+        alt = (
+            f"Contact {contact}, {contact_state(solution, contact)}: friction "
+            f"({along[0]:.4g}, {along[1]:.4g}) N along t1 and t2, in a cone of radius "
+            f"{problem.friction[contact] * normal:.4g} N."
+        )
+
+        def draw(ax: Any, contact: int = contact) -> None:
+            friction_section(solution, contact, ax)
+
+        figures.append(inline_svg(f"friction-{contact}", alt, _SECTION_SIZE, draw))
+    return figures
+
+
+def range_rows(bounds: ContactForceBounds) -> list[dict[str, Any]]:
+    """Return a row a contact: the ranges of f_n, f_t1, f_t2 and whether the torques fix them."""
+    return [
+        {"lower": low, "upper": high, "open": open_}
+        for low, high, open_ in zip(bounds.lower, bounds.upper, bounds.indeterminate, strict=True)
+    ]
+
+
+def range_figure(bounds: ContactForceBounds, solution: TorqueSolution) -> str:
+    """Return the ranges of the normal forces as SVG."""
+    count = int(bounds.indeterminate[:, 0].sum())
+    alt = (
+        f"Ranges of {len(bounds.lower)} normal forces with the solution's as dots; {count} of them "
+        "are not determined by the torques. The table has every figure."
+    )
+    size = (7.0, 0.9 + 0.28 * len(bounds.lower))
+    return inline_svg("ranges", alt, size, lambda ax: normal_force_ranges(bounds, solution, ax))
+
+
+def check_rows(document: dict[str, Any]) -> list[dict[str, str]]:
+    """Return a row a check of the document with numpy alone."""
+    words = {True: "holds", False: "FAILS", None: "not proven here"}
+    return [
+        {"name": check.name, "verdict": words[check.passed], "detail": check.detail}
+        for check in verify_document(document).checks
+    ]
+
+
+def scene_in_words(picture: Picture) -> str:
+    """Return what the 3-D view shows, for those who do not see it."""
+    counts = Counter(mesh.role for mesh in picture.meshes)
+    names = {
+        role: ", ".join(mesh.name.split("/")[-1] for mesh in picture.of(role))
+        for role in (Role.OBJECT, Role.SUPPORT)
+    }
+    parts = []
+    if counts[Role.HAND]:
+        parts.append(f"a hand of {counts[Role.HAND]} links")
+    if counts[Role.OBJECT]:
+        parts.append(f"the object {names[Role.OBJECT]}")
+    if counts[Role.SUPPORT]:
+        parts.append(f"supported by {names[Role.SUPPORT]}")
+    parts.append(f"{counts[Role.CONTACT]} contact points with friction cones")
+    if counts[Role.NORMAL_FORCE]:
+        parts.append("arrows of the contact forces on the object")
+    return "Shows " + ", ".join(parts) + "."
+
+
+def _slides(solution: TorqueSolution, contact: int) -> str:
+    """The virtual sliding of a contact in words."""
+    mode = solution.mode
+    if not mode.selection[contact]:
+        return "none"
+    first, second = (_SIGNS[int(sign)] for sign in mode.signs[contact])
+    return f"{first}t1, {second}t2"

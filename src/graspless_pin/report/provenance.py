@@ -1,0 +1,100 @@
+"""What a result was made of: versions, hashes and the command that makes it again."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+import shlex
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.solution import Status, TorqueSolution
+
+# What can change a figure: geometry, numerics and solvers.
+_PACKAGES = (
+    "graspless-pin", "numpy", "scipy", "pin", "coal", "trimesh", "coacd",
+    "qpsolvers", "piqp", "proxsuite", "highspy", "clarabel",
+)  # fmt: skip
+_ARRAYS = (
+    "positions", "normals", "external_wrench", "jacobian", "friction", "tangents", "sliding",
+    "lower_torque", "upper_torque", "max_normal_force", "gravity_torques",
+)  # fmt: skip
+_SAME = 1e-9
+_IN_GIVEN_MODE = (Status.OPTIMAL_IN_MODE, Status.INFEASIBLE_IN_MODE, Status.INFEASIBLE_MODE)
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of Python and of the packages that make the figures, by name."""
+    found = {"python": platform.python_version()}
+    for name in _PACKAGES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def file_sha256(path: Path) -> str | None:
+    """Return the hash of a file's bytes; None if it cannot be read."""
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError:
+        return None
+
+
+def problem_sha256(problem: QuasistaticProblem) -> str:
+    """Return the hash of a problem's arrays, as little-endian doubles, and of its cone edges."""
+    digest = hashlib.sha256(str(problem.cone_edges).encode())
+    for name in _ARRAYS:
+        array = np.ascontiguousarray(getattr(problem, name), dtype="<f8")
+        digest.update(f"{name}{array.shape}".encode())
+        digest.update((array + 0.0).tobytes())  # -0 and 0 are the same problem
+    return digest.hexdigest()
+
+
+def provenance(problem: QuasistaticProblem, scene_file: Path | None) -> dict[str, Any]:
+    """Return what a solution was made of, for its document.
+
+    Args:
+        problem: The problem that was solved.
+        scene_file: The file of the scene that it is of; None: made from arrays or in Python.
+
+    Returns:
+        ``scene_file`` as it was given and ``scene_sha256`` (None without a file),
+        ``problem_sha256`` and ``versions``.
+    """
+    return {
+        "scene_file": None if scene_file is None else str(scene_file),
+        "scene_sha256": None if scene_file is None else file_sha256(scene_file),
+        "problem_sha256": problem_sha256(problem),
+        "versions": versions(),
+    }
+
+
+def same_problem(first: QuasistaticProblem, second: QuasistaticProblem) -> bool:
+    """Whether two problems are the same but for rounding."""
+    if first.cone_edges != second.cone_edges or first.joint_names != second.joint_names:
+        return False
+    pairs = [(getattr(first, name), getattr(second, name)) for name in _ARRAYS]
+    return all(a.shape == b.shape and np.allclose(a, b, atol=_SAME) for a, b in pairs)
+
+
+def solve_command(solution: TorqueSolution, scene_file: Path) -> str | None:
+    """Return the command line that solves a scene file again; None: no command does.
+
+    What the command does not say stands in the scene file. No command takes a given mode.
+    """
+    if solution.status in _IN_GIVEN_MODE:
+        return None
+    words = ["graspless-pin", "solve", str(scene_file), "--algorithm", str(solution.algorithm)]
+    if solution.algorithm == "torque":
+        words += ["--margin", f"{solution.required_margin!r}"]
+        if solution.found:
+            words += ["--scale", "limits" if solution.multipliers.by_limits else "absolute"]
+    for option, value in solution.rules.options().items():
+        words += [f"--{option.replace('_', '-')}", str(value)]
+    return shlex.join(words)

@@ -1,0 +1,102 @@
+"""A solution read back from its JSON document."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from graspless_pin.errors import ArgumentError, GrasplessPinError
+from graspless_pin.modes.rules import Rules, SlidingMode
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.solution import Algorithm, Certificate, ProofMultipliers, Status, TorqueSolution
+from graspless_pin.solution.records import FOUND
+
+
+def read_solution(document: dict[str, Any]) -> TorqueSolution:
+    """Return the solution that a document of `solution_document` is of.
+
+    Problem, forces, mode and certificate are those of the document. Its multipliers stay in the
+    document: `verify_document` checks them there.
+
+    Raises:
+        ArgumentError: If it is no such document.
+    """
+    if not isinstance(document, dict):
+        raise ArgumentError("document", "is no JSON object; it must be one written by solve")
+    try:
+        return _solution(document)
+    except KeyError as error:
+        raise ArgumentError("document", f"lacks the key {error}") from None
+    except GrasplessPinError as error:
+        raise ArgumentError("document", f"holds a problem that is none: {error}") from None
+    except (TypeError, ValueError, IndexError, AttributeError) as error:
+        raise ArgumentError("document", f"has a value of a wrong type or size: {error}") from None
+
+
+def document_origin(document: dict[str, Any]) -> FloatArray:
+    """(3,) the point in world coordinates that the problem's positions are relative to, m."""
+    return np.array(document.get("object", {}).get("center_of_mass", [0.0, 0.0, 0.0]), dtype=float)
+
+
+def document_bodies(document: dict[str, Any]) -> tuple[str, ...] | None:
+    """M names of what touches the object; None where the document knows none."""
+    contacts = document["contacts"]
+    if not all("bodies" in contact for contact in contacts):
+        return None
+    return tuple(str(contact["bodies"][0]) for contact in contacts)
+
+
+def _solution(document: dict[str, Any]) -> TorqueSolution:
+    status = Status[document["status"].upper()]
+    rules, proof, contacts = document["rules"], document["certificate"], document["contacts"]
+    forces = mode = multipliers = None
+    if status in FOUND:
+        forces = read_only(np.array([c["force"] for c in contacts], dtype=float).reshape(-1, 3))
+        mode = SlidingMode([c["selected"] for c in contacts], [c["signs"] for c in contacts])
+        none = np.zeros(0)
+        multipliers = ProofMultipliers(
+            (none, none), (none, none), by_limits=proof["scale"] == "limits", is_linear=False
+        )
+    explanation = document.get("explanation", "")
+    return TorqueSolution(
+        status,
+        Algorithm(document["algorithm"]),
+        float(document["required_margin"]),
+        Rules.parse(rules["sign_rule"], rules["sliding_rule"], rules["static_friction"]),
+        Certificate(**{item.name: _figure(proof[item.name]) for item in fields(Certificate)}),
+        _problem(document),
+        forces,
+        mode,
+        multipliers,
+        lambda _: explanation,
+    )
+
+
+def _problem(document: dict[str, Any]) -> QuasistaticProblem:
+    contacts, joints = document["contacts"], document["joints"]
+    rows = 3 * len(contacts)
+    return QuasistaticProblem(
+        np.array([c["position"] for c in contacts], dtype=float) - document_origin(document),
+        [c["normal"] for c in contacts],
+        document["external_wrench"],
+        np.array([c["jacobian"] for c in contacts], dtype=float).reshape(rows, len(joints)),
+        friction=[c["friction"] for c in contacts],
+        tangents=np.array([c["tangents"] for c in contacts], dtype=float).transpose(0, 2, 1),
+        sliding=[c["sliding"] for c in contacts],
+        torque_limits=(
+            [-np.inf if joint["lower"] is None else joint["lower"] for joint in joints],
+            [np.inf if joint["upper"] is None else joint["upper"] for joint in joints],
+        ),
+        max_normal_force=[c["max_normal_force"] for c in contacts],
+        cone_edges=document["cone_edges"],
+        joint_names=[joint["name"] for joint in joints],
+        gravity_torques=[joint["torque_gravity"] for joint in joints],
+    )
+
+
+def _figure(value: Any) -> Any:
+    """A figure that does not exist is null in JSON."""
+    return np.nan if value is None else value

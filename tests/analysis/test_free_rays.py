@@ -1,0 +1,201 @@
+"""Forces that nothing holds: opposed fingers whose torques do not fix how hard they squeeze."""
+
+import numpy as np
+import pytest
+from analysis_scenes import PAIRS, rules_of
+from force_oracle import ForceSet, component_rows
+from tests.core.scenes import scene
+
+from graspless_pin import (
+    QuasistaticProblem,
+    Status,
+    contact_force_bounds,
+    enumerate_modes,
+    maximize_margin,
+)
+from graspless_pin.errors import ArgumentError
+
+INF = np.inf
+
+
+def pinched(columns: list[list[float]], *, tilt: float = 0.0, wrench=(0, 0, -10, 0, 0, 0)):
+    """A finger on each side along y, friction 0.5 with the first edge along z.
+
+    Args:
+        columns: Force that each finger's joint feels: rows of its Jacobian; none: stiff fingers.
+        tilt: Angle (rad) by which both normals lean towards x.
+        wrench: External wrench.
+    """
+    s, c = np.sin(tilt), np.cos(tilt)
+    jacobian = np.zeros((2, 3, len(columns)))
+    for finger, column in enumerate(columns):
+        jacobian[finger, :, finger] = column
+    return QuasistaticProblem(
+        [[0, -0.1, 0], [0, 0.1, 0]],
+        [[s, c, 0], [s, -c, 0]],
+        wrench,
+        jacobian.reshape(6, -1),
+        friction=0.5,
+        tangents=[[[0, c], [0, -s], [1, 0]], [[0, c], [0, s], [1, 0]]],
+        cone_edges=4,
+    )
+
+
+@pytest.mark.parametrize("pair", PAIRS, ids="+".join)
+@pytest.mark.parametrize("columns", [[], [[0, 0, 0.1], [0, 0, 0.1]]], ids=["stiff", "tangential"])
+def test_nothing_holds_the_squeeze(columns, pair):
+    """Each finger bears half the weight, 5 N, with at least 5 / 0.5 N of pressing and no most."""
+    problem = pinched(columns)
+    torques = [0.5] * len(columns)
+    bounds = contact_force_bounds(problem, torques, sign_rule=pair[0], sliding_rule=pair[1])
+    np.testing.assert_allclose(bounds.lower, [[10, 5, 0]] * 2, atol=1e-5)
+    np.testing.assert_allclose(bounds.upper, [[INF, 5, 0]] * 2, atol=1e-5)
+    np.testing.assert_array_equal(bounds.indeterminate, [[True, False, False]] * 2)
+    assert bounds.smallest_margin == -INF
+    best = max(
+        ForceSet(problem, mode, torques=torques, normal_limit=False).best_case()[0]
+        for mode in enumerate_modes(problem, sign_rule=pair[0], sliding_rule=pair[1])
+    )
+    assert bounds.largest_margin == pytest.approx(best, abs=1e-6)
+    # At the best the cone's face and the normal-force limit are equally far: h^T f = f_n,max - f_n.
+    slope = 0.5 * np.sqrt(0.5)
+    press = (50.0 * np.hypot(1, slope) + 5.0 * np.sqrt(0.5)) / (slope + np.hypot(1, slope))
+    assert best == pytest.approx(50.0 - press, abs=1e-6)
+    assert "inf" in str(bounds) and "margin between -inf and" in str(bounds)
+
+
+def test_torques_that_feel_the_squeeze_hold_it():
+    """With J = 0.1 n a torque of 2 N m is 20 N of pressing, and all is determined."""
+    problem = pinched([[0, 0.1, 0], [0, -0.1, 0]])
+    bounds = contact_force_bounds(problem, [2.0, 2.0])
+    np.testing.assert_allclose(bounds.lower, [[20, 5, 0]] * 2, atol=1e-5)
+    np.testing.assert_allclose(bounds.upper, [[20, 5, 0]] * 2, atol=1e-5)
+    assert not bounds.indeterminate.any()
+    assert bounds.smallest_margin == pytest.approx(bounds.largest_margin, abs=1e-5)
+    slope = 0.5 * np.sqrt(0.5)
+    assert bounds.largest_margin == pytest.approx(
+        (20 * slope - 5 * np.sqrt(0.5)) / np.hypot(1, slope)
+    )
+
+
+def test_one_finger_that_feels_it_holds_it():
+    problem = pinched([[0, 0.1, 0]])
+    bounds = contact_force_bounds(problem, [1.5])
+    np.testing.assert_allclose(bounds.upper, [[15, 5, 0]] * 2, atol=1e-5)
+
+
+@pytest.mark.parametrize("sliding_rule", ["exempt", "constrained"])
+@pytest.mark.parametrize("sign_rule", ["strict", "exact", "nonzero", "coulomb"])
+def test_a_ray_that_needs_friction(sign_rule, sliding_rule):
+    """Fingers that lean towards x squeeze only with friction towards -x at both.
+
+    They slide along x in opposite directions or not at all. So `strict` and `exact` forbid that
+    friction; `nonzero` leaves it free while the object slides along z, and Coulomb always.
+    """
+    problem = pinched([], tilt=0.15, wrench=(-3, 0, 0, 0, 0, 0))
+    options = {"sign_rule": sign_rule, "sliding_rule": sliding_rule}
+    modes = [None]
+    if sign_rule == "coulomb":
+        options = {"static_friction": "coulomb"}
+    else:
+        modes = list(enumerate_modes(problem, **options, maximal=True))
+    bounds = contact_force_bounds(problem, [], **options)
+    rows = component_rows(problem)
+    most = np.max([ForceSet(problem, m, normal_limit=False).maxima(rows) for m in modes], axis=0)
+    np.testing.assert_allclose(bounds.upper.ravel(), most, atol=1e-5)
+    assert np.isinf(bounds.upper[:, 0]).all() == (sign_rule in ("nonzero", "coulomb"))
+    assert (bounds.smallest_margin == -INF) == (sign_rule in ("nonzero", "coulomb"))
+    # Pressed against both fingers by 3 N along x: at least the normals' share without friction.
+    np.testing.assert_array_less(bounds.lower[:, 0], 1.5 / np.sin(0.15) + 1e-5)
+
+
+def test_a_ray_that_no_force_goes_with():
+    """Squeezing leaning fingers takes a slide along z, and the load one that excludes it.
+
+    Only friction at the floor, below a finger, holds the moment about the line between the
+    fingers. An object that stays on the floor there cannot slide along z at that finger.
+    """
+    pinch = pinched([], tilt=0.15)
+    normals = np.vstack([pinch.normals, [0, 0, 1]])
+    positions = np.vstack([pinch.positions, [0, 0.1, -0.1]])
+    forces = np.array([10.0, 10.0, 5.0])[:, None] * normals + [[0, 0, 0], [0, 0, 0], [1, 0, 0]]
+    problem = QuasistaticProblem(
+        positions,
+        normals,
+        -np.concatenate([forces.sum(axis=0), np.cross(positions, forces).sum(axis=0)]),
+        friction=0.5,
+        tangents=np.concatenate([pinch.tangents, [[[1, 0], [0, 1], [0, 0]]]]),
+        cone_edges=4,
+    )
+    bounds = contact_force_bounds(problem, [], sign_rule="nonzero")
+    modes = list(enumerate_modes(problem, sign_rule="nonzero", maximal=True))
+    rows = component_rows(problem)
+    most = np.max([ForceSet(problem, m, normal_limit=False).maxima(rows) for m in modes], axis=0)
+    np.testing.assert_allclose(bounds.upper.ravel(), most, atol=1e-5)
+    assert np.isfinite(most).all()
+    # Some mode has the ray, and some mode has forces.
+    light = problem.with_changes(external_wrench=np.zeros(6))
+    assert any(ForceSet(light, m, normal_limit=False).maximum(rows[0]) == INF for m in modes)
+
+
+def test_the_squeeze_beside_supports():
+    """The paper's cuboid with stiff fingers: no end to the squeeze, but one to friction."""
+    problem = scene("rest").with_changes(
+        jacobian=np.zeros((18, 0)), torque_limits=(-1, 1), joint_names=[], gravity_torques=[]
+    )
+    bounds = contact_force_bounds(problem, [])
+    np.testing.assert_array_equal(bounds.upper[[0, 5], 0], INF)
+    assert bounds.found and bounds.indeterminate[[0, 5], 0].all()
+    squeeze, along_slope = component_rows(problem)[[0, 4]]
+    sets = [
+        ForceSet(problem, mode, normal_limit=False)
+        for mode in enumerate_modes(problem, maximal=True)
+    ]
+    assert any(forces.maximum(squeeze) == INF for forces in sets)
+    most = max(forces.maximum(along_slope) for forces in sets)
+    assert bounds.upper[1, 1] == pytest.approx(most, abs=1e-5) and most < 10.0
+
+
+# The cuboid at rest once: under `nonzero` its search is long.
+@pytest.mark.parametrize("pair", PAIRS, ids="+".join)
+@pytest.mark.parametrize("name", ["sphere", "up", "down"])
+def test_the_optimum_is_the_best_case(name, pair):
+    assert_best_case(name, pair)
+
+
+def test_the_optimum_is_the_best_case_at_rest():
+    assert_best_case("rest", ("strict", "exempt"))
+
+
+def assert_best_case(name: str, pair: tuple[str, str]) -> None:
+    """The torques of Algorithm 1 can end up with its margin, and with less or the same."""
+    options = rules_of(pair)
+    problem = scene(name)
+    solution = maximize_margin(problem, **options)
+    if not solution.found:
+        assert pair == ("strict", "constrained") and name in ("up", "down")
+        return
+    bounds = contact_force_bounds(problem, solution.torques, **options)
+    assert bounds.largest_margin == pytest.approx(solution.margin, abs=1e-4)
+    assert bounds.smallest_margin <= bounds.largest_margin + 1e-5
+    rows = component_rows(problem)
+    components = (rows @ solution.contact_forces.ravel()).reshape(-1, 3)
+    assert (components >= bounds.lower - 1e-4).all() and (components <= bounds.upper + 1e-4).all()
+
+
+def test_torques_that_nothing_holds():
+    problem = pinched([[0, 0.1, 0], [0, -0.1, 0]])
+    bounds = contact_force_bounds(problem, [0.1, 0.1])
+    assert not bounds.found and bounds.status is Status.INFEASIBLE_FORCES
+    assert np.isnan(bounds.upper).all() and np.isnan(bounds.lower).all()
+    assert np.isnan(bounds.smallest_margin) and np.isnan(bounds.largest_margin)
+    assert str(bounds).startswith("not found: infeasible")
+    assert not bounds.indeterminate.any()
+
+
+def test_bad_arguments_are_named():
+    problem = pinched([[0, 0.1, 0], [0, -0.1, 0]])
+    with pytest.raises(ArgumentError, match=r"^torques: "):
+        contact_force_bounds(problem, [1.0])
+    with pytest.raises(ArgumentError, match=r"^sign_rule: is 'lax'"):
+        contact_force_bounds(problem, [1.0, 1.0], sign_rule="lax")

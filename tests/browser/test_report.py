@@ -1,0 +1,277 @@
+"""The report in a real browser, opened from disk with the network off."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from numpy.typing import NDArray
+from PIL import Image
+from playwright.sync_api import Page, expect
+
+from graspless_pin import QuasistaticProblem, load_scene, maximize_margin
+from graspless_pin.picture import DARK, LIGHT, Palette, Role
+from graspless_pin.report import solution_document
+from graspless_pin.report.html import case_of_document, case_of_scene, report_html
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+WIDTH, HEIGHT = 1280, 800
+PATIENCE = 20_000  # ms
+
+Pixels = NDArray[np.int16]
+Opened = Callable[..., Page]
+
+
+@pytest.fixture(scope="module")
+def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Report files by name."""
+    folder = tmp_path_factory.mktemp("reports")
+    allegro = load_scene(EXAMPLES / "allegro_box_on_slope.yaml")
+    sliding = load_scene(EXAMPLES / "paper" / "cuboid_sliding_up.yaml")
+    arrays = maximize_margin(
+        QuasistaticProblem(
+            [[0.1, 0, -0.1], [-0.1, 0.1, -0.1], [-0.1, -0.1, -0.1]],
+            [[0, 0, 1]] * 3,
+            [0, 0, -5, 0, 0, 0],
+            friction=0.5,
+        )
+    )
+    cases = {
+        "allegro": case_of_scene(allegro, allegro.solve()),
+        "infeasible": case_of_scene(sliding, sliding.solve(sliding_rule="constrained")),
+        "arrays": case_of_document(json.loads(json.dumps(solution_document(arrays)))),
+    }
+    files = {name: folder / f"{name}.html" for name in cases}
+    for name, case in cases.items():
+        files[name].write_text(report_html(case), encoding="utf-8")
+    return files
+
+
+@pytest.fixture
+def opened(page: Page, reports: dict[str, Path]) -> Iterator[Opened]:
+    """Open a report from disk, offline, and wait for its drawing."""
+    asked: list[str] = []
+    said: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.on("console", lambda message: said.append(message.text))
+    page.context.set_offline(True)
+
+    def open_report(name: str, *, dark: bool = False) -> Page:
+        page.set_viewport_size({"width": WIDTH, "height": HEIGHT})
+        page.emulate_media(color_scheme="dark" if dark else "light")
+        page.goto(reports[name].as_uri())
+        page.wait_for_selector('#view[data-state="drawn"]', timeout=PATIENCE)
+        return page
+
+    yield open_report
+    page.context.set_offline(False)
+    assert all(url.startswith("file:") for url in asked), asked
+    assert len(asked) == 1, "the page alone"
+    # What a screenshot of a drawing costs is the driver's remark, not the page's.
+    assert [text for text in said if "GPU stall due to ReadPixels" not in text] == []
+
+
+def drawing(page: Page) -> Pixels:
+    """The pixels of the 3-D view, labels and all."""
+    box = page.locator("#view .stage").bounding_box()
+    assert box is not None
+    page.evaluate("() => new Promise((done) => requestAnimationFrame(() => setTimeout(done, 50)))")
+    image = Image.open(io.BytesIO(page.locator("#view .stage").screenshot()))
+    return np.asarray(image.convert("RGB")).astype(np.int16)
+
+
+def show_only(page: Page, *roles: str) -> None:
+    for box in page.locator("#view input").all():
+        box.set_checked(box.get_attribute("value") in roles)
+
+
+def rgb(color: str) -> NDArray[np.int16]:
+    return np.array(list(bytes.fromhex(color.removeprefix("#"))), dtype=np.int16)
+
+
+def of_hue(pixels: Pixels, color: str) -> NDArray[np.bool_]:
+    """Pixels of a colour, lit anyhow."""
+    wanted = rgb(color).astype(float)
+    given = pixels.astype(float)
+    lengths = np.linalg.norm(given, axis=2) * np.linalg.norm(wanted)
+    cosine = np.divide(given @ wanted, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
+    return (cosine > 0.995) & (np.linalg.norm(given, axis=2) > 0.4 * np.linalg.norm(wanted))
+
+
+def label_points(page: Page) -> NDArray[np.float64]:
+    """(M, 2) pixels of the contacts in the view: labels stand 6 px beside them."""
+    transforms = page.locator("#view .labels span").evaluate_all(
+        "spans => spans.map((s) => { const m = new DOMMatrix(s.style.transform); "
+        "return [m.e - 6, m.f - 6]; })"
+    )
+    return np.array(transforms)
+
+
+@pytest.mark.parametrize(("dark", "palette"), [(False, LIGHT), (True, DARK)])
+def test_the_scene_is_drawn_in_its_colours(opened: Opened, dark: bool, palette: Palette):
+    page = opened("allegro", dark=dark)
+    background = page.evaluate("getComputedStyle(document.body).backgroundColor")
+    assert background == f"rgb({', '.join(str(part) for part in rgb(palette.background))})"
+    pixels = drawing(page)
+    assert len(np.unique(pixels.reshape(-1, 3), axis=0)) > 200
+    for role in (Role.HAND, Role.SUPPORT, Role.NORMAL_FORCE):
+        assert of_hue(pixels, palette.roles[role]).sum() > 200, role
+
+
+def test_every_role_can_be_switched_off(opened: Opened):
+    page = opened("allegro")
+    show_only(page)
+    empty = drawing(page)
+    assert len(np.unique(empty[5:-5, 5:-5].reshape(-1, 3), axis=0)) == 1
+    values = [box.get_attribute("value") for box in page.locator("#view input").all()]
+    assert {str(role) for role in (Role.HAND, Role.CONE, Role.VIRTUAL_SLIDING)} <= set(values)
+    for value in values:
+        assert value is not None
+        show_only(page, value)
+        assert (np.abs(drawing(page) - empty).sum(axis=2) > 30).sum() > 20, value
+
+
+def test_arrows_and_cones_start_at_the_contacts(opened: Opened):
+    """Drawn alone, a ball, an arrow or a cone is there where the contact's label says."""
+    page = opened("allegro")
+    points = label_points(page)
+    assert points.shape == (7, 2)
+    for role in (Role.CONTACT, Role.NORMAL_FORCE, Role.CONE):
+        show_only(page, role)
+        pixels = drawing(page)
+        drawn = np.abs(pixels - pixels[8, 8]).sum(axis=2) > 20
+        for x, y in points:
+            around = drawn[round(y) - 5 : round(y) + 6, round(x) - 5 : round(x) + 6]
+            assert around.any(), f"{role} at ({x:.0f}, {y:.0f})"
+        # The balls are at the contacts and nowhere else.
+        if role is Role.CONTACT:
+            rows, columns = np.nonzero(drawn[4:-4, 4:-4])
+            places = np.column_stack([columns, rows]) + 4.0
+            far = np.linalg.norm(places[:, None] - points, axis=2).min(axis=1)
+            assert far.max() < 12.0
+
+
+def test_nothing_of_the_scene_is_cut_off(opened: Opened):
+    """At first sight hand, object, slope and arrows are whole inside the view, and fill it."""
+    page = opened("allegro")
+    values = [box.get_attribute("value") for box in page.locator("#view input").all()]
+    show_only(page, *(value for value in values if value not in ("labels", None)))
+    pixels = drawing(page)
+    drawn = np.abs(pixels - pixels[8, 8]).sum(axis=2) > 20
+    inner = drawn[4:-4, 4:-4]
+    assert not inner[[0, -1]].any() and not inner[:, [0, -1]].any()
+    rows = np.flatnonzero(inner.any(axis=1))
+    assert np.ptp(rows) > 0.7 * len(inner)
+
+
+def test_pointer_and_keys_turn_move_and_zoom(opened: Opened):
+    page = opened("allegro")
+    first = label_points(page)
+    canvas = page.locator("#view canvas")
+    box = canvas.bounding_box()
+    assert box is not None
+    x, y = box["x"] + 300, box["y"] + 200
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 60, y + 20, steps=3)
+    page.mouse.up()
+    drawing(page)
+    turned = label_points(page)
+    assert np.abs(turned - first).max() > 20.0
+    canvas.press("Home")
+    drawing(page)
+    np.testing.assert_allclose(label_points(page), first, atol=0.1)
+    canvas.press("Shift+ArrowRight")
+    drawing(page)
+    shift = label_points(page) - first
+    assert shift[:, 0].max() < -10.0 and np.abs(shift[:, 1]).max() < 3.0
+    page.get_by_role("button", name="Reset").click()
+    page.get_by_role("button", name="Closer").press("Enter")
+    drawing(page)
+    spread = np.ptp(label_points(page), axis=0) / np.ptp(first, axis=0)
+    assert (spread > 1.15).all()
+    canvas.focus()
+    page.mouse.move(x, y)
+    page.mouse.wheel(0, 200)
+    drawing(page)
+    assert (np.ptp(label_points(page), axis=0) < spread * np.ptp(first, axis=0)).all()
+
+
+def test_the_wheel_scrolls_the_page_until_the_view_is_used(opened: Opened):
+    page = opened("allegro")
+    page.mouse.move(400, 600)
+    page.mouse.wheel(0, 300)
+    expect(page.get_by_role("heading", level=1)).not_to_be_in_viewport()
+
+
+@pytest.mark.parametrize("name", ["allegro", "infeasible", "arrays"])
+@pytest.mark.parametrize("dark", [False, True])
+def test_it_is_accessible(opened: Opened, name: str, dark: bool):
+    page = opened(name, dark=dark)
+    found = Axe().run(page).response["violations"]
+    serious = [
+        (item["id"], item["nodes"][0]["html"])
+        for item in found
+        if item["impact"] in ("serious", "critical")
+    ]
+    assert serious == []
+
+
+@pytest.mark.parametrize("name", ["allegro", "infeasible", "arrays"])
+@pytest.mark.parametrize("width", [WIDTH, 480])
+def test_nothing_is_cut_off(opened: Opened, name: str, width: int):
+    page = opened(name)
+    page.set_viewport_size({"width": width, "height": HEIGHT})
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    # Wide tables scroll in themselves, but not at the width of a screen.
+    if width == WIDTH:
+        cut = page.locator(".scroll").evaluate_all(
+            "items => items.filter((item) => item.scrollWidth > item.clientWidth).length"
+        )
+        assert cut == 0
+    hidden = page.locator("svg text").evaluate_all(
+        "texts => texts.filter((text) => { const t = text.getBoundingClientRect(), "
+        "s = text.closest('figure').getBoundingClientRect(); "
+        "return t.left < s.left - 1 || t.right > s.right + 1 || t.bottom > s.bottom + 1; })"
+        ".map((text) => text.textContent)"
+    )
+    assert hidden == []
+
+
+def test_the_answer_and_the_scene_are_on_the_first_screen(opened: Opened):
+    page = opened("allegro")
+    expect(page.get_by_text("margin e", exact=True)).to_be_in_viewport()
+    box = page.locator("#view canvas").bounding_box()
+    assert box is not None
+    assert box["y"] < 0.5 * HEIGHT
+
+
+def test_all_is_reached_by_the_keyboard(opened: Opened):
+    page = opened("allegro")
+    reached = []
+    for _ in range(60):
+        page.keyboard.press("Tab")
+        reached.append(
+            page.evaluate(
+                "[document.activeElement.tagName, document.activeElement.textContent.trim(), "
+                "document.activeElement.getAttribute('aria-label')]"
+            )
+        )
+    assert reached[0][1] == "Skip to the answer"
+    tags = [tag for tag, _, _ in reached]
+    assert {"A", "CANVAS", "INPUT", "BUTTON"} <= set(tags)
+    labels = {label for _, _, label in reached}
+    assert {"Contacts, table", "Force ranges, table", "Command"} <= labels
+
+
+def test_without_webgl_the_page_says_so(page: Page, reports: dict[str, Path]):
+    page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
+    page.goto(reports["allegro"].as_uri())
+    page.wait_for_selector('#view[data-state="unavailable"]', timeout=PATIENCE)
+    expect(page.get_by_text("offers no WebGL 2")).to_be_visible()
+    expect(page.locator("#view canvas")).to_be_hidden()

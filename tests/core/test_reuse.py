@@ -1,0 +1,147 @@
+"""What is kept between programs, problems and threads never changes an answer."""
+
+from concurrent.futures import ThreadPoolExecutor
+from itertools import permutations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from random_scenes import general_scene, slope_scene
+from scenes import assert_holds, cuboid_arguments, scene
+
+from graspless_pin import (
+    QuasistaticProblem,
+    TorqueSolution,
+    maximize_margin,
+    minimize_torque,
+    solvers,
+)
+from graspless_pin.algorithms.formulation import Formulation, Objective, formulate
+from graspless_pin.algorithms.friction_modes import ModeReader
+from graspless_pin.modes.enumeration import requirements_of
+from graspless_pin.modes.kinematics import Requirement
+from graspless_pin.modes.rules import Rules, SignRule
+from graspless_pin.programs.force_programs import force_coordinates, force_rows
+from graspless_pin.solution import Algorithm
+
+SEEDS = st.integers(0, 100_000)
+
+
+def formulation(problem: QuasistaticProblem) -> Formulation:
+    return formulate(problem, Objective(Algorithm.MARGIN, 0.0, by_limits=False, regularization=0.0))
+
+
+def same_structure() -> list[QuasistaticProblem]:
+    """Problems whose programs have entries in the same places, and one with fewer entries."""
+    rest = scene("rest")
+    jacobian = rest.jacobian.copy()
+    jacobian[:, 1] = 0.0
+    return [
+        rest,
+        rest.with_changes(friction=0.4),
+        rest.with_changes(torque_limits=(-6.0, 7.0), max_normal_force=40.0),
+        rest.with_changes(jacobian=jacobian, friction=0.5),
+    ]
+
+
+def figures(solution: TorqueSolution) -> tuple[bytes, str, float]:
+    forces = solution.contact_forces.tobytes() if solution.found else b""
+    return forces, solution.status.message, solution.certificate.bound
+
+
+@pytest.mark.parametrize("algorithm", [maximize_margin, minimize_torque])
+def test_an_answer_does_not_depend_on_what_was_solved_before(monkeypatch, algorithm):
+    problems = same_structure()
+    alone = []
+    for problem in problems:
+        monkeypatch.setattr(solvers, "_engines", solvers._Engines())
+        alone.append(figures(algorithm(problem)))
+    assert len(set(alone)) == len(problems)
+    monkeypatch.setattr(solvers, "_engines", solvers._Engines())
+    for order in permutations(range(len(problems)), 3):
+        for index in order:
+            assert figures(algorithm(problems[index])) == alone[index]
+
+
+def test_threads_do_not_disturb_each_other():
+    problems = [general_scene(seed, 5) for seed in range(8)] + same_structure() * 2
+    expected = [figures(minimize_torque(problem)) for problem in problems]
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(lambda problem: figures(minimize_torque(problem)), problems * 3))
+    assert found == expected * 3
+
+
+def test_a_joint_that_no_contact_knows_changes_nothing():
+    arguments = cuboid_arguments()
+    jacobian = np.array(arguments["jacobian"])
+    idle = np.hstack([jacobian, np.zeros((len(jacobian), 1))])
+    for algorithm in (maximize_margin, minimize_torque):
+        plain = algorithm(QuasistaticProblem(**arguments))
+        more = algorithm(QuasistaticProblem(**{**arguments, "jacobian": idle}))
+        assert_holds(more)
+        assert more.margin == pytest.approx(plain.margin, rel=1e-6)
+        assert more.torques == pytest.approx([*plain.torques, 0.0], abs=1e-6)
+
+
+@settings(max_examples=60, deadline=None)
+@given(SEEDS, st.integers(3, 9), st.booleans())
+def test_signs_that_are_seen_at_a_glimpse_are_feasible_under_every_rule(seed, contacts, slope):
+    problem = (slope_scene if slope else general_scene)(seed, contacts)
+    kinematics = formulation(problem).kinematics
+    rng = np.random.default_rng(seed)
+    for _ in range(5):
+        chosen = tuple(np.flatnonzero(rng.random(contacts) < 0.6).tolist())
+        wanted = rng.choice([-1.0, 0.0, 1.0], 2 * len(chosen), p=[0.4, 0.2, 0.4])
+        signs = kinematics.glimpse(chosen, wanted)
+        if signs is None:
+            continue
+        assert ((signs == wanted) | (wanted == 0.0)).all()
+        pairs = signs.astype(int).reshape(-1, 2).tolist()
+        requirements = [Requirement(c, (a, b)) for c, (a, b) in zip(chosen, pairs, strict=True)]
+        for rule in SignRule:
+            assert kinematics.feasible(requirements, rule)
+
+
+def test_a_glimpse_mostly_suffices_where_every_fingertip_can_move():
+    """With three or more joints a finger any signs have a motion behind them."""
+    problem = general_scene(4, 6, joints=(3, 4))
+    kinematics = formulation(problem).kinematics
+    fingers = tuple(np.flatnonzero(np.abs(problem.jacobian).sum(axis=1)[::3] > 0.0).tolist())
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        wanted = rng.choice([-1.0, 1.0], 2 * len(fingers))
+        assert kinematics.glimpse(fingers, wanted) is not None
+
+
+@settings(max_examples=40, deadline=None)
+@given(SEEDS, st.integers(3, 9), st.booleans())
+def test_a_proposed_mode_has_a_motion_behind_it(seed, contacts, slope):
+    problem = (slope_scene if slope else general_scene)(seed, contacts)
+    shared = formulation(problem)
+    x = np.random.default_rng(seed).normal(size=len(shared.program.c))
+    mode = ModeReader(shared, Rules()).propose(x)
+    if mode is not None:
+        for rule in SignRule:
+            assert shared.kinematics.feasible(requirements_of(mode), rule)
+
+
+@settings(max_examples=40, deadline=None)
+@given(SEEDS, st.integers(3, 9), st.booleans())
+def test_rows_of_forces_are_those_of_the_problem(seed, contacts, slope):
+    problem = (slope_scene if slope else general_scene)(seed, contacts)
+    coordinates = force_coordinates(problem)
+    rows = force_rows(problem, coordinates)
+    x = np.random.default_rng(seed).normal(size=rows.size)
+    forces = coordinates.forces(x).ravel()
+    scale = coordinates.force_scale
+    np.testing.assert_allclose(
+        coordinates.torque_scale * (rows.torque @ x), problem.J.T @ forces, atol=1e-9 * scale
+    )
+    np.testing.assert_allclose(
+        scale * (rows.balance @ x) / rows.weight, problem.W @ forces, atol=1e-9 * scale
+    )
+    along_faces = (problem.H.T @ forces)[np.diag(problem.D_star) == 0.0]
+    np.testing.assert_allclose(scale * (rows.faces @ x), along_faces, atol=1e-9 * scale)
+    normal = np.einsum("ij,ij->i", problem.normals, forces.reshape(-1, 3))
+    np.testing.assert_allclose(scale * (rows.normal @ x), normal, atol=1e-9 * scale)

@@ -1,0 +1,42 @@
+"""Example scenes for the tests of planning, and small changes of their states."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from graspless_pin.planning import Evaluator
+from graspless_pin.scene import load_scene
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+
+
+@cache
+def example(name: str) -> Any:
+    """A scene that is known to have a hand."""
+    return load_scene(EXAMPLES / f"{name}.yaml")
+
+
+def nearby(evaluator: Evaluator, rng: np.random.Generator, spread: float) -> np.ndarray:
+    """A configuration near the scene's, within the limits."""
+    q = evaluator.configuration()
+    lower, upper = evaluator.joint_limits
+    return np.clip(q + rng.normal(0.0, spread, len(q)), lower, upper)
+
+
+def turned(T: np.ndarray, angle: float, axis=(0.0, 1.0, 0.0), point=(0.0, 0.0, 0.0)) -> np.ndarray:
+    """A pose after a turn about a fixed axis through a point, rad and m."""
+    move = np.eye(4)
+    move[:3, :3] = Rotation.from_rotvec(angle * np.asarray(axis)).as_matrix()
+    move[:3, 3] = np.asarray(point) - move[:3, :3] @ np.asarray(point)
+    return move @ T
+
+
+def shifted(T: np.ndarray, step) -> np.ndarray:
+    moved = np.array(T)
+    moved[:3, 3] += step
+    return moved

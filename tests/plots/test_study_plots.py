@@ -1,0 +1,80 @@
+"""A study's table over one and two parameters."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.collections import QuadMesh
+
+from graspless_pin.errors import ArgumentError
+from graspless_pin.plots import margin_heat_map, margin_plot
+
+
+def line(axes, label: str) -> np.ndarray:
+    (found,) = (item for item in axes.lines if item.get_label() == label)
+    return np.asarray(found.get_xydata())
+
+
+def test_one_parameter():
+    table = pd.DataFrame({"friction": [0.5, 0.3, 0.4], "margin_N": [2.0, 1.0, 1.5]})
+    axes = margin_plot(table, "friction")
+    np.testing.assert_allclose(line(axes, "margin_N"), [[0.3, 1.0], [0.4, 1.5], [0.5, 2.0]])
+    assert axes.get_xlabel() == "friction" and axes.get_ylabel() == "margin e [N]"
+    assert axes.get_legend() is None and not axes.collections
+
+
+def test_what_was_not_found_breaks_the_line_and_is_marked():
+    table = {"mass": [1.0, 2.0, 3.0], "margin_N": [1.0, np.nan, 0.5]}
+    axes = margin_plot(table, "mass")
+    np.testing.assert_array_equal(line(axes, "margin_N")[:, 1], [1.0, np.nan, 0.5])
+    assert line(axes, "nothing found")[:, 0].tolist() == [2.0]
+    assert axes.get_legend() is not None
+
+
+def test_several_results_at_one_place_make_a_band():
+    table = {"mass": [1.0, 1.0, 2.0, 2.0], "max_torque_Nm": [1.0, 3.0, 2.0, np.nan]}
+    axes = margin_plot(table, "mass", value="max_torque_Nm")
+    np.testing.assert_allclose(line(axes, "max_torque_Nm"), [[1.0, 2.0], [2.0, 2.0]])
+    (band,) = axes.collections
+    corners = np.asarray(band.get_paths()[0].vertices)
+    assert corners[:, 1].min() == 1.0 and corners[:, 1].max() == 3.0
+    assert line(axes, "nothing found")[:, 0].tolist() == [2.0]
+
+
+def test_a_column_of_integers_may_have_gaps():
+    table = pd.DataFrame({"mass": [1.0, 2.0]}).assign(nodes=pd.array([3, None], dtype="Int64"))
+    axes = margin_plot(table, "mass", value="nodes")
+    np.testing.assert_array_equal(line(axes, "nodes"), [[1.0, 3.0], [2.0, np.nan]])
+    assert axes.get_ylabel() == "nodes"
+
+
+def test_two_parameters():
+    table = pd.DataFrame(
+        [(x, y, x + 10.0 * y) for x in (1.0, 2.0, 3.0) for y in (0.1, 0.2)],
+        columns=["mass", "friction", "margin_N"],
+    )
+    table.loc[0, "margin_N"] = -np.inf
+    axes = margin_heat_map(table, "mass", "friction")
+    (mesh,) = (item for item in axes.collections if isinstance(item, QuadMesh))
+    cells = mesh.get_array()
+    assert isinstance(cells, np.ma.MaskedArray)
+    assert cells.mask.tolist() == [[True, False, False], [False, False, False]]
+    np.testing.assert_allclose(cells[1], [3.0, 4.0, 5.0])
+    np.testing.assert_allclose(cells[0, 1:], [3.0, 4.0])
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("mass", "friction")
+
+
+def test_several_samples_of_a_cell_are_averaged():
+    table = {"a": [0.0, 0.0, 1.0], "b": [0.0, 0.0, 0.0], "margin_N": [1.0, 4.0, 7.0]}
+    axes = margin_heat_map(table, "a", "b")
+    cells = np.asarray(axes.collections[0].get_array())
+    np.testing.assert_allclose(cells, [[2.5, 7.0]])
+
+
+def test_bad_columns_are_named():
+    table = pd.DataFrame({"mass": [1.0], "robot": ["allegro"], "margin_N": [1.0]})
+    with pytest.raises(ArgumentError, match=r"x: is 'weight'; the table has the columns mass, "):
+        margin_plot(table, "weight")
+    with pytest.raises(ArgumentError, match="y: is 'robot', whose column does not hold numbers"):
+        margin_heat_map(table, "mass", "robot")
+    with pytest.raises(ArgumentError, match="value: is 'max_torque_Nm'; the table has"):
+        margin_plot(table, "mass", value="max_torque_Nm")

@@ -1,0 +1,281 @@
+"""What the page says is what the library computes, and it stands alone."""
+
+import base64
+import json
+import re
+import shutil
+import sys
+
+import numpy as np
+import pytest
+from report_cases import (
+    ALLEGRO,
+    AT_REST,
+    SLIDING,
+    Element,
+    pinched_block,
+    read_html,
+    solved,
+    through_json,
+)
+
+from graspless_pin import contact_force_bounds, maximize_margin
+from graspless_pin.errors import ArgumentError, GrasplessPinError
+from graspless_pin.picture import Role
+from graspless_pin.report import solution_document
+from graspless_pin.report.html import case_of_document, case_of_scene, report_html
+
+
+def number(text: str) -> float:
+    """A figure of the page."""
+    return float(text.replace("−", "-").split()[0])
+
+
+@pytest.fixture(scope="module")
+def allegro():
+    scene, solution = solved(ALLEGRO)
+    return scene, solution, report_html(case_of_scene(scene, solution))
+
+
+@pytest.fixture(scope="module")
+def page(allegro) -> Element:
+    return read_html(allegro[2])
+
+
+def test_it_is_small(allegro):
+    assert len(allegro[2].encode()) < 5_000_000
+
+
+def test_nothing_is_fetched(allegro, page: Element):
+    """Every address is inside the page, and the page forbids all others."""
+    for element in page.everything():
+        for name in ("src", "href", "xlink:href", "action", "poster", "data", "srcset"):
+            address = element.attributes.get(name)
+            assert address is None or re.match(r"#|data:application/json;base64,", address)
+    assert not page.all("link") and not page.all("img") and not page.all("iframe")
+    (policy,) = (
+        item.attributes["content"]
+        for item in page.all("meta")
+        if item.attributes.get("http-equiv") == "Content-Security-Policy"
+    )
+    assert policy is not None and policy.startswith("default-src 'none';")
+    assert "@import" not in allegro[2] and "url(http" not in allegro[2]
+
+
+def test_ids_are_unique_and_links_lead_somewhere(page: Element):
+    ids = [item.attributes["id"] for item in page.everything() if "id" in item.attributes]
+    assert len(ids) == len(set(ids))
+    for element in page.everything():
+        for name in ("href", "xlink:href"):
+            target = element.attributes.get(name) or ""
+            assert not target.startswith("#") or target[1:] in ids
+        for reference in (element.attributes.get("aria-labelledby") or "").split():
+            assert reference in ids
+
+
+def test_the_sections(page: Element):
+    assert [item.text for item in page.all("h1")] == [
+        "Allegro hand keeps a box from sliding down a slope"
+    ]
+    assert [item.text for item in page.all("h2")] == [
+        "Answer",
+        "Scene",
+        "Joint torques against limits",
+        "Contacts",
+        "Friction use per contact",
+        "Force ranges",
+        "Modes examined",
+        "How to reproduce",
+    ]
+
+
+def test_the_torques(allegro, page: Element):
+    _, solution, _ = allegro
+    rows = page.section("joints").rows()
+    assert [row[0] for row in rows] == list(solution.problem.joint_names)
+    np.testing.assert_allclose([number(row[3]) for row in rows], solution.torques, atol=5.1e-5)
+    assert {row[5] for row in rows} == {"+0.7000"}
+    share = 100 * np.abs(solution.torques) / 0.7
+    np.testing.assert_allclose([number(row[6]) for row in rows], share, atol=0.051)
+
+
+def test_the_contacts(allegro, page: Element):
+    scene, solution, _ = allegro
+    rows = page.section("contacts").rows()
+    assert [row[1] for row in rows] == list(scene.contacts.bodies)
+    problem = solution.problem
+    for index, row in enumerate(rows):
+        position = [number(part) for part in row[2].split(", ")]
+        np.testing.assert_allclose(position, scene.contacts.points[index].position, atol=5.1e-5)
+        frame = np.column_stack([problem.normals[index], problem.tangents[index]])
+        expected = frame.T @ solution.contact_forces[index]
+        np.testing.assert_allclose([number(text) for text in row[4:7]], expected, atol=5.1e-5)
+    assert len(page.section("friction").all("svg")) == len(rows) == 7
+
+
+def test_the_ranges(allegro, page: Element):
+    _, solution, _ = allegro
+    bounds = contact_force_bounds(solution.problem, solution.torques)
+    rows = page.section("ranges").rows()
+    for index, row in enumerate(rows):
+        for k, text in enumerate(row[1:]):
+            ends = [number(part) for part in text.split(" to ")]
+            assert (len(ends) == 2) == bounds.indeterminate[index, k]
+            assert ends[0] == pytest.approx(bounds.lower[index, k], abs=1e-4)
+            assert ends[-1] == pytest.approx(bounds.upper[index, k], abs=1e-4)
+
+
+def test_the_proof_and_its_checks(allegro, page: Element):
+    _, solution, _ = allegro
+    section = page.section("modes")
+    facts = dict(
+        zip((i.text for i in section.all("dt")), (i.text for i in section.all("dd")), strict=True)
+    )
+    examined = facts["modes solved or ruled out one by one"]
+    assert int(examined) == solution.certificate.modes_examined
+    assert facts["mode of the answer"].startswith(str(solution.mode))
+    verdicts = [row[1] for row in section.rows()]
+    assert len(verdicts) >= 13 and set(verdicts) == {"holds"}
+
+
+def test_the_command_and_the_document(allegro, page: Element):
+    scene, solution, _ = allegro
+    section = page.section("reproduce")
+    assert section.all("pre")[0].text.startswith(f"graspless-pin solve {ALLEGRO} --algorithm")
+    assert page.section("reproduce").text.count("SHA-256") == 2
+    (link,) = section.all("a")
+    href = link.attributes["href"]
+    assert href is not None
+    document = json.loads(base64.b64decode(href.split(",")[1]))
+    assert document == through_json(solution, scene)
+
+
+def test_what_does_not_see_is_told(page: Element):
+    for drawing in page.all("svg"):
+        assert drawing.attributes["role"] == "img"
+        (title,) = (child for child in drawing.children if child.tag == "title")
+        assert drawing.attributes["aria-labelledby"] == title.attributes["id"]
+        assert len(title.text) > 30
+    words = page.with_id("scene-words").text
+    assert "the object box" in words and "supported by slope" in words and "7 contact" in words
+
+
+def test_colours_follow_the_page(allegro, page: Element):
+    """No drawing has a fixed colour of the light palette."""
+    text = allegro[2]
+    drawings = "".join(re.findall(r"<svg.*?</svg>", text, flags=re.DOTALL))
+    assert "currentColor" in drawings and f"var(--{Role.CONE})" in drawings
+    colors = set(re.findall(r"#[0-9a-f]{6}\b", drawings))
+    assert colors <= {"#ffffff", "#000000", "#b0b0b0"}, colors
+
+
+def test_why_not():
+    scene, solution = solved(SLIDING, sliding_rule="constrained")
+    page = read_html(report_html(case_of_scene(scene, solution)))
+    section = page.section("why")
+    cause, *suggestions = solution.explanation.splitlines()
+    assert cause in section.text
+    changes = [line[2:] for line in suggestions if line.startswith("- ")]
+    assert changes and [item.text for item in section.all("li")] == changes
+    headings = [item.text for item in page.all("h2")]
+    assert "Why not" in headings and "Force ranges" not in headings
+    assert {row[3] for row in page.section("joints").rows()} == {"–"}
+    assert len(page.section("contacts").rows()) == 6
+
+
+def test_a_document_brings_its_scene(tmp_path):
+    scene, solution = solved(AT_REST)
+    document = through_json(solution, scene)
+    case = case_of_document(document)
+    assert case.missing == "" and case.command is not None
+    assert case.picture.of(Role.OBJECT) and case.picture.of(Role.HAND)
+    page = read_html(report_html(case))
+    assert page.all("h1")[0].text == scene.name
+    assert [row[1] for row in page.section("contacts").rows()] == list(scene.contacts.bodies)
+
+
+def test_the_scene_may_lie_beside_the_document(tmp_path):
+    shutil.copy(AT_REST, tmp_path / "scene.yaml")
+    scene, solution = solved(tmp_path / "scene.yaml")
+    document = through_json(solution, scene)
+    document["provenance"]["scene_file"] = "elsewhere/scene.yaml"
+    assert case_of_document(document, tmp_path).missing == ""
+    assert "elsewhere/scene.yaml is not here" in case_of_document(document).missing
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [("mass: 1.0", "mass: 1.1", "has changed since"), ("friction:", "frictoin:", "has changed")],
+)
+def test_another_scene_is_not_drawn(tmp_path, old, new, message):
+    file = tmp_path / "scene.yaml"
+    shutil.copy(AT_REST, file)
+    scene, solution = solved(file)
+    document = through_json(solution, scene)
+    text = file.read_text(encoding="utf-8")
+    assert old in text
+    file.write_text(text.replace(old, new), encoding="utf-8")
+    case = case_of_document(document)
+    assert message in case.missing and case.command is None
+    assert not case.picture.of(Role.HAND, Role.OBJECT, Role.SUPPORT)
+    assert case.picture.of(Role.NORMAL_FORCE)
+    page = read_html(report_html(case))
+    assert message in page.section("scene").text
+    assert not page.section("reproduce").all("pre")
+
+
+def test_a_scene_changed_in_python_has_no_command():
+    scene, _ = solved(AT_REST)
+    changed = scene.with_changes(gravity=np.array([0.0, 0.0, -5.0]))
+    case = case_of_scene(changed, changed.solve())
+    assert case.command is None and case.missing == ""
+    # Its document cannot be drawn from the file either.
+    again = case_of_document(through_json(case.solution, changed))
+    assert "now leads to another problem" in again.missing
+
+
+def test_a_problem_from_arrays():
+    case = case_of_document(through_json(maximize_margin(pinched_block())))
+    page = read_html(report_html(case))
+    assert "names no scene file" in page.section("scene").text
+    (head,) = page.section("contacts").all("thead")
+    assert "touching" not in head.text
+    rows = page.section("joints").rows()
+    assert [row[5] for row in rows] == ["+2.0000", "+∞"]
+
+
+def test_a_tampered_document_fails_on_the_page():
+    document = through_json(maximize_margin(pinched_block()))
+    document["contacts"][0]["force"][1] += 0.1
+    page = read_html(report_html(case_of_document(document)))
+    assert "FAILS" in {row[1] for row in page.section("modes").rows()}
+
+
+def test_an_incomplete_document_is_refused():
+    document = through_json(maximize_margin(pinched_block()))
+    del document["max_torque"]
+    with pytest.raises(ArgumentError, match="document: the document lacks the key 'max_torque'"):
+        report_html(case_of_document(document))
+
+
+def test_names_cannot_break_the_page():
+    """A name with markup stays a name, in text, drawings and data."""
+    evil = "</script><script>alert(1)</script>&\"'"
+    scene, solution = solved(AT_REST)
+    named = scene.with_changes(name=evil)
+    page = read_html(report_html(case_of_scene(named, solution)))
+    assert page.all("h1")[0].text == evil
+    assert len(page.all("script")) == 2
+    joints = maximize_margin(pinched_block(joint_names=[evil, "b"]))
+    page = read_html(report_html(case_of_document(solution_document(joints))))
+    assert page.section("joints").rows()[0][0] == evil
+    assert len(page.all("script")) == 2
+
+
+@pytest.mark.parametrize("module", ["jinja2", "matplotlib"])
+def test_without_the_extra(monkeypatch, module, allegro):
+    scene, solution, _ = allegro
+    case = case_of_scene(scene, solution)
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(GrasplessPinError, match=r"pip install 'graspless-pin\[report\]'"):
+        report_html(case)

@@ -1,0 +1,61 @@
+"""Results as notebooks show them."""
+
+import numpy as np
+import pytest
+from report_cases import AT_REST, SLIDING, pinched_block, read_html, solved
+
+from graspless_pin import compare_rules, contact_force_bounds, maximize_margin
+
+
+def test_a_solution_has_its_tables():
+    _, solution = solved(SLIDING)
+    joints, contacts = read_html(solution._repr_html_()).all("table")
+    torques = [float(row[3]) for row in joints.rows()]
+    np.testing.assert_allclose(torques, solution.torques, atol=5.1e-5)
+    assert [row[4] for row in contacts.rows()] == ["sticking"] * 2 + ["sliding"] * 4
+    paragraphs = [item.text for item in read_html(solution._repr_html_()).all("p")]
+    assert "margin e = 2.3000" in paragraphs[0] or "margin e = 2.3001" in paragraphs[0]
+    assert paragraphs[-1].startswith("certificate: ")
+
+
+def test_a_solution_without_joints_has_no_joint_table():
+    solution = maximize_margin(pinched_block(jacobian=None, torque_limits=(-1.0, 1.0)))
+    assert len(read_html(solution._repr_html_()).all("table")) == 1
+
+
+def test_an_infeasible_one_says_why():
+    _, solution = solved(AT_REST, "torque", margin=40.0)
+    shown = read_html(solution._repr_html_())
+    assert not shown.all("table")
+    for line in solution.explanation.splitlines():
+        assert line in shown.text
+
+
+def test_names_are_escaped():
+    solution = maximize_margin(pinched_block(joint_names=["<b>", "a & b"]))
+    joints, _ = read_html(solution._repr_html_()).all("table")
+    assert [row[0] for row in joints.rows()] == ["<b>", "a & b"]
+
+
+def test_force_ranges():
+    _, solution = solved(SLIDING)
+    bounds = contact_force_bounds(solution.problem, solution.torques)
+    shown = read_html(bounds._repr_html_())
+    (table,) = shown.all("table")
+    for row, lower, upper in zip(table.rows(), bounds.lower, bounds.upper, strict=True):
+        for text, low, high in zip(row[1:], lower, upper, strict=True):
+            ends = [float(part) for part in text.split(" .. ")]
+            assert ends == pytest.approx([low, high], abs=5.1e-5)
+    assert "margin between" in shown.all("p")[0].text
+    nothing = contact_force_bounds(solution.problem, np.array([9.0, 9.0]))
+    assert not nothing.found
+    assert read_html(nothing._repr_html_()).text == str(nothing)
+
+
+def test_rules_side_by_side():
+    compared = compare_rules(solved(SLIDING)[1].problem)
+    (table,) = read_html(compared._repr_html_()).all("table")
+    rows = table.rows()
+    assert len(rows) == 7 and rows[-1][0] == "coulomb"
+    assert rows[0][1] == "2.3001"
+    assert rows[1][1] == "-" and rows[1][3].startswith("infeasible")

@@ -1,0 +1,93 @@
+"""A solution read back from its document is the same solution."""
+
+import copy
+
+import numpy as np
+import pytest
+from report_cases import ALLEGRO, AT_REST, SLIDING, pinched_block, solved, through_json
+
+from graspless_pin import maximize_margin, minimize_torque
+from graspless_pin.errors import ArgumentError
+from graspless_pin.report.document import solution_document
+from graspless_pin.report.provenance import problem_sha256, same_problem
+from graspless_pin.report.reading import document_bodies, read_solution
+
+CASES = {
+    "allegro": lambda: solved(ALLEGRO),
+    "sliding": lambda: solved(SLIDING),
+    "least torque": lambda: solved(AT_REST, "torque"),
+    "by limits": lambda: solved(AT_REST, "torque", scale="limits"),
+    "coulomb": lambda: solved(AT_REST, static_friction="coulomb"),
+    "infeasible": lambda: solved(SLIDING, sliding_rule="constrained"),
+    "arrays": lambda: (None, minimize_torque(pinched_block(), margin=0.2)),
+}
+
+
+@pytest.mark.parametrize("make", CASES.values(), ids=CASES)
+def test_it_is_the_same_solution(make):
+    scene, solution = make()
+    document = through_json(solution, scene)
+    read = read_solution(document)
+    assert str(read) == str(solution)
+    assert read.status is solution.status and read.rules == solution.rules
+    assert read.certificate == solution.certificate or not solution.found
+    assert same_problem(read.problem, solution.problem)
+    if solution.found:
+        np.testing.assert_array_equal(read.contact_forces, solution.contact_forces)
+        np.testing.assert_allclose(read.torques, solution.torques, rtol=1e-12)
+        assert read.mode == solution.mode
+    assert document_bodies(document) == (None if scene is None else scene.contacts.bodies)
+
+
+def test_unlimited_torques_stay_unlimited():
+    read = read_solution(through_json(maximize_margin(pinched_block())))
+    assert read.problem.upper_torque.tolist() == [2.0, np.inf]
+    assert read.problem.lower_torque.tolist() == [-2.0, -1.0]
+
+
+def test_the_document_says_what_it_was_made_of():
+    scene, solution = solved(SLIDING)
+    made_of = solution_document(solution, scene)["provenance"]
+    assert made_of["scene_file"] == str(SLIDING)
+    assert made_of["problem_sha256"] == problem_sha256(solution.problem)
+    assert {"python", "numpy", "graspless-pin", "pin"} <= set(made_of["versions"])
+    alone = solution_document(maximize_margin(pinched_block()))["provenance"]
+    assert alone["scene_file"] is None and alone["scene_sha256"] is None
+
+
+def broken(document, path, value):
+    """The document with one value replaced, or taken away."""
+    changed = copy.deepcopy(document)
+    place = changed
+    for key in path[:-1]:
+        place = place[key]
+    if value is KeyError:
+        del place[path[-1]]
+    else:
+        place[path[-1]] = value
+    return changed
+
+
+BROKEN = {
+    "no status": (["status"], KeyError, "lacks the key 'status'"),
+    "another status": (["status"], "perfect", "lacks the key 'PERFECT'"),
+    "no contact": (["contacts"], [], "holds a problem that is none"),
+    "a normal that is none": (["contacts", 0, "normal"], [0, 2, 0], "holds a problem that is none"),
+    "a force of two": (["contacts", 0, "force"], [0, 2], "wrong type or size"),
+    "a text for a number": (["required_margin"], "much", "wrong type or size"),
+    "no joint": (["joints"], [], "holds a problem that is none|wrong type or size"),
+    "a list of contacts": (["contacts", 0], "finger", "wrong type or size"),
+    "another rule": (["rules", "sign_rule"], "loose", "sign_rule: is 'loose'"),
+}
+
+
+@pytest.mark.parametrize(("path", "value", "message"), BROKEN.values(), ids=BROKEN)
+def test_a_broken_document_is_refused(path, value, message):
+    document = through_json(maximize_margin(pinched_block()))
+    with pytest.raises(ArgumentError, match=message):
+        read_solution(broken(document, path, value))
+
+
+def test_no_document_at_all():
+    with pytest.raises(ArgumentError, match="is no JSON object"):
+        read_solution([1, 2])  # pyright: ignore[reportArgumentType]

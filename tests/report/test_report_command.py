@@ -1,0 +1,83 @@
+"""``graspless-pin report``: files, exit codes and messages."""
+
+import json
+
+import pytest
+import typer
+from report_cases import AT_REST, SLIDING, pinched_block, read_html, solved, through_json
+from typer.testing import CliRunner, Result
+
+from graspless_pin import maximize_margin
+from graspless_pin.cli.reporting import report
+
+
+def run(*arguments) -> Result:
+    app = typer.Typer()
+    app.command()(report)
+    return CliRunner().invoke(app, [str(item) for item in arguments], catch_exceptions=False)
+
+
+def test_a_scene(tmp_path):
+    target = tmp_path / "out" / "report.html"
+    result = run(AT_REST, "-o", target)
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert result.stdout.startswith(f"wrote {target} (0.")
+    page = read_html(target.read_text(encoding="utf-8"))
+    assert page.all("h1")[0].text == solved(AT_REST)[0].name
+    assert [item.name for item in target.parent.iterdir()] == ["report.html"]
+
+
+def test_a_document(tmp_path):
+    file, target = tmp_path / "solution.json", tmp_path / "report.html"
+    file.write_text(json.dumps(through_json(maximize_margin(pinched_block()))), encoding="utf-8")
+    assert run(file, "-o", target).exit_code == 0
+    assert "made from arrays" in read_html(target.read_text(encoding="utf-8")).all("h1")[0].text
+
+
+def test_to_standard_output():
+    result = run(AT_REST, "-o", "-")
+    assert result.exit_code == 0
+    assert read_html(result.stdout).all("h1")
+    assert result.stdout.endswith("</html>\n")
+
+
+def test_without_force_ranges(tmp_path):
+    assert run(AT_REST, "-o", tmp_path / "report.html", "--no-ranges").exit_code == 0
+    page = read_html((tmp_path / "report.html").read_text(encoding="utf-8"))
+    assert page.section("ranges").text == "Force ranges No ranges: they were not asked for."
+    assert len(page.section("friction").all("svg")) == 6
+
+
+def test_infeasible_is_an_answer(tmp_path):
+    scene, solution = solved(SLIDING, sliding_rule="constrained")
+    file, target = tmp_path / "solution.json", tmp_path / "report.html"
+    file.write_text(json.dumps(through_json(solution, scene)), encoding="utf-8")
+    assert run(file, "--output", target).exit_code == 1
+    assert "Why not" in target.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("none.json", None, "No such file"),
+        ("none.yaml", None, "none.yaml"),
+        ("broken.json", "{", "broken.json: Expecting"),
+        ("empty.json", "{}", "empty.json: document: lacks the key 'status'"),
+        ("list.json", "[]", "list.json: document: is no JSON object"),
+    ],
+)
+def test_bad_input(tmp_path, name, text, message):
+    file, target = tmp_path / name, tmp_path / "report.html"
+    if text is not None:
+        file.write_text(text, encoding="utf-8")
+    result = run(file, "-o", target)
+    assert result.exit_code == 2 and result.stdout == ""
+    assert result.stderr.startswith("error: ") and message in result.stderr
+    assert not target.exists()
+
+
+def test_a_folder_that_cannot_be_made(tmp_path):
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    result = run(AT_REST, "-o", tmp_path / "file" / "report.html")
+    assert result.exit_code == 2
+    assert "cannot be made" in result.stderr

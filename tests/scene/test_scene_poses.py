@@ -1,0 +1,153 @@
+"""Poses of a scene: what closing, placing and settling do to it, and to its problem."""
+
+import numpy as np
+import pinocchio as pin  # pyright: ignore[reportMissingImports]
+import pytest
+from scene_tools import ALLEGRO, BOX, content, loaded, unit
+
+from graspless_pin import load_scene
+from graspless_pin.errors import ArgumentError, SceneError
+from graspless_pin.geometry.contact.records import BodyKind
+from graspless_pin.scene import close_fingers, fingertip_contact, settle
+
+# A ball of 50 mm radius on the palm, whose front is at x = 0.0111 m; thumb opposed.
+PALM_UP = {
+    "gravity": [0, 0, -9.81],
+    "friction": {"hand": 0.8, "supports": 0.4},
+    "hand": {"robot": "allegro_right", "q": {"joint_12.0": 1.2}, "control": {"ring": "position"}},
+    "object": {
+        "name": "ball",
+        "shape": {"type": "sphere", "radius": 0.05},
+        "mass": 0.2,
+        "pose": {"position": [0.06111, 0.01, 0.05]},
+    },
+}
+
+
+@pytest.fixture(scope="module")
+def wrapped(tmp_path_factory):
+    """The hand wrapped about the ball, its ring finger under position control."""
+    scene = loaded(tmp_path_factory.mktemp("wrap"), PALM_UP)
+    return close_fingers(scene, wrap=True)
+
+
+def test_wrapping_touches_with_palm_proximal_links_and_tips(wrapped):
+    contacts = wrapped.scene.contacts
+    assert set(contacts.bodies) > set(wrapped.closing.touching) - {"link_3.0_tip"}
+    touching = set(contacts.bodies)
+    assert "palm_link" in touching
+    assert any(link.endswith("_tip") for link in touching)
+    of_finger = [wrapped.scene.hand.finger_of(link) for link in contacts.bodies]
+    assert max(of_finger.count(name) for name in ("index", "middle")) >= 2
+    assert set(contacts.arrays.kinds) == {BodyKind.HAND}
+
+
+def test_palm_and_held_fingers_are_environment(wrapped):
+    scene = wrapped.scene
+    problem = scene.problem()
+    assert len(problem.joint_names) == 12
+    blocks = problem.jacobian.reshape(-1, 3, 12)
+    for link, block in zip(scene.contacts.bodies, blocks, strict=True):
+        moves = scene.hand.finger_of(link) not in (None, "ring")
+        assert np.any(block != 0.0) == moves, link
+    assert {scene.hand.finger_of(link) for link in scene.contacts.bodies} >= {None, "ring"}
+
+
+def test_torques_of_a_wrap_are_rneas(wrapped):
+    scene = wrapped.scene
+    problem = scene.problem()
+    forces = np.random.default_rng(2).uniform(-5, 5, problem.positions.shape)
+    model = scene.hand.tree.model.copy()
+    model.gravity.linear = scene.gravity
+    data = model.createData()
+    q = np.array([scene.hand.q[name] for name in model.names[1:]])
+    pin.forwardKinematics(model, data, q)
+    external = [pin.Force.Zero() for _ in range(model.njoints)]
+    for point, force in zip(scene.contacts.points, forces, strict=True):
+        joint = model.frames[model.getFrameId(point.body, pin.BODY)].parentJoint
+        wrench = pin.Force(np.r_[-force, np.cross(point.position, -force)])
+        external[joint] += data.oMi[joint].actInv(wrench)
+    tau = pin.rnea(model, data, q, np.zeros(model.nv), np.zeros(model.nv), external)
+    expected = dict(zip(model.names[1:], tau, strict=True))
+    ours = problem.jacobian.T @ forces.ravel() + problem.gravity_torques
+    assert ours == pytest.approx([expected[name] for name in problem.joint_names], abs=1e-8)
+
+
+def test_only_chosen_fingers_close_and_the_scene_given_stays(tmp_path):
+    scene = loaded(tmp_path, PALM_UP)
+    before = dict(scene.hand.q)
+    result = close_fingers(scene, fingers=["index"])
+    assert [finger.finger for finger in result.closing.fingers] == ["index"]
+    moved = {name for name, value in result.scene.hand.q.items() if value != before[name]}
+    assert moved and moved <= set(scene.hand.fingers["index"].joints)
+    assert scene.hand.q == before
+    assert "index: touches with" in str(result.closing)
+
+
+def test_closing_into_a_support_is_reported(tmp_path):
+    data = content(BOX)
+    data["hand"]["q"] = {"hinge": 0.0}
+    data["object"]["pose"] = {"position": [0, 0.04, 0]}
+    free = close_fingers(loaded(tmp_path, data))
+    assert free.overlaps == ()
+    tip = free.scene.contacts.points[0].position
+    wall = {"name": "post", "shape": {"type": "sphere", "radius": 0.01}}
+    wall["pose"] = {"position": [tip[0], tip[1] - 0.02, tip[2]]}
+    data["supports"].append(wall)
+    (overlap,) = close_fingers(loaded(tmp_path, data)).overlaps
+    assert (overlap.other, overlap.kind) == ("post", BodyKind.SUPPORT)
+
+
+def test_fingertips_go_back_to_where_they_were():
+    scene = load_scene(ALLEGRO)
+    hand = scene.hand
+    goals = {
+        hand.finger_of(point.body): (point.position, point.normal)
+        for point in scene.contacts.points
+        if point.kind is BodyKind.HAND
+    }
+    rng = np.random.default_rng(4)
+    joints = [joint for finger in goals for joint in hand.fingers[finger].joints]
+    nudged = {joint: hand.q[joint] - rng.uniform(0.0, 0.1) for joint in joints}
+    elsewhere = scene.with_changes(hand=hand.with_configuration(nudged))
+    result = fingertip_contact(elsewhere, goals)
+    assert result.overlaps == ()
+    found = [point for point in result.scene.contacts.points if point.kind is BodyKind.HAND]
+    assert len(found) == len(goals)
+    for point in found:
+        goal, normal = goals[hand.finger_of(point.body)]
+        assert np.linalg.norm(point.position - goal) < 1e-3
+        assert point.normal @ normal > 0.999
+    assert result.scene.solve("margin").found
+
+
+def test_settling_follows_gravity_and_leaves_no_gap(tmp_path):
+    for gravity in ([0, 0, -9.8], (9.8 * unit(0.3, 0.1, -1.0)).tolist()):
+        data = content(BOX) | {"gravity": gravity}
+        del data["hand"]
+        data["object"]["pose"] = {"position": [0.1, 0.2, 0.5]}
+        scene = loaded(tmp_path, data)
+        with pytest.raises(SceneError, match="nothing touches"):
+            scene.problem()
+        settled = settle(scene)
+        assert settled.contacts.bodies == ("floor",) * 4
+        assert max(abs(point.distance) for point in settled.contacts.points) < 1e-6
+        shift = settled.object.T_world_object[:3, 3] - [0.1, 0.2, 0.5]
+        assert np.cross(shift, gravity) == pytest.approx(np.zeros(3), abs=1e-9)
+
+
+def test_a_scene_without_a_hand_has_no_fingers(tmp_path):
+    data = content(BOX)
+    del data["hand"]
+    scene = loaded(tmp_path, data)
+    with pytest.raises(SceneError, match="has no hand"):
+        close_fingers(scene)
+    with pytest.raises(SceneError, match="has no hand"):
+        fingertip_contact(scene, {})
+
+
+def test_a_goal_off_the_surface_names_the_nearest_point(tmp_path):
+    scene = loaded(tmp_path, PALM_UP)
+    goal = {"index": ([0.06111, 0.01, 0.11], [0, 0, -1])}
+    with pytest.raises(ArgumentError, match=r"10\.0 mm outside the surface of object 'ball'"):
+        fingertip_contact(scene, goal)
