@@ -3,7 +3,7 @@
 import argparse
 import time
 
-from benchmarks import geometry, searches
+from benchmarks import geometry, planning, searches, studies
 
 # Each section is a function without arguments that returns markdown.
 SECTIONS = {
@@ -11,6 +11,8 @@ SECTIONS = {
     "random": searches.random_scenes,
     "rivals": searches.rivals,
     "geometry": geometry.scene_problem,
+    "planning": planning.evaluator,
+    "studies": studies.cuboid_study,
 }
 
 

@@ -13,6 +13,7 @@ from graspless_pin.algorithms.disturbances import disturbance_margin
 from graspless_pin.algorithms.explanation import explain
 from graspless_pin.algorithms.force_bounds import contact_force_bounds
 from graspless_pin.algorithms.gradients import optimum_gradients
+from graspless_pin.algorithms.margin_torque_curve import margin_torque_curve
 from graspless_pin.algorithms.minimum_friction import minimum_friction
 from graspless_pin.algorithms.sensitivity import margin_sensitivity
 from graspless_pin.algorithms.torque import maximize_margin, minimize_torque
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from graspless_pin.geometry.hand.model import Hand
     from graspless_pin.planning import Evaluator, Waypoint, evaluate_path
     from graspless_pin.scene import Scene, load_scene
+    from graspless_pin.studies import load_study, read_results, run_study
 
 __all__ = [
     "ControlMode",
@@ -54,27 +56,34 @@ __all__ = [
     "evaluate_path",
     "explain",
     "load_scene",
+    "load_study",
     "margin_sensitivity",
+    "margin_torque_curve",
     "maximize_margin",
     "minimize_torque",
     "minimum_friction",
     "optimum_gradients",
+    "read_results",
+    "run_study",
     "solve_each_mode",
 ]
 
-# Pinocchio and coal are loaded when a hand or scene is first asked for: arrays do not need them.
-_GEOMETRY = {
+# Pinocchio, coal and pandas are loaded when something asks for them: arrays do not need them.
+_LAZY = {
     "Evaluator": "graspless_pin.planning",
     "Hand": "graspless_pin.geometry.hand.model",
     "Scene": "graspless_pin.scene",
     "Waypoint": "graspless_pin.planning",
     "evaluate_path": "graspless_pin.planning",
     "load_scene": "graspless_pin.scene",
+    "load_study": "graspless_pin.studies",
+    "read_results": "graspless_pin.studies",
+    "run_study": "graspless_pin.studies",
 }
 
 
 def __getattr__(name: str) -> Any:
-    """Load the names that need the geometry libraries at first use."""
-    if name in _GEOMETRY:
-        return getattr(import_module(_GEOMETRY[name]), name)
+    """Load the names that need large libraries at first use."""
+    if name in _LAZY:
+        return getattr(import_module(_LAZY[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -5,6 +5,7 @@ import typer
 from graspless_pin.cli.reporting import report
 from graspless_pin.cli.robots import inspect, robots
 from graspless_pin.cli.solving import schema, solve, verify
+from graspless_pin.cli.studying import study
 from graspless_pin.cli.viewing import view
 
 __all__ = ["app", "main"]
@@ -16,7 +17,7 @@ app = typer.Typer(
     help="Robust joint torques for hands that push, slide, pivot or hold an object.",
 )
 
-for _command in (solve, verify, report, view, robots, inspect, schema):
+for _command in (solve, verify, report, view, study, robots, inspect, schema):
     app.command()(_command)
 
 

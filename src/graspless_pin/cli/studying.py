@@ -1,0 +1,66 @@
+"""``graspless-pin study``: many scenes of one kind, as one table."""
+
+from __future__ import annotations
+
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from graspless_pin.cli.outcome import FOUND, INFEASIBLE, plain_errors
+from graspless_pin.studies import load_study, results_summary, run_study
+from graspless_pin.studies.executors import dask_executor
+
+INTERRUPTED = 130
+
+
+def study(
+    file: Annotated[Path, typer.Argument(help="Study file (YAML).")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="Table to write: .parquet or .csv.")
+    ],
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes on this machine; default: all cores.")
+    ] = None,
+    dask: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Compute on the workers of this Dask scheduler."),
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace an output that is another study's.")
+    ] = False,
+    fresh: Annotated[
+        bool, typer.Option("--fresh", help="Drop what an earlier run of this study has left.")
+    ] = False,
+    progress: Annotated[bool, typer.Option(help="Show a progress bar.")] = True,
+) -> None:
+    """Compute a study, or go on with one that was interrupted or killed.
+
+    Exit code 0: samples were found; 1: none; 2: bad input; 130: interrupted.
+    """
+    with plain_errors():
+        loaded = load_study(file)
+        # Where the folder cannot be made, the run says so.
+        with suppress(OSError):
+            output.parent.mkdir(parents=True, exist_ok=True)
+        begin = time.monotonic()
+        try:
+            if dask is None:
+                table = run_study(
+                    loaded, output, workers=workers, progress=progress, overwrite=overwrite,
+                    fresh=fresh,
+                )  # fmt: skip
+            else:
+                with dask_executor(dask) as (executor, threads):
+                    table = run_study(
+                        loaded, output, executor=executor, workers=workers or threads,
+                        progress=progress, overwrite=overwrite, fresh=fresh,
+                    )  # fmt: skip
+        except KeyboardInterrupt:
+            typer.echo("interrupted; run the same command again to go on", err=True)
+            raise typer.Exit(INTERRUPTED) from None
+        typer.echo(results_summary(table))
+        typer.echo(f"{output} after {time.monotonic() - begin:.1f} s")
+    raise typer.Exit(FOUND if any(table["found"].tolist()) else INFEASIBLE)

@@ -1,0 +1,106 @@
+"""What a worker does: from the values of a sample to a row of results."""
+
+from __future__ import annotations
+
+import time
+from collections import OrderedDict
+from collections.abc import Sequence
+from typing import Any
+
+from graspless_pin.algorithms.disturbances import disturbance_margin
+from graspless_pin.algorithms.force_bounds import contact_force_bounds
+from graspless_pin.algorithms.minimum_friction import minimum_friction
+from graspless_pin.scene.parts import SceneParts
+from graspless_pin.scene.scene import Scene
+from graspless_pin.solution import TorqueSolution
+from graspless_pin.studies.study import Sample, Study
+
+Row = dict[str, Any]
+"""Results by column."""
+
+FAILED = "failed"
+_MOST_STUDIES = 4
+_parts: OrderedDict[str, SceneParts] = OrderedDict()
+
+
+def evaluate_chunk(study: Study, samples: Sequence[tuple[int, Sample]]) -> tuple[list[Row], float]:
+    """Evaluate some samples in this process; robots that an earlier chunk has read are kept.
+
+    Args:
+        study: The study.
+        samples: Number and values of each sample.
+
+    Returns:
+        The rows, and the seconds that they took.
+    """
+    begin = time.perf_counter()
+    parts = _parts.pop(study.fingerprint, None) or SceneParts()
+    _parts[study.fingerprint] = parts
+    while len(_parts) > _MOST_STUDIES:
+        _parts.popitem(last=False)
+    rows = [evaluate(study, number, sample, parts) for number, sample in samples]
+    return rows, time.perf_counter() - begin
+
+
+def evaluate(study: Study, number: int, sample: Sample, parts: SceneParts | None = None) -> Row:
+    """Return the row of one sample. A failure is a row, too."""
+    try:
+        scene = study.scene_at(sample, parts)
+        return {"sample": number, **_results(study, scene)}
+    except Exception as error:
+        # Whatever goes wrong is this sample's result. The path as it was given is no part of it:
+        # another machine has another one.
+        text = str(error).replace(str(study.scene.path), study.scene.path.name)
+        return failed_row(number, f"{type(error).__name__}: {text}")
+
+
+def failed_row(number: int, error: str) -> Row:
+    """Return the row of a sample that could not be computed."""
+    return {"sample": number, "status": FAILED, "found": False, "error": error}
+
+
+def _results(study: Study, scene: Scene) -> Row:
+    compute = study.entry.compute
+    solution = scene.solve(None, node_limit=compute.node_limit)
+    problem = solution.problem
+    row: Row = {"status": solution.status.name.lower(), "found": solution.found}
+    if solution.found:
+        row |= {"margin_N": solution.margin, "max_torque_Nm": solution.max_torque}
+        units = _torque_units(scene, problem.joint_names)
+        torques = zip(problem.joint_names, units, solution.torques.tolist(), strict=True)
+        row |= {f"torque_{name}_{unit}": torque for name, unit, torque in torques}
+    row["contacts"] = problem.contact_count
+    row["nodes"] = solution.certificate.nodes
+    row |= _analyses(study, solution)
+    if not solution.found:
+        why = solution.explanation if compute.explain else ""
+        row["reason"] = why or solution.status.message
+    return row
+
+
+def _analyses(study: Study, solution: TorqueSolution) -> Row:
+    """What is computed beside the torques."""
+    compute, problem, rules = study.entry.compute, solution.problem, solution.rules.options()
+    row: Row = {}
+    if compute.force_bounds and solution.found:
+        bounds = contact_force_bounds(problem, solution.torques, **rules)
+        row |= {
+            "smallest_margin_N": float(bounds.smallest_margin),
+            "largest_margin_N": float(bounds.largest_margin),
+        }
+    if compute.disturbance_margin and solution.found:
+        held = disturbance_margin(problem, solution.torques, **rules)
+        if held.found:
+            row["disturbance_N"] = float(held.magnitudes[held.worst])
+    if compute.minimum_friction:
+        row["minimum_friction_factor"] = float(minimum_friction(problem, **rules).factor)
+    return row
+
+
+def _torque_units(scene: Scene, names: Sequence[str]) -> list[str]:
+    """``Nm`` of rotating joints; ``N`` of sliding joints, tendons and hybrid fingers."""
+    if scene.hand is None:
+        return []
+    tree = scene.hand.tree
+    kinds = dict(zip(tree.joint_names, tree.joint_kinds, strict=True))
+    return ["Nm" if kinds.get(name, "prismatic") != "prismatic" else "N" for name in names]

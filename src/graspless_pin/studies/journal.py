@@ -1,0 +1,152 @@
+"""Rows on disk as they come, so that a study that is killed goes on where it stopped.
+
+The journal stands beside the output: one JSON object a line, the study first, then the rows in the
+order in which they came. A last line without its end is what a killed run leaves, and is dropped.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import time
+from collections.abc import Iterable
+from pathlib import Path
+from typing import IO, Any
+
+from graspless_pin.errors import StudyError
+from graspless_pin.studies.evaluation import Row
+
+_SYNC_EVERY = 2.0
+"""Seconds between two times that the disk is waited for: a power failure costs no more."""
+
+
+class Journal:
+    """The journal of one study, open and locked for this process alone.
+
+    Attributes:
+        path: The file.
+        rows: Row by sample number, those of earlier runs included.
+    """
+
+    def __init__(
+        self, path: Path, identity: dict[str, Any], *, fresh: bool = False, overwrite: bool = False
+    ) -> None:
+        """Open a journal, or begin one.
+
+        Args:
+            path: The file.
+            identity: What makes this study this study; the rows of another one are refused.
+            fresh: Whether to drop the rows of this study that are there.
+            overwrite: Whether to drop what is not of this study.
+
+        Raises:
+            StudyError: If the file cannot be written, another process writes it, or it holds the
+                rows of another study.
+        """
+        self.path = path
+        self.rows: dict[int, Row] = {}
+        try:
+            self._file = path.open("ab+")
+        except OSError as error:
+            raise StudyError(
+                f"{path}: cannot be written ({error.strerror}); choose another output"
+            ) from None
+        try:
+            self._begin(identity, fresh=fresh, overwrite=overwrite)
+        except BaseException:
+            self._file.close()
+            raise
+
+    def _begin(self, identity: dict[str, Any], *, fresh: bool, overwrite: bool) -> None:
+        if not _locked(self._file):
+            raise StudyError(
+                f"{self.path}: another run writes it now; wait for its end, or choose another "
+                "output"
+            )
+        self._file.seek(0)
+        content = self._file.read()
+        kept = content[: content.rfind(b"\n") + 1]
+        try:
+            rows = self._read(kept, identity, fresh=fresh)
+        except StudyError:
+            if not overwrite:
+                raise
+            rows = {}
+        self.rows = rows
+        self._file.truncate(len(kept) if rows else 0)
+        self._synced = time.monotonic()
+        if not rows:
+            self._append([identity])
+            self.sync()
+
+    def _read(self, content: bytes, identity: dict[str, Any], *, fresh: bool) -> dict[int, Row]:
+        """The rows of this study in a journal; none if it is empty or to be dropped."""
+        if not content:
+            return {}
+        try:
+            found, *rows = [json.loads(line) for line in content.splitlines()]
+            by_number: dict[int, Row] = {int(row["sample"]): row for row in rows}
+            differing = [key for key in identity if found.get(key) != identity[key]]
+        except (ValueError, KeyError, TypeError, AttributeError):
+            raise StudyError(
+                f"{self.path}: is no journal of a study; choose another output, or replace it "
+                "(--overwrite)"
+            ) from None
+        if "fingerprint" in differing:
+            raise StudyError(
+                f"{self.path}: holds the rows of another study, or of this one before it or its "
+                "scene was changed; choose another output, or replace it (--overwrite)"
+            )
+        if fresh:
+            return {}
+        if differing:
+            raise StudyError(
+                f"{self.path}: was begun with other versions of the libraries; begin anew "
+                "(--fresh), or choose another output"
+            )
+        return by_number
+
+    def append(self, rows: Iterable[Row]) -> None:
+        """Write rows."""
+        new = list(rows)
+        self.rows.update((int(row["sample"]), row) for row in new)
+        self._append(new)
+        if time.monotonic() - self._synced > _SYNC_EVERY:
+            self.sync()
+
+    def sync(self) -> None:
+        """Wait until all rows are on the disk."""
+        os.fsync(self._file.fileno())
+        self._synced = time.monotonic()
+
+    def close(self, *, remove: bool = False) -> None:
+        """Close the file; remove it where the table has all of it."""
+        if remove:
+            self.path.unlink(missing_ok=True)
+        else:
+            self.sync()
+        self._file.close()
+
+    def _append(self, items: list[dict[str, Any]]) -> None:
+        self._file.write("".join(f"{json.dumps(item)}\n" for item in items).encode())
+        self._file.flush()
+
+
+def discard(path: Path) -> None:
+    """Remove the journal that a finished run may have left, unless a run writes it now."""
+    try:
+        with path.open("ab") as file:
+            if _locked(file):
+                path.unlink()
+    except OSError:
+        return
+
+
+def _locked(file: IO[bytes]) -> bool:
+    """Take the lock of a file for this process, if nobody has it."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True

@@ -1,0 +1,241 @@
+"""Changes of a scene's parsed YAML: keys by dotted path, bodies moved and turned."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from graspless_pin.errors import StudyError
+from graspless_pin.geometry.poses import invert, pose_matrix
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.scene.yaml_source import Location
+
+Tree = dict[str, Any]
+"""A scene file's content as plain data."""
+
+_BY_NAME = ("q", "effort_limits", "joint_velocities", "friction", "control")
+"""Mappings whose keys are names, which may hold dots."""
+_ZERO = ("position", "rpy", "linear", "angular")
+VECTORS = ("gravity", "tangent_axes", "motion")
+
+
+def place_key(tree: Tree, defaults: Tree, key: str) -> Location:
+    """Find where a dotted key stands, and put what is left out above it into the tree.
+
+    Items of lists go by index, or by their ``name`` or ``prefix``.
+
+    Args:
+        tree: The scene; changed.
+        defaults: The scene with every default written out.
+        key: E.g. ``object.mass`` or ``supports.slope.pose.rpy.1``.
+
+    Raises:
+        StudyError: If the path does not lead through the scene.
+    """
+    parts = key.split(".")
+    location: Location = ()
+    node: Any = tree
+    while parts:
+        name, count = _next(node, location, parts, key)
+        location = (*location, name)
+        parts = parts[count:]
+        if parts:
+            node = _entered(node, defaults, location, key)
+    return location
+
+
+def _next(node: Any, location: Location, parts: list[str], key: str) -> tuple[str | int, int]:
+    """The next step of a path, and how many of its parts it takes."""
+    if isinstance(node, list):
+        return _item(node, parts[0], key), 1
+    for count in range(len(parts), 0, -1):
+        name = ".".join(parts[:count])
+        if name in node:
+            return name, count
+    if location and location[-1] in _BY_NAME:
+        return ".".join(parts), len(parts)
+    return parts[0], 1
+
+
+def _item(items: list[Any], name: str, key: str) -> int:
+    if name.lstrip("-").isdigit():
+        if 0 <= int(name) < len(items):
+            return int(name)
+        raise StudyError(f"{key}: has no item {name}; it has {len(items)}, counted from 0")
+    names = [
+        str(item.get("name", item.get("prefix", ""))) if isinstance(item, dict) else ""
+        for item in items
+    ]
+    if names.count(name) == 1:
+        return names.index(name)
+    known = ", ".join(filter(None, names)) or "none, so give an index"
+    raise StudyError(f"{key}: has no item called {name!r}; known: {known}")
+
+
+def _entered(node: Any, defaults: Tree, location: Location, key: str) -> Any:
+    """The part of the tree at a location; put there from the defaults if it is left out."""
+    name: Any = location[-1]
+    inner = _inside(node, name)
+    if inner is None or (name == "friction" and not isinstance(inner, dict)):
+        inner = _default(defaults, location) if inner is None else {"default": inner}
+        put(node, (name,), inner)
+    if not isinstance(inner, dict | list):
+        above = ".".join(map(str, location))
+        raise StudyError(f"{key}: {above} is {inner!r} and has no keys below it")
+    return inner
+
+
+def _default(defaults: Any, location: Location) -> Any:
+    node = defaults
+    for part in location:
+        node = _inside(node, part)
+    if isinstance(node, list | tuple):
+        return list(node)
+    return [0.0, 0.0, 0.0] if location[-1] in _ZERO else {}
+
+
+def _inside(node: Any, part: Any) -> Any:
+    """What stands at a key or index, None if nothing does."""
+    try:
+        return node[part]
+    except (KeyError, IndexError, TypeError):
+        return None
+
+
+def copied(data: Any) -> Any:
+    """Return a copy in which nothing is shared, not even what YAML anchors repeat."""
+    if isinstance(data, dict):
+        return {key: copied(item) for key, item in data.items()}
+    return [copied(item) for item in data] if isinstance(data, list) else data
+
+
+def put(tree: Any, location: Location, value: Any) -> None:
+    """Set what stands at a location."""
+    node: Any = tree
+    for part in location[:-1]:
+        node = node[part]
+    node[location[-1]] = value
+
+
+def move(
+    tree: Tree, what: Sequence[str], along: ArrayLike, distance: float, frame: str | None
+) -> None:
+    """Move bodies by a distance (m) along a direction given in the world or in a body's frame."""
+    direction = np.asarray(along, dtype=float) / np.linalg.norm(along)
+    T = np.eye(4)
+    T[:3, 3] = _frame(tree, frame)[:3, :3] @ direction * distance
+    for pose in _poses(tree, what):
+        _transform(pose, T)
+
+
+def turn(
+    tree: Tree,
+    what: Sequence[str],
+    axis: ArrayLike,
+    angle: float,
+    point: ArrayLike,
+    frame: str | None,
+) -> None:
+    """Turn bodies and directions by an angle (rad) about an axis in the world or a body's frame."""
+    unit = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
+    rotation = np.eye(4)
+    rotation[:3, :3] = Rotation.from_rotvec(angle * unit).as_matrix()
+    center = np.eye(4)
+    center[:3, 3] = point
+    T_world_axis = _frame(tree, frame) @ center
+    T = T_world_axis @ rotation @ invert(T_world_axis)
+    for pose in _poses(tree, what):
+        _transform(pose, T)
+    for vectors, index in _vectors(tree, what):
+        vectors[index] = (T[:3, :3] @ np.asarray(vectors[index], dtype=float)).tolist()
+
+
+def check_bodies(tree: Tree, what: Sequence[str], frame: str | None, *, turns: bool) -> None:
+    """Refuse names of nothing in the scene, and bodies whose contacts are given.
+
+    Raises:
+        StudyError: Naming what is known.
+    """
+    known = [*_bodies(tree), "all", *(VECTORS if turns else ())]
+    for name in what:
+        if name not in known:
+            raise StudyError(f"what: {name!r} is nothing in the scene; known: {', '.join(known)}")
+    if frame is not None and frame not in _bodies(tree):
+        raise StudyError(f"frame: {frame!r} is no body; known: {', '.join(_bodies(tree))}")
+    if tree.get("contacts") is not None:
+        raise StudyError(
+            "the scene gives its contacts, which would not move along; vary their positions, or "
+            "leave 'contacts' out of the scene to have them found"
+        )
+
+
+def _bodies(tree: Tree) -> dict[str, list[Location]]:
+    """The poses that belong to each name."""
+    item = tree["object"]
+    bodies: dict[str, list[Location]] = {"object": [("object", "pose")]}
+    bodies[item.get("name", "object")] = [("object", "pose")]
+    for index, support in enumerate(tree.get("supports") or []):
+        bodies[support["name"]] = [("supports", index, "pose")]
+    hand = tree.get("hand")
+    if hand is not None:
+        mounts = hand.get("mounts") or []
+        own = [("hand", "mounts", i, "base_pose") for i in range(len(mounts))]
+        bodies["hand"] = [*own] or [("hand", "base_pose")]
+        for mount, location in zip(mounts, own, strict=True):
+            bodies[mount["prefix"].rstrip("/")] = [location]
+    return bodies
+
+
+def _poses(tree: Tree, what: Sequence[str]) -> Iterator[Tree]:
+    """The pose entries of bodies, each once; written out where the scene leaves them out."""
+    bodies = _bodies(tree)
+    names = bodies if "all" in what else [name for name in what if name in bodies]
+    for location in dict.fromkeys(location for name in names for location in bodies[name]):
+        holder: Any = tree
+        for part in location[:-1]:
+            holder = holder[part]
+        if holder.get(location[-1]) is None:
+            holder[location[-1]] = {}
+        yield holder[location[-1]]
+
+
+def _vectors(tree: Tree, what: Sequence[str]) -> Iterator[tuple[Any, Any]]:
+    """World-axes vectors that turn along, as a container and a place in it."""
+    everything = "all" in what
+    if "gravity" in what:
+        tree.setdefault("gravity", [0.0, 0.0, -9.81])
+        yield tree, "gravity"
+    if everything or "tangent_axes" in what:
+        axes = tree.get("tangent_axes") or []
+        yield from ((axes, index) for index in range(len(axes)))
+    motion = tree.get("motion") or {}
+    twists = []
+    if everything or "motion" in what:
+        twists += [motion.get("object_twist"), (motion.get("hand") or {}).get("base_twist")]
+    for support in tree.get("supports") or []:
+        if everything or support["name"] in what:
+            twists.append(support.get("velocity"))
+    for twist in filter(None, twists):
+        yield from ((twist, part) for part in ("linear", "angular") if part in twist)
+
+
+def _frame(tree: Tree, name: str | None) -> FloatArray:
+    """(4, 4) pose of a body; the world's without a name."""
+    return np.eye(4) if name is None else _pose_of(next(_poses(tree, [name])))
+
+
+def _pose_of(entry: Tree) -> FloatArray:
+    rotation = next(
+        (entry[form] for form in ("rpy", "quaternion", "matrix") if entry.get(form)), None
+    )
+    return pose_matrix(entry.get("position", (0.0, 0.0, 0.0)), rotation)
+
+
+def _transform(entry: Tree, T: FloatArray) -> None:
+    pose = T @ _pose_of(entry)
+    entry.clear()
+    entry.update(position=pose[:3, 3].tolist(), matrix=pose[:3, :3].tolist())

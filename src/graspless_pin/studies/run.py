@@ -1,0 +1,302 @@
+"""Run a study: chunks of samples to workers, rows to the journal, at the end one table."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from graspless_pin.errors import StudyError
+from graspless_pin.problem.checks import whole_number
+from graspless_pin.studies.checks import check_study
+from graspless_pin.studies.evaluation import Row, evaluate_chunk, failed_row
+from graspless_pin.studies.executors import GivenExecutor, LocalProcesses, usable_cores
+from graspless_pin.studies.journal import Journal, discard
+from graspless_pin.studies.study import Study
+from graspless_pin.studies.tables import (
+    KEY,
+    check_columns,
+    format_of,
+    read_results,
+    require_tables,
+    results_table,
+    versions,
+    write_results,
+)
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_CHUNK_SECONDS = 0.5
+"""How long a chunk should take: long beside the way to a worker, short beside a progress bar."""
+_LARGEST_CHUNK = 256
+_AHEAD = 2
+"""Chunks a worker: one that it computes, and one that waits for it."""
+
+
+def run_study(
+    study: Study,
+    output: str | Path,
+    *,
+    executor: Executor | None = None,
+    workers: int | None = None,
+    progress: bool = True,
+    overwrite: bool = False,
+    fresh: bool = False,
+) -> pd.DataFrame:
+    """Compute all samples of a study and write the table.
+
+    Rows go to a journal beside the output (``results.parquet.journal``) as they come. A run that
+    was killed goes on from there, and a study whose output is complete is only read back.
+
+    Args:
+        study: The study.
+        output: The table's file; ``.parquet`` or ``.csv``.
+        executor: Where to compute; None: processes on this machine. Its workers need this package,
+            and the scene's files at the same paths.
+        workers: Processes, or how many chunks of samples the executor is kept busy with; None: the
+            number of cores that this process may use.
+        progress: Whether to show a progress bar on standard error.
+        overwrite: Whether what is not this study's may be replaced: the output and its journal.
+        fresh: Whether to drop what an earlier run of this study has left.
+
+    Returns:
+        The table, one row a sample in the order of the samples: the same for the same seed,
+        however many workers there are.
+
+    Raises:
+        StudyError: If the study cannot be computed at all, the output cannot be written or belongs
+            to another study, or workers cannot be had.
+    """
+    require_tables()
+    file = Path(output)
+    format_of(file)
+    check_columns(study)
+    count = whole_number("workers", usable_cores() if workers is None else workers, 1)
+    journal_file = file.with_name(f"{file.name}.journal")
+    if not fresh:
+        finished = _finished(study, file, overwrite=overwrite, goes_on=journal_file.exists())
+        if finished is not None:
+            discard(journal_file)
+            return finished
+    elif file.is_file() and not overwrite:
+        _check_own(study, file)
+    _check_folder(file)
+    check_study(study)
+    identity = {"format": 1, "fingerprint": study.fingerprint, "versions": versions()}
+    journal = Journal(journal_file, identity, fresh=fresh, overwrite=overwrite)
+    complete = False
+    try:
+        missing = [n for n in range(len(study.samples)) if n not in journal.rows]
+        if missing:
+            _compute(study, missing, journal, executor, count, progress=progress)
+        table = results_table(study, journal.rows)
+        write_results(table, file)
+        complete = True
+    finally:
+        journal.close(remove=complete)
+    return table
+
+
+def _check_folder(file: Path) -> None:
+    if file.is_dir():
+        raise StudyError(f"{file}: is a folder; name a file in it")
+    if not file.parent.is_dir():
+        raise StudyError(f"{file}: there is no folder {str(file.parent)!r}; make it first")
+    if not os.access(file.parent, os.W_OK):
+        raise StudyError(f"{file}: its folder cannot be written to; choose another output")
+
+
+def _check_own(study: Study, file: Path) -> dict[str, Any]:
+    """Return what a file says of its study, which has to be this one."""
+    try:
+        about: dict[str, Any] = read_results(file).attrs[KEY]
+    except StudyError as error:
+        raise StudyError(f"{error}; choose another output, or replace it (--overwrite)") from None
+    if about["fingerprint"] != study.fingerprint:
+        raise StudyError(
+            f"{file}: holds the results of another study ({about['study']!r}, or of this one "
+            "before it or its scene was changed); choose another output, or replace it "
+            "(--overwrite)"
+        )
+    return about
+
+
+def _finished(study: Study, file: Path, *, overwrite: bool, goes_on: bool) -> pd.DataFrame | None:
+    """The table where the output is already complete; refuse another study's output."""
+    if not file.is_file():
+        return None
+    try:
+        about = _check_own(study, file)
+    except StudyError:
+        if overwrite:
+            return None
+        raise
+    if about["versions"] != versions():
+        if overwrite or goes_on:
+            return None
+        raise StudyError(
+            f"{file}: was computed with other versions of the libraries ({about['versions']}); "
+            "compute it again (--fresh), or choose another output"
+        )
+    return read_results(file)
+
+
+def _compute(
+    study: Study,
+    missing: Sequence[int],
+    journal: Journal,
+    executor: Executor | None,
+    count: int,
+    *,
+    progress: bool,
+) -> None:
+    with _bar(progress) as bar:
+        total = len(study.samples)
+        task = bar.add_task(study.name, total=total, completed=total - len(missing))
+        force: Workforce
+        if executor is None:
+            force = LocalProcesses(min(count, len(missing)))
+        else:
+            force = GivenExecutor(executor, count)
+
+        def keep(rows: list[Row]) -> None:
+            journal.append(rows)
+            bar.advance(task, len(rows))
+
+        try:
+            _Dispatch(study, force, keep, deque(missing)).run()
+        finally:
+            force.close()
+
+
+def _bar(shown: bool) -> Progress:
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left:"),
+        TimeRemainingColumn(),
+        console=Console(stderr=True),
+        disable=not shown,
+    )
+
+
+Workforce = LocalProcesses | GivenExecutor
+
+
+@dataclass(eq=False)
+class _Dispatch:
+    """Sends chunks of samples to workers and keeps the rows that come back.
+
+    Where a worker process dies, nobody knows which of the chunks under way killed it. They are
+    sent again one by one; a chunk that kills its worker alone is halved, down to the one sample
+    that does it, whose row says so.
+
+    Attributes:
+        study: The study.
+        force: The workers.
+        keep: Takes rows.
+        queue: Samples that are still to be sent.
+        suspects: Chunks to be sent alone.
+        running: Chunk by future.
+        pace: Seconds a sample, so far.
+    """
+
+    study: Study
+    force: Workforce
+    keep: Callable[[list[Row]], None]
+    queue: deque[int]
+    suspects: deque[list[int]] = field(default_factory=deque)
+    running: dict[Future[Any], list[int]] = field(default_factory=dict)
+    pace: float | None = None
+
+    def run(self) -> None:
+        """Run until every sample has its row."""
+        try:
+            while self.queue or self.suspects or self.running:
+                self._send()
+                done, _ = wait(self.running, return_when=FIRST_COMPLETED)
+                lost = [chunk for chunk in map(self._receive, done) if chunk]
+                if lost:
+                    self._recover(lost)
+        except BaseException:
+            for future in self.running:
+                if not future.cancel() and future.done() and future.exception() is None:
+                    self.keep(future.result()[0])
+            raise
+
+    def _send(self) -> None:
+        while self.suspects and not self.running:
+            self._submit(self.suspects.popleft())
+        while self.queue and not self.suspects and len(self.running) < _AHEAD * self.force.workers:
+            size = min(self._size(), len(self.queue))
+            self._submit([self.queue.popleft() for _ in range(size)])
+
+    def _submit(self, chunk: list[int]) -> None:
+        samples = [(number, self.study.samples[number]) for number in chunk]
+        try:
+            future = self.force.submit(evaluate_chunk, self._plan, samples)
+        except BrokenExecutor:
+            # A worker died before; if chunks were under way, they come back lost.
+            self.suspects.append(chunk)
+            if not self.running:
+                self.force.renew()
+        else:
+            self.running[future] = chunk
+
+    @cached_property
+    def _plan(self) -> Study:
+        """The study as workers get it, with every chunk: without the list of all samples."""
+        return replace(self.study, samples=())
+
+    def _size(self) -> int:
+        """Samples in the next chunk: fewer toward the end, so that no worker is last for long."""
+        if self.pace is None:
+            return 1
+        fair = len(self.queue) / (_AHEAD * self.force.workers)
+        return max(1, min(int(_CHUNK_SECONDS / self.pace), int(fair), _LARGEST_CHUNK))
+
+    def _receive(self, future: Future[Any]) -> list[int] | None:
+        """Keep the rows of a future; the chunk if its worker died."""
+        chunk = self.running.pop(future)
+        try:
+            rows, seconds = future.result()
+        except BrokenExecutor:
+            return chunk
+        except Exception as error:
+            raise StudyError(
+                f"a worker failed ({type(error).__name__}: {error}); the rows so far are kept: run "
+                "the study again to go on"
+            ) from error
+        self.keep(rows)
+        now = seconds / len(chunk)
+        self.pace = now if self.pace is None else 0.5 * (self.pace + now)
+        return None
+
+    def _recover(self, lost: list[list[int]]) -> None:
+        alone = len(lost) == 1 and not self.running
+        lost += [chunk for chunk in map(self._receive, list(self.running)) if chunk]
+        self.force.renew()
+        for chunk in lost:
+            half = len(chunk) // 2
+            if alone and not half:
+                self.keep([failed_row(chunk[0], "the worker process died")])
+            else:
+                self.suspects.extend([chunk[:half], chunk[half:]] if alone else [chunk])

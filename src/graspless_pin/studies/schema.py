@@ -1,0 +1,172 @@
+"""The study file's schema: a scene, what varies, how it is sampled, what is computed."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from graspless_pin.scene.schema import (
+    Direction,
+    Entry,
+    Finite,
+    NotNegative,
+    Vector,
+)
+
+
+def _listed(value: Any) -> Any:
+    """Let one name stand for a list of one."""
+    return [value] if isinstance(value, str) else value
+
+
+Scalar = bool | int | float | str
+What = Annotated[
+    list[str],
+    BeforeValidator(_listed),
+    Field(
+        min_length=1,
+        description="object, hand, a support, a mount's prefix, gravity, tangent_axes, motion, or "
+        "all: everything but gravity",
+    ),
+]
+
+
+class SetEntry(Entry):
+    """A scene key that gets factor * value + offset, in SI units."""
+
+    key: str
+    factor: Finite = 1.0
+    offset: Finite = 0.0
+
+
+class TurnEntry(Entry):
+    """Turns bodies by the value about an axis through a point."""
+
+    what: What
+    axis: Direction
+    point: Vector = (0.0, 0.0, 0.0)
+    frame: str | None = Field(
+        default=None, description="body in whose frame axis and point are; default: the world"
+    )
+    as_in_scene: Finite = Field(
+        default=0.0, description="the value that the scene's own poses stand for"
+    )
+
+
+class MoveEntry(Entry):
+    """Moves bodies by the value along a direction."""
+
+    what: What
+    along: Direction
+    frame: str | None = Field(
+        default=None, description="body in whose frame the direction is; default: the world"
+    )
+    as_in_scene: Finite = Field(
+        default=0.0, description="the value that the scene's own poses stand for"
+    )
+
+
+class VariableEntry(Entry):
+    """One thing that varies: its values, and what they change in the scene."""
+
+    values: Annotated[list[Scalar], Field(min_length=1)] | dict[str, Any] | None = Field(
+        default=None, description="the values, or by label, for values that are no single number"
+    )
+    start: Finite | None = Field(default=None, alias="from")
+    to: Finite | None = None
+    steps: int | None = Field(default=None, ge=1, description="points of the grid, ends included")
+    scale: Literal["linear", "log"] = "linear"
+    unit: str | None = Field(default=None, description="of the values; default SI")
+    key: str | None = Field(default=None, description="a scene key; default: the variable's name")
+    set: list[SetEntry] | None = Field(default=None, min_length=1)
+    turn: TurnEntry | None = None
+    move: MoveEntry | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> VariableEntry:
+        ranged = {"start", "to", "steps", "scale"} & self.model_fields_set
+        if self.values is not None and ranged:
+            raise ValueError("found values and a range; give either 'values' or 'from' and 'to'")
+        if self.values is None and (self.start is None or self.to is None):
+            raise ValueError("needs either 'values', or both 'from' and 'to'")
+        if self.values is not None and len(self.values) == 0:
+            raise ValueError("found no value; 'values' needs at least one")
+        if self.start is not None and self.to is not None:
+            self._check_range(self.start, self.to)
+        targets = [name for name in ("key", "set", "turn", "move") if getattr(self, name)]
+        if len(targets) > 1:
+            raise ValueError(f"found {' and '.join(targets)}; give one of them")
+        return self
+
+    def _check_range(self, start: float, to: float) -> None:
+        if start > to:
+            raise ValueError(f"the range from {start:g} to {to:g} is empty; 'from' is the smaller")
+        if start == to and self.steps not in (None, 1):
+            raise ValueError(f"from {start:g} to {to:g} is one value, not {self.steps}")
+        if start < to and self.steps == 1:
+            raise ValueError("one step has one value: give 'values' with one, or more steps")
+        if self.scale == "log" and start <= 0.0:
+            raise ValueError(f"a log scale needs positive values, found from {start:g}")
+
+
+class SamplingEntry(Entry):
+    """How the samples are chosen."""
+
+    method: Literal["grid", "latin_hypercube", "sobol"] = "grid"
+    samples: int | None = Field(default=None, ge=1)
+    seed: int = Field(default=0, ge=0)
+
+    @model_validator(mode="after")
+    def _samples_where_needed(self) -> SamplingEntry:
+        if self.method == "grid" and self.samples is not None:
+            raise ValueError("a grid has as many samples as its steps make; leave out 'samples'")
+        if self.method != "grid" and self.samples is None:
+            raise ValueError(f"{self.method} needs 'samples', how many")
+        return self
+
+
+class ComputeEntry(Entry):
+    """What is computed for each sample; what is not said is as in the scene."""
+
+    algorithm: Literal["margin", "torque"] | None = None
+    margin: NotNegative | None = Field(default=None, description="e_0 of Algorithm 2, N")
+    scale: Literal["absolute", "limits"] | None = None
+    sign_rule: Literal["strict", "exact", "nonzero"] | None = None
+    sliding_rule: Literal["exempt", "constrained"] | None = None
+    static_friction: Literal["virtual_sliding", "coulomb"] | None = None
+    solver: str | None = None
+    regularization: NotNegative | None = None
+    node_limit: int | None = Field(default=None, ge=1, description="of each search over modes")
+    force_bounds: bool = Field(default=False, description="the range of the margin, eq. (32)")
+    disturbance_margin: bool = Field(
+        default=False, description="the smallest disturbance that the torques cannot hold"
+    )
+    minimum_friction: bool = Field(
+        default=False, description="the smallest factor on all friction coefficients"
+    )
+    explain: bool = Field(
+        default=False, description="full explanations of infeasible samples; they take long"
+    )
+
+    def solve_options(self) -> dict[str, Any]:
+        """The options that go into the scene's ``solve`` section."""
+        beside = {
+            "node_limit",
+            "force_bounds",
+            "disturbance_margin",
+            "minimum_friction",
+            "explain",
+        }
+        return self.model_dump(exclude_none=True, exclude=beside)
+
+
+class StudyEntry(Entry):
+    """A whole study."""
+
+    name: str = ""
+    description: str = ""
+    scene: str = Field(description="path of the scene, relative to the study file")
+    vary: dict[str, VariableEntry] = Field(min_length=1)
+    sampling: SamplingEntry = SamplingEntry()
+    compute: ComputeEntry = ComputeEntry()

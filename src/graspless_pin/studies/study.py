@@ -1,0 +1,239 @@
+"""A study: a scene, what varies in it, which samples are looked at and what is computed."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+from scipy.stats import qmc
+
+from graspless_pin.errors import SceneError, StudyError
+from graspless_pin.scene.load import build_scene
+from graspless_pin.scene.messages import explain, key_text
+from graspless_pin.scene.parts import SceneParts
+from graspless_pin.scene.scene import Scene
+from graspless_pin.scene.schema import SceneEntry
+from graspless_pin.scene.yaml_source import YamlSource
+from graspless_pin.studies.keys import Tree, copied
+from graspless_pin.studies.schema import StudyEntry
+from graspless_pin.studies.variables import Variable, make_variable
+
+MOST_SAMPLES = 10_000_000
+
+Sample = tuple[Any, ...]
+"""The value of every variable."""
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """A study, checked as far as that goes without computing. Make one with `load_study`.
+
+    Attributes:
+        entry: What the study file says.
+        source: The study file.
+        scene: The scene file with what is computed written into its ``solve`` section.
+        variables: What varies, in the order of the file.
+        samples: The values of all variables, sample by sample.
+        fingerprint: Hash of all that the results depend on but the versions of libraries.
+    """
+
+    entry: StudyEntry
+    source: YamlSource
+    scene: YamlSource
+    variables: tuple[Variable, ...]
+    samples: tuple[Sample, ...]
+    fingerprint: str
+
+    @property
+    def name(self) -> str:
+        """Its name, or that of its file."""
+        return self.entry.name or self.source.path.stem
+
+    @classmethod
+    def from_data(cls, data: Mapping[str, Any], folder: str | Path = ".") -> Study:
+        """Make a study in Python from what would stand in a study file.
+
+        Args:
+            data: The keys ``scene``, ``vary``, ``sampling``, ``compute``, ...
+            folder: What the path of the scene is relative to.
+
+        Raises:
+            StudyError: See `load_study`.
+        """
+        return _made(YamlSource.of_data(copied(dict(data)), Path("study")), Path(folder))
+
+    def tree_at(self, sample: Sample) -> Tree:
+        """The content of the scene file at one sample."""
+        tree = copied(self.scene.data)
+        pairs = list(zip(self.variables, sample, strict=True))
+        for variable, value in pairs:
+            variable.place(tree, value)
+        for variable, value in pairs:
+            variable.displace(tree, value)
+        return tree
+
+    def scene_at(self, sample: Sample, parts: SceneParts | None = None) -> Scene:
+        """The scene at one sample.
+
+        Args:
+            sample: The values of all variables, e.g. one of `samples`.
+            parts: What earlier scenes left.
+
+        Raises:
+            SceneError: If the scene cannot be used with these values.
+        """
+        return build_scene(self.scene.with_data(self.tree_at(sample)), parts)
+
+
+def load_study(path: str | Path) -> Study:
+    """Load a study file and the scene that it names.
+
+    Args:
+        path: The study file (YAML). The scene's path is relative to it.
+
+    Raises:
+        StudyError: Naming file, line and key, what was found and what would do.
+        SceneError: If the scene file itself is wrong.
+    """
+    try:
+        source = YamlSource(Path(path), "study")
+    except SceneError as error:
+        raise StudyError(str(error)) from None
+    return _made(source, source.path.parent)
+
+
+def _made(source: YamlSource, folder: Path) -> Study:
+    if not isinstance(source.data, dict):
+        raise StudyError(f"{source.where(())}: a study is a mapping with the keys scene, vary, ...")
+    try:
+        entry = StudyEntry.model_validate(source.data)
+    except ValidationError as error:
+        raise StudyError(explain(source, error, StudyEntry)) from None
+
+    def fail(location: tuple[str, ...], message: str) -> StudyError:
+        return StudyError(f"{source.where(location)}: {key_text(location)}: {message}")
+
+    file = folder / entry.scene
+    if not file.is_file():
+        raise fail(("scene",), f"there is no file {str(file)!r}; paths are relative to the study")
+    scene = YamlSource(file)
+    defaults = _valid(scene).model_dump()
+    tree = copied(scene.data)
+    options = entry.compute.solve_options()
+    tree["solve"] = {**(tree.get("solve") or {}), **options}
+    variables = tuple(
+        make_variable(
+            name,
+            item,
+            tree,
+            defaults,
+            lambda part, message, name=name: fail(("vary", name, part), message),
+        )
+        for name, item in entry.vary.items()
+    )
+    _check_targets(variables, options, fail)
+    _check_algorithm(tree, variables, options, fail)
+    return Study(
+        entry=entry,
+        source=source,
+        scene=scene.with_data(tree),
+        variables=variables,
+        samples=_samples(entry, variables, fail),
+        fingerprint=_fingerprint(entry, tree, file.parent),
+    )
+
+
+def _valid(scene: YamlSource) -> SceneEntry:
+    try:
+        return SceneEntry.model_validate(scene.data)
+    except ValidationError as error:
+        raise SceneError(explain(scene, error)) from None
+
+
+def _check_targets(variables: tuple[Variable, ...], options: Mapping[str, Any], fail: Any) -> None:
+    """Refuse two variables that set the same key, or a key inside another one's."""
+    taken = {("solve", name): "compute" for name in options}
+    for variable in variables:
+        for location, _, _ in variable.targets:
+            for other, name in taken.items():
+                shared = min(len(location), len(other))
+                if location[:shared] == other[:shared]:
+                    raise fail(
+                        ("vary", variable.name),
+                        f"sets {key_text(location)}, which {name!r} sets already; keep one of them",
+                    )
+        taken |= {location: variable.name for location, _, _ in variable.targets}
+
+
+def _check_algorithm(
+    tree: Tree, variables: tuple[Variable, ...], options: Mapping[str, Any], fail: Any
+) -> None:
+    """Refuse options of Algorithm 2 where Algorithm 1 is computed."""
+    varied = {location for variable in variables for location, _, _ in variable.targets}
+    if tree["solve"].get("algorithm", "margin") == "torque" or ("solve", "algorithm") in varied:
+        return
+    message = "is an option of Algorithm 2 and would change nothing; compute the algorithm 'torque'"
+    for name in ("margin", "scale"):
+        if name in options:
+            raise fail(("compute", name), message)
+        for variable in variables:
+            if any(location == ("solve", name) for location, _, _ in variable.targets):
+                raise fail(("vary", variable.name), message)
+
+
+def _samples(entry: StudyEntry, variables: tuple[Variable, ...], fail: Any) -> tuple[Sample, ...]:
+    sampling = entry.sampling
+    count = sampling.samples or 1
+    for variable in variables:
+        where = "vary", variable.name
+        if sampling.method == "grid":
+            try:
+                count *= variable.grid_size
+            except StudyError as error:
+                raise fail(where, str(error)) from None
+        elif variable.entry.steps is not None:
+            raise fail((*where, "steps"), "goes with a grid; leave it out")
+    if count > MOST_SAMPLES:
+        raise fail(("sampling",), f"makes {count} samples; at most {MOST_SAMPLES} are possible")
+    if sampling.method == "grid":
+        return tuple(product(*(variable.points() for variable in variables)))
+    rng = np.random.default_rng(sampling.seed)
+    if sampling.method == "sobol":
+        # The sequence is balanced over powers of two; a part of it is still its beginning.
+        engine = qmc.Sobol(len(variables), rng=rng)
+        shares = engine.random_base2(int(np.ceil(np.log2(count))))[:count]
+    else:
+        shares = qmc.LatinHypercube(len(variables), rng=rng).random(count)
+    return tuple(
+        tuple(variable.at(u) for variable, u in zip(variables, row, strict=True))
+        for row in shares.tolist()
+    )
+
+
+def _fingerprint(entry: StudyEntry, tree: Tree, folder: Path) -> str:
+    """Hash what is varied and computed, the scene, and the files that the scene names."""
+    said = entry.model_dump(mode="json", exclude={"name", "description", "scene"})
+    files = {
+        text: hashlib.sha256((folder / text).read_bytes()).hexdigest()
+        for text in sorted(set(_texts(tree)))
+        if text.lower().endswith(_FILES) and (folder / text).is_file()
+    }
+    content = json.dumps([said, tree, files], sort_keys=True, default=str)
+    return hashlib.sha256(content.encode()).hexdigest()
+
+
+_FILES = (".urdf", ".yaml", ".yml", ".stl", ".obj", ".dae", ".ply", ".off")
+
+
+def _texts(data: Any) -> list[str]:
+    if isinstance(data, str):
+        return [data]
+    items = data.values() if isinstance(data, dict) else data if isinstance(data, list) else ()
+    return [text for item in items for text in _texts(item)]

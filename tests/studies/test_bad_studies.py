@@ -1,0 +1,288 @@
+"""Mistakes in a study: named with file, line, key and what would do, before anything runs."""
+
+import pytest
+import yaml
+from study_tools import CUBOID, HEIGHT, SLOPE, Here, study, study_file
+
+from graspless_pin.errors import SceneError, StudyError
+from graspless_pin.studies import load_study, run_study
+
+LINES = """\
+scene: SCENE
+vary:
+  friction.default: {from: 0.2, to: 0.6, steps: 3}
+  slope:
+    {values: [45], unit: deg, turn: {what: all, axis: [0, 1, 0], as_in_scene: 45}}
+sampling: {method: grid}
+compute: {algorithm: margin}
+"""
+RANGE = "{from: 0.2, to: 0.6, steps: 3}"
+VALUES = "values: [45], unit: deg"
+TURN = "{what: all, axis: [0, 1, 0], as_in_scene: 45}"
+GRID = "{method: grid}"
+
+# What is replaced, by what, and the message after the file's name.
+LOADING = {
+    "no scene": ("scene: SCENE\n", "", ":1: scene: is missing; needs text"),
+    "no such scene": (
+        "SCENE",
+        "cuboid.yaml",
+        ":1: scene: there is no file",
+    ),
+    "unknown key": (
+        "sampling:",
+        "samping:",
+        ":6: samping: is no key that can stand here; did you mean 'sampling'? known: compute,",
+    ),
+    "unknown key of a variable": (
+        "steps: 3",
+        "step: 3",
+        ":3: vary['friction.default'].step: is no key that can stand here; did you mean 'steps'?",
+    ),
+    "empty range": (
+        "from: 0.2, to: 0.6",
+        "from: 0.6, to: 0.2",
+        ":3: vary['friction.default']: the range from 0.6 to 0.2 is empty; 'from' is the smaller",
+    ),
+    "no steps": (
+        ", steps: 3",
+        "",
+        ":3: vary['friction.default']: a range on a grid needs 'steps', how many values",
+    ),
+    "one step of a range": ("steps: 3", "steps: 1", ":3: vary['friction.default']: one step has"),
+    "zero steps": (
+        "steps: 3",
+        "steps: 0",
+        ":3: vary['friction.default'].steps: found 0; needs a whole number >= 1",
+    ),
+    "many steps of one value": ("to: 0.6", "to: 0.2", ": from 0.2 to 0.2 is one value, not 3"),
+    "half a range": (", to: 0.6", "", ": needs either 'values', or both 'from' and 'to'"),
+    "values and a range": (RANGE, "{values: [1], from: 0, to: 1}", ": found values and a range;"),
+    "no values": (VALUES, "values: []", ":5: vary.slope.values: found []; needs a list of at"),
+    "log scale from zero": (
+        RANGE,
+        "{from: 0, to: 1, steps: 2, scale: log}",
+        ": a log scale needs positive values, found from 0",
+    ),
+    "unknown item of a list": (
+        "friction.default",
+        "supports.slop.friction",
+        ":3: vary['supports.slop.friction'].key: supports.slop.friction: has no item called "
+        "'slop'; known: slope",
+    ),
+    "index that is not there": (
+        "friction.default",
+        "supports.1.friction",
+        ": has no item 1; it has 1, counted from 0",
+    ),
+    "key below a number": (
+        "friction.default",
+        "object.mass.kilo",
+        ": object.mass is 1.0 and has no keys below it",
+    ),
+    "unknown unit": (
+        "unit: deg",
+        "unit: degree",
+        ":5: vary.slope.unit: 'degree' is no known unit; known: 1, m, cm, mm, rad, deg, kg,",
+    ),
+    "unit of something else": (
+        "unit: deg",
+        "unit: mm",
+        ":5: vary.slope.unit: 'mm' is no unit of angle; needs rad, deg",
+    ),
+    "unit of a bare number": (
+        RANGE,
+        "{values: [1], unit: kg}",
+        ": 'kg' is no unit of plain numbers; needs 1",
+    ),
+    "unit of text": (RANGE, "{values: [a], unit: '1'}", ".unit: goes with numbers only"),
+    "keys of different units": (
+        RANGE,
+        "{values: [1], set: [{key: object.mass}, {key: gravity.0}]}",
+        "set: its keys are measured in different units: object.mass (mass), gravity.0 "
+        "(acceleration)",
+    ),
+    "two targets": (TURN, TURN + ", key: friction", ":4: vary.slope: found key and turn; give one"),
+    "unknown body": (
+        "what: all",
+        "what: [all, wall]",
+        ":5: vary.slope.turn: what: 'wall' is nothing in the scene; known: object, cuboid, slope,",
+    ),
+    "unknown frame": (
+        "what: all",
+        "what: all, frame: moon",
+        ":5: vary.slope.turn: frame: 'moon' is no body; known: object, cuboid, slope, hand,",
+    ),
+    "text turns": (VALUES, "values: [up]", "vary.slope.values: 'turn' needs numbers"),
+    "the same key twice": (
+        VALUES + ", turn: " + TURN,
+        "values: [0.3], key: friction",
+        ":4: vary.slope: sets friction, which 'friction.default' sets already; keep one of them",
+    ),
+    "key that is computed": (
+        "friction.default: " + RANGE,
+        "solve.algorithm: {values: [torque]}",
+        ": sets solve.algorithm, which 'compute' sets already; keep one of them",
+    ),
+    "margin for Algorithm 1": (
+        "algorithm: margin",
+        "algorithm: margin, margin: 0.2",
+        ":7: compute.margin: is an option of Algorithm 2 and would change nothing; compute the",
+    ),
+    "varied margin for Algorithm 1": (
+        "friction.default",
+        "solve.margin",
+        ":3: vary['solve.margin']: is an option of Algorithm 2 and would change nothing;",
+    ),
+    "samples of a grid": (GRID, "{samples: 3}", ":6: sampling: a grid has as many samples as its"),
+    "no samples": (GRID, "{method: sobol}", ":6: sampling: sobol needs 'samples', how many"),
+    "steps of a sequence": (
+        GRID,
+        "{method: sobol, samples: 4}",
+        ":3: vary['friction.default'].steps: goes with a grid; leave it out",
+    ),
+    "unknown method": (
+        GRID,
+        "{method: random}",
+        ":6: sampling.method: found 'random'; needs 'grid', 'latin_hypercube' or 'sobol'",
+    ),
+    "too many samples": (
+        "steps: 3",
+        "steps: 100000000",
+        ": makes 100000000 samples; at most 10000000 are possible",
+    ),
+    "list": (LINES, "[]", ": a study is a mapping with the keys scene, vary"),
+    "nothing": (LINES, "", ": the file is empty; a study needs scene and vary"),
+}
+
+# Refused by the scene: what is replaced, by what, and the message.
+CHECKING = {
+    "unknown scene key": (
+        "friction.default",
+        "object.mas",
+        ":3: vary.object.mas: at 0.2: {scene}:24: object.mas: is no key that can stand here; did "
+        "you mean 'mass'?",
+    ),
+    "value out of bounds": (
+        "from: 0.2",
+        "from: -0.2",
+        ":3: vary.friction.default: at -0.2: {scene}:6: friction.default: found -0.2; needs a "
+        "finite number >= 0",
+    ),
+    "number for a name": (
+        "friction.default: " + RANGE,
+        "solve.sign_rule: {values: [strict, loose]}",
+        "vary.solve.sign_rule: at 'loose': {scene}:33: solve.sign_rule: found 'loose'; needs",
+    ),
+    "unknown solver": (
+        "algorithm: margin",
+        "algorithm: margin, solver: simplex",
+        ": compute.solver: 'simplex' is not installed; available: clarabel,",
+    ),
+    "unknown joint": (
+        "friction.default: " + RANGE,
+        "hand.q.hinge: {values: [0.1]}",
+        "the only sample cannot be computed; with hand.q.hinge = 0.1, slope_deg = 45: {scene}:10: "
+        "hand: q: unknown joint 'hinge'; known: finger_1/hinge, finger_6/hinge",
+    ),
+    "column of the results": (
+        "friction.default: " + RANGE,
+        "status: {values: [0.1], key: friction}",
+        ":3: vary.status: its column would be called 'status' like another one of the results;",
+    ),
+}
+
+
+def changed(folder, old, new):
+    assert LINES.count(old) == 1, old
+    file = folder / "study.yaml"
+    file.write_text(LINES.replace(old, new).replace("SCENE", str(CUBOID)), encoding="utf-8")
+    return file
+
+
+@pytest.mark.parametrize(("old", "new", "message"), LOADING.values(), ids=LOADING)
+def test_a_mistake_is_named(tmp_path, old, new, message):
+    file = changed(tmp_path, old, new)
+    with pytest.raises(StudyError) as error:
+        load_study(file)
+    assert str(error.value).startswith(str(file)) and message in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(("old", "new", "message"), CHECKING.values(), ids=CHECKING)
+def test_what_no_scene_can_be_is_refused_before_anything_runs(tmp_path, old, new, message):
+    loaded = load_study(changed(tmp_path, old, new))
+    here = Here()
+    with pytest.raises(StudyError) as error:
+        run_study(loaded, tmp_path / "out.csv", executor=here, progress=False)
+    assert message.replace("{scene}", str(CUBOID)) in str(error.value)
+    assert here.samples == [] and [file.name for file in tmp_path.iterdir()] == ["study.yaml"]
+
+
+def test_a_scene_that_never_touches_is_refused(tmp_path):
+    away = {"values": [1, 2, 3], "move": {"what": ["cuboid"], "along": [0, 0, 1]}}
+    with pytest.raises(
+        StudyError,
+        match=r"none of 9 samples can be computed; with .*lift_m = 1: .*"
+        r"nothing touches object 'cuboid' within 0\.001 m",
+    ):
+        run_study(
+            study({"friction": {"values": [0.2, 0.3, 0.4]}, "lift": away}),
+            tmp_path / "out.csv", executor=Here(), progress=False,
+        )  # fmt: skip
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_one_scene_that_touches_is_enough(tmp_path):
+    away = {"values": [2, 1, 0], "move": {"what": ["cuboid"], "along": [0, 0, 1]}}
+    table = run_study(study({"lift": away}), tmp_path / "out.csv", executor=Here(), progress=False)
+    assert table["status"].tolist() == ["failed", "failed", "optimal"]
+
+
+def test_given_contacts_do_not_move(tmp_path):
+    scene = yaml.safe_load(CUBOID.read_text(encoding="utf-8"))
+    scene["contacts"] = [{"body": "slope", "position": [0, 0, 0], "normal": [1, 0, 1]}]
+    file = tmp_path / "scene.yaml"
+    file.write_text(yaml.safe_dump(scene), encoding="utf-8")
+    content = {"scene": "scene.yaml", "vary": {"slope": SLOPE}}
+    with pytest.raises(
+        StudyError, match="turn: the scene gives its contacts, which would not move"
+    ):
+        load_study(study_file(tmp_path, content))
+
+
+def test_a_wrong_scene_is_the_scenes_error(tmp_path):
+    (tmp_path / "scene.yaml").write_text("friction: 0.3\n", encoding="utf-8")
+    content = {"scene": "scene.yaml", "vary": {"height": HEIGHT}}
+    with pytest.raises(SceneError, match=r"scene\.yaml:1: object: is missing"):
+        load_study(study_file(tmp_path, content))
+
+
+def test_python_made_studies_have_no_file_to_name():
+    with pytest.raises(StudyError, match=r"^study: vary\.friction: needs either 'values'"):
+        study({"friction": {}})
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("out.xlsx", "'.xlsx' is no known format; end the name with .parquet or .csv"),
+        ("out", "'no ending' is no known format"),
+        ("missing/out.csv", "there is no folder"),
+        ("study.yaml/out.csv", "there is no folder"),
+        ("folder.csv", "is a folder; name a file in it"),
+    ],
+)
+def test_an_output_that_cannot_be_written(tmp_path, name, message):
+    (tmp_path / "folder.csv").mkdir()
+    (tmp_path / "study.yaml").touch()
+    here = Here()
+    with pytest.raises(StudyError, match=message):
+        run_study(study(), tmp_path / name, executor=here, progress=False)
+    assert here.samples == []
+
+
+@pytest.mark.parametrize("workers", [0, -1, 1.5])
+def test_workers_are_counted(tmp_path, workers):
+    with pytest.raises(ValueError, match="workers: "):
+        run_study(study(), tmp_path / "out.csv", workers=workers, progress=False)

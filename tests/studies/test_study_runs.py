@@ -1,0 +1,286 @@
+"""Runs of a study in this process: the table, its files, going on, whose output it is."""
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from study_tools import CUBOID, HEIGHT, Here, data, study, study_file
+
+from graspless_pin import (
+    contact_force_bounds,
+    disturbance_margin,
+    load_scene,
+    maximize_margin,
+    minimum_friction,
+)
+from graspless_pin.errors import StudyError
+from graspless_pin.studies import (
+    Study,
+    load_study,
+    read_results,
+    results_summary,
+    run_study,
+    tables,
+)
+
+LOW = {"values": [0.0, 0.3]}  # without friction nothing holds the cuboid on its slope
+
+
+def run(made: Study, file, here=None, **options) -> Any:
+    return run_study(made, file, executor=here or Here(), progress=False, **options)
+
+
+@pytest.mark.parametrize("name", ["out.parquet", "out.csv"])
+def test_the_table_is_that_of_a_plain_loop(tmp_path, name):
+    made = study()
+    table = run(made, tmp_path / name)
+    expected = [maximize_margin(made.scene_at(sample).problem()) for sample in made.samples]
+    assert len(expected) == 18
+    assert table.columns.tolist() == [
+        "sample", "height_mm", "slope_deg", "friction.default", "status", "found", "margin_N",
+        "max_torque_Nm", "torque_finger_1/hinge_Nm", "torque_finger_6/hinge_Nm", "contacts",
+        "nodes", "reason", "error",
+    ]  # fmt: skip
+    assert table["sample"].tolist() == list(range(18))
+    assert list(zip(*(table.iloc[:, 1:4].to_numpy().T.tolist()), strict=True)) == list(made.samples)
+    assert table["margin_N"].tolist() == [solution.margin for solution in expected]
+    torques = table[["torque_finger_1/hinge_Nm", "torque_finger_6/hinge_Nm"]].to_numpy()
+    np.testing.assert_array_equal(torques, [solution.torques for solution in expected])
+    assert table["found"].all() and table["reason"].isna().all() and table["error"].isna().all()
+    assert [file.name for file in tmp_path.iterdir()] == [name]
+
+
+def test_both_formats_read_back_alike(tmp_path):
+    made = study({"friction": LOW, "hand.q.finger_1/hinge": {"values": [0.0, 1.0, 3.0]}})
+    tables_read = []
+    for name in ("out.parquet", "out.csv"):
+        table = run(made, tmp_path / name)
+        read = read_results(tmp_path / name)
+        pd.testing.assert_frame_equal(read, table)
+        assert read.attrs == table.attrs
+        tables_read.append(read)
+    pd.testing.assert_frame_equal(*tables_read)
+    plain = pd.read_csv(tmp_path / "out.csv", comment="#")
+    assert plain.columns.tolist() == tables_read[0].columns.tolist() and len(plain) == 6
+    assert {"failed", "infeasible_forces", "optimal"} == set(plain["status"])
+
+
+def test_the_metadata_tells_seed_versions_and_study(tmp_path):
+    made = study(
+        {"friction": {"from": 0.2, "to": 0.5}},
+        sampling={"method": "sobol", "samples": 2, "seed": 7},
+        name="seven",
+    )
+    run(made, tmp_path / "out.parquet")
+    about = read_results(tmp_path / "out.parquet").attrs[tables.KEY]
+    assert about["seed"] == 7 and about["study"] == "seven" and about["samples"] == 2
+    assert about["fingerprint"] == made.fingerprint
+    assert about["versions"]["numpy"] == np.__version__
+    assert about["entry"]["vary"] == {"friction": {"from": 0.2, "to": 0.5}}
+
+
+def test_infeasible_and_failed_samples_are_rows(tmp_path):
+    made = study({"friction": LOW, "hand.q.finger_1/hinge": {"values": [0.0, 3.0]}})
+    table = run(made, tmp_path / "out.csv")
+    assert table["status"].tolist() == ["infeasible_forces", "failed", "optimal", "failed"]
+    assert table["found"].tolist() == [False, False, True, False]
+    assert table["reason"][0].startswith("infeasible: no contact forces")
+    error = table["error"][1]
+    assert error.startswith("SceneError: cuboid_at_rest.yaml:") and "outside the joint's" in error
+    assert str(CUBOID.parent) not in error
+    assert table["margin_N"].isna().tolist() == [True, True, False, True]
+    text = results_summary(table)
+    assert text.startswith("4 samples: 1 found, 1 infeasible, 2 failed\nlargest margin 1.65 N at")
+    assert "first failure at sample 1: SceneError" in text
+
+
+def test_an_explanation_on_request(tmp_path):
+    weak = {"hand.effort_limits.finger_1/finger": {"values": [0.2]}}
+    table = run(study(weak, compute={"explain": True}), tmp_path / "out.csv")
+    assert table["reason"][0].count("\n") >= 1 and "N m" in table["reason"][0]
+
+
+def test_analyses_have_columns(tmp_path):
+    made = study(
+        {"friction": {"values": [0.3]}},
+        compute={
+            "algorithm": "torque",
+            "margin": 0.1,
+            "force_bounds": True,
+            "disturbance_margin": True,
+            "minimum_friction": True,
+        },
+    )
+    row = run(made, tmp_path / "out.csv").iloc[0]
+    solution = load_scene(CUBOID).solve("torque", margin=0.1)
+    assert row["max_torque_Nm"] == solution.max_torque
+    bounds = contact_force_bounds(solution.problem, solution.torques)
+    assert row["smallest_margin_N"] == pytest.approx(bounds.smallest_margin, abs=1e-9)
+    assert row["largest_margin_N"] == pytest.approx(bounds.largest_margin, abs=1e-9)
+    held = disturbance_margin(solution.problem, solution.torques)
+    assert row["disturbance_N"] == pytest.approx(held.magnitudes.min(), abs=1e-9)
+    factor = minimum_friction(solution.problem).factor
+    assert row["minimum_friction_factor"] == pytest.approx(factor, abs=1e-9)
+
+
+def test_a_stopped_run_goes_on_where_it_was(tmp_path):
+    made = study()
+    whole = run(made, tmp_path / "whole.parquet")
+    file = tmp_path / "out.parquet"
+    seen = []
+    for limit in (3, 5):
+        here = Here(limit)
+        with pytest.raises(StudyError, match=r"pulled the plug.*; the rows so far are kept: run"):
+            run(made, file, here)
+        assert not file.exists()
+        seen += here.samples
+    rest = Here()
+    table = run(made, file, rest)
+    assert sorted(seen + rest.samples) == list(range(18)) and len(seen) > 3
+    pd.testing.assert_frame_equal(table, whole)
+    assert file.read_bytes() == (tmp_path / "whole.parquet").read_bytes()
+    assert not (tmp_path / "out.parquet.journal").exists()
+
+
+@pytest.mark.parametrize("cut", [1, 9, 40])
+def test_a_torn_last_line_is_dropped(tmp_path, cut):
+    made = study()
+    file, journal = tmp_path / "out.csv", tmp_path / "out.csv.journal"
+    whole = run(made, file).copy()
+    file.unlink()
+    with pytest.raises(StudyError):
+        run(made, file, Here(6))
+    lines = journal.read_bytes().splitlines(keepends=True)
+    journal.write_bytes(b"".join(lines)[:-cut])
+    here = Here()
+    pd.testing.assert_frame_equal(run(made, file, here), whole)
+    assert int(json.loads(lines[-1])["sample"]) in here.samples
+    assert len(here.samples) == 18 - (len(lines) - 2)
+
+
+def test_a_finished_study_is_only_read(tmp_path):
+    file = tmp_path / "out.parquet"
+    first = run(study(), file)
+    before = file.stat().st_mtime_ns
+    (tmp_path / "out.parquet.journal").write_text("left by a crash\n", encoding="utf-8")
+    here = Here()
+    pd.testing.assert_frame_equal(run(study(name="other name"), file, here), first)
+    assert here.samples == [] and file.stat().st_mtime_ns == before
+    assert not (tmp_path / "out.parquet.journal").exists()
+    again = run(study(), file, here, fresh=True)
+    assert len(here.samples) == 18
+    pd.testing.assert_frame_equal(again, first)
+
+
+def test_another_studys_output_is_kept(tmp_path):
+    file = tmp_path / "out.csv"
+    other = study({"friction": {"values": [0.3]}})
+    run(other, file)
+    before = file.read_bytes()
+    here = Here()
+    for options in ({}, {"fresh": True}):
+        with pytest.raises(StudyError, match=r"holds the results of another study.*--overwrite"):
+            run(study(), file, here, **options)
+    assert here.samples == [] and file.read_bytes() == before
+    with pytest.raises(StudyError, match="pulled the plug"):
+        run(study(), file, Here(5), overwrite=True)
+    assert file.read_bytes() == before
+    rest = Here()
+    assert len(run(study(), file, rest, overwrite=True)) == 18
+    assert 0 < len(rest.samples) < 18
+
+
+def test_another_file_is_kept(tmp_path):
+    file = tmp_path / "out.csv"
+    file.write_text("a,b\n1,2\n", encoding="utf-8")
+    with pytest.raises(StudyError, match=r"holds no results of a study.*--overwrite"):
+        run(study(), file)
+    assert file.read_text(encoding="utf-8") == "a,b\n1,2\n"
+
+
+def test_another_studys_journal_is_kept(tmp_path):
+    file, journal = tmp_path / "out.csv", tmp_path / "out.csv.journal"
+    with pytest.raises(StudyError, match="pulled the plug"):
+        run(study(), file, Here(5))
+    before = journal.read_bytes()
+    other = study({"friction": {"values": [0.3]}})
+    for options in ({}, {"fresh": True}):
+        with pytest.raises(StudyError, match=r"out\.csv\.journal: holds the rows of another study"):
+            run(other, file, **options)
+    assert journal.read_bytes() == before
+    journal.write_text("notes\n", encoding="utf-8")
+    with pytest.raises(StudyError, match="is no journal of a study"):
+        run(other, file)
+    assert len(run(other, file, overwrite=True)) == 1
+
+
+def test_a_changed_scene_is_another_study(tmp_path):
+    scene = tmp_path / "scene.yaml"
+    text = CUBOID.read_text(encoding="utf-8")
+    scene.write_text(text, encoding="utf-8")
+    file = study_file(tmp_path, data({"height": HEIGHT}) | {"scene": "scene.yaml"})
+    run(load_study(file), tmp_path / "out.csv")
+    scene.write_text(text.replace("mass: 1.0", "mass: 1.1"), encoding="utf-8")
+    with pytest.raises(StudyError, match="before it or its scene was changed"):
+        run(load_study(file), tmp_path / "out.csv")
+    scene.write_text(text.replace("mass: 1.0", "mass: 1.0 # kg"), encoding="utf-8")
+    run(load_study(file), tmp_path / "out.csv")
+
+
+def test_other_versions_are_not_mixed(tmp_path, monkeypatch):
+    file = tmp_path / "out.csv"
+    with pytest.raises(StudyError, match="pulled the plug"):
+        run(study(), file, Here(5))
+    real = tables.versions()
+    newer = lambda: real | {"numpy": "99.0"}  # noqa: E731
+    monkeypatch.setattr("graspless_pin.studies.run.versions", newer)
+    with pytest.raises(StudyError, match=r"was begun with other versions.*--fresh"):
+        run(study(), file)
+    monkeypatch.undo()
+    run(study(), file)
+    monkeypatch.setattr("graspless_pin.studies.run.versions", newer)
+    with pytest.raises(StudyError, match=r"was computed with other versions.*--fresh"):
+        run(study(), file)
+
+
+def test_two_runs_do_not_write_one_journal(tmp_path):
+    made = study()
+    file = tmp_path / "out.csv"
+
+    class Meddling(Here):
+        def submit(self, fn, /, *args, **kwargs):
+            with pytest.raises(StudyError, match="another run writes it now"):
+                run(made, file)
+            return super().submit(fn, *args, **kwargs)
+
+    assert len(run(made, file, Meddling())) == 18
+
+
+def test_threads_give_the_same_table(tmp_path):
+    expected = run(study(), tmp_path / "one.parquet")
+    with ThreadPoolExecutor(3) as threads:
+        table = run_study(
+            study(), tmp_path / "three.parquet", executor=threads, workers=3, progress=False
+        )
+    pd.testing.assert_frame_equal(table, expected)
+
+
+def test_a_damaged_result_is_no_result(tmp_path):
+    for name in ("a.csv", "a.parquet"):
+        (tmp_path / name).write_text("x", encoding="utf-8")
+        with pytest.raises(StudyError, match="holds no results of a study"):
+            read_results(tmp_path / name)
+        with pytest.raises(StudyError, match="there is no such file"):
+            read_results(tmp_path / f"b{name}")
+
+
+def test_torque_columns_follow_the_joints(tmp_path):
+    one = {"finger_1/finger": "force", "finger_6/finger": "position"}
+    made = study({"fingers": {"values": {"both": "force", "one": one}, "key": "hand.control"}})
+    table = run(made, tmp_path / "out.csv")
+    assert table["fingers"].tolist() == ["both", "one"]
+    assert table["torque_finger_6/hinge_Nm"].isna().tolist() == [False, True]
+    assert table["found"].all()

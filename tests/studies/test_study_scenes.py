@@ -1,0 +1,190 @@
+"""What a study changes in its scene: keys, several keys at once, bodies moved and turned."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from study_tools import CUBOID, HEIGHT, PAPER, SLOPE, study
+
+from graspless_pin import load_scene
+from graspless_pin.geometry.bodies.shapes import Box
+from graspless_pin.scene.parts import SceneParts
+from graspless_pin.studies import Study
+
+TIGHT = 1e-9
+
+
+def at(vary, *sample, **more):
+    """The scene of a study with one sample."""
+    made = study(vary, **more)
+    return made.scene_at(sample or made.samples[0])
+
+
+def test_a_key_is_set_and_the_rest_stays():
+    plain = load_scene(CUBOID)
+    scene = at({"object.mass": {"values": [700], "unit": "g"}})
+    assert scene.object.mass == pytest.approx(0.7, abs=1e-15)
+    assert scene.friction == plain.friction
+    np.testing.assert_array_equal(scene.object.T_world_object, plain.object.T_world_object)
+
+
+def test_one_coefficient_for_all_becomes_a_table_when_a_body_gets_its_own():
+    scene = at({"friction.slope": {"values": [0.8]}})
+    assert scene.friction == {"default": 0.3, "slope": 0.8}
+    by_body = dict(zip(scene.contacts.bodies, scene.problem().friction, strict=True))
+    assert by_body["slope"] == 0.8
+    assert by_body["finger_1/tip"] == 0.3
+
+
+@pytest.mark.parametrize("key", ["supports.slope.pose.rpy.1", "supports.0.pose.rpy.1"])
+def test_items_of_lists_go_by_name_or_index(key):
+    scene = at({key: {"values": [30], "unit": "deg"}})
+    normal = scene.supports[0].T_world_support[:3, 2]
+    np.testing.assert_allclose(normal, [0.5, 0.0, np.sqrt(0.75)], atol=TIGHT)
+
+
+def test_what_the_scene_leaves_out_can_be_set():
+    scene = at(
+        {"object.pose.position.2": {"values": [0.001]}, "max_normal_force": {"values": [20]}}
+    )
+    np.testing.assert_allclose(scene.object.T_world_object[:3, 3], [0, 0, 0.001])
+    rested = load_scene(CUBOID).object.T_world_object
+    np.testing.assert_array_equal(scene.object.T_world_object[:3, :3], rested[:3, :3])
+    assert scene.max_normal_force == 20
+
+
+def test_joint_names_may_hold_dots():
+    made = Study.from_data(
+        {
+            "scene": str(PAPER.parent / "allegro_box_on_slope.yaml"),
+            "vary": {
+                "hand.q.joint_1.0": {"values": [20], "unit": "deg"},
+                "hand.effort_limits.joint_1.0": {"values": [0.5]},
+            },
+        }
+    )
+    hand = made.scene_at(made.samples[0]).hand
+    assert hand is not None
+    assert hand.q["joint_1.0"] == pytest.approx(np.deg2rad(20))
+    index = hand.actuated_joint_names.index("joint_1.0")
+    assert hand.effort_limits[1][index] == 0.5
+
+
+def test_a_label_stands_for_a_whole_configuration():
+    poses = {"straight": {}, "bent": {"finger_1/hinge": 0.001, "finger_6/hinge": -0.001}}
+    made = study({"fingers": {"values": poses, "key": "hand.q"}})
+    assert made.samples == (("straight",), ("bent",))
+    straight, bent = (made.scene_at(sample).hand for sample in made.samples)
+    assert straight is not None and bent is not None
+    assert set(straight.q.values()) == {0.0}
+    assert bent.q["finger_6/hinge"] == -0.001
+
+
+def test_several_keys_follow_one_value():
+    sets: list[dict[str, Any]] = [{"key": f"object.shape.size.{i}"} for i in range(3)]
+    sets.append({"key": "supports.slope.pose.position.2", "factor": -0.5, "offset": 0.01})
+    scene = at({"size": {"values": [180], "unit": "mm", "set": sets}})
+    assert scene.object.shape == Box((0.18, 0.18, 0.18))
+    assert scene.supports[0].T_world_support[2, 3] == pytest.approx(-0.08)
+
+
+@pytest.mark.parametrize("file", ["cuboid_at_rest", "cuboid_sliding_up", "cuboid_sliding_down"])
+@pytest.mark.parametrize("angle", [40.0, 55.0])
+def test_turning_everything_is_tilting_gravity_the_other_way(file, angle):
+    path = str(PAPER / f"{file}.yaml")
+    turned = Study.from_data(
+        {
+            "scene": path,
+            "vary": {"slope": {"values": [angle], "unit": "deg", "turn": SLOPE["turn"]}},
+        }
+    )
+    way = {"what": "gravity", "axis": [0, -1, 0], "as_in_scene": 45}
+    tilted = Study.from_data(
+        {"scene": path, "vary": {"slope": {"values": [angle], "unit": "deg", "turn": way}}}
+    )
+    margins = [item.scene_at((angle,)).solve("margin").margin for item in (turned, tilted)]
+    assert margins[0] == pytest.approx(margins[1], abs=1e-6)
+    assert abs(margins[0] - load_scene(path).solve("margin").margin) > 1e-4
+
+
+def test_the_value_of_the_scene_leaves_the_scene_as_it_is():
+    scene = at({"slope": SLOPE, "height": HEIGHT}, 45.0, 150.0)
+    plain = load_scene(CUBOID)
+    np.testing.assert_allclose(scene.problem().positions, plain.problem().positions, atol=TIGHT)
+    assert scene.solve().margin == pytest.approx(plain.solve().margin, abs=1e-7)
+
+
+@pytest.mark.parametrize("first", ["slope", "height"])
+def test_a_finger_rises_along_the_slope_whatever_comes_first(first):
+    vary = {"slope": {**SLOPE}, "height": {**HEIGHT}}
+    if first == "height":
+        vary = dict(reversed(vary.items()))
+    values = {"slope": 30.0, "height": 120.0}
+    scene = at(vary, *(values[name] for name in vary))
+    normal = np.array([np.sin(np.deg2rad(30)), 0.0, np.cos(np.deg2rad(30))])
+    on_slope = scene.supports[0].T_world_support[:3, 3]
+    fingers = [point for point in scene.contacts.points if point.body != "slope"]
+    assert len(fingers) == 2
+    for point in fingers:
+        assert (point.position - on_slope) @ normal == pytest.approx(0.12, abs=1e-6)
+
+
+def test_only_the_named_bodies_move():
+    turn = {"what": ["cuboid", "finger_1"], "axis": [0, 0, 2], "point": [1, 0, 0]}
+    scene = at({"spin": {"values": [90], "unit": "deg", "turn": turn}})
+    plain = load_scene(CUBOID)
+    np.testing.assert_allclose(scene.object.T_world_object[:3, 3], [1, -1, 0], atol=TIGHT)
+    assert scene.hand is not None and plain.hand is not None
+    np.testing.assert_array_equal(
+        scene.hand.base_poses["finger_6/"], plain.hand.base_poses["finger_6/"]
+    )
+    old, new = (hand.base_poses["finger_1/"][:3, 3] for hand in (plain.hand, scene.hand))
+    np.testing.assert_allclose(new, [1 - old[1], old[0] - 1, old[2]], atol=TIGHT)
+    np.testing.assert_array_equal(
+        scene.supports[0].T_world_support, plain.supports[0].T_world_support
+    )
+
+
+def test_anchors_of_the_scene_are_copies(tmp_path):
+    content = yaml.safe_load(CUBOID.read_text(encoding="utf-8"))
+    pose = {"position": [5.0, 0.0, 0.0]}
+    content["supports"] += [
+        {"name": name, "shape": {"type": "half_space"}, "pose": pose} for name in ("one", "two")
+    ]
+    file = tmp_path / "scene.yaml"
+    file.write_text(yaml.safe_dump(content), encoding="utf-8")
+    assert "*id" in file.read_text(encoding="utf-8")
+    made = Study.from_data(
+        {
+            "scene": str(file),
+            "vary": {"x": {"values": [1.0], "move": {"what": "one", "along": [1, 0, 0]}}},
+        }
+    )
+    tree = made.tree_at((1.0,))
+    assert tree["supports"][1]["pose"]["position"][0] == 6.0
+    assert tree["supports"][2]["pose"]["position"][0] == 5.0
+
+
+def test_what_is_computed_goes_into_the_scene():
+    made = study({"solve.margin": {"values": [0.1, 1.0]}}, compute={"algorithm": "torque"})
+    torques = [made.scene_at(sample).solve().max_torque for sample in made.samples]
+    plain = load_scene(CUBOID)
+    expected = [plain.solve("torque", margin=margin).max_torque for margin in (0.1, 1.0)]
+    assert torques == expected
+
+
+@pytest.mark.parametrize("key", ["hand.q.joint_1.0", "hand.base_pose.position.2"])
+def test_parts_that_are_kept_change_nothing(key):
+    value = {"hand.q.joint_1.0": 0.3, "hand.base_pose.position.2": 0.0628}[key]
+    steps = {"values": [value, value + 1e-4, value]}
+    path = str(PAPER.parent / "allegro_box_on_slope.yaml")
+    made = Study.from_data({"scene": path, "vary": {key: steps}})
+    parts = SceneParts()
+    for sample in made.samples:
+        kept, fresh = (made.scene_at(sample, use).problem() for use in (parts, None))
+        np.testing.assert_array_equal(kept.jacobian, fresh.jacobian)
+        np.testing.assert_array_equal(kept.positions, fresh.positions)
+        np.testing.assert_array_equal(kept.gravity_torques, fresh.gravity_torques)
+    assert len(parts.robots) == 1
+    assert len(parts.hands) == (1 if key.startswith("hand.q") else 2)
