@@ -27,6 +27,7 @@ from graspless_pin.problem import (
     QuasistaticProblem,
     assemble_joint_space,
 )
+from graspless_pin.problem.wrenches import force_first, moment_first
 from graspless_pin.solution import Status, TorqueSolution
 
 if TYPE_CHECKING:
@@ -55,6 +56,7 @@ __all__ = [
     "enumerate_modes",
     "evaluate_path",
     "explain",
+    "force_first",
     "load_scene",
     "load_study",
     "margin_sensitivity",
@@ -62,6 +64,7 @@ __all__ = [
     "maximize_margin",
     "minimize_torque",
     "minimum_friction",
+    "moment_first",
     "optimum_gradients",
     "read_results",
     "run_study",

@@ -1,0 +1,53 @@
+"""Wrench order: this package has forces first, some others have moments first."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from graspless_pin.problem.checks import FloatArray, real_array
+
+
+def moment_first(wrench: ArrayLike) -> FloatArray:
+    """Reorder [force; moment], as everywhere in this package, to [moment; force].
+
+    The reference point and the axes stay as they are. A twist is reordered in the same way, from
+    [linear; angular] to [angular; linear].
+
+    Args:
+        wrench: (6,), or (N, 6) for several, N and N m.
+
+    Returns:
+        A copy of the same shape with moments first, as in Drake.
+
+    Raises:
+        ArgumentError: If the shape is another one or an entry is not a number.
+    """
+    return _halves_swapped(wrench)
+
+
+def force_first(wrench: ArrayLike) -> FloatArray:
+    """Reorder [moment; force] to [force; moment], as everywhere in this package.
+
+    The reference point and the axes stay as they are: an external wrench also has to be about the
+    object's centre of mass and in world axes.
+
+    Args:
+        wrench: (6,), or (N, 6) for several, N m and N.
+
+    Returns:
+        A copy of the same shape with forces first.
+
+    Raises:
+        ArgumentError: If the shape is another one or an entry is not a number.
+    """
+    return _halves_swapped(wrench)
+
+
+def _halves_swapped(wrench: ArrayLike) -> FloatArray:
+    try:
+        rows = np.ndim(wrench) == 2
+    except ValueError:  # rows of several lengths: the check below says so
+        rows = False
+    array = real_array("wrench", wrench, (None, 6) if rows else (6,))
+    return np.roll(array, 3, axis=-1)
