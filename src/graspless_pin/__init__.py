@@ -33,7 +33,7 @@ from graspless_pin.solution import Status, TorqueSolution
 if TYPE_CHECKING:
     from graspless_pin.geometry.hand.model import Hand
     from graspless_pin.planning import Evaluator, Waypoint, evaluate_path
-    from graspless_pin.scene import Scene, load_scene
+    from graspless_pin.scene import Scene, close_fingers, fingertip_contact, load_scene, settle
     from graspless_pin.studies import load_study, read_results, run_study
 
 __all__ = [
@@ -50,12 +50,14 @@ __all__ = [
     "TorqueSolution",
     "Waypoint",
     "assemble_joint_space",
+    "close_fingers",
     "compare_rules",
     "contact_force_bounds",
     "disturbance_margin",
     "enumerate_modes",
     "evaluate_path",
     "explain",
+    "fingertip_contact",
     "force_first",
     "load_scene",
     "load_study",
@@ -68,6 +70,7 @@ __all__ = [
     "optimum_gradients",
     "read_results",
     "run_study",
+    "settle",
     "solve_each_mode",
 ]
 
@@ -77,6 +80,9 @@ _LAZY = {
     "Hand": "graspless_pin.geometry.hand.model",
     "Scene": "graspless_pin.scene",
     "Waypoint": "graspless_pin.planning",
+    "close_fingers": "graspless_pin.scene",
+    "fingertip_contact": "graspless_pin.scene",
+    "settle": "graspless_pin.scene",
     "evaluate_path": "graspless_pin.planning",
     "load_scene": "graspless_pin.scene",
     "load_study": "graspless_pin.studies",

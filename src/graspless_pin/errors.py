@@ -5,6 +5,9 @@ An infeasible problem is not an error: it is a solution whose ``found`` is False
 
 from __future__ import annotations
 
+from enum import Enum
+from typing import Self
+
 
 class GrasplessPinError(Exception):
     """Root of all errors raised by this package."""
@@ -18,13 +21,53 @@ class ArgumentError(GrasplessPinError, ValueError):
     """
 
     def __init__(self, argument: str, message: str) -> None:
-        """Build the message ``argument: message``."""
-        super().__init__(f"{argument}: {message}")
+        """Take the name and what is wrong with it."""
+        # Both are the exception's arguments, so that it can be pickled for another process.
+        super().__init__(argument, message)
         self.argument = argument
+
+    def __str__(self) -> str:
+        """Return ``argument: message``."""
+        return f"{self.args[0]}: {self.args[1]}"
 
 
 class SceneError(GrasplessPinError, ValueError):
     """A scene file, or what it describes, cannot be used."""
+
+    def at(self, where: str) -> Self:
+        """Return the same error with a place before its message."""
+        return type(self)(f"{where}: {self}")
+
+
+class StateFault(Enum):
+    """What can be wrong with the state of a sound scene; the value is the message."""
+
+    NO_CONTACT = "nothing touches the object"
+    OVERLAP = "bodies overlap by more than passes for contact"
+    BLOCKED = "the motion drives the object into a body"
+    PARTED = "the motion parts the object from everything that touches it"
+    AMBIGUOUS = "a hybrid finger touches the object at several points"
+
+
+class StateError(SceneError):
+    """A scene has no problem to solve in this state; with other poses or motions it may.
+
+    Attributes:
+        kind: What is wrong.
+    """
+
+    def __init__(self, kind: StateFault, message: str) -> None:
+        """Take what is wrong and the message that names the bodies."""
+        super().__init__(kind, message)
+        self.kind = kind
+
+    def __str__(self) -> str:
+        """Return the message."""
+        return str(self.args[1])
+
+    def at(self, where: str) -> Self:
+        """Return the same error with a place before its message."""
+        return type(self)(self.kind, f"{where}: {self}")
 
 
 class StudyError(GrasplessPinError, ValueError):

@@ -1,17 +1,20 @@
 """The audit of URDFs and the list of robots: known answers."""
 
+import warnings
+
 import numpy as np
 import pytest
 import trimesh
 from hand_tools import joint, link, write_urdf
 
-from graspless_pin.errors import RobotError
+from graspless_pin.errors import GrasplessPinWarning, RobotError
 from graspless_pin.geometry.robots.audit import FindingKind, audit_urdf
 from graspless_pin.geometry.robots.files import robot_names
 from graspless_pin.geometry.robots.listing import list_robots
 
 BALL = '<sphere radius="0.01"/>'
 MESH = '<mesh filename="{}"/>'
+FILES = ("cup", "ell", "open")
 TWO = link("a", BALL) + link("b", BALL)
 
 
@@ -89,6 +92,33 @@ def test_meshes(tmp_path):
     assert "is 100 m large" in report.findings[3].message
 
 
+def test_a_mesh_that_its_hull_fills_out_by_far(tmp_path):
+    walls = trimesh.creation.box((0.1, 0.1, 0.1))
+    inside = trimesh.creation.box((0.08, 0.08, 0.1))
+    inside.apply_translation((0.0, 0.0, 0.01))
+    cup = trimesh.boolean.difference([walls, inside])  # 1000 - 576 = 424 cm^3 in a hull of 1000
+    cup.export(tmp_path / "cup.stl")
+    flat = trimesh.creation.box(bounds=[[0, 0, 0], [0.1, 0.02, 0.02]])
+    tall = trimesh.creation.box(bounds=[[0, 0, 0], [0.02, 0.02, 0.05]])
+    trimesh.boolean.union([flat, tall]).export(tmp_path / "ell.stl")  # fills 72 % of its hull
+    cup.update_faces(np.arange(len(cup.faces)) > 0)
+    cup.export(tmp_path / "open.stl")
+    body = "".join(link(name, MESH.format(f"file://{tmp_path}/{name}.stl")) for name in FILES)
+    body += joint("i", "cup", "ell", "fixed", limit="") + joint("j", "ell", "open", "fixed", "")
+    report = audit(tmp_path, body)
+    assert found(report) == [(FindingKind.HOLLOW_MESH, "link cup, collision")]
+    assert "has 2.4 times its volume" in report.findings[0].message
+    assert "'convex: {cup: decompose}'" in report.findings[0].advice
+    for convex in ("decompose", "{cup: decompose}"):
+        file = tmp_path / "robot.yaml"
+        file.write_text(f"name: r\nurdf: robot.urdf\nconvex: {convex}\nconcavity: 1\n")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", GrasplessPinWarning)  # the open one
+            assert audit_urdf(file).findings == ()
+    file.write_text("name: r\nurdf: robot.urdf\nconvex: {ell: decompose}\n")
+    assert found(audit_urdf(file)) == [(FindingKind.HOLLOW_MESH, "link cup, collision")]
+
+
 def test_the_unit_of_a_collada_file_is_reported(tmp_path):
     file = tmp_path / "box.dae"
     trimesh.creation.box((0.1, 0.1, 0.1)).export(file)
@@ -101,6 +131,13 @@ def test_the_unit_of_a_collada_file_is_reported(tmp_path):
     report = audit(tmp_path, link("a", MESH.format(f"file://{file}")))
     assert found(report) == [(FindingKind.MESH_UNIT, "link a, collision")]
     assert "0.001 m, which is not applied" in report.findings[0].message
+
+
+def test_a_misspelt_leader_is_told_from_a_near_name(tmp_path):
+    body = TWO + link("c", BALL) + joint("index_1", "a", "b")
+    report = audit(tmp_path, body + joint("index_2", "b", "c", extra='<mimic joint="indx_1"/>'))
+    assert found(report) == [(FindingKind.DANGLING_MIMIC, "joint index_2")]
+    assert "perhaps index_1" in report.findings[0].advice
 
 
 def test_links_that_nothing_can_touch(tmp_path):
@@ -137,8 +174,8 @@ def test_what_is_no_urdf_is_a_finding_and_no_file_an_error(tmp_path):
 
 def test_a_robot_file_mends_what_the_audit_of_its_model_finds():
     alone = audit_urdf("psyonic_right")
-    assert {item.kind for item in alone.findings} == {FindingKind.UNKNOWN_EFFORT}
-    assert len(alone.findings) == 6
+    kinds = [item.kind for item in alone.findings]
+    assert kinds == [FindingKind.HOLLOW_MESH] + [FindingKind.UNKNOWN_EFFORT] * 6
     assert alone.fingers["thumb"] == ("Right_thumb_q1", "Right_thumb_q2")
     panda = audit_urdf("panda")
     assert found(panda) == [(FindingKind.NEUTRAL_OUTSIDE, "joint panda_joint4")]

@@ -242,6 +242,35 @@ def test_fingers_close_until_they_touch(name, shape):
     assert {contact.body for contact in found} >= set(result.touching)
 
 
+@pytest.mark.parametrize("name", [name for name, grip in GRIPS.items() if grip.touching > 2])
+def test_wrapping_goes_on_until_nothing_can_move(name):
+    grip, hand = GRIPS[name], opened(name)
+    target = placed(hand, grip, "sphere")
+    result = close_fingers(hand, target, fingers=grip.fingers, gap=GAP, wrap=True)
+    assert result.all_touch
+    assert set(result.touching) >= set(closed(name, "sphere")[0].touching)
+    (piece,) = target.collision_bodies()
+
+    def gaps(at: Hand) -> dict[str, float]:
+        found: dict[str, float] = {}
+        for shape in at.collision_bodies():
+            distance = separation(shape, piece).distance
+            found[shape.name] = min(found.get(shape.name, np.inf), distance)
+        return found
+
+    distances = gaps(result.hand)
+    assert min(distances.values()) >= 0.0
+    assert all(distances[link] <= GAP for link in result.touching)
+    leaders = {result.hand.joint_names[index] for index in result.hand.tree.coupling.leaders}
+    at_limit = {joint for finger in result.fingers for joint in finger.at_limit}
+    moved = [joint for joint in leaders - at_limit if result.hand.q[joint] != hand.q[joint]]
+    assert moved
+    for joint in moved:
+        way = np.sign(result.hand.q[joint] - hand.q[joint])
+        further = result.hand.with_configuration({joint: result.hand.q[joint] + 1e-2 * way})
+        assert min(gaps(further).values()) < 0.0, joint
+
+
 @pytest.mark.parametrize(("name", "shape"), CASES)
 def test_jacobians_of_the_contacts(name, shape):
     result, target = closed(name, shape)

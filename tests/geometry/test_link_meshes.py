@@ -14,7 +14,13 @@ from hand_tools import joint, link, write_urdf
 from planar_fingers import ball
 
 from graspless_pin import load_scene
-from graspless_pin.errors import ArgumentError, GrasplessPinWarning, RobotError, SceneError
+from graspless_pin.errors import (
+    ArgumentError,
+    GrasplessPinWarning,
+    MeshScaleWarning,
+    RobotError,
+    SceneError,
+)
 from graspless_pin.geometry.bodies import decomposition
 from graspless_pin.geometry.contact.finding import find_contacts
 from graspless_pin.geometry.hand.fingers import FingerSpec
@@ -93,6 +99,38 @@ def test_a_cut_hook_holds_a_ball_in_its_notch(urdf, convex):
     assert J.ravel().tolist() == pytest.approx([1.0, 0.0, 0.0, 1.0, 0.0, 0.0])
 
 
+def test_a_urdf_may_be_cut_without_a_mount(urdf):
+    for meshes, pieces in ((None, 1), (LinkMeshes("decompose"), 2)):
+        assert names(Hand.from_urdf(urdf, fingers=FINGERS, meshes=meshes)) == {"hook": pieces}
+
+
+def test_a_model_by_name_may_be_cut_too():
+    with pytest.raises(ArgumentError, match="convex: unknown link with a collision mesh 'palm'"):
+        Hand.from_model_name("panda", meshes=LinkMeshes({"palm": "decompose"}))
+
+
+@pytest.mark.parametrize("suffix", ["stl", "obj", "dae", "ply", "glb"])
+def test_links_take_every_mesh_format(urdf, suffix):
+    box = trimesh.creation.box(bounds=[[0.01, 0.02, 0.03], [0.05, 0.09, 0.2]])
+    box.export(urdf.parent / f"box.{suffix}")
+    text = (
+        urdf.read_text().replace("hook.stl", f"box.{suffix}").replace("0.001 0.001 0.001", "1 1 1")
+    )
+    urdf.write_text(text)
+    (body,) = Hand.from_urdf(urdf).collision_bodies()
+    corners = np.array(body.geometry.points())
+    assert len(corners) == 8
+    assert corners.min(axis=0) == pytest.approx([0.01, 0.02, 0.03], abs=1e-6)
+    assert corners.max(axis=0) == pytest.approx([0.05, 0.09, 0.2], abs=1e-6)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-6])
+def test_a_mesh_of_unlikely_size_warns_with_its_link(urdf, scale):
+    urdf.write_text(urdf.read_text().replace("0.001 0.001 0.001", f"{scale} {scale} {scale}"))
+    with pytest.warns(MeshScaleWarning, match=r"hook\.stl of link 'hook' is .* m large; .* metres"):
+        Hand.from_urdf(urdf)
+
+
 def test_a_cut_hook_closes_on_a_ball_between_its_bars(urdf):
     for meshes, way in ((LinkMeshes("decompose"), 0.04), (None, None)):
         hand = hook(urdf, meshes, slide=-0.04)
@@ -166,7 +204,7 @@ def test_a_scene_may_choose(urdf):
     [
         ({"convex": "soup"}, r"scene.yaml:\d+: hand.convex: .*'hull' or 'decompose'"),
         ({"convex": {"hook": "soup"}}, r"hand.convex.*'hull' or 'decompose'"),
-        ({"concavity": 2}, r"hand.concavity: "),
+        ({"concavity": 2}, r"hand.concavity: found 2; needs a finite number from 0.01 to 1"),
         (
             {"convex": {"base": "decompose"}},
             r"scene.yaml:\d+: hand.convex: unknown link with a collision mesh 'base'; known: hook",

@@ -52,7 +52,8 @@ VALID = "name: r\nmodel: allegro_right_hand\n"
         (VALID + "concavity: 0", "robot.yaml: concavity: .*0.01"),
         ("name: r", "robot.yaml: file: .*either 'urdf'.*or 'model'"),
         (VALID + "urdf: x.urdf", "either 'urdf'.*or 'model'"),
-        (VALID + "colour: red", "robot.yaml: colour: .*found 'red'"),
+        (VALID + "colour: red", "robot.yaml: colour: .*found 'red'.* name, urdf, model"),
+        ("object: {}\nfriction: 1", "robot.yaml: is a scene, not a robot file; give the robot"),
         (VALID + "fingers: {f: {joints: []}}", "robot.yaml: fingers.f.joints: "),
         (VALID + "effort_limits: {f: {limit: 1}}", "effort_limits.f: .*'limit' and 'source'"),
         (VALID + "effort_limits: {f: {unknown: x, source: y}}", "or only 'unknown'"),
@@ -104,6 +105,7 @@ def test_robot_files_that_do_not_fit_their_urdf(tmp_path, text, message):
             "unknown robot 'allegro'.*near: .*allegro_right",
         ),
         (lambda: Hand.from_urdf("gone.urdf"), "gone.urdf: there is no such URDF file"),
+        (lambda: Hand.assemble([Mount(__file__)]), r"\.py: is neither a URDF .*nor a robot file"),
     ],
 )
 def test_unknown_robots_name_near_ones(load, message):

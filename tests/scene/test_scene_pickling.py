@@ -52,9 +52,10 @@ def test_what_is_read_only_stays_so(tmp_path):
 
 
 def test_materials_keep_a_copy_of_their_own():
-    table = {frozenset(("a", "b")): 0.5}
+    pair: frozenset[str] = frozenset(("a", "b"))
+    table = {pair: 0.5}
     materials = Materials(table)
-    table[frozenset(("a", "b"))] = 0.9
+    table[pair] = 0.9
     assert materials.friction("a", "b") == 0.5
 
 

@@ -12,7 +12,7 @@ def scene_solution_text(scene: Scene, solution: TorqueSolution) -> str:
     """Return the title and the tables of a scene's solution, contacts named by what they touch."""
     title = f"{scene.name}: {scene.object.name}, {scene.object.mass:g} kg"
     problem = solution.problem
-    title += f", {problem.contact_count} contacts, {problem.joint_count} joints"
+    title += f", {_count(problem.contact_count, 'contact')}, {_count(problem.joint_count, 'joint')}"
     kinds = {point.kind for point in scene.contacts.points}
     if scene.hand is not None and BodyKind.HAND not in kinds:
         title += (
@@ -20,6 +20,10 @@ def scene_solution_text(scene: Scene, solution: TorqueSolution) -> str:
             "with graspless_pin.scene.close_fingers"
         )
     return f"{title}\n{solution_text(solution, _touching(scene))}"
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def _touching(scene: Scene) -> list[str]:

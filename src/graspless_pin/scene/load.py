@@ -122,6 +122,7 @@ class _Builder:
             max_normal_force=entry.max_normal_force,
             cone_edges=entry.cone_edges,
             contact_tolerance=entry.contact_tolerance,
+            points_per_patch=entry.points_per_patch,
             tangent_axes=tuple(np.array(axis) for axis in entry.tangent_axes),
             count_own_weight=weight,
             hybrid_force_limit=None if entry.hand is None else entry.hand.hybrid_force_limit,

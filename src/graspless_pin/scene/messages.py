@@ -167,6 +167,8 @@ def _wanted(schema: Node, node: Node) -> str:
 def _bounds(node: Node) -> str:
     if "exclusiveMinimum" in node:
         return f" > {node['exclusiveMinimum']:g}"
+    if "minimum" in node and "maximum" in node:
+        return f" from {node['minimum']:g} to {node['maximum']:g}"
     return f" >= {node['minimum']:g}" if "minimum" in node else ""
 
 

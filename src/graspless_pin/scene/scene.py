@@ -12,7 +12,13 @@ from typing import Any, TypeVar
 import numpy as np
 
 from graspless_pin.algorithms.torque import maximize_margin, minimize_torque
-from graspless_pin.errors import ArgumentError, SceneError, SolverUnavailableError
+from graspless_pin.errors import (
+    ArgumentError,
+    SceneError,
+    SolverUnavailableError,
+    StateError,
+    StateFault,
+)
 from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, PlacedBodies
 from graspless_pin.geometry.bodies.materials import Materials
 from graspless_pin.geometry.bodies.records import ManipulatedObject, Support
@@ -25,6 +31,7 @@ from graspless_pin.geometry.contact.motion import (
 )
 from graspless_pin.geometry.contact.records import BodyKind, ContactArrays, ContactPoint
 from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.geometry.pickling import remake
 from graspless_pin.modes.rules import choice
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
@@ -56,6 +63,7 @@ class Scene:
         max_normal_force: f_n,max of every contact, N.
         cone_edges: Edges of each friction cone.
         contact_tolerance: Largest gap that counts as touching, m.
+        points_per_patch: Most contacts that stand for one face on a face, at least 3.
         tangent_axes: t1 of a contact is the projection of the first of these axes that is not
             along its normal; without any, the rule of `QuasistaticProblem`.
         count_own_weight: Whether the links' weight g(q) counts against the limits.
@@ -77,10 +85,15 @@ class Scene:
     max_normal_force: float = 50.0
     cone_edges: int = 32
     contact_tolerance: float = 1e-3
+    points_per_patch: int = 8
     tangent_axes: tuple[FloatArray, ...] = ()
     count_own_weight: bool = True
     hybrid_force_limit: float | None = None
     solve_options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        """Pickle by the fields."""
+        return remake(self)
 
     def with_changes(self, **changes: Any) -> Scene:
         """Return the same scene with some fields replaced; what they do not touch is not redone.
@@ -102,19 +115,21 @@ class Scene:
         """The contacts that carry force, found or given, after the declared motion.
 
         Raises:
-            SceneError: If nothing touches the object, bodies overlap too deeply, or the declared
-                motion drives the object into something.
+            StateError: If nothing touches the object, bodies overlap too deeply, or the declared
+                motion drives the object into something or away from everything.
+            SceneError: If a shape cannot be used.
         """
         touching = self._touching()
         if not len(touching):
-            raise SceneError(
+            raise StateError(
+                StateFault.NO_CONTACT,
                 f"{self._label()}: nothing touches object {self.object.name!r}"
                 + (
                     f" within {self.contact_tolerance:g} m; move the hand or the object, or raise "
                     "contact_tolerance"
                     if self.given_contacts is None
                     else "; contacts is an empty list: fill it, or leave it out to have them found"
-                )
+                ),
             )
         motion = self.motion
         if motion is None:
@@ -128,13 +143,14 @@ class Scene:
             )
             kept = contacts_that_stay(touching, classified, self.object.name)
         except SceneError as error:
-            raise SceneError(f"{self._label()}: motion: {error}") from error
+            raise error.at(f"{self._label()}: motion") from error
         if len(kept) == len(touching):
             return SceneContacts(touching, classified.sliding)
         if not kept:
-            raise SceneError(
+            raise StateError(
+                StateFault.PARTED,
                 f"{self._label()}: the declared motion parts object {self.object.name!r} from "
-                "everything that touches it; no contact is left"
+                "everything that touches it; no contact is left",
             )
         return SceneContacts(touching.chosen(kept), classified.sliding[kept])
 
@@ -217,15 +233,26 @@ class Scene:
             return ContactArrays.of(sorted(points, key=lambda one: one.kind is BodyKind.SUPPORT))
         hand_bodies = () if self.hand is None else self.hand.placed_bodies
         on_hand = self._found(hand_bodies, BodyKind.HAND)
-        sources = (self.object, self.supports, self.contact_tolerance)
+        sources = (
+            self.object,
+            self.supports,
+            self.contact_tolerance,
+            self.points_per_patch,
+        )
         return on_hand.followed_by(self._once("on supports", sources, self._found_on_supports))
 
     def _found(self, bodies: Sequence[CollisionBody], kind: BodyKind) -> ContactArrays:
         pieces = self.object.placed_bodies
         try:
-            return contact_arrays(pieces, bodies, kind, tolerance=self.contact_tolerance)
+            return contact_arrays(
+                pieces,
+                bodies,
+                kind,
+                tolerance=self.contact_tolerance,
+                max_points=self.points_per_patch,
+            )
         except SceneError as error:
-            raise SceneError(f"{self._label()}: {error}") from error
+            raise error.at(self._label()) from error
 
     def _found_on_supports(self) -> ContactArrays:
         bodies = self._once("support bodies", (self.supports,), self._support_bodies)
@@ -341,10 +368,11 @@ class Scene:
             finger = hand.finger_of(touching.bodies[index])
             name = f"{finger}.normal_force"
             if name in names:
-                raise SceneError(
+                raise StateError(
+                    StateFault.AMBIGUOUS,
                     f"{self._label()}: hybrid finger {finger!r} touches the object at several "
                     "points; a hybrid finger has exactly one contact: give the contacts, or "
-                    "control it by force"
+                    "control it by force",
                 )
             names.append(name)
         limit = self.hybrid_force_limit or self.max_normal_force

@@ -340,6 +340,9 @@ class SceneEntry(Entry):
     max_normal_force: Positive = Field(default=50.0, description="N")
     cone_edges: int = Field(default=32, ge=3)
     contact_tolerance: Positive = Field(default=1e-3, description="m")
+    points_per_patch: int = Field(
+        default=8, ge=3, description="most contacts that stand for one face on a face"
+    )
     tangent_axes: list[Direction] = Field(
         default=[],
         description="t1 is the projection of the first of these axes that is not along the normal",

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Any
 
 from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.pickling import remake
 
 Pair = frozenset[str]
 
@@ -21,6 +23,15 @@ class Materials:
     """
 
     coefficients: Mapping[Pair, float]
+
+    def __post_init__(self) -> None:
+        """Make the table read-only."""
+        if not isinstance(self.coefficients, MappingProxyType):
+            object.__setattr__(self, "coefficients", MappingProxyType(dict(self.coefficients)))
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        """Pickle by the fields."""
+        return remake(self)
 
     @classmethod
     def from_table(cls, table: Mapping[str, Mapping[str, float]]) -> Materials:
@@ -45,7 +56,7 @@ class Materials:
                     raise ArgumentError(
                         key, f"is {value:g}, but {coefficients[pair]:g} the other way round"
                     )
-        return cls(MappingProxyType(coefficients))
+        return cls(coefficients)
 
     @property
     def names(self) -> tuple[str, ...]:

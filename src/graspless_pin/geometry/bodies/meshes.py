@@ -103,15 +103,28 @@ def hull_points(path: Path, scale: Scale) -> Array:
         MeshScaleWarning: The mesh is larger than 5 m or smaller than 1 mm.
     """
     points = _hull_points(path, scale, file_state(path))
+    warn_of_scale(f"mesh '{path}' with scale {scale}", points, "needs scale 0.001")
+    return points
+
+
+def warn_of_scale(what: str, points: Array, remedy: str) -> None:
+    """Warn of a mesh whose size says that its unit is not the metre.
+
+    Args:
+        what: What the message calls the mesh.
+        points: (V, 3) its vertices, m.
+        remedy: What a file in millimetres needs.
+
+    Warns:
+        MeshScaleWarning: The mesh is larger than 5 m or smaller than 1 mm.
+    """
     extent = float(np.ptp(points, axis=0).max())
     if not SMALLEST_MESH <= extent <= LARGEST_MESH:
         warnings.warn(
-            f"mesh '{path}' with scale {scale} is {extent:.3g} m large; "
-            "lengths are metres: a file in millimetres needs scale 0.001",
+            f"{what} is {extent:.3g} m large; lengths are metres: a file in millimetres {remedy}",
             MeshScaleWarning,
-            stacklevel=4,
+            stacklevel=5,
         )
-    return points
 
 
 @lru_cache(maxsize=_REMEMBERED)

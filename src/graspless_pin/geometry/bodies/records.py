@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -14,11 +15,62 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, PlacedBodies
 from graspless_pin.geometry.bodies.mass_properties import mass_properties
 from graspless_pin.geometry.bodies.shapes import HalfSpace, Shape, coal_geometries
+from graspless_pin.geometry.pickling import remake
 from graspless_pin.geometry.poses import as_pose
 
 
+class _PlacedShape:
+    """What an object and a support share: convex pieces under one name at one pose."""
+
+    name: str
+    shape: Shape
+
+    def _pose(self) -> NDArray[np.float64]:
+        """(4, 4) T_world_shape."""
+        raise NotImplementedError
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        """Pickle by the fields."""
+        return remake(self)
+
+    @cached_property
+    def geometries(self) -> tuple[Any, ...]:
+        """The coal geometries of the shape's convex pieces, made at first use.
+
+        Raises:
+            MeshError: See `coal_geometries`.
+        """
+        return coal_geometries(self.shape)
+
+    def collision_bodies(self) -> tuple[CollisionBody, ...]:
+        """The body as contact detection takes it: its convex pieces, all of its name.
+
+        Raises:
+            MeshError: See `coal_geometries`.
+        """
+        return tuple(self.placed_bodies)
+
+    @cached_property
+    def shapes(self) -> BodyShapes:
+        """Names and geometries of its convex pieces, which do not change with its pose.
+
+        Raises:
+            MeshError: See `coal_geometries`.
+        """
+        return BodyShapes((self.name,) * len(self.geometries), self.geometries)
+
+    @cached_property
+    def placed_bodies(self) -> PlacedBodies:
+        """What `collision_bodies` returns, each made only when it is asked for.
+
+        Raises:
+            MeshError: See `coal_geometries`.
+        """
+        return PlacedBodies(self.shapes, _repeated(self._pose(), self.shapes))
+
+
 @dataclass(frozen=True, eq=False)
-class ManipulatedObject:
+class ManipulatedObject(_PlacedShape):
     """A rigid object with its mass.
 
     Attributes:
@@ -118,44 +170,12 @@ class ManipulatedObject:
         T = self.T_world_object
         return T[:3, :3] @ self.center_of_mass + T[:3, 3]
 
-    @cached_property
-    def geometries(self) -> tuple[Any, ...]:
-        """The coal geometries of the shape's convex pieces, made at first use.
-
-        Raises:
-            MeshError: See `coal_geometries`.
-        """
-        return coal_geometries(self.shape)
-
-    def collision_bodies(self) -> tuple[CollisionBody, ...]:
-        """The object as contact detection takes it: its convex pieces, all of its name.
-
-        Raises:
-            MeshError: See `coal_geometries`.
-        """
-        return tuple(self.placed_bodies)
-
-    @cached_property
-    def shapes(self) -> BodyShapes:
-        """Names and geometries of its convex pieces, which do not change with its pose.
-
-        Raises:
-            MeshError: See `coal_geometries`.
-        """
-        return BodyShapes((self.name,) * len(self.geometries), self.geometries)
-
-    @cached_property
-    def placed_bodies(self) -> PlacedBodies:
-        """What `collision_bodies` returns, each made only when it is asked for.
-
-        Raises:
-            MeshError: See `coal_geometries`.
-        """
-        return PlacedBodies(self.shapes, _repeated(self.T_world_object, self.shapes))
+    def _pose(self) -> NDArray[np.float64]:
+        return self.T_world_object
 
 
 @dataclass(frozen=True, eq=False)
-class Support:
+class Support(_PlacedShape):
     """Something that the object may touch and does not move: a table, a slope, a wall.
 
     What a support is follows from its shape: a table, slope or wall is a half-space (exact and
@@ -198,40 +218,8 @@ class Support:
             )
         object.__setattr__(self, "velocity", _vector("velocity", self.velocity, 6))
 
-    @cached_property
-    def geometries(self) -> tuple[Any, ...]:
-        """The coal geometries of the shape's convex pieces, made at first use.
-
-        Raises:
-            MeshError: See `coal_geometries`.
-        """
-        return coal_geometries(self.shape)
-
-    def collision_bodies(self) -> tuple[CollisionBody, ...]:
-        """The support as contact detection takes it: its convex pieces, all of its name.
-
-        Raises:
-            MeshError: See `coal_geometries`.
-        """
-        return tuple(self.placed_bodies)
-
-    @cached_property
-    def shapes(self) -> BodyShapes:
-        """Names and geometries of its convex pieces, which do not change with its pose.
-
-        Raises:
-            MeshError: See `coal_geometries`.
-        """
-        return BodyShapes((self.name,) * len(self.geometries), self.geometries)
-
-    @cached_property
-    def placed_bodies(self) -> PlacedBodies:
-        """What `collision_bodies` returns, each made only when it is asked for.
-
-        Raises:
-            MeshError: See `coal_geometries`.
-        """
-        return PlacedBodies(self.shapes, _repeated(self.T_world_support, self.shapes))
+    def _pose(self) -> NDArray[np.float64]:
+        return self.T_world_support
 
 
 def _repeated(T: NDArray[np.float64], shapes: BodyShapes) -> NDArray[np.float64]:

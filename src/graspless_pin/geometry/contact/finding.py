@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.errors import ArgumentError, SceneError
+from graspless_pin.errors import ArgumentError, SceneError, StateError, StateFault
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
 from graspless_pin.geometry.contact.broad_phase import near_solids
 from graspless_pin.geometry.contact.merging import Touch, merge_touches
@@ -134,11 +134,12 @@ def contact_arrays(
         for touch in merged:
             if min(touch.gaps) < -max_penetration:
                 depth = -min(min(one.gaps) for one in merged)
-                raise SceneError(
+                raise StateError(
+                    StateFault.OVERLAP,
                     f"{'hand link' if kind is BodyKind.HAND else 'support'} '{name}' and object "
                     f"'{pieces.shapes.names[0]}' overlap by {depth * 1e3:.2f} mm, more than the "
                     f"{max_penetration * 1e3:.2f} mm that pass for contact; move one until they "
-                    "touch"
+                    "touch",
                 )
             points, gaps = _contacts_of(touch, merge_distance, max_points)
             names += [name] * len(gaps)

@@ -10,7 +10,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspless_pin.errors import ArgumentError, SceneError
+from graspless_pin.errors import ArgumentError, StateError, StateFault
 from graspless_pin.geometry.bodies.records import Support
 from graspless_pin.geometry.contact.records import BodyKind, ContactArrays, ContactPoint
 from graspless_pin.geometry.poses import turning_velocities
@@ -218,7 +218,7 @@ def apply_motion(
 
     Raises:
         ArgumentError: A shape is wrong or a number is not finite.
-        SceneError: The motion drives the object into another body.
+        StateError: The motion drives the object into another body.
     """
     motion = classify_motion(
         contacts,
@@ -240,7 +240,7 @@ def contacts_that_stay(
     """Return the indices of the contacts that do not part.
 
     Raises:
-        SceneError: The motion drives the object into another body.
+        StateError: The motion drives the object into another body.
     """
     if ContactMotion.PENETRATING in motion.states:
         touching = ContactArrays.of(contacts)
@@ -253,9 +253,10 @@ def contacts_that_stay(
             f"{'hand link' if kind is BodyKind.HAND else 'support'} '{body}' at {speed:.3g} m/s"
             for (kind, body), speed in worst.items()
         )
-        raise SceneError(
+        raise StateError(
+            StateFault.BLOCKED,
             f"the declared motion drives object '{object_name}' into {hits}; "
-            "change the object's twist or the motion of what it runs into"
+            "change the object's twist or the motion of what it runs into",
         )
     return [k for k, state in enumerate(motion.states) if state is not ContactMotion.SEPARATING]
 

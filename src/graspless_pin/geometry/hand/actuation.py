@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from scipy.linalg import null_space
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.hand.coupling import remake
 from graspless_pin.geometry.hand.fingers import ControlPlan
 from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
+from graspless_pin.geometry.pickling import remake
 from graspless_pin.problem import ControlMode
 
 

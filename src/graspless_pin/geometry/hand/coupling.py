@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.errors import DanglingMimicWarning, RobotError
+from graspless_pin.geometry.pickling import remake
 
 
 @dataclass(frozen=True)
@@ -130,12 +131,3 @@ def dangling_couplings(
         for leader in item.follows
         if leader not in joint_names
     ]
-
-
-def remake(record: Any) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-    """Return how to make a dataclass record again from its fields, for pickling.
-
-    Arrays come out of a pickle writeable and cached values would travel with it; making the record
-    anew does without the latter and runs ``__post_init__``.
-    """
-    return type(record), tuple(getattr(record, item.name) for item in fields(record))

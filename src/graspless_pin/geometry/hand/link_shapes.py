@@ -19,8 +19,9 @@ from graspless_pin.geometry.bodies.decomposition import (
     check_concavity,
     convex_pieces,
 )
+from graspless_pin.geometry.bodies.meshes import warn_of_scale
 from graspless_pin.geometry.bodies.shapes import convex_geometry
-from graspless_pin.geometry.hand.coupling import remake
+from graspless_pin.geometry.pickling import remake
 
 FLATNESS = 1e-7
 """Thickness over length below which a mesh (single-precision vertices) has no volume."""
@@ -119,6 +120,7 @@ def link_geometries(
         MeshError: If a mesh has no volume or cannot be cut.
 
     Warns:
+        MeshScaleWarning: A mesh is larger than 5 m or smaller than 1 mm.
         GrasplessPinWarning: A mesh that is cut is not watertight, or its pieces cannot be kept.
     """
     link = model.frames[item.parentFrame].name
@@ -129,14 +131,15 @@ def link_geometries(
         points = [np.array(item.geometry.vertices())]
         if is_flat(points[0]):
             raise MeshError(f"{what} has no volume; give it a thickness or use a box")
+        warn_of_scale(what, points[0], 'needs scale="0.001 0.001 0.001" in the URDF')
         if concavity is not None:
-            points = convex_pieces(_triangles(item.geometry), what, concavity)
+            points = convex_pieces(link_triangles(item.geometry), what, concavity)
         shapes = [convex_geometry(corners, what) for corners in points]
     joint, T = int(item.parentJoint), np.array(item.placement.homogeneous)
     return tuple(LinkGeometry(link, joint, shape, T) for shape in shapes)
 
 
-def _triangles(mesh: Any) -> trimesh.Trimesh:
+def link_triangles(mesh: Any) -> trimesh.Trimesh:
     """Return a triangle soup of coal's as a mesh whose triangles share their corners."""
     corners = [mesh.tri_indices(index) for index in range(mesh.num_tris)]
     faces = [[corner[0], corner[1], corner[2]] for corner in corners]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -22,8 +22,10 @@ from graspless_pin.geometry.hand.effort_limits import (
     resolve_effort_limits,
 )
 from graspless_pin.geometry.hand.fingers import ControlPlan, FingerSpec, plan_control
+from graspless_pin.geometry.hand.link_shapes import LinkMeshes
 from graspless_pin.geometry.hand.mounts import Mount, join_mounts
 from graspless_pin.geometry.hand.tree import Kinematics, KinematicTree, unknown_name
+from graspless_pin.geometry.pickling import remake
 from graspless_pin.geometry.poses import turning_velocities
 from graspless_pin.geometry.robots.files import describe_model, describe_urdf
 from graspless_pin.problem import ControlMode
@@ -76,9 +78,8 @@ class Hand:
             array.setflags(write=False)
 
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-        """Pickle by the fields; read-only mappings as plain ones."""
-        values = (getattr(self, item.name) for item in fields(self))
-        return Hand, tuple(dict(v) if isinstance(v, MappingProxyType) else v for v in values)
+        """Pickle by the fields."""
+        return remake(self)
 
     @classmethod
     def from_urdf(
@@ -91,9 +92,11 @@ class Hand:
         q: Mapping[str, float] | None = None,
         control: Control | None = None,
         effort_limits: Mapping[str, EffortLimit] | None = None,
+        meshes: LinkMeshes | None = None,
     ) -> Hand:
         """Load a URDF file; the arguments are those of ``Mount`` and ``assemble``."""
-        mount = Mount(describe_urdf(path, package_dirs), T_world_base, fingers=fingers)
+        robot = describe_urdf(path, package_dirs)
+        mount = Mount(robot, T_world_base, fingers=fingers, meshes=meshes)
         return cls.assemble([mount], q=q, control=control, effort_limits=effort_limits)
 
     @classmethod
@@ -106,9 +109,10 @@ class Hand:
         q: Mapping[str, float] | None = None,
         control: Control | None = None,
         effort_limits: Mapping[str, EffortLimit] | None = None,
+        meshes: LinkMeshes | None = None,
     ) -> Hand:
         """Load an example-robot-data model; the arguments are those of ``from_urdf``."""
-        mount = Mount(describe_model(name), T_world_base, fingers=fingers)
+        mount = Mount(describe_model(name), T_world_base, fingers=fingers, meshes=meshes)
         return cls.assemble([mount], q=q, control=control, effort_limits=effort_limits)
 
     @classmethod

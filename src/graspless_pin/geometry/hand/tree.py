@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from graspless_pin.errors import ArgumentError, RobotError
 from graspless_pin.geometry.bodies.collision import BodyShapes
-from graspless_pin.geometry.hand.coupling import Coupling, JointCoupling, remake, resolve_couplings
+from graspless_pin.geometry.hand.coupling import Coupling, JointCoupling, resolve_couplings
 from graspless_pin.geometry.hand.link_shapes import LinkGeometry, link_geometries, load_link_mesh
 from graspless_pin.geometry.hand.urdf import UNBOUNDED, UrdfDocument
 from graspless_pin.geometry.hand.urdf_visuals import LinkVisual
+from graspless_pin.geometry.pickling import remake
 
 FloatArray = NDArray[np.float64]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Sequence
@@ -150,6 +151,7 @@ def _audit_mimics(robot: RobotDescription) -> Iterator[Finding]:
     couplings = {item.joint: item for item in (*document.mimics, *robot.couplings)}
     for joint, leader in dangling_couplings(document.joints, couplings.values()):
         near = [name for name in document.joints if leader and name.endswith(leader)]
+        near = near or difflib.get_close_matches(leader, document.joints, n=1)
         meant = f" (perhaps {', '.join(near)})" if near else ""
         yield Finding(
             FindingKind.DANGLING_MIMIC,

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
+import trimesh
 
 from graspless_pin.errors import MeshError
 from graspless_pin.geometry.bodies.meshes import LARGEST_MESH, SMALLEST_MESH
-from graspless_pin.geometry.hand.link_shapes import is_flat, load_link_mesh
+from graspless_pin.geometry.hand.link_shapes import is_flat, link_triangles, load_link_mesh
 from graspless_pin.geometry.hand.urdf_links import find_mesh
 from graspless_pin.geometry.robots.files import RobotDescription
 
+_HOLLOW = 2.0  # hull over mesh in volume: below, cutting a link rarely changes what it touches
 _DAE_UNIT = re.compile(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']+)[\"']")
 
 
@@ -30,6 +32,7 @@ class FindingKind(StrEnum):
     MESH_SCALE = "mesh scale"
     MESH_UNIT = "mesh unit"
     UNUSABLE_MESH = "unusable mesh"
+    HOLLOW_MESH = "hollow mesh"
     NO_COLLISION = "no collision geometry"
     DANGLING_MIMIC = "dangling mimic"
     PLACEHOLDER_EFFORT = "placeholder effort"
@@ -55,7 +58,7 @@ class Finding:
 
 
 def audit_meshes(robot: RobotDescription, root: ET.Element) -> Iterator[Finding]:
-    """Find meshes that are missing, of a strange size or unusable.
+    """Find meshes that are missing, of a strange size, unusable or far from convex.
 
     Args:
         robot: The robot, for its paths.
@@ -99,7 +102,8 @@ def _audit_mesh(
     if use == "visual":
         return
     try:
-        vertices = np.array(load_link_mesh(file, str(robot.urdf_path), link).vertices())
+        loaded = load_link_mesh(file, str(robot.urdf_path), link)
+        vertices = np.array(loaded.vertices())
         scale = np.array([float(word) for word in mesh.get("scale", "1 1 1").split()])
     except (MeshError, ValueError) as error:
         yield Finding(FindingKind.UNUSABLE_MESH, where, str(error), "export the mesh again as STL")
@@ -119,6 +123,8 @@ def _audit_mesh(
             f"{file.name} lies in one plane and has no volume",
             "give it a thickness or use a box",
         )
+    elif not _is_cut(robot, link):
+        yield from _audit_hollows(where, link, file.name, link_triangles(loaded))
     unit = _DAE_UNIT.search(file.read_bytes()) if file.suffix.lower() == ".dae" else None
     if unit is not None and float(unit.group(1)) != 1.0:
         yield Finding(
@@ -126,4 +132,25 @@ def _audit_mesh(
             where,
             f"{file.name} says that its unit is {float(unit.group(1)):g} m, which is not applied",
             "write it into the mesh's scale in the URDF unless the figures are metres already",
+        )
+
+
+def _is_cut(robot: RobotDescription, link: str) -> bool:
+    """Return whether the robot file has a link's meshes cut into convex pieces."""
+    convex = robot.meshes.convex
+    return (convex.get(link) if isinstance(convex, Mapping) else convex) == "decompose"
+
+
+def _audit_hollows(where: str, link: str, name: str, mesh: trimesh.Trimesh) -> Iterator[Finding]:
+    """Find a mesh that its hull fills out by far; only of a closed one the volume is known."""
+    if not (mesh.is_watertight and mesh.is_winding_consistent and mesh.volume != 0.0):
+        return
+    ratio = float(mesh.convex_hull.volume / abs(mesh.volume))
+    if ratio > _HOLLOW:
+        yield Finding(
+            FindingKind.HOLLOW_MESH,
+            where,
+            f"the convex hull of {name}, which stands for it, has {ratio:.1f} times its volume",
+            f"if its hollows matter, give 'convex: {{{link}: decompose}}' in the scene's hand or "
+            "in a robot file",
         )

@@ -167,6 +167,8 @@ def find_robot(
         return load_robot(text)
     if text in ROBOTS:
         return describe_model(text)
+    if Path(text).is_file():
+        raise RobotError(f"{text}: is neither a URDF (.urdf, .xml) nor a robot file (.yaml, .yml)")
     raise RobotError(
         f"unknown robot {text!r}: give a .urdf file, a robot file or a model's name; "
         f"{_similar(text, [*robot_names(), *ROBOTS])}"
@@ -180,6 +182,7 @@ def _robots_folder() -> Path:
 
 def _similar(name: str, known: Sequence[str] | Mapping[str, Any]) -> str:
     """Say which known names are near ``name``, or all of them if none is."""
-    near = difflib.get_close_matches(name, list(known), n=5, cutoff=0.5)
-    near += [other for other in known if name and name in other and other not in near]
-    return f"near: {', '.join(near)}" if near else f"known: {', '.join(sorted(known))}"
+    names = sorted(set(known))
+    near = difflib.get_close_matches(name, names, n=5, cutoff=0.5)
+    near += [other for other in names if name and name in other and other not in near]
+    return f"near: {', '.join(near)}" if near else f"known: {', '.join(names)}"

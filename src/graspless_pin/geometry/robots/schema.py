@@ -123,4 +123,13 @@ def read_robot_file(file: Path) -> RobotFile:
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"]) or "file"
+        if {"object", "friction"} <= content.keys():
+            raise RobotError(
+                f"{file}: is a scene, not a robot file; give the robot or URDF of its hand"
+            ) from error
+        if first["type"] == "extra_forbidden":
+            raise RobotError(
+                f"{file}: {key}: is no key that can stand here (found {first['input']!r}); a robot "
+                f"file has the keys {', '.join(RobotFile.model_fields)}"
+            ) from error
         raise RobotError(f"{file}: {key}: {first['msg']} (found {first['input']!r})") from error
