@@ -36,6 +36,13 @@ from graspless_pin.modes.rules import choice
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.cones import projected_tangents
+from graspless_pin.scene.friction import friction_coefficients
+from graspless_pin.scene.joints import (
+    JointColumns,
+    joint_columns,
+    with_hybrid_fingers,
+    without_joints,
+)
 from graspless_pin.scene.records import GivenContact, Motion, SceneContacts
 from graspless_pin.solution import Algorithm, TorqueSolution
 
@@ -164,7 +171,7 @@ class Scene:
         """
         contacts = self.contacts
         touching = contacts.arrays
-        jacobian, limits, gravity, names = self._joints(touching)
+        joints = self._joints(touching)
         weight = np.zeros(6)
         weight[:3] = self.object.mass * self.gravity
         # Contacts that are given may be anything; those found are right by themselves.
@@ -173,16 +180,36 @@ class Scene:
             touching.positions - self.object.center_of_mass_world,
             touching.normals,
             weight,
-            jacobian,
+            joints.jacobian,
             friction=self._friction(touching),
             tangents=projected_tangents(touching.normals, self.tangent_axes),
             sliding=contacts.sliding,
-            torque_limits=limits,
+            torque_limits=joints.limits,
             max_normal_force=self.max_normal_force,
             cone_edges=self.cone_edges,
-            joint_names=names,
-            gravity_torques=gravity,
+            joint_names=joints.names,
+            gravity_torques=joints.gravity_torques,
         )
+
+    def _joints(self, touching: ContactArrays) -> JointColumns:
+        if self.hand is None:
+            return without_joints(touching)
+        gravity = self.gravity if self.count_own_weight else None
+        joints = joint_columns(self.hand, touching, gravity)
+        if not self.hand.control.hybrid_fingers:
+            return joints
+        limit = self.hybrid_force_limit or self.max_normal_force
+        try:
+            return with_hybrid_fingers(joints, self.hand, touching, limit)
+        except SceneError as error:
+            raise error.at(self._label()) from error
+
+    def _friction(self, touching: ContactArrays) -> FloatArray:
+        materials = self.hand_material, self.object.material, self.materials
+        try:
+            return friction_coefficients(touching, self.supports, self.friction, *materials)
+        except SceneError as error:
+            raise error.at(self._label()) from error
 
     def solve(self, algorithm: str | None = None, **options: Any) -> TorqueSolution:
         """Solve the scene's problem with its own options, or with others.
@@ -303,86 +330,6 @@ class Scene:
                 motion.hand.base_twist,
             )
         return velocities
-
-    def _friction(self, touching: ContactArrays) -> FloatArray:
-        """(M,) coefficients."""
-        count = touching.hand_count
-        known: dict[tuple[bool, str], float] = {}
-        coefficients = []
-        for index, body in enumerate(touching.bodies):
-            key = index < count, body
-            if key not in known:
-                known[key] = self._friction_at(touching.kinds[index], body)
-            coefficients.append(known[key])
-        return np.array(coefficients, dtype=np.float64)
-
-    def _friction_at(self, kind: BodyKind, body: str) -> float:
-        support = next((item for item in self.supports if item.name == body), None)
-        if support is not None and support.friction is not None:
-            return support.friction
-        material = self.hand_material if support is None else support.material
-        if material is not None and self.object.material is not None:
-            return self.materials.friction(material, self.object.material)
-        group = "hand" if kind is BodyKind.HAND else "supports"
-        for key in (body, group, "default"):
-            if key in self.friction:
-                return self.friction[key]
-        raise SceneError(
-            f"{self._label()}: friction: has no coefficient for {body!r}; add it, "
-            f"{group!r} or 'default'"
-        )
-
-    def _joints(
-        self, touching: ContactArrays
-    ) -> tuple[FloatArray, tuple[FloatArray, FloatArray], FloatArray, tuple[str, ...]]:
-        """J (12), limits, g(q) and names: force-controlled joints, then hybrid fingers."""
-        rows = 3 * len(touching)
-        if self.hand is None:
-            return np.zeros((rows, 0)), (np.zeros(0), np.zeros(0)), np.zeros(0), ()
-        count = touching.hand_count
-        names = self.hand.actuated_joint_names
-        jacobian = np.zeros((rows, len(names)))
-        links = touching.bodies[:count]
-        jacobian[: 3 * count] = self.hand.contact_jacobian(links, touching.positions[:count])
-        if self.count_own_weight and names:
-            gravity = self.hand.gravity_torques(self.gravity)
-        else:
-            gravity = np.zeros(len(names))
-        if not self.hand.control.hybrid_fingers:
-            return jacobian, self.hand.effort_limits, gravity, names
-        return self._with_hybrid_fingers(touching, self.hand, jacobian, gravity)
-
-    def _with_hybrid_fingers(
-        self, touching: ContactArrays, hand: Hand, jacobian: FloatArray, gravity: FloatArray
-    ) -> tuple[FloatArray, tuple[FloatArray, FloatArray], FloatArray, tuple[str, ...]]:
-        """Append a column n for the one contact of each hybrid finger (Sec. II-A)."""
-        names = list(hand.actuated_joint_names)
-        hybrid = [
-            index
-            for index, link in enumerate(touching.bodies[: touching.hand_count])
-            if hand.is_hybrid(link)
-        ]
-        columns = np.zeros((len(jacobian), len(hybrid)))
-        for column, index in enumerate(hybrid):
-            columns[3 * index : 3 * index + 3, column] = touching.normals[index]
-            finger = hand.finger_of(touching.bodies[index])
-            name = f"{finger}.normal_force"
-            if name in names:
-                raise StateError(
-                    StateFault.AMBIGUOUS,
-                    f"{self._label()}: hybrid finger {finger!r} touches the object at several "
-                    "points; a hybrid finger has exactly one contact: give the contacts, or "
-                    "control it by force",
-                )
-            names.append(name)
-        limit = self.hybrid_force_limit or self.max_normal_force
-        lower, upper = hand.effort_limits
-        limits = (
-            np.concatenate([lower, np.zeros(len(hybrid))]),
-            np.concatenate([upper, np.full(len(hybrid), limit)]),
-        )
-        gravity = np.concatenate([gravity, np.zeros(len(hybrid))])
-        return np.hstack([jacobian, columns]), limits, gravity, tuple(names)
 
 
 _FIELDS = frozenset(item.name for item in fields(Scene))

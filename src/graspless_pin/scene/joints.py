@@ -1,0 +1,96 @@
+"""The joints of a scene's hand as columns of J: force-controlled joints, then hybrid fingers."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from graspless_pin.errors import StateError, StateFault
+from graspless_pin.geometry.contact.records import ContactArrays
+from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.problem.checks import FloatArray
+
+
+class JointColumns(NamedTuple):
+    """L joints.
+
+    Attributes:
+        jacobian: (3M, L) J of eq. (12), world axes.
+        limits: (lower, upper), each (L,), N m or N.
+        gravity_torques: (L,) g(q).
+        names: L names.
+    """
+
+    jacobian: FloatArray
+    limits: tuple[FloatArray, FloatArray]
+    gravity_torques: FloatArray
+    names: tuple[str, ...]
+
+
+def without_joints(touching: ContactArrays) -> JointColumns:
+    """Return what a scene without a hand has."""
+    none = np.zeros(0)
+    return JointColumns(np.zeros((3 * len(touching), 0)), (none, none), none, ())
+
+
+def joint_columns(hand: Hand, touching: ContactArrays, gravity: FloatArray | None) -> JointColumns:
+    """Return the force-controlled joints.
+
+    Args:
+        hand: At its configuration.
+        touching: M contacts, hand first.
+        gravity: (3,) m/s^2, world axes; None: the links weigh nothing.
+    """
+    count = touching.hand_count
+    names = hand.actuated_joint_names
+    jacobian = np.zeros((3 * len(touching), len(names)))
+    jacobian[: 3 * count] = hand.contact_jacobian(
+        touching.bodies[:count], touching.positions[:count]
+    )
+    weights = np.zeros(len(names))
+    if gravity is not None and names:
+        weights = hand.gravity_torques(gravity)
+    return JointColumns(jacobian, hand.effort_limits, weights, names)
+
+
+def with_hybrid_fingers(
+    joints: JointColumns, hand: Hand, touching: ContactArrays, limit: float
+) -> JointColumns:
+    """Append a column n for the one contact of each hybrid finger (Sec. II-A).
+
+    Args:
+        joints: The force-controlled joints.
+        hand: With hybrid fingers.
+        touching: M contacts, hand first.
+        limit: Largest commanded force, N.
+
+    Raises:
+        StateError: If a hybrid finger touches at several points.
+    """
+    names = list(joints.names)
+    hybrid = [
+        index
+        for index, link in enumerate(touching.bodies[: touching.hand_count])
+        if hand.is_hybrid(link)
+    ]
+    columns = np.zeros((len(joints.jacobian), len(hybrid)))
+    for column, index in enumerate(hybrid):
+        columns[3 * index : 3 * index + 3, column] = touching.normals[index]
+        finger = hand.finger_of(touching.bodies[index])
+        name = f"{finger}.normal_force"
+        if name in names:
+            raise StateError(
+                StateFault.AMBIGUOUS,
+                f"hybrid finger {finger!r} touches the object at several points; a hybrid finger "
+                "has exactly one contact: give the contacts, or control it by force",
+            )
+        names.append(name)
+    lower, upper = joints.limits
+    none = np.zeros(len(hybrid))
+    return JointColumns(
+        np.hstack([joints.jacobian, columns]),
+        (np.concatenate([lower, none]), np.concatenate([upper, none + limit])),
+        np.concatenate([joints.gravity_torques, none]),
+        tuple(names),
+    )
