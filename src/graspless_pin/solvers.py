@@ -1,17 +1,12 @@
-"""The only module that knows a solver library: solve a program and check the answer.
+"""The only module that knows a solver library: solve a program and have the answer checked.
 
-No status is believed. An answer counts when it meets the constraints and its own multipliers prove
-it optimal; infeasibility counts when multipliers prove it. Where a solver's answer fails the check
-another solver is asked.
+Where a solver's answer fails the check another solver is asked.
 """
 
 from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
-from dataclasses import dataclass
-from enum import Enum
 from functools import cache
 from threading import Lock
 from typing import Any
@@ -26,68 +21,34 @@ from proxsuite import proxqp  # pyright: ignore[reportMissingImports] - compiled
 
 from graspless_pin.errors import SolverUnavailableError
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.programs.answers import (
+    PRIMAL_TOLERANCE,
+    Answer,
+    Backend,
+    Multipliers,
+    Outcome,
+    checked_answer,
+    failed,
+)
 from graspless_pin.programs.mode_program import ModeProgram
-from graspless_pin.programs.program import Program, elastic
+from graspless_pin.programs.program import Program, restored
 
-PRIMAL_TOLERANCE = 1e-7
-"""Largest accepted violation of a constraint, in scaled units."""
-GAP_TOLERANCE = 1e-7
-"""Largest accepted distance between an objective and its proven bound, in scaled units."""
+__all__ = [
+    "PRIMAL_TOLERANCE",
+    "Answer",
+    "Outcome",
+    "available_solvers",
+    "check_solver",
+    "solve",
+    "solve_mixed_integer",
+]
+
 _SOLVER_TOLERANCE = 1e-10
-_INFEASIBLE = 1e-8
 # Programs are well scaled: interior points may go closer to the boundary than PIQP's default.
 _STEP_TO_BOUNDARY = 0.995
 _FIRST_ITERATIONS = 20
 _MOST_ITERATIONS = 250
 _FALLBACKS = ("piqp", "highs", "clarabel", "proxqp")
-
-Multipliers = tuple[FloatArray, FloatArray, FloatArray]
-
-
-class Outcome(Enum):
-    """What is proven of a program."""
-
-    SOLVED = "solved"
-    INFEASIBLE = "infeasible"
-    FAILED = "failed"
-
-
-@dataclass(frozen=True, eq=False)
-class Answer:
-    """A checked answer to a program.
-
-    Attributes:
-        outcome: What is proven.
-        x: (n,) solution; empty unless solved.
-        y: (m,) multipliers of the equalities (of the elastic program's rows if infeasible).
-        z: (k,) multipliers of the inequality rows, positive on the upper side.
-        value: Objective at x; inf unless solved.
-        bound: Proven lower bound on the objective.
-        residual: Largest violation of a constraint at x, scaled units.
-        proof: Proven lower bound on the smallest common violation of all rows; > 0 if infeasible.
-        solver: Name of the solver whose answer passed.
-    """
-
-    outcome: Outcome
-    x: FloatArray
-    y: FloatArray
-    z: FloatArray
-    value: float
-    bound: float
-    residual: float
-    proof: float
-    solver: str
-
-    @property
-    def gap(self) -> float:
-        """Objective minus proven bound."""
-        return self.value - self.bound
-
-    def moved(self, x: FloatArray, value: float, residual: float) -> Answer:
-        """Return the answer with another point and what holds there; multipliers and bound stay."""
-        return Answer(
-            self.outcome, x, self.y, self.z, value, self.bound, residual, self.proof, self.solver
-        )
 
 
 @cache
@@ -125,76 +86,17 @@ def solve(program: Program, solver: str = "piqp", *, cutoff: float = np.inf) -> 
     best_bound = -np.inf
     for name in _in_turn(solver):
         backend = _BACKENDS.get(name) or _by_qpsolvers(name)
-        raw = backend(program)
-        if raw is None:
-            continue
-        x, y, z = raw
-        bound = program.dual_bound(y, z)
-        if bound > cutoff + _INFEASIBLE:
-            return _infeasible(bound, max(program.infeasibility_bound(y, z), 0.0), name)
-        best_bound = max(best_bound, bound)
-        value = program.value(x)
-        if value - bound <= GAP_TOLERANCE:
-            residual = program.residual(x)
-            if residual <= PRIMAL_TOLERANCE:
-                return Answer(Outcome.SOLVED, x, y, z, value, bound, residual, 0.0, name)
-        proof = program.infeasibility_bound(y, z)
-        if proof <= _INFEASIBLE:
-            proof = _elastic_proof(program, backend)
-        if proof > _INFEASIBLE:
-            return _infeasible(np.inf, proof, name)
-    return Answer(
-        Outcome.FAILED, np.zeros(0), np.zeros(0), np.zeros(0), np.inf, best_bound, np.inf, 0.0, ""
-    )
+        answer = checked_answer(program, backend, name, cutoff)
+        if answer.outcome is not Outcome.FAILED:
+            return answer
+        best_bound = max(best_bound, answer.bound)
+    return failed(best_bound)
 
 
 @cache
 def _in_turn(solver: str) -> tuple[str, ...]:
     """The solvers to ask, one after the other."""
     return (solver, *(other for other in _FALLBACKS if other != solver))
-
-
-def _infeasible(bound: float, proof: float, name: str) -> Answer:
-    empty = np.zeros(0)
-    return Answer(Outcome.INFEASIBLE, empty, empty, empty, np.inf, bound, np.inf, proof, name)
-
-
-def _elastic_proof(program: Program, backend: Callable[[Program], Multipliers | None]) -> float:
-    """Return the proven smallest common violation of all rows, from the elastic program."""
-    relaxed = elastic(program)
-    raw = backend(relaxed)
-    return -np.inf if raw is None else relaxed.dual_bound(raw[1], raw[2])
-
-
-def _without_fixed(program: Program) -> tuple[Program, NDArray[np.bool_] | None]:
-    """Drop the variables that their bounds fix at zero; also return which are kept (None: all)."""
-    fixed = (program.lb == 0.0) & (program.ub == 0.0)
-    if not fixed.any():
-        return program, None
-    kept = ~fixed
-    return (
-        Program(
-            P=program.P[kept],
-            c=program.c[kept],
-            A=np.asfortranarray(program.A[:, kept]),
-            b=program.b,
-            G=np.asfortranarray(program.G[:, kept]),
-            l=program.l,
-            u=program.u,
-            lb=program.lb[kept],
-            ub=program.ub[kept],
-            box=program.box[:, kept],
-        ),
-        kept,
-    )
-
-
-def _restored(x: FloatArray, kept: NDArray[np.bool_] | None) -> FloatArray:
-    if kept is None:
-        return x
-    full = np.zeros(len(kept))
-    full[kept] = x
-    return full
 
 
 def _finite(*arrays: FloatArray) -> bool:
@@ -213,7 +115,7 @@ class _Engine:
         n = len(program.c)
         self._A, self._filled_A = _columns(program.A)
         self._G, self._filled_G = _columns(program.G)
-        self._P = scipy.sparse.csc_matrix((program.P, np.arange(n), np.arange(n + 1)))
+        self._P = scipy.sparse.csc_matrix((program.P.copy(), np.arange(n), np.arange(n + 1)))
         self._known = _arrays(program)
         self._piqp = piqp.SparseSolver()
         settings = self._settings = self._piqp.settings
@@ -254,10 +156,10 @@ class _Engine:
             self._P.data[:] = program.P
             changed["P"] = self._P
         if program.A is not A:
-            self._A.data[:] = program.A.T[self._filled_A]
+            self._A.data[:] = program.A.T.ravel()[self._filled_A]
             changed["A"] = self._A
         if program.G is not G:
-            self._G.data[:] = program.G.T[self._filled_G]
+            self._G.data[:] = program.G.T.ravel()[self._filled_G]
             changed["G"] = self._G
         if changed:
             self._piqp.update(**changed)
@@ -290,12 +192,12 @@ def _arrays(program: Program) -> tuple[FloatArray, ...]:
     )  # fmt: skip
 
 
-def _columns(matrix: FloatArray) -> tuple[Any, NDArray[np.bool_]]:
-    """A matrix in compressed columns, and (columns, rows) where it has entries."""
+def _columns(matrix: FloatArray) -> tuple[Any, NDArray[np.int_]]:
+    """A matrix in compressed columns, and the places of its entries, column after column."""
     filled = matrix.T != 0.0
     starts = np.concatenate([[0], np.cumsum(filled.sum(axis=1))])
     entries = matrix.T[filled], np.nonzero(filled)[1], starts
-    return scipy.sparse.csc_matrix(entries, shape=matrix.shape), filled
+    return scipy.sparse.csc_matrix(entries, shape=matrix.shape), np.flatnonzero(filled)
 
 
 class _Engines:
@@ -350,7 +252,7 @@ def _piqp(program: Program) -> Multipliers | None:
 
 def _proxqp(program: Program) -> Multipliers | None:
     """ProxQP's object interface: its one-shot call takes feasible LPs for infeasible."""
-    reduced, kept = _without_fixed(program)
+    reduced, kept = program.without_fixed()
     n, m = reduced.A.shape[1], len(reduced.A)
     bounded = np.flatnonzero(np.isfinite(reduced.lb) | np.isfinite(reduced.ub))
     rows = np.vstack([reduced.G, np.eye(n)[bounded]])
@@ -368,7 +270,7 @@ def _proxqp(program: Program) -> Multipliers | None:
     engine.init(np.diag(reduced.P), reduced.c, reduced.A, reduced.b, rows, low, high)
     engine.solve()
     x, y, z = (np.array(part) for part in (engine.results.x, engine.results.y, engine.results.z))
-    return (_restored(x, kept), y, z[: len(reduced.G)]) if _finite(x, y, z) else None
+    return (restored(x, kept), y, z[: len(reduced.G)]) if _finite(x, y, z) else None
 
 
 _OPTIONS: dict[str, dict[str, Any]] = {
@@ -382,11 +284,11 @@ _OPTIONS: dict[str, dict[str, Any]] = {
 _SPARSE = ("highs", "clarabel", "osqp", "scs")
 
 
-def _by_qpsolvers(name: str) -> Callable[[Program], Multipliers | None]:
+def _by_qpsolvers(name: str) -> Backend:
     """Return a backend that goes through qpsolvers."""
 
     def backend(program: Program) -> Multipliers | None:
-        reduced, kept = _without_fixed(program)
+        reduced, kept = program.without_fixed()
         up, down = np.isfinite(reduced.u), np.isfinite(reduced.l)
         rows = np.vstack([reduced.G[up], -reduced.G[down]])
         sides = np.concatenate([reduced.u[up], -reduced.l[down]])
@@ -413,12 +315,12 @@ def _by_qpsolvers(name: str) -> Callable[[Program], Multipliers | None]:
         if solution.z is not None and has_rows and len(solution.z) == len(rows):
             z[up] += solution.z[: up.sum()]
             z[down] -= solution.z[up.sum() :]
-        return (_restored(solution.x, kept), np.asarray(y), z) if _finite(y, z) else None
+        return (restored(solution.x, kept), np.asarray(y), z) if _finite(y, z) else None
 
     return backend
 
 
-_BACKENDS: dict[str, Callable[[Program], Multipliers | None]] = {"piqp": _piqp, "proxqp": _proxqp}
+_BACKENDS: dict[str, Backend] = {"piqp": _piqp, "proxqp": _proxqp}
 
 
 def solve_mixed_integer(

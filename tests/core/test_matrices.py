@@ -188,6 +188,21 @@ def test_margin_of_by_hand():
     assert problem.margin_of([[2.0, 2.0, 3.0]]) == pytest.approx(-1.0 / np.sqrt(3.0))
 
 
+@settings(max_examples=60, deadline=None)
+@given(SEEDS, st.integers(3, 9), st.integers(0, 1), st.integers(3, 33))
+def test_margin_of_is_the_least_distance_to_any_face_or_limit(seed, contacts, slides, edges):
+    problem = random_problem(seed, contacts, slides=slides)
+    rng = np.random.default_rng(seed)
+    friction = np.where(rng.random(contacts) < 0.2, 0.0, problem.friction)
+    problem = problem.with_changes(friction=friction, cone_edges=edges)
+    forces = rng.normal(scale=20.0, size=(contacts, 3))
+    normal = np.einsum("ij,ij->i", problem.normals, forces)
+    distances = [*normal, *(problem.max_normal_force - normal)]
+    faces = problem.H.T @ forces.ravel()
+    distances += (-faces[np.diag(problem.D_star) == 0.0]).tolist()
+    assert problem.margin_of(forces) == pytest.approx(min(distances), abs=1e-9)
+
+
 def test_margin_of_leaves_out_faces_of_contacts_without_a_cone():
     problem = table_with_slider()
     forces = [[0.0, 0.0, 10.0], [-1.0, 0.0, 3.0], [0.0, 0.0, -2.0]]

@@ -126,13 +126,45 @@ def test_a_proposed_mode_has_a_motion_behind_it(seed, contacts, slope):
             assert shared.kinematics.feasible(requirements_of(mode), rule)
 
 
+def test_solving_another_problem_leaves_an_earlier_program_as_it_was():
+    problem = scene("rest")
+    kept = formulate(problem, Objective(Algorithm.MARGIN, 0.0, by_limits=False, regularization=0.1))
+    before = kept.program.P.copy()
+    # More programs of one structure than solvers are kept for it: one is told the others' numbers.
+    for epsilon in (0.1, 0.2, 0.3, 0.4):
+        assert maximize_margin(problem, regularization=epsilon).found
+    np.testing.assert_array_equal(kept.program.P, before)
+
+
+def test_problems_with_different_cones_do_not_share_rows():
+    problem = scene("rest")
+    frictionless = np.where(np.arange(6) == 3, 0.0, problem.friction)
+    others = [
+        problem.with_changes(friction=0.5),
+        problem.with_changes(friction=np.linspace(0.1, 0.6, 6)),
+        problem.with_changes(friction=np.linspace(0.6, 0.1, 6)),
+        problem.with_changes(friction=frictionless),
+        problem.with_changes(friction=frictionless[::-1]),
+        problem.with_changes(cone_edges=5),
+        scene("up"),
+    ]
+    # More of them than are kept at once, and then again from the first.
+    many = [problem.with_changes(friction=mu) for mu in np.linspace(0.2, 0.9, 20)]
+    for one in [problem, *others, *many, problem, *others]:
+        assert_rows_hold(one, np.random.default_rng(0))
+
+
 @settings(max_examples=40, deadline=None)
 @given(SEEDS, st.integers(3, 9), st.booleans())
 def test_rows_of_forces_are_those_of_the_problem(seed, contacts, slope):
     problem = (slope_scene if slope else general_scene)(seed, contacts)
+    assert_rows_hold(problem, np.random.default_rng(seed))
+
+
+def assert_rows_hold(problem: QuasistaticProblem, rng: np.random.Generator) -> None:
     coordinates = force_coordinates(problem)
     rows = force_rows(problem, coordinates)
-    x = np.random.default_rng(seed).normal(size=rows.size)
+    x = rng.normal(size=rows.size)
     forces = coordinates.forces(x).ravel()
     scale = coordinates.force_scale
     np.testing.assert_allclose(

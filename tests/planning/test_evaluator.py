@@ -276,7 +276,10 @@ def test_other_bad_ones():
 
 
 def test_a_body_without_friction_is_the_scenes_fault():
-    scene = example("trihand_push_box").with_changes(friction={"hand": 0.5})
+    # Whatever it is called: names are in the messages of all errors.
+    scene = example("trihand_push_box").with_changes(
+        friction={"hand": 0.5}, name="nothing touches, overlap by", path=None
+    )
     with pytest.raises(SceneError, match="no coefficient for 'table'"):
         Evaluator(scene).evaluate()
 

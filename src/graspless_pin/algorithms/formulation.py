@@ -70,12 +70,14 @@ class Formulation:
     @cached_property
     def cone_index(self) -> NDArray[np.int_]:
         """The same, as an array."""
-        return np.flatnonzero(self.problem.has_cone)
+        return self.coordinates.layout.cones
 
     @cached_property
     def cone_columns(self) -> NDArray[np.int_]:
         """(layers, number of cones, 2) columns of their friction components."""
-        columns = self.coordinates.tangent[self.cone_index]
+        columns = self.coordinates.layout.friction
+        if self.layers == (0,):
+            return columns[None]
         return np.array(self.layers)[:, None, None] + columns
 
     def friction_columns(self, contact: int) -> NDArray[np.int_]:

@@ -82,7 +82,7 @@ def solve_problem(
         result = search_mixed_integer(state, time_limit=time_limit)
     else:
         result = branch_and_bound(state, node_limit=node_limit, time_limit=time_limit)
-    return _solution(result, objective, rules, explain)
+    return solution_of(result, objective, rules, explain)
 
 
 def _checked_mode(
@@ -117,9 +117,17 @@ def _checked_mode(
     return list(requirements_of(mode))
 
 
-def _solution(
+def solution_of(
     result: SearchResult, objective: Objective, rules: Rules, explain: Explain | None
 ) -> TorqueSolution:
+    """Return how a search ended as a solution.
+
+    Args:
+        result: How it ended.
+        objective: What was optimised.
+        rules: The reading of the virtual-sliding constraint.
+        explain: Explains a solution that is not found, when asked for.
+    """
     state = result.state
     formulation = state.formulation
     best = state.best

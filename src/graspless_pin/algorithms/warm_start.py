@@ -14,7 +14,7 @@ from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.explanation import explain
 from graspless_pin.algorithms.formulation import Objective, formulate
 from graspless_pin.algorithms.search import CLOSED, SearchResult, SearchState, finished
-from graspless_pin.algorithms.solve import _solution as solution_of
+from graspless_pin.algorithms.solve import solution_of
 from graspless_pin.algorithms.torque import TorqueScale
 from graspless_pin.modes.enumeration import requirements_of
 from graspless_pin.modes.rules import Rules, SlidingMode, candidate_contacts, choice

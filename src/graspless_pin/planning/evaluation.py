@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from graspless_pin.errors import NoSolutionError
+from graspless_pin.errors import NoSolutionError, StateFault
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.scene import Scene, SceneContacts
 from graspless_pin.solution import TorqueSolution
@@ -21,11 +21,11 @@ class StateStatus(Enum):
     INFEASIBLE = "no torques hold the object in this state"
     UNDECIDED = "a node or time limit, or a program that no solver answered, ended the search"
     OUTSIDE_LIMITS = "a joint stands outside its limits"
-    NO_CONTACT = "nothing touches the object"
-    OVERLAP = "bodies overlap by more than passes for contact"
-    BLOCKED = "the motion drives the object into a body"
-    PARTED = "the motion parts the object from everything that touches it"
-    AMBIGUOUS = "a hybrid finger touches the object at several points"
+    NO_CONTACT = StateFault.NO_CONTACT.value
+    OVERLAP = StateFault.OVERLAP.value
+    BLOCKED = StateFault.BLOCKED.value
+    PARTED = StateFault.PARTED.value
+    AMBIGUOUS = StateFault.AMBIGUOUS.value
 
     @property
     def message(self) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from graspless_pin.algorithms.warm_start import reaches_margin, solve_from
-from graspless_pin.errors import ArgumentError, SceneError
+from graspless_pin.errors import ArgumentError, StateError
 from graspless_pin.geometry.bodies.materials import Materials
 from graspless_pin.modes.rules import Rules, SlidingMode
 from graspless_pin.planning.configurations import Configuration, Configurations
@@ -22,14 +22,6 @@ from graspless_pin.solution import Algorithm, Status
 
 _MOST_MODES = 256
 _UNDECIDED = (Status.NOT_FOUND_IN_LIMIT, Status.UNVERIFIED)
-# What `Scene.contacts` and `Scene.problem` say of a state, by a part of the message.
-_REASONS = {
-    "nothing touches": StateStatus.NO_CONTACT,
-    "overlap by": StateStatus.OVERLAP,
-    "motion drives object": StateStatus.BLOCKED,
-    "motion parts object": StateStatus.PARTED,
-    "touches the object at several points": StateStatus.AMBIGUOUS,
-}
 
 
 class Evaluator:
@@ -287,12 +279,8 @@ class Evaluator:
             return Evaluation(StateStatus.OUTSIDE_LIMITS, outside, scene, None)
         try:
             return scene, scene.problem()
-        except SceneError as error:
-            message = str(error)
-            for part, status in _REASONS.items():
-                if part in message:
-                    return Evaluation(status, message, scene, None)
-            raise
+        except StateError as error:
+            return Evaluation(StateStatus(error.kind.value), str(error), scene, None)
 
     def _posed(
         self,

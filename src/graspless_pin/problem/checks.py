@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import operator
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -51,6 +52,11 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
         index = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise ArgumentError(name, f"is {array[index]} at index {index}; it must be finite")
     return array
+
+
+def all_finite(arrays: Sequence[FloatArray]) -> bool:
+    """Whether every entry of every array is finite."""
+    return bool(np.isfinite(np.concatenate([array.ravel() for array in arrays])).all())
 
 
 def per_item(name: str, value: ArrayLike, count: int) -> FloatArray:

@@ -103,6 +103,22 @@ def cone_faces_local(friction: float | FloatArray, edges: int) -> FloatArray:
     return columns
 
 
+def room_to_faces(forces: FloatArray, friction: FloatArray, edges: int) -> FloatArray:
+    """Return the distance of forces to the nearest side face of their cones, min of -h_m^T f, N.
+
+    Args:
+        forces: (c, 3) along n, t1, t2, N.
+        friction: (c,) coefficients.
+        edges: Number r of edges.
+
+    Returns:
+        (c,), negative outside.
+    """
+    slope = friction * math.cos(math.pi / edges)
+    outward = np.maximum.reduce(forces[:, 1:] @ _face_directions(edges), axis=1)
+    return (slope * forces[:, 0] - outward) / np.sqrt(1.0 + slope**2)
+
+
 @cache
 def _face_directions(edges: int) -> FloatArray:
     """(2, r) directions of the side faces in the plane of t1 and t2."""

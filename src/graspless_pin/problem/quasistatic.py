@@ -4,27 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.problem.checks import (
-    FloatArray,
-    finite_array,
-    first_bad,
-    per_item,
-    read_only,
-    real_array,
-    unit_rows,
-    whole_number,
+from graspless_pin.problem.arguments import AT_REST, checked_arguments
+from graspless_pin.problem.checks import FloatArray, all_finite, read_only, real_array
+from graspless_pin.problem.cones import cone_edges_local, cone_faces_local, room_to_faces
+from graspless_pin.problem.matrices import (
+    block_diagonal,
+    cone_blocks,
+    kinetic_directions,
+    wrench_map,
 )
-from graspless_pin.problem.cones import cone_edges_local, cone_faces_local, default_tangents
-
-_ORTHOGONAL = 1e-6
-_AT_REST = 1e-12
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -107,49 +102,12 @@ class QuasistaticProblem:
         Raises:
             ArgumentError: Naming the argument, the index and the value that is wrong.
         """
-        p = finite_array("positions", positions, (None, 3))
-        m = len(p)
-        if m == 0:
-            raise ArgumentError("positions", "has no row; at least one contact is needed")
-        n = finite_array("normals", normals, (m, 3))
-        unit_rows("normals", n)
-        wrench = finite_array("external_wrench", external_wrench, (6,))
-        jac = finite_array(
-            "jacobian", np.zeros((3 * m, 0)) if jacobian is None else jacobian, (3 * m, None)
-        )
-        count = jac.shape[1]
-        mu = per_item("friction", friction, m)
-        first_bad("friction", mu, ~(mu >= 0.0) | np.isinf(mu), "it must be finite and >= 0")
-        t = _checked_tangents(tangents, n)
-        v = _checked_sliding(sliding, n)
-        lower, upper = _checked_limits(torque_limits, count)
-        force = per_item("max_normal_force", max_normal_force, m)
-        first_bad(
-            "max_normal_force", force, ~(force > 0.0) | np.isinf(force), "it must be finite and > 0"
-        )
-        gravity = finite_array(
-            "gravity_torques",
-            np.zeros(count) if gravity_torques is None else gravity_torques,
-            (count,),
-        )
-        values = {
-            "positions": p,
-            "normals": n,
-            "external_wrench": wrench,
-            "jacobian": jac,
-            "friction": mu,
-            "tangents": t,
-            "sliding": v,
-            "lower_torque": lower,
-            "upper_torque": upper,
-            "max_normal_force": force,
-            "cone_edges": whole_number("cone_edges", cone_edges, 3),
-            "joint_names": _checked_names(joint_names, count),
-            "gravity_torques": gravity,
-        }
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
-        object.__setattr__(self, "scratch", {})
+        values = checked_arguments(
+            positions, normals, external_wrench, jacobian, friction=friction, tangents=tangents,
+            sliding=sliding, torque_limits=torque_limits, max_normal_force=max_normal_force,
+            cone_edges=cone_edges, joint_names=joint_names, gravity_torques=gravity_torques,
+        )  # fmt: skip
+        self.__dict__.update(values, scratch={})
 
     @classmethod
     def of_own_arrays(
@@ -193,10 +151,9 @@ class QuasistaticProblem:
         lower, upper = torque_limits
         numbers = (positions, normals, external_wrench, jacobian, friction, tangents, sliding,
                    gravity_torques)  # fmt: skip
-        total = np.concatenate([array.ravel() for array in numbers])
         if not (
             len(positions) > 0
-            and np.isfinite(total).all()
+            and all_finite(numbers)
             and min(friction.tolist()) >= 0.0
             and 0.0 < max_normal_force < np.inf
             and isinstance(cone_edges, int)
@@ -249,20 +206,10 @@ class QuasistaticProblem:
         Raises:
             ArgumentError: See the constructor.
         """
-        values: dict[str, Any] = {
-            "positions": self.positions,
-            "normals": self.normals,
-            "external_wrench": self.external_wrench,
-            "jacobian": self.jacobian,
-            "friction": self.friction,
-            "tangents": self.tangents,
-            "sliding": self.sliding,
-            "torque_limits": (self.lower_torque, self.upper_torque),
-            "max_normal_force": self.max_normal_force,
-            "cone_edges": self.cone_edges,
-            "joint_names": self.joint_names,
-            "gravity_torques": self.gravity_torques,
-        }
+        own = {item.name: getattr(self, item.name) for item in fields(self)}
+        limits = own.pop("lower_torque"), own.pop("upper_torque")
+        del own["scratch"]
+        values: dict[str, Any] = {**own, "torque_limits": limits}
         unknown = sorted(set(changes) - set(values))
         if unknown:
             raise ArgumentError(unknown[0], f"is no argument; known: {', '.join(values)}")
@@ -281,7 +228,7 @@ class QuasistaticProblem:
     @cached_property
     def is_sliding(self) -> NDArray[np.bool_]:
         """(M,) d_l of eq. (2): contacts in actual sliding."""
-        return np.linalg.norm(self.sliding, axis=1) > _AT_REST
+        return np.einsum("ij,ij->i", self.sliding, self.sliding) > AT_REST**2
 
     @cached_property
     def has_cone(self) -> NDArray[np.bool_]:
@@ -291,14 +238,7 @@ class QuasistaticProblem:
     @cached_property
     def kinetic_directions(self) -> FloatArray:
         """(M, 3) force per newton of normal force where there is no cone, n - mu v/|v|; else 0."""
-        directions = np.zeros_like(self.normals)
-        bare = ~self.has_cone
-        if bare.any():
-            directions[bare] = self.normals[bare]
-            slide = self.is_sliding
-            unit = self.sliding[slide] / np.linalg.norm(self.sliding[slide], axis=1, keepdims=True)
-            directions[slide] -= self.friction[slide, None] * unit
-        return read_only(directions)
+        return kinetic_directions(self.normals, self.friction, self.sliding, ~self.has_cone)
 
     @cached_property
     def frames(self) -> FloatArray:
@@ -308,23 +248,17 @@ class QuasistaticProblem:
     @cached_property
     def W(self) -> FloatArray:
         """(6, 3M) map from contact forces to the wrench on the object, eq. (7): [1; m]."""
-        p = self.positions
-        w = np.zeros((6, self.contact_count, 3))
-        w[:3] = np.eye(3)[:, None, :]
-        w[3, :, 1], w[3, :, 2] = -p[:, 2], p[:, 1]
-        w[4, :, 0], w[4, :, 2] = p[:, 2], -p[:, 0]
-        w[5, :, 0], w[5, :, 1] = -p[:, 1], p[:, 0]
-        return read_only(w.reshape(6, -1))
+        return wrench_map(self.positions)
 
     @cached_property
     def N(self) -> FloatArray:
         """(3M, M) block diagonal of the normals n_l, eq. (40)."""
-        return _block_diagonal([n[:, None] for n in self.normals])
+        return block_diagonal(list(self.normals[:, :, None]))
 
     @cached_property
     def T(self) -> FloatArray:
         """(3M, 2M) block diagonal of the tangents [t_l1 t_l2], eqs. (10) and (11)."""
-        return _block_diagonal(list(self.tangents))
+        return block_diagonal(list(self.tangents))
 
     @cached_property
     def C(self) -> FloatArray:
@@ -333,15 +267,11 @@ class QuasistaticProblem:
         A sliding or frictionless contact has one edge: the kinetic friction's direction
         n - mu v/|v| normalised, or n.
         """
-        blocks = []
-        for contact in range(self.contact_count):
-            if self.has_cone[contact]:
-                local = cone_edges_local(float(self.friction[contact]), self.cone_edges)
-                blocks.append(self.frames[contact] @ local)
-            else:
-                edge = self.kinetic_directions[contact]
-                blocks.append((edge / np.linalg.norm(edge))[:, None])
-        return _block_diagonal(blocks)
+        edges = partial(cone_edges_local, edges=self.cone_edges)
+        bare = self.kinetic_directions
+        lengths = np.where(self.has_cone, 1.0, np.linalg.norm(bare, axis=1))
+        bare = bare / lengths[:, None]
+        return cone_blocks(self.frames, self.friction, self.has_cone, edges, bare)
 
     @cached_property
     def H(self) -> FloatArray:
@@ -352,14 +282,9 @@ class QuasistaticProblem:
         A sliding or frictionless contact has no side face: its one column is zero and `D_star`
         strikes its row.
         """
-        blocks = []
-        for contact in range(self.contact_count):
-            if self.has_cone[contact]:
-                local = cone_faces_local(float(self.friction[contact]), self.cone_edges)
-                blocks.append(self.frames[contact] @ local)
-            else:
-                blocks.append(np.zeros((3, 1)))
-        return _block_diagonal(blocks)
+        faces = partial(cone_faces_local, edges=self.cone_edges)
+        bare = np.zeros_like(self.normals)
+        return cone_blocks(self.frames, self.friction, self.has_cone, faces, bare)
 
     @property
     def J(self) -> FloatArray:
@@ -389,90 +314,8 @@ class QuasistaticProblem:
             forces: (M, 3) contact forces on the object, N.
         """
         f = real_array("forces", forces, (self.contact_count, 3))
-        normal = np.einsum("ij,ij->i", self.normals, f)
-        margin = min(normal.min(), (self.max_normal_force - normal).min())
-        faces = self.H.T @ f.ravel()
-        kept = np.diag(self.D_star) == 0.0
-        return float(min(margin, -faces[kept].max(initial=-np.inf)))
-
-
-def _block_diagonal(blocks: list[FloatArray]) -> FloatArray:
-    """Return the read-only block-diagonal matrix of (3, c) blocks."""
-    matrix = np.zeros((3 * len(blocks), sum(block.shape[1] for block in blocks)))
-    column = 0
-    for row, block in enumerate(blocks):
-        matrix[3 * row : 3 * row + 3, column : column + block.shape[1]] = block
-        column += block.shape[1]
-    return read_only(matrix)
-
-
-def _checked_tangents(tangents: ArrayLike | None, normals: FloatArray) -> FloatArray:
-    if tangents is None:
-        return read_only(default_tangents(normals))
-    t = finite_array("tangents", tangents, (len(normals), 3, 2))
-    unit_rows("tangents", t.transpose(0, 2, 1))
-    frames = np.concatenate([normals[:, :, None], t], axis=2)
-    gram = np.abs(frames.transpose(0, 2, 1) @ frames - np.eye(3))
-    off = np.maximum.reduce([gram[:, 0, 1], gram[:, 0, 2], gram[:, 1, 2]])
-    if (off > _ORTHOGONAL).any():
-        index = int(np.argmax(off > _ORTHOGONAL))
-        raise ArgumentError(
-            "tangents",
-            f"at index {index} are {t[index].T.tolist()}: they must be orthogonal to each other "
-            f"and to the normal {normals[index].tolist()} (largest cosine {off[index]:.3g})",
-        )
-    return t
-
-
-def _checked_sliding(sliding: ArrayLike | None, normals: FloatArray) -> FloatArray:
-    v = finite_array("sliding", np.zeros_like(normals) if sliding is None else sliding,
-                     (len(normals), 3))  # fmt: skip
-    speed = np.linalg.norm(v, axis=1)
-    along = np.einsum("ij,ij->i", v, normals)
-    bad = (speed > _AT_REST) & (np.abs(along) > _ORTHOGONAL * speed)
-    if bad.any():
-        index = int(np.argmax(bad))
-        raise ArgumentError(
-            "sliding",
-            f"is {v[index].tolist()} at index {index} with normal component {along[index]:.6g} "
-            "m/s; a sliding velocity must be tangential",
-        )
-    return v
-
-
-def _checked_limits(
-    torque_limits: tuple[ArrayLike, ArrayLike], count: int
-) -> tuple[FloatArray, FloatArray]:
-    try:
-        lower_value, upper_value = torque_limits
-    except (TypeError, ValueError):
-        raise ArgumentError(
-            "torque_limits", f"is {torque_limits!r}; it must be a pair (lower, upper)"
-        ) from None
-    lower = per_item("torque_limits lower", lower_value, count)
-    upper = per_item("torque_limits upper", upper_value, count)
-    bad = (lower > upper) | (lower == np.inf) | (upper == -np.inf)
-    if bad.any():
-        index = int(np.argmax(bad))
-        raise ArgumentError(
-            "torque_limits",
-            f"have lower {lower[index]} and upper {upper[index]} at index {index}; lower must not "
-            "be above upper, and a torque between them must be finite",
-        )
-    return lower, upper
-
-
-def _checked_names(names: Sequence[str] | None, count: int) -> tuple[str, ...]:
-    if names is None:
-        return tuple(f"joint_{i + 1}" for i in range(count))
-    if isinstance(names, str):
-        raise ArgumentError("joint_names", f"is {names!r}; it must be a sequence of names")
-    checked = tuple(str(name) for name in names)
-    if len(checked) != count:
-        raise ArgumentError(
-            "joint_names", f"has {len(checked)} names; the jacobian has {count} columns"
-        )
-    if len(set(checked)) < count:
-        repeated = {name for name in checked if checked.count(name) > 1}
-        raise ArgumentError("joint_names", f"repeats {sorted(repeated)}; names must be distinct")
-    return checked
+        local = (f[:, None, :] @ self.frames)[:, 0]
+        normal = local[:, 0]
+        sides = room_to_faces(local, self.friction, self.cone_edges)
+        rooms = normal, self.max_normal_force - normal, np.where(self.has_cone, sides, np.inf)
+        return float(np.minimum.reduce(np.concatenate(rooms)))

@@ -17,11 +17,8 @@ from numpy.typing import NDArray
 
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.problem.cones import cone_faces_local
+from graspless_pin.programs.force_layout import ConeRows, ForceLayout, cone_rows, layout_of
 from graspless_pin.programs.program import Program
-
-_FRAME = np.arange(3)
-_TANGENTS = np.array([1, 2])
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,20 +27,31 @@ class ForceCoordinates:
 
     Attributes:
         basis: (3M, n) with f = F basis x.
+        directions: (M, 3, 3) rows n, t1, t2 of each contact; the first is the force per newton of
+            normal force where there is no cone.
+        layout: Where the coordinates stand.
         force_scale: F, the largest normal-force limit, N.
         torque_scale: The largest finite torque limit (or, without one, the largest torque that
             the contacts can make), N m.
         length_scale: Size of the contact arrangement, m, for the moment rows.
-        normal: (M,) column of each contact's normal coordinate.
-        tangent: (M, 2) columns of t1 and t2; -1 where there is no cone.
     """
 
     basis: FloatArray
+    directions: FloatArray
+    layout: ForceLayout
     force_scale: float
     torque_scale: float
     length_scale: float
-    normal: np.ndarray
-    tangent: np.ndarray
+
+    @property
+    def normal(self) -> NDArray[np.int_]:
+        """(M,) column of each contact's normal coordinate."""
+        return self.layout.normal
+
+    @property
+    def tangent(self) -> NDArray[np.int_]:
+        """(M, 2) columns of t1 and t2; -1 where there is no cone."""
+        return self.layout.tangent
 
     def forces(self, x: FloatArray) -> FloatArray:
         """Return the (M, 3) contact forces of a program's solution, N."""
@@ -53,17 +61,13 @@ class ForceCoordinates:
 
 def force_coordinates(problem: QuasistaticProblem) -> ForceCoordinates:
     """Choose coordinates and scales for a problem."""
-    count, has_cone = problem.contact_count, problem.has_cone
-    widths = np.where(has_cone, 3, 1)
-    normal = np.cumsum(widths) - widths
-    tangent = np.where(has_cone[:, None], normal[:, None] + _TANGENTS, -1)
-    basis = np.zeros((count, 3, int(widths.sum())))
-    cones = np.flatnonzero(has_cone)
-    basis[cones[:, None], :, normal[cones, None] + _FRAME] = problem.frames[cones].swapaxes(1, 2)
-    if len(cones) < count:
-        bare = np.flatnonzero(~has_cone)
-        basis[bare, :, normal[bare]] = problem.kinetic_directions[bare]
-    basis = basis.reshape(3 * count, -1)
+    layout, count = layout_of(problem), problem.contact_count
+    directions = problem.frames.swapaxes(1, 2)
+    if len(layout.cones) < count:
+        directions = directions.copy()
+        np.copyto(directions[:, 0], problem.kinetic_directions, where=layout.bare[:, None])
+    basis = np.zeros((3 * count, layout.size))
+    basis.put(layout.places, directions.reshape(-1, 3)[layout.axes])
     force = float(problem.max_normal_force.max())
     limits = np.abs(np.concatenate([problem.lower_torque, problem.upper_torque]))
     torque = float(limits.max(initial=0.0, where=np.isfinite(limits)))
@@ -71,7 +75,7 @@ def force_coordinates(problem: QuasistaticProblem) -> ForceCoordinates:
         reach = force * np.abs(problem.jacobian).sum(axis=0).max(initial=0.0)
         torque = float(reach) or 1.0
     length = math.sqrt(float((problem.positions**2).sum(axis=1).max())) or 1.0
-    return ForceCoordinates(basis, force, torque, length, normal, tangent)
+    return ForceCoordinates(basis, directions, layout, force, torque, length)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,27 +118,15 @@ class ForceRows:
 
 def force_rows(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> ForceRows:
     """Assemble the constraints of a problem in its force coordinates."""
-    count, size = problem.contact_count, coordinates.basis.shape[1]
+    layout, shared = coordinates.layout, cone_rows(problem)
     force, torque = coordinates.force_scale, coordinates.torque_scale
     limit = problem.max_normal_force / force
-    cones = np.flatnonzero(problem.has_cone)
-    friction = problem.friction[cones]
-    faces = np.zeros((len(cones), problem.cone_edges, size))
-    columns = coordinates.normal[cones, None] + _FRAME
-    blocks = cone_faces_local(friction, problem.cone_edges)
-    faces[np.arange(len(cones))[:, None], :, columns] = blocks
-    box = np.zeros((2, size))
-    box[1, coordinates.normal] = limit
-    box[1, columns[:, 1:]] = (friction * limit[cones])[:, None]
-    box[0, columns[:, 1:]] = -box[1, columns[:, 1:]]
-    normal = np.zeros((count, size))
-    normal[np.arange(count), coordinates.normal] = 1.0
-    weight = np.repeat([1.0, 1.0 / coordinates.length_scale], 3)
+    weight = np.array([1.0] * 3 + [1.0 / coordinates.length_scale] * 3)
     return ForceRows(
-        faces=faces.reshape(-1, size),
-        normal=normal,
+        faces=shared.faces,
+        normal=shared.normal,
         limit=limit,
-        bare=~problem.has_cone,
+        bare=layout.bare,
         balance=weight[:, None] * (problem.W @ coordinates.basis),
         wrench=-weight * problem.external_wrench / force,
         weight=weight,
@@ -142,23 +134,15 @@ def force_rows(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> Fo
         lower=(problem.lower_torque - problem.gravity_torques) / torque,
         upper=(problem.upper_torque - problem.gravity_torques) / torque,
         gravity=problem.gravity_torques / torque,
-        box=box,
+        box=shared.reach * limit[layout.owner],
     )
 
 
 def _torque_rows(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> FloatArray:
     """(L, n) J^T basis, contact by contact: each column of the basis is one contact's."""
     count, joints = problem.contact_count, problem.joint_count
-    own = problem.jacobian.reshape(count, 3, joints).swapaxes(1, 2)
-    rows = np.empty((joints, coordinates.basis.shape[1]))
-    cones = np.flatnonzero(problem.has_cone)
-    along = (own[cones] @ problem.frames[cones]).swapaxes(1, 2)
-    rows[:, coordinates.normal[cones, None] + _FRAME] = along.transpose(2, 0, 1)
-    if len(cones) < count:
-        bare = np.flatnonzero(~problem.has_cone)
-        along = own[bare] @ problem.kinetic_directions[bare][:, :, None]
-        rows[:, coordinates.normal[bare]] = along[:, :, 0].T
-    return rows
+    along = coordinates.directions @ problem.jacobian.reshape(count, 3, joints)
+    return along.reshape(3 * count, joints)[coordinates.layout.axes].T
 
 
 def margin_program(
@@ -169,21 +153,21 @@ def margin_program(
     The margin e is the last variable and may become negative: a negative optimum says by how much
     the cones would have to be widened, and its dual proves that no force set exists.
     """
-    rows = force_rows(problem, coordinates)
-    size, low = rows.size, -rows.normal[rows.bare]
-    sides = len(rows.faces) + len(rows.normal) + len(low)
-    G = np.zeros((sides + len(rows.torque), size + 1), order="F")
-    np.concatenate([rows.faces, rows.normal, low, rows.torque], out=G[:, :size])
-    G[:sides, size] = 1.0
-    u = np.concatenate([np.zeros(len(rows.faces)), rows.limit, np.zeros(len(low)), rows.upper])
-    l = np.concatenate([np.full(sides, -np.inf), rows.lower])  # noqa: E741
+    rows, shared = force_rows(problem, coordinates), cone_rows(problem)
+    size, sides = rows.size, len(shared.sides)
+    G = np.empty((sides + len(rows.torque), size + 1), order="F")
+    G[:sides] = shared.sides
+    G[sides:, :-1] = rows.torque
+    G[sides:, -1] = 0.0
+    u = np.concatenate([np.zeros(len(rows.faces)), rows.limit, shared.low, rows.upper])
     # The box speaks of forces inside their cones, that is of e >= 0: what it proves, it proves of
     # those, and a proven bound above zero on -e proves that there are none.
     return _program(
-        coordinates, rows, regularization, G, l, u,
-        objective=np.append(np.zeros(size), -1.0),
+        coordinates, rows, shared, regularization, G,
+        np.concatenate([shared.below, rows.lower]), u,
+        objective=shared.last[0],
         box=_widened(rows.box, float(rows.limit.min()) / 2.0),
-        imposed=(np.full(size + 1, -np.inf), np.full(size + 1, np.inf)),
+        imposed=(shared.free[0], shared.free[1]),
     )  # fmt: skip
 
 
@@ -200,35 +184,38 @@ def torque_program(
     The last variable t is the largest |torque| in units of the torque scale, or the largest share
     of any joint's own limit when ``by_limits``. The motors' torques J^T f + g obey their limits.
     """
-    rows = force_rows(problem, coordinates)
+    rows, shared = force_rows(problem, coordinates), cone_rows(problem)
     size, torque, gravity = rows.size, rows.torque, rows.gravity
     e = margin / coordinates.force_scale
-    unit_up, unit_down = np.ones(len(torque)), np.ones(len(torque))
+    up = down = np.ones(len(torque), dtype=bool)
+    unit_up = unit_down = np.ones(len(torque))
     if by_limits:
         # The share of a limit is counted on the side where the torque is; a limit of zero, or
         # one on the wrong side of zero, stays a hard row and has no share.
         scale = coordinates.torque_scale
-        unit_up = np.maximum(problem.upper_torque / scale, 0.0)
-        unit_down = np.maximum(-problem.lower_torque / scale, 0.0)
-    up, down = np.isfinite(unit_up) & (unit_up > 0.0), np.isfinite(unit_down) & (unit_down > 0.0)
-    blocks = [rows.faces, torque[up], -torque[down], torque]
-    first, middle, last, end = np.cumsum([len(block) for block in blocks])
-    G = np.zeros((end, size + 1), order="F")
+        unit_up, unit_down = problem.upper_torque / scale, -problem.lower_torque / scale
+        up = np.isfinite(unit_up) & (unit_up > 0.0)
+        down = np.isfinite(unit_down) & (unit_down > 0.0)
+        unit_up, unit_down = unit_up[up], unit_down[down]
+    blocks = rows.faces, torque[up], -torque[down], torque
+    first, middle = len(rows.faces), len(rows.faces) + len(unit_up)
+    last = middle + len(unit_down)
+    G = np.zeros((last + len(torque), size + 1), order="F")
     np.concatenate(blocks, out=G[:, :size])
-    G[first:middle, size] = -unit_up[up]
-    G[middle:last, size] = -unit_down[down]
-    u = np.concatenate([np.full(len(rows.faces), -e), -gravity[up], gravity[down], rows.upper])
-    l = np.concatenate([np.full(len(u) - len(rows.upper), -np.inf), rows.lower])  # noqa: E741
-    low, high = np.full(size + 1, -np.inf), np.full(size + 1, np.inf)
+    G[first:middle, size] = -unit_up
+    G[middle:last, size] = -unit_down
+    u = np.concatenate((np.full(first, -e), -gravity[up], gravity[down], rows.upper))
+    l = np.concatenate((np.full(last, -np.inf), rows.lower))  # noqa: E741
+    low, high = shared.free.copy()
     high[coordinates.normal] = rows.limit - e
     low[coordinates.normal[rows.bare]] = e
     low[-1] = 0.0
-    reach = np.abs(torque) @ np.abs(rows.box).max(axis=0) + np.abs(gravity)
-    shares = [reach[up] / unit_up[up], reach[down] / unit_down[down]]
-    highest = float(np.concatenate([*shares, [0.0]]).max()) + 1.0
+    reach = np.abs(torque) @ rows.box[1] + np.abs(gravity)
+    shares = reach[up] / unit_up, reach[down] / unit_down
+    highest = float(np.concatenate(shares).max(initial=0.0)) + 1.0
     return _program(
-        coordinates, rows, regularization, G, l, u,
-        objective=np.append(np.zeros(size), 1.0),
+        coordinates, rows, shared, regularization, G, l, u,
+        objective=shared.last[1],
         box=_widened(rows.box, highest),
         imposed=(low, high),
     )  # fmt: skip
@@ -245,6 +232,7 @@ def _widened(box: FloatArray, highest: float) -> FloatArray:
 def _program(
     coordinates: ForceCoordinates,
     rows: ForceRows,
+    shared: ConeRows,
     regularization: float,
     G: FloatArray,
     l: FloatArray,  # noqa: E741
@@ -254,11 +242,13 @@ def _program(
     box: FloatArray,
     imposed: tuple[FloatArray, FloatArray],
 ) -> Program:
-    P = np.zeros(rows.size + 1)
+    P = shared.flat
     if regularization > 0.0:
+        P = P.copy()
         P[:-1] = regularization * (coordinates.basis**2).sum(axis=0)
-    A = np.zeros((6, rows.size + 1), order="F")
+    A = np.empty((6, rows.size + 1), order="F")
     A[:, :-1] = rows.balance
+    A[:, -1] = 0.0
     return Program(
         P=P,
         c=objective,

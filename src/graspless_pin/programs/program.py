@@ -4,34 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from graspless_pin.problem.checks import FloatArray
 
 _LARGEST_DENSE = 8192
-
-
-class _Sides(NamedTuple):
-    """The sides of all rows of a program, those of A before those of G.
-
-    Attributes:
-        low: (m + k,) lower sides, -inf where there is none.
-        high: (m + k,) upper sides, inf where there is none.
-        middle: Mean of both sides, with 0 for a side that is not there.
-        half: Half their distance, likewise; may be negative.
-        least: Least multiplier that a row can have: 0 without a lower side, else -inf.
-        most: Largest multiplier that a row can have: 0 without an upper side, else inf.
-    """
-
-    low: FloatArray
-    high: FloatArray
-    middle: FloatArray
-    half: FloatArray
-    least: FloatArray
-    most: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +61,30 @@ class Program:
         program.__dict__.pop("reach", None)
         return program
 
+    def without_fixed(self) -> tuple[Program, NDArray[np.bool_] | None]:
+        """Drop the variables that their bounds fix at zero; also return which are kept.
+
+        Returns:
+            The smaller program, and (n,) which variables it has; None: all.
+        """
+        fixed = (self.lb == 0.0) & (self.ub == 0.0)
+        if not fixed.any():
+            return self, None
+        kept = ~fixed
+        smaller = Program(
+            P=self.P[kept],
+            c=self.c[kept],
+            A=np.asfortranarray(self.A[:, kept]),
+            b=self.b,
+            G=np.asfortranarray(self.G[:, kept]),
+            l=self.l,
+            u=self.u,
+            lb=self.lb[kept],
+            ub=self.ub[kept],
+            box=self.box[:, kept],
+        )
+        return smaller, kept
+
     @cached_property
     def hessian(self) -> FloatArray:
         """(n, n) diag(P)."""
@@ -88,7 +93,7 @@ class Program:
     @cached_property
     def is_linear(self) -> bool:
         """Whether P is zero."""
-        return not self.P.any()
+        return np.count_nonzero(self.P) == 0
 
     @cached_property
     def rows(self) -> FloatArray:
@@ -112,19 +117,9 @@ class Program:
         return np.packbits(self.rows != 0.0).tobytes()
 
     @cached_property
-    def sides(self) -> _Sides:
-        """The sides of all rows."""
-        low, high = np.concatenate([self.b, self.l]), np.concatenate([self.b, self.u])
-        has_low, has_high = np.isfinite(low), np.isfinite(high)
-        down, up = np.where(has_low, low, 0.0), np.where(has_high, high, 0.0)
-        return _Sides(
-            low,
-            high,
-            0.5 * (up + down),
-            0.5 * (up - down),
-            np.where(has_low, -np.inf, 0.0),
-            np.where(has_high, np.inf, 0.0),
-        )
+    def sides(self) -> tuple[FloatArray, FloatArray]:
+        """(m + k,) lower and upper sides of all rows, infinite where there is none."""
+        return np.concatenate((self.b, self.l)), np.concatenate((self.b, self.u))
 
     @cached_property
     def reach(self) -> tuple[FloatArray, FloatArray]:
@@ -138,8 +133,10 @@ class Program:
         The largest objective value inside the box, which no bound of a feasible program exceeds,
         or a cutoff below it.
         """
-        reach = np.where(self.c >= 0.0, self.box[1], self.box[0])
-        return float(self.c @ reach + 0.5 * self.P @ np.abs(self.box).max(axis=0) ** 2)
+        highest = float(self.c @ np.where(self.c >= 0.0, self.box[1], self.box[0]))
+        if self.is_linear:
+            return highest
+        return highest + float(0.5 * self.P @ np.abs(self.box).max(axis=0) ** 2)
 
     def value(self, x: FloatArray) -> float:
         """Return the objective at x."""
@@ -149,8 +146,8 @@ class Program:
 
     def residual(self, x: FloatArray) -> float:
         """Return the largest violation of any constraint at x, in scaled units."""
-        sides, rows = self.sides, self.products[0] @ x
-        beyond = np.maximum(rows - sides.high, sides.low - rows)
+        (low, high), rows = self.sides, self.products[0] @ x
+        beyond = np.maximum(rows - high, low - rows)
         outside = np.maximum(x - self.ub, self.lb - x)
         return float(np.maximum.reduce(outside, initial=np.maximum.reduce(beyond, initial=0.0)))
 
@@ -186,9 +183,11 @@ class Program:
         That is up^T (rows x - high) + down^T (low - rows x), with the positive weights in up and
         the sizes of the negative ones in down; a weight on a side that is not there counts as 0.
         """
-        sides = self.sides
-        weights = np.minimum(np.maximum(weights, sides.least), sides.most)
-        constant = -float(weights @ sides.middle + np.abs(weights) @ sides.half)
+        low, high = self.sides
+        side = np.where(weights > 0.0, high, low)
+        there = np.isfinite(side)
+        weights = np.where(there, weights, 0.0)
+        constant = -float(weights @ np.where(there, side, 0.0))
         return self.products[1] @ weights, constant
 
     def _smallest(self, slope: FloatArray, *, curved: bool) -> float:
@@ -206,6 +205,15 @@ class Program:
         turning = np.where(bent, -slope / np.where(bent, self.P, 1.0), at)
         at = np.where(bent, np.clip(turning, low, high), at)
         return float((0.5 * self.P * at + slope) @ at)
+
+
+def restored(x: FloatArray, kept: NDArray[np.bool_] | None) -> FloatArray:
+    """Return a solution of `Program.without_fixed` with the dropped variables back, as zeros."""
+    if kept is None:
+        return x
+    full = np.zeros(len(kept))
+    full[kept] = x
+    return full
 
 
 def elastic(program: Program) -> Program:

@@ -1,0 +1,158 @@
+"""Checks of the arguments of a `QuasistaticProblem`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from graspless_pin.errors import ArgumentError
+from graspless_pin.problem.checks import (
+    FloatArray,
+    finite_array,
+    first_bad,
+    per_item,
+    read_only,
+    unit_rows,
+    whole_number,
+)
+from graspless_pin.problem.cones import default_tangents
+
+AT_REST = 1e-12
+"""Sliding speeds up to this are none, m/s."""
+_ORTHOGONAL = 1e-6
+
+
+def checked_arguments(
+    positions: ArrayLike,
+    normals: ArrayLike,
+    external_wrench: ArrayLike,
+    jacobian: ArrayLike | None,
+    *,
+    friction: ArrayLike,
+    tangents: ArrayLike | None,
+    sliding: ArrayLike | None,
+    torque_limits: tuple[ArrayLike, ArrayLike],
+    max_normal_force: ArrayLike,
+    cone_edges: int,
+    joint_names: Sequence[str] | None,
+    gravity_torques: ArrayLike | None,
+) -> dict[str, Any]:
+    """Return the data of a problem from the arguments of its constructor, by attribute.
+
+    Raises:
+        ArgumentError: Naming the argument, the index and the value that is wrong.
+    """
+    p = finite_array("positions", positions, (None, 3))
+    m = len(p)
+    if m == 0:
+        raise ArgumentError("positions", "has no row; at least one contact is needed")
+    n = finite_array("normals", normals, (m, 3))
+    unit_rows("normals", n)
+    wrench = finite_array("external_wrench", external_wrench, (6,))
+    rows = np.zeros((3 * m, 0)) if jacobian is None else jacobian
+    jac = finite_array("jacobian", rows, (3 * m, None))
+    count = jac.shape[1]
+    mu = per_item("friction", friction, m)
+    first_bad("friction", mu, ~(mu >= 0.0) | np.isinf(mu), "it must be finite and >= 0")
+    t = _checked_tangents(tangents, n)
+    v = _checked_sliding(sliding, n)
+    lower, upper = _checked_limits(torque_limits, count)
+    force = per_item("max_normal_force", max_normal_force, m)
+    impossible = ~(force > 0.0) | np.isinf(force)
+    first_bad("max_normal_force", force, impossible, "it must be finite and > 0")
+    weight = np.zeros(count) if gravity_torques is None else gravity_torques
+    gravity = finite_array("gravity_torques", weight, (count,))
+    return {
+        "positions": p,
+        "normals": n,
+        "external_wrench": wrench,
+        "jacobian": jac,
+        "friction": mu,
+        "tangents": t,
+        "sliding": v,
+        "lower_torque": lower,
+        "upper_torque": upper,
+        "max_normal_force": force,
+        "cone_edges": whole_number("cone_edges", cone_edges, 3),
+        "joint_names": _checked_names(joint_names, count),
+        "gravity_torques": gravity,
+    }
+
+
+def _checked_tangents(tangents: ArrayLike | None, normals: FloatArray) -> FloatArray:
+    """Return orthonormal (M, 3, 2) tangents, the default ones for None."""
+    if tangents is None:
+        return read_only(default_tangents(normals))
+    t = finite_array("tangents", tangents, (len(normals), 3, 2))
+    unit_rows("tangents", t.transpose(0, 2, 1))
+    frames = np.concatenate([normals[:, :, None], t], axis=2)
+    gram = np.abs(frames.transpose(0, 2, 1) @ frames - np.eye(3))
+    off = np.maximum.reduce([gram[:, 0, 1], gram[:, 0, 2], gram[:, 1, 2]])
+    if (off > _ORTHOGONAL).any():
+        index = int(np.argmax(off > _ORTHOGONAL))
+        raise ArgumentError(
+            "tangents",
+            f"at index {index} are {t[index].T.tolist()}: they must be orthogonal to each other "
+            f"and to the normal {normals[index].tolist()} (largest cosine {off[index]:.3g})",
+        )
+    return t
+
+
+def _checked_sliding(sliding: ArrayLike | None, normals: FloatArray) -> FloatArray:
+    """Return (M, 3) tangential velocities, zeros for None, m/s."""
+    v = finite_array("sliding", np.zeros_like(normals) if sliding is None else sliding,
+                     (len(normals), 3))  # fmt: skip
+    speed = np.linalg.norm(v, axis=1)
+    along = np.einsum("ij,ij->i", v, normals)
+    bad = (speed > AT_REST) & (np.abs(along) > _ORTHOGONAL * speed)
+    if bad.any():
+        index = int(np.argmax(bad))
+        raise ArgumentError(
+            "sliding",
+            f"is {v[index].tolist()} at index {index} with normal component {along[index]:.6g} "
+            "m/s; a sliding velocity must be tangential",
+        )
+    return v
+
+
+def _checked_limits(
+    torque_limits: tuple[ArrayLike, ArrayLike], count: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return (lower, upper), each (L,), from scalars or arrays."""
+    try:
+        lower_value, upper_value = torque_limits
+    except (TypeError, ValueError):
+        raise ArgumentError(
+            "torque_limits", f"is {torque_limits!r}; it must be a pair (lower, upper)"
+        ) from None
+    lower = per_item("torque_limits lower", lower_value, count)
+    upper = per_item("torque_limits upper", upper_value, count)
+    bad = (lower > upper) | (lower == np.inf) | (upper == -np.inf)
+    if bad.any():
+        index = int(np.argmax(bad))
+        raise ArgumentError(
+            "torque_limits",
+            f"have lower {lower[index]} and upper {upper[index]} at index {index}; lower must not "
+            "be above upper, and a torque between them must be finite",
+        )
+    return lower, upper
+
+
+def _checked_names(names: Sequence[str] | None, count: int) -> tuple[str, ...]:
+    """Return L distinct names, ``joint_1`` ... for None."""
+    if names is None:
+        return tuple(f"joint_{i + 1}" for i in range(count))
+    if isinstance(names, str):
+        raise ArgumentError("joint_names", f"is {names!r}; it must be a sequence of names")
+    checked = tuple(str(name) for name in names)
+    if len(checked) != count:
+        raise ArgumentError(
+            "joint_names", f"has {len(checked)} names; the jacobian has {count} columns"
+        )
+    if len(set(checked)) < count:
+        repeated = {name for name in checked if checked.count(name) > 1}
+        raise ArgumentError("joint_names", f"repeats {sorted(repeated)}; names must be distinct")
+    return checked
