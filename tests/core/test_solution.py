@@ -218,3 +218,15 @@ def test_a_node_limit_ends_the_search():
     assert full.certificate.nodes > 1
     assert nothing.certificate.bound <= full.max_torque + 1e-6
     assert minimize_torque(scene("rest"), time_limit=0.0).status is Status.NOT_FOUND_IN_LIMIT
+
+
+def test_the_representation_is_one_line():
+    solution = maximize_margin(scene("up"))
+    assert repr(solution) == (
+        f"<TorqueSolution margin: OPTIMAL, margin={solution.margin:.6g}, "
+        f"max_torque={solution.max_torque:.6g}, 6 contacts, 2 joints>"
+    )
+    problem = scene("up").with_changes(torque_limits=(0.0, 0.0))
+    assert repr(maximize_margin(problem)) == (
+        "<TorqueSolution margin: INFEASIBLE_FORCES, 6 contacts, 2 joints>"
+    )

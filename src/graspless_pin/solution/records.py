@@ -110,7 +110,7 @@ class ProofMultipliers:
     is_linear: bool
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class TorqueSolution:
     """The answer of Algorithm 1 or 2. Infeasible is an answer: then ``found`` is False.
 
@@ -192,6 +192,14 @@ class TorqueSolution:
     def max_torque(self) -> float:
         """Largest |motor torque|, N m; 0 without joints."""
         return float(np.abs(self.torques).max(initial=0.0))
+
+    def __repr__(self) -> str:
+        """Return one line: what was solved and the figures that matter."""
+        found = ""
+        if self.found:
+            found = f", margin={self.margin:.6g}, max_torque={self.max_torque:.6g}"
+        size = f"{self.problem.contact_count} contacts, {self.problem.joint_count} joints"
+        return f"<TorqueSolution {self.algorithm}: {self.status.name}{found}, {size}>"
 
     def __str__(self) -> str:
         """Return a readable table."""
