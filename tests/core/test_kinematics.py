@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import random_problem, scene, structured_arguments
 
-from graspless_pin import QuasistaticProblem
+from graspless_pin import QuasistaticProblem, maximize_margin
 from graspless_pin.modes.kinematics import Conflict, Requirement, VirtualKinematics, Witness
 from graspless_pin.modes.rules import SignRule
 
@@ -169,3 +169,17 @@ def test_verdicts_do_not_depend_on_units(scale):
         asked = [Requirement(contact, pair) for contact, pair in enumerate(signs)]
         verdicts = [k.solve(asked, SignRule.STRICT) for k in (one, two)]
         assert isinstance(verdicts[0], Witness) == isinstance(verdicts[1], Witness)
+
+
+@pytest.mark.parametrize("name", ["sphere", "rest", "up", "down"])
+def test_least_squares_that_give_up_change_no_answer(name, monkeypatch):
+    expected = maximize_margin(scene(name), sliding_rule="constrained")
+
+    def gives_up(*_):
+        raise RuntimeError("Maximum number of iterations reached")
+
+    monkeypatch.setattr("graspless_pin.modes.kinematics.nnls", gives_up)
+    solution = maximize_margin(scene(name), sliding_rule="constrained")
+    assert solution.status is expected.status
+    if expected.found:
+        assert solution.margin == pytest.approx(expected.margin, rel=1e-9)

@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 
 from graspless_pin.algorithms.friction_modes import Opposition, SignPair
 from graspless_pin.algorithms.search import SearchResult, SearchState, finished
+from graspless_pin.modes.consequences import Decisions
 from graspless_pin.modes.enumeration import sign_pairs
 from graspless_pin.modes.kinematics import Conflict
-from graspless_pin.modes.rules import SlidingMode
+from graspless_pin.modes.rules import SignRule, SlidingMode, StaticFriction
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solution import Status
 from graspless_pin.solvers import Answer, Outcome
@@ -29,15 +30,26 @@ from graspless_pin.solvers import Answer, Outcome
 _GUESS_EVERY = 8
 """A mode is guessed at the first conflict and at each so many after it."""
 _GUESSES = 3
+_FORESEE_FROM = 8
+"""Nodes after which it pays to ask what each contact could still do, where few motions are left."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Node:
-    """A box of friction components and the sign pairs fixed so far."""
+    """A box of friction components, and what is presumed of the modes in it.
+
+    Attributes:
+        lb: (n,) lower bounds of the variables.
+        ub: (n,) upper bounds.
+        decided: Sign pairs fixed so far.
+        decisions: Contacts selected and released, and signs.
+        depth: How many branches led here.
+    """
 
     lb: FloatArray
     ub: FloatArray
     decided: dict[int, SignPair]
+    decisions: Decisions
     depth: int
 
 
@@ -59,8 +71,10 @@ def branch_and_bound(
         return SearchResult(Status.UNVERIFIED if failed else Status.INFEASIBLE_FORCES, state)
     program = state.formulation.program
     queue = _Queue()
+    count = state.formulation.problem.contact_count
+    root = _Node(program.lb, program.ub, {}, Decisions.none(count), 0)
     if not state.closed(answer.bound):
-        queue.add(answer.bound, _children(state, _Node(program.lb, program.ub, {}, 0), answer))
+        queue.add(answer.bound, _children(state, root, answer))
     # The lowest bound of the nodes that were left without being split: no optimum lies below it.
     left = np.inf if queue.nodes else answer.bound
     while queue.nodes:
@@ -70,6 +84,9 @@ def branch_and_bound(
             return finished(state)
         if (node_limit is not None and state.nodes >= node_limit) or time.monotonic() > deadline:
             return finished(state, interrupted=True)
+        node = _drawn(state, node)
+        if node is None:
+            continue
         answer = state.solve(node.lb, node.ub)
         state.nodes += 1
         if answer.outcome is Outcome.FAILED:
@@ -96,12 +113,17 @@ class _Queue:
 
     def __init__(self) -> None:
         self.nodes: list[tuple[float, int, int, _Node]] = []
-        self._seen: set[tuple[bytes, bytes, tuple[tuple[int, SignPair], ...]]] = set()
+        self._seen: set[tuple[object, ...]] = set()
 
     def add(self, bound: float, children: list[_Node]) -> None:
         """Add the children of a node with its bound."""
         for child in children:
-            key = (child.lb.tobytes(), child.ub.tobytes(), tuple(sorted(child.decided.items())))
+            key = (
+                child.lb.tobytes(),
+                child.ub.tobytes(),
+                tuple(sorted(child.decided.items())),
+                child.decisions.key,
+            )
             if key not in self._seen:
                 self._seen.add(key)
                 heapq.heappush(self.nodes, (bound, -child.depth, -len(self._seen), child))
@@ -135,35 +157,88 @@ def _children(state: SearchState, node: _Node, answer: Answer) -> list[_Node]:
         if state.closed(answer.bound):
             return []
     if isinstance(verdict, Conflict):
-        return _resolving(state, node, verdict)
+        return _resolving(state, node, verdict, answer.x)
     if isinstance(verdict, Opposition):
-        columns = state.formulation.friction_columns(verdict.contact)[:, verdict.component]
-        return [_signed(node, columns, 1), _signed(node, columns, -1)]
+        ways = [_turned(state, node, verdict.contact, verdict.component, way) for way in (1, -1)]
+        return [child for child in ways if child is not None]
     if isinstance(verdict, SlidingMode) and state.accept(answer, verdict):
         return []
     return _deciding(state, node, answer)
 
 
-def _resolving(state: SearchState, node: _Node, conflict: Conflict) -> list[_Node]:
-    """Children that each take one item out of a conflict."""
+def _resolving(state: SearchState, node: _Node, conflict: Conflict, x: FloatArray) -> list[_Node]:
+    """Children that each take one item out of a conflict.
+
+    A child presumes that the items before its own stay as they are, so that no two overlap.
+    """
     has_cone = state.formulation.problem.has_cone
-    children = []
-    released: set[int] = set()
-    rest = node
-    for contact, component, sign in conflict.signs:
-        if not has_cone[contact]:
-            continue
-        if contact in node.decided:
-            released.add(contact)
-            continue
-        columns = state.formulation.friction_columns(contact)[:, component]
-        # The virtual sliding has this sign because the friction has the other one: flip it here,
-        # and keep it in the children that follow, so that they do not overlap.
-        children.append(_signed(rest, columns, sign))
-        rest = replace(_signed(rest, columns, -sign), depth=node.depth)
+    signs = [item for item in conflict.signs if has_cone[item[0]]]
+    released = {contact for contact, _, _ in signs if contact in node.decided}
     released.update(contact for contact in conflict.contacts if has_cone[contact])
-    children.extend(_released(state, rest, contact) for contact in sorted(released))
-    return children
+    signs = [item for item in signs if item[0] not in node.decided]
+    # First what can only be flipped, then the largest friction: those children are worst.
+    size = _friction(state, x)
+    signs.sort(key=lambda item: (not node.decisions.selected[item[0]], -size[item[0], item[1]]))
+    children: list[_Node | None] = []
+    rest: _Node | None = node
+    for contact, component, sign in signs:
+        if rest is None:
+            break
+        # The virtual sliding has this sign because the friction has the other one: flip it here.
+        children.append(_turned(state, rest, contact, component, -sign))
+        kept = rest.decisions.sign(contact, component, sign)
+        rest = _presuming(rest, kept and kept.select(contact))
+    for contact in sorted(released):
+        if rest is None:
+            break
+        children.append(_presuming(rest, rest.decisions.release(contact)))
+        rest = _presuming(rest, rest.decisions.select(contact))
+    return [replace(child, depth=node.depth + 1) for child in children if child is not None]
+
+
+def _friction(state: SearchState, x: FloatArray) -> FloatArray:
+    """(M, 2) size of the friction components."""
+    size = np.zeros((state.formulation.problem.contact_count, 2))
+    size[state.formulation.cone_index] = np.abs(x[state.formulation.cone_columns]).max(axis=0)
+    return size
+
+
+def _presuming(node: _Node, decisions: Decisions | None) -> _Node | None:
+    """The node with other decisions, None if they contradict each other."""
+    return None if decisions is None else replace(node, decisions=decisions)
+
+
+def _turned(
+    state: SearchState, node: _Node, contact: int, component: int, sign: int
+) -> _Node | None:
+    """The child in which a contact, if selected, slides one way along a tangent."""
+    if state.rules.sign is not SignRule.EXACT:
+        child = _presuming(node, node.decisions.sign(contact, component, sign))
+        return child and replace(child, depth=node.depth + 1)
+    # There the sliding may be zero as well, which is no sign.
+    return _signed(node, state.formulation.friction_columns(contact)[:, component], -sign)
+
+
+def _drawn(state: SearchState, node: _Node) -> _Node | None:
+    """The node with all that follows from its decisions, None if no mode is left in it."""
+    if state.rules.static_friction is StaticFriction.COULOMB:
+        return node
+    problem = state.formulation.problem
+    few_motions = 6 + problem.joint_count <= problem.contact_count
+    foresee = few_motions and state.nodes >= _FORESEE_FROM
+    decisions = state.consequences.draw(node.decisions, foresee=foresee)
+    if decisions is None:
+        return None
+    lb, ub = node.lb.copy(), node.ub.copy()
+    cones = state.formulation.cone_index
+    released, signs = decisions.released[cones, None], decisions.signs[cones]
+    # Friction is opposite to the virtual sliding, and vanishes without.
+    high, low = released | (signs > 0), released | (signs < 0)
+    for columns in state.formulation.cone_columns:
+        ub[columns[high]] = np.minimum(ub[columns[high]], 0.0)
+        lb[columns[low]] = np.maximum(lb[columns[low]], 0.0)
+    decided = {key: pair for key, pair in node.decided.items() if not decisions.released[key]}
+    return _Node(lb, ub, decided, decisions, node.depth)
 
 
 def _signed(node: _Node, columns: NDArray[np.int_], sign: int) -> _Node:
@@ -173,16 +248,7 @@ def _signed(node: _Node, columns: NDArray[np.int_], sign: int) -> _Node:
         lb[columns] = np.maximum(lb[columns], 0.0)
     else:
         ub[columns] = np.minimum(ub[columns], 0.0)
-    return _Node(lb, ub, node.decided, node.depth + 1)
-
-
-def _released(state: SearchState, node: _Node, contact: int) -> _Node:
-    """The child in which a contact has no friction."""
-    lb, ub = node.lb.copy(), node.ub.copy()
-    columns = state.formulation.friction_columns(contact)
-    lb[columns] = ub[columns] = 0.0
-    decided = {key: pair for key, pair in node.decided.items() if key != contact}
-    return _Node(lb, ub, decided, node.depth + 1)
+    return _Node(lb, ub, node.decided, node.decisions, node.depth + 1)
 
 
 def _deciding(state: SearchState, node: _Node, answer: Answer) -> list[_Node]:
@@ -198,13 +264,17 @@ def _deciding(state: SearchState, node: _Node, answer: Answer) -> list[_Node]:
         return []
     contact = max(size, key=lambda candidate: size[candidate])
     columns = formulation.friction_columns(contact)
-    children = [_released(state, node, contact)]
+    children = [_presuming(node, node.decisions.release(contact))]
     for pair in sign_pairs(state.rules.sign):
-        child = node
+        decisions: Decisions | None = node.decisions.select(contact)
         for component, sign in enumerate(pair):
-            # Friction is opposite to the virtual sliding, and vanishes along a zero component.
-            for way in {0: (1, -1), 1: (-1,), -1: (1,)}[sign]:
-                child = _signed(child, columns[:, component], way)
-        decided = {**node.decided, contact: pair}
-        children.append(replace(child, decided=decided, depth=node.depth + 1))
-    return children
+            if sign and decisions is not None:
+                decisions = decisions.sign(contact, component, sign)
+        child = _presuming(node, decisions)
+        if child is not None:
+            for component in np.flatnonzero(np.array(pair) == 0):
+                # Friction vanishes along a zero component.
+                for way in (1, -1):
+                    child = _signed(child, columns[:, component], way)
+            children.append(replace(child, decided={**node.decided, contact: pair}))
+    return [replace(child, depth=node.depth + 1) for child in children if child is not None]

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from graspless_pin.algorithms.formulation import Formulation
 from graspless_pin.algorithms.friction_modes import ModeReader
+from graspless_pin.modes.consequences import Consequences
 from graspless_pin.modes.kinematics import Conflict, Requirement
 from graspless_pin.modes.rules import Rules, SlidingMode
 from graspless_pin.problem.checks import FloatArray
@@ -55,6 +57,15 @@ class SearchState:
     def __post_init__(self) -> None:
         """Make the reader."""
         self.reader = ModeReader(self.formulation, self.rules)
+
+    @cached_property
+    def consequences(self) -> Consequences:
+        """What follows from decisions, shared by all searches of the problem."""
+        problem = self.formulation.problem
+        known: dict[Rules, Consequences] = problem.scratch.setdefault("consequences", {})
+        if self.rules not in known:
+            known[self.rules] = Consequences(problem, self.formulation.kinematics, self.rules)
+        return known[self.rules]
 
     @property
     def best_value(self) -> float:

@@ -162,6 +162,23 @@ class VirtualKinematics:
         contacts, signs = _split(requirements)
         return self._combine(contacts, signs, rule)[3] > 0.0
 
+    def witness(self, requirements: Sequence[Requirement], rule: SignRule) -> FloatArray | None:
+        """Velocities (M, 3) along n, t1, t2 of a motion that meets the requirements, or None.
+
+        Without conflicts named and without the nudge of `Witness.velocities`.
+        """
+        contacts, signs = _split(requirements)
+        touching, moving, weights, slack = self._combine(contacts, signs, rule)
+        if slack <= 0.0:
+            return None
+        velocities: FloatArray = self.rows @ (touching.basis @ (weights @ moving))
+        return velocities
+
+    def touching_basis(self, contacts: tuple[int, ...]) -> FloatArray:
+        """(6 + L, d) orthonormal basis of the motions that leave contacts touching."""
+        signs = np.zeros((len(contacts), 2), dtype=int)
+        return self._touching_motions(contacts, signs, SignRule.STRICT).basis
+
     def glimpse(self, contacts: tuple[int, ...], signs: FloatArray) -> FloatArray | None:
         """Look for a witness without a search, among the motions nearest to wanted slidings.
 
@@ -253,12 +270,15 @@ class VirtualKinematics:
         system[-1] = strictness
         target = np.zeros(len(system))
         target[-1] = 1.0
-        if importance is None or rule is SignRule.NONZERO:
-            weights, _ = nnls(system, target)
-        else:
+        scale = np.ones(len(moving))
+        if importance is not None and rule is not SignRule.NONZERO:
             # The algorithm takes the steepest rows first, so rows that are made longer go first.
             scale = importance[signs != 0]
+        try:
             weights = scale * nnls(system * scale, target)[0]
+        except RuntimeError:  # too many iterations, seen on degenerate rows
+            weights, slack = _by_linear_program(moving, strictness)
+            return touching, moving, weights, slack
         residual = target - system @ weights
         slack = float(residual @ residual)
         # The solver is not believed: a vanishing residual proves itself, and so does one on whose
@@ -315,8 +335,12 @@ class VirtualKinematics:
             for position, component in np.argwhere(share)
         )
         # The rest of the combination is carried by rows that vanish: a basic solution names few.
-        reactions, _ = nnls(np.hstack([still.T, -still.T]), -(weights @ moving))
-        reactions = np.abs(reactions[: len(still)] - reactions[len(still) :])
+        rest = -(weights @ moving)
+        try:
+            reactions, _ = nnls(np.hstack([still.T, -still.T]), rest)
+            reactions = np.abs(reactions[: len(still)] - reactions[len(still) :])
+        except RuntimeError:
+            reactions = np.abs(np.linalg.lstsq(still.T, rest)[0])
         owners = list(contacts)
         if rule is SignRule.EXACT:
             owners += [contacts[index // 2] for index in np.flatnonzero(signs.ravel() == 0)]
