@@ -46,9 +46,11 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         "infeasible": case_of_scene(sliding, sliding.solve(sliding_rule="constrained")),
         "arrays": case_of_document(json.loads(json.dumps(solution_document(arrays)))),
     }
+    arm = load_scene(EXAMPLES / "panda_arm_drag_board.yaml")
+    cases["arm"] = case_of_scene(arm, arm.solve())
     files = {name: folder / f"{name}.html" for name in cases}
     for name, case in cases.items():
-        files[name].write_text(report_html(case), encoding="utf-8")
+        files[name].write_text(report_html(case, ranges=name != "arm"), encoding="utf-8")
     return files
 
 
@@ -156,9 +158,10 @@ def test_arrows_and_cones_start_at_the_contacts(opened: Opened):
             assert far.max() < 12.0
 
 
-def test_nothing_of_the_scene_is_cut_off(opened: Opened):
+@pytest.mark.parametrize("name", ["allegro", "infeasible", "arm"])
+def test_nothing_of_the_scene_is_cut_off(opened: Opened, name: str):
     """At first sight hand, object, slope and arrows are whole inside the view, and fill it."""
-    page = opened("allegro")
+    page = opened(name)
     values = [box.get_attribute("value") for box in page.locator("#view input").all()]
     show_only(page, *(value for value in values if value not in ("labels", None)))
     pixels = drawing(page)

@@ -104,7 +104,7 @@ def test_the_page_shows_what_the_library_computes(allegro, opened):
     settled(page, allegro.solve().margin)
     text = page.locator("#graspless-torques").inner_text()
     for torque in allegro.solve().torques:
-        assert f"{torque:+.4f}" in text
+        assert f"{torque.round(4) + 0.0:+.4f}" in text
 
 
 def test_a_slider_moved_in_the_page_changes_the_margin(allegro, opened):

@@ -117,9 +117,9 @@ def result_of(words: list[str]) -> tuple[int, str]:
 
 def check_requirement(text: str) -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    match = re.fullmatch(r"([\w-]+)(?:\[([\w,]+)\])?", text)
+    match = re.fullmatch(r"(\.|[\w-]+)(?:\[([\w,]+)\])?", text)
     assert match, text
-    assert match[1] == project["name"]
+    assert match[1] in (".", project["name"])
     assert set((match[2] or "dev").split(",")) <= set(project["optional-dependencies"])
 
 

@@ -15,6 +15,7 @@ from graspless_pin.picture import (
     draw_bodies,
     draw_contacts,
     draw_scene,
+    framing,
 )
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.scene import Scene, load_scene
@@ -229,3 +230,25 @@ def test_colours_are_complete_and_differ(palette):
     for role in (Role.NORMAL_FORCE, Role.FRICTION_FORCE, Role.FRICTION_AT_LIMIT):
         assert contrast(palette.roles[role], palette.background) > 3.0, role
     assert palette.rgb(Role.CONTACT) == tuple(bytes.fromhex(palette.roles[Role.CONTACT][1:]))
+
+
+EVERY_SCENE = sorted([*EXAMPLES.glob("*.yaml"), *EXAMPLES.glob("paper/*.yaml")])
+
+
+@pytest.mark.parametrize("file", EVERY_SCENE, ids=lambda file: file.stem)
+def test_nothing_is_cut_off_at_first_sight(file: Path):
+    """Every corner of every mesh falls inside the frame, and some come close to its rim."""
+    scene = load_scene(file)
+    picture = draw_scene(scene, scene.solve())
+    corners = np.vstack([mesh.vertices for mesh in picture.meshes])
+    for aspect in (0.75, 1.6):
+        center, distance = framing(picture, 0.7, aspect)
+        right = np.cross(picture.up, picture.view_from)
+        right /= np.linalg.norm(right)
+        away = corners - (center + distance * picture.view_from)
+        depth = -away @ picture.view_from
+        assert depth.min() > 0.0
+        across = np.abs(away @ right) / (depth * aspect)
+        along = np.abs(away @ np.cross(picture.view_from, right)) / depth
+        reach = np.maximum(across, along).max() / np.tan(0.35)
+        assert 0.9 < reach < 1.0

@@ -215,8 +215,26 @@ def test_readings_hold_the_figures_and_no_markup_of_the_scene(allegro):
         allegro.hand.actuated_joint_names, result.solution.torques, strict=True
     ):
         assert f">{name}<" in bars
-        assert f"{torque:+.4f}" in bars
+        assert f"{torque.round(4) + 0.0:+.4f}" in bars
     assert all(role.label in legend_html(Role, dark=True) for role in Role)
     hostile = evaluate(allegro, Settings(Algorithm.MARGIN, 0.1, {"<script>": 1.0}))
     assert "<script>" not in result_html(hostile, None, dark=False)
     assert "&lt;script&gt;" in result_html(hostile, None, dark=False)
+
+
+def test_no_torque_is_minus_nothing():
+    scene = load_scene(EXAMPLES / "allegro_tumble_box.yaml")
+    result = evaluate(scene, initial_settings(scene))
+    assert result.solution is not None
+    torques = result.solution.torques
+    assert ((torques < 0.0) & (torques > -5e-5)).any()  # what rounds to -0.0000
+    assert "-0.0000" not in torque_html(result, dark=False)
+
+
+def test_the_largest_torque_has_the_unit_of_its_joint(allegro):
+    linear = load_scene(EXAMPLES / "panda_slide_cuboid_up_slope.yaml")
+    for scene, unit in ((allegro, "N m"), (linear, "N")):
+        result = evaluate(scene, initial_settings(scene))
+        assert result.torque_unit == unit
+        shown = result_html(result, None, dark=False)
+        assert f"</b> {unit}</span>" in shown.partition("max torque")[2]

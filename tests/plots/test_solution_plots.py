@@ -1,5 +1,7 @@
 """What is drawn of a solution is what the solution says."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
@@ -12,6 +14,7 @@ from graspless_pin import (
     QuasistaticProblem,
     TorqueSolution,
     contact_force_bounds,
+    load_scene,
     maximize_margin,
     minimize_torque,
 )
@@ -20,6 +23,7 @@ from graspless_pin.picture import LIGHT, Role
 from graspless_pin.plots import friction_section, normal_force_ranges, torque_bars
 from graspless_pin.plots.cones import section_corners
 
+PAPER = Path(__file__).resolve().parents[2] / "examples" / "paper"
 BLOCK = {
     "positions": [[0, -0.05, 0], [0, 0.05, 0], [0, 0, -0.05]],
     "normals": [[0, 1, 0], [0, -1, 0], [0, 0, 1]],
@@ -169,3 +173,16 @@ def test_an_unbounded_force_ends_in_an_arrow():
     arrows = next(line for line in axes.lines if line.get_label() == "unbounded")
     np.testing.assert_allclose(np.asarray(arrows.get_ydata(), dtype=float), [0, 1, 2])
     assert np.isfinite(np.asarray(arrows.get_xdata(), dtype=float)).all()
+
+
+@pytest.mark.parametrize("name", ["cuboid_sliding_up", "sphere_on_slope"])
+def test_marks_and_dots_stand_clear_of_the_ends(name: str):
+    """A determined force at either end is seen whole, and the axis begins at zero."""
+    solution = load_scene(PAPER / f"{name}.yaml").solve()
+    bounds = contact_force_bounds(solution.problem, solution.torques)
+    axes = normal_force_ranges(bounds, solution)
+    left, right = axes.get_xlim()
+    assert -0.1 * right < left < 0.0
+    top = bounds.upper[:, 0].max()
+    assert bounds.lower[:, 0].max() == pytest.approx(top)  # determined, and the rightmost
+    assert right > 1.1 * top

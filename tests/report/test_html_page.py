@@ -20,10 +20,11 @@ from report_cases import (
 )
 
 from graspless_pin import contact_force_bounds, maximize_margin
-from graspless_pin.errors import ArgumentError, GrasplessPinError
+from graspless_pin.errors import ArgumentError, GrasplessPinError, NoSolutionError
 from graspless_pin.picture import Role
 from graspless_pin.report import solution_document
-from graspless_pin.report.html import case_of_document, case_of_scene, report_html
+from graspless_pin.report.html import case_of_document, case_of_scene, ranges, report_html
+from graspless_pin.report.html.ranges import bounds_within
 
 
 def number(text: str) -> float:
@@ -279,3 +280,27 @@ def test_without_the_extra(monkeypatch, module, allegro):
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(GrasplessPinError, match=r"pip install 'graspless-pin\[report\]'"):
         report_html(case)
+
+
+def test_ranges_that_take_too_long_are_left_out(allegro):
+    scene, solution, _ = allegro
+    page = read_html(report_html(case_of_scene(scene, solution), ranges_time=0.01))
+    words = page.section("ranges").text
+    assert "No ranges: working them out was ended after 0.01 s" in words
+    assert "--ranges-time" in words
+    assert not page.section("ranges").all("table")
+
+
+def test_ranges_within_their_time_are_the_same():
+    _, solution = solved(SLIDING)
+    here, apart = (bounds_within(solution, seconds) for seconds in (None, 60.0))
+    np.testing.assert_array_equal(apart.lower, here.lower)
+    np.testing.assert_array_equal(apart.upper, here.upper)
+    assert apart.status is here.status
+
+
+def test_a_search_that_fails_elsewhere_fails_here(monkeypatch):
+    _, solution = solved(SLIDING)
+    monkeypatch.setattr(ranges, "_PROGRAM", "raise SystemExit(3)")
+    with pytest.raises(NoSolutionError, match="exit status 3"):
+        bounds_within(solution, 60.0)

@@ -1,10 +1,26 @@
 """Results as notebooks show them."""
 
+import re
+
 import numpy as np
 import pytest
-from report_cases import AT_REST, SLIDING, pinched_block, read_html, solved
+from report_cases import (
+    ALLEGRO,
+    AT_REST,
+    SLIDING,
+    pinched_block,
+    read_html,
+    solved,
+    through_json,
+)
 
-from graspless_pin import compare_rules, contact_force_bounds, maximize_margin
+from graspless_pin import (
+    compare_rules,
+    contact_force_bounds,
+    maximize_margin,
+    minimize_torque,
+)
+from graspless_pin.report.verify import verify_document
 
 
 def test_a_solution_has_its_tables():
@@ -29,6 +45,16 @@ def test_an_infeasible_one_says_why():
     assert not shown.all("table")
     for line in solution.explanation.splitlines():
         assert line in shown.text
+
+
+def test_zero_reads_as_zero():
+    """Neither the rounding of zero nor a minus before it."""
+    solution = minimize_torque(pinched_block(), margin=0.0)
+    assert 0.0 < abs(solution.margin) < 1e-8
+    assert "margin e = 0 N, max |torque| = " in str(solution)
+    solution = solved(ALLEGRO, "torque", margin=0.4)[1]
+    shown = f"{solution}\n{verify_document(through_json(solution))}"
+    assert not re.search(r"-0(\.0+)?(e[+-]00)?(?![.\d])", shown)
 
 
 def test_names_are_escaped():

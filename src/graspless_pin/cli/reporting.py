@@ -29,6 +29,12 @@ def report(
         bool,
         typer.Option(help="Compute the force ranges: minutes where many contacts stick."),
     ] = True,
+    ranges_time: Annotated[
+        float,
+        typer.Option(
+            min=0.0, metavar="SECONDS", help="Leave the force ranges out if they take longer."
+        ),
+    ] = 60.0,
 ) -> None:
     """Write a solution as one HTML page that fetches nothing: 3-D view, torques, contacts, proof.
 
@@ -38,11 +44,11 @@ def report(
     """
     with plain_errors():
         case = _case(source)
-        page = report_html(case, ranges=ranges)
         try:
             output.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise SceneError(f"{output.parent}: cannot be made ({error.strerror})") from error
+        page = report_html(case, ranges=ranges, ranges_time=ranges_time)
         write_text(page, output, kind="report")
         if str(output) != "-":
             typer.echo(f"wrote {output} ({len(page.encode()) / 1e6:.1f} MB)")

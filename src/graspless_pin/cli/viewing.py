@@ -25,7 +25,7 @@ def view(
     """Show a scene on an interactive page until it is interrupted (Ctrl-C)."""
     with plain_errors():
         viewer = show(load_scene(scene), host=host, port=port, open_browser=not no_open)
-    typer.echo(f"{viewer.url} (Ctrl-C ends it)")
     with contextlib.suppress(KeyboardInterrupt):
+        typer.echo(f"{viewer.url} (Ctrl-C ends it)")
         viewer.wait()
     viewer.stop()

@@ -11,8 +11,9 @@ from graspless_pin.problem.checks import FloatArray, read_only
 
 _FORWARD, _HEIGHT = 0.35, 0.5
 _TOO_SHORT = 1e-9
-# Of an arm's far links, only what is nearer to the middle than this is framed, in radii.
-_FRAMED = 1.5
+# Of an arm's far links, only what is nearer to the middle than this is framed, in radii; the slab
+# of a half-space, 1.3 of the object's radii to each side, lies within.
+_FRAMED = 2.3
 _ROOM = 1.08
 
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 _BAR = 0.5
 _BEYOND = 1.15
+_ROOM = 0.02
 
 
 def normal_force_ranges(
@@ -56,6 +57,8 @@ def normal_force_ranges(
         axes.plot(normal, rows, "o", color=LIGHT.text, markersize=5, label="the solution's")
     axes.set_yticks(rows, [f"contact {row}" for row in rows])
     axes.set_ylim(len(rows) - 0.4, -0.6)
+    # From zero, and so that a bar or mark at the right end is seen whole.
+    axes.set_xlim(-_ROOM * edge, (1.0 + _ROOM) * edge)
     axes.set_xlabel("normal force $f_n$ [N]")
     axes.grid(axis="x", alpha=0.25)
     axes.set_axisbelow(True)

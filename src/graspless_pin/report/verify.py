@@ -117,7 +117,7 @@ class _Checker:
         return Verification(tuple(checks))
 
     def _small(self, name: str, value: float, unit: str, tolerance: float) -> Check:
-        return Check(name, bool(value <= tolerance), f"{value:.2e} {unit}")
+        return Check(name, bool(value <= tolerance), f"{value + 0.0:.2e} {unit}")
 
     def _frames(self) -> Check:
         frames = np.concatenate([self.n[:, None], self.t], axis=1)

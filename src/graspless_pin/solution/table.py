@@ -73,7 +73,8 @@ def headline(solution: TorqueSolution) -> str:
         what = f"Algorithm 2, smallest torque at margin {solution.required_margin:g} N"
     return (
         f"{what}: {solution.status.message}\n"
-        f"margin e = {solution.margin:.6g} N, max |torque| = {solution.max_torque:.6g} N m"
+        f"margin e = {_figure(solution.margin)} N, "
+        f"max |torque| = {_figure(solution.max_torque)} N m"
     )
 
 
@@ -104,6 +105,11 @@ def _plain(values: np.ndarray) -> np.ndarray:
     return np.round(values, 4) + 0.0
 
 
+def _figure(value: float) -> str:
+    """Six digits of a force or torque; what is below 1e-8 is the rounding of zero."""
+    return f"{round(value, 8) + 0.0:.6g}"
+
+
 def contact_table(solution: TorqueSolution, bodies: Sequence[str] | None) -> str:
     """Return the contacts: point, normal force, friction and its use, state, virtual sliding."""
     rows, headers = _contact_rows(solution, bodies)
@@ -116,7 +122,7 @@ def _contact_rows(
 ) -> tuple[list[list[Any]], list[str]]:
     problem = solution.problem
     forces, mode = solution.contact_forces, solution.mode
-    normal = np.einsum("ij,ij->i", problem.normals, forces)
+    normal = _plain(np.einsum("ij,ij->i", problem.normals, forces))
     use = friction_use(solution)
     tokens = str(mode).split(" ")
     rows = []
@@ -188,8 +194,8 @@ def certificate_text(solution: TorqueSolution) -> str:
     if solution.found:
         lines.append(
             f"certificate: primal residual {proof.primal_residual:.1e}, duality gap "
-            f"{proof.duality_gap:.1e} (scaled); proven bound {proof.bound:.6g} {unit}, gap "
-            f"{proof.gap:.1e} {unit}"
+            f"{proof.duality_gap:.1e} (scaled); proven bound {_figure(proof.bound)} {unit}, gap "
+            f"{proof.gap + 0.0:.1e} {unit}"
         )
     elif proof.infeasibility > 0.0:
         lines.append(

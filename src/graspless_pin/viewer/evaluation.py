@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from graspless_pin.errors import GrasplessPinError, GrasplessPinWarning
 from graspless_pin.picture import Picture, draw_bodies, draw_scene
 from graspless_pin.scene import Scene
@@ -48,6 +50,16 @@ class Evaluation:
     solution: TorqueSolution | None
     picture: Picture
     reason: str
+
+    @property
+    def torque_unit(self) -> str:
+        """Unit of the largest torque: N where a linear joint, tendon or hybrid finger makes it."""
+        hand, solution = self.scene.hand, self.solution
+        if hand is None or solution is None or not len(solution.torques):
+            return "N m"
+        largest = solution.problem.joint_names[int(np.argmax(np.abs(solution.torques)))]
+        kinds = dict(zip(hand.joint_names, hand.tree.joint_kinds, strict=True))
+        return "N" if kinds.get(largest, "prismatic") == "prismatic" else "N m"
 
 
 def initial_settings(scene: Scene) -> Settings:

@@ -11,31 +11,24 @@ import webbrowser
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-from scipy.spatial.transform import Rotation
-
 from graspless_pin.errors import ArgumentError, GrasplessPinError
-from graspless_pin.picture import DARK, LIGHT, Mesh, Picture, Role, framing
+from graspless_pin.picture import Role
 from graspless_pin.scene import Scene
 from graspless_pin.solution import Algorithm
 from graspless_pin.viewer.controls import Control, controls_of
 from graspless_pin.viewer.evaluation import Evaluation, evaluate, initial_settings
 from graspless_pin.viewer.panels import legend_html, result_html, torque_html
+from graspless_pin.viewer.stage import HIDDEN_AT_FIRST, Stage
 
 DEFAULT_PORT = 8080
 
 _LAST_PORT = 65_000  # viser looks upward for a free one
 
-_ROOT = "/scene"
 _ALGORITHMS = {
     "1: largest margin": Algorithm.MARGIN,
     "2: smallest torque": Algorithm.TORQUE,
 }
-_HIDDEN_AT_FIRST = frozenset({Role.TOTAL_FORCE})
 _OPEN_GROUPS = ("Load",)
-_FIELD_OF_VIEW = 0.7  # rad, vertical
-_ASPECT = 0.75  # of what lies between the panels on a screen of 1280 x 800
-_AMBIENT = 1.6
 _RESULT_WIDTH = 330  # px
 _log = logging.getLogger(__name__)
 
@@ -114,7 +107,7 @@ class Viewer:
         self._settings = initial_settings(scene)
         self._initial = evaluate(scene, self._settings)
         self._shown = self._initial
-        self._meshes: dict[str, tuple[Mesh, Any]] = {}
+        self._stage = Stage(server, self._initial.picture, dark=dark)
         self._changed = threading.Condition()
         self._waiting = False
         self._stopped = threading.Event()
@@ -144,20 +137,8 @@ class Viewer:
             self._server.stop()
 
     def _build(self) -> None:
-        """Lay out panels, controls, light and camera."""
-        server, picture = self._server, self._initial.picture
-        gui = server.gui
-        self._layers = {
-            role: server.scene.add_frame(
-                f"{_ROOT}/{role}", show_axes=False, visible=role not in _HIDDEN_AT_FIRST
-            )
-            for role in Role
-        }
-        self._root = server.scene.add_frame(_ROOT, show_axes=False)
-        server.scene.set_up_direction(picture.up)
-        server.scene.configure_environment_map(None)
-        server.scene.add_light_ambient("/ambient light", intensity=_AMBIENT)
-        _aim(server.initial_camera, picture)
+        """Lay out panels and controls."""
+        gui = self._server.gui
         results = gui.add_panel()
         with results.add_tab("Result"):
             self._result = gui.add_html("")
@@ -175,11 +156,11 @@ class Viewer:
         self._set_mode()
 
     def _add_layer_box(self, role: Role) -> None:
-        box = self._server.gui.add_checkbox(role.label, role not in _HIDDEN_AT_FIRST)
+        box = self._server.gui.add_checkbox(role.label, role not in HIDDEN_AT_FIRST)
 
         @box.on_update
         def _(_event: Any) -> None:
-            self._layers[role].visible = box.value
+            self._stage.show_layer(role, visible=box.value)
 
     def _add_controls(self) -> None:
         gui, settings = self._server.gui, self._settings
@@ -265,7 +246,7 @@ class Viewer:
         """Bring meshes and readings up to date."""
         self._shown = result
         with self._server.atomic():
-            self._draw(result.picture)
+            self._stage.draw(result.picture)
             self._write()
         self._server.flush()
 
@@ -278,71 +259,14 @@ class Viewer:
         self._torques.content = torque_html(shown, dark=self._dark)
         self._legend.content = legend_html(Role, dark=self._dark)
 
-    def _draw(self, picture: Picture) -> None:
-        """Send the meshes that are new or have changed and remove those that are gone."""
-        names = {_node(mesh): mesh for mesh in picture.meshes}
-        for name in [name for name in self._meshes if name not in names]:
-            self._meshes.pop(name)[1].remove()
-        for name, mesh in names.items():
-            if name not in self._meshes or not _same_faces(self._meshes[name][0], mesh):
-                self._meshes[name] = (mesh, self._add_mesh(name, mesh))
-                continue
-            before, handle = self._meshes[name]
-            if not np.array_equal(before.vertices, mesh.vertices):
-                handle.vertices = mesh.vertices.astype(np.float32)
-                self._meshes[name] = (mesh, handle)
-        self._tilt(picture)
-
-    def _tilt(self, picture: Picture) -> None:
-        """Turn all that is drawn about its middle so that up stays up on the page."""
-        first = self._initial.picture
-        turn = Rotation.align_vectors(first.up[None], picture.up[None])[0]
-        self._root.wxyz = turn.as_quat(scalar_first=True)
-        self._root.position = first.center - turn.as_matrix() @ first.center
-
-    def _add_mesh(self, name: str, mesh: Mesh) -> Any:
-        palette = DARK if self._dark else LIGHT
-        return self._server.scene.add_mesh_simple(
-            name,
-            mesh.vertices.astype(np.float32),
-            mesh.faces.astype(np.uint32),
-            color=palette.rgb(mesh.role),
-            opacity=mesh.opacity if mesh.opacity < 1.0 else None,
-            flat_shading=True,
-            side="double",
-            cast_shadow=False,
-            receive_shadow=False,
-        )
-
     def _switch_mode(self) -> None:
         """Follow the box of the dark page."""
         self._dark = self._dark_box.value
         self._set_mode()
-        palette = DARK if self._dark else LIGHT
-        for mesh, handle in list(self._meshes.values()):
-            handle.color = palette.rgb(mesh.role)
+        self._stage.set_dark(dark=self._dark)
         self._write()
 
     def _set_mode(self) -> None:
         self._server.gui.configure_theme(
             dark_mode=self._dark, show_logo=False, show_share_button=False, control_width="medium"
         )
-
-
-def _node(mesh: Mesh) -> str:
-    """Name of a mesh on the page: links of prefixed robots have slashes of their own."""
-    return f"{_ROOT}/{mesh.role}/{mesh.name.replace('/', ' ')}"
-
-
-def _same_faces(first: Mesh, second: Mesh) -> bool:
-    return first.faces is second.faces or np.array_equal(first.faces, second.faces)
-
-
-def _aim(camera: Any, picture: Picture) -> None:
-    """Look at what matters, all of it."""
-    center, distance = framing(picture, _FIELD_OF_VIEW, _ASPECT)
-    camera.fov = _FIELD_OF_VIEW
-    camera.position = center + distance * picture.view_from
-    camera.look_at = center
-    camera.near = 0.01 * distance
-    camera.far = 100.0 * distance

@@ -13,7 +13,9 @@ from graspless_pin.solution.table import limit_shares
 from graspless_pin.viewer.evaluation import Evaluation
 
 _FULL = 0.999
-_TEXT = "font-size:13px;line-height:1.4;padding:0 6px;overflow-wrap:anywhere"
+_DIGITS = 4
+# At the right there is room for the panel's scroll bar.
+_TEXT = "font-size:13px;line-height:1.4;padding:0 14px 0 6px;overflow-wrap:anywhere"
 _MUTED = "opacity:0.75"
 
 
@@ -46,7 +48,7 @@ def result_html(result: Evaluation, as_loaded: TorqueSolution | None, *, dark: b
     )
     torque = _reading(
         "max torque",
-        "N m",
+        result.torque_unit,
         solution.max_torque,
         before and before.max_torque,
         roles[Role.NORMAL_FORCE],
@@ -69,7 +71,7 @@ def torque_html(result: Evaluation, *, dark: bool) -> str:
     widest = max(solution.max_torque, 1e-9)
     rows = []
     for index, name in enumerate(problem.joint_names):
-        torque = float(solution.torques[index])
+        torque = float(np.round(solution.torques[index], _DIGITS)) + 0.0
         low, high = _axis(problem.lower_torque[index], problem.upper_torque[index], widest)
         full = np.isfinite(shares[index]) and shares[index] >= _FULL
         color = palette.roles[Role.FRICTION_AT_LIMIT if full else Role.NORMAL_FORCE]
@@ -78,8 +80,8 @@ def torque_html(result: Evaluation, *, dark: bool) -> str:
             f'align-items:center"><span style="white-space:nowrap;overflow:hidden;'
             f'text-overflow:ellipsis" title="{escape(name)}">{escape(name)}</span>'
             f"{_bar(torque, low, high, color)}"
-            f'<span style="text-align:right;font-variant-numeric:tabular-nums">{torque:+.4f}</span>'
-            "</div>"
+            '<span style="text-align:right;font-variant-numeric:tabular-nums">'
+            f"{torque:+.{_DIGITS}f}</span></div>"
         )
     return (
         f'<div id="graspless-torques" style="{_TEXT};line-height:1.5"><b>Torques</b>{"".join(rows)}'
@@ -102,14 +104,17 @@ def legend_html(roles: Iterable[Role], *, dark: bool) -> str:
 
 def _reading(label: str, unit: str, value: float, before: float | None, color: str) -> str:
     """A figure, its bar up to twice that of the unchanged scene, and that as a mark."""
+    value = round(value, _DIGITS) + 0.0
     top = max(2.0 * abs(before) if before else 0.0, abs(value), 1e-9)
-    compared = "" if before is None else f'<span style="{_MUTED}">as loaded {before:.4f}</span>'
+    compared = (
+        "" if before is None else f'<span style="{_MUTED}">as loaded {before:.{_DIGITS}f}</span>'
+    )
     mark = "" if before is None else _mark(before / top)
     return (
         '<div style="display:flex;flex-wrap:wrap;justify-content:space-between;'
         'align-items:baseline;column-gap:8px;white-space:nowrap">'
         f'<span>{escape(label)} <b style="font-size:17px;font-variant-numeric:tabular-nums">'
-        f"{value:.4f}</b> {escape(unit)}</span>{compared}</div>"
+        f"{value:.{_DIGITS}f}</b> {escape(unit)}</span>{compared}</div>"
         '<div style="position:relative;height:8px;margin:2px 0 6px;'
         'background:rgba(128,128,128,0.25)"><div style="position:absolute;left:0;top:0;bottom:0;'
         f'width:{100.0 * max(value, 0.0) / top:.2f}%;background:{color}"></div>{mark}</div>'

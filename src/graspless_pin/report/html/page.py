@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from graspless_pin.algorithms.force_bounds import contact_force_bounds
 from graspless_pin.errors import ArgumentError, GrasplessPinError, NoSolutionError
 from graspless_pin.picture import DARK, LIGHT, Role
 from graspless_pin.report.html.case import Case
 from graspless_pin.report.html.model import model_data
+from graspless_pin.report.html.ranges import bounds_within
 from graspless_pin.report.html.sections import (
     check_rows,
     contact_rows,
@@ -24,6 +24,7 @@ from graspless_pin.report.html.sections import (
     scene_in_words,
     torque_figure,
 )
+from graspless_pin.solution import TorqueSolution
 
 _FILES = Path(__file__).with_name("files")
 _SUGGESTION = "- "
@@ -32,13 +33,14 @@ _NO_RANGES = {"bounds": None, "no_bounds": "they were not asked for."}
 _HIDDEN_AT_FIRST = (Role.TOTAL_FORCE,)
 
 
-def report_html(case: Case, *, ranges: bool = True) -> str:
+def report_html(case: Case, *, ranges: bool = True, ranges_time: float | None = None) -> str:
     """Return a case as one HTML page that fetches nothing.
 
     Args:
         case: What the report is of.
         ranges: Whether to compute the force ranges: two searches for each force component, which
             can take minutes where many contacts stick.
+        ranges_time: Seconds after which the page is written without them; None: no limit.
 
     Raises:
         GrasplessPinError: If Jinja2 or matplotlib is not installed.
@@ -60,10 +62,12 @@ def report_html(case: Case, *, ranges: bool = True) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return environment.get_template("report.html").render(_context(case, ranges=ranges))
+    return environment.get_template("report.html").render(
+        _context(case, ranges=ranges, ranges_time=ranges_time)
+    )
 
 
-def _context(case: Case, *, ranges: bool) -> dict[str, Any]:
+def _context(case: Case, *, ranges: bool, ranges_time: float | None) -> dict[str, Any]:
     solution = case.solution
     problem, why = solution.problem, solution.explanation.splitlines()
     context: dict[str, Any] = {
@@ -92,17 +96,15 @@ def _context(case: Case, *, ranges: bool) -> dict[str, Any]:
             "torque_figure": torque_figure(solution) if problem.joint_count else "",
             "friction_figures": friction_figures(solution),
             "checks": _checks(case.document),
-            **(_ranges(solution) if ranges else _NO_RANGES),
+            **(_ranges(solution, ranges_time) if ranges else _NO_RANGES),
         }
     return context
 
 
-def _ranges(solution: Any) -> dict[str, Any]:
+def _ranges(solution: TorqueSolution, ranges_time: float | None) -> dict[str, Any]:
     """The force ranges of the solution's torques, or why there are none."""
     try:
-        bounds = contact_force_bounds(
-            solution.problem, solution.torques, **solution.rules.options()
-        )
+        bounds = bounds_within(solution, ranges_time)
     except NoSolutionError as error:
         return {"bounds": None, "no_bounds": str(error)}
     if not bounds.found:

@@ -42,8 +42,7 @@
       for (let i = 0; i < mesh.faces; i++, f += 3) mesh.triangles.push([faces[f], faces[f + 1], faces[f + 2]]);
       mesh.middle = add(mesh.low, mesh.size, 0.5);
       (parts[mesh.role] ||= []).push(mesh.middle);
-      const reach = (mesh.role === "support" ? 2.3 : 1.1) * model.radius;
-      near.push(...mesh.points.filter((point) => Math.hypot(...sub(point, model.center)) < reach));
+      near.push(...mesh.points.filter((point) => Math.hypot(...sub(point, model.center)) < 2.3 * model.radius));
     }
     for (const [role, all] of Object.entries(parts)) {
       middles[role] = all.reduce((sum, one) => add(sum, one, 1 / all.length), [0, 0, 0]);

@@ -1,0 +1,62 @@
+"""The documentation site in a real browser: both modes, nothing cut off, nothing fetched."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page
+
+ROOT = Path(__file__).resolve().parents[2]
+WIDTH = 1280
+BACKGROUND = "getComputedStyle(document.body).backgroundColor"
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The site, with links that work from disk."""
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--no-directory-urls"]
+    subprocess.run(  # noqa: S603 - our own command
+        [*command, "--site-dir", str(folder)],
+        cwd=ROOT,
+        env=os.environ | {"NO_MKDOCS_2_WARNING": "1"},
+        check=True,
+    )
+    return folder
+
+
+def test_the_site_follows_the_reader_into_the_dark_and_back(page: Page, site: Path):
+    shades = []
+    for scheme in ("light", "dark", "light"):
+        page.emulate_media(color_scheme=scheme)
+        page.goto((site / "index.html").as_uri())
+        shades.append(page.evaluate(BACKGROUND))
+    assert shades[0] == shades[2] == "rgb(255, 255, 255)"
+    dark = [int(part) for part in shades[1].removeprefix("rgb(").removesuffix(")").split(",")]
+    assert max(dark) < 60
+    page.get_by_title("Switch to the light page").click()
+    page.get_by_title("Switch to the dark page").click()
+    assert page.evaluate(BACKGROUND) == shades[1]
+    page.get_by_title("Follow the system").click()
+
+
+def test_tables_and_pages_fit_the_screen(page: Page, site: Path):
+    """Printed output and code may scroll in themselves."""
+    page.set_viewport_size({"width": WIDTH, "height": 800})
+    files = [file for file in sorted(site.glob("*.html")) if file.name != "404.html"]
+    assert len(files) > 20
+    for file in files:
+        page.goto(file.as_uri())
+        assert page.evaluate("document.documentElement.scrollWidth") <= WIDTH, file.name
+        wide = page.locator(".md-typeset__scrollwrap").evaluate_all(
+            "items => items.filter((item) => item.scrollWidth > item.clientWidth + 1).length"
+        )
+        assert wide == 0, file.name
+        smallest = page.locator("pre > code").evaluate_all(
+            "items => Math.min(99, ...items.map((i) => parseFloat(getComputedStyle(i).fontSize)))"
+        )
+        assert smallest >= 12.0, file.name
