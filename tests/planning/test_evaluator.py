@@ -2,7 +2,8 @@
 
 import pickle
 from collections import Counter
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
@@ -51,7 +52,7 @@ def test_it_equals_loading_and_solving(name, algorithm):
     evaluator = Evaluator(example(name), algorithm=algorithm, required_margin=0.05)
     rng = np.random.default_rng(3)
     seen = Counter()
-    for _ in range(8):
+    for _ in range(6):
         q = nearby(evaluator, rng, 0.004)
         named = dict(zip(evaluator.joint_names, q.tolist(), strict=True))
         T = shifted(evaluator.scene.object.T_world_object, rng.normal(0.0, 1e-4, 3))
@@ -59,7 +60,8 @@ def test_it_equals_loading_and_solving(name, algorithm):
         seen[answer.status] += 1
         options = {"margin": 0.05} if algorithm == "torque" else {}
         try:
-            expected = fresh(name, named, T).solve(algorithm, **options)
+            scene = fresh(name, named, T)
+            expected = scene.solve(algorithm, **options)
         except SceneError as error:
             assert not answer.has_contacts
             assert answer.reason == str(error)
@@ -73,7 +75,7 @@ def test_it_equals_loading_and_solving(name, algorithm):
                 or algorithm == "margin"
             )
             assert answer.joint_names == expected.problem.joint_names
-            assert answer.contacts.bodies == fresh(name, named, T).contacts.bodies
+            assert answer.contacts.bodies == scene.contacts.bodies
         else:
             assert answer.reason == expected.status.message
     assert seen[StateStatus.FOUND] >= 1
@@ -289,9 +291,13 @@ def test_threads_share_an_evaluator():
     rng = np.random.default_rng(6)
     states = [nearby(evaluator, rng, 0.01) for _ in range(40)]
     alone = [Evaluator(evaluator.scene, algorithm="margin").evaluate(q).margin for q in states]
+    middle = 0.5 * (min(alone) + max(alone))
     with ThreadPoolExecutor(4) as pool:
+        held = [pool.submit(evaluator.is_feasible, q, margin=middle) for q in states]
         together = list(pool.map(lambda q: evaluator.evaluate(q).margin, states))
     np.testing.assert_allclose(together, alone, atol=1e-6)
+    assert [item.result() for item in held] == [margin >= middle for margin in alone]
+    assert min(alone) < middle - 1e-4
 
 
 @pytest.mark.parametrize("name", ["trihand_push_box", "allegro_mug_against_wall"])
@@ -301,6 +307,21 @@ def test_it_survives_pickling(name):
     other = pickle.loads(pickle.dumps(evaluator))  # noqa: S301 - our own bytes
     assert other.required_margin == 0.2
     np.testing.assert_allclose(other.evaluate().torques, before.torques, atol=1e-8)
+
+
+def test_another_process_finds_the_same():
+    evaluator = Evaluator(example("allegro_tumble_box"), algorithm="margin")
+    rng = np.random.default_rng(7)
+    states = [nearby(evaluator, rng, 0.01) for _ in range(3)]
+    here = [evaluator.evaluate(q).margin for q in states]
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        there = list(pool.map(margin_of, [evaluator] * 3, states))
+    np.testing.assert_allclose(there, here, atol=1e-6)
+    assert len(set(here)) == 3
+
+
+def margin_of(evaluator, q):
+    return evaluator.evaluate(q).margin
 
 
 def test_without_a_proof_a_state_is_not_called_feasible(monkeypatch):

@@ -90,6 +90,45 @@ def test_every_waypoint_is_the_evaluators_answer():
     assert profile.smallest_margin == profile.margins.min()
 
 
+def test_where_two_motions_meet_both_are_solved():
+    """Pushed forth, then pulled back: at the turning point the table's friction turns round."""
+    scene = example("trihand_push_box")
+    T = scene.object.T_world_object
+    forth = np.array([0.01, 0, 0])
+    steps = [0 * forth, 1e-3 * forth, 2e-3 * forth, 1e-3 * forth]
+    evaluator = Evaluator(scene)
+    profile = evaluate_path(
+        evaluator, [Waypoint(None, shifted(T, step)) for step in steps], regularization=0.0
+    )
+    came, leaves = (
+        evaluator.evaluate(None, profile.object_poses[2], [sign * 1e-5, 0, 0, 0, 0, 0])
+        for sign in (1.0, -1.0)
+    )
+    assert came.found and came.margin > 0.1 and not leaves.found
+    assert profile.arrival_margins[2] == pytest.approx(came.margin, abs=1e-6)
+    assert profile.margins[2] == -np.inf
+    # Elsewhere the motion goes on as it came, and is solved once.
+    assert [profile.arrivals[k] is profile.evaluations[k] for k in range(4)] == [
+        True, True, False, True,
+    ]  # fmt: skip
+    # The other way round it is the arrival that fails.
+    back = evaluate_path(evaluator, [Waypoint(None, shifted(T, steps[k])) for k in (1, 0, 1)])
+    assert np.isfinite(back.margins[1]) and back.arrival_margins[1] == -np.inf
+    assert back.failures == (0, 1) and back.smallest_margin == -np.inf
+    assert back.failure_reason(1) == back.arrivals[1].reason != ""
+    assert "at 1 s: no torques, infeasible" in str(back)
+
+
+def test_setting_down_is_no_failure():
+    scene = example("trihand_push_box")
+    T = scene.object.T_world_object
+    path = [Waypoint(None, shifted(T, [0, 0, 1e-4])), Waypoint(), Waypoint()]
+    profile = evaluate_path(scene, path)
+    down = Evaluator(scene).evaluate(None, T, profile.twists[0])
+    assert down.status is StateStatus.BLOCKED
+    assert profile.arrivals[1] is profile.evaluations[1] and profile.evaluations[1].found
+
+
 def redundant_path(count):
     """An Allegro hand moves a little: many of its torques have the ball's largest margin."""
     scene = example("allegro_sphere_on_slope")
@@ -182,6 +221,7 @@ def test_the_table_reads_back(tmp_path):
         rows = list(csv.DictReader(file))
     assert [float(row["time_s"]) for row in rows] == [1.0, 2.0, 4.0]
     assert {row["status"] for row in rows} == {"found"}
+    assert [float(row["arrival_margin_N"]) for row in rows] == profile.arrival_margins.tolist()
     assert [float(row["margin_N"]) for row in rows] == profile.margins.tolist()
     for column, name in enumerate(profile.torque_names):
         values = [float(row[f"torque_{name}_N_m"]) for row in rows]
@@ -233,6 +273,8 @@ def test_the_trajectory_reads_back():
     assert dict(zip(message["joint_names"], last["effort"], strict=True)) == dict(
         zip(profile.torque_names, profile.torques[1].tolist(), strict=True)
     )
+    assert set(message) == {"header", "joint_names", "points"}
+    assert message["header"] == {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
     assert set(last) == {"positions", "velocities", "accelerations", "effort", "time_from_start"}
 
 

@@ -160,19 +160,24 @@ CHECKING = {
     "unknown scene key": (
         "friction.default",
         "object.mas",
-        ":3: vary.object.mas: at 0.2: {scene}:24: object.mas: is no key that can stand here; did "
-        "you mean 'mass'?",
+        ":3: vary['object.mas']: at 0.2: {scene}:24: object.mas: is no key that can stand here; "
+        "did you mean 'mass'?",
     ),
     "value out of bounds": (
         "from: 0.2",
         "from: -0.2",
-        ":3: vary.friction.default: at -0.2: {scene}:6: friction.default: found -0.2; needs a "
+        ":3: vary['friction.default']: at -0.2: {scene}:6: friction.default: found -0.2; needs a "
         "finite number >= 0",
     ),
     "number for a name": (
         "friction.default: " + RANGE,
         "solve.sign_rule: {values: [strict, loose]}",
-        "vary.solve.sign_rule: at 'loose': {scene}:33: solve.sign_rule: found 'loose'; needs",
+        "vary['solve.sign_rule']: at 'loose': {scene}:33: solve.sign_rule: found 'loose'; needs",
+    ),
+    "number for a pose that turns": (
+        "friction.default: " + RANGE,
+        "object.pose: {values: {lying: {position: [0, 0, 0]}, standing: 3}}",
+        ":3: vary['object.pose']: at 'standing': {scene}:28: object.pose: found 3; needs a mapping",
     ),
     "unknown solver": (
         "algorithm: margin",

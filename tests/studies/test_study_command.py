@@ -1,11 +1,14 @@
 """``graspless-pin study`` and the example studies."""
 
+from contextlib import suppress
+
 import pytest
 import typer
 from study_tools import FRICTION, ROOT, Here, data, study_file
 from typer.testing import CliRunner
 
 from graspless_pin.cli import studying
+from graspless_pin.errors import StudyError
 from graspless_pin.studies import load_study, read_results, run_study
 from graspless_pin.studies.checks import check_study
 
@@ -39,6 +42,20 @@ def test_a_study_from_the_command_line(tmp_path):
     assert len(read_results(output)) == 3
     again = command(file, "-o", output, "--no-progress")
     assert again.exit_code == 0 and again.stderr == ""
+    told = command(file, "-o", output)
+    assert (
+        told.stderr == f"{output} is complete: nothing is left to compute (--fresh begins anew)\n"
+    )
+
+
+def test_going_on_is_told(tmp_path, capsys):
+    made, output = load_study(study_file(tmp_path, data())), tmp_path / "out.csv"
+    for limit, told in ((5, False), (18, True)):
+        with suppress(StudyError):
+            run_study(made, output, executor=Here(limit))
+        stderr = capsys.readouterr().err
+        assert ("goes on: 5 samples are there from an earlier run" in stderr) == told
+    assert output.is_file()
 
 
 def test_nothing_found(tmp_path):

@@ -2,13 +2,12 @@
 
 import os
 import random
-import signal
 import subprocess
 import sys
 import time
 from concurrent.futures import BrokenExecutor, Future
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import pandas as pd
 import pytest
@@ -19,13 +18,17 @@ from graspless_pin.errors import StudyError
 from graspless_pin.studies import evaluation, load_study, read_results, run_study
 from graspless_pin.studies.executors import LocalProcesses, dask_executor
 
-SAMPLES = 32
+SAMPLES = 24
 NO_DASHBOARD: Any = None
 SLOW = {"minimum_friction": True}  # tens of milliseconds a sample, so that a kill meets a run
 RUN = """
+print("once", flush=True)  # a script without a guard for its worker processes
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from graspless_pin.studies import load_study, run_study
-run_study(load_study(sys.argv[1]), sys.argv[2], workers=int(sys.argv[3]), progress=False)
+file, output, workers = *sys.argv[1:3], int(sys.argv[3])
+executor = None if workers else ThreadPoolExecutor(1)  # without processes it starts sooner
+run_study(load_study(file), output, executor=executor, workers=workers or 1, progress=False)
 """
 
 
@@ -43,13 +46,28 @@ def here(made, file):
     return run_study(made, file, executor=Here(), workers=1, progress=False)
 
 
-def test_the_number_of_processes_does_not_matter(tmp_path):
+class Watched(LocalProcesses):
+    """Local processes that tell what their environment was."""
+
+    threads: ClassVar[set[str]] = set()
+
+    def close(self):
+        names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
+        self.threads.update(self.submit(os.getenv, name).result() for name in names)
+        super().close()
+
+
+def test_the_number_of_processes_does_not_matter(tmp_path, monkeypatch):
+    """They have one thread of linear algebra each; the parent keeps as many as it had."""
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "7")
+    monkeypatch.setattr("graspless_pin.studies.run.LocalProcesses", Watched)
     made = load_study(study_file(tmp_path, sobol()))
     here(made, tmp_path / "one.parquet")
     table = run_study(made, tmp_path / "more.parquet", workers=2, progress=False)
     assert len(table) == SAMPLES
     one, more = ((tmp_path / f"{name}.parquet").read_bytes() for name in ("one", "more"))
     assert one == more
+    assert Watched.threads == {"1"} and os.environ["OPENBLAS_NUM_THREADS"] == "7"
 
 
 def test_a_study_killed_three_times_gives_the_same_table(tmp_path):
@@ -57,43 +75,43 @@ def test_a_study_killed_three_times_gives_the_same_table(tmp_path):
     output, journal = tmp_path / "out.parquet", tmp_path / "out.parquet.journal"
     rng = random.Random(1)  # noqa: S311 - when to kill is no secret
     rows = 0
-    for workers in (2, 1, 1):
-        child = started(file, output, workers)
+    for workers in (2, 0, 0):
+        child = started(tmp_path, file, output, workers)
         until = rows + rng.randint(1, SAMPLES // 8)
         while rows_in(journal) < until:
             assert child.poll() is None, "the study ended before it was killed"
             time.sleep(0.002)
-        os.killpg(child.pid, signal.SIGKILL)
-        child.wait()
+        children = Path(f"/proc/{child.pid}/task/{child.pid}/children").read_text().split()
+        assert len(children) >= workers
+        child.kill()
+        # What its workers print as they start would be read here, too; on standard error Python
+        # tells that a killed process leaves semaphores.
+        assert child.communicate()[0] == "once\n"
+        assert_end(children)
         assert not output.exists()
         rows = rows_in(journal)
-    assert started(file, output, 1).wait() == 0
+    last = started(tmp_path, file, output, 0)
+    assert (*last.communicate(), last.returncode) == ("once\n", "", 0)
     here(load_study(file), tmp_path / "whole.parquet")
     assert output.read_bytes() == (tmp_path / "whole.parquet").read_bytes()
     assert len(read_results(output)) == SAMPLES and rows < SAMPLES
 
 
-def test_workers_end_with_a_killed_parent(tmp_path):
-    file = study_file(tmp_path, sobol(compute=SLOW))
-    child = started(file, tmp_path / "out.parquet", 1)
-    while not rows_in(tmp_path / "out.parquet.journal"):
-        assert child.poll() is None
-        time.sleep(0.002)
-    children = Path(f"/proc/{child.pid}/task/{child.pid}/children").read_text().split()
-    assert children
-    child.kill()
-    child.wait()
+def assert_end(processes):
     deadline = time.monotonic() + 20.0
-    while any(map(is_running, children)):
+    while any(map(is_running, processes)):
         assert time.monotonic() < deadline, "workers outlive their parent"
         time.sleep(0.02)
 
 
-def started(file, output, workers):
-    """A run of a study in a process group of its own."""
+def started(folder, file, output, workers):
+    """A script that runs a study."""
+    script = folder / "script.py"
+    script.write_text(RUN, encoding="utf-8")
     return subprocess.Popen(  # noqa: S603 - our own interpreter
-        [sys.executable, "-c", RUN, str(file), str(output), str(workers)], start_new_session=True
-    )
+        [sys.executable, str(script), str(file), str(output), str(workers)],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
 
 
 def rows_in(journal):
@@ -114,7 +132,7 @@ def test_a_sample_that_kills_its_worker_is_a_row(tmp_path, monkeypatch):
     made = study({"friction.default": FRICTION})
     expected = here(made, tmp_path / "whole.csv")
     monkeypatch.setattr("graspless_pin.studies.run.evaluate_chunk", dies_at_one)
-    table = run_study(made, tmp_path / "out.csv", workers=2, progress=False)
+    table = run_study(made, tmp_path / "out.csv", workers=1, progress=False)
     assert_only_failure(table, expected, 1)
 
 
@@ -167,29 +185,6 @@ def assert_only_failure(table, expected, number):
     pd.testing.assert_frame_equal(
         table.loc[others].drop(columns="error"), expected.loc[others].drop(columns="error")
     )
-
-
-def test_workers_have_one_thread_of_linear_algebra(monkeypatch):
-    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "7")
-    force = LocalProcesses(1)
-    try:
-        assert force.submit(os.getenv, "OPENBLAS_NUM_THREADS").result() == "1"
-        assert force.submit(os.getenv, "OMP_NUM_THREADS").result() == "1"
-    finally:
-        force.close()
-    assert os.environ["OPENBLAS_NUM_THREADS"] == "7"
-
-
-def test_a_script_is_not_run_again_by_its_workers(tmp_path):
-    script = tmp_path / "script.py"
-    script.write_text(f"print('once')\n{RUN}", encoding="utf-8")
-    file = study_file(tmp_path, data({"friction": FRICTION}))
-    done = subprocess.run(  # noqa: S603 - our own interpreter
-        [sys.executable, str(script), str(file), str(tmp_path / "out.csv"), "1"],
-        capture_output=True, text=True, check=False, timeout=120,
-    )  # fmt: skip
-    assert (done.returncode, done.stdout, done.stderr) == (0, "once\n", "")
-    assert len(read_results(tmp_path / "out.csv")) == 3
 
 
 @pytest.fixture(scope="module")

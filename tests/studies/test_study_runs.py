@@ -80,6 +80,9 @@ def test_the_metadata_tells_seed_versions_and_study(tmp_path):
     assert about["fingerprint"] == made.fingerprint
     assert about["versions"]["numpy"] == np.__version__
     assert about["entry"]["vary"] == {"friction": {"from": 0.2, "to": 0.5}}
+    assert pd.read_parquet(tmp_path / "out.parquet").attrs == {tables.KEY: about}
+    run(made, tmp_path / "out.csv")
+    assert read_results(tmp_path / "out.csv").attrs == {tables.KEY: about}
 
 
 def test_infeasible_and_failed_samples_are_rows(tmp_path):
@@ -165,7 +168,8 @@ def test_a_finished_study_is_only_read(tmp_path):
     file = tmp_path / "out.parquet"
     first = run(study(), file)
     before = file.stat().st_mtime_ns
-    (tmp_path / "out.parquet.journal").write_text("left by a crash\n", encoding="utf-8")
+    left = json.dumps({"fingerprint": study().fingerprint})
+    (tmp_path / "out.parquet.journal").write_text(f"{left}\n", encoding="utf-8")
     here = Here()
     pd.testing.assert_frame_equal(run(study(name="other name"), file, here), first)
     assert here.samples == [] and file.stat().st_mtime_ns == before
@@ -191,6 +195,16 @@ def test_another_studys_output_is_kept(tmp_path):
     rest = Here()
     assert len(run(study(), file, rest, overwrite=True)) == 18
     assert 0 < len(rest.samples) < 18
+
+
+@pytest.mark.parametrize("line", ["notes", "3", '{"fingerprint": "of another study"}'])
+def test_a_journal_beside_a_finished_study_is_kept(tmp_path, line):
+    """Another study, told to replace the output, was stopped: its rows are not ours to drop."""
+    journal = tmp_path / "out.csv.journal"
+    table = run(study(), tmp_path / "out.csv")
+    journal.write_text(f"{line}\n", encoding="utf-8")
+    pd.testing.assert_frame_equal(run(study(), tmp_path / "out.csv"), table)
+    assert journal.read_text(encoding="utf-8") == f"{line}\n"
 
 
 def test_another_file_is_kept(tmp_path):

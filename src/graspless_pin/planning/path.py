@@ -13,7 +13,8 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.poses import as_pose
 from graspless_pin.planning.configurations import Configuration
-from graspless_pin.planning.evaluation import Evaluation
+from graspless_pin.planning.contact_changes import ContactChange, contact_changes
+from graspless_pin.planning.evaluation import Evaluation, StateStatus
 from graspless_pin.planning.evaluator import Evaluator
 from graspless_pin.planning.screws import segment_twist
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
@@ -21,6 +22,8 @@ from graspless_pin.scene import Scene
 
 PATH_REGULARIZATION = 1e-4
 """Enough to make torques continuous; costs the paper's cuboid 1e-5 N of 1.65 N of margin."""
+_SAME_MOTION = 1e-6
+"""Directions of twists that differ by less are one; the step between two poses is rounded."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,27 +41,6 @@ class Waypoint:
     time: float | None = None
 
 
-@dataclass(frozen=True)
-class ContactChange:
-    """How the contacts of a waypoint differ from those of the one before.
-
-    Torques may jump here, and only here.
-
-    Attributes:
-        waypoint: Index of the waypoint with the new contacts.
-        gained: Hand links and supports, a name for each contact that was not there.
-        lost: The same for contacts that are gone.
-        starts_sliding: The same for contacts that slide now and did not.
-        stops_sliding: The same for contacts that slid and do not now.
-    """
-
-    waypoint: int
-    gained: tuple[str, ...]
-    lost: tuple[str, ...]
-    starts_sliding: tuple[str, ...]
-    stops_sliding: tuple[str, ...]
-
-
 @dataclass(frozen=True, eq=False)
 class PathProfile:
     """What was found at the K waypoints of a path.
@@ -71,11 +53,14 @@ class PathProfile:
         object_poses: (K, 4, 4) ``T_world_object``, m.
         twists: (K, 6) [v; omega] of the object about its centre of mass, m/s and rad/s, world axes:
             of the segment that begins at the waypoint; at the last one, of the one that ends.
-        evaluations: K answers.
+        evaluations: K answers, each moving like ``twists``.
+        arrivals: K answers for the motion that ends at the waypoint; that of ``evaluations``
+            wherever the motion goes on as it came, or ends by touching a body.
         torque_names: L names of all torques that occur.
         torques: (K, L) motor torques, N m (N for linear and hybrid joints and tendons); NaN where
             there are none.
         margins: (K,) N, -inf where there are no torques.
+        arrival_margins: (K,) the same of ``arrivals``.
         contact_changes: Where contacts appear, vanish, begin or cease to slide.
     """
 
@@ -86,25 +71,32 @@ class PathProfile:
     object_poses: FloatArray
     twists: FloatArray
     evaluations: tuple[Evaluation, ...]
+    arrivals: tuple[Evaluation, ...]
     torque_names: tuple[str, ...]
     torques: FloatArray
     margins: FloatArray
+    arrival_margins: FloatArray
     contact_changes: tuple[ContactChange, ...]
 
     @property
     def found(self) -> bool:
-        """Whether there are torques at every waypoint."""
-        return all(evaluation.found for evaluation in self.evaluations)
+        """Whether there are torques at every waypoint, in both motions that meet there."""
+        return not self.failures
 
     @property
     def smallest_margin(self) -> float:
-        """The smallest margin of all waypoints, N; -inf if one has no torques."""
-        return float(self.margins.min())
+        """The smallest margin of all waypoints and both motions, N; -inf if one has no torques."""
+        return float(min(self.margins.min(), self.arrival_margins.min()))
 
     @property
     def failures(self) -> tuple[int, ...]:
-        """Waypoints without torques."""
-        return tuple(k for k, evaluation in enumerate(self.evaluations) if not evaluation.found)
+        """Waypoints without torques in one of the motions that meet there."""
+        both = zip(self.evaluations, self.arrivals, strict=True)
+        return tuple(k for k, pair in enumerate(both) if not all(item.found for item in pair))
+
+    def failure_reason(self, waypoint: int) -> str:
+        """Return why a waypoint has no torques; empty if it has some."""
+        return self.arrivals[waypoint].reason or self.evaluations[waypoint].reason
 
     def __str__(self) -> str:
         """Return a short account, a line for each thing that happens."""
@@ -125,8 +117,7 @@ class PathProfile:
             ]
             lines.append(f"at {self.times[change.waypoint]:g} s: {'; '.join(parts)}")
         lines += [
-            f"at {self.times[k]:g} s: no torques, {self.evaluations[k].reason}"
-            for k in self.failures
+            f"at {self.times[k]:g} s: no torques, {self.failure_reason(k)}" for k in self.failures
         ]
         return "\n".join(lines)
 
@@ -141,7 +132,8 @@ def evaluate_path(
 
     The object's twist at a waypoint is that of the screw motion to the next waypoint, so contacts
     slide, stick and part as the path says; fingers move along with the object. A change from one
-    kind of motion to another needs a waypoint of its own: there the motion that follows counts.
+    kind of motion to another needs a waypoint of its own, which is solved for both: torques are
+    those of the motion that follows, the smallest margin is that of either.
 
     Args:
         evaluator: An evaluator, or a scene for one with the scene's own options.
@@ -164,11 +156,15 @@ def evaluate_path(
         raise ArgumentError("waypoints", "is empty; a path has at least one")
     times = _times(waypoints)
     poses = np.array([_pose(evaluator.scene, k, item) for k, item in enumerate(waypoints)])
-    twists = _twists(poses, times, evaluator.scene.object.center_of_mass)
-    evaluations = tuple(
-        evaluator.evaluate(item.q, pose, twist)
-        for item, pose, twist in zip(waypoints, poses, twists, strict=True)
-    )
+    arriving, twists = _twists(poses, times, evaluator.scene.object.center_of_mass)
+    evaluations, arrivals = [], []
+    for item, pose, before, after in zip(waypoints, poses, arriving, twists, strict=True):
+        came = evaluator.evaluate(item.q, pose, before)
+        goes_on = _same_motion(before, after)
+        leaves = came if goes_on else evaluator.evaluate(item.q, pose, after)
+        evaluations.append(leaves)
+        # A motion that ends by touching a body is not driven into it.
+        arrivals.append(leaves if came.status is StateStatus.BLOCKED else came)
     names = tuple(dict.fromkeys(name for item in evaluations for name in item.joint_names))
     torques = np.full((len(waypoints), len(names)), np.nan)
     for row, item in zip(torques, evaluations, strict=True):
@@ -181,11 +177,13 @@ def evaluate_path(
         positions=read_only(np.array([evaluator.configuration(item.q) for item in waypoints])),
         object_poses=read_only(poses),
         twists=read_only(twists),
-        evaluations=evaluations,
+        evaluations=tuple(evaluations),
+        arrivals=tuple(arrivals),
         torque_names=names,
         torques=read_only(torques),
         margins=read_only(np.array([item.margin for item in evaluations])),
-        contact_changes=_changes(evaluations),
+        arrival_margins=read_only(np.array([item.margin for item in arrivals])),
+        contact_changes=contact_changes(evaluations),
     )
 
 
@@ -216,51 +214,29 @@ def _pose(scene: Scene, index: int, waypoint: Waypoint) -> FloatArray:
     return as_pose(f"waypoints[{index}].T_world_object", waypoint.T_world_object)
 
 
-def _twists(poses: FloatArray, times: FloatArray, center_of_mass: FloatArray) -> FloatArray:
-    """(K, 6) twists of the segments after the waypoints, about the centre of mass."""
-    twists = np.zeros((len(poses), 6))
+def _twists(
+    poses: FloatArray, times: FloatArray, center_of_mass: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """(K, 6) twists before and after the waypoints, about the centre of mass.
+
+    The first waypoint is arrived at as it is left, and the last one left as it is arrived at.
+    """
+    before, after = np.zeros((2, len(poses), 6))
     for k in range(len(poses) - 1):
-        twists[k] = segment_twist(poses[k], poses[k + 1], times[k + 1] - times[k], center_of_mass)
-    if len(poses) > 1:
-        # The same screw motion backwards from the end.
-        back = segment_twist(poses[-1], poses[-2], times[-1] - times[-2], center_of_mass)
-        twists[-1] = -back
-    return twists
+        duration = times[k + 1] - times[k]
+        after[k] = segment_twist(poses[k], poses[k + 1], duration, center_of_mass)
+        # The same screw motion backwards from its end.
+        before[k + 1] = -segment_twist(poses[k + 1], poses[k], duration, center_of_mass)
+    before[0], after[-1] = after[0], before[-1]
+    return before, after
 
 
-def _changes(evaluations: Sequence[Evaluation]) -> tuple[ContactChange, ...]:
-    changes = []
-    before = _touching(evaluations[0])
-    for k, evaluation in enumerate(evaluations[1:], start=1):
-        now = _touching(evaluation)
-        change = ContactChange(
-            k,
-            gained=_more(now[0], before[0]),
-            lost=_more(before[0], now[0]),
-            starts_sliding=_more(now[1], before[1]),
-            stops_sliding=_more(before[1], now[1]),
-        )
-        if now != before:
-            changes.append(change)
-        before = now
-    return tuple(changes)
-
-
-def _touching(evaluation: Evaluation) -> tuple[Counter[str], Counter[str]]:
-    """Contacts by body, and those of them that slide."""
-    if not evaluation.has_contacts:
-        return Counter(), Counter()
-    contacts = evaluation.contacts
-    sliding = [
-        name
-        for name, velocity in zip(contacts.bodies, contacts.sliding, strict=True)
-        if velocity.any()
-    ]
-    return Counter(contacts.bodies), Counter(sliding)
-
-
-def _more(some: Counter[str], others: Counter[str]) -> tuple[str, ...]:
-    return tuple((some - others).elements())
+def _same_motion(before: FloatArray, after: FloatArray) -> bool:
+    """Whether two twists are the same but for speed and rounding."""
+    sizes = np.linalg.norm(before), np.linalg.norm(after)
+    if not all(sizes):
+        return not any(sizes)
+    return bool(np.abs(before / sizes[0] - after / sizes[1]).max() <= _SAME_MOTION)
 
 
 def _counted(names: Sequence[str]) -> str:

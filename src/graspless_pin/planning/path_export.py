@@ -19,10 +19,11 @@ _NANOSECONDS = 1_000_000_000
 def write_path_csv(profile: PathProfile, path: str | Path) -> None:
     """Write a profile as a table with a row for each waypoint and units in the column names.
 
-    The columns are time, status, margin, whether the contacts differ from the row before, what
-    touches (a name for each contact, separated by blanks), the object's position and quaternion
-    (x, y, z, w), and position and torque of each joint. Numbers are written with all their digits;
-    where there are no torques the cells are empty. An existing file is replaced.
+    The columns are time, status, margin, margin in the motion that ends there, whether the contacts
+    differ from the row before, what touches (a name for each contact, separated by blanks), the
+    object's position and quaternion (x, y, z, w), and position and torque of each joint. Numbers
+    are written with all their digits; where there are no torques the cells are empty. An existing
+    file is replaced.
 
     Args:
         profile: The profile.
@@ -38,6 +39,7 @@ def write_path_csv(profile: PathProfile, path: str | Path) -> None:
         "time_s",
         "status",
         "margin_N",
+        "arrival_margin_N",
         "contacts_change",
         "contacts",
         *("object_x_m", "object_y_m", "object_z_m"),
@@ -57,7 +59,7 @@ def write_path_csv(profile: PathProfile, path: str | Path) -> None:
                     [
                         repr(float(profile.times[k])),
                         evaluation.status.name.lower(),
-                        *_cells(profile.margins[k : k + 1]),
+                        *_cells([profile.margins[k], profile.arrival_margins[k]]),
                         int(k in changing),
                         " ".join(bodies),
                         *_cells(profile.object_poses[k, :3, 3]),
@@ -89,7 +91,7 @@ def joint_trajectory(profile: PathProfile) -> dict[str, Any]:
     if not profile.found:
         first = profile.failures[0]
         raise NoSolutionError(
-            f"waypoint {first} has no torques to send ({profile.evaluations[first].reason}); "
+            f"waypoint {first} has no torques to send ({profile.failure_reason(first)}); "
             "check .found first"
         )
     columns = [

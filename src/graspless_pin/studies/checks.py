@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from graspless_pin.errors import GrasplessPinError, StudyError
-from graspless_pin.scene.messages import explain
+from graspless_pin.scene.messages import explain, key_text
 from graspless_pin.scene.parts import SceneParts
 from graspless_pin.scene.schema import SceneEntry
 from graspless_pin.solvers import check_solver
@@ -27,7 +27,8 @@ def check_study(study: Study) -> None:
     for index, variable in enumerate(study.variables):
         for value in variable.extremes():
             sample = (*first[:index], value, *first[index + 1 :])
-            _check_values(study, variable.name, value, study.tree_at(sample))
+            # Before bodies move: what is no pose cannot be moved.
+            _check_values(study, variable.name, value, study.placed_at(sample))
     try:
         check_solver(study.tree_at(first)["solve"].get("solver", "piqp"))
     except GrasplessPinError as error:
@@ -40,8 +41,10 @@ def _check_values(study: Study, name: str, value: object, tree: Tree) -> None:
         SceneEntry.model_validate(tree)
     except ValidationError as error:
         what = explain(study.scene.with_data(tree), error)
-        where = study.source.where(("vary", name))
-        raise StudyError(f"{where}: vary.{name}: at {value!r}: {what}") from None
+        key = "vary", name
+        raise StudyError(
+            f"{study.source.where(key)}: {key_text(key)}: at {value!r}: {what}"
+        ) from None
 
 
 def _check_any_touches(study: Study) -> None:

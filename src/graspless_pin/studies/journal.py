@@ -133,14 +133,23 @@ class Journal:
         self._file.flush()
 
 
-def discard(path: Path) -> None:
-    """Remove the journal that a finished run may have left, unless a run writes it now."""
+def discard(path: Path, fingerprint: str) -> None:
+    """Remove the journal that a finished run of a study may have left; others stay."""
     try:
-        with path.open("ab") as file:
-            if _locked(file):
+        with path.open("rb") as file:
+            if _is_of(file.readline(), fingerprint) and _locked(file):
                 path.unlink()
     except OSError:
         return
+
+
+def _is_of(line: bytes, fingerprint: str) -> bool:
+    """Whether a journal's first line is that of a study."""
+    try:
+        found: Any = json.loads(line)
+    except ValueError:
+        return False
+    return isinstance(found, dict) and found.get("fingerprint") == fingerprint
 
 
 def _locked(file: IO[bytes]) -> bool:

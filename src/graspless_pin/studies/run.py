@@ -11,22 +11,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
-
 from graspless_pin.errors import StudyError
 from graspless_pin.problem.checks import whole_number
 from graspless_pin.studies.checks import check_study
 from graspless_pin.studies.evaluation import Row, evaluate_chunk, failed_row
 from graspless_pin.studies.executors import GivenExecutor, LocalProcesses, usable_cores
 from graspless_pin.studies.journal import Journal, discard
+from graspless_pin.studies.progress import notice, progress_bar
 from graspless_pin.studies.study import Study
 from graspless_pin.studies.tables import (
     KEY,
@@ -71,7 +62,7 @@ def run_study(
             and the scene's files at the same paths.
         workers: Processes, or how many chunks of samples the executor is kept busy with; None: the
             number of cores that this process may use.
-        progress: Whether to show a progress bar on standard error.
+        progress: Whether to show a progress bar on standard error, and whether a run goes on.
         overwrite: Whether what is not this study's may be replaced: the output and its journal.
         fresh: Whether to drop what an earlier run of this study has left.
 
@@ -92,7 +83,9 @@ def run_study(
     if not fresh:
         finished = _finished(study, file, overwrite=overwrite, goes_on=journal_file.exists())
         if finished is not None:
-            discard(journal_file)
+            discard(journal_file, study.fingerprint)
+            if progress:
+                notice(f"{file} is complete: nothing is left to compute (--fresh begins anew)")
             return finished
     elif file.is_file() and not overwrite:
         _check_own(study, file)
@@ -104,6 +97,8 @@ def run_study(
     try:
         missing = [n for n in range(len(study.samples)) if n not in journal.rows]
         if missing:
+            if progress and journal.rows:
+                notice(f"goes on: {len(journal.rows)} samples are there from an earlier run")
             _compute(study, missing, journal, executor, count, progress=progress)
         table = results_table(study, journal.rows)
         write_results(table, file)
@@ -166,7 +161,7 @@ def _compute(
     *,
     progress: bool,
 ) -> None:
-    with _bar(progress) as bar:
+    with progress_bar(progress) as bar:
         total = len(study.samples)
         task = bar.add_task(study.name, total=total, completed=total - len(missing))
         force: Workforce
@@ -183,19 +178,6 @@ def _compute(
             _Dispatch(study, force, keep, deque(missing)).run()
         finally:
             force.close()
-
-
-def _bar(shown: bool) -> Progress:
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left:"),
-        TimeRemainingColumn(),
-        console=Console(stderr=True),
-        disable=not shown,
-    )
 
 
 Workforce = LocalProcesses | GivenExecutor

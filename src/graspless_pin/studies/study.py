@@ -69,13 +69,17 @@ class Study:
         """
         return _made(YamlSource.of_data(copied(dict(data)), Path("study")), Path(folder))
 
+    def placed_at(self, sample: Sample) -> Tree:
+        """The content of the scene file with the keys of one sample set, and nothing moved yet."""
+        tree = copied(self.scene.data)
+        for variable, value in zip(self.variables, sample, strict=True):
+            variable.place(tree, value)
+        return tree
+
     def tree_at(self, sample: Sample) -> Tree:
         """The content of the scene file at one sample."""
-        tree = copied(self.scene.data)
-        pairs = list(zip(self.variables, sample, strict=True))
-        for variable, value in pairs:
-            variable.place(tree, value)
-        for variable, value in pairs:
+        tree = self.placed_at(sample)
+        for variable, value in zip(self.variables, sample, strict=True):
             variable.displace(tree, value)
         return tree
 

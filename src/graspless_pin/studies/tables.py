@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from graspless_pin.errors import StudyError
+from graspless_pin.scene.messages import key_text
 from graspless_pin.studies.evaluation import FAILED, Row
 from graspless_pin.studies.study import Study
 
@@ -32,6 +33,8 @@ _LAST = (
     "error",
 )
 _TEXT = ("status", "reason", "error")
+_ATTRS = "PANDAS_ATTRS"
+"""Where ``pandas.read_parquet`` finds ``DataFrame.attrs``."""
 _CSV_MARK = f"# {KEY} "
 
 
@@ -78,9 +81,10 @@ def check_columns(study: Study) -> None:
     """
     taken = {"sample", *_FIRST, *_LAST}
     for variable in study.variables:
+        key = "vary", variable.name
         if variable.column in taken or variable.column.startswith("torque_"):
             raise StudyError(
-                f"{study.source.where(('vary', variable.name))}: vary.{variable.name}: its column "
+                f"{study.source.where(key)}: {key_text(key)}: its column "
                 f"would be called {variable.column!r} like another one of the results; rename it "
                 "and give its 'key'"
             )
@@ -163,7 +167,8 @@ def _write_parquet(table: pd.DataFrame, about: dict[str, Any], file: Path) -> No
     bare = table.copy()
     bare.attrs = {}
     content = pa.Table.from_pandas(bare, preserve_index=False)
-    kept = {**(content.schema.metadata or {}), KEY.encode(): json.dumps(about).encode()}
+    said = {KEY: json.dumps(about), _ATTRS: json.dumps({KEY: about})}
+    kept = {**(content.schema.metadata or {}), **said}
     pq.write_table(content.replace_schema_metadata(kept), file)
 
 
