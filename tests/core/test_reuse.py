@@ -93,7 +93,7 @@ def test_signs_that_are_seen_at_a_glimpse_are_feasible_under_every_rule(seed, co
     for _ in range(5):
         chosen = tuple(np.flatnonzero(rng.random(contacts) < 0.6).tolist())
         wanted = rng.choice([-1.0, 0.0, 1.0], 2 * len(chosen), p=[0.4, 0.2, 0.4])
-        signs = kinematics.glimpse(chosen, wanted)
+        signs = kinematics.nearest.glimpse(chosen, wanted)
         if signs is None:
             continue
         assert ((signs == wanted) | (wanted == 0.0)).all()
@@ -111,7 +111,7 @@ def test_a_glimpse_mostly_suffices_where_every_fingertip_can_move():
     rng = np.random.default_rng(0)
     for _ in range(20):
         wanted = rng.choice([-1.0, 1.0], 2 * len(fingers))
-        assert kinematics.glimpse(fingers, wanted) is not None
+        assert kinematics.nearest.glimpse(fingers, wanted) is not None
 
 
 @settings(max_examples=40, deadline=None)

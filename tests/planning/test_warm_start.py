@@ -11,12 +11,8 @@ from random_scenes import (  # pyright: ignore[reportMissingImports] - tests/cor
 from scenes import random_problem  # pyright: ignore[reportMissingImports] - tests/core, by conftest
 
 from graspless_pin import SlidingMode, maximize_margin, minimize_torque
-from graspless_pin.algorithms.warm_start import (
-    margin_objective,
-    reaches_margin,
-    solve_from,
-    torque_objective,
-)
+from graspless_pin.algorithms.torque import margin_objective, torque_objective
+from graspless_pin.algorithms.warm_start import reaches_margin, solve_from
 from graspless_pin.modes.rules import Rules
 
 FAMILIES = {

@@ -108,7 +108,7 @@ class ModeReader:
         columns = self.formulation.cone_columns
         wanted = np.zeros((len(contacts), 2))
         wanted[: columns.shape[1]] = -x[columns].sum(axis=0)
-        sliding = self.formulation.kinematics.nearest_sliding(tuple(contacts), wanted)
+        sliding = self.formulation.kinematics.nearest.sliding(tuple(contacts), wanted)
         if sliding is None:
             return None
         chosen = (sliding != 0.0).all(axis=1)
@@ -147,7 +147,7 @@ class ModeReader:
             some = np.logical_or.reduce(rubs, axis=1)
             chosen, opposed = chosen[some], opposed[some]
             contacts = tuple(chosen.tolist())
-        known = formulation.kinematics.glimpse(contacts, opposed.ravel())
+        known = formulation.kinematics.nearest.glimpse(contacts, opposed.ravel())
         if known is None:
             return None
         self.kinematic_programs += 1

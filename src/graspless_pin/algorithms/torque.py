@@ -22,6 +22,30 @@ class TorqueScale(StrEnum):
     """The largest share of any joint's own limit."""
 
 
+def margin_objective(regularization: float = 0.0) -> Objective:
+    """Return what Algorithm 1 optimises; see `maximize_margin`.
+
+    Raises:
+        ArgumentError: If the regularisation is negative.
+    """
+    epsilon = real_number("regularization", regularization, 0.0)
+    return Objective(Algorithm.MARGIN, 0.0, by_limits=False, regularization=epsilon)
+
+
+def torque_objective(
+    margin: float, scale: str = "absolute", regularization: float = 0.0
+) -> Objective:
+    """Return what Algorithm 2 optimises; see `minimize_torque`.
+
+    Raises:
+        ArgumentError: If a figure is negative or the scale is not known.
+    """
+    required = real_number("margin", margin, 0.0)
+    by_limits = choice(TorqueScale, "scale", scale) is TorqueScale.LIMITS
+    epsilon = real_number("regularization", regularization, 0.0)
+    return Objective(Algorithm.TORQUE, required, by_limits, epsilon)
+
+
 def maximize_margin(
     problem: QuasistaticProblem,
     *,
@@ -59,8 +83,7 @@ def maximize_margin(
         ArgumentError: If an option is not known.
         SolverUnavailableError: If the solver is not installed.
     """
-    epsilon = real_number("regularization", regularization, 0.0)
-    objective = Objective(Algorithm.MARGIN, 0.0, by_limits=False, regularization=epsilon)
+    objective = margin_objective(regularization)
     rules = Rules.parse(sign_rule, sliding_rule, static_friction)
     return solve_problem(
         problem,
@@ -118,10 +141,7 @@ def minimize_torque(
         ArgumentError: If an option is not known or the margin is negative.
         SolverUnavailableError: If the solver is not installed.
     """
-    required = real_number("margin", margin, 0.0)
-    by_limits = choice(TorqueScale, "scale", scale) is TorqueScale.LIMITS
-    epsilon = real_number("regularization", regularization, 0.0)
-    objective = Objective(Algorithm.TORQUE, required, by_limits, epsilon)
+    objective = torque_objective(margin, scale, regularization)
     rules = Rules.parse(sign_rule, sliding_rule, static_friction)
     return solve_problem(
         problem,

@@ -15,37 +15,13 @@ from graspless_pin.algorithms.explanation import explain
 from graspless_pin.algorithms.formulation import Objective, formulate
 from graspless_pin.algorithms.search import CLOSED, SearchResult, SearchState, finished
 from graspless_pin.algorithms.solve import solution_of
-from graspless_pin.algorithms.torque import TorqueScale
+from graspless_pin.algorithms.torque import margin_objective
 from graspless_pin.modes.enumeration import requirements_of
-from graspless_pin.modes.rules import Rules, SlidingMode, candidate_contacts, choice
+from graspless_pin.modes.rules import Rules, SlidingMode, candidate_contacts
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import real_number
-from graspless_pin.solution import Algorithm, Status, TorqueSolution
+from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.solvers import Answer, Outcome
-
-
-def margin_objective(regularization: float = 0.0) -> Objective:
-    """Return what Algorithm 1 optimises; see `maximize_margin`.
-
-    Raises:
-        ArgumentError: If the regularisation is negative.
-    """
-    epsilon = real_number("regularization", regularization, 0.0)
-    return Objective(Algorithm.MARGIN, 0.0, by_limits=False, regularization=epsilon)
-
-
-def torque_objective(
-    margin: float, scale: str = "absolute", regularization: float = 0.0
-) -> Objective:
-    """Return what Algorithm 2 optimises; see `minimize_torque`.
-
-    Raises:
-        ArgumentError: If a figure is negative or the scale is not known.
-    """
-    required = real_number("margin", margin, 0.0)
-    by_limits = choice(TorqueScale, "scale", scale) is TorqueScale.LIMITS
-    epsilon = real_number("regularization", regularization, 0.0)
-    return Objective(Algorithm.TORQUE, required, by_limits, epsilon)
 
 
 def solve_from(

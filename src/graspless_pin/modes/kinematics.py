@@ -10,27 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog, nnls
 
+from graspless_pin.modes.nearest_motions import MOST_KEPT, RANK_TOLERANCE, NearestMotions
 from graspless_pin.modes.rules import SignRule
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 
-# Rows are scaled to unit size, so this is the largest relative velocity that counts as zero: it
-# lets four corner contacts whose normals differ by rounding share a motion.
-_RANK_TOLERANCE = 1e-8
 # A witness with |x| = 1 / sqrt(this) for unit requirements is as good as none.
 _NO_WITNESS = 1e-12
-# The smallest such slack that is accepted without a search.
-_CLEAR_WITNESS = 1e-10
-_GLIMPSES = 4
-# Stands in for ranks where the answer is checked: of squared rows of unit size, far above their
-# rounding and far below what a motion needs.
-_DAMPING = 1e-12
-_CORRECTIONS = 2
 _IN_CONFLICT = 1e-9
 _ROUNDING = 1e-12
 _LARGEST_MOTION = 1e6
-_MOST_KEPT = 4096
-_NO_SIGNS = np.ones((0, 2), dtype=int)
 
 
 class Requirement(NamedTuple):
@@ -113,6 +102,7 @@ class VirtualKinematics:
             the other body along n, t1, t2: [W^T, J] [V; -theta_dot] of eq. (22), columns scaled to
             a common size.
         scale: (6 + L,) factors from a scaled motion to [V; theta_dot] in m/s and rad/s.
+        nearest: Witnesses by guess, which need no search.
     """
 
     def __init__(self, problem: QuasistaticProblem) -> None:
@@ -125,9 +115,8 @@ class VirtualKinematics:
         size = np.sqrt(np.einsum("lij,lij->j", local, local))
         self.scale: FloatArray = 1.0 / np.where(size > 0.0, size, 1.0)
         self.rows: FloatArray = local * self.scale
-        self._size = 6 + joints
+        self.nearest = NearestMotions(self.rows)
         self._touching: dict[tuple[tuple[int, ...], tuple[int, ...]], _Touching] = {}
-        self._nearest: dict[tuple[int, ...], FloatArray] = {}
 
     def solve(
         self,
@@ -179,80 +168,6 @@ class VirtualKinematics:
         signs = np.zeros((len(contacts), 2), dtype=int)
         return self._touching_motions(contacts, signs, SignRule.STRICT).basis
 
-    def glimpse(self, contacts: tuple[int, ...], signs: FloatArray) -> FloatArray | None:
-        """Look for a witness without a search, among the motions nearest to wanted slidings.
-
-        Args:
-            contacts: s contacts that must touch and slide along both tangents.
-            signs: (2 s,) signs of their sliding, 0 where any will do.
-
-        Returns:
-            (2 s,) the signs completed by a motion that slides with all of them, a witness under
-            every rule; None says nothing.
-        """
-        if not contacts:
-            return signs
-        nearest = self._nearest_motions(contacts)
-        wanted, full = signs, signs
-        open_signs = not np.logical_and.reduce(signs)
-        for _ in range(_GLIMPSES):
-            sliding, apart, motion = self._split_motion(nearest @ wanted)
-            if open_signs:
-                full = np.where(signs != 0.0, signs, np.where(sliding < 0.0, -1.0, 1.0))
-            along = sliding * full
-            least = float(np.minimum.reduce(along))
-            size = float(motion @ motion)
-            touches = float(apart @ apart) <= _RANK_TOLERANCE**2 * size
-            if least > 0.0 and least * least >= _CLEAR_WITNESS * size and touches:
-                return full
-            wanted = full * np.maximum(along, 1.0)
-        return None
-
-    def _nearest_motions(self, contacts: tuple[int, ...]) -> FloatArray:
-        """(3 s + 6 + L, 2 s) from wanted slidings to tangential, normal velocities and the motion.
-
-        Of the motions that keep the contacts touching, that with the nearest slidings, up to a
-        little damping in place of the ranks: what comes out is checked.
-        """
-        known = self._nearest.get(contacts)
-        if known is None:
-            rows = self.rows[list(contacts)]
-            normal, tangential = rows[:, 0], rows[:, 1:].reshape(-1, self._size)
-            back = _damped_pseudo_inverse(normal)
-            held = tangential - (tangential @ back) @ normal
-            motion = _damped_pseudo_inverse(held)
-            # Again, to take away what damping and rounding left.
-            for _ in range(_CORRECTIONS):
-                motion -= back @ (normal @ motion)
-            known = np.concatenate([tangential @ motion, normal @ motion, motion])
-            if len(self._nearest) >= _MOST_KEPT:
-                self._nearest.clear()
-            self._nearest[contacts] = known
-        return known
-
-    def nearest_sliding(self, contacts: tuple[int, ...], wanted: FloatArray) -> FloatArray | None:
-        """Sliding, nearest to what is wanted, of a motion that keeps all the contacts touching.
-
-        Args:
-            contacts: s contacts.
-            wanted: (s, 2) sliding along t1 and t2.
-
-        Returns:
-            (s, 2), 0 where it is too slow to count as a sliding; None if none was found.
-        """
-        sliding, apart, motion = self._split_motion(
-            self._nearest_motions(contacts) @ wanted.ravel()
-        )
-        size = float(motion @ motion)
-        if float(apart @ apart) > _RANK_TOLERANCE**2 * size:
-            return None
-        return np.where(sliding**2 >= _CLEAR_WITNESS * size, sliding, 0.0).reshape(-1, 2)
-
-    def _split_motion(self, found: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Tangential and normal velocities and the motion, from a product of `_nearest_motions`."""
-        count = (len(found) - self._size) // 3
-        return found[: 2 * count], found[2 * count : 3 * count], found[3 * count :]
-
     def _combine(
         self,
         contacts: tuple[int, ...],
@@ -301,12 +216,12 @@ class VirtualKinematics:
             still += [self.rows[contacts[index // 2], 1 + index % 2] for index in zeros]
             matrix = np.array(still).reshape(-1, self.rows.shape[2])
             _, values, right = np.linalg.svd(matrix)
-            rank = int((values > _RANK_TOLERANCE * max(1.0, values.max(initial=0.0))).sum())
+            rank = int((values > RANK_TOLERANCE * max(1.0, values.max(initial=0.0))).sum())
             basis = right[rank:].T
             tangential = self.rows[list(contacts), 1:] @ basis
             # A row that vanishes there must vanish exactly, or rounding passes for a direction.
-            tangential[np.linalg.norm(tangential, axis=2) < _RANK_TOLERANCE] = 0.0
-            if len(self._touching) >= _MOST_KEPT:
+            tangential[np.linalg.norm(tangential, axis=2) < RANK_TOLERANCE] = 0.0
+            if len(self._touching) >= MOST_KEPT:
                 self._touching.clear()
             known = self._touching[contacts, zeros] = _Touching(matrix, basis, tangential)
         return known
@@ -351,18 +266,6 @@ class VirtualKinematics:
             if reaction > _IN_CONFLICT * largest
         }
         return Conflict(items, tuple(sorted(carrying - {contact for contact, _, _ in items})))
-
-
-def _damped_pseudo_inverse(rows: FloatArray) -> FloatArray:
-    """Pseudo-inverse of rows that may depend on each other, nearly: zeros if that fails too."""
-    gram = rows @ rows.T
-    diagonal = gram.reshape(-1)[:: len(gram) + 1]
-    diagonal += _DAMPING * (1.0 + float(np.add.reduce(diagonal)))
-    try:
-        solved: FloatArray = np.linalg.solve(gram, rows).astype(np.float64, copy=False)
-    except np.linalg.LinAlgError:
-        return np.zeros_like(rows.T)
-    return solved.T
 
 
 def _by_linear_program(moving: FloatArray, strictness: FloatArray) -> tuple[FloatArray, float]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from graspless_pin.algorithms.formulation import Objective
-from graspless_pin.algorithms.warm_start import margin_objective, torque_objective
+from graspless_pin.algorithms.torque import margin_objective, torque_objective
 from graspless_pin.modes.rules import Rules, choice
 from graspless_pin.problem.checks import real_number, whole_number
 from graspless_pin.solution import Algorithm

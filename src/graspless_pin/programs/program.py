@@ -86,11 +86,6 @@ class Program:
         return smaller, kept
 
     @cached_property
-    def hessian(self) -> FloatArray:
-        """(n, n) diag(P)."""
-        return np.asfortranarray(np.diag(self.P))
-
-    @cached_property
     def is_linear(self) -> bool:
         """Whether P is zero."""
         return np.count_nonzero(self.P) == 0

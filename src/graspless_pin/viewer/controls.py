@@ -123,12 +123,6 @@ def changed_scene(scene: Scene, values: Mapping[str, float]) -> Scene:
     return changed
 
 
-def joint_values(hand: Hand) -> dict[str, float]:
-    """Return the values of the joint controls at a hand's configuration."""
-    leaders = [hand.joint_names[index] for index in hand.tree.coupling.leaders]
-    return {_JOINT + name: hand.q[name] for name in leaders}
-
-
 def _friction_controls(scene: Scene) -> list[Control]:
     """One control for the hand's contacts and one for the supports', as far as there are any."""
     try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -19,15 +20,15 @@ from graspless_pin.geometry.pickling import remake
 from graspless_pin.geometry.poses import as_pose
 
 
-class _PlacedShape:
+class _PlacedShape(ABC):
     """What an object and a support share: convex pieces under one name at one pose."""
 
     name: str
     shape: Shape
 
+    @abstractmethod
     def _pose(self) -> NDArray[np.float64]:
         """(4, 4) T_world_shape."""
-        raise NotImplementedError
 
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
         """Pickle by the fields."""
@@ -161,7 +162,7 @@ class ManipulatedObject(_PlacedShape):
         pose = as_pose("T_world_object", T_world_object)
         moved = object.__new__(type(self))
         placed = PlacedBodies(self.shapes, _repeated(pose, self.shapes))
-        moved.__dict__.update(self.__dict__, T_world_object=pose, placed_bodies=placed)
+        vars(moved).update(vars(self), T_world_object=pose, placed_bodies=placed)
         return moved
 
     @property

@@ -38,11 +38,6 @@ class ControlPlan:
     joints: Mapping[str, ControlMode]
     hybrid_fingers: tuple[str, ...]
 
-    @property
-    def force_controlled(self) -> tuple[str, ...]:
-        """The joints under force control, in model order."""
-        return tuple(name for name, mode in self.joints.items() if mode is ControlMode.FORCE)
-
 
 def check_fingers(tree: KinematicTree, fingers: Mapping[str, FingerSpec]) -> dict[str, FingerSpec]:
     """Check fingers against a tree and fill in the links of those that name none.

@@ -1,0 +1,118 @@
+"""Virtual motions nearest to wanted slidings: witnesses by guess, each of them checked."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from graspless_pin.problem.checks import FloatArray
+
+# Rows are scaled to unit size, so this is the largest relative velocity that counts as zero: it
+# lets four corner contacts whose normals differ by rounding share a motion.
+RANK_TOLERANCE = 1e-8
+MOST_KEPT = 4096
+"""Sets of contacts for which something is kept."""
+
+# The smallest slack 1/|x|^2, for unit requirements on x, that is accepted without a search.
+_CLEAR_WITNESS = 1e-10
+_GLIMPSES = 4
+# Stands in for ranks where the answer is checked: of squared rows of unit size, far above their
+# rounding and far below what a motion needs.
+_DAMPING = 1e-12
+_CORRECTIONS = 2
+
+
+class NearestMotions:
+    """Damped least squares over the motions that keep contacts touching, kept between calls."""
+
+    def __init__(self, rows: FloatArray) -> None:
+        """Take the map of `VirtualKinematics`.
+
+        Args:
+            rows: (M, 3, 6 + L) from the scaled motion to velocities along n, t1, t2.
+        """
+        self._rows = rows
+        self._known: dict[tuple[int, ...], FloatArray] = {}
+
+    def glimpse(self, contacts: tuple[int, ...], signs: FloatArray) -> FloatArray | None:
+        """Look for a witness without a search, among the motions nearest to wanted slidings.
+
+        Args:
+            contacts: s contacts that must touch and slide along both tangents.
+            signs: (2 s,) signs of their sliding, 0 where any will do.
+
+        Returns:
+            (2 s,) the signs completed by a motion that slides with all of them, a witness under
+            every rule; None says nothing.
+        """
+        if not contacts:
+            return signs
+        nearest = self._motions(contacts)
+        wanted, full = signs, signs
+        open_signs = not np.logical_and.reduce(signs)
+        for _ in range(_GLIMPSES):
+            sliding, apart, motion = self._split(nearest @ wanted)
+            if open_signs:
+                full = np.where(signs != 0.0, signs, np.where(sliding < 0.0, -1.0, 1.0))
+            along = sliding * full
+            least = float(np.minimum.reduce(along))
+            size = float(motion @ motion)
+            touches = float(apart @ apart) <= RANK_TOLERANCE**2 * size
+            if least > 0.0 and least * least >= _CLEAR_WITNESS * size and touches:
+                return full
+            wanted = full * np.maximum(along, 1.0)
+        return None
+
+    def _motions(self, contacts: tuple[int, ...]) -> FloatArray:
+        """(3 s + 6 + L, 2 s) from wanted slidings to tangential, normal velocities and the motion.
+
+        Of the motions that keep the contacts touching, that with the nearest slidings, up to a
+        little damping in place of the ranks: what comes out is checked.
+        """
+        known = self._known.get(contacts)
+        if known is None:
+            rows = self._rows[list(contacts)]
+            normal, tangential = rows[:, 0], rows[:, 1:].reshape(-1, self._rows.shape[2])
+            back = _damped_pseudo_inverse(normal)
+            held = tangential - (tangential @ back) @ normal
+            motion = _damped_pseudo_inverse(held)
+            # Again, to take away what damping and rounding left.
+            for _ in range(_CORRECTIONS):
+                motion -= back @ (normal @ motion)
+            known = np.concatenate([tangential @ motion, normal @ motion, motion])
+            if len(self._known) >= MOST_KEPT:
+                self._known.clear()
+            self._known[contacts] = known
+        return known
+
+    def sliding(self, contacts: tuple[int, ...], wanted: FloatArray) -> FloatArray | None:
+        """Sliding, nearest to what is wanted, of a motion that keeps all the contacts touching.
+
+        Args:
+            contacts: s contacts.
+            wanted: (s, 2) sliding along t1 and t2.
+
+        Returns:
+            (s, 2), 0 where it is too slow to count as a sliding; None if none was found.
+        """
+        sliding, apart, motion = self._split(self._motions(contacts) @ wanted.ravel())
+        size = float(motion @ motion)
+        if float(apart @ apart) > RANK_TOLERANCE**2 * size:
+            return None
+        return np.where(sliding**2 >= _CLEAR_WITNESS * size, sliding, 0.0).reshape(-1, 2)
+
+    def _split(self, found: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Tangential and normal velocities and the motion, from a product of `_motions`."""
+        count = (len(found) - self._rows.shape[2]) // 3
+        return found[: 2 * count], found[2 * count : 3 * count], found[3 * count :]
+
+
+def _damped_pseudo_inverse(rows: FloatArray) -> FloatArray:
+    """Pseudo-inverse of rows that may depend on each other, nearly: zeros if that fails too."""
+    gram = rows @ rows.T
+    diagonal = gram.reshape(-1)[:: len(gram) + 1]
+    diagonal += _DAMPING * (1.0 + float(np.add.reduce(diagonal)))
+    try:
+        solved: FloatArray = np.linalg.solve(gram, rows).astype(np.float64, copy=False)
+    except np.linalg.LinAlgError:
+        return np.zeros_like(rows.T)
+    return solved.T
