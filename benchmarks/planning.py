@@ -20,12 +20,12 @@ _SCENES = (
     "paper/cuboid_sliding_up",
 )
 _STATES = 8
-_SPREAD = 0.003
-"""rad, of the joints about the scene's configuration: neighbours on a planner's path."""
+_STEP = 0.003
+"""rad, root mean square over the joints, from one state to the next on a straight path."""
 
 
 def evaluator() -> str:
-    """`Evaluator.evaluate` of Algorithm 1 in neighbouring states that differ in all joints."""
+    """`Evaluator.evaluate` of Algorithm 1 along a path on which all joints move."""
     rows = [_row(name) for name in _SCENES]
     headers = [
         "scene",
@@ -38,9 +38,9 @@ def evaluator() -> str:
         "is_feasible us",
     ]
     note = (
-        f"Medians over {_STATES} states. Fresh: `load_scene`, the state, `problem()` and "
-        "`maximize_margin`; geometry: the state and `problem()`; bare LP: PIQP, set-up included. "
-        "The aims are 3 and 2."
+        f"Medians over {_STATES} states of a straight path. Fresh: `load_scene`, the state, "
+        "`problem()` and `maximize_margin`; geometry: the state and `problem()`; bare LP: PIQP, "
+        "set-up included. The aims are 3 and 2."
     )
     return f"## Evaluator\n\n{tabulate(rows, headers, tablefmt='github')}\n\n{note}"
 
@@ -86,12 +86,13 @@ def _row(name: str) -> list[str]:
 
 
 def _states(warm: Evaluator) -> list[np.ndarray]:
-    """Configurations about the scene's in which torques are found."""
+    """Configurations in which torques are found, there and back along a path from the scene's."""
     rng = np.random.default_rng(0)
     lower, upper = warm.joint_limits
-    home, states = warm.configuration(), []
-    while len(states) < _STATES:
-        q = np.clip(home + rng.normal(0.0, _SPREAD, len(home)), lower, upper)
-        if warm.evaluate(q).found:
-            states.append(q)
-    return states
+    home = warm.configuration()
+    while True:
+        step = rng.normal(size=len(home))
+        step *= _STEP / np.sqrt(np.mean(step**2))
+        there = [np.clip(home + k * step, lower, upper) for k in range(_STATES // 2 + 1)]
+        if all(warm.evaluate(q).found for q in there):
+            return there + there[-2:0:-1]

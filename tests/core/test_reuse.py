@@ -93,9 +93,10 @@ def test_signs_that_are_seen_at_a_glimpse_are_feasible_under_every_rule(seed, co
     for _ in range(5):
         chosen = tuple(np.flatnonzero(rng.random(contacts) < 0.6).tolist())
         wanted = rng.choice([-1.0, 0.0, 1.0], 2 * len(chosen), p=[0.4, 0.2, 0.4])
-        signs = kinematics.nearest.glimpse(chosen, wanted)
-        if signs is None:
+        found = kinematics.nearest.glimpse(chosen, wanted)
+        if found is None:
             continue
+        signs, _ = found
         assert ((signs == wanted) | (wanted == 0.0)).all()
         pairs = signs.astype(int).reshape(-1, 2).tolist()
         requirements = [Requirement(c, (a, b)) for c, (a, b) in zip(chosen, pairs, strict=True)]

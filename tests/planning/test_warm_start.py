@@ -12,7 +12,7 @@ from scenes import random_problem  # pyright: ignore[reportMissingImports] - tes
 
 from graspless_pin import SlidingMode, maximize_margin, minimize_torque
 from graspless_pin.algorithms.torque import margin_objective, torque_objective
-from graspless_pin.algorithms.warm_start import reaches_margin, solve_from
+from graspless_pin.algorithms.warm_start import Experience, reaches_margin, solve_from
 from graspless_pin.modes.rules import Rules
 
 FAMILIES = {
@@ -38,13 +38,13 @@ def test_the_answer_does_not_depend_on_the_start(family):
         problem = FAMILIES[family](seed)
         cold = maximize_margin(problem)
         least = minimize_torque(problem, 0.01)
-        starts = [some_mode(problem, seed), SlidingMode([True], [[1, 1]])]
+        starts = [Experience(some_mode(problem, seed)), Experience(SlidingMode([True], [[1, 1]]))]
         if cold.found:
-            starts.append(cold.mode)
+            starts.append(Experience(cold.mode))
         for start in starts:
-            warm = solve_from(problem, margin_objective(), STRICT, start)
+            warm, _ = solve_from(problem, margin_objective(), STRICT, start)
             assert warm.status is cold.status
-            other = solve_from(problem, torque_objective(0.01), STRICT, start)
+            other, _ = solve_from(problem, torque_objective(0.01), STRICT, start)
             assert other.status is least.status
             if cold.found:
                 assert warm.margin == pytest.approx(cold.margin, abs=1e-5)
@@ -62,19 +62,20 @@ def test_a_margin_is_reached_up_to_the_largest(family):
         problem = FAMILIES[family](seed)
         best = maximize_margin(problem)
         if not best.found:
-            assert reaches_margin(problem, 0.0, STRICT, None) == (False, None)
+            assert reaches_margin(problem, 0.0, STRICT)[0] is False
             continue
-        for start in (None, some_mode(problem, seed), best.mode):
+        for mode in (None, some_mode(problem, seed), best.mode):
+            start = Experience(mode)
             for share in (0.0, 0.5, 0.999):
-                reached, mode = reaches_margin(problem, share * best.margin, STRICT, start)
+                reached, left = reaches_margin(problem, share * best.margin, STRICT, start)
                 assert reached
-                assert mode is not None
+                assert left.mode is not None
                 # The mode is a proof: it can be checked by itself.
-                again = maximize_margin(problem, mode=mode)
+                again = maximize_margin(problem, mode=left.mode)
                 assert again.margin >= share * best.margin - 1e-5
             above = best.margin + 1e-4 * max(1.0, best.margin)
-            assert reaches_margin(problem, above, STRICT, start) == (False, None)
-        early, _ = reaches_margin(problem, 0.9 * best.margin, STRICT, None, time_limit=0.0)
+            assert reaches_margin(problem, above, STRICT, start)[0] is False
+        early, _ = reaches_margin(problem, 0.9 * best.margin, STRICT, time_limit=0.0)
         counts[early] += 1
     # Without time for a search it is either proven at once or undecided, never refuted.
     assert counts[True] >= 5

@@ -86,10 +86,14 @@ class Formulation:
 
     def solve(self, lb: FloatArray, ub: FloatArray, solver: str, *, cutoff: float) -> Answer:
         """Solve the program under other bounds; values above the cutoff count as infeasible."""
-        program, cutoff = self.program, min(cutoff, self.cutoff)
-        if lb is not program.lb or ub is not program.ub:
-            program = program.bounded(lb, ub, cutoff)
-        return solve(program, solver, cutoff=cutoff)
+        cutoff = min(cutoff, self.cutoff)
+        return solve(self.bounded(lb, ub, cutoff), solver, cutoff=cutoff)
+
+    def bounded(self, lb: FloatArray, ub: FloatArray, cutoff: float) -> Program:
+        """Return the program with other bounds; values above the cutoff are of no interest."""
+        if lb is self.program.lb and ub is self.program.ub:
+            return self.program
+        return self.program.bounded(lb, ub, cutoff)
 
     def admitted(self, mode: SlidingMode, x: FloatArray) -> FloatArray:
         """Return x without the friction that one mode forbids; x itself if there is none."""

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from graspless_pin.algorithms.formulation import Formulation
-from graspless_pin.modes.enumeration import mode_of, sign_pairs
+from graspless_pin.modes.enumeration import mode_of, requirements_of, sign_pairs
 from graspless_pin.modes.kinematics import Conflict, Requirement, Witness
 from graspless_pin.modes.rules import Rules, SignRule, SlidingMode, SlidingRule, StaticFriction
 from graspless_pin.problem.checks import FloatArray
@@ -42,11 +42,14 @@ class ModeReader:
         formulation: The shared program and kinematics.
         rules: The reading of the constraint.
         kinematic_programs: How many feasibility problems were solved so far.
+        motion: A virtual motion that may be behind the friction, scaled, such as that of a similar
+            problem; when a mode was read at once, the one behind it.
     """
 
     formulation: Formulation
     rules: Rules
-    kinematic_programs: int = field(default=0)
+    kinematic_programs: int = 0
+    motion: FloatArray | None = None
 
     def read(
         self, x: FloatArray, decided: dict[int, SignPair]
@@ -147,14 +150,31 @@ class ModeReader:
             some = np.logical_or.reduce(rubs, axis=1)
             chosen, opposed = chosen[some], opposed[some]
             contacts = tuple(chosen.tolist())
-        known = formulation.kinematics.nearest.glimpse(contacts, opposed.ravel())
+        known = self._glimpse(contacts, opposed.ravel())
         if known is None:
             return None
-        self.kinematic_programs += 1
         selection = np.zeros(formulation.problem.contact_count, dtype=bool)
         signs = np.zeros((len(selection), 2), dtype=np.int8)
         selection[chosen], signs[chosen] = True, known.reshape(-1, 2)
         return SlidingMode.unchecked(selection, signs)
+
+    def moves(self, mode: SlidingMode) -> bool:
+        """Return whether there is a virtual motion behind a mode."""
+        contacts = tuple(np.flatnonzero(mode.selection).tolist())
+        signs = mode.signs[mode.selection].ravel().astype(float)
+        if signs.all() and self._glimpse(contacts, signs) is not None:
+            return True
+        self.kinematic_programs += 1
+        return self.formulation.kinematics.feasible(requirements_of(mode), self.rules.sign)
+
+    def _glimpse(self, contacts: tuple[int, ...], signs: FloatArray) -> FloatArray | None:
+        """The signs completed by a motion that is found without a search, None if none is."""
+        found = self.formulation.kinematics.nearest.glimpse(contacts, signs, self.motion)
+        if found is None:
+            return None
+        self.kinematic_programs += 1
+        signs, self.motion = found
+        return signs
 
     def _friction(self, x: FloatArray) -> dict[int, SignPair] | Opposition:
         """Signs of the friction at each contact with a cone, 0 where a component vanishes."""

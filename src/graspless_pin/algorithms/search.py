@@ -82,7 +82,10 @@ class SearchState:
     def relax(self) -> Answer:
         """Solve the relaxation without (27) and (31); its bound holds for every mode."""
         program = self.formulation.program
-        answer = self.solve(program.lb, program.ub)
+        return self.relaxed(self.solve(program.lb, program.ub))
+
+    def relaxed(self, answer: Answer) -> Answer:
+        """Keep the answer to the relaxation and what it proves."""
         self.relaxation = answer
         self.bound = answer.bound
         if answer.outcome is Outcome.INFEASIBLE:

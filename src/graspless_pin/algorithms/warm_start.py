@@ -1,14 +1,15 @@
-"""Searches that begin with the mode of an earlier, similar problem.
+"""Searches that begin with what an earlier, similar problem ended with.
 
-The first node of every search is the relaxation. Where its friction has no motion behind it, the
-earlier mode's own program comes next: in a neighbouring state it is mostly as good, and then two
-programs are all. Otherwise its value is what branch and bound has to beat, so that the answer
-never depends on the mode that the search began with.
+The first node of every search is the relaxation. The earlier one's active constraints are mostly
+active again: then no solver is asked. Where its friction has no motion behind it, the earlier
+mode's own program comes next: in a neighbouring state it is mostly as good, and then two programs
+are all. Otherwise its value is what branch and bound has to beat, so that the answer never depends
+on what the search began with, but where several sets of forces are equally good.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.explanation import explain
@@ -16,50 +17,73 @@ from graspless_pin.algorithms.formulation import Objective, formulate
 from graspless_pin.algorithms.search import CLOSED, SearchResult, SearchState, finished
 from graspless_pin.algorithms.solve import solution_of
 from graspless_pin.algorithms.torque import margin_objective
-from graspless_pin.modes.enumeration import requirements_of
 from graspless_pin.modes.rules import Rules, SlidingMode, candidate_contacts
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import real_number
+from graspless_pin.problem.checks import FloatArray, real_number
+from graspless_pin.programs.carried_optimum import Optimum, carried, optimum_of
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.solvers import Answer, Outcome
+
+
+@dataclass(frozen=True, eq=False)
+class Experience:
+    """What a search leaves behind for those of similar problems with the same contacts.
+
+    Attributes:
+        mode: The best mode; None: no mode was found.
+        relaxation: Optimum of the program without modes; None: not to be carried over.
+        in_mode: Optimum of the mode's own program; None: not solved, or not to be carried over.
+        motion: A virtual motion behind the mode, scaled; None: not at hand.
+    """
+
+    mode: SlidingMode | None = None
+    relaxation: Optimum | None = None
+    in_mode: Optimum | None = None
+    motion: FloatArray | None = None
+
+
+NO_EXPERIENCE = Experience()
 
 
 def solve_from(
     problem: QuasistaticProblem,
     objective: Objective,
     rules: Rules,
-    start: SlidingMode | None,
+    start: Experience = NO_EXPERIENCE,
     *,
     solver: str = "piqp",
     node_limit: int | None = None,
     time_limit: float | None = None,
-) -> TorqueSolution:
-    """Solve a problem as `solve_problem` does, trying an earlier mode first.
+) -> tuple[TorqueSolution, Experience]:
+    """Solve a problem as `solve_problem` does, trying first what was best before.
 
     Args:
         problem: Contacts, wrench, joints and limits.
         objective: Algorithm 1 or 2 with its figures.
         rules: The reading of the virtual-sliding constraint.
-        start: Mode of a similar problem with the same contacts; None: none is known.
+        start: What a similar problem with the same contacts left behind.
         solver: The solver to ask first.
         node_limit: Limit of branch and bound.
         time_limit: Limit of branch and bound, s.
+
+    Returns:
+        The solution, and what it leaves behind.
     """
-    state = _WarmState(formulate(problem, objective), rules, solver)
-    result = _search(state, start, node_limit=node_limit, time_limit=time_limit)
-    return solution_of(result, objective, rules, explain)
+    state = _WarmState(formulate(problem, objective), rules, solver, start=start)
+    result = _search(state, node_limit=node_limit, time_limit=time_limit)
+    return solution_of(result, objective, rules, explain), state.experience()
 
 
 def reaches_margin(
     problem: QuasistaticProblem,
     margin: float,
     rules: Rules,
-    start: SlidingMode | None,
+    start: Experience = NO_EXPERIENCE,
     *,
     solver: str = "piqp",
     node_limit: int | None = None,
     time_limit: float | None = None,
-) -> tuple[bool | None, SlidingMode | None]:
+) -> tuple[bool | None, Experience]:
     """Decide whether any feasible mode reaches a margin, with the first proof either way.
 
     A relaxation whose bound is below the margin proves that none does. A mode that reaches it is
@@ -70,14 +94,14 @@ def reaches_margin(
         problem: Contacts, wrench, joints and limits.
         margin: The margin to reach, N.
         rules: The reading of the virtual-sliding constraint.
-        start: Mode of a similar problem with the same contacts; None: none is known.
+        start: What a similar problem with the same contacts left behind.
         solver: The solver to ask first.
         node_limit: Limit of branch and bound.
         time_limit: Limit of branch and bound, s.
 
     Returns:
-        Whether it is reached, None if a limit ended the search before a proof; and the mode that
-        reaches it.
+        Whether it is reached, None if a limit ended the search before a proof; and what that leaves
+        behind: if it is reached, the mode that reaches it.
 
     Raises:
         ArgumentError: If the margin is negative.
@@ -85,15 +109,15 @@ def reaches_margin(
     required = real_number("margin", margin, 0.0)
     full = formulate(problem, margin_objective())
     goal = required / full.coordinates.force_scale
-    state = _WarmState(replace(full, cutoff=-goal), rules, solver)
+    state = _WarmState(replace(full, cutoff=-goal), rules, solver, start=start)
     relaxation = state.relax()
     if relaxation.outcome is Outcome.INFEASIBLE:
-        return False, None
+        return False, state.experience()
     if relaxation.outcome is Outcome.SOLVED:
         for attempt in (_read_mode, _try_mode):
-            attempt(state, start)
+            attempt(state)
             if state.best_value <= CLOSED - goal:
-                return True, state.mode
+                return True, state.experience()
     ub = full.program.ub.copy()
     ub[-1] = goal
     capped = replace(full, program=full.program.bounded(full.program.lb, ub), cutoff=-goal)
@@ -101,37 +125,82 @@ def reaches_margin(
         SearchState(capped, rules, solver), node_limit=node_limit, time_limit=time_limit
     )
     if result.state.best is not None:
-        return True, result.state.mode
+        return True, replace(state.experience(), mode=result.state.mode, in_mode=None)
     undecided = result.status in (Status.NOT_FOUND_IN_LIMIT, Status.UNVERIFIED)
-    return (None if undecided else False), None
+    return (None if undecided else False), state.experience()
 
 
+@dataclass
 class _WarmState(SearchState):
-    """A search whose relaxation may have been solved before branch and bound begins."""
+    """A search that begins with experience.
+
+    Attributes:
+        start: What a similar problem left behind.
+        without_mode: Optimum of the relaxation, once it was solved and may be carried over.
+        in_mode: That of the earlier mode's program.
+    """
+
+    start: Experience = NO_EXPERIENCE
+    without_mode: Optimum | None = None
+    in_mode: Optimum | None = None
+
+    def __post_init__(self) -> None:
+        """Make the reader, and show it the earlier motion."""
+        super().__post_init__()
+        self.reader.motion = self.start.motion
 
     def relax(self) -> Answer:
         """Return the relaxation's answer, solved once."""
-        return super().relax() if self.relaxation is None else self.relaxation
+        if self.relaxation is not None:
+            return self.relaxation
+        program = self.formulation.program
+        answer, self.without_mode = self.solve_near(program.lb, program.ub, self.start.relaxation)
+        return self.relaxed(answer)
+
+    def solve_near(
+        self, lb: FloatArray, ub: FloatArray, near: Optimum | None
+    ) -> tuple[Answer, Optimum | None]:
+        """Solve the program under bounds, by a solver only where an optimum nearby does not tell.
+
+        Args:
+            lb: (n,) lower bounds.
+            ub: (n,) upper bounds.
+            near: Optimum of a similar problem under bounds of the same kind.
+        """
+        cutoff = min(self.best_value, self.formulation.cutoff)
+        program = self.formulation.bounded(lb, ub, cutoff)
+        known = None if near is None else carried(program, near, cutoff)
+        if known is not None:
+            self.force_programs += 1
+            return known
+        answer = self.solve(lb, ub)
+        solved = answer.outcome is Outcome.SOLVED
+        return answer, optimum_of(program, answer) if solved else None
+
+    def experience(self) -> Experience:
+        """Return what the search leaves behind; what it did not come to stays as it began."""
+        start = self.start
+        mode = start.mode if self.mode is None else self.mode
+        return Experience(
+            mode,
+            self.without_mode or start.relaxation,
+            self.in_mode or (start.in_mode if mode is start.mode else None),
+            self.reader.motion,
+        )
 
 
-def _search(
-    state: _WarmState,
-    start: SlidingMode | None,
-    *,
-    node_limit: int | None,
-    time_limit: float | None,
-) -> SearchResult:
+def _search(state: _WarmState, *, node_limit: int | None, time_limit: float | None) -> SearchResult:
     relaxation = state.relax()
-    if start is not None and relaxation.outcome is Outcome.SOLVED:
+    if state.start.mode is not None and relaxation.outcome is Outcome.SOLVED:
         for attempt in (_read_mode, _try_mode):
-            attempt(state, start)
+            attempt(state)
             if state.closed(relaxation.bound):
                 state.nodes = state.modes_examined = 1
                 return finished(state)
     return branch_and_bound(state, node_limit=node_limit, time_limit=time_limit)
 
 
-def _read_mode(state: SearchState, _start: SlidingMode | None) -> None:
+def _read_mode(state: _WarmState) -> None:
     """Keep the relaxation's own optimum, if a feasible mode admits its friction."""
     relaxation = state.relaxation
     if relaxation is not None:
@@ -140,17 +209,18 @@ def _read_mode(state: SearchState, _start: SlidingMode | None) -> None:
             state.accept(relaxation, verdict)
 
 
-def _try_mode(state: SearchState, start: SlidingMode | None) -> None:
+def _try_mode(state: _WarmState) -> None:
     """Keep the optimum of the earlier mode, if the problem has it and a motion stands behind it."""
-    if start is None:
+    mode = state.start.mode
+    if mode is None:
         return
     problem = state.formulation.problem
-    stray = start.selection & ~candidate_contacts(problem, state.rules)
-    if len(start.selection) != problem.contact_count or stray.any():
+    if len(mode.selection) != problem.contact_count:
         return
-    state.reader.kinematic_programs += 1
-    if not state.formulation.kinematics.feasible(requirements_of(start), state.rules.sign):
+    stray = mode.selection & ~candidate_contacts(problem, state.rules)
+    if stray.any() or not state.reader.moves(mode):
         return
-    answer = state.solve(*state.formulation.bounds_of(start))
+    bounds = state.formulation.bounds_of(mode)
+    answer, state.in_mode = state.solve_near(*bounds, state.start.in_mode)
     if answer.outcome is Outcome.SOLVED and answer.value < state.best_value:
-        state.best, state.mode = answer, start
+        state.best, state.mode = answer, mode

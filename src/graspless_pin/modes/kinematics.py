@@ -14,6 +14,7 @@ from graspless_pin.modes.nearest_motions import MOST_KEPT, RANK_TOLERANCE, Neare
 from graspless_pin.modes.rules import SignRule
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.contact_map import contact_map
 
 # A witness with |x| = 1 / sqrt(this) for unit requirements is as good as none.
 _NO_WITNESS = 1e-12
@@ -107,14 +108,12 @@ class VirtualKinematics:
 
     def __init__(self, problem: QuasistaticProblem) -> None:
         """Assemble the scaled map."""
-        count, joints = problem.contact_count, problem.joint_count
-        world = np.empty((count, 3, 6 + joints))
-        world[:, :, :6] = problem.W.T.reshape(count, 3, 6)
-        np.negative(problem.jacobian.reshape(count, 3, joints), out=world[:, :, 6:])
-        local = problem.frames.transpose(0, 2, 1) @ world
+        local = contact_map(problem)
         size = np.sqrt(np.einsum("lij,lij->j", local, local))
         self.scale: FloatArray = 1.0 / np.where(size > 0.0, size, 1.0)
-        self.rows: FloatArray = local * self.scale
+        signed = self.scale.copy()
+        np.negative(signed[6:], out=signed[6:])  # the map takes -theta_dot
+        self.rows: FloatArray = local * signed
         self.nearest = NearestMotions(self.rows)
         self._touching: dict[tuple[tuple[int, ...], tuple[int, ...]], _Touching] = {}
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from scipy.linalg import get_lapack_funcs
 
 from graspless_pin.problem.checks import FloatArray
 
@@ -20,6 +23,38 @@ _GLIMPSES = 4
 _DAMPING = 1e-12
 _CORRECTIONS = 2
 
+_posv, _potrf, _potrs = get_lapack_funcs(("posv", "potrf", "potrs"))
+
+
+class _Seen(NamedTuple):
+    """A virtual motion at s contacts.
+
+    Attributes:
+        sliding: (2 s,) velocities along t1 and t2.
+        apart: (s,) velocities along n.
+        motion: (6 + L,) the motion, scaled.
+    """
+
+    sliding: FloatArray
+    apart: FloatArray
+    motion: FloatArray
+
+    def completed(self, signs: FloatArray) -> FloatArray:
+        """The signs, with those of the sliding in the place of zeros."""
+        if np.logical_and.reduce(signs):
+            return signs
+        return np.where(signs != 0.0, signs, np.where(self.sliding < 0.0, -1.0, 1.0))
+
+    def slides(self, signs: FloatArray) -> bool:
+        """Whether it keeps the contacts touching and clearly slides with all signs."""
+        size = float(self.motion @ self.motion)
+        least = float(np.minimum.reduce(self.sliding * signs))
+        return (
+            least > 0.0
+            and least * least >= _CLEAR_WITNESS * size
+            and float(self.apart @ self.apart) <= RANK_TOLERANCE**2 * size
+        )
+
 
 class NearestMotions:
     """Damped least squares over the motions that keep contacts touching, kept between calls."""
@@ -33,34 +68,48 @@ class NearestMotions:
         self._rows = rows
         self._known: dict[tuple[int, ...], FloatArray] = {}
 
-    def glimpse(self, contacts: tuple[int, ...], signs: FloatArray) -> FloatArray | None:
-        """Look for a witness without a search, among the motions nearest to wanted slidings.
+    def glimpse(
+        self, contacts: tuple[int, ...], signs: FloatArray, near: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray] | None:
+        """Look for a witness without a search: near a motion, then nearest to wanted slidings.
 
         Args:
             contacts: s contacts that must touch and slide along both tangents.
             signs: (2 s,) signs of their sliding, 0 where any will do.
+            near: (6 + L,) a motion that may be close to one; None: none is known.
 
         Returns:
             (2 s,) the signs completed by a motion that slides with all of them, a witness under
-            every rule; None says nothing.
+            every rule, and (6 + L,) that motion; None says nothing.
         """
         if not contacts:
-            return signs
+            return signs, np.zeros(self._rows.shape[2])
+        if near is not None and len(near) == self._rows.shape[2]:
+            seen = self._held(contacts, near)
+            full = seen.completed(signs)
+            if seen.slides(full):
+                return full, seen.motion
         nearest = self._motions(contacts)
-        wanted, full = signs, signs
-        open_signs = not np.logical_and.reduce(signs)
+        wanted = signs
         for _ in range(_GLIMPSES):
-            sliding, apart, motion = self._split(nearest @ wanted)
-            if open_signs:
-                full = np.where(signs != 0.0, signs, np.where(sliding < 0.0, -1.0, 1.0))
-            along = sliding * full
-            least = float(np.minimum.reduce(along))
-            size = float(motion @ motion)
-            touches = float(apart @ apart) <= RANK_TOLERANCE**2 * size
-            if least > 0.0 and least * least >= _CLEAR_WITNESS * size and touches:
-                return full
-            wanted = full * np.maximum(along, 1.0)
+            seen = self._split(nearest @ wanted)
+            full = seen.completed(signs)
+            if seen.slides(full):
+                return full, seen.motion
+            wanted = full * np.maximum(seen.sliding * full, 1.0)
         return None
+
+    def _held(self, contacts: tuple[int, ...], motion: FloatArray) -> _Seen:
+        """The motion nearest to another that keeps the contacts touching."""
+        rows = self._rows
+        if len(contacts) < len(rows):
+            rows = rows[list(contacts)]
+        normal, tangential = rows[:, 0], rows[:, 1:].reshape(-1, rows.shape[2])
+        factor, failed = _potrf(_damped_gram(normal), lower=1)
+        if not failed:
+            for _ in range(_CORRECTIONS):
+                motion = motion - _potrs(factor, normal @ motion, lower=1)[0] @ normal
+        return _Seen(tangential @ motion, normal @ motion, motion)
 
     def _motions(self, contacts: tuple[int, ...]) -> FloatArray:
         """(3 s + 6 + L, 2 s) from wanted slidings to tangential, normal velocities and the motion.
@@ -100,19 +149,21 @@ class NearestMotions:
             return None
         return np.where(sliding**2 >= _CLEAR_WITNESS * size, sliding, 0.0).reshape(-1, 2)
 
-    def _split(self, found: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Tangential and normal velocities and the motion, from a product of `_motions`."""
+    def _split(self, found: FloatArray) -> _Seen:
+        """What a product of `_motions` says."""
         count = (len(found) - self._rows.shape[2]) // 3
-        return found[: 2 * count], found[2 * count : 3 * count], found[3 * count :]
+        return _Seen(found[: 2 * count], found[2 * count : 3 * count], found[3 * count :])
 
 
 def _damped_pseudo_inverse(rows: FloatArray) -> FloatArray:
     """Pseudo-inverse of rows that may depend on each other, nearly: zeros if that fails too."""
+    # LAPACK's own function: around such small matrices, numpy's costs several times their solution.
+    _, solved, failed = _posv(_damped_gram(rows), rows)
+    return np.zeros_like(rows.T) if failed else solved.T
+
+
+def _damped_gram(rows: FloatArray) -> FloatArray:
     gram = rows @ rows.T
     diagonal = gram.reshape(-1)[:: len(gram) + 1]
     diagonal += _DAMPING * (1.0 + float(np.add.reduce(diagonal)))
-    try:
-        solved: FloatArray = np.linalg.solve(gram, rows).astype(np.float64, copy=False)
-    except np.linalg.LinAlgError:
-        return np.zeros_like(rows.T)
-    return solved.T
+    return gram

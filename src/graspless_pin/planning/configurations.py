@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -35,41 +36,55 @@ class Configurations:
                 read_only(hand.tree.upper[leaders]),
             )
 
-    def named(self, q: Configuration) -> dict[str, float]:
-        """Return a configuration by joint name.
+    def hand_at(self, q: Configuration) -> Hand | None:
+        """Return the hand at a configuration; None if there is no hand.
 
         Args:
             q: Positions by joint name, or (a,) positions of `joint_names`, rad or m.
 
         Raises:
-            ArgumentError: If a joint is unknown, a number not finite, or the shape wrong.
+            ArgumentError: If a joint is unknown, a number not finite, the shape wrong, or a joint
+                outside its limits.
         """
         if isinstance(q, Mapping):
-            known = () if self._hand is None else self._hand.joint_names
-            for name in q:
-                if name not in known:
-                    listed = ", ".join(known) or "none"
-                    raise ArgumentError("q", f"unknown joint {name!r}; known: {listed}")
-            values = finite_array("q", list(q.values()), (len(q),)).tolist()
-            return dict(zip(q, values, strict=True))
-        values = finite_array("q", q, (len(self.joint_names),)).tolist()
-        return dict(zip(self.joint_names, values, strict=True))
+            named = self._named(q)
+            return None if self._hand is None else self._hand.with_configuration(named)
+        values = self._values(q)
+        return None if self._hand is None else self._hand.with_positions(values)
 
-    def array(self, named: Mapping[str, float]) -> FloatArray:
-        """Return (a,) positions of `joint_names`; those that are not named as the hand has them."""
+    def array(self, q: Configuration) -> FloatArray:
+        """Return (a,) positions of `joint_names`; those that are not named as the hand has them.
+
+        Args:
+            q: See `hand_at`.
+
+        Raises:
+            ArgumentError: As for `hand_at`, but joints may be outside their limits.
+        """
+        if not isinstance(q, Mapping):
+            return self._values(q).copy()
+        named = self._named(q)
         if self._hand is None:
             return np.zeros(0)
         return self._positions(self._hand, named)[list(self._hand.tree.coupling.leaders)]
 
-    def outside(self, named: Mapping[str, float]) -> str:
-        """Say which joint a configuration moves out of its limits; empty if none."""
+    def outside(self, q: Configuration) -> str:
+        """Say which joint a configuration moves out of its limits; empty if none.
+
+        Args:
+            q: See `hand_at`.
+
+        Raises:
+            ArgumentError: As for `array`.
+        """
+        values = self.array(q)
         if self._hand is None:
             return ""
-        tree = self._hand.tree
-        positions = self._positions(self._hand, named)
-        leaders = list(tree.coupling.leaders)
+        tree, leaders = self._hand.tree, list(self._hand.tree.coupling.leaders)
+        positions = self._hand.positions.copy()
+        positions[leaders] = values
         if len(leaders) < len(positions):
-            positions = tree.coupling.S @ positions[leaders] + tree.coupling.offset
+            positions = tree.coupling.S @ values + tree.coupling.offset
         lower, upper = tree.tolerated
         beyond = (positions < lower) | (positions > upper)
         # What the hand's own configuration has outside its limits is not the state's doing.
@@ -81,6 +96,26 @@ class Configurations:
             f"joint {tree.joint_names[index]!r} at {positions[index]:g} is outside its limits "
             f"[{tree.lower[index]:g}, {tree.upper[index]:g}]"
         )
+
+    def _named(self, q: Mapping[str, float]) -> dict[str, float]:
+        known = () if self._hand is None else self._hand.joint_names
+        for name in q:
+            if name not in known:
+                listed = ", ".join(known) or "none"
+                raise ArgumentError("q", f"unknown joint {name!r}; known: {listed}")
+        values = finite_array("q", list(q.values()), (len(q),)).tolist()
+        return dict(zip(q, values, strict=True))
+
+    def _values(self, q: ArrayLike) -> FloatArray:
+        shape = (len(self.joint_names),)
+        if (
+            isinstance(q, np.ndarray)
+            and q.dtype == np.float64
+            and q.shape == shape
+            and math.isfinite(np.add.reduce(q))  # a finite sum has finite terms
+        ):
+            return q
+        return finite_array("q", q, shape)
 
     @staticmethod
     def _positions(hand: Hand, named: Mapping[str, float]) -> FloatArray:

@@ -7,10 +7,15 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from graspless_pin.algorithms.warm_start import reaches_margin, solve_from
+from graspless_pin.algorithms.warm_start import (
+    NO_EXPERIENCE,
+    Experience,
+    reaches_margin,
+    solve_from,
+)
 from graspless_pin.errors import ArgumentError, StateError
 from graspless_pin.geometry.bodies.materials import Materials
-from graspless_pin.modes.rules import Rules, SlidingMode
+from graspless_pin.modes.rules import Rules
 from graspless_pin.planning.configurations import Configuration, Configurations
 from graspless_pin.planning.evaluation import Evaluation, StateStatus
 from graspless_pin.planning.options import SolveOptions
@@ -20,7 +25,7 @@ from graspless_pin.scene import Scene
 from graspless_pin.scene.records import Motion
 from graspless_pin.solution import Algorithm, Status
 
-_MOST_MODES = 256
+_MOST_KEPT = 256
 _UNDECIDED = (Status.NOT_FOUND_IN_LIMIT, Status.UNVERIFIED)
 
 
@@ -28,9 +33,10 @@ class Evaluator:
     """Evaluates states of a scene: hand configurations, object poses and motions.
 
     What does not depend on the state is made once: kinematic models, collision shapes, and, in the
-    solver, the structure of the programs. The mode of the last answer with the same contacts is
-    tried first; the answer does not depend on it, but where several sets of torques are equally
-    good, which of them is returned may.
+    solver, the structure of the programs. The active constraints, the mode and the virtual motion
+    of the last answer with the same contacts are tried first, and proven like any answer; the
+    margin does not depend on them, but where several sets of torques are equally good, which of
+    them is returned may.
 
     A state in which the object cannot be held, touches nothing, overlaps with something or is
     driven into something is an answer with a status and a reason. A wrong argument is an error.
@@ -94,7 +100,7 @@ class Evaluator:
         self.scene = scene
         self._options = SolveOptions.of(scene.solve_options, given)
         self._configurations = Configurations(scene.hand)
-        self._modes: dict[tuple[Any, ...], SlidingMode] = {}
+        self._experiences: dict[tuple[Any, ...], Experience] = {}
 
     @property
     def algorithm(self) -> Algorithm:
@@ -127,7 +133,11 @@ class Evaluator:
     def __getstate__(self) -> dict[str, Any]:
         """Return what was given: what was learned is learned again elsewhere."""
         plain = Materials(dict(self.scene.materials.coefficients))
-        return {**self.__dict__, "scene": self.scene.with_changes(materials=plain), "_modes": {}}
+        return {
+            **self.__dict__,
+            "scene": self.scene.with_changes(materials=plain),
+            "_experiences": {},
+        }
 
     def with_regularization(self, regularization: float) -> Evaluator:
         """Return an evaluator of the same scene and options with another regularisation.
@@ -140,7 +150,7 @@ class Evaluator:
         """
         other = copy(self)
         other._options = self._options.with_regularization(regularization)
-        other._modes = {}
+        other._experiences = {}
         return other
 
     def evaluate(
@@ -172,16 +182,16 @@ class Evaluator:
         if isinstance(state, Evaluation):
             return state
         scene, problem = state
-        key = _structure(scene, problem)
-        solution = solve_from(
+        key = _structure(scene, problem, self.algorithm)
+        solution, experience = solve_from(
             problem,
             self._options.objective,
             self.rules,
-            self._modes.get(key),
+            self._experiences.get(key, NO_EXPERIENCE),
             **self._options.search,
         )
+        self._learn(key, experience)
         if solution.found:
-            self._learn(key, solution.mode)
             return Evaluation(StateStatus.FOUND, "", scene, solution)
         undecided = solution.status in _UNDECIDED
         status = StateStatus.UNDECIDED if undecided else StateStatus.INFEASIBLE
@@ -219,16 +229,15 @@ class Evaluator:
         if isinstance(state, Evaluation):
             return False
         scene, problem = state
-        key = _structure(scene, problem)
-        reached, mode = reaches_margin(
+        key = _structure(scene, problem, Algorithm.MARGIN)
+        reached, experience = reaches_margin(
             problem,
             required,
             self.rules,
-            self._modes.get(key),
+            self._experiences.get(key, NO_EXPERIENCE),
             **self._options.search,
         )
-        if mode is not None:
-            self._learn(key, mode)
+        self._learn(key, experience)
         return bool(reached)
 
     def scene_at(
@@ -247,9 +256,7 @@ class Evaluator:
         Raises:
             ArgumentError: As for `evaluate`, or a joint stands outside its limits.
         """
-        return self._posed(
-            None if q is None else self._configurations.named(q), T_world_object, twist
-        )
+        return self._posed(q, T_world_object, twist)
 
     def configuration(self, q: Configuration | None = None) -> FloatArray:
         """Return a configuration as an array.
@@ -263,7 +270,7 @@ class Evaluator:
         Raises:
             ArgumentError: As for `evaluate`.
         """
-        return self._configurations.array({} if q is None else self._configurations.named(q))
+        return self._configurations.array({} if q is None else q)
 
     def _state(
         self,
@@ -272,10 +279,13 @@ class Evaluator:
         twist: ArrayLike | Motion | None,
     ) -> tuple[Scene, QuasistaticProblem] | Evaluation:
         """Return the posed scene and its problem, or the answer that there is none."""
-        named = None if q is None else self._configurations.named(q)
-        outside = "" if named is None else self._configurations.outside(named)
-        scene = self._posed(None if outside else named, T_world_object, twist)
-        if outside:
+        try:
+            scene = self._posed(q, T_world_object, twist)
+        except ArgumentError:
+            outside = "" if q is None else self._configurations.outside(q)
+            if not outside:
+                raise
+            scene = self._posed(None, T_world_object, twist)
             return Evaluation(StateStatus.OUTSIDE_LIMITS, outside, scene, None)
         try:
             return scene, scene.problem()
@@ -284,13 +294,13 @@ class Evaluator:
 
     def _posed(
         self,
-        named: dict[str, float] | None,
+        q: Configuration | None,
         T_world_object: ArrayLike | None,
         twist: ArrayLike | Motion | None,
     ) -> Scene:
         changes: dict[str, Any] = {}
-        if named and self.scene.hand is not None:
-            changes["hand"] = self.scene.hand.with_configuration(named)
+        if q is not None:
+            changes["hand"] = self._configurations.hand_at(q)
         if T_world_object is not None:
             changes["object"] = self.scene.object.with_pose(T_world_object)
         if twist is not None:
@@ -299,12 +309,12 @@ class Evaluator:
             )
         return self.scene.with_changes(**changes)
 
-    def _learn(self, key: tuple[Any, ...], mode: SlidingMode) -> None:
-        if len(self._modes) >= _MOST_MODES:
-            self._modes = {}
-        self._modes[key] = mode
+    def _learn(self, key: tuple[Any, ...], experience: Experience) -> None:
+        if len(self._experiences) >= _MOST_KEPT:
+            self._experiences = {}
+        self._experiences[key] = experience
 
 
-def _structure(scene: Scene, problem: QuasistaticProblem) -> tuple[Any, ...]:
-    """What must be alike for a mode of one state to be one of another."""
-    return scene.contacts.bodies, problem.is_sliding.tobytes()
+def _structure(scene: Scene, problem: QuasistaticProblem, algorithm: Algorithm) -> tuple[Any, ...]:
+    """What must be alike for the experience of one state to serve in another."""
+    return algorithm, scene.contacts.bodies, problem.is_sliding.tobytes()

@@ -89,7 +89,29 @@ def checked_answer(program: Program, backend: Backend, name: str, cutoff: float)
     raw = backend(program)
     if raw is None:
         return failed(-np.inf)
-    x, y, z = raw
+    answer = proven(program, raw, name, cutoff)
+    if answer.outcome is not Outcome.FAILED:
+        return answer
+    _, y, z = raw
+    proof = program.infeasibility_bound(y, z)
+    if proof <= _INFEASIBLE:
+        proof = _elastic_proof(program, backend)
+    return _infeasible(np.inf, proof, name) if proof > _INFEASIBLE else answer
+
+
+def proven(program: Program, found: Multipliers, name: str, cutoff: float) -> Answer:
+    """Say what a solution and its multipliers prove by themselves.
+
+    Args:
+        program: The program.
+        found: What is said to be optimal.
+        name: Who says so.
+        cutoff: As in `checked_answer`.
+
+    Returns:
+        A solved answer, or an infeasible one where the bound is above the cutoff, or a failed one.
+    """
+    x, y, z = found
     bound = program.dual_bound(y, z)
     if bound > cutoff + _INFEASIBLE:
         return _infeasible(bound, max(program.infeasibility_bound(y, z), 0.0), name)
@@ -98,10 +120,7 @@ def checked_answer(program: Program, backend: Backend, name: str, cutoff: float)
         residual = program.residual(x)
         if residual <= PRIMAL_TOLERANCE:
             return Answer(Outcome.SOLVED, x, y, z, value, bound, residual, 0.0, name)
-    proof = program.infeasibility_bound(y, z)
-    if proof <= _INFEASIBLE:
-        proof = _elastic_proof(program, backend)
-    return _infeasible(np.inf, proof, name) if proof > _INFEASIBLE else failed(bound)
+    return failed(bound)
 
 
 def failed(bound: float) -> Answer:

@@ -11,12 +11,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.problem.contact_map import contact_map
 from graspless_pin.programs.force_layout import ConeRows, ForceLayout, cone_rows, layout_of
 from graspless_pin.programs.program import Program
 
@@ -26,7 +29,6 @@ class ForceCoordinates:
     """The map from scaled contact coordinates to forces.
 
     Attributes:
-        basis: (3M, n) with f = F basis x.
         directions: (M, 3, 3) rows n, t1, t2 of each contact; the first is the force per newton of
             normal force where there is no cone.
         layout: Where the coordinates stand.
@@ -36,12 +38,19 @@ class ForceCoordinates:
         length_scale: Size of the contact arrangement, m, for the moment rows.
     """
 
-    basis: FloatArray
     directions: FloatArray
     layout: ForceLayout
     force_scale: float
     torque_scale: float
     length_scale: float
+
+    @cached_property
+    def basis(self) -> FloatArray:
+        """(3M, n) with f = F basis x."""
+        layout = self.layout
+        basis = np.zeros((3 * len(layout.normal), layout.size))
+        basis.put(layout.places, self.directions.reshape(-1, 3)[layout.axes])
+        return read_only(basis)
 
     @property
     def normal(self) -> NDArray[np.int_]:
@@ -55,31 +64,32 @@ class ForceCoordinates:
 
     def forces(self, x: FloatArray) -> FloatArray:
         """Return the (M, 3) contact forces of a program's solution, N."""
-        count = self.basis.shape[1]
-        return (self.force_scale * (self.basis @ x[:count])).reshape(-1, 3)
+        layout, count = self.layout, len(self.directions)
+        local = np.zeros(3 * count)
+        local[layout.axes] = x[: layout.size]
+        local *= self.force_scale
+        return (local.reshape(count, 1, 3) @ self.directions).reshape(count, 3)
 
 
 def force_coordinates(problem: QuasistaticProblem) -> ForceCoordinates:
     """Choose coordinates and scales for a problem."""
-    layout, count = layout_of(problem), problem.contact_count
+    layout = layout_of(problem)
     directions = problem.frames.swapaxes(1, 2)
-    if len(layout.cones) < count:
+    if len(layout.cones) < problem.contact_count:
         directions = directions.copy()
         np.copyto(directions[:, 0], problem.kinetic_directions, where=layout.bare[:, None])
-    basis = np.zeros((3 * count, layout.size))
-    basis.put(layout.places, directions.reshape(-1, 3)[layout.axes])
-    force = float(problem.max_normal_force.max())
-    limits = np.abs(np.concatenate([problem.lower_torque, problem.upper_torque]))
-    torque = float(limits.max(initial=0.0, where=np.isfinite(limits)))
+    force = max(problem.max_normal_force.tolist())
+    lower, upper = problem.lower_torque.tolist(), problem.upper_torque.tolist()
+    torque = max([abs(limit) for limit in lower + upper if math.isfinite(limit)], default=0.0)
     if torque == 0.0:
         reach = force * np.abs(problem.jacobian).sum(axis=0).max(initial=0.0)
         torque = float(reach) or 1.0
-    length = math.sqrt(float((problem.positions**2).sum(axis=1).max())) or 1.0
-    return ForceCoordinates(basis, directions, layout, force, torque, length)
+    squares = np.einsum("ij,ij->i", problem.positions, problem.positions)
+    length = math.sqrt(max(squares.tolist())) or 1.0
+    return ForceCoordinates(directions, layout, force, torque, length)
 
 
-@dataclass(frozen=True, eq=False)
-class ForceRows:
+class ForceRows(NamedTuple):
     """The constraints on scaled contact coordinates x that every program is made of.
 
     Attributes:
@@ -121,16 +131,18 @@ def force_rows(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> Fo
     layout, shared = coordinates.layout, cone_rows(problem)
     force, torque = coordinates.force_scale, coordinates.torque_scale
     limit = problem.max_normal_force / force
-    weight = np.array([1.0] * 3 + [1.0 / coordinates.length_scale] * 3)
+    weight = np.ones(6)
+    weight[3:] = 1.0 / coordinates.length_scale
+    effects = _effects(problem, coordinates)
     return ForceRows(
         faces=shared.faces,
         normal=shared.normal,
         limit=limit,
         bare=layout.bare,
-        balance=weight[:, None] * (problem.W @ coordinates.basis),
+        balance=(effects[:, :6] * weight).T,
         wrench=-weight * problem.external_wrench / force,
         weight=weight,
-        torque=_torque_rows(problem, coordinates) * (force / torque),
+        torque=(effects[:, 6:] * (force / torque)).T,
         lower=(problem.lower_torque - problem.gravity_torques) / torque,
         upper=(problem.upper_torque - problem.gravity_torques) / torque,
         gravity=problem.gravity_torques / torque,
@@ -138,11 +150,15 @@ def force_rows(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> Fo
     )
 
 
-def _torque_rows(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> FloatArray:
-    """(L, n) J^T basis, contact by contact: each column of the basis is one contact's."""
-    count, joints = problem.contact_count, problem.joint_count
-    along = coordinates.directions @ problem.jacobian.reshape(count, 3, joints)
-    return along.reshape(3 * count, joints)[coordinates.layout.axes].T
+def _effects(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> FloatArray:
+    """(n, 6 + L) wrench and joint torques of a unit of each coordinate: [W, J]^T basis."""
+    layout, local = coordinates.layout, contact_map(problem)
+    effects: FloatArray = local.reshape(-1, local.shape[2])[layout.axes]
+    if len(layout.cones) < len(local):
+        bare = layout.bare
+        kinetic = problem.kinetic_directions[bare, None] @ problem.frames[bare]
+        effects[layout.normal[bare]] = (kinetic @ local[bare])[:, 0]
+    return effects
 
 
 def margin_program(
