@@ -90,6 +90,13 @@ class SolverUnavailableError(GrasplessPinError, ValueError):
     """The named solver is not known or not installed."""
 
 
+class UndecidedMotionError(GrasplessPinError, ArithmeticError):
+    """No solver decided whether there is a virtual motion behind a mode.
+
+    `maximize_margin`, `minimize_torque` and `Evaluator` turn it into a status.
+    """
+
+
 class GrasplessPinWarning(UserWarning):
     """Root of all warnings issued by this package."""
 
@@ -100,6 +107,10 @@ class PlaceholderEffortWarning(GrasplessPinWarning):
 
 class DanglingMimicWarning(GrasplessPinWarning):
     """A mimic joint follows a joint that does not exist or cannot move."""
+
+
+class UnusedMaterialWarning(GrasplessPinWarning):
+    """A table of materials has a name that looks misspelt, or no pair that counts."""
 
 
 class MeshScaleWarning(GrasplessPinWarning):

@@ -1,6 +1,7 @@
 """Feasibility of virtual sliding: witnesses and conflicts against linprog."""
 
 from itertools import product
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,9 +10,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import random_problem, scene, structured_arguments
 
-from graspless_pin import QuasistaticProblem, maximize_margin
+from graspless_pin import (
+    QuasistaticProblem,
+    Status,
+    enumerate_modes,
+    maximize_margin,
+    minimize_torque,
+)
+from graspless_pin.algorithms.torque import margin_objective
+from graspless_pin.algorithms.warm_start import reaches_margin, solve_from
+from graspless_pin.errors import GrasplessPinError, UndecidedMotionError
 from graspless_pin.modes.kinematics import Conflict, Requirement, VirtualKinematics, Witness
-from graspless_pin.modes.rules import SignRule
+from graspless_pin.modes.nearest_motions import NearestMotions
+from graspless_pin.modes.rules import Rules, SignRule
 
 ANY_SIGNS = {
     SignRule.STRICT: st.sampled_from(list(product((-1, 1), repeat=2))),
@@ -183,3 +194,42 @@ def test_least_squares_that_give_up_change_no_answer(name, monkeypatch):
     assert solution.status is expected.status
     if expected.found:
         assert solution.margin == pytest.approx(expected.margin, rel=1e-9)
+
+
+@pytest.fixture
+def undecided(monkeypatch):
+    """No solver decides on any virtual motion, and none is seen at a glimpse."""
+
+    def gives_up(*_, **__):
+        raise RuntimeError("Maximum number of iterations reached")
+
+    def fails(*_, **__):
+        return SimpleNamespace(status=4, message="numerical difficulties")
+
+    monkeypatch.setattr("graspless_pin.modes.kinematics.nnls", gives_up)
+    monkeypatch.setattr("graspless_pin.modes.kinematics.linprog", fails)
+    monkeypatch.setattr(NearestMotions, "glimpse", lambda *_: None)
+
+
+@pytest.mark.usefixtures("undecided")
+@pytest.mark.parametrize("search", ["auto", "enumerate"])
+@pytest.mark.parametrize("algorithm", [maximize_margin, minimize_torque])
+def test_an_undecided_motion_is_a_status(algorithm, search):
+    solution = algorithm(scene("rest"), search=search)
+    assert solution.status is Status.UNVERIFIED
+    assert not solution.found
+
+
+@pytest.mark.usefixtures("undecided")
+def test_an_undecided_motion_leaves_a_margin_undecided():
+    problem = scene("rest")
+    objective = margin_objective()
+    assert solve_from(problem, objective, Rules.parse())[0].status is Status.UNVERIFIED
+    assert reaches_margin(problem, 0.01, Rules.parse())[0] is None
+
+
+@pytest.mark.usefixtures("undecided")
+def test_an_undecided_motion_is_an_error_where_modes_are_listed():
+    with pytest.raises(UndecidedMotionError, match="numerical difficulties"):
+        list(enumerate_modes(scene("rest")))
+    assert issubclass(UndecidedMotionError, GrasplessPinError)

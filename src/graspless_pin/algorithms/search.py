@@ -150,6 +150,12 @@ def finished(state: SearchState, *, interrupted: bool = False) -> SearchResult:
     return SearchResult(Status.OPTIMAL, state)
 
 
+def undecided(state: SearchState) -> SearchResult:
+    """Return the result of a search in which no solver decided on a virtual motion."""
+    state.unproven = True
+    return finished(state)
+
+
 def in_mode(state: SearchState, mode: SlidingMode, requirements: list[Requirement]) -> SearchResult:
     """Solve one given mode only."""
     state.nodes = state.modes_examined = 1

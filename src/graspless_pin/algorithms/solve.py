@@ -11,8 +11,8 @@ from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.exhaustive import search_exhaustively
 from graspless_pin.algorithms.formulation import Objective, formulate
 from graspless_pin.algorithms.mixed_integer import search_mixed_integer
-from graspless_pin.algorithms.search import SearchResult, SearchState, in_mode
-from graspless_pin.errors import ArgumentError
+from graspless_pin.algorithms.search import SearchResult, SearchState, in_mode, undecided
+from graspless_pin.errors import ArgumentError, UndecidedMotionError
 from graspless_pin.modes.enumeration import requirements_of
 from graspless_pin.modes.kinematics import Requirement
 from graspless_pin.modes.rules import (
@@ -74,14 +74,18 @@ def solve_problem(
         time_limit = real_number("time_limit", time_limit, 0.0, finite=False)
     state = SearchState(formulate(problem, objective), rules, check_solver(solver))
     how = choice(Search, "search", search)
-    if mode is not None:
-        result = in_mode(state, mode, _checked_mode(problem, rules, mode))
-    elif how is Search.ENUMERATE:
-        result = search_exhaustively(state)
-    elif how is Search.MILP:
-        result = search_mixed_integer(state, time_limit=time_limit)
-    else:
-        result = branch_and_bound(state, node_limit=node_limit, time_limit=time_limit)
+    requirements = None if mode is None else _checked_mode(problem, rules, mode)
+    try:
+        if mode is not None and requirements is not None:
+            result = in_mode(state, mode, requirements)
+        elif how is Search.ENUMERATE:
+            result = search_exhaustively(state)
+        elif how is Search.MILP:
+            result = search_mixed_integer(state, time_limit=time_limit)
+        else:
+            result = branch_and_bound(state, node_limit=node_limit, time_limit=time_limit)
+    except UndecidedMotionError:
+        result = undecided(state)
     return solution_of(result, objective, rules, explain)
 
 

@@ -13,10 +13,17 @@ from dataclasses import dataclass, replace
 
 from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.explanation import explain
-from graspless_pin.algorithms.formulation import Objective, formulate
-from graspless_pin.algorithms.search import CLOSED, SearchResult, SearchState, finished
+from graspless_pin.algorithms.formulation import Formulation, Objective, formulate
+from graspless_pin.algorithms.search import (
+    CLOSED,
+    SearchResult,
+    SearchState,
+    finished,
+    undecided,
+)
 from graspless_pin.algorithms.solve import solution_of
 from graspless_pin.algorithms.torque import margin_objective
+from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.modes.rules import Rules, SlidingMode, candidate_contacts
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, real_number
@@ -70,7 +77,10 @@ def solve_from(
         The solution, and what it leaves behind.
     """
     state = _WarmState(formulate(problem, objective), rules, solver, start=start)
-    result = _search(state, node_limit=node_limit, time_limit=time_limit)
+    try:
+        result = _search(state, node_limit=node_limit, time_limit=time_limit)
+    except UndecidedMotionError:
+        result = undecided(state)
     return solution_of(result, objective, rules, explain), state.experience()
 
 
@@ -110,6 +120,21 @@ def reaches_margin(
     full = formulate(problem, margin_objective())
     goal = required / full.coordinates.force_scale
     state = _WarmState(replace(full, cutoff=-goal), rules, solver, start=start)
+    try:
+        return _reaches(state, full, goal, node_limit=node_limit, time_limit=time_limit)
+    except UndecidedMotionError:
+        return None, state.experience()
+
+
+def _reaches(
+    state: _WarmState,
+    full: Formulation,
+    goal: float,
+    *,
+    node_limit: int | None,
+    time_limit: float | None,
+) -> tuple[bool | None, Experience]:
+    """Decide whether a scaled margin is reached; see `reaches_margin`."""
     relaxation = state.relax()
     if relaxation.outcome is Outcome.INFEASIBLE:
         return False, state.experience()
@@ -122,12 +147,12 @@ def reaches_margin(
     ub[-1] = goal
     capped = replace(full, program=full.program.bounded(full.program.lb, ub), cutoff=-goal)
     result = branch_and_bound(
-        SearchState(capped, rules, solver), node_limit=node_limit, time_limit=time_limit
+        SearchState(capped, state.rules, state.solver), node_limit=node_limit, time_limit=time_limit
     )
     if result.state.best is not None:
         return True, replace(state.experience(), mode=result.state.mode, in_mode=None)
-    undecided = result.status in (Status.NOT_FOUND_IN_LIMIT, Status.UNVERIFIED)
-    return (None if undecided else False), state.experience()
+    open_still = result.status in (Status.NOT_FOUND_IN_LIMIT, Status.UNVERIFIED)
+    return (None if open_still else False), state.experience()
 
 
 @dataclass

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog, nnls
 
+from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.modes.nearest_motions import MOST_KEPT, RANK_TOLERANCE, NearestMotions
 from graspless_pin.modes.rules import SignRule
 from graspless_pin.problem import QuasistaticProblem
@@ -283,7 +284,9 @@ def _by_linear_program(moving: FloatArray, strictness: FloatArray) -> tuple[Floa
         method="highs",
     )
     if answer.status != 0:
-        raise ArithmeticError(f"the virtual motion could not be decided: {answer.message}")
+        raise UndecidedMotionError(
+            f"No solver decided whether a virtual motion exists: {answer.message}"
+        )
     if answer.x[-1] > 0.5:
         motion = answer.x[:-1] / (1.0 + np.linalg.norm(answer.x[:-1]) ** 2)
         return np.linalg.lstsq(moving.T, motion, rcond=None)[0], float(motion @ motion)
