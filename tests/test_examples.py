@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from graspless_pin.cli import app
+from graspless_pin.cli.commands import app
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 # tests/planning/test_planner_example.py runs the planner, which takes its time, and looks closer.

@@ -40,6 +40,6 @@ def test_the_linter_reports_a_broken_contract(tmp_path):
     for contract in (
         "Data flows one way",
         "Pinocchio and coal stay in the geometry front end",
-        "Solver libraries stay in one module",
+        "Solver libraries stay in one package",
     ):
         assert f"{contract} BROKEN" in result.stdout, result.stdout + result.stderr

@@ -8,32 +8,31 @@ Quasi-static Graspless Manipulation*.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from graspless_pin.algorithms.comparison import compare_rules, solve_each_mode
-from graspless_pin.algorithms.disturbances import disturbance_margin
-from graspless_pin.algorithms.explanation import explain
-from graspless_pin.algorithms.force_bounds import contact_force_bounds
-from graspless_pin.algorithms.gradients import optimum_gradients
-from graspless_pin.algorithms.margin_torque_curve import margin_torque_curve
-from graspless_pin.algorithms.minimum_friction import minimum_friction
-from graspless_pin.algorithms.sensitivity import margin_sensitivity
-from graspless_pin.algorithms.torque import maximize_margin, minimize_torque
-from graspless_pin.errors import GrasplessPinError
-from graspless_pin.modes.enumeration import enumerate_modes
-from graspless_pin.modes.rules import SlidingMode
-from graspless_pin.problem import (
-    ControlMode,
-    FingerContacts,
-    JointSpace,
-    QuasistaticProblem,
-    assemble_joint_space,
-)
-from graspless_pin.problem.wrenches import force_first, moment_first
-from graspless_pin.solution import Status, TorqueSolution
-
 if TYPE_CHECKING:
+    from graspless_pin.algorithms.comparison import compare_rules, solve_each_mode
+    from graspless_pin.algorithms.disturbances import disturbance_margin
+    from graspless_pin.algorithms.explanation import explain
+    from graspless_pin.algorithms.force_bounds import contact_force_bounds
+    from graspless_pin.algorithms.gradients import optimum_gradients
+    from graspless_pin.algorithms.margin_torque_curve import margin_torque_curve
+    from graspless_pin.algorithms.minimum_friction import minimum_friction
+    from graspless_pin.algorithms.sensitivity import margin_sensitivity
+    from graspless_pin.algorithms.torque import maximize_margin, minimize_torque
+    from graspless_pin.errors import GrasplessPinError
     from graspless_pin.geometry.hand.model import Hand
+    from graspless_pin.modes.enumeration import enumerate_modes
+    from graspless_pin.modes.rules import SlidingMode
     from graspless_pin.planning import Evaluator, Waypoint, evaluate_path
+    from graspless_pin.problem import (
+        ControlMode,
+        FingerContacts,
+        JointSpace,
+        QuasistaticProblem,
+        assemble_joint_space,
+    )
+    from graspless_pin.problem.wrenches import force_first, moment_first
     from graspless_pin.scene import Scene, close_fingers, fingertip_contact, load_scene, settle
+    from graspless_pin.solution import Status, TorqueSolution
     from graspless_pin.studies import load_study, read_results, run_study
 
 __all__ = [
@@ -74,25 +73,55 @@ __all__ = [
     "solve_each_mode",
 ]
 
-# Pinocchio, coal and pandas are loaded when something asks for them: arrays do not need them.
-_LAZY = {
-    "Evaluator": "graspless_pin.planning",
-    "Hand": "graspless_pin.geometry.hand.model",
-    "Scene": "graspless_pin.scene",
-    "Waypoint": "graspless_pin.planning",
-    "close_fingers": "graspless_pin.scene",
-    "fingertip_contact": "graspless_pin.scene",
-    "settle": "graspless_pin.scene",
-    "evaluate_path": "graspless_pin.planning",
-    "load_scene": "graspless_pin.scene",
-    "load_study": "graspless_pin.studies",
-    "read_results": "graspless_pin.studies",
-    "run_study": "graspless_pin.studies",
+# Each name is loaded at first use: arrays need no Pinocchio, scenes no pandas, and the command line
+# is there to answer Ctrl-C while all of them are loaded.
+_SOURCES = {
+    "ControlMode": "problem",
+    "Evaluator": "planning",
+    "FingerContacts": "problem",
+    "GrasplessPinError": "errors",
+    "Hand": "geometry.hand.model",
+    "JointSpace": "problem",
+    "QuasistaticProblem": "problem",
+    "Scene": "scene",
+    "SlidingMode": "modes.rules",
+    "Status": "solution",
+    "TorqueSolution": "solution",
+    "Waypoint": "planning",
+    "assemble_joint_space": "problem",
+    "close_fingers": "scene",
+    "compare_rules": "algorithms.comparison",
+    "contact_force_bounds": "algorithms.force_bounds",
+    "disturbance_margin": "algorithms.disturbances",
+    "enumerate_modes": "modes.enumeration",
+    "evaluate_path": "planning",
+    "explain": "algorithms.explanation",
+    "fingertip_contact": "scene",
+    "force_first": "problem.wrenches",
+    "load_scene": "scene",
+    "load_study": "studies",
+    "margin_sensitivity": "algorithms.sensitivity",
+    "margin_torque_curve": "algorithms.margin_torque_curve",
+    "maximize_margin": "algorithms.torque",
+    "minimize_torque": "algorithms.torque",
+    "minimum_friction": "algorithms.minimum_friction",
+    "moment_first": "problem.wrenches",
+    "optimum_gradients": "algorithms.gradients",
+    "read_results": "studies",
+    "run_study": "studies",
+    "settle": "scene",
+    "solve_each_mode": "algorithms.comparison",
 }
 
 
 def __getattr__(name: str) -> Any:
-    """Load the names that need large libraries at first use."""
-    if name in _LAZY:
-        return getattr(import_module(_LAZY[name]), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    """Load a public name from where it is defined."""
+    if name not in _SOURCES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = globals()[name] = getattr(import_module(f"{__name__}.{_SOURCES[name]}"), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    """List the public names too, those not loaded yet included."""
+    return sorted({*globals(), *__all__})

@@ -1,5 +1,7 @@
 """Forces that nothing holds: opposed fingers whose torques do not fix how hard they squeeze."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from analysis_scenes import PAIRS, rules_of
@@ -93,7 +95,7 @@ def test_a_ray_that_needs_friction(sign_rule, sliding_rule):
     friction; `nonzero` leaves it free while the object slides along z, and Coulomb always.
     """
     problem = pinched([], tilt=0.15, wrench=(-3, 0, 0, 0, 0, 0))
-    options = {"sign_rule": sign_rule, "sliding_rule": sliding_rule}
+    options: dict[str, Any] = {"sign_rule": sign_rule, "sliding_rule": sliding_rule}
     modes = [None]
     if sign_rule == "coulomb":
         options = {"static_friction": "coulomb"}

@@ -54,6 +54,11 @@ CASES = {
         "mass: yes",
         f":10: object.mass: found True; needs {NUMBER} > 0",
     ),
+    "truth value for a whole number": (
+        FRICTION,
+        "friction: 0.3\ncone_edges: true",
+        ":3: cone_edges: found True; needs a whole number >= 3",
+    ),
     "number for a text": ("name: box", "name: 7", ":8: object.name: found 7; needs text"),
     "number for a truth value": (
         Q,

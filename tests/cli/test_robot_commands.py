@@ -3,7 +3,7 @@
 import pytest
 from typer.testing import CliRunner
 
-from graspless_pin.cli import app
+from graspless_pin.cli.commands import app
 from graspless_pin.geometry.robots.files import robot_names
 
 

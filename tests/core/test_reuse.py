@@ -15,7 +15,6 @@ from graspless_pin import (
     TorqueSolution,
     maximize_margin,
     minimize_torque,
-    solvers,
 )
 from graspless_pin.algorithms.formulation import Formulation, Objective, formulate
 from graspless_pin.algorithms.friction_modes import ModeReader
@@ -24,6 +23,7 @@ from graspless_pin.modes.kinematics import Requirement
 from graspless_pin.modes.rules import Rules, SignRule
 from graspless_pin.programs.force_programs import force_coordinates, force_rows
 from graspless_pin.solution import Algorithm
+from graspless_pin.solvers import piqp_engines
 
 SEEDS = st.integers(0, 100_000)
 
@@ -55,10 +55,10 @@ def test_an_answer_does_not_depend_on_what_was_solved_before(monkeypatch, algori
     problems = same_structure()
     alone = []
     for problem in problems:
-        monkeypatch.setattr(solvers, "_engines", solvers._Engines())
+        monkeypatch.setattr(piqp_engines, "_engines", piqp_engines._Engines())
         alone.append(figures(algorithm(problem)))
     assert len(set(alone)) == len(problems)
-    monkeypatch.setattr(solvers, "_engines", solvers._Engines())
+    monkeypatch.setattr(piqp_engines, "_engines", piqp_engines._Engines())
     for order in permutations(range(len(problems)), 3):
         for index in order:
             assert figures(algorithm(problems[index])) == alone[index]

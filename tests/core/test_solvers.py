@@ -17,11 +17,11 @@ from graspless_pin import (
     Status,
     maximize_margin,
     minimize_torque,
-    solvers,
 )
 from graspless_pin.errors import SolverUnavailableError
 from graspless_pin.programs.program import Program, elastic
-from graspless_pin.solvers import Outcome, available_solvers, check_solver, solve
+from graspless_pin.solvers import Outcome, available_solvers, check_solver, solve, solving
+from graspless_pin.solvers.other_backends import by_qpsolvers
 
 SEEDS = st.integers(0, 100_000)
 
@@ -208,7 +208,7 @@ WAYS = ("nothing", "wrong point", "wrong multipliers", "zeros", "not optimal")
 def test_a_corrupted_answer_is_replaced_by_another_solvers(monkeypatch, how):
     problem = scene("up")
     expected = maximize_margin(problem).margin
-    monkeypatch.setitem(solvers._BACKENDS, "piqp", corrupt(how, solvers._BACKENDS["piqp"]))
+    monkeypatch.setitem(solving._BACKENDS, "piqp", corrupt(how, solving._BACKENDS["piqp"]))
     solution = maximize_margin(problem, solver="piqp")
     assert solution.found
     assert solution.certificate.solver in set(SOLVERS) - {"piqp"}
@@ -220,8 +220,8 @@ def test_a_corrupted_answer_is_replaced_by_another_solvers(monkeypatch, how):
 @pytest.mark.parametrize("search", ["auto", "enumerate"])
 def test_without_any_checked_answer_the_status_says_so(monkeypatch, how, search):
     for name in SOLVERS:
-        honest = solvers._BACKENDS.get(name) or solvers._by_qpsolvers(name)
-        monkeypatch.setitem(solvers._BACKENDS, name, corrupt(how, honest))
+        honest = solving._BACKENDS.get(name) or by_qpsolvers(name)
+        monkeypatch.setitem(solving._BACKENDS, name, corrupt(how, honest))
     for solution in (
         maximize_margin(scene("up"), search=search),
         minimize_torque(scene("up"), search=search),
@@ -233,14 +233,14 @@ def test_without_any_checked_answer_the_status_says_so(monkeypatch, how, search)
 
 def test_a_feasible_problem_cannot_be_lied_infeasible(monkeypatch):
     """Multipliers that grow without limit, as for an infeasible program, prove nothing here."""
-    honest = solvers._BACKENDS["piqp"]
+    honest = solving._BACKENDS["piqp"]
 
     def lying(program):
         raw = honest(program)
         assert raw is not None
         return raw[0] + 1.0, 1e9 * raw[1], 1e9 * raw[2]
 
-    monkeypatch.setitem(solvers._BACKENDS, "piqp", lying)
+    monkeypatch.setitem(solving._BACKENDS, "piqp", lying)
     solution = maximize_margin(scene("rest"))
     assert solution.found
     assert solution.certificate.solver != "piqp"

@@ -14,7 +14,7 @@ from page_blocks import PAGES, ROOT, Block, blocks_of, prose_of
 from shown_output import difference
 from typer.testing import CliRunner
 
-from graspless_pin.cli import app
+from graspless_pin.cli.commands import app
 from graspless_pin.geometry.robots.schema import RobotFile
 from graspless_pin.scene import scene_json_schema
 from graspless_pin.studies.schema import StudyEntry

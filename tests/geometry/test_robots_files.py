@@ -50,6 +50,15 @@ VALID = "name: r\nmodel: allegro_right_hand\n"
         (VALID + "1: 2", "robot.yaml: 1"),
         (VALID + "convex: soup", "robot.yaml: convex.* 'hull' or 'decompose'"),
         (VALID + "concavity: 0", "robot.yaml: concavity: .*0.01"),
+        (VALID + "concavity: true", "robot.yaml: concavity: .*number .found True"),
+        (
+            VALID + "effort_limits: {f: {limit: true, source: x}}",
+            "robot.yaml: effort_limits.f.limit.*number .found True",
+        ),
+        (
+            VALID + "tendons: {t: {moment_arms: {j: true}}}",
+            "robot.yaml: tendons.t.moment_arms.j: .*number .found True",
+        ),
         ("name: r", "robot.yaml: file: .*either 'urdf'.*or 'model'"),
         (VALID + "urdf: x.urdf", "either 'urdf'.*or 'model'"),
         (VALID + "colour: red", "robot.yaml: colour: .*found 'red'.* name, urdf, model"),

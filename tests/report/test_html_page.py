@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,12 +20,12 @@ from report_cases import (
     through_json,
 )
 
-from graspless_pin import contact_force_bounds, maximize_margin
-from graspless_pin.errors import ArgumentError, GrasplessPinError, NoSolutionError
+from graspless_pin import Status, contact_force_bounds, maximize_margin
+from graspless_pin.errors import ArgumentError, GrasplessPinError
 from graspless_pin.picture import Role
 from graspless_pin.report import solution_document
-from graspless_pin.report.html import case_of_document, case_of_scene, ranges, report_html
-from graspless_pin.report.html.ranges import bounds_within
+from graspless_pin.report.html import case_of_document, case_of_scene, report_html
+from graspless_pin.report.html import page as page_module
 
 
 def number(text: str) -> float:
@@ -282,25 +283,43 @@ def test_without_the_extra(monkeypatch, module, allegro):
         report_html(case)
 
 
-def test_ranges_that_take_too_long_are_left_out(allegro):
+def test_ranges_that_take_too_long_are_marked(allegro):
+    """Without time for a proof the page has what was reached, and says so."""
     scene, solution, _ = allegro
-    page = read_html(report_html(case_of_scene(scene, solution), ranges_time=0.01))
-    words = page.section("ranges").text
-    assert "No ranges: working them out was ended after 0.01 s" in words
-    assert "--ranges-time" in words
-    assert not page.section("ranges").all("table")
+    page = read_html(report_html(case_of_scene(scene, solution), ranges_time=0.0))
+    bounds = contact_force_bounds(solution.problem, solution.torques, time_limit=0.0)
+    assert bounds.status is Status.LIMIT_REACHED and not bounds.proven.all()
+    section = page.section("ranges")
+    said = f"{bounds.proven.sum()} of {bounds.proven.size} ranges are proven"
+    assert said in section.text and "--ranges-time" in section.text
+    assert "Their margin lies between" not in section.text
+    assert "as far as was reached" in section.text
+    assert "torques determine the force" not in section.text
+    for row, low, high, proven in zip(
+        section.rows(), bounds.lower, bounds.upper, bounds.proven, strict=True
+    ):
+        for cell, a, b, sure in zip(row[1:], low, high, proven, strict=True):
+            assert cell.endswith("*") != sure
+            if not sure:
+                first, last = cell.removesuffix("*").split(" to ")
+                assert number(first) == pytest.approx(a, abs=1e-4)
+                assert number(last) == pytest.approx(b, abs=1e-4)
 
 
-def test_ranges_within_their_time_are_the_same():
-    _, solution = solved(SLIDING)
-    here, apart = (bounds_within(solution, seconds) for seconds in (None, 60.0))
-    np.testing.assert_array_equal(apart.lower, here.lower)
-    np.testing.assert_array_equal(apart.upper, here.upper)
-    assert apart.status is here.status
+def test_ranges_within_their_time_are_the_same(allegro, page: Element):
+    scene, solution, _ = allegro
+    timed = read_html(report_html(case_of_scene(scene, solution), ranges_time=600.0))
+    assert timed.section("ranges").rows() == page.section("ranges").rows()
+    assert "--ranges-time" not in timed.section("ranges").text
 
 
-def test_a_search_that_fails_elsewhere_fails_here(monkeypatch):
-    _, solution = solved(SLIDING)
-    monkeypatch.setattr(ranges, "_PROGRAM", "raise SystemExit(3)")
-    with pytest.raises(NoSolutionError, match="exit status 3"):
-        bounds_within(solution, 60.0)
+def test_ranges_without_any_time_to_hold_the_torques(monkeypatch, allegro):
+    scene, solution, _ = allegro
+    nothing = replace(
+        contact_force_bounds(solution.problem, solution.torques, time_limit=0.0),
+        status=Status.NOT_FOUND_IN_LIMIT,
+    )
+    monkeypatch.setattr(page_module, "contact_force_bounds", lambda *_, **__: nothing)
+    section = read_html(report_html(case_of_scene(scene, solution))).section("ranges")
+    assert "No ranges: nothing found when a node or time limit ended the search." in section.text
+    assert not section.all("table")

@@ -10,14 +10,14 @@ from report_cases import AT_REST, pinched_block, solved
 from typer.testing import CliRunner
 
 from graspless_pin import maximize_margin
-from graspless_pin.cli import app
+from graspless_pin.cli.commands import app
 from graspless_pin.report.provenance import (
     file_sha256,
     problem_sha256,
     same_problem,
     solve_command,
-    versions,
 )
+from graspless_pin.versions import versions
 
 CHANGES = {
     "positions": [[0, -0.05, 0], [0, 0.05, 0], [0, 0.001, -0.05]],

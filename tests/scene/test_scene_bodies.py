@@ -60,7 +60,7 @@ def test_mass_and_density_exclude_each_other(tmp_path):
 
 def test_the_centre_of_a_cone_is_its_centroid(tmp_path):
     cone = {"shape": {"type": "cone", "radius": 0.1, "length": 0.2}, "mass": 1.0}
-    cone["pose"] = {"position": [0.0, 0.0, 0.1]}
+    cone |= {"pose": {"position": [0.0, 0.0, 0.1]}, "material": "steel"}
     loaded = scene(tmp_path, object=cone)
     np.testing.assert_allclose(loaded.object.center_of_mass_world, [0.0, 0.0, 0.05], atol=1e-9)
 
@@ -127,6 +127,7 @@ def test_the_points_of_a_face_are_bounded_on_request(tmp_path):
     can: dict[str, object] = {
         "shape": {"type": "cylinder", "radius": 0.1, "length": 0.2},
         "mass": 1.0,
+        "material": "steel",
     }
     can["pose"] = {"position": [0.0, 0.0, 0.1]}
     for count, expected in ((None, 8), (8, 8), (5, 5), (3, 3)):

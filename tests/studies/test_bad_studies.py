@@ -136,6 +136,32 @@ LOADING = {
     ),
     "samples of a grid": (GRID, "{samples: 3}", ":6: sampling: a grid has as many samples as its"),
     "no samples": (GRID, "{method: sobol}", ":6: sampling: sobol needs 'samples', how many"),
+    "truth value for a number of samples": (
+        GRID,
+        "{method: sobol, samples: true}",
+        ":6: sampling.samples: found True; needs a whole number >= 1",
+    ),
+    "truth value for a seed": (
+        GRID,
+        "{seed: false}",
+        ":6: sampling.seed: found False; needs a whole number >= 0",
+    ),
+    "truth value for steps": (
+        "steps: 3",
+        "steps: yes",
+        ":3: vary['friction.default'].steps: found True; needs a whole number >= 1",
+    ),
+    "truth value for a limit": (
+        "algorithm: margin",
+        "algorithm: margin, node_limit: true",
+        ":7: compute.node_limit: found True; needs a whole number >= 1",
+    ),
+    "materials of no body": (
+        "friction.default",
+        "materials.rubber.cardboard",
+        ":3: vary['materials.rubber.cardboard']: sets materials.rubber.cardboard, which counts "
+        "nowhere, for the object is of no material, hand and supports are of no material",
+    ),
     "steps of a sequence": (
         GRID,
         "{method: sobol, samples: 4}",
@@ -168,6 +194,12 @@ CHECKING = {
         "from: -0.2",
         ":3: vary['friction.default']: at -0.2: {scene}:6: friction.default: found -0.2; needs a "
         "finite number >= 0",
+    ),
+    "truth value for a mass": (
+        "friction.default: " + RANGE,
+        "object.mass: {values: [1, true]}",
+        ":3: vary['object.mass']: at True: {scene}:27: object.mass: found True; needs a finite "
+        "number > 0",
     ),
     "number for a name": (
         "friction.default: " + RANGE,

@@ -5,12 +5,13 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from study_tools import CUBOID, HEIGHT, PAPER, SLOPE, study
+from study_tools import CUBOID, HEIGHT, PAPER, SLOPE, study, study_file
 
 from graspless_pin import load_scene
+from graspless_pin.errors import StudyError
 from graspless_pin.geometry.bodies.shapes import Box
 from graspless_pin.scene.parts import SceneParts
-from graspless_pin.studies import Study
+from graspless_pin.studies import Study, load_study
 
 TIGHT = 1e-9
 
@@ -188,3 +189,44 @@ def test_parts_that_are_kept_change_nothing(key):
         np.testing.assert_array_equal(kept.gravity_torques, fresh.gravity_torques)
     assert len(parts.robots) == 1
     assert len(parts.hands) == (1 if key.startswith("hand.q") else 2)
+
+
+MATERIALS = """\
+object: {shape: {type: box, size: [0.2, 0.2, 0.2]}, mass: 1.0, material: cardboard}
+supports:
+  - {name: floor, shape: {type: half_space}, pose: {position: [0, 0, -0.1]}, material: rubber}
+friction: 0.5
+materials: {rubber: {cardboard: 0.9, steel: 0.7}}
+"""
+
+
+def of_materials(folder, vary: dict[str, Any]) -> Study:
+    (folder / "scene.yaml").write_text(MATERIALS, encoding="utf-8")
+    return load_study(study_file(folder, {"scene": "scene.yaml", "vary": vary}))
+
+
+def test_the_coefficient_of_a_pair_varies(tmp_path):
+    made = of_materials(tmp_path, {"materials.rubber.cardboard": {"values": [0.2, 0.4]}})
+    found = [made.scene_at(sample).problem().friction[0] for sample in made.samples]
+    assert found == [0.2, 0.4]
+
+
+@pytest.mark.parametrize("pair", ["ruber.cardboard", "rubber.steel", "rubber.rubber"])
+def test_a_pair_that_counts_nowhere_is_refused(tmp_path, pair):
+    """Also where both materials are known: the table would vary and no contact would."""
+    with pytest.raises(StudyError) as error:
+        of_materials(tmp_path, {f"materials.{pair}": {"values": [0.2, 0.4]}})
+    assert f"sets materials.{pair}, which counts nowhere" in str(error.value)
+    assert "the object is of 'cardboard', hand and supports are of 'rubber'" in str(error.value)
+
+
+def test_a_pair_may_count_where_materials_vary(tmp_path):
+    made = of_materials(
+        tmp_path,
+        {
+            "object.material": {"values": ["cardboard", "steel"]},
+            "materials.rubber.steel": {"values": [0.3]},
+        },
+    )
+    found = [made.scene_at(sample).problem().friction[0] for sample in made.samples]
+    assert found == [0.9, 0.3]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from graspless_pin.algorithms.formulation import Formulation, Objective, formula
 from graspless_pin.algorithms.minimum_friction import smallest_factor
 from graspless_pin.algorithms.search import SearchState
 from graspless_pin.algorithms.solve import solve_problem
+from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.modes.kinematics import Conflict
 from graspless_pin.modes.rules import Rules, SignRule, SlidingRule, StaticFriction
 from graspless_pin.problem import QuasistaticProblem
@@ -24,6 +26,8 @@ from graspless_pin.solvers import Outcome
 _ROOM = 1.0 + 1e-6
 """A suggestion goes further by this, so that it is feasible and not just about to be."""
 _DIGITS = 5
+_FACTOR_STEP = 1e-4
+"""To this the largest factor on friction below 1 is found."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,10 +136,11 @@ def _conflicting_contacts(solution: TorqueSolution) -> tuple[int, ...]:
     answer = state.relax()
     if answer.outcome is not Outcome.SOLVED:
         return ()
-    verdict = state.reader.read(answer.x, {})
-    if not isinstance(verdict, Conflict):
-        return ()
-    return tuple(sorted({item[0] for item in verdict.signs} | set(verdict.contacts)))
+    with suppress(UndecidedMotionError):
+        verdict = state.reader.read(answer.x, {})
+        if isinstance(verdict, Conflict):
+            return tuple(sorted({item[0] for item in verdict.signs} | set(verdict.contacts)))
+    return ()
 
 
 def _weaker_rules(solution: TorqueSolution) -> list[Suggestion]:
@@ -218,7 +223,7 @@ def _reliefs(solution: TorqueSolution) -> Iterator[Suggestion]:
     if (x := _relief(solution, wrench=True)) is not None:
         text, changed = _helped(problem, x)
         yield from _if_feasible(text, changed, solution)
-    yield from _more_friction(solution)
+    yield from _other_friction(solution)
 
 
 def _everything(solution: TorqueSolution) -> Iterator[Suggestion]:
@@ -254,15 +259,31 @@ def _helped(problem: QuasistaticProblem, x: FloatArray) -> tuple[str, Quasistati
     return text, changed
 
 
-def _more_friction(solution: TorqueSolution) -> Iterator[Suggestion]:
-    """A common factor on friction."""
+def _other_friction(solution: TorqueSolution) -> Iterator[Suggestion]:
+    """A common factor on friction; below 1 where kinetic friction is more than can be pushed."""
     problem = solution.problem
     least = smallest_factor(problem, _objective(solution, solution.required_margin), solution.rules)
-    if np.isfinite(least):
-        factor = _rounded_up(least * _ROOM)
-        changed = problem.with_changes(friction=factor * problem.friction)
-        text = f"all friction coefficients would have to be {factor:.{_DIGITS}g} times as large"
-        yield from _if_feasible(text, changed, solution)
+    if not np.isfinite(least):
+        return
+
+    def scaled(factor: float) -> QuasistaticProblem:
+        return problem.with_changes(friction=factor * problem.friction)
+
+    def feasible(factor: float) -> bool:
+        return _solved(scaled(factor), solution, solution.rules, solution.required_margin).found
+
+    factor = _rounded_up(least * _ROOM)
+    if least < 1.0:
+        # The smallest change is the largest factor that is enough.
+        low, high = least, 1.0
+        while high - low > _FACTOR_STEP:
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if feasible(middle) else (low, middle)
+        factor = -_rounded_up(-low / _ROOM)
+    text = f"all friction coefficients would have to be {factor:.{_DIGITS}g} times as large"
+    if factor == 0.0:
+        text = "the contacts would have to be without friction"
+    yield from _if_feasible(text, scaled(factor), solution)
 
 
 def _relief(
@@ -279,7 +300,11 @@ def _relief(
     rows = force_rows(problem, coordinates)
     program = relief_program(rows, coordinates, margin, joint=joint, normal=normal, wrench=wrench)
     formulation = Formulation(problem, coordinates, program, kinematics)
-    best = branch_and_bound(SearchState(formulation, solution.rules, "piqp")).state.best
+    state = SearchState(formulation, solution.rules, "piqp")
+    # What was found before a motion could not be decided on helps all the same.
+    with suppress(UndecidedMotionError):
+        branch_and_bound(state)
+    best = state.best
     return None if best is None or best.x[-1] <= 0.0 else best.x
 
 

@@ -1,26 +1,36 @@
-"""The command line: ``graspless-pin solve SCENE`` and its sisters, one module per group."""
+"""The command line: ``graspless-pin solve SCENE`` and its sisters; the commands load all else."""
 
-import typer
+import os
+import signal
+import sys
 
-from graspless_pin.cli.reporting import report
-from graspless_pin.cli.robots import inspect, robots
-from graspless_pin.cli.solving import schema, solve, verify
-from graspless_pin.cli.studying import study
-from graspless_pin.cli.viewing import view
+__all__ = ["INTERRUPTED", "main"]
 
-__all__ = ["app", "main"]
-
-app = typer.Typer(
-    add_completion=False,
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    help="Robust joint torques for hands that push, slide, pivot or hold an object.",
-)
-
-for _command in (solve, verify, report, view, study, robots, inspect, schema):
-    app.command()(_command)
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells have it."""
+_MESSAGE = "interrupted\n"
 
 
 def main() -> None:
-    """Run the command line."""
-    app()
+    """Run the command line. Loading the libraries takes a second, in which Ctrl-C counts, too."""
+    usual = signal.default_int_handler
+    # A shell may have told the process to ignore Ctrl-C.
+    listens = signal.getsignal(signal.SIGINT) is usual
+    try:
+        if listens:
+            # No exception: some libraries catch what interrupts their import, and fail later.
+            signal.signal(signal.SIGINT, _quit)
+        from graspless_pin.cli.commands import app
+
+        if listens:
+            signal.signal(signal.SIGINT, usual)
+        app()
+    except KeyboardInterrupt:
+        sys.stderr.write(_MESSAGE)
+        sys.exit(INTERRUPTED)
+
+
+def _quit(*_: object) -> None:
+    """End the process at once: while libraries are loaded there is nothing to put in order."""
+    os.write(2, _MESSAGE.encode())
+    os._exit(INTERRUPTED)

@@ -32,7 +32,10 @@ def report(
     ranges_time: Annotated[
         float,
         typer.Option(
-            min=0.0, metavar="SECONDS", help="Leave the force ranges out if they take longer."
+            min=0.0,
+            metavar="SECONDS",
+            help="Show the force ranges as far as they are found by then, and mark what is not "
+            "proven.",
         ),
     ] = 60.0,
 ) -> None:

@@ -9,11 +9,10 @@ from typing import Annotated
 
 import typer
 
+from graspless_pin.cli import INTERRUPTED
 from graspless_pin.cli.outcome import FOUND, INFEASIBLE, plain_errors
 from graspless_pin.studies import load_study, results_summary, run_study
 from graspless_pin.studies.executors import dask_executor
-
-INTERRUPTED = 130
 
 
 def study(

@@ -10,7 +10,7 @@ from graspless_pin.algorithms.force_bounds import ContactForceBounds
 from graspless_pin.errors import NoSolutionError
 from graspless_pin.picture import LIGHT, Role
 from graspless_pin.plots.canvas import axes_for
-from graspless_pin.solution import TorqueSolution
+from graspless_pin.solution import Status, TorqueSolution
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,7 +32,7 @@ def normal_force_ranges(
 
     Returns:
         The axes, N: one bar a contact, the first on top. An unbounded one leaves the axes and ends
-        in an arrow.
+        in an arrow. The label tells where ranges are reached and not all proven.
 
     Raises:
         NoSolutionError: If the torques cannot be held.
@@ -59,7 +59,8 @@ def normal_force_ranges(
     axes.set_ylim(len(rows) - 0.4, -0.6)
     # From zero, and so that a bar or mark at the right end is seen whole.
     axes.set_xlim(-_ROOM * edge, (1.0 + _ROOM) * edge)
-    axes.set_xlabel("normal force $f_n$ [N]")
+    unproven = "" if bounds.status is Status.OPTIMAL else ", as far as reached"
+    axes.set_xlabel(f"normal force $f_n$ [N]{unproven}")
     axes.grid(axis="x", alpha=0.25)
     axes.set_axisbelow(True)
     return axes

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import platform
 import shlex
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -13,29 +12,14 @@ import numpy as np
 
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.solution import Status, TorqueSolution
+from graspless_pin.versions import versions
 
-# What can change a figure: geometry, numerics and solvers.
-_PACKAGES = (
-    "graspless-pin", "numpy", "scipy", "pin", "coal", "trimesh", "coacd",
-    "qpsolvers", "piqp", "proxsuite", "highspy", "clarabel",
-)  # fmt: skip
 _ARRAYS = (
     "positions", "normals", "external_wrench", "jacobian", "friction", "tangents", "sliding",
     "lower_torque", "upper_torque", "max_normal_force", "gravity_torques",
 )  # fmt: skip
 _SAME = 1e-9
 _IN_GIVEN_MODE = (Status.OPTIMAL_IN_MODE, Status.INFEASIBLE_IN_MODE, Status.INFEASIBLE_MODE)
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of Python and of the packages that make the figures, by name."""
-    found = {"python": platform.python_version()}
-    for name in _PACKAGES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            continue
-    return found
 
 
 def file_sha256(path: Path) -> str | None:
@@ -65,13 +49,13 @@ def provenance(problem: QuasistaticProblem, scene_file: Path | None) -> dict[str
 
     Returns:
         ``scene_file`` as it was given and ``scene_sha256`` (None without a file),
-        ``problem_sha256`` and ``versions``.
+        ``problem_sha256`` and ``versions``, Python's among them.
     """
     return {
         "scene_file": None if scene_file is None else str(scene_file),
         "scene_sha256": None if scene_file is None else file_sha256(scene_file),
         "problem_sha256": problem_sha256(problem),
-        "versions": versions(),
+        "versions": {"python": platform.python_version(), **versions()},
     }
 
 

@@ -33,6 +33,7 @@ from graspless_pin.geometry.poses import pose_matrix
 from graspless_pin.geometry.robots.files import describe_urdf, find_robot
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene import schema
+from graspless_pin.scene.material_pairs import warn_of_unused_materials
 from graspless_pin.scene.messages import explain, key_text
 from graspless_pin.scene.parts import SceneParts
 from graspless_pin.scene.records import GivenContact, HandMotion, Motion
@@ -140,6 +141,7 @@ class _Builder:
         for location, name in named:
             if name is not None:
                 self._at(location, lambda name=name: table.check([name]))
+        warn_of_unused_materials(self._source, entry, table)
         return table
 
     def _error(self, location: Location, message: str) -> SceneError:

@@ -16,14 +16,8 @@ from pydantic import (
     Field,
     model_validator,
 )
-from pydantic_core import PydanticCustomError
 
-
-def _no_truth_value(value: Any) -> Any:
-    """Refuse true and false as numbers: pydantic would read them as 1 and 0."""
-    if isinstance(value, bool):
-        raise PydanticCustomError("number_type", "Input should be a number")
-    return value
+from graspless_pin.geometry.robots.schema import no_truth_value
 
 
 def _not_zero(vector: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -32,10 +26,13 @@ def _not_zero(vector: tuple[float, float, float]) -> tuple[float, float, float]:
     return vector
 
 
-_NUMBER = BeforeValidator(_no_truth_value)
+_NUMBER = BeforeValidator(no_truth_value)
 Finite = Annotated[float, Field(allow_inf_nan=False), _NUMBER]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False), _NUMBER]
 NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False), _NUMBER]
+Whole = Annotated[int, Field(ge=0), _NUMBER]
+Count = Annotated[int, Field(ge=1), _NUMBER]
+FromThree = Annotated[int, Field(ge=3), _NUMBER]
 Vector = tuple[Finite, Finite, Finite]
 Direction = Annotated[Vector, AfterValidator(_not_zero)]
 Convex = Literal["hull", "decompose"]
@@ -46,7 +43,7 @@ LinkConvex = Annotated[
         "as in the robot file, else hull",
     ),
 ]
-Concavity = Annotated[float, Field(ge=0.01, le=1.0, description="coarseness of the cut")]
+Concavity = Annotated[float, Field(ge=0.01, le=1.0, description="coarseness of the cut"), _NUMBER]
 
 
 class Entry(BaseModel):
@@ -338,10 +335,10 @@ class SceneEntry(Entry):
     )
     motion: MotionEntry | None = None
     max_normal_force: Positive = Field(default=50.0, description="N")
-    cone_edges: int = Field(default=32, ge=3)
+    cone_edges: FromThree = 32
     contact_tolerance: Positive = Field(default=1e-3, description="m")
-    points_per_patch: int = Field(
-        default=8, ge=3, description="most contacts that stand for one face on a face"
+    points_per_patch: FromThree = Field(
+        default=8, description="most contacts that stand for one face on a face"
     )
     tangent_axes: list[Direction] = Field(
         default=[],

@@ -12,7 +12,7 @@ from graspless_pin.algorithms.force_bounds import contact_force_bounds
 from graspless_pin.algorithms.minimum_friction import minimum_friction
 from graspless_pin.scene.parts import SceneParts
 from graspless_pin.scene.scene import Scene
-from graspless_pin.solution import TorqueSolution
+from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.studies.study import Sample, Study
 
 Row = dict[str, Any]
@@ -84,10 +84,12 @@ def _analyses(study: Study, solution: TorqueSolution) -> Row:
     row: Row = {}
     if compute.force_bounds and solution.found:
         bounds = contact_force_bounds(problem, solution.torques, **rules)
-        row |= {
-            "smallest_margin_N": float(bounds.smallest_margin),
-            "largest_margin_N": float(bounds.largest_margin),
-        }
+        # A column has no room to say that a margin was only reached.
+        if bounds.status is Status.OPTIMAL:
+            row |= {
+                "smallest_margin_N": float(bounds.smallest_margin),
+                "largest_margin_N": float(bounds.largest_margin),
+            }
     if compute.disturbance_margin and solution.found:
         held = disturbance_margin(problem, solution.torques, **rules)
         if held.found:

@@ -26,9 +26,9 @@ from graspless_pin.studies.tables import (
     read_results,
     require_tables,
     results_table,
-    versions,
     write_results,
 )
+from graspless_pin.versions import versions
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -7,11 +7,13 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from graspless_pin.scene.schema import (
+    Count,
     Direction,
     Entry,
     Finite,
     NotNegative,
     Vector,
+    Whole,
 )
 
 
@@ -75,7 +77,7 @@ class VariableEntry(Entry):
     )
     start: Finite | None = Field(default=None, alias="from")
     to: Finite | None = None
-    steps: int | None = Field(default=None, ge=1, description="points of the grid, ends included")
+    steps: Count | None = Field(default=None, description="points of the grid, ends included")
     scale: Literal["linear", "log"] = "linear"
     unit: str | None = Field(default=None, description="of the values; default SI")
     key: str | None = Field(default=None, description="a scene key; default: the variable's name")
@@ -114,8 +116,8 @@ class SamplingEntry(Entry):
     """How the samples are chosen."""
 
     method: Literal["grid", "latin_hypercube", "sobol"] = "grid"
-    samples: int | None = Field(default=None, ge=1)
-    seed: int = Field(default=0, ge=0)
+    samples: Count | None = None
+    seed: Whole = 0
 
     @model_validator(mode="after")
     def _samples_where_needed(self) -> SamplingEntry:
@@ -137,7 +139,7 @@ class ComputeEntry(Entry):
     static_friction: Literal["virtual_sliding", "coulomb"] | None = None
     solver: str | None = None
     regularization: NotNegative | None = None
-    node_limit: int | None = Field(default=None, ge=1, description="of each search over modes")
+    node_limit: Count | None = Field(default=None, description="of each search over modes")
     force_bounds: bool = Field(default=False, description="the range of the margin, eq. (32)")
     disturbance_margin: bool = Field(
         default=False, description="the smallest disturbance that the torques cannot hold"

@@ -16,11 +16,12 @@ from scipy.stats import qmc
 
 from graspless_pin.errors import SceneError, StudyError
 from graspless_pin.scene.load import build_scene
+from graspless_pin.scene.material_pairs import materials_in_words, other_materials
 from graspless_pin.scene.messages import explain, key_text
 from graspless_pin.scene.parts import SceneParts
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.schema import SceneEntry
-from graspless_pin.scene.yaml_source import YamlSource
+from graspless_pin.scene.yaml_source import Location, YamlSource
 from graspless_pin.studies.keys import Tree, copied
 from graspless_pin.studies.schema import StudyEntry
 from graspless_pin.studies.variables import Variable, make_variable
@@ -128,7 +129,8 @@ def _made(source: YamlSource, folder: Path) -> Study:
     if not file.is_file():
         raise fail(("scene",), f"there is no file {str(file)!r}; paths are relative to the study")
     scene = YamlSource(file)
-    defaults = _valid(scene).model_dump()
+    usual = _valid(scene)
+    defaults = usual.model_dump()
     tree = copied(scene.data)
     options = entry.compute.solve_options()
     tree["solve"] = {**(tree.get("solve") or {}), **options}
@@ -143,6 +145,7 @@ def _made(source: YamlSource, folder: Path) -> Study:
         for name, item in entry.vary.items()
     )
     _check_targets(variables, options, fail)
+    _check_materials(usual, variables, fail)
     _check_algorithm(tree, variables, options, fail)
     return Study(
         entry=entry,
@@ -174,6 +177,28 @@ def _check_targets(variables: tuple[Variable, ...], options: Mapping[str, Any], 
                         f"sets {key_text(location)}, which {name!r} sets already; keep one of them",
                     )
         taken |= {location: variable.name for location, _, _ in variable.targets}
+
+
+def _check_materials(entry: SceneEntry, variables: tuple[Variable, ...], fail: Any) -> None:
+    """Refuse a pair of materials that no two bodies have: nothing would vary."""
+    keys: list[Location] = [("object", "material"), ("hand", "material")]
+    keys += [("supports", index, "material") for index in range(len(entry.supports))]
+    targets = [(variable, location) for variable in variables for location, *_ in variable.targets]
+    if any(key[: len(location)] == location for key in keys for _, location in targets):
+        return
+    own, others = entry.object.material, other_materials(entry)
+    pairs = [frozenset((own, other)) for other in others]
+    for variable, location in targets:
+        if (
+            len(location) == 3
+            and location[0] == "materials"
+            and frozenset(location[1:]) not in pairs
+        ):
+            raise fail(
+                ("vary", variable.name),
+                f"sets {key_text(location)}, which counts nowhere, for "
+                f"{materials_in_words(own, others)}",
+            )
 
 
 def _check_algorithm(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
-from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,13 +12,13 @@ from graspless_pin.errors import StudyError
 from graspless_pin.scene.messages import key_text
 from graspless_pin.studies.evaluation import FAILED, Row
 from graspless_pin.studies.study import Study
+from graspless_pin.versions import versions
 
 if TYPE_CHECKING:
     import pandas as pd
 
 KEY = "graspless_pin"
 """Name of the metadata in Parquet files and in ``DataFrame.attrs``."""
-_LIBRARIES = ("graspless-pin", "numpy", "scipy", "pin", "coal", "piqp")
 _COUNTS = ("contacts", "nodes")
 _FIRST = ("status", "found", "margin_N", "max_torque_Nm")
 _LAST = (
@@ -66,11 +65,6 @@ def format_of(output: Path) -> str:
             ".parquet or .csv"
         )
     return known[output.suffix.lower()]
-
-
-def versions() -> dict[str, str]:
-    """Versions of what the results depend on."""
-    return {name: metadata.version(name) for name in _LIBRARIES}
 
 
 def check_columns(study: Study) -> None:

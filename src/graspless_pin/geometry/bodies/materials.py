@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -12,6 +14,8 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.pickling import remake
 
 Pair = frozenset[str]
+_NEAR = 0.8
+"""Names at least this similar are taken for one name and a slip of the keyboard."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +80,26 @@ class Materials:
                     argument, f"{name!r} is in no pair of materials; known: {known}"
                 )
 
+    def misspelt(self, used: Iterable[str]) -> dict[str, str]:
+        """Return names of the table that look like misspelt ones of bodies, with what was meant.
+
+        A name that no body has is no mistake by itself: scenes may share a table. Names that differ
+        in their digits are different materials.
+
+        Args:
+            used: Names of the bodies' materials.
+        """
+        bodies = sorted(set(used))
+        meant: dict[str, str] = {}
+        for name in self.names:
+            if name in bodies:
+                continue
+            plain = {body.casefold(): body for body in bodies if _digits(body) == _digits(name)}
+            near = difflib.get_close_matches(name.casefold(), plain, n=1, cutoff=_NEAR)
+            if near:
+                meant[name] = plain[near[0]]
+        return meant
+
     def friction(self, first: str, second: str) -> float:
         """Coefficient of friction of two materials.
 
@@ -92,3 +116,7 @@ class Materials:
                 f"add it, e.g. {first}: {{{second}: 0.5}}",
             )
         return value
+
+
+def _digits(name: str) -> list[str]:
+    return re.findall(r"\d+", name)

@@ -6,14 +6,24 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import PydanticCustomError
 
 from graspless_pin.errors import RobotError
 from graspless_pin.geometry.bodies.decomposition import DEFAULT_CONCAVITY
 from graspless_pin.geometry.hand.coupling import JointCoupling
 
+
+def no_truth_value(value: Any) -> Any:
+    """Refuse true and false as numbers: pydantic would read them as 1 and 0."""
+    if isinstance(value, bool):
+        raise PydanticCustomError("number_type", "Input should be a number")
+    return value
+
+
 Convex = Literal["hull", "decompose"]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+Number = Annotated[float, BeforeValidator(no_truth_value)]
+Finite = Annotated[Number, Field(allow_inf_nan=False)]
 
 
 class _Entry(BaseModel):
@@ -31,7 +41,7 @@ class FingerEntry(_Entry):
 class EffortEntry(_Entry):
     """A limit and where it comes from, or what is known while the real limit is not."""
 
-    limit: float | tuple[float, float] | None = None
+    limit: Number | tuple[Number, Number] | None = None
     source: str | None = Field(default=None, min_length=1)
     unknown: str | None = Field(default=None, min_length=1)
 
@@ -86,7 +96,7 @@ class RobotFile(_Entry):
     tendons: dict[str, TendonEntry] = {}
     effort_limits: dict[str, EffortEntry] = {}
     convex: Convex | dict[str, Convex] = "hull"
-    concavity: float = Field(default=DEFAULT_CONCAVITY, ge=0.01, le=1.0)
+    concavity: Number = Field(default=DEFAULT_CONCAVITY, ge=0.01, le=1.0)
 
     @model_validator(mode="after")
     def _one_source(self) -> RobotFile:

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from graspless_pin.errors import ArgumentError, GrasplessPinError, NoSolutionError
+from graspless_pin.algorithms.force_bounds import contact_force_bounds
+from graspless_pin.errors import ArgumentError, GrasplessPinError
 from graspless_pin.picture import DARK, LIGHT, Role
 from graspless_pin.report.html.case import Case
 from graspless_pin.report.html.model import model_data
-from graspless_pin.report.html.ranges import bounds_within
 from graspless_pin.report.html.sections import (
     check_rows,
     contact_rows,
@@ -24,7 +24,7 @@ from graspless_pin.report.html.sections import (
     scene_in_words,
     torque_figure,
 )
-from graspless_pin.solution import TorqueSolution
+from graspless_pin.solution import Status, TorqueSolution
 
 _FILES = Path(__file__).with_name("files")
 _SUGGESTION = "- "
@@ -40,11 +40,12 @@ def report_html(case: Case, *, ranges: bool = True, ranges_time: float | None = 
         case: What the report is of.
         ranges: Whether to compute the force ranges: two searches for each force component, which
             can take minutes where many contacts stick.
-        ranges_time: Seconds after which the page is written without them; None: no limit.
+        ranges_time: Seconds after which the search for them ends. The page then shows how far it
+            came, and marks what is not proven. None: no limit.
 
     Raises:
         GrasplessPinError: If Jinja2 or matplotlib is not installed.
-        ArgumentError: If the case's document is not complete.
+        ArgumentError: If the case's document is not complete, or the time is negative.
     """
     try:
         import matplotlib  # noqa: F401
@@ -103,14 +104,14 @@ def _context(case: Case, *, ranges: bool, ranges_time: float | None) -> dict[str
 
 def _ranges(solution: TorqueSolution, ranges_time: float | None) -> dict[str, Any]:
     """The force ranges of the solution's torques, or why there are none."""
-    try:
-        bounds = bounds_within(solution, ranges_time)
-    except NoSolutionError as error:
-        return {"bounds": None, "no_bounds": str(error)}
+    bounds = contact_force_bounds(
+        solution.problem, solution.torques, time_limit=ranges_time, **solution.rules.options()
+    )
     if not bounds.found:
-        return {"bounds": None, "no_bounds": bounds.status.message}
+        return {"bounds": None, "no_bounds": f"{bounds.status.message}."}
     return {
         "bounds": bounds,
+        "proven": bounds.status is Status.OPTIMAL,
         "ranges": range_rows(bounds),
         "range_figure": range_figure(bounds, solution),
     }

@@ -102,11 +102,13 @@ def friction_figures(solution: TorqueSolution) -> list[str]:
 
 
 def range_rows(bounds: ContactForceBounds) -> list[dict[str, Any]]:
-    """Return a row a contact: the ranges of f_n, f_t1, f_t2 and whether the torques fix them."""
-    return [
-        {"lower": low, "upper": high, "open": open_}
-        for low, high, open_ in zip(bounds.lower, bounds.upper, bounds.indeterminate, strict=True)
-    ]
+    """Return a row a contact: the ranges of f_n, f_t1, f_t2, and what is known of them.
+
+    A range is open where the torques do not fix the force, or are not proven to.
+    """
+    columns = bounds.lower, bounds.upper, bounds.indeterminate | ~bounds.proven, bounds.proven
+    names = "lower", "upper", "open", "proven"
+    return [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
 
 
 def range_figure(bounds: ContactForceBounds, solution: TorqueSolution) -> str:

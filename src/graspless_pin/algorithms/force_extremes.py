@@ -1,0 +1,251 @@
+"""Extreme values over all contact forces that given torques allow, by branch and bound."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspless_pin.algorithms.branch_and_bound import branch_and_bound
+from graspless_pin.algorithms.formulation import Formulation, shared_parts
+from graspless_pin.algorithms.search import SearchResult, SearchState, undecided
+from graspless_pin.errors import UndecidedMotionError
+from graspless_pin.modes.rules import Rules, SlidingMode, StaticFriction
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.programs.analysis_programs import (
+    force_set_program,
+    held_margin_program,
+    ray_program,
+    with_objective,
+)
+from graspless_pin.programs.force_programs import ForceRows, force_rows
+from graspless_pin.programs.program import Program
+from graspless_pin.solution import Status
+from graspless_pin.solvers import Outcome, solve
+
+_FARTHEST = 1e3
+"""Bounded forces are looked for up to this multiple of the largest normal-force limit."""
+_IS_RAY = 1e-6
+_NODES = (32, 128, 512, 2048, 8192, None)
+"""Limits of the searches for a free ray, one after the other: any ray will do."""
+_ENDED_EARLY = (Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT)
+
+
+class Extreme(NamedTuple):
+    """An extreme value over all modes (N), or one that was reached, and whether it is proven."""
+
+    value: float
+    proven: bool
+
+
+class ForceExtremes:
+    """The force set of given torques, and optima of linear functions over it.
+
+    Call `feasibility` first: the other methods are of torques that some mode holds.
+
+    Attributes:
+        growing: Modes that were seen to hold a force and a free ray.
+        reached: Coordinates of forces that a feasible mode holds.
+        proven: Whether every search since this was last set came to its proof.
+    """
+
+    def __init__(
+        self,
+        problem: QuasistaticProblem,
+        torques: FloatArray,
+        rules: Rules,
+        solver: str,
+        time_limit: float | None,
+    ) -> None:
+        """Take the torques (L,), N m, and the seconds after which every search ends."""
+        self.deadline = np.inf if time_limit is None else time.monotonic() + time_limit
+        self.problem, self.rules, self.solver = problem, rules, solver
+        self.coordinates, self.kinematics = shared_parts(problem)
+        self.rows: ForceRows = force_rows(problem, self.coordinates)
+        self.torque = (torques - problem.gravity_torques) / self.coordinates.torque_scale
+        self.set = force_set_program(self.rows, self.coordinates, self.torque, _FARTHEST)
+        self.has_rays = self._has_rays()
+        self.growing: list[SlidingMode] = []
+        self.reached: list[FloatArray] = []
+        self.proven = True
+
+    @property
+    def time_is_over(self) -> bool:
+        """Whether the time limit has passed."""
+        return time.monotonic() > self.deadline
+
+    def feasibility(self) -> Status:
+        """Whether some mode holds the torques."""
+        return self._search(self.set).status
+
+    def component(self, contact: int, component: int) -> FloatArray:
+        """(n,) functional of the coordinates that gives f_n, f_t1 or f_t2 of a contact, in N."""
+        frame = np.column_stack([self.problem.normals[contact], self.problem.tangents[contact]])
+        block = self.coordinates.basis[3 * contact : 3 * contact + 3]
+        return self.coordinates.force_scale * (frame[:, component] @ block)
+
+    def largest(self, functional: FloatArray, *, above: float = -np.inf) -> Extreme:
+        """Largest value of a linear function over all modes; inf along a free ray.
+
+        Args:
+            functional: (n,) its coefficients.
+            above: Smaller values are of no interest; then this is returned.
+        """
+        scale = float(np.abs(functional).max())
+        if scale == 0.0:
+            return Extreme(0.0, proven=True)
+        self.proven = not self.time_is_over
+        value = -np.inf
+        if self.proven:
+            c = -functional / scale
+            if self.has_rays and self._grows(c):
+                return Extreme(np.inf, proven=True)
+            result = self._search(with_objective(self.set, c), cutoff=-above / scale)
+            if result.state.best is not None:
+                value = -scale * result.state.best.value
+            elif above == -np.inf:
+                # The torques are held: a search that finds no force has nothing to say.
+                self.proven = False
+        if not self.proven:
+            value = max(value, *(float(functional @ x) for x in self.reached))
+        return Extreme(max(value, above), self.proven)
+
+    def smallest_margin(
+        self, lower: FloatArray, upper: FloatArray, proven: NDArray[np.bool_]
+    ) -> Extreme:
+        """Smallest distance to any face: the margin is the least of linear functions.
+
+        Faces that the bounds of the components keep farther away than the nearest face so far
+        need no search.
+        """
+        margin, complete = float((self.problem.max_normal_force - upper[:, 0]).min()), True
+        force, rows = self.coordinates.force_scale, self.rows
+        distances = self._distances()
+        low, high = np.zeros(rows.size), np.zeros(rows.size)
+        cones = self.problem.has_cone
+        sure = np.where(proven, lower, -np.inf), np.where(proven, upper, np.inf)
+        for end, bounds in zip((low, high), sure, strict=True):
+            end[self.coordinates.normal] = bounds[:, 0]
+            end[self.coordinates.tangent[cones]] = bounds[cones, 1:]
+        at = np.where(distances > 0.0, low, np.where(distances < 0.0, high, 0.0))
+        least = (distances * at).sum(axis=1) / force
+        for index in np.argsort(least):
+            if least[index] >= margin:
+                break
+            nearest = self.largest(-distances[index], above=-margin)
+            margin, complete = -nearest.value, complete and nearest.proven
+        return Extreme(margin, complete and bool(proven[:, 0].all()))
+
+    def largest_margin(self) -> Extreme:
+        """Largest margin over all modes, with the normal-force limit counted."""
+        self.proven = not self.time_is_over
+        if self.proven:
+            program = held_margin_program(self.rows, self.coordinates, self.torque)
+            best = self._search(program).state.best
+            if best is not None:
+                self.reached.append(best.x[:-1])
+                if self.proven:
+                    return Extreme(-self.coordinates.force_scale * best.value, proven=True)
+        return Extreme(max(self._margin(x) for x in self.reached), proven=False)
+
+    def _distances(self) -> FloatArray:
+        """(K, n) distances (N) of the coordinates to all faces but the normal-force limits'."""
+        rows = self.rows
+        return self.coordinates.force_scale * np.vstack([-rows.faces, rows.normal[rows.bare]])
+
+    def _margin(self, x: FloatArray) -> float:
+        """The margin of one set of forces, N."""
+        rows = self.rows
+        room = self.coordinates.force_scale * (rows.limit - rows.normal @ x)
+        return float(min(room.min(), (self._distances() @ x).min(initial=np.inf)))
+
+    def _grows(self, c: FloatArray) -> bool:
+        """Whether some mode holds a force and a ray along which -c grows."""
+        alone = self._ray_alone(c)
+        answer = solve(alone, self.solver)
+        if answer.outcome is Outcome.SOLVED and answer.value > -_IS_RAY:
+            return False
+        if self.rules.static_friction is StaticFriction.COULOMB:
+            return True
+        if any(self._in_mode(alone, mode) < -_IS_RAY for mode in self.growing):
+            return True
+        # Three searches take turns with ever more nodes. The rays of all modes alone tell soonest
+        # that there is none; the modes of rays and of far forces mostly have the other too; forces
+        # beside rays have the last word.
+        far = with_objective(self.set, c)
+        beside = ray_program(self.set, self.rows, self.coordinates)
+        pair = with_objective(beside, np.concatenate([np.zeros(len(c)), c]))
+        for limit in _NODES:
+            if self.time_is_over:
+                self.proven = False
+                break
+            ray, over = self._try(alone, limit)
+            if ray is not None and self._in_mode(self.set, ray) < np.inf:
+                return self._keep(ray)
+            if ray is None and over:
+                return False
+            force, _ = self._try(far, limit)
+            if force is not None and self._in_mode(alone, force) < -_IS_RAY:
+                return self._keep(force)
+            both, over = self._try(pair, limit, layers=(0, self.rows.size))
+            if both is not None:
+                return self._keep(both)
+            if over:
+                break
+        return False
+
+    def _keep(self, mode: SlidingMode) -> bool:
+        self.growing.append(mode)
+        return True
+
+    def _try(
+        self, program: Program, limit: int | None, *, layers: tuple[int, ...] = (0,)
+    ) -> tuple[SlidingMode | None, bool]:
+        """The best mode within so many nodes if its objective is negative; whether that is all."""
+        result = self._search(program, layers=layers, node_limit=limit)
+        best, over = result.state.best, limit is None or result.state.nodes < limit
+        return (None if best is None or best.value > -_IS_RAY else result.state.mode), over
+
+    def _in_mode(self, program: Program, mode: SlidingMode) -> float:
+        """Optimum of a program of one set of forces in one mode, inf where it has none."""
+        formulation = Formulation(self.problem, self.coordinates, program, self.kinematics)
+        answer = formulation.solve(*formulation.bounds_of(mode), self.solver, cutoff=np.inf)
+        return answer.value if answer.outcome is Outcome.SOLVED else np.inf
+
+    def _has_rays(self) -> bool:
+        """Whether the force set without modes is unbounded."""
+        answer = solve(self._ray_alone(-self.rows.normal.sum(axis=0)), self.solver)
+        return answer.outcome is not Outcome.SOLVED or answer.value < -_IS_RAY
+
+    def _ray_alone(self, c: FloatArray) -> Program:
+        still = np.zeros_like(self.torque)
+        ray = force_set_program(self.rows, self.coordinates, still, 1.0)
+        return with_objective(replace(ray, b=np.zeros(len(ray.b))), c)
+
+    def _search(
+        self,
+        program: Program,
+        *,
+        layers: tuple[int, ...] = (0,),
+        cutoff: float = np.inf,
+        node_limit: int | None = None,
+    ) -> SearchResult:
+        formulation = Formulation(
+            self.problem, self.coordinates, program, self.kinematics, cutoff, layers=layers
+        )
+        state = SearchState(formulation, self.rules, self.solver)
+        time_left = self.deadline - time.monotonic()
+        try:
+            result = branch_and_bound(state, node_limit=node_limit, time_limit=time_left)
+        except UndecidedMotionError:
+            result = undecided(state)
+        ended = self.time_is_over and result.status in _ENDED_EARLY
+        self.proven = self.proven and not (state.unproven or ended)
+        # The other programs have other rows, or a force among their variables and more.
+        if state.best is not None and program.A is self.set.A:
+            self.reached.append(state.best.x)
+        return result

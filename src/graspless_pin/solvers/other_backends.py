@@ -1,0 +1,89 @@
+"""ProxQP through its own interface, and any other solver through qpsolvers."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+import qpsolvers
+import scipy.sparse
+from proxsuite import proxqp  # pyright: ignore[reportMissingImports] - compiled, path hook
+
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.programs.answers import Backend, Multipliers
+from graspless_pin.programs.program import Program, restored
+from graspless_pin.solvers.piqp_engines import SOLVER_TOLERANCE
+
+_OPTIONS: dict[str, dict[str, Any]] = {
+    "clarabel": {
+        "tol_gap_abs": SOLVER_TOLERANCE,
+        "tol_gap_rel": SOLVER_TOLERANCE,
+        "tol_feas": SOLVER_TOLERANCE,
+    },
+    "highs": {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10},
+}
+_SPARSE = ("highs", "clarabel", "osqp", "scs")
+
+
+def by_proxqp(program: Program) -> Multipliers | None:
+    """ProxQP's object interface: its one-shot call takes feasible LPs for infeasible."""
+    reduced, kept = program.without_fixed()
+    n, m = reduced.A.shape[1], len(reduced.A)
+    bounded = np.flatnonzero(np.isfinite(reduced.lb) | np.isfinite(reduced.ub))
+    rows = np.vstack([reduced.G, np.eye(n)[bounded]])
+    far = 1e20
+    low = np.clip(np.concatenate([reduced.l, reduced.lb[bounded]]), -far, far)
+    high = np.clip(np.concatenate([reduced.u, reduced.ub[bounded]]), -far, far)
+    engine = proxqp.dense.QP(n, m, len(rows))
+    engine.settings.eps_abs = SOLVER_TOLERANCE
+    engine.settings.eps_rel = 0.0
+    # Feasible programs take some twenty iterations; more are spent on infeasible ones only.
+    engine.settings.max_iter, engine.settings.max_iter_in = 60, 50
+    # Its own test calls feasible LPs infeasible: infeasibility is proven by the elastic program.
+    engine.settings.eps_primal_inf = engine.settings.eps_dual_inf = 0.0
+    engine.settings.default_mu_in = engine.settings.default_mu_eq = 1e-2
+    engine.init(np.diag(reduced.P), reduced.c, reduced.A, reduced.b, rows, low, high)
+    engine.solve()
+    x, y, z = (np.array(part) for part in (engine.results.x, engine.results.y, engine.results.z))
+    return (restored(x, kept), y, z[: len(reduced.G)]) if _finite(x, y, z) else None
+
+
+def by_qpsolvers(name: str) -> Backend:
+    """Return a backend that goes through qpsolvers."""
+
+    def backend(program: Program) -> Multipliers | None:
+        reduced, kept = program.without_fixed()
+        up, down = np.isfinite(reduced.u), np.isfinite(reduced.l)
+        rows = np.vstack([reduced.G[up], -reduced.G[down]])
+        sides = np.concatenate([reduced.u[up], -reduced.l[down]])
+        as_matrix = scipy.sparse.csc_matrix if name in _SPARSE else np.ascontiguousarray
+        has_rows, has_equalities = len(rows) > 0, len(reduced.A) > 0
+        quadratic = qpsolvers.Problem(
+            as_matrix(np.diag(reduced.P)), reduced.c,
+            as_matrix(rows) if has_rows else None, sides if has_rows else None,
+            as_matrix(reduced.A) if has_equalities else None,
+            reduced.b if has_equalities else None,
+            reduced.lb, reduced.ub,
+        )  # fmt: skip
+        try:
+            with warnings.catch_warnings():
+                # Interfaces warn of formats and statuses; the answer is checked anyway.
+                warnings.simplefilter("ignore")
+                solution = qpsolvers.solve_problem(quadratic, name, **_OPTIONS.get(name, {}))
+        except (qpsolvers.SolverError, qpsolvers.ProblemError, qpsolvers.ParamError):
+            return None
+        if solution.x is None or not _finite(solution.x):
+            return None
+        y = np.zeros(len(reduced.A)) if solution.y is None or not has_equalities else solution.y
+        z = np.zeros(len(reduced.G))
+        if solution.z is not None and has_rows and len(solution.z) == len(rows):
+            z[up] += solution.z[: up.sum()]
+            z[down] -= solution.z[up.sum() :]
+        return (restored(solution.x, kept), np.asarray(y), z) if _finite(y, z) else None
+
+    return backend
+
+
+def _finite(*arrays: FloatArray) -> bool:
+    return all(np.isfinite(array).all() for array in arrays)

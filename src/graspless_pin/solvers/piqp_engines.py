@@ -1,0 +1,170 @@
+"""PIQP solvers that are kept for programs of one structure and told only what changes."""
+
+from __future__ import annotations
+
+import math
+from threading import Lock
+from typing import Any
+
+import numpy as np
+import piqp
+import scipy.sparse
+from numpy.typing import NDArray
+
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.programs.answers import Multipliers
+from graspless_pin.programs.program import Program
+
+SOLVER_TOLERANCE = 1e-10
+"""What all solvers are asked for, in scaled units."""
+# Programs are well scaled: interior points may go closer to the boundary than PIQP's default.
+_STEP_TO_BOUNDARY = 0.995
+_FIRST_ITERATIONS = 20
+_MOST_ITERATIONS = 250
+_PER_STRUCTURE = 2
+_MOST_STRUCTURES = 32
+
+
+class _Engine:
+    """A PIQP solver that is kept for programs of one structure and told only what changes.
+
+    Sparse, since each row but the balance knows one finger's or one contact's forces, and without
+    scaling of its own, since programs are scaled: so no answer depends on what it solved before.
+    """
+
+    def __init__(self, program: Program) -> None:
+        """Set up for a program and all of its structure."""
+        n = len(program.c)
+        self._A, self._filled_A = _columns(program.A)
+        self._G, self._filled_G = _columns(program.G)
+        self._P = scipy.sparse.csc_matrix((program.P.copy(), np.arange(n), np.arange(n + 1)))
+        self._known = _arrays(program)
+        self._piqp = piqp.SparseSolver()
+        settings = self._settings = self._piqp.settings
+        settings.kkt_solver = piqp.KKTSolver.sparse_ldlt_ineq_cond
+        settings.preconditioner_iter = 0
+        settings.eps_abs = settings.eps_rel = SOLVER_TOLERANCE
+        settings.eps_duality_gap_abs = settings.eps_duality_gap_rel = SOLVER_TOLERANCE
+        settings.tau = _STEP_TO_BOUNDARY
+        self._piqp.setup(
+            self._P,
+            program.c,
+            self._A,
+            program.b,
+            self._G,
+            program.l,
+            program.u,
+            program.lb,
+            program.ub,
+        )
+
+    def holds(self, program: Program) -> bool:
+        """Whether the matrices of the program are those that were loaded last."""
+        return self._known[4] is program.G and self._known[2] is program.A
+
+    def load(self, program: Program) -> None:
+        """Turn to another program of the same structure, or to other bounds of the same one."""
+        P, c, A, b, G, low, high, lb, ub = self._known
+        changed: dict[str, Any] = {}
+        if program.lb is not lb or program.ub is not ub:
+            changed["x_l"], changed["x_u"] = program.lb, program.ub
+        if program.c is not c:
+            changed["c"] = program.c
+        if program.b is not b:
+            changed["b"] = program.b
+        if program.l is not low or program.u is not high:
+            changed["h_l"], changed["h_u"] = program.l, program.u
+        if program.P is not P:
+            self._P.data[:] = program.P
+            changed["P"] = self._P
+        if program.A is not A:
+            self._A.data[:] = program.A.T.ravel()[self._filled_A]
+            changed["A"] = self._A
+        if program.G is not G:
+            self._G.data[:] = program.G.T.ravel()[self._filled_G]
+            changed["G"] = self._G
+        if changed:
+            self._piqp.update(**changed)
+            self._known = _arrays(program)
+
+    def solve(self, program: Program) -> Multipliers | None:
+        """Solve, and stop early where the multipliers already prove that nothing is feasible.
+
+        A feasible program takes some ten iterations; on an infeasible one the multipliers grow
+        until the iteration limit, long after they have become a proof.
+        """
+        self._settings.max_iter = _FIRST_ITERATIONS
+        status, result = self._piqp.solve(), self._piqp.result
+        if status == piqp.PIQP_MAX_ITER_REACHED and not (
+            program.dual_bound(result.y, result.z_u - result.z_l) > program.worst
+        ):
+            self._settings.max_iter = _MOST_ITERATIONS
+            self._piqp.solve()
+        # Bounds that meet are met to the solver's tolerance: the answer meets them exactly.
+        x = np.minimum(np.maximum(result.x, program.lb), program.ub)
+        y, z = np.array(result.y), result.z_u - result.z_l
+        # One sum tells whether any entry is not finite.
+        return (x, y, z) if math.isfinite(x @ x + y @ y + z @ z) else None
+
+
+def _arrays(program: Program) -> tuple[FloatArray, ...]:
+    return (
+        program.P, program.c, program.A, program.b, program.G, program.l, program.u,
+        program.lb, program.ub,
+    )  # fmt: skip
+
+
+def _columns(matrix: FloatArray) -> tuple[Any, NDArray[np.int_]]:
+    """A matrix in compressed columns, and the places of its entries, column after column."""
+    filled = matrix.T != 0.0
+    starts = np.concatenate([[0], np.cumsum(filled.sum(axis=1))])
+    entries = matrix.T[filled], np.nonzero(filled)[1], starts
+    return scipy.sparse.csc_matrix(entries, shape=matrix.shape), np.flatnonzero(filled)
+
+
+class _Engines:
+    """The PIQP solvers that are kept, by the structure of their programs."""
+
+    def __init__(self) -> None:
+        """Keep none yet."""
+        self._lock = Lock()
+        self._kept: dict[tuple[int, int, bytes], list[_Engine]] = {}
+
+    def take(self, program: Program) -> _Engine:
+        """Return an engine for the program, for this thread alone until it is put back."""
+        engine = None
+        with self._lock:
+            kept = self._kept.setdefault(_structure(program), [])
+            if kept:
+                # Two, so that one stays with a problem that is asked again while others pass.
+                held = [index for index, one in enumerate(kept) if one.holds(program)]
+                if held or len(kept) >= _PER_STRUCTURE:
+                    engine = kept.pop(held[0] if held else 0)
+        if engine is None:
+            return _Engine(program)
+        engine.load(program)
+        return engine
+
+    def put_back(self, engine: _Engine, program: Program) -> None:
+        """Keep an engine for later programs."""
+        with self._lock:
+            if len(self._kept) > _MOST_STRUCTURES:
+                self._kept.clear()
+            kept = self._kept.setdefault(_structure(program), [])
+            kept.append(engine)
+            del kept[:-_PER_STRUCTURE]
+
+
+def _structure(program: Program) -> tuple[int, int, bytes]:
+    return len(program.c), len(program.b), program.pattern
+
+
+_engines = _Engines()
+
+
+def by_piqp(program: Program) -> Multipliers | None:
+    """PIQP, with a solver kept from an earlier program of the same structure if there is one."""
+    engine = _engines.take(program)
+    answer = engine.solve(program)
+    _engines.put_back(engine, program)
+    return answer

@@ -1,0 +1,65 @@
+"""Ask one solver after the other until an answer passes the check."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import qpsolvers
+
+from graspless_pin.errors import SolverUnavailableError
+from graspless_pin.programs.answers import Answer, Backend, Outcome, checked_answer, failed
+from graspless_pin.programs.program import Program
+from graspless_pin.solvers.other_backends import by_proxqp, by_qpsolvers
+from graspless_pin.solvers.piqp_engines import by_piqp
+
+_FALLBACKS = ("piqp", "highs", "clarabel", "proxqp")
+_BACKENDS: dict[str, Backend] = {"piqp": by_piqp, "proxqp": by_proxqp}
+
+
+@cache
+def available_solvers() -> tuple[str, ...]:
+    """Return the names that can be given as ``solver``."""
+    return tuple(sorted({"piqp", "proxqp", *qpsolvers.available_solvers}))
+
+
+def check_solver(name: str) -> str:
+    """Return the name if such a solver is installed.
+
+    Raises:
+        SolverUnavailableError: Naming the solvers that are.
+    """
+    if name not in available_solvers():
+        raise SolverUnavailableError(
+            f"solver: {name!r} is not installed; available: {', '.join(available_solvers())}"
+        )
+    return name
+
+
+def solve(program: Program, solver: str = "piqp", *, cutoff: float = np.inf) -> Answer:
+    """Solve a program, check the answer and prove infeasibility.
+
+    Args:
+        program: The program.
+        solver: The solver to ask first.
+        cutoff: A value above which solutions are of no interest: a proven bound above it counts
+            as infeasible.
+
+    Returns:
+        A solved, infeasible or failed answer; never an unchecked one.
+    """
+    cutoff = min(cutoff, program.worst)
+    best_bound = -np.inf
+    for name in _in_turn(solver):
+        backend = _BACKENDS.get(name) or by_qpsolvers(name)
+        answer = checked_answer(program, backend, name, cutoff)
+        if answer.outcome is not Outcome.FAILED:
+            return answer
+        best_bound = max(best_bound, answer.bound)
+    return failed(best_bound)
+
+
+@cache
+def _in_turn(solver: str) -> tuple[str, ...]:
+    """The solvers to ask, one after the other."""
+    return (solver, *(other for other in _FALLBACKS if other != solver))

@@ -1,0 +1,22 @@
+"""The versions of what the figures depend on, for studies and reports."""
+
+from __future__ import annotations
+
+from importlib.metadata import PackageNotFoundError, version
+
+# What can change a figure: geometry, numerics and solvers.
+_PACKAGES = (
+    "graspless-pin", "numpy", "scipy", "pin", "coal", "trimesh", "coacd",
+    "qpsolvers", "piqp", "proxsuite", "highspy", "clarabel",
+)  # fmt: skip
+
+
+def versions() -> dict[str, str]:
+    """Return the version of each package that makes the figures, by name."""
+    found = {}
+    for name in _PACKAGES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found

@@ -1,0 +1,189 @@
+"""Force bounds whose time is over: what is returned was reached, and nothing else is claimed."""
+
+import itertools
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from analysis_scenes import PAIRS
+from force_oracle import ForceSet, component_rows
+from tests.core.scenes import scene
+
+from graspless_pin import (
+    QuasistaticProblem,
+    Status,
+    contact_force_bounds,
+    enumerate_modes,
+    minimize_torque,
+)
+from graspless_pin.algorithms import force_extremes
+from graspless_pin.algorithms.branch_and_bound import branch_and_bound
+from graspless_pin.algorithms.force_bounds import ContactForceBounds
+from graspless_pin.errors import ArgumentError, UndecidedMotionError
+
+TIGHT = 1e-5
+
+
+@pytest.fixture(scope="module")
+def torques() -> np.ndarray:
+    return minimize_torque(scene("rest")).torques
+
+
+@pytest.fixture(scope="module")
+def complete(torques) -> ContactForceBounds:
+    return contact_force_bounds(scene("rest"), torques)
+
+
+def stopped_clock(looks: int) -> Callable[[], float]:
+    """A clock that stands still, and jumps ahead once it was looked at so often."""
+    readings = itertools.chain(itertools.repeat(0.0, looks), itertools.repeat(2.0))
+    return lambda: next(readings)
+
+
+def bounds_after(monkeypatch, torques, looks: int) -> ContactForceBounds:
+    """The bounds where the time is over at a look at the clock."""
+    with monkeypatch.context() as patch:
+        patch.setattr(time, "monotonic", stopped_clock(looks))
+        return contact_force_bounds(scene("rest"), torques, time_limit=1.0)
+
+
+@pytest.fixture(scope="module")
+def looks(torques) -> int:
+    """How often the complete search looks at the clock."""
+    clock = itertools.count()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(time, "monotonic", lambda: float(next(clock)))
+        bounds = contact_force_bounds(scene("rest"), torques, time_limit=1e9)
+    assert bounds.status is Status.OPTIMAL
+    return next(clock)
+
+
+def assert_inside(partial: ContactForceBounds, complete: ContactForceBounds) -> None:
+    """Proven ranges are the complete ones, the others lie in them."""
+    sure = partial.proven
+    np.testing.assert_allclose(partial.lower[sure], complete.lower[sure], atol=TIGHT)
+    np.testing.assert_allclose(partial.upper[sure], complete.upper[sure], atol=TIGHT)
+    assert (partial.lower >= complete.lower - TIGHT).all()
+    assert (partial.upper <= complete.upper + TIGHT).all()
+    assert (partial.lower <= partial.upper + TIGHT).all()
+    assert partial.smallest_margin >= complete.smallest_margin - TIGHT
+    assert partial.largest_margin <= complete.largest_margin + TIGHT
+    assert partial.smallest_margin <= partial.largest_margin + TIGHT
+
+
+def test_no_time_at_all():
+    """Coulomb's law alone needs no search for a mode, so the torques are seen to be held."""
+    torques = minimize_torque(scene("rest"), static_friction="coulomb").torques
+    bounds, complete = (
+        contact_force_bounds(scene("rest"), torques, static_friction="coulomb", time_limit=limit)
+        for limit in (0.0, None)
+    )
+    assert bounds.found and bounds.status is Status.LIMIT_REACHED
+    assert not bounds.proven.any()
+    assert_inside(bounds, complete)
+    text = str(bounds)
+    assert text.count(" *\n") + text.count(" * ") == bounds.proven.size
+    assert "* reached; no proof" in text
+    assert "N or less to" in text and "between" not in text
+    assert "* reached" in bounds._repr_html_()
+
+
+def test_no_time_to_hold_the_torques(torques):
+    bounds = contact_force_bounds(scene("rest"), torques, time_limit=0.0)
+    assert bounds.status in (Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT)
+    assert bounds.found == np.isfinite(bounds.upper).all() != np.isnan(bounds.upper).any()
+    assert not bounds.proven.any()
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.8, 0.95])
+def test_ever_more_time_proves_ever_more(monkeypatch, torques, complete, looks, share):
+    bounds = bounds_after(monkeypatch, torques, int(share * looks))
+    assert bounds.status is Status.LIMIT_REACHED
+    assert_inside(bounds, complete)
+    earlier = bounds_after(monkeypatch, torques, int(0.7 * share * looks))
+    assert (bounds.proven | ~earlier.proven).all()
+
+
+def test_ranges_that_are_proven_before_the_margins_are(monkeypatch, torques, looks):
+    """At the last look but one the ranges are all there, and the smallest margin is not."""
+    bounds = bounds_after(monkeypatch, torques, looks - 2)
+    assert bounds.status is Status.LIMIT_REACHED and bounds.proven.all()
+    assert "*" not in str(bounds) and "N or less to" in str(bounds)
+
+
+def test_what_was_reached_is_held_by_a_mode(monkeypatch, torques, looks):
+    """Each end lies between the extremes of single modes, worked out apart, and so do margins."""
+    problem = scene("rest")
+    bounds = bounds_after(monkeypatch, torques, looks // 3)
+    assert bounds.found and not bounds.proven.all()
+    rows = component_rows(problem)
+    sets = [
+        ForceSet(problem, mode, torques=torques, normal_limit=False)
+        for mode in enumerate_modes(problem, maximal=True)
+    ]
+    most = np.max([forces.maxima(rows) for forces in sets], axis=0).reshape(-1, 3)
+    least = -np.max([forces.maxima(-rows) for forces in sets], axis=0).reshape(-1, 3)
+    assert (bounds.upper <= most + TIGHT).all() and (bounds.lower >= least - TIGHT).all()
+    np.testing.assert_allclose(bounds.upper[bounds.proven], most[bounds.proven], atol=TIGHT)
+    np.testing.assert_allclose(bounds.lower[bounds.proven], least[bounds.proven], atol=TIGHT)
+
+
+@pytest.mark.parametrize("failing", [5, 20, 40])
+def test_a_search_without_an_answer_leaves_the_rest(monkeypatch, torques, complete, failing):
+    """One range is then only reached, or a margin; all others are proven as ever."""
+    calls = itertools.count()
+
+    def search(*arguments, **options):
+        if next(calls) == failing:
+            raise UndecidedMotionError("not decided")
+        return branch_and_bound(*arguments, **options)
+
+    monkeypatch.setattr(force_extremes, "branch_and_bound", search)
+    bounds = contact_force_bounds(scene("rest"), torques)
+    assert bounds.status is Status.LIMIT_REACHED
+    assert bounds.proven.sum() >= bounds.proven.size - 1
+    assert_inside(bounds, complete)
+
+
+def test_torques_whose_modes_no_solver_decides_on(monkeypatch, torques):
+    def search(*_, **__):
+        raise UndecidedMotionError("not decided")
+
+    monkeypatch.setattr(force_extremes, "branch_and_bound", search)
+    bounds = contact_force_bounds(scene("rest"), torques)
+    assert bounds.status is Status.UNVERIFIED and not bounds.found
+    assert np.isnan(bounds.lower).all() and not bounds.proven.any()
+
+
+def test_enough_time_changes_nothing(torques, complete):
+    for limit in (1e6, np.inf):
+        bounds = contact_force_bounds(scene("rest"), torques, time_limit=limit)
+        assert bounds.status is Status.OPTIMAL and bounds.proven.all()
+        np.testing.assert_array_equal(bounds.lower, complete.lower)
+        np.testing.assert_array_equal(bounds.upper, complete.upper)
+        assert bounds.smallest_margin == complete.smallest_margin
+        assert bounds.largest_margin == complete.largest_margin
+    assert not bounds.proven.flags.writeable
+
+
+@pytest.mark.parametrize("pair", PAIRS, ids="+".join)
+@pytest.mark.parametrize("looks", [0, 5, 20, 60])
+def test_a_free_ray_is_not_denied_for_want_of_time(monkeypatch, pair, looks):
+    """Stiff fingers squeeze without end: either that is found, or nothing is proven there."""
+    problem = QuasistaticProblem(
+        [[0, -0.1, 0], [0, 0.1, 0]], [[0, 1, 0], [0, -1, 0]], [0, 0, -10, 0, 0, 0], friction=0.5
+    )
+    monkeypatch.setattr(time, "monotonic", stopped_clock(looks))
+    bounds = contact_force_bounds(
+        problem, [], sign_rule=pair[0], sliding_rule=pair[1], time_limit=1.0
+    )
+    if bounds.found:
+        squeeze = bounds.upper[:, 0]
+        assert (np.isinf(squeeze) | ~bounds.proven[:, 0]).all()
+
+
+def test_bad_limits():
+    for limit in (-1.0, float("nan"), True, "1"):
+        with pytest.raises(ArgumentError, match=r"^time_limit: is .*must be a number >= 0"):
+            contact_force_bounds(scene("rest"), [0.0, 0.0], time_limit=limit)  # type: ignore[arg-type]
