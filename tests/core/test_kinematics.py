@@ -13,6 +13,7 @@ from scenes import random_problem, scene, structured_arguments
 from graspless_pin import (
     QuasistaticProblem,
     Status,
+    disturbance_margin,
     enumerate_modes,
     maximize_margin,
     minimize_torque,
@@ -226,6 +227,11 @@ def test_an_undecided_motion_leaves_a_margin_undecided():
     objective = margin_objective()
     assert solve_from(problem, objective, Rules.parse())[0].status is Status.UNVERIFIED
     assert reaches_margin(problem, 0.01, Rules.parse())[0] is None
+
+
+@pytest.mark.usefixtures("undecided")
+def test_an_undecided_motion_leaves_no_disturbance_margin():
+    assert disturbance_margin(scene("rest")).status is Status.UNVERIFIED
 
 
 @pytest.mark.usefixtures("undecided")

@@ -18,7 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.algorithms.friction_modes import Opposition, SignPair
-from graspless_pin.algorithms.search import SearchResult, SearchState, finished
+from graspless_pin.algorithms.search import (
+    SearchResult,
+    SearchState,
+    finished,
+    undecided,
+)
+from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.modes.consequences import Decisions
 from graspless_pin.modes.enumeration import sign_pairs
 from graspless_pin.modes.kinematics import Conflict
@@ -64,6 +70,13 @@ def branch_and_bound(
         time_limit: Stop after so many seconds; None: no limit.
     """
     deadline = np.inf if time_limit is None else time.monotonic() + time_limit
+    try:
+        return _searched(state, node_limit, deadline)
+    except UndecidedMotionError:
+        return undecided(state)
+
+
+def _searched(state: SearchState, node_limit: int | None, deadline: float) -> SearchResult:
     answer = state.relax()
     state.nodes += 1
     if answer.outcome is not Outcome.SOLVED:
