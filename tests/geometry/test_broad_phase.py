@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from graspless_pin.geometry.bodies.collision import CollisionBody
+from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, PlacedBodies
 from graspless_pin.geometry.bodies.shapes import convex_geometry
 from graspless_pin.geometry.contact.broad_phase import near_pairs
 
@@ -62,3 +62,16 @@ def test_a_half_space_is_always_near() -> None:
     assert near_pairs([ball], [floor, ball, floor], TOLERANCE) == [(0, 0), (0, 1), (0, 2)]
     assert near_pairs([], [floor], TOLERANCE) == []
     assert near_pairs([ball], [], TOLERANCE) == []
+
+
+@pytest.mark.parametrize("count", [1, 4])
+def test_pieces_at_one_pose_are_near_what_they_are_near_one_by_one(count: int) -> None:
+    rng = np.random.default_rng(count)
+    (first,), second = random_bodies(rng, 1, 0.05), random_bodies(rng, 30, 0.3)
+    shapes = BodyShapes(("piece",) * count, SHAPES[-count:])  # the hull is not about its origin
+    together = PlacedBodies.at_one_pose(shapes, first.T_world_geometry)
+    assert together.together
+    apart = [CollisionBody("piece", shape, first.T_world_geometry) for shape in SHAPES[-count:]]
+    pairs = near_pairs(together, second, TOLERANCE)
+    assert pairs == near_pairs(apart, second, TOLERANCE)
+    assert 0 < len(pairs) < 0.8 * 30 * count

@@ -80,8 +80,9 @@ def test_contact_arrays_are_the_contacts() -> None:
 @given(x=PART, y=PART, z=PART)
 def test_a_box_tells_its_highest_face_as_any_polytope_does(x: float, y: float, z: float) -> None:
     box, point = box_of(HALF), np.array([x, y, z])
-    normal, height, on_face = box.highest_face(point)
-    _, expected, expected_on_face = Polytope.highest_face(box, point)
+    ((face, height, on_face),) = box.highest_faces([point.tolist()])
+    ((_, expected, expected_on_face),) = Polytope.highest_faces(box, [point.tolist()])
+    normal = box.face_normals[face]
     assert height == pytest.approx(expected, abs=1e-15)
     assert normal @ point - np.abs(normal) @ HALF == pytest.approx(height, abs=1e-15)
     outside = np.sort(np.abs(point) - HALF)

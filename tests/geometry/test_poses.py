@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.poses import as_pose, invert, pose_matrix
+from graspless_pin.geometry.poses import RIGIDITY_TOLERANCE, as_pose, invert, pose_matrix
 
 ANGLES = st.tuples(*[st.floats(-7.0, 7.0)] * 3)
 
@@ -69,3 +69,38 @@ SCALED = np.diag([1.0, 1.0, 1.1, 1.0])
 def test_bad_poses_are_named(make, message):
     with pytest.raises(ArgumentError, match=message):
         make()
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    angles=st.tuples(*[st.floats(-3.1, 3.1)] * 3),
+    spoilt=st.sampled_from([(i, j) for i in range(3) for j in range(3)]),
+    amount=st.floats(-3e-6, 3e-6),
+    mirrored=st.booleans(),
+)
+def test_a_pose_is_rigid_up_to_the_tolerance(angles, spoilt, amount, mirrored):
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_euler("xyz", angles).as_matrix() @ np.diag(
+        [1, 1, -1 if mirrored else 1]
+    )
+    T[spoilt] += amount
+    error = np.abs(T[:3, :3].T @ T[:3, :3] - np.eye(3)).max()
+    if abs(error - RIGIDITY_TOLERANCE) < 1e-12:
+        return  # rounding decides
+    if error > RIGIDITY_TOLERANCE:
+        with pytest.raises(ArgumentError, match="not orthonormal"):
+            as_pose("T", T)
+    elif mirrored:
+        with pytest.raises(ArgumentError, match="mirrors"):
+            as_pose("T", T)
+    else:
+        np.testing.assert_array_equal(as_pose("T", T), T)
+
+
+@pytest.mark.parametrize("place", [(0, 0), (2, 1), (1, 3), (3, 3)])
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_pose_with_a_number_that_is_none_is_refused(place, bad):
+    T = np.eye(4)
+    T[place] = bad
+    with pytest.raises(ArgumentError, match="T: needs finite numbers"):
+        as_pose("T", T)

@@ -243,3 +243,29 @@ def test_a_scene_that_never_answered_shares_what_its_copies_find() -> None:
     apart[:3, 3] = [0.0, 0.0, 5.0]
     with_box = scene.with_changes(supports=(*scene.supports, replace(box, T_world_support=apart)))
     assert with_box.contacts.bodies == first.bodies
+
+
+def test_a_moved_object_takes_its_centre_of_mass_along(scene: Scene) -> None:
+    before = scene.object.center_of_mass_world
+    T = np.array(scene.object.T_world_object)
+    T[:3, 3] += [0.1, 0.2, 0.3]
+    after = scene.object.with_pose(T).center_of_mass_world
+    np.testing.assert_allclose(after - before, [0.1, 0.2, 0.3], atol=1e-15)
+    assert not after.flags.writeable
+
+
+def test_friction_is_looked_up_anew_where_what_it_says_changed(scene: Scene) -> None:
+    first = scene.problem().friction
+    count = scene.contacts.arrays.hand_count
+    for changes, expected in (
+        ({"friction": {"hand": 0.11, "supports": 0.22}}, (0.11, 0.22)),
+        ({"friction": {"default": 0.33, "hand": 0.44}}, (0.44, 0.33)),
+    ):
+        supports = tuple(replace(support, friction=None) for support in scene.supports)
+        changed = scene.with_changes(**changes, supports=supports, hand_material=None)
+        found = changed.problem().friction
+        np.testing.assert_array_equal(found[:count], expected[0])
+        np.testing.assert_array_equal(found[count:], expected[1])
+    np.testing.assert_array_equal(scene.problem().friction, first)
+    with pytest.raises(SceneError, match=r"friction: has no coefficient for .*; add it, 'hand' or"):
+        scene.with_changes(friction={"supports": 0.3}).problem()

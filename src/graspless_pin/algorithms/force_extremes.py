@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.formulation import Formulation, shared_parts
-from graspless_pin.algorithms.search import SearchResult, SearchState, undecided
-from graspless_pin.errors import UndecidedMotionError
+from graspless_pin.algorithms.search import SearchResult, SearchState
 from graspless_pin.modes.rules import Rules, SlidingMode, StaticFriction
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
@@ -239,10 +238,7 @@ class ForceExtremes:
         )
         state = SearchState(formulation, self.rules, self.solver)
         time_left = self.deadline - time.monotonic()
-        try:
-            result = branch_and_bound(state, node_limit=node_limit, time_limit=time_left)
-        except UndecidedMotionError:
-            result = undecided(state)
+        result = branch_and_bound(state, node_limit=node_limit, time_limit=time_left)
         ended = self.time_is_over and result.status in _ENDED_EARLY
         self.proven = self.proven and not (state.unproven or ended)
         # The other programs have other rows, or a force among their variables and more.

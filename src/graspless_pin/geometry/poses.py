@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from typing import NoReturn
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -10,7 +13,7 @@ from graspless_pin.errors import ArgumentError
 RIGIDITY_TOLERANCE = 1e-6
 """Largest entry of ``R^T R - I`` that still counts as a rotation: typed-in poses are rounded."""
 
-_IDENTITY = np.eye(3)
+_IDENTITY = np.eye(4)
 
 
 def pose_matrix(position: ArrayLike, rotation: ArrayLike | None = None) -> NDArray[np.float64]:
@@ -41,9 +44,10 @@ def pose_matrix(position: ArrayLike, rotation: ArrayLike | None = None) -> NDArr
 
 def invert(T: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the (4, 4) inverse of a rigid transform, exact up to rounding."""
-    inverse = np.eye(4)
-    inverse[:3, :3] = T[:3, :3].T
-    inverse[:3, 3] = -T[:3, :3].T @ T[:3, 3]
+    RT = T[:3, :3].T
+    inverse = _IDENTITY.copy()
+    inverse[:3, :3] = RT
+    inverse[:3, 3] = RT.dot(-T[:3, 3])
     return inverse
 
 
@@ -77,26 +81,48 @@ def as_pose(name: str, T: ArrayLike) -> NDArray[np.float64]:
         ArgumentError: If the shape is wrong, a value is not finite, the last row is not
             (0, 0, 0, 1), the rotation is not orthonormal or it mirrors.
     """
-    pose = _finite(name, T)
+    try:
+        pose = np.array(T, dtype=np.float64)
+    except (TypeError, ValueError):
+        pose = _finite(name, T)
+    if pose.shape != (4, 4) or not _is_rigid(pose.tolist()):
+        _refuse_pose(name, _finite(name, T))
+    pose.setflags(write=False)
+    return pose
+
+
+def _is_rigid(rows: list[list[float]]) -> bool:
+    """Whether four rows of floats pass for a rigid transform."""
+    (a, b, c, x), (d, e, f, y), (g, h, i, z), last = rows
+    # Not a number is within no bounds.
+    return (
+        abs(a * a + d * d + g * g - 1.0) <= RIGIDITY_TOLERANCE
+        and abs(b * b + e * e + h * h - 1.0) <= RIGIDITY_TOLERANCE
+        and abs(c * c + f * f + i * i - 1.0) <= RIGIDITY_TOLERANCE
+        and abs(a * b + d * e + g * h) <= RIGIDITY_TOLERANCE
+        and abs(a * c + d * f + g * i) <= RIGIDITY_TOLERANCE
+        and abs(b * c + e * f + h * i) <= RIGIDITY_TOLERANCE
+        and a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g) > 0.0
+        and math.isfinite(x)
+        and math.isfinite(y)
+        and math.isfinite(z)
+        and last == [0.0, 0.0, 0.0, 1.0]
+    )
+
+
+def _refuse_pose(name: str, pose: NDArray[np.float64]) -> NoReturn:
+    """Say why a pose is none."""
     if pose.shape != (4, 4):
         raise ArgumentError(name, f"a pose is a (4, 4) matrix, got an array of shape {pose.shape}")
-    x, y, z, last = pose.tolist()
-    if last != [0.0, 0.0, 0.0, 1.0]:
-        raise ArgumentError(name, f"the last row of a pose is 0 0 0 1, got {last}")
+    if pose[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+        raise ArgumentError(name, f"the last row of a pose is 0 0 0 1, got {pose[3].tolist()}")
     R = pose[:3, :3]
-    error = float(np.abs(R.T @ R - _IDENTITY).max())
+    error = float(np.abs(R.T @ R - np.eye(3)).max())
     if error > RIGIDITY_TOLERANCE:
         raise ArgumentError(
             name, f"the rotation part is not orthonormal (R^T R is off by {error:.3g})"
         )
-    if (
-        x[0] * (y[1] * z[2] - y[2] * z[1])
-        + x[1] * (y[2] * z[0] - y[0] * z[2])
-        + x[2] * (y[0] * z[1] - y[1] * z[0])
-    ) < 0.0:
-        raise ArgumentError(name, "the rotation part mirrors (determinant -1); flip one axis")
-    pose.setflags(write=False)
-    return pose
+    raise ArgumentError(name, "the rotation part mirrors (determinant -1); flip one axis")
 
 
 def _finite(name: str, values: ArrayLike) -> NDArray[np.float64]:

@@ -12,8 +12,8 @@ from graspless_pin.problem.checks import FloatArray, read_only
 
 _NEARLY_PARALLEL = 0.99
 
-Rows = list[list[float]]
-"""The rows x, y and z of [t1 t2]."""
+Rows = list[float]
+"""The rows x, y and z of [t1 t2], one after the other."""
 
 
 def default_tangents(normals: FloatArray) -> FloatArray:
@@ -41,15 +41,15 @@ def projected_tangents(normals: FloatArray, axes: Sequence[FloatArray]) -> Float
     Returns:
         (M, 3, 2) as `default_tangents`.
     """
-    directions = [[float(part) for part in axis] for axis in axes]
+    directions = [np.asarray(axis, dtype=np.float64).tolist() for axis in axes]
     # Plain floats: there are few contacts, and those of one patch share their normal.
     known: dict[tuple[float, float, float], Rows] = {}
-    rows: list[Rows] = []
+    rows: Rows = []
     for x, y, z in normals.tolist():
         pair = known.get((x, y, z))
         if pair is None:
             pair = known[x, y, z] = _tangents(x, y, z, directions)
-        rows.append(pair)
+        rows += pair
     return np.array(rows, dtype=np.float64).reshape(-1, 3, 2)
 
 
@@ -66,7 +66,7 @@ def _tangents(x: float, y: float, z: float, directions: list[list[float]]) -> Ro
         u, v, w = (0.0, z, -y) if abs(y) > _NEARLY_PARALLEL else (-z, 0.0, x)
         length = math.hypot(u, v, w) or 1.0  # a normal of no length is refused elsewhere
     u, v, w = u / length, v / length, w / length
-    return [[u, y * w - z * v], [v, z * u - x * w], [w, x * v - y * u]]
+    return [u, y * w - z * v, v, z * u - x * w, w, x * v - y * u]
 
 
 def cone_edges_local(friction: float, edges: int) -> FloatArray:

@@ -1,4 +1,4 @@
-"""The contact frames' view of a problem: what virtual motions and force programs both start from."""
+"""The contact frames' view of a problem, which virtual motions and force programs start from."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.problem.arguments import AT_REST, checked_arguments
-from graspless_pin.problem.checks import FloatArray, all_finite, read_only, real_array
+from graspless_pin.problem.checks import FloatArray, all_finite, all_true, read_only, real_array
 from graspless_pin.problem.cones import cone_edges_local, cone_faces_local, room_to_faces
 from graspless_pin.problem.matrices import (
     block_diagonal,
@@ -129,7 +129,7 @@ class QuasistaticProblem:
         """Take arrays that the caller has made itself, which costs a sixth of the constructor.
 
         They become read-only and are not copied. Shapes, orthonormal frames, tangential sliding and
-        distinct names are the caller's affair; whether all numbers are possible ones is checked.
+        distinct names are the caller's affair; whether the numbers are possible ones is checked.
 
         Args:
             positions: (M, 3) m.
@@ -149,24 +149,33 @@ class QuasistaticProblem:
             ArgumentError: See the constructor.
         """
         lower, upper = torque_limits
-        numbers = (positions, normals, external_wrench, jacobian, friction, tangents, sliding,
-                   gravity_torques)  # fmt: skip
         if not (
             len(positions) > 0
-            and all_finite(numbers)
+            and all_finite(
+                (positions, external_wrench, jacobian, friction, sliding, gravity_torques)
+            )
             and min(friction.tolist()) >= 0.0
             and 0.0 < max_normal_force < np.inf
             and isinstance(cone_edges, int)
             and cone_edges >= 3
-            and ((lower <= upper) & (lower < np.inf) & (upper > -np.inf)).all()
+            # Where the lower is below the upper, neither is infinite on the wrong side.
+            and (
+                all_true(lower < upper)
+                or all_true((lower <= upper) & (lower < np.inf) & (upper > -np.inf))
+            )
         ):
             # The constructor finds what is wrong and names it.
             return cls(positions, normals, external_wrench, jacobian, friction=friction,
                        tangents=tangents, sliding=sliding, torque_limits=torque_limits,
                        max_normal_force=max_normal_force, cone_edges=cone_edges,
                        joint_names=joint_names, gravity_torques=gravity_torques)  # fmt: skip
-        for array in (*numbers, lower, upper):
+        for array in (
+            positions, normals, external_wrench, jacobian, friction, tangents, sliding, lower,
+            upper, gravity_torques,
+        ):  # fmt: skip
             array.setflags(write=False)
+        most = np.empty(len(positions))
+        most.fill(max_normal_force)
         made = object.__new__(cls)
         made.__dict__.update(
             positions=positions,
@@ -178,7 +187,7 @@ class QuasistaticProblem:
             sliding=sliding,
             lower_torque=lower,
             upper_torque=upper,
-            max_normal_force=read_only(np.full(len(positions), float(max_normal_force))),
+            max_normal_force=read_only(most),
             cone_edges=cone_edges,
             joint_names=joint_names,
             gravity_torques=gravity_torques,

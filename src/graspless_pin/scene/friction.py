@@ -9,43 +9,63 @@ import numpy as np
 from graspless_pin.errors import SceneError
 from graspless_pin.geometry.bodies.materials import Materials
 from graspless_pin.geometry.bodies.records import Support
-from graspless_pin.geometry.contact.records import BodyKind, ContactArrays
+from graspless_pin.geometry.contact.records import ContactArrays
 from graspless_pin.problem.checks import FloatArray
 
 
-def friction_coefficients(
-    touching: ContactArrays,
-    supports: Sequence[Support],
-    friction: Mapping[str, float],
-    hand_material: str | None,
-    object_material: str | None,
-    materials: Materials,
-) -> FloatArray:
-    """Return (M,) coefficients: a support's own, else the materials', else by name or group.
+class FrictionTable:
+    """Coefficients by body: a support's own, else the materials', else by name or group.
 
-    Raises:
-        SceneError: If a body has none.
+    Each is looked up once.
     """
 
-    def coefficient(kind: BodyKind, body: str) -> float:
-        support = next((item for item in supports if item.name == body), None)
+    def __init__(
+        self,
+        supports: Sequence[Support],
+        friction: Mapping[str, float],
+        hand_material: str | None,
+        object_material: str | None,
+        materials: Materials,
+    ) -> None:
+        """Take what a scene says of friction, see `Scene`."""
+        self._supports = {support.name: support for support in reversed(supports)}
+        self._friction = friction
+        self._hand_material = hand_material
+        self._object_material = object_material
+        self._materials = materials
+        self._on_hand: dict[str, float] = {}
+        self._on_supports: dict[str, float] = {}
+
+    def coefficients(self, touching: ContactArrays) -> FloatArray:
+        """Return (M,) coefficients of contacts, hand first.
+
+        Raises:
+            SceneError: If a body has none.
+        """
+        count = touching.hand_count
+        on_hand, on_supports = self._on_hand, self._on_supports
+        bodies = touching.bodies
+        try:
+            values = [on_hand[body] for body in bodies[:count]]
+            values += [on_supports[body] for body in bodies[count:]]
+        except KeyError:
+            for body in bodies[:count]:
+                on_hand[body] = self._coefficient("hand", body)
+            for body in bodies[count:]:
+                on_supports[body] = self._coefficient("supports", body)
+            return self.coefficients(touching)
+        return np.array(values, dtype=np.float64)
+
+    def _coefficient(self, group: str, body: str) -> float:
+        support = self._supports.get(body)
         if support is not None and support.friction is not None:
             return support.friction
-        material = hand_material if support is None else support.material
-        if material is not None and object_material is not None:
-            return materials.friction(material, object_material)
-        group = "hand" if kind is BodyKind.HAND else "supports"
+        material = self._hand_material if support is None else support.material
+        if material is not None and self._object_material is not None:
+            return self._materials.friction(material, self._object_material)
         for key in (body, group, "default"):
-            if key in friction:
-                return friction[key]
+            if key in self._friction:
+                return self._friction[key]
         raise SceneError(
             f"friction: has no coefficient for {body!r}; add it, {group!r} or 'default'"
         )
-
-    known: dict[tuple[BodyKind, str], float] = {}
-    coefficients = []
-    for key in zip(touching.kinds, touching.bodies, strict=True):
-        if key not in known:
-            known[key] = coefficient(*key)
-        coefficients.append(known[key])
-    return np.array(coefficients, dtype=np.float64)

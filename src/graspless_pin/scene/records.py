@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from graspless_pin.geometry.contact.records import ContactArrays, ContactPoint
+from graspless_pin.geometry.contact.records import BodyKind, ContactArrays, ContactPoint
 from graspless_pin.problem.checks import FloatArray
 
 
@@ -23,6 +23,16 @@ class GivenContact:
     body: str
     position: FloatArray
     normal: FloatArray
+
+
+def given_arrays(given: Sequence[GivenContact], links: Sequence[str]) -> ContactArrays:
+    """Return stated contacts as found ones are returned: those on hand links come first."""
+    kinds = [BodyKind.HAND if contact.body in links else BodyKind.SUPPORT for contact in given]
+    points = [
+        ContactPoint(contact.body, kind, contact.position, contact.normal, 0.0)
+        for contact, kind in zip(given, kinds, strict=True)
+    ]
+    return ContactArrays.of(sorted(points, key=lambda one: one.kind is BodyKind.SUPPORT))
 
 
 @dataclass(frozen=True, eq=False)

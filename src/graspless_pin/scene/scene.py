@@ -19,7 +19,7 @@ from graspless_pin.errors import (
     StateError,
     StateFault,
 )
-from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, PlacedBodies
+from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
 from graspless_pin.geometry.bodies.materials import Materials
 from graspless_pin.geometry.bodies.records import ManipulatedObject, Support
 from graspless_pin.geometry.contact.finding import contact_arrays
@@ -29,21 +29,21 @@ from graspless_pin.geometry.contact.motion import (
     support_velocities,
     twist_velocities,
 )
-from graspless_pin.geometry.contact.records import BodyKind, ContactArrays, ContactPoint
+from graspless_pin.geometry.contact.records import BodyKind, ContactArrays
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.pickling import remake
 from graspless_pin.modes.rules import choice
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.cones import projected_tangents
-from graspless_pin.scene.friction import friction_coefficients
+from graspless_pin.scene.friction import FrictionTable
 from graspless_pin.scene.joints import (
     JointColumns,
     joint_columns,
     with_hybrid_fingers,
     without_joints,
 )
-from graspless_pin.scene.records import GivenContact, Motion, SceneContacts
+from graspless_pin.scene.records import GivenContact, Motion, SceneContacts, given_arrays
 from graspless_pin.solution import Algorithm, TorqueSolution
 
 _Made = TypeVar("_Made")
@@ -108,9 +108,9 @@ class Scene:
         Raises:
             TypeError: If a name is none of the fields.
         """
-        unknown = changes.keys() - _FIELDS
-        if unknown:
-            raise TypeError(f"{sorted(unknown)[0]!r} is no field of a scene")
+        if not changes.keys() <= _FIELDS:
+            unknown = sorted(changes.keys() - _FIELDS)
+            raise TypeError(f"{unknown[0]!r} is no field of a scene")
         changed = object.__new__(type(self))
         changed.__dict__.update(self.__dict__, _kept=self._kept)
         changed.__dict__.pop("contacts", None)
@@ -172,16 +172,14 @@ class Scene:
         contacts = self.contacts
         touching = contacts.arrays
         joints = self._joints(touching)
-        weight = np.zeros(6)
-        weight[:3] = self.object.mass * self.gravity
         # Contacts that are given may be anything; those found are right by themselves.
         made = QuasistaticProblem.of_own_arrays
         return (made if self.given_contacts is None else QuasistaticProblem)(
             touching.positions - self.object.center_of_mass_world,
             touching.normals,
-            weight,
+            self._once("weight", (self.object.mass, self.gravity), self._weight),
             joints.jacobian,
-            friction=self._friction(touching),
+            friction=self._coefficients(touching),
             tangents=projected_tangents(touching.normals, self.tangent_axes),
             sliding=contacts.sliding,
             torque_limits=joints.limits,
@@ -204,12 +202,18 @@ class Scene:
         except SceneError as error:
             raise error.at(self._label()) from error
 
-    def _friction(self, touching: ContactArrays) -> FloatArray:
+    def _coefficients(self, touching: ContactArrays) -> FloatArray:
         materials = self.hand_material, self.object.material, self.materials
+        sources = self.supports, self.friction, *materials
         try:
-            return friction_coefficients(touching, self.supports, self.friction, *materials)
+            table = self._once("friction", sources, lambda: FrictionTable(*sources))
+            return table.coefficients(touching)
         except SceneError as error:
             raise error.at(self._label()) from error
+
+    def _weight(self) -> FloatArray:
+        """(6,) wrench of the object's weight about its centre of mass, world axes."""
+        return np.concatenate([self.object.mass * self.gravity, np.zeros(3)])
 
     def solve(self, algorithm: str | None = None, **options: Any) -> TorqueSolution:
         """Solve the scene's problem with its own options, or with others.
@@ -249,15 +253,7 @@ class Scene:
         """All contacts before the motion, hand first."""
         if self.given_contacts is not None:
             links = () if self.hand is None else self.hand.link_names
-            kinds = [
-                BodyKind.HAND if given.body in links else BodyKind.SUPPORT
-                for given in self.given_contacts
-            ]
-            points = [
-                ContactPoint(given.body, kind, given.position, given.normal, 0.0)
-                for given, kind in zip(self.given_contacts, kinds, strict=True)
-            ]
-            return ContactArrays.of(sorted(points, key=lambda one: one.kind is BodyKind.SUPPORT))
+            return given_arrays(self.given_contacts, links)
         hand_bodies = () if self.hand is None else self.hand.placed_bodies
         on_hand = self._found(hand_bodies, BodyKind.HAND)
         sources = (
@@ -287,13 +283,7 @@ class Scene:
 
     def _support_bodies(self) -> PlacedBodies:
         """The pieces of all supports."""
-        parts = [support.placed_bodies for support in self.supports]
-        names = tuple(name for part in parts for name in part.shapes.names)
-        geometries = tuple(shape for part in parts for shape in part.shapes.geometries)
-        poses = [part.poses for part in parts]
-        return PlacedBodies(
-            BodyShapes(names, geometries), np.concatenate([np.empty((0, 4, 4)), *poses])
-        )
+        return PlacedBodies.joined([support.placed_bodies for support in self.supports])
 
     @cached_property
     def _kept(self) -> dict[str, tuple[tuple[Any, ...], Any]]:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,15 +60,20 @@ class Polytope:
     def feature(self, direction: Array) -> Array:
         """Corner points of the face, edge or corner that lies farthest along a unit direction.
 
-        That is, the faces tilted by less than `PARALLEL_ANGLE`, and what can be reached from the
-        farthest vertex along edges that fall off by less than it. The rule has no length in it, so
-        that a wide box and the hull of a fine mesh are both judged by their angles.
-
         Args:
             direction: (3,) unit vector.
 
         Returns:
             (K, 3) vertices by rising index.
+        """
+        return self.vertices.take(self.farthest(direction), axis=0)
+
+    def farthest(self, direction: Array) -> tuple[int, ...]:
+        """Indices of the vertices of the face, edge or corner farthest along a unit direction (3,).
+
+        That is, the faces tilted by less than `PARALLEL_ANGLE`, and what can be reached from the
+        farthest vertex along edges that fall off by less than it. The rule has no length in it, so
+        that a wide box and the hull of a fine mesh are both judged by their angles.
         """
         heights = (self.vertices @ direction).tolist()
         start = max(range(len(heights)), key=heights.__getitem__)
@@ -82,7 +89,16 @@ class Polytope:
                 ):
                     reached.add(there)
                     waiting.append(there)
-        return self.vertices[sorted(reached)]
+        return tuple(sorted(reached))
+
+    def face_normal(self, corners: tuple[int, ...]) -> Array | None:
+        """Outward unit normal (3,) of the flat face with these vertices; None for other features.
+
+        That is, the mean of the normals of all faces that lie between them.
+        """
+        between = np.isin(self.faces, corners).all(axis=1)
+        total = self.face_normals[between].sum(axis=0)
+        return total / np.linalg.norm(total) if between.any() else None
 
     def normals_near(self, point: Array, direction: Array) -> Array:  # noqa: ARG002
         """Outward normals (K, 3) of the faces within a millimetre of a point (3,); of few, all."""
@@ -94,65 +110,72 @@ class Polytope:
         """Outward normals (K, 3) of the faces and a point's (3,) heights (K,) over them, m."""
         return self.face_normals, self.face_normals @ point - self.face_offsets
 
-    def highest_face(self, point: Array) -> tuple[Array, float, bool]:
-        """Tell over which face a point is highest, how high, and whether its foot is on that face.
+    def highest_faces(self, points: Sequence[Sequence[float]]) -> list[tuple[int, float, bool]]:
+        """Tell over which faces points are highest, how high, and whether their feet are on them.
 
-        If it is, or if the point is inside, no other direction leaves a larger gap to the point.
+        If a foot is, or if the point is inside, no other direction leaves a larger gap to it.
 
         Args:
-            point: (3,) m.
+            points: K points of three coordinates, m.
 
         Returns:
-            The face's outward normal (3,), the height, m, and whether the foot is on the face.
+            For each the index of the face, the height, m, and whether the foot is on the face.
         """
-        heights = self.face_normals @ point - self.face_offsets
-        k = int(heights.argmax())
-        normal, height = self.face_normals[k], float(heights[k])
-        if height <= 0.0:
-            return normal, height, True
-        foot = point - height * normal
-        over = self.face_normals @ foot - self.face_offsets
-        return normal, height, bool(over.max() <= _ON_FACE)
+        over = np.asarray(points, dtype=np.float64).dot(self.face_normals.T) - self.face_offsets
+        faces = over.argmax(axis=1)
+        heights = over.max(axis=1)
+        over -= heights[:, None] * self.face_normals[faces].dot(self.face_normals.T)  # of the feet
+        on_face = (heights <= 0.0) | (over.max(axis=1) <= _ON_FACE)
+        return list(zip(faces.tolist(), heights.tolist(), on_face.tolist(), strict=True))
+
+    @cached_property
+    def notes(self) -> dict[Any, Any]:
+        """What others worked out for this polytope, kept for as long as it lives."""
+        return {}
 
 
 @dataclass(frozen=True, eq=False)
 class Cuboid(Polytope):
     """A box about the origin; the vertex of index 4x + 2y + z lies at the signs of x, y and z."""
 
-    def feature(self, direction: Array) -> Array:
-        """See `Polytope.feature`; along each axis the edges fall off by the direction's part."""
+    def farthest(self, direction: Array) -> tuple[int, ...]:
+        """See `Polytope.farthest`; along each axis the edges fall off by the direction's part."""
         x, y, z = direction.tolist()
         signs = (
             0 if abs(x) <= PARALLEL_ANGLE else (1 if x > 0.0 else -1),
             0 if abs(y) <= PARALLEL_ANGLE else (1 if y > 0.0 else -1),
             0 if abs(z) <= PARALLEL_ANGLE else (1 if z > 0.0 else -1),
         )
-        corners = self._features.get(signs)
-        if corners is None:
-            indices = [0]
-            for bit, sign in zip((4, 2, 1), signs, strict=True):
-                if sign == 0:
-                    indices += [index + bit for index in indices]
-                elif sign > 0:
-                    indices = [index + bit for index in indices]
-            corners = self._features[signs] = self.vertices[sorted(indices)]
-            corners.setflags(write=False)
-        return corners
+        return _box_corners(signs)
+
+    def highest_faces(self, points: Sequence[Sequence[float]]) -> list[tuple[int, float, bool]]:
+        """See `Polytope.highest_faces`; a foot keeps the point's heights over the other faces."""
+        a, b, c = self._half
+        found = []
+        for x, y, z in points:
+            heights = [abs(x) - a, abs(y) - b, abs(z) - c]
+            height = max(heights)
+            axis = heights.index(height)
+            face = axis if (x, y, z)[axis] >= 0.0 else axis + 3
+            heights.remove(height)
+            found.append((face, height, height <= 0.0 or max(heights) <= _ON_FACE))
+        return found
 
     @cached_property
-    def _features(self) -> dict[tuple[int, int, int], Array]:
-        """The corners, edges and faces that were asked for, by the signs of the direction."""
-        return {}
+    def _half(self) -> list[float]:
+        return self.half_extents.tolist()
 
-    def highest_face(self, point: Array) -> tuple[Array, float, bool]:
-        """See `Polytope.highest_face`; the foot keeps the point's heights over the other faces."""
-        place = point.tolist()
-        heights = [abs(x) - half for x, half in zip(place, self.half_extents.tolist(), strict=True)]
-        height = max(heights)
-        axis = heights.index(height)
-        normal = self.face_normals[axis if place[axis] >= 0.0 else axis + 3]
-        heights.remove(height)
-        return normal, height, height <= 0.0 or max(heights) <= _ON_FACE
+
+@cache
+def _box_corners(signs: tuple[int, int, int]) -> tuple[int, ...]:
+    """Indices of a box's vertices on the sides of some signs, of both sides where the sign is 0."""
+    indices = [0]
+    for bit, sign in zip((4, 2, 1), signs, strict=True):
+        if sign == 0:
+            indices += [index + bit for index in indices]
+        elif sign > 0:
+            indices = [index + bit for index in indices]
+    return tuple(sorted(indices))
 
 
 def box_of(half: Array) -> Cuboid:

@@ -67,7 +67,7 @@ class _PlacedShape(ABC):
         Raises:
             MeshError: See `coal_geometries`.
         """
-        return PlacedBodies(self.shapes, _repeated(self._pose(), self.shapes))
+        return PlacedBodies.at_one_pose(self.shapes, self._pose())
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,15 +161,19 @@ class ManipulatedObject(_PlacedShape):
         """
         pose = as_pose("T_world_object", T_world_object)
         moved = object.__new__(type(self))
-        placed = PlacedBodies(self.shapes, _repeated(pose, self.shapes))
+        placed = PlacedBodies.at_one_pose(self.shapes, pose)
         vars(moved).update(vars(self), T_world_object=pose, placed_bodies=placed)
+        vars(moved).pop("center_of_mass_world", None)
         return moved
 
-    @property
+    @cached_property
     def center_of_mass_world(self) -> NDArray[np.float64]:
-        """(3,) centre of mass in the world frame, m."""
+        """(3,) read-only centre of mass in the world frame, m."""
         T = self.T_world_object
-        return T[:3, :3] @ self.center_of_mass + T[:3, 3]
+        center = T[:3, :3].dot(self.center_of_mass)
+        center += T[:3, 3]
+        center.setflags(write=False)
+        return center
 
     def _pose(self) -> NDArray[np.float64]:
         return self.T_world_object
@@ -221,11 +225,6 @@ class Support(_PlacedShape):
 
     def _pose(self) -> NDArray[np.float64]:
         return self.T_world_support
-
-
-def _repeated(T: NDArray[np.float64], shapes: BodyShapes) -> NDArray[np.float64]:
-    """One pose (K, 4, 4) for all pieces."""
-    return np.repeat(T[None], len(shapes.geometries), axis=0)
 
 
 def _check_name(name: str) -> None:

@@ -47,23 +47,42 @@ def near_solids(
     """Return what `near_pairs` does for at least one body each, whose sets are known."""
     if others.only_planes:
         return [(p, k) for k in range(len(two)) for p in range(len(one))]
-    R = one.poses[:, :3, :3]
-    offsets = (_centers(two, others) - _centers(one, solids)[:, None]) @ R
-    beyond = np.abs(offsets) - solids.half_extents[:, None]
-    k, p = np.nonzero((beyond <= others.reaches[:, None] + tolerance).all(axis=2).T)
-    if len(p) > _FEW:
-        relative = R.transpose(0, 2, 1)[p] @ two.poses[k, :3, :3]
-        size = np.abs(relative)
-        along = beyond[p, k] - (size @ others.half_extents[k, :, None])[..., 0]
-        across = np.abs((offsets[p, k, None] @ relative)[:, 0]) - others.half_extents[k]
-        across -= (solids.half_extents[p, None] @ size)[:, 0]
-        near = (np.maximum(along, across) <= tolerance).all(axis=1)
-        p, k = p[near], k[near]
-    return list(zip(p.tolist(), k.tolist(), strict=True))
+    centers = _centers(two, others)
+    under = centers.dot(_sides(one, solids).T)
+    within = (under >= solids.reaches_under(others, tolerance)).reshape(len(two), len(one), 6)
+    count = len(one)
+    hits = np.logical_and.reduce(within, axis=2).ravel().nonzero()[0].tolist()
+    near = [(hit % count, hit // count) for hit in hits]
+    if len(near) <= _FEW:
+        return near
+    p, k = np.array(near).T
+    R, offsets = one.poses[p, :3, :3], centers[k, :3] - _centers(one, solids)[p, :3]
+    relative = R.transpose(0, 2, 1) @ two.poses[k, :3, :3]
+    size = np.abs(relative)
+    offsets = offsets[:, None] @ R
+    along = np.abs(offsets[:, 0]) - solids.half_extents[p]
+    along -= (size @ others.half_extents[k, :, None])[..., 0]
+    across = np.abs((offsets @ relative)[:, 0]) - others.half_extents[k]
+    across -= (solids.half_extents[p, None] @ size)[:, 0]
+    gaps = np.maximum(along, across).max(axis=1).tolist()
+    return [pair for pair, gap in zip(near, gaps, strict=True) if gap <= tolerance]
+
+
+def _sides(bodies: PlacedBodies, solids: Solids) -> Array:
+    """(6 P, 4) sides of the boxes around bodies in the world, see `Solids.sides`."""
+    sides = bodies.notes.get("sides")
+    if sides is None:
+        if bodies.together:
+            sides = solids.sides.reshape(-1, 4).dot(bodies.T_body_world(0))
+        else:
+            inverses = [bodies.T_body_world(index) for index in range(len(bodies))]
+            sides = (solids.sides @ inverses).reshape(-1, 4)
+        bodies.notes["sides"] = sides
+    return sides
 
 
 def _centers(bodies: PlacedBodies, solids: Solids) -> Array:
-    """(K, 3) centres of the boxes around bodies, world frame, m."""
+    """(K, 4) centres [x, y, z, 1] of the boxes around bodies, world frame, m."""
     if solids.centered:
-        return bodies.poses[:, :3, 3]
-    return (bodies.poses[:, :3, :3] @ solids.centers)[..., 0] + bodies.poses[:, :3, 3]
+        return bodies.poses[:, :, 3]
+    return (bodies.poses @ solids.centers[..., None])[..., 0]

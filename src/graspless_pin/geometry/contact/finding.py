@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from graspless_pin.errors import ArgumentError, SceneError, StateError, StateFault
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
 from graspless_pin.geometry.contact.broad_phase import near_solids
+from graspless_pin.geometry.contact.corners import corner_groups, group_means
+from graspless_pin.geometry.contact.lone_contacts import Limits, Rows, joined_rows, lone_contacts
 from graspless_pin.geometry.contact.merging import Touch, merge_touches
-from graspless_pin.geometry.contact.patches import find_patch, plane_basis
-from graspless_pin.geometry.contact.polygons import first_corner, reduce_polygon
+from graspless_pin.geometry.contact.patches import find_patch
 from graspless_pin.geometry.contact.records import BodyKind, ContactArrays, ContactPoint
-from graspless_pin.geometry.contact.solids import solids_of
+from graspless_pin.geometry.contact.solids import Solids, solids_of
 
 Array = NDArray[np.float64]
-
 
 _TOLERANCE = 1e-3  # m
 _MAX_PENETRATION = 5e-3  # m
@@ -55,7 +55,8 @@ def find_contacts(
     Returns:
         Contacts in the order of ``hand_bodies``, then of ``support_bodies``. Those of one patch
         share their normal and run counterclockwise about it, from the point that comes first by x,
-        then y, then z in the object's geometry frame.
+        then y, then z in the object's geometry frame. A face that lies on a half-space has the
+        points that it has without any gap or tilt, so that they do not change as it moves.
 
     Raises:
         ArgumentError: A limit is out of range, or the object has no pieces.
@@ -93,13 +94,14 @@ def contact_arrays(
         ArgumentError: As `find_contacts`.
         SceneError: As `find_contacts`.
     """
+    limits = Limits(tolerance, max_penetration, merge_distance, max_points)
     if not (
         0.0 < tolerance < math.inf
         and 0.0 < max_penetration < math.inf
         and 0.0 < merge_distance < math.inf
         and max_points >= 3
     ):
-        _refuse_limits(tolerance, max_penetration, merge_distance, max_points)
+        _refuse(limits)
     if not object_bodies:
         raise ArgumentError("object_body", "needs at least one piece")
     pieces, bodies = PlacedBodies.of(object_bodies), PlacedBodies.of(others)
@@ -109,91 +111,104 @@ def contact_arrays(
             f"object '{pieces.shapes.names[0]}' is a half-space; only a support can be one: "
             "give the object a box, sphere, cylinder, capsule, cone or mesh"
         )
-    touches: dict[str, list[Touch]] = {}
-    near = near_solids(pieces, solids, bodies, others_solids, tolerance) if len(bodies) else []
-    for p, k in near:
-        piece, body = pieces[p], bodies[k]
-        mine, other = (piece, solids.sets[p]), (body, others_solids.sets[k])
-        # Whichever of the two is the object, the pair is computed in the same order, so that
-        # swapping them changes nothing but the normal's sign.
-        object_first = solids.ranks[p] < others_solids.ranks[k]
-        pair = (*mine, *other) if object_first else (*other, *mine)
-        patch = find_patch(*pair, tolerance, max_penetration)
-        if patch is not None:
-            touch = Touch(piece, body, object_first, patch.normal, patch.points, patch.gaps)
-            touches.setdefault(body.name, []).append(touch)
-    names: list[str] = []
-    positions: list[Array] = []
-    normals: list[Array] = []
-    distances: list[float] = []
-    for name, found in touches.items():
-        merged = found
-        if len(found) > 1:
-            own = [bodies[k] for k, other in enumerate(bodies.shapes.names) if other == name]
-            merged = merge_touches(found, pieces, own, merge_distance)
-        for touch in merged:
-            if min(touch.gaps) < -max_penetration:
-                depth = -min(min(one.gaps) for one in merged)
-                raise StateError(
-                    StateFault.OVERLAP,
-                    f"{'hand link' if kind is BodyKind.HAND else 'support'} '{name}' and object "
-                    f"'{pieces.shapes.names[0]}' overlap by {depth * 1e3:.2f} mm, more than the "
-                    f"{max_penetration * 1e3:.2f} mm that pass for contact; move one until they "
-                    "touch",
-                )
-            points, gaps = _contacts_of(touch, merge_distance, max_points)
-            names += [name] * len(gaps)
-            positions.append(points)
-            normals += [touch.into_object.tolist()] * len(gaps)
-            distances += gaps
-    return ContactArrays(
-        tuple(names),
-        (kind,) * len(names),
-        np.concatenate(positions) if positions else np.empty((0, 3)),
-        np.array(normals).reshape(-1, 3),
-        tuple(distances),
+    pairs = near_solids(pieces, solids, bodies, others_solids, tolerance) if len(bodies) else []
+    found, left = lone_contacts(pieces, solids, bodies, others_solids, pairs, limits)
+    if left:
+        touches = _touches(pieces, solids, bodies, others_solids, pairs, sorted(left), limits)
+        found += _rows_of(touches, pieces, bodies, kind, limits)
+    names = bodies.shapes.names
+    rows = joined_rows(found)
+    return ContactArrays.of_own(
+        tuple([names[pairs[place][1]] for place in rows.places]),
+        (kind,) * len(rows.places),
+        rows.positions,
+        rows.normals,
+        tuple(rows.gaps),
     )
 
 
-def _refuse_limits(
-    tolerance: float, max_penetration: float, merge_distance: float, max_points: int
-) -> None:
+def _refuse(limits: Limits) -> None:
     """Say which limit is out of range."""
-    for name, value in (
-        ("tolerance", tolerance),
-        ("max_penetration", max_penetration),
-        ("merge_distance", merge_distance),
-    ):
-        if not 0.0 < value < math.inf:
+    for name, value in limits._asdict().items():
+        if name != "max_points" and not 0.0 < value < math.inf:
             raise ArgumentError(name, f"needs a positive length in metres, got {value!r}")
-    raise ArgumentError("max_points", f"needs at least 3, got {max_points!r}")
+    raise ArgumentError("max_points", f"needs at least 3, got {limits.max_points!r}")
 
 
-def _contacts_of(touch: Touch, merge_distance: float, max_points: int) -> tuple[Array, list[float]]:
+def _touches(
+    pieces: PlacedBodies,
+    solids: Solids,
+    bodies: PlacedBodies,
+    others: Solids,
+    pairs: Sequence[tuple[int, int]],
+    places: Sequence[int],
+    limits: Limits,
+) -> dict[str, list[tuple[int, Touch]]]:
+    """Where the pairs at some places touch, by the body's name, with their places."""
+    touches: dict[str, list[tuple[int, Touch]]] = {}
+    for place in places:
+        p, k = pairs[place]
+        piece, body = pieces[p], bodies[k]
+        mine, other = (piece, solids.sets[p]), (body, others.sets[k])
+        # Whichever of the two is the object, the pair is computed in the same order, so that
+        # swapping them changes nothing but the normal's sign.
+        object_first = solids.ranks[p] < others.ranks[k]
+        pair = (*mine, *other) if object_first else (*other, *mine)
+        patch = find_patch(*pair, limits.tolerance, limits.max_penetration)
+        if patch is not None:
+            touch = Touch(piece, body, object_first, patch.normal, patch.points, patch.gaps)
+            touches.setdefault(body.name, []).append((place, touch))
+    return touches
+
+
+def _rows_of(
+    touches: Mapping[str, Sequence[tuple[int, Touch]]],
+    pieces: PlacedBodies,
+    bodies: PlacedBodies,
+    kind: BodyKind,
+    limits: Limits,
+) -> list[Rows]:
+    """The contacts that stand for what was found, all of a body at the place of its first.
+
+    Raises:
+        StateError: Bodies overlap too deeply.
+    """
+    found: list[Rows] = []
+    for name, placed in touches.items():
+        merged = [touch for _, touch in placed]
+        if len(merged) > 1:
+            own = [bodies[k] for k, other in enumerate(bodies.shapes.names) if other == name]
+            merged = merge_touches(merged, pieces, own, limits.merge_distance)
+        depth = -min(min(touch.gaps) for touch in merged)
+        if depth > limits.max_penetration:
+            raise StateError(
+                StateFault.OVERLAP,
+                f"{'hand link' if kind is BodyKind.HAND else 'support'} '{name}' and object "
+                f"'{pieces.shapes.names[0]}' overlap by {depth * 1e3:.2f} mm, more than the "
+                f"{limits.max_penetration * 1e3:.2f} mm that pass for contact; move one until they "
+                "touch",
+            )
+        for touch in merged:
+            points, gaps = _contacts_of(touch, limits)
+            normals = np.repeat(touch.into_object[None], len(gaps), axis=0)
+            found.append(Rows([placed[0][0]] * len(gaps), points, normals, gaps))
+    return found
+
+
+def _contacts_of(touch: Touch, limits: Limits) -> tuple[Array, list[float]]:
     """The contact points (K, 3) that stand for one patch, and their gaps."""
-    points, heights = touch.points, touch.gaps
+    points, gaps = touch.points, touch.gaps
     if len(points) == 1:
-        return points, heights
+        return points, gaps
     second = touch.other_piece if touch.object_first else touch.object_piece
-    around = _from_first_corner(points, second)
-    flat = (points[around] @ plane_basis(touch.normal).T).tolist()
-    groups = reduce_polygon([(u, v) for u, v in flat], merge_distance, max_points)
-    reduced = len(groups) < len(around)
-    if reduced:
-        members = [[around[k] for k in group] for group in groups]
-        points = np.array([points[group].mean(axis=0) for group in members])
-        heights = [math.fsum(heights[k] for k in group) / len(group) for group in members]
-        around = list(range(len(points)))
-    if touch.object_first:
-        around.reverse()
-    if touch.object_first or reduced:
-        turn = _from_first_corner(points[around], touch.object_piece)
-        around = [around[k] for k in turn]
-    return points[around], [heights[k] for k in around]
-
-
-def _from_first_corner(points: Array, body: CollisionBody) -> list[int]:
-    """Order of world points (K, 3) from the one that comes first in a body's geometry frame."""
-    T = body.T_world_geometry
-    start = first_corner(((points - T[:3, 3]) @ T[:3, :3]).tolist())
-    return [*range(start, len(points)), *range(start)]
+    groups = corner_groups(
+        points,
+        touch.normal,
+        object_first=touch.object_first,
+        T_second=second.T_world_geometry,
+        T_object=touch.object_piece.T_world_geometry,
+        merge_distance=limits.merge_distance,
+        max_points=limits.max_points,
+    )
+    means = [math.fsum(gaps[k] for k in group) / len(group) for group in groups]
+    return group_means(points, groups), means

@@ -23,8 +23,7 @@ from graspless_pin.geometry.contact.convex_sets import (
     Revolved,
     convex_set,
 )
-from graspless_pin.geometry.contact.patches import plane_basis
-from graspless_pin.geometry.contact.polygons import planar_hull
+from graspless_pin.geometry.contact.corners import hull_order
 
 Array = NDArray[np.float64]
 
@@ -217,9 +216,7 @@ def _union(group: Sequence[Touch], merge_distance: float) -> Touch:
         apart = merge_distance if single[k] else 0.0
         near[k] = not near.any() or (rises.min() <= _LEVEL and distances.min() >= apart)
     points, gaps = points[near], gaps[near]
-    flat = [(u, v) for u, v in (points @ plane_basis(seed.normal).T).tolist()]
-    index = {point: k for k, point in enumerate(flat)}
-    order = [index[point] for point in planar_hull(flat, _STRAIGHT)]
+    order = hull_order(points, seed.normal, _STRAIGHT)
     return replace(seed, points=points[order], gaps=gaps[order].tolist())
 
 

@@ -153,7 +153,7 @@ def classify_motion(
     points, normals = touching.positions, touching.normals
     twist = _checked("object_twist", object_twist, (6,))
     center = _checked("center_of_mass", center_of_mass, (3,))
-    others, turning = np.zeros((count, 3)), np.zeros((count, 3))
+    others, turning = np.zeros((count, 3)), None
     if body_velocities is not None:
         others = _checked("body_velocities", body_velocities, (count, 3))
     if body_angular_velocities is not None:
@@ -162,17 +162,18 @@ def classify_motion(
     # there is nothing.
     arms = points - center
     linear, spin = math.hypot(*twist[:3].tolist()), math.hypot(*twist[3:].tolist())
-    fastest = max([linear, spin * _longest(arms), _longest(others)])
+    fastest = max(linear, spin * _longest(arms) if spin > 0.0 else 0.0, _longest(others))
     threshold = speed_tolerance * fastest
     relative = _velocities(twist, arms) - others
     leaving = (normals * relative).sum(axis=1)
     sliding = relative - leaving[:, None] * normals
     rolls = [0.0] * count
-    if spin > 0.0 or turning.any():
-        rolling = twist[3:] - turning
+    fastest_turn = max(spin, 0.0 if turning is None else _longest(turning))
+    slow_turn = speed_tolerance * fastest_turn
+    if fastest_turn > 0.0:
+        rolling = twist[3:] - (np.zeros((count, 3)) if turning is None else turning)
         rolling = rolling - (normals * rolling).sum(axis=1)[:, None] * normals
         rolls = _lengths(rolling)
-    slow_turn = speed_tolerance * max(spin, _longest(turning))
     states: list[ContactMotion] = []
     for speed, along, roll in zip(leaving.tolist(), _lengths(sliding), rolls, strict=True):
         if speed > threshold:
@@ -185,7 +186,7 @@ def classify_motion(
             states.append(ContactMotion.ROLLING)
         else:
             states.append(ContactMotion.STICKING)
-    sliding[[state is not ContactMotion.SLIDING for state in states]] = 0.0
+    sliding[np.array([state is not ContactMotion.SLIDING for state in states], dtype=bool)] = 0.0
     sliding.setflags(write=False)
     leaving.setflags(write=False)
     return ClassifiedMotion(tuple(states), sliding, leaving)

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import coal  # pyright: ignore[reportMissingImports]
@@ -22,6 +21,7 @@ from numpy.typing import NDArray
 from graspless_pin.errors import SceneError
 from graspless_pin.geometry.bodies.collision import CollisionBody
 from graspless_pin.geometry.contact.convex_sets import ConvexSet, Plane, Polytope, Revolved
+from graspless_pin.geometry.contact.corners import hull_order, plane_basis
 from graspless_pin.geometry.contact.polygons import (
     Point,
     Polygon,
@@ -94,12 +94,12 @@ def find_patch(
         return _on_plane(normal, float(normal @ origin) + one.offset, subject, tolerance)
     t = (T_second[:3, 3] - origin) @ R
     if isinstance(one, Polytope) and isinstance(two, Revolved) and two.is_sphere:
-        normal, height, on_face = one.highest_face(t)
+        ((face, height, on_face),) = one.highest_faces([t.tolist()])
         gap = height - two.radius
         if gap > tolerance:
             return None
         if on_face:
-            normal = R @ normal
+            normal = R @ one.face_normals[face]
             middle = T_second[:3, 3] - 0.5 * (height + two.radius) * normal
             return Patch(normal, middle[None], [gap])
     relative = R.T @ R_second
@@ -114,35 +114,15 @@ def find_patch(
     return Patch(R @ patch.normal, patch.points @ R.T + origin, patch.gaps)
 
 
-def plane_basis(normal: Array) -> Array:
-    """Two unit vectors (2, 3), read-only, that with the normal make a right-handed frame."""
-    return _basis(*normal.tolist())
-
-
-@lru_cache(maxsize=256)
-def _basis(x: float, y: float, z: float) -> Array:
-    # The branch-free construction of Duff et al., which is smooth but at z = 0.
-    sign = 1.0 if z >= 0.0 else -1.0
-    a = -1.0 / (sign + z)
-    b = x * y * a
-    basis = np.array([[1.0 + sign * x * x * a, sign * b, -sign * x], [b, sign + y * y * a, -y]])
-    basis.setflags(write=False)
-    return basis
-
-
 def _on_plane(normal: Array, offset: float, subject: Array, tolerance: float) -> Patch | None:
     heights = subject @ normal - offset
     gaps = heights.tolist()
     near = [k for k, gap in enumerate(gaps) if gap <= tolerance]
     if not near:
         return None
-    middles = subject - (0.5 * heights)[:, None] * normal
-    order = near
-    if len(near) > 1:
-        flat = (middles @ plane_basis(normal).T).tolist()
-        index = {(flat[k][0], flat[k][1]): k for k in near}
-        order = [index[point] for point in planar_hull(index)]
-    return Patch(normal, middles[order], [gaps[k] for k in order])
+    points = (subject - (0.5 * heights)[:, None] * normal)[near]
+    order = hull_order(points, normal) if len(near) > 1 else [0]
+    return Patch(normal, points[order], [gaps[near[k]] for k in order])
 
 
 def _common_part(

@@ -12,12 +12,14 @@ from collections.abc import Callable, Iterable
 Point = tuple[float, float]
 Polygon = list[Point]
 
-_SAME = 1e-7  # m: closer than this, points coincide and lines are straight
+SAME = 1e-7
+"""m: closer than this, points coincide and lines are straight."""
+
 _PARALLEL = 5e-3  # rad: segments closer in direction than this touch along a line
 _TIE = 1e-9
 
 
-def planar_hull(points: Iterable[Point], straight: float = _SAME) -> Polygon:
+def planar_hull(points: Iterable[Point], straight: float = SAME) -> Polygon:
     """Extreme points, counterclockwise; a segment or a point where the points have no area.
 
     Args:
@@ -94,9 +96,7 @@ def _clip(polygon: Polygon, start: Point, end: Point) -> Polygon:
     kept: Polygon = []
     for k, (point, offset) in enumerate(zip(polygon, offsets, strict=True)):
         before, offset_before = polygon[k - 1], offsets[k - 1]
-        if (offset < -_SAME and offset_before > _SAME) or (
-            offset > _SAME and offset_before < -_SAME
-        ):
+        if (offset < -SAME and offset_before > SAME) or (offset > SAME and offset_before < -SAME):
             share = offset_before / (offset_before - offset)
             kept.append(
                 (
@@ -104,7 +104,7 @@ def _clip(polygon: Polygon, start: Point, end: Point) -> Polygon:
                     before[1] + share * (point[1] - before[1]),
                 )
             )
-        if offset >= -_SAME:
+        if offset >= -SAME:
             kept.append(point)
     return kept
 
@@ -121,9 +121,9 @@ def _segment_intersection(first: Polygon, second: Polygon) -> Polygon:
         return [(c[0] + share * (d[0] - c[0]), c[1] + share * (d[1] - c[1]))]
     along = sorted(ux * (p[0] - a[0]) + uy * (p[1] - a[1]) for p in (c, d))
     start, stop = max(along[0], 0.0), min(along[1], length)
-    if stop < start - _SAME:
+    if stop < start - SAME:
         return []
-    ends = [start] if stop - start <= _SAME else [start, stop]
+    ends = [start] if stop - start <= SAME else [start, stop]
     return [(a[0] + s * ux, a[1] + s * uy) for s in ends]
 
 

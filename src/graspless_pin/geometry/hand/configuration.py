@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.hand.tree import FOLLOWER_TOLERANCE, KinematicTree, unknown_name
+from graspless_pin.problem.checks import all_true
 
 
 def joint_positions(
@@ -48,7 +49,7 @@ def joint_positions(
         _check_followers(tree, dict(zip(indices, given, strict=True)), positions)
     lower, upper = tree.tolerated
     within = (lower <= positions) & (positions <= upper)
-    if not within.all():
+    if not all_true(within):
         for name, value in q.items():
             _finite(name, value)
         _check_limits(tree, indices, positions, ~within)
@@ -85,13 +86,34 @@ def independent_positions(tree: KinematicTree, values: ArrayLike) -> NDArray[np.
         positions = coupling.S @ positions + coupling.offset
     lower, upper = tree.tolerated
     within = (lower <= positions) & (positions <= upper)
-    if not within.all():
+    if not all_true(within):
         named = {tree.joint_names[joint]: positions[joint] for joint in coupling.leaders}
         for name, value in named.items():
             _finite(name, value)
         _check_limits(tree, list(coupling.leaders), positions, ~within)
     positions.setflags(write=False)
     return positions
+
+
+def independent_rates(tree: KinematicTree, rates: Mapping[str, float]) -> NDArray[np.float64]:
+    """Return the (a,) rates of a tree's independent joints; those not named stand still.
+
+    Args:
+        tree: The kinematic tree.
+        rates: rad/s or m/s by independent joint.
+
+    Raises:
+        ArgumentError: If a name is unknown or a coupled joint's, or a rate is not finite.
+    """
+    leaders = [tree.joint_names[index] for index in tree.coupling.leaders]
+    values = np.zeros(len(leaders))
+    for name, rate in rates.items():
+        if name not in leaders:
+            raise unknown_name("joint_velocities", "independent joint", name, leaders)
+        values[leaders.index(name)] = rate
+    if not np.isfinite(values).all():
+        raise ArgumentError("joint_velocities", f"needs finite numbers, got {dict(rates)}")
+    return values
 
 
 def _check_followers(

@@ -15,7 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
 from graspless_pin.geometry.hand.actuation import Actuation, plan_actuation
-from graspless_pin.geometry.hand.configuration import independent_positions, joint_positions
+from graspless_pin.geometry.hand.configuration import (
+    independent_positions,
+    independent_rates,
+    joint_positions,
+)
 from graspless_pin.geometry.hand.effort_limits import (
     EffortLimit,
     expand_overrides,
@@ -24,11 +28,13 @@ from graspless_pin.geometry.hand.effort_limits import (
 from graspless_pin.geometry.hand.fingers import ControlPlan, FingerSpec, plan_control
 from graspless_pin.geometry.hand.link_shapes import LinkMeshes
 from graspless_pin.geometry.hand.mounts import Mount, join_mounts
-from graspless_pin.geometry.hand.tree import Kinematics, KinematicTree, unknown_name
+from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
+from graspless_pin.geometry.hand.work_space import Kinematics
 from graspless_pin.geometry.pickling import remake
 from graspless_pin.geometry.poses import turning_velocities
 from graspless_pin.geometry.robots.files import describe_model, describe_urdf
 from graspless_pin.problem import ControlMode
+from graspless_pin.problem.checks import all_true
 
 Control = ControlMode | str | Mapping[str, ControlMode | str]
 
@@ -263,7 +269,8 @@ class Hand:
     def placed_bodies(self) -> PlacedBodies:
         """What `collision_bodies` returns, each made only when it is asked for."""
         joints, placements = self.tree.shape_placements
-        return PlacedBodies(self.tree.shapes, self._kinematics.T_world_joint[joints] @ placements)
+        poses = self._kinematics.T_world_joint.take(joints, axis=0)
+        return PlacedBodies(self.tree.shapes, poses @ placements)
 
     def contact_jacobian(self, links: Sequence[str], points: ArrayLike) -> NDArray[np.float64]:
         """Return the Jacobian of points that are fixed to links.
@@ -298,7 +305,7 @@ class Hand:
             ArgumentError: If ``gravity`` is not three finite numbers.
         """
         acceleration = np.asarray(gravity, dtype=np.float64)
-        if acceleration.shape != (3,) or not np.isfinite(acceleration).all():
+        if acceleration.shape != (3,) or not all_true(np.isfinite(acceleration)):
             raise ArgumentError("gravity", f"needs 3 finite numbers, got {gravity!r}")
         torques = self.tree.gravity_torques(self.positions, acceleration)
         alone = self.actuation.every_joint_alone
@@ -327,17 +334,10 @@ class Hand:
         Raises:
             ArgumentError: If a name is unknown or a mimic joint's, or a shape or value is wrong.
         """
-        leaders = [self.joint_names[index] for index in self.tree.coupling.leaders]
-        rates = np.zeros(len(leaders))
-        for name, rate in (joint_velocities or {}).items():
-            if name not in leaders:
-                raise unknown_name("joint_velocities", "independent joint", name, leaders)
-            rates[leaders.index(name)] = rate
+        rates = independent_rates(self.tree, joint_velocities or {})
         twist = np.zeros(6) if base_twist is None else np.asarray(base_twist, dtype=np.float64)
         if twist.shape != (6,) or not np.isfinite(twist).all():
             raise ArgumentError("base_twist", f"needs 6 finite numbers, got {base_twist!r}")
-        if not np.isfinite(rates).all():
-            raise ArgumentError("joint_velocities", f"needs finite numbers, got {joint_velocities}")
         arms = _points(links, points) - self.T_world_base[:3, 3]
         return (
             self._joint_jacobians(links, points) @ (self.tree.coupling.S @ rates)
@@ -379,6 +379,6 @@ def _points(links: Sequence[str], points: ArrayLike) -> NDArray[np.float64]:
         raise ArgumentError(
             "points", f"needs shape ({len(links)}, 3), one row per link, got {positions.shape}"
         )
-    if not np.isfinite(positions).all():
+    if not all_true(np.isfinite(positions)):
         raise ArgumentError("points", f"needs finite numbers, got {positions.tolist()}")
     return positions
