@@ -99,7 +99,8 @@ class Formulation:
         """Return x without the friction that one mode forbids; x itself if there is none."""
         friction = x[self.cone_columns]
         forbidden = friction * mode.signs[self.cone_index] >= 0.0
-        if not np.logical_or.reduce(forbidden, axis=None):
+        forbidden &= friction != 0.0
+        if not np.count_nonzero(forbidden):
             return x
         x = x.copy()
         x[self.cone_columns[forbidden]] = 0.0
@@ -130,8 +131,9 @@ def shared_parts(problem: QuasistaticProblem) -> tuple[ForceCoordinates, Virtual
 def formulate(problem: QuasistaticProblem, objective: Objective) -> Formulation:
     """Return Algorithm 1 or 2, assembled once for a problem and kept while the problem lives."""
     known: dict[Objective, Formulation] = problem.scratch.setdefault("formulations", {})
-    if objective in known:
-        return known[objective]
+    found = known.get(objective)
+    if found is not None:
+        return found
     coordinates, kinematics = shared_parts(problem)
     cutoff = np.inf
     if objective.algorithm is Algorithm.MARGIN:
@@ -154,5 +156,6 @@ def formulate(problem: QuasistaticProblem, objective: Objective) -> Formulation:
         unit = 1.0 if objective.by_limits else coordinates.torque_scale
     if len(known) >= _PER_PROBLEM:
         known.pop(next(iter(known)))
-    known[objective] = Formulation(problem, coordinates, program, kinematics, cutoff, unit)
-    return known[objective]
+    found = Formulation(problem, coordinates, program, kinematics, cutoff, unit)
+    known[objective] = found
+    return found

@@ -158,6 +158,33 @@ class ModeReader:
         selection[chosen], signs[chosen] = True, known.reshape(-1, 2)
         return SlidingMode.unchecked(selection, signs)
 
+    def still_admitted(self, x: FloatArray, mode: SlidingMode) -> FloatArray | None:
+        """Return what a mode admits of x, if that is all but rounding and the known motion does it.
+
+        Where that is so, `read` would find a mode too, though perhaps another one.
+
+        Args:
+            x: Solution of the program.
+            mode: A mode of as many contacts, such as that of a similar problem.
+
+        Returns:
+            (n,) x without traces of forbidden friction; None says nothing.
+        """
+        if self.motion is None:
+            return None
+        admitted = self.formulation.admitted(mode, x)
+        if admitted is not x and np.abs(admitted - x).max() > NO_FRICTION:
+            return None
+        contacts = tuple(mode.selection.nonzero()[0].tolist())
+        signs = mode.signs[mode.selection].ravel()
+        nearest = self.formulation.kinematics.nearest
+        motion = nearest.behind(contacts, signs, self.motion)
+        if motion is None:
+            return None
+        self.kinematic_programs += 1
+        self.motion = motion
+        return admitted
+
     def moves(self, mode: SlidingMode) -> bool:
         """Return whether there is a virtual motion behind a mode."""
         contacts = tuple(np.flatnonzero(mode.selection).tolist())

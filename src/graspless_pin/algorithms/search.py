@@ -92,17 +92,22 @@ class SearchState:
             self.infeasibility = answer.proof
         return answer
 
-    def accept(self, answer: Answer, mode: SlidingMode) -> bool:
+    def accept(self, answer: Answer, mode: SlidingMode, admitted: FloatArray | None = None) -> bool:
         """Keep an answer that a feasible mode admits, if it is the best so far.
 
         The friction that the mode forbids is below the threshold of the reader and is cut off;
         where that breaks the balance the mode's own program is solved instead.
 
+        Args:
+            answer: The answer.
+            mode: The mode.
+            admitted: What it admits of the answer's x, if that is known.
+
         Returns:
             Whether the answer's own value was reached.
         """
         exact = answer
-        x = self.formulation.admitted(mode, answer.x)
+        x = self.formulation.admitted(mode, answer.x) if admitted is None else admitted
         if x is not answer.x:
             residual = self.formulation.program.residual(x)
             if residual > PRIMAL_TOLERANCE:

@@ -11,6 +11,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.explanation import explain
 from graspless_pin.algorithms.formulation import Formulation, Objective, formulate
@@ -24,7 +26,7 @@ from graspless_pin.algorithms.search import (
 from graspless_pin.algorithms.solve import solution_of
 from graspless_pin.algorithms.torque import margin_objective
 from graspless_pin.errors import UndecidedMotionError
-from graspless_pin.modes.rules import Rules, SlidingMode, candidate_contacts
+from graspless_pin.modes.rules import Rules, SlidingMode, SlidingRule, candidate_contacts
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, real_number
 from graspless_pin.programs.carried_optimum import Optimum, carried, optimum_of
@@ -227,25 +229,36 @@ def _search(state: _WarmState, *, node_limit: int | None, time_limit: float | No
 
 def _read_mode(state: _WarmState) -> None:
     """Keep the relaxation's own optimum, if a feasible mode admits its friction."""
-    relaxation = state.relaxation
-    if relaxation is not None:
-        verdict = state.reader.read(relaxation.x, {})
-        if isinstance(verdict, SlidingMode):
-            state.accept(relaxation, verdict)
+    relaxation, before = state.relaxation, state.start.mode
+    if relaxation is None:
+        return
+    if before is not None and _fits(state, before):
+        admitted = state.reader.still_admitted(relaxation.x, before)
+        if admitted is not None:
+            state.accept(relaxation, before, admitted)
+            return
+    verdict = state.reader.read(relaxation.x, {})
+    if isinstance(verdict, SlidingMode):
+        state.accept(relaxation, verdict)
 
 
 def _try_mode(state: _WarmState) -> None:
     """Keep the optimum of the earlier mode, if the problem has it and a motion stands behind it."""
     mode = state.start.mode
-    if mode is None:
-        return
-    problem = state.formulation.problem
-    if len(mode.selection) != problem.contact_count:
-        return
-    stray = mode.selection & ~candidate_contacts(problem, state.rules)
-    if stray.any() or not state.reader.moves(mode):
+    if mode is None or not _fits(state, mode) or not state.reader.moves(mode):
         return
     bounds = state.formulation.bounds_of(mode)
     answer, state.in_mode = state.solve_near(*bounds, state.start.in_mode)
     if answer.outcome is Outcome.SOLVED and answer.value < state.best_value:
         state.best, state.mode = answer, mode
+
+
+def _fits(state: SearchState, mode: SlidingMode) -> bool:
+    """Whether the problem has a mode: its contacts, those that it must select and may select."""
+    problem, selection = state.formulation.problem, mode.selection
+    if len(selection) != problem.contact_count:
+        return False
+    stray = selection > candidate_contacts(problem, state.rules)
+    if state.rules.sliding is SlidingRule.CONSTRAINED:
+        stray |= problem.is_sliding & ~selection
+    return not np.logical_or.reduce(stray)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import get_lapack_funcs
 
 from graspless_pin.problem.checks import FloatArray
@@ -45,14 +46,14 @@ class _Seen(NamedTuple):
             return signs
         return np.where(signs != 0.0, signs, np.where(self.sliding < 0.0, -1.0, 1.0))
 
-    def slides(self, signs: FloatArray) -> bool:
+    def slides(self, signs: FloatArray | NDArray[np.int8]) -> bool:
         """Whether it keeps the contacts touching and clearly slides with all signs."""
-        size = float(self.motion @ self.motion)
+        size = float(self.motion.dot(self.motion))
         least = float(np.minimum.reduce(self.sliding * signs))
         return (
             least > 0.0
             and least * least >= _CLEAR_WITNESS * size
-            and float(self.apart @ self.apart) <= RANK_TOLERANCE**2 * size
+            and float(self.apart.dot(self.apart)) <= RANK_TOLERANCE**2 * size
         )
 
 
@@ -99,6 +100,26 @@ class NearestMotions:
             wanted = full * np.maximum(seen.sliding * full, 1.0)
         return None
 
+    def behind(
+        self, contacts: tuple[int, ...], signs: NDArray[np.int8], near: FloatArray
+    ) -> FloatArray | None:
+        """Return a motion near another one, if it slides with signs none of which is open.
+
+        Args:
+            contacts: s contacts that must touch and slide along both tangents.
+            signs: (2 s,) signs of their sliding.
+            near: (6 + L,) the other motion.
+
+        Returns:
+            (6 + L,) a witness under every rule; None says nothing.
+        """
+        if not contacts:
+            return near
+        if len(near) != self._rows.shape[2] or not np.logical_and.reduce(signs):
+            return None
+        seen = self._held(contacts, near)
+        return seen.motion if seen.slides(signs) else None
+
     def _held(self, contacts: tuple[int, ...], motion: FloatArray) -> _Seen:
         """The motion nearest to another that keeps the contacts touching."""
         rows = self._rows
@@ -108,8 +129,8 @@ class NearestMotions:
         factor, failed = _potrf(_damped_gram(normal), lower=1)
         if not failed:
             for _ in range(_CORRECTIONS):
-                motion = motion - _potrs(factor, normal @ motion, lower=1)[0] @ normal
-        return _Seen(tangential @ motion, normal @ motion, motion)
+                motion = motion - _potrs(factor, normal.dot(motion), lower=1)[0].dot(normal)
+        return _Seen(tangential.dot(motion), normal.dot(motion), motion)
 
     def _motions(self, contacts: tuple[int, ...]) -> FloatArray:
         """(3 s + 6 + L, 2 s) from wanted slidings to tangential, normal velocities and the motion.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Sequence
+from contextlib import suppress
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,19 +28,22 @@ def real_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Fl
     Raises:
         ArgumentError: If the value is not numeric, has another shape or a NaN.
     """
-    try:
-        raw = np.asarray(value)
-        array = np.array(value, dtype=np.float64) if raw.dtype.kind in "fiub" else None
-    except (TypeError, ValueError):
-        array = None
+    array: FloatArray | None = None
+    if isinstance(value, np.ndarray) and value.dtype == np.float64:
+        array = np.array(value)
+    else:
+        with suppress(TypeError, ValueError):
+            raw = np.asarray(value)
+            array = np.array(value, dtype=np.float64) if raw.dtype.kind in "fiub" else None
     if array is None:
         raise ArgumentError(name, f"is {value!r:.200}; it must be an array of real numbers")
-    if array.ndim != len(shape) or any(
-        n not in (None, m) for n, m in zip(shape, array.shape, strict=True)
+    if array.shape != shape and (
+        array.ndim != len(shape)
+        or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True))
     ):
         expected = str(tuple("any" if n is None else n for n in shape)).replace("'", "")
         raise ArgumentError(name, f"has shape {array.shape}; expected {expected}")
-    if np.isnan(array).any():
+    if np.count_nonzero(np.isnan(array)):
         index = tuple(int(i) for i in np.argwhere(np.isnan(array))[0])
         raise ArgumentError(name, f"is NaN at index {index}; every entry must be a number")
     return read_only(array)

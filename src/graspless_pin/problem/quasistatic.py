@@ -326,5 +326,5 @@ class QuasistaticProblem:
         local = (f[:, None, :] @ self.frames)[:, 0]
         normal = local[:, 0]
         sides = room_to_faces(local, self.friction, self.cone_edges)
-        rooms = normal, self.max_normal_force - normal, np.where(self.has_cone, sides, np.inf)
-        return float(np.minimum.reduce(np.concatenate(rooms)))
+        sides[~self.has_cone] = np.inf
+        return float(np.minimum.reduce((normal, self.max_normal_force - normal, sides), axis=None))

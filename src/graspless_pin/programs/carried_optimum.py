@@ -111,13 +111,13 @@ def carried(program: Program, near: Optimum, cutoff: float) -> tuple[Answer, Opt
         return None
     x, weights = near.x, near.weights
     for _ in range(_CORRECTIONS):
-        beyond, slope = sides - E @ x, program.c + weights @ E
+        beyond, slope = sides - E.dot(x), program.c + weights.dot(E)
         if wide:
-            x = x + _potrs(factor, beyond, lower=1)[0] @ E
-            weights = weights - _potrs(factor, E @ slope, lower=1)[0]
+            x = x + _potrs(factor, beyond, lower=1)[0].dot(E)
+            weights = weights - _potrs(factor, E.dot(slope), lower=1)[0]
         else:
-            x = x + _potrs(factor, beyond @ E, lower=1)[0]
-            weights = weights - E @ _potrs(factor, slope, lower=1)[0]
+            x = x + _potrs(factor, beyond.dot(E), lower=1)[0]
+            weights = weights - E.dot(_potrs(factor, slope, lower=1)[0])
     rows = len(near.rows)
     x[near.at_bounds] = sides[rows:]
     multipliers = np.zeros(sum(sizes))

@@ -23,6 +23,9 @@ from graspless_pin.problem.contact_map import contact_map
 from graspless_pin.programs.force_layout import ConeRows, ForceLayout, cone_rows, layout_of
 from graspless_pin.programs.program import Program
 
+_BALANCE = 6
+"""Rows of the balance (19), which come first in every program."""
+
 
 @dataclass(frozen=True, eq=False)
 class ForceCoordinates:
@@ -170,16 +173,16 @@ def margin_program(
     the cones would have to be widened, and its dual proves that no force set exists.
     """
     rows, shared = force_rows(problem, coordinates), cone_rows(problem)
-    size, sides = rows.size, len(shared.sides)
-    G = np.empty((sides + len(rows.torque), size + 1), order="F")
-    G[:sides] = shared.sides
-    G[sides:, :-1] = rows.torque
-    G[sides:, -1] = 0.0
+    size, sides = rows.size, _BALANCE + len(shared.sides)
+    stack = np.empty((sides + len(rows.torque), size + 1), order="F")
+    stack[_BALANCE:sides] = shared.sides
+    stack[sides:, :-1] = rows.torque
+    stack[sides:, -1] = 0.0
     u = np.concatenate([np.zeros(len(rows.faces)), rows.limit, shared.low, rows.upper])
     # The box speaks of forces inside their cones, that is of e >= 0: what it proves, it proves of
     # those, and a proven bound above zero on -e proves that there are none.
     return _program(
-        coordinates, rows, shared, regularization, G,
+        coordinates, rows, shared, regularization, stack,
         np.concatenate([shared.below, rows.lower]), u,
         objective=shared.last[0],
         box=_widened(rows.box, float(rows.limit.min()) / 2.0),
@@ -216,7 +219,8 @@ def torque_program(
     blocks = rows.faces, torque[up], -torque[down], torque
     first, middle = len(rows.faces), len(rows.faces) + len(unit_up)
     last = middle + len(unit_down)
-    G = np.zeros((last + len(torque), size + 1), order="F")
+    stack = np.zeros((_BALANCE + last + len(torque), size + 1), order="F")
+    G = stack[_BALANCE:]
     np.concatenate(blocks, out=G[:, :size])
     G[first:middle, size] = -unit_up
     G[middle:last, size] = -unit_down
@@ -230,7 +234,7 @@ def torque_program(
     shares = reach[up] / unit_up, reach[down] / unit_down
     highest = float(np.concatenate(shares).max(initial=0.0)) + 1.0
     return _program(
-        coordinates, rows, shared, regularization, G, l, u,
+        coordinates, rows, shared, regularization, stack, l, u,
         objective=shared.last[1],
         box=_widened(rows.box, highest),
         imposed=(low, high),
@@ -250,7 +254,7 @@ def _program(
     rows: ForceRows,
     shared: ConeRows,
     regularization: float,
-    G: FloatArray,
+    stack: FloatArray,
     l: FloatArray,  # noqa: E741
     u: FloatArray,
     *,
@@ -262,15 +266,14 @@ def _program(
     if regularization > 0.0:
         P = P.copy()
         P[:-1] = regularization * (coordinates.basis**2).sum(axis=0)
-    A = np.empty((6, rows.size + 1), order="F")
-    A[:, :-1] = rows.balance
-    A[:, -1] = 0.0
-    return Program(
+    stack[:_BALANCE, :-1] = rows.balance
+    stack[:_BALANCE, -1] = 0.0
+    return Program.of_rows(
+        stack,
+        _BALANCE,
         P=P,
         c=objective,
-        A=A,
         b=rows.wrench,
-        G=G,
         l=l,
         u=u,
         lb=imposed[0],

@@ -46,6 +46,19 @@ class Program:
     ub: FloatArray
     box: FloatArray
 
+    @classmethod
+    def of_rows(cls, rows: FloatArray, count: int, **others: FloatArray) -> Program:
+        """Return a program whose A and G are the first ``count`` rows of one array and the rest.
+
+        Args:
+            rows: (m + k, n) A above G; kept.
+            count: m.
+            others: The other attributes.
+        """
+        program = cls(A=rows[:count], G=rows[count:], **others)
+        program.__dict__["rows"] = rows
+        return program
+
     def bounded(self, lb: FloatArray, ub: FloatArray, cutoff: float = np.inf) -> Program:
         """Return the same program with other bounds; matrices and what is known of them shared.
 
@@ -136,12 +149,12 @@ class Program:
     def value(self, x: FloatArray) -> float:
         """Return the objective at x."""
         if self.is_linear:
-            return float(self.c @ x)
-        return float((0.5 * self.P * x + self.c) @ x)
+            return float(self.c.dot(x))
+        return float((0.5 * self.P * x + self.c).dot(x))
 
     def residual(self, x: FloatArray) -> float:
         """Return the largest violation of any constraint at x, in scaled units."""
-        (low, high), rows = self.sides, self.products[0] @ x
+        (low, high), rows = self.sides, self.products[0].dot(x)
         beyond = np.maximum(rows - high, low - rows)
         outside = np.maximum(x - self.ub, self.lb - x)
         return float(np.maximum.reduce(outside, initial=np.maximum.reduce(beyond, initial=0.0)))
@@ -182,8 +195,8 @@ class Program:
         side = np.where(weights > 0.0, high, low)
         there = np.isfinite(side)
         weights = np.where(there, weights, 0.0)
-        constant = -float(weights @ np.where(there, side, 0.0))
-        return self.products[1] @ weights, constant
+        constant = -float(weights.dot(np.where(there, side, 0.0)))
+        return self.products[1].dot(weights), constant
 
     def _smallest(self, slope: FloatArray, *, curved: bool) -> float:
         """Smallest value of 1/2 x^T diag(P) x + slope^T x over the bounds, imposed and implied.
@@ -195,7 +208,7 @@ class Program:
         low, high = self.reach
         at = np.where(slope >= 0.0, low, high)
         if not curved:
-            return float(slope @ at)
+            return float(slope.dot(at))
         bent = self.P > 0.0
         turning = np.where(bent, -slope / np.where(bent, self.P, 1.0), at)
         at = np.where(bent, np.clip(turning, low, high), at)
