@@ -9,6 +9,7 @@ from graspless_pin import QuasistaticProblem
 from graspless_pin.errors import ArgumentError
 from graspless_pin.problem.checks import all_finite, all_true
 from graspless_pin.problem.cones import default_tangents
+from graspless_pin.problem.joint_units import JointUnit
 
 ANY = st.floats(allow_nan=True, allow_infinity=True)
 
@@ -27,6 +28,7 @@ def arguments() -> dict:
         "max_normal_force": 20.0,
         "cone_edges": 8,
         "joint_names": ("a", "b", "c"),
+        "joint_units": (JointUnit.TORQUE, JointUnit.FORCE, JointUnit.TORQUE),
         "gravity_torques": np.array([0.1, 0.2, 0.3]),
     }
 

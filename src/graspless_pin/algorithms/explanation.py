@@ -18,6 +18,7 @@ from graspless_pin.modes.kinematics import Conflict
 from graspless_pin.modes.rules import Rules, SignRule, SlidingRule, StaticFriction
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.joint_units import JointUnit, units_text
 from graspless_pin.programs.analysis_programs import relief_program
 from graspless_pin.programs.force_programs import force_rows
 from graspless_pin.solution import Algorithm, Status, TorqueSolution
@@ -213,7 +214,7 @@ def _reliefs(solution: TorqueSolution) -> Iterator[Suggestion]:
         yield from _wider_joint(solution, joint, torque + problem.gravity_torques[joint])
     if not alone and joints and (x := _relief(solution, joint=-1)) is not None:
         more = _rounded_up(x[-1] * coordinates.torque_scale * _ROOM)
-        text = f"every torque limit would have to be larger by {more:.{_DIGITS}g} N m"
+        text = f"every torque limit would have to be larger by {_in_units(problem, more)}"
         yield from _if_feasible(text, _wider(problem, more), solution)
     if (x := _relief(solution, normal=True)) is not None:
         more = _rounded_up(x[-1] * coordinates.force_scale * _ROOM)
@@ -240,7 +241,7 @@ def _everything(solution: TorqueSolution) -> Iterator[Suggestion]:
         max_normal_force=problem.max_normal_force + normal
     )
     text = (
-        f"every torque limit larger by {torque:.{_DIGITS}g} N m, every normal-force limit by "
+        f"every torque limit larger by {_in_units(problem, torque)}, every normal-force limit by "
         f"{normal:.{_DIGITS}g} N, and {text}"
     )
     yield from _if_feasible(text, changed, solution)
@@ -312,7 +313,8 @@ def _wider_joint(solution: TorqueSolution, joint: int, torque: float) -> Iterato
     """Limits of one joint that let it make a torque: both where they are symmetric, else one."""
     problem = solution.problem
     lower, upper = problem.lower_torque.copy(), problem.upper_torque.copy()
-    name, room = problem.joint_names[joint], (_ROOM - 1.0) * abs(torque)
+    name, unit = problem.joint_names[joint], problem.joint_units[joint]
+    room = (_ROOM - 1.0) * abs(torque)
     symmetric = lower[joint] == -upper[joint]
     if torque - upper[joint] > lower[joint] - torque:
         side, limit = "upper ", _rounded_up(torque + room)
@@ -323,8 +325,14 @@ def _wider_joint(solution: TorqueSolution, joint: int, torque: float) -> Iterato
     if symmetric:
         side, limit = "", abs(limit)
         lower[joint], upper[joint] = -limit, limit
-    text = f"{name}'s {side}limit would have to be {limit:.{_DIGITS}g} N m"
+    text = f"{name}'s {side}limit would have to be {limit:.{_DIGITS}g} {unit}"
     yield from _if_feasible(text, problem.with_changes(torque_limits=(lower, upper)), solution)
+
+
+def _in_units(problem: QuasistaticProblem, amount: float) -> str:
+    """An amount of the torques of all joints with its unit."""
+    units = units_text(problem.joint_units)
+    return f"{amount:.{_DIGITS}g} {units if units in list(JointUnit) else f'({units})'}"
 
 
 def _wider(problem: QuasistaticProblem, more: float) -> QuasistaticProblem:

@@ -10,6 +10,7 @@ import numpy as np
 
 from graspless_pin.errors import NoSolutionError, StateFault
 from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.scene import Scene, SceneContacts
 from graspless_pin.solution import TorqueSolution
 
@@ -58,6 +59,14 @@ class Evaluation:
     def joint_names(self) -> tuple[str, ...]:
         """L names of the torques; empty without a problem."""
         return () if self._solution is None else self._solution.problem.joint_names
+
+    @property
+    def joint_units(self) -> dict[str, JointUnit]:
+        """Unit of each torque by name; empty without a problem."""
+        if self._solution is None:
+            return {}
+        problem = self._solution.problem
+        return dict(zip(problem.joint_names, problem.joint_units, strict=True))
 
     @property
     def has_contacts(self) -> bool:

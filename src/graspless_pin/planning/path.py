@@ -18,6 +18,7 @@ from graspless_pin.planning.evaluation import Evaluation, StateStatus
 from graspless_pin.planning.evaluator import Evaluator
 from graspless_pin.planning.screws import segment_twist
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
+from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.scene import Scene
 
 PATH_REGULARIZATION = 1e-4
@@ -57,6 +58,7 @@ class PathProfile:
         arrivals: K answers for the motion that ends at the waypoint; that of ``evaluations``
             wherever the motion goes on as it came, or ends by touching a body.
         torque_names: L names of all torques that occur.
+        torque_units: L units.
         torques: (K, L) motor torques, N m (N for linear and hybrid joints and tendons); NaN where
             there are none.
         margins: (K,) N, -inf where there are no torques.
@@ -73,6 +75,7 @@ class PathProfile:
     evaluations: tuple[Evaluation, ...]
     arrivals: tuple[Evaluation, ...]
     torque_names: tuple[str, ...]
+    torque_units: tuple[JointUnit, ...]
     torques: FloatArray
     margins: FloatArray
     arrival_margins: FloatArray
@@ -165,7 +168,8 @@ def evaluate_path(
         evaluations.append(leaves)
         # A motion that ends by touching a body is not driven into it.
         arrivals.append(leaves if came.status is StateStatus.BLOCKED else came)
-    names = tuple(dict.fromkeys(name for item in evaluations for name in item.joint_names))
+    units = {name: unit for item in evaluations for name, unit in item.joint_units.items()}
+    names = tuple(units)
     torques = np.full((len(waypoints), len(names)), np.nan)
     for row, item in zip(torques, evaluations, strict=True):
         if item.found:
@@ -180,6 +184,7 @@ def evaluate_path(
         evaluations=tuple(evaluations),
         arrivals=tuple(arrivals),
         torque_names=names,
+        torque_units=tuple(units.values()),
         torques=read_only(torques),
         margins=read_only(np.array([item.margin for item in evaluations])),
         arrival_margins=read_only(np.array([item.margin for item in arrivals])),

@@ -34,7 +34,10 @@ def write_path_csv(profile: PathProfile, path: str | Path) -> None:
     """
     hand = profile.hand
     positions = [f"position_{name}_{_position_unit(hand, name)}" for name in profile.position_names]
-    torques = [f"torque_{name}_{_torque_unit(hand, name)}" for name in profile.torque_names]
+    torques = [
+        f"torque_{name}_{unit.replace(' ', '_')}"
+        for name, unit in zip(profile.torque_names, profile.torque_units, strict=True)
+    ]
     header = [
         "time_s",
         "status",
@@ -129,14 +132,6 @@ def _cells(values: Any) -> list[str]:
 
 def _position_unit(hand: Hand | None, name: str) -> str:
     return "m" if _is_linear(hand, name) else "rad"
-
-
-def _torque_unit(hand: Hand | None, name: str) -> str:
-    """N m at turning joints; N at linear ones, at tendons and for commanded normal forces."""
-    if hand is None or _is_linear(hand, name):
-        return "N"
-    turns = name in hand.joint_names or name in hand.actuation.passive
-    return "N_m" if turns else "N"
 
 
 def _is_linear(hand: Hand | None, name: str) -> bool:

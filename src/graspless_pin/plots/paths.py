@@ -9,6 +9,7 @@ import numpy as np
 from graspless_pin.picture import LIGHT, Role
 from graspless_pin.planning import PathProfile
 from graspless_pin.plots.canvas import axes_for
+from graspless_pin.problem.joint_units import units_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -61,7 +62,7 @@ def path_torques(profile: PathProfile, ax: Axes | None = None) -> Axes:
             color=colors[index],
             label=name,
         )
-    axes.set_ylabel("motor torque [N m; N for linear and hybrid joints]")
+    axes.set_ylabel(f"motor torque [{units_text(profile.torque_units)}]")
     _mark_path(axes, profile)
     if count:
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")

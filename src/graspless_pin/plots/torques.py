@@ -8,6 +8,7 @@ import numpy as np
 
 from graspless_pin.picture import LIGHT, Role
 from graspless_pin.plots.canvas import axes_for
+from graspless_pin.problem.joint_units import units_text
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.table import limit_shares
 
@@ -57,7 +58,7 @@ def torque_bars(solution: TorqueSolution, ax: Axes | None = None) -> Axes:
     )
     axes.set_yticks(rows, problem.joint_names)
     axes.set_ylim(count - 0.4, -0.6)
-    axes.set_xlabel("motor torque [N m; N for linear and hybrid joints]")
+    axes.set_xlabel(f"motor torque [{units_text(problem.joint_units)}]")
     axes.grid(axis="x", alpha=0.25)
     axes.set_axisbelow(True)
     return axes

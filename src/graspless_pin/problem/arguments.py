@@ -19,6 +19,7 @@ from graspless_pin.problem.checks import (
     whole_number,
 )
 from graspless_pin.problem.cones import default_tangents
+from graspless_pin.problem.joint_units import checked_units
 
 AT_REST = 1e-12
 """Sliding speeds up to this are none, m/s."""
@@ -38,6 +39,7 @@ def checked_arguments(
     max_normal_force: ArrayLike,
     cone_edges: int,
     joint_names: Sequence[str] | None,
+    joint_units: Sequence[str] | None,
     gravity_torques: ArrayLike | None,
 ) -> dict[str, Any]:
     """Return the data of a problem from the arguments of its constructor, by attribute.
@@ -78,6 +80,7 @@ def checked_arguments(
         "max_normal_force": force,
         "cone_edges": whole_number("cone_edges", cone_edges, 3),
         "joint_names": _checked_names(joint_names, count),
+        "joint_units": checked_units(joint_units, count),
         "gravity_torques": gravity,
     }
 

@@ -18,6 +18,7 @@ from graspless_pin.problem.checks import (
     unit_rows,
     whole_number,
 )
+from graspless_pin.problem.joint_units import JointUnit, checked_units
 
 
 class ControlMode(StrEnum):
@@ -42,6 +43,7 @@ class FingerContacts:
         torque_limits: (lower, upper), scalar or (L_i,), N m, for FORCE.
         max_force: Largest commanded force, N, for HYBRID.
         joint_names: Names of the L_i joints (one name for HYBRID); None: made from the finger.
+        joint_units: ``N m`` or ``N`` for each of the L_i joints for FORCE; None: N m.
     """
 
     mode: ControlMode
@@ -50,6 +52,7 @@ class FingerContacts:
     torque_limits: tuple[ArrayLike, ArrayLike] = (-10.0, 10.0)
     max_force: float = np.inf
     joint_names: Sequence[str] | None = field(default=None)
+    joint_units: Sequence[str] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,11 +63,13 @@ class JointSpace:
         jacobian: (3M, L), eqs. (12) and (13).
         torque_limits: (lower, upper), each (L,).
         joint_names: L names.
+        joint_units: L units of their torques.
     """
 
     jacobian: FloatArray
     torque_limits: tuple[FloatArray, FloatArray]
     joint_names: tuple[str, ...]
+    joint_units: tuple[JointUnit, ...]
 
 
 def assemble_joint_space(normals: ArrayLike, fingers: Sequence[FingerContacts]) -> JointSpace:
@@ -85,6 +90,7 @@ def assemble_joint_space(normals: ArrayLike, fingers: Sequence[FingerContacts]) 
     unit_rows("normals", n)
     owner: dict[int, int] = {}
     columns, lower, upper, names = [np.zeros((3 * len(n), 0))], [], [], []
+    units: list[JointUnit] = []
     for index, finger in enumerate(fingers):
         label = f"fingers[{index}]"
         for contact in _indices(label, finger.contacts):
@@ -108,11 +114,22 @@ def assemble_joint_space(normals: ArrayLike, fingers: Sequence[FingerContacts]) 
         if len(given) != count:
             raise ArgumentError(f"{label}.joint_names", f"has {len(given)} names for {count}")
         names.extend(given)
+        units += _units(label, finger, count)
     return JointSpace(
         read_only(np.hstack(columns)),
         (read_only(np.concatenate([*lower, []])), read_only(np.concatenate([*upper, []]))),
         tuple(names),
+        tuple(units),
     )
+
+
+def _units(label: str, finger: FingerContacts, count: int) -> tuple[JointUnit, ...]:
+    if ControlMode(finger.mode) is ControlMode.HYBRID:
+        return (JointUnit.FORCE,) * count
+    try:
+        return checked_units(finger.joint_units, count)
+    except ArgumentError as error:
+        raise ArgumentError(f"{label}.joint_units", error.args[1]) from error
 
 
 def _indices(label: str, contacts: Sequence[int]) -> list[int]:

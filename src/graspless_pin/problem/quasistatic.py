@@ -14,6 +14,7 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.problem.arguments import AT_REST, checked_arguments
 from graspless_pin.problem.checks import FloatArray, all_finite, all_true, read_only, real_array
 from graspless_pin.problem.cones import cone_edges_local, cone_faces_local, room_to_faces
+from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.problem.matrices import (
     block_diagonal,
     cone_blocks,
@@ -45,6 +46,7 @@ class QuasistaticProblem:
         max_normal_force: (M,) f_n,max, N.
         cone_edges: Number r of edges of a friction cone.
         joint_names: L names, the columns of `jacobian`.
+        joint_units: L units of their torques.
         gravity_torques: (L,) torque g(q) that the motors bear besides the contacts: the motor's
             torque is J^T f + g(q).
         scratch: What the algorithms assembled for this problem and reuse; no part of the data.
@@ -62,6 +64,7 @@ class QuasistaticProblem:
     max_normal_force: FloatArray
     cone_edges: int
     joint_names: tuple[str, ...]
+    joint_units: tuple[JointUnit, ...]
     gravity_torques: FloatArray
     scratch: dict[str, Any]
 
@@ -79,6 +82,7 @@ class QuasistaticProblem:
         max_normal_force: ArrayLike = 50.0,
         cone_edges: int = 32,
         joint_names: Sequence[str] | None = None,
+        joint_units: Sequence[str] | None = None,
         gravity_torques: ArrayLike | None = None,
     ) -> None:
         """Validate and freeze the arrays.
@@ -97,6 +101,7 @@ class QuasistaticProblem:
             max_normal_force: Scalar or (M,), > 0 and finite, N.
             cone_edges: Edges of each friction cone, >= 3; the first edge is along t1.
             joint_names: L distinct names; None: ``joint_1`` ... ``joint_L``.
+            joint_units: L units, ``N m`` or ``N``, of the torques; None: N m.
             gravity_torques: (L,) N m; None: zeros.
 
         Raises:
@@ -105,7 +110,8 @@ class QuasistaticProblem:
         values = checked_arguments(
             positions, normals, external_wrench, jacobian, friction=friction, tangents=tangents,
             sliding=sliding, torque_limits=torque_limits, max_normal_force=max_normal_force,
-            cone_edges=cone_edges, joint_names=joint_names, gravity_torques=gravity_torques,
+            cone_edges=cone_edges, joint_names=joint_names, joint_units=joint_units,
+            gravity_torques=gravity_torques,
         )  # fmt: skip
         self.__dict__.update(values, scratch={})
 
@@ -124,6 +130,7 @@ class QuasistaticProblem:
         max_normal_force: float,
         cone_edges: int,
         joint_names: tuple[str, ...],
+        joint_units: tuple[JointUnit, ...],
         gravity_torques: FloatArray,
     ) -> QuasistaticProblem:
         """Take arrays that the caller has made itself, which costs a sixth of the constructor.
@@ -143,6 +150,7 @@ class QuasistaticProblem:
             max_normal_force: One for all contacts, N.
             cone_edges: As in the constructor.
             joint_names: L distinct names.
+            joint_units: L units.
             gravity_torques: (L,).
 
         Raises:
@@ -168,7 +176,8 @@ class QuasistaticProblem:
             return cls(positions, normals, external_wrench, jacobian, friction=friction,
                        tangents=tangents, sliding=sliding, torque_limits=torque_limits,
                        max_normal_force=max_normal_force, cone_edges=cone_edges,
-                       joint_names=joint_names, gravity_torques=gravity_torques)  # fmt: skip
+                       joint_names=joint_names, joint_units=joint_units,
+                       gravity_torques=gravity_torques)  # fmt: skip
         for array in (
             positions, normals, external_wrench, jacobian, friction, tangents, sliding, lower,
             upper, gravity_torques,
@@ -190,6 +199,7 @@ class QuasistaticProblem:
             max_normal_force=read_only(most),
             cone_edges=cone_edges,
             joint_names=joint_names,
+            joint_units=joint_units,
             gravity_torques=gravity_torques,
             scratch={},
         )
@@ -210,7 +220,8 @@ class QuasistaticProblem:
         """Return the problem with some arguments replaced, validated anew.
 
         Args:
-            changes: Arguments of the constructor by name.
+            changes: Arguments of the constructor by name. Other joints, as many as they are named,
+                turn unless their units are given.
 
         Raises:
             ArgumentError: See the constructor.
@@ -222,6 +233,9 @@ class QuasistaticProblem:
         unknown = sorted(set(changes) - set(values))
         if unknown:
             raise ArgumentError(unknown[0], f"is no argument; known: {', '.join(values)}")
+        names = changes.get("joint_names", self.joint_names)
+        if not isinstance(names, Sequence) or len(names) != self.joint_count:
+            values["joint_units"] = None
         return QuasistaticProblem(**{**values, **changes})
 
     @property

@@ -135,6 +135,7 @@ def _joints(solution: TorqueSolution) -> list[dict[str, Any]]:
         joints.append(
             {
                 "name": name,
+                "unit": problem.joint_units[index],
                 "torque_contact": solution.contact_torques[index] if solution.found else None,
                 "torque_gravity": problem.gravity_torques[index],
                 "torque": solution.torques[index] if solution.found else None,

@@ -11,6 +11,7 @@ from graspless_pin.errors import ArgumentError, GrasplessPinError
 from graspless_pin.modes.rules import Rules, SlidingMode
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.solution import Algorithm, Certificate, ProofMultipliers, Status, TorqueSolution
 from graspless_pin.solution.records import FOUND
 
@@ -93,6 +94,7 @@ def _problem(document: dict[str, Any]) -> QuasistaticProblem:
         max_normal_force=[c["max_normal_force"] for c in contacts],
         cone_edges=document["cone_edges"],
         joint_names=[joint["name"] for joint in joints],
+        joint_units=[joint.get("unit", JointUnit.TORQUE) for joint in joints],
         gravity_torques=[joint["torque_gravity"] for joint in joints],
     )
 

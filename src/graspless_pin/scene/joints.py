@@ -10,6 +10,7 @@ from graspless_pin.errors import StateError, StateFault
 from graspless_pin.geometry.contact.records import ContactArrays
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.joint_units import JointUnit
 
 
 class JointColumns(NamedTuple):
@@ -20,18 +21,20 @@ class JointColumns(NamedTuple):
         limits: (lower, upper), each (L,), N m or N.
         gravity_torques: (L,) g(q).
         names: L names.
+        units: L units of their torques.
     """
 
     jacobian: FloatArray
     limits: tuple[FloatArray, FloatArray]
     gravity_torques: FloatArray
     names: tuple[str, ...]
+    units: tuple[JointUnit, ...]
 
 
 def without_joints(touching: ContactArrays) -> JointColumns:
     """Return what a scene without a hand has."""
     none = np.zeros(0)
-    return JointColumns(np.zeros((3 * len(touching), 0)), (none, none), none, ())
+    return JointColumns(np.zeros((3 * len(touching), 0)), (none, none), none, (), ())
 
 
 def joint_columns(hand: Hand, touching: ContactArrays, gravity: FloatArray | None) -> JointColumns:
@@ -51,7 +54,7 @@ def joint_columns(hand: Hand, touching: ContactArrays, gravity: FloatArray | Non
     weights = np.zeros(len(names))
     if gravity is not None and names:
         weights = hand.gravity_torques(gravity)
-    return JointColumns(jacobian, hand.effort_limits, weights, names)
+    return JointColumns(jacobian, hand.effort_limits, weights, names, hand.effort_units)
 
 
 def with_hybrid_fingers(
@@ -93,4 +96,5 @@ def with_hybrid_fingers(
         (np.concatenate([lower, none]), np.concatenate([upper, none + limit])),
         np.concatenate([joints.gravity_torques, none]),
         tuple(names),
+        (*joints.units, *(JointUnit.FORCE for _ in hybrid)),
     )

@@ -186,6 +186,7 @@ class Scene:
             max_normal_force=self.max_normal_force,
             cone_edges=self.cone_edges,
             joint_names=joints.names,
+            joint_units=joints.units,
             gravity_torques=joints.gravity_torques,
         )
 

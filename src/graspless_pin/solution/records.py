@@ -14,6 +14,7 @@ from graspless_pin.errors import NoSolutionError
 from graspless_pin.modes.rules import Rules, SlidingMode
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.solution.table import solution_html, solution_text
 
 _Value = TypeVar("_Value")
@@ -190,8 +191,14 @@ class TorqueSolution:
 
     @property
     def max_torque(self) -> float:
-        """Largest |motor torque|, N m; 0 without joints."""
+        """Largest |motor torque|, in `max_torque_unit`; 0 without joints."""
         return float(np.abs(self.torques).max(initial=0.0))
+
+    @property
+    def max_torque_unit(self) -> JointUnit:
+        """Unit of the joint with the largest |motor torque|; N m without joints."""
+        units = self.problem.joint_units
+        return units[int(np.abs(self.torques).argmax())] if units else JointUnit.TORQUE
 
     def __repr__(self) -> str:
         """Return one line: what was solved and the figures that matter."""

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from tabulate import tabulate
 
+from graspless_pin.problem.joint_units import units_text
+
 if TYPE_CHECKING:
     from graspless_pin.solution.records import TorqueSolution
 
 _AT_LIMIT = 1e-6
 _JOINT_HEADERS = ["joint", "contacts", "gravity", "torque", "lower", "upper", "of limit"]
-_TORQUE_UNITS = "torques in N m, of linear and hybrid joints in N"
 _CONTACT_LEGEND = (
     "friction: share of what mu allows; slides: signs of the virtual sliding (B, S) along t1 and "
     "t2, .. none"
@@ -45,7 +46,8 @@ def solution_html(solution: TorqueSolution) -> str:
         return f"{paragraph(f'not found: {why}')}\n{paragraph(certificate_text(solution))}"
     parts = [paragraph(headline(solution))]
     if solution.problem.joint_count:
-        parts.append(table_html(_joint_rows(solution), _JOINT_HEADERS, _TORQUE_UNITS, "+.4f"))
+        rows, headers, legend = _joint_rows(solution)
+        parts.append(table_html(rows, headers, legend, "+.4f"))
     rows, headers = _contact_rows(solution, None)
     parts.append(table_html(rows, headers, _CONTACT_LEGEND, ".4f"))
     parts.append(paragraph(certificate_text(solution)))
@@ -74,21 +76,23 @@ def headline(solution: TorqueSolution) -> str:
     return (
         f"{what}: {solution.status.message}\n"
         f"margin e = {_figure(solution.margin)} N, "
-        f"max |torque| = {_figure(solution.max_torque)} N m"
+        f"max |torque| = {_figure(solution.max_torque)} {solution.max_torque_unit}"
     )
 
 
 def joint_table(solution: TorqueSolution) -> str:
     """Return the joints: torque from contacts, from gravity, total, limits, share of the limit."""
-    table = tabulate(_joint_rows(solution), _JOINT_HEADERS, floatfmt="+.4f", stralign="left")
-    return f"{table}\n{_TORQUE_UNITS}"
+    rows, headers, legend = _joint_rows(solution)
+    table = tabulate(rows, headers, floatfmt="+.4f", stralign="left")
+    return f"{table}\n{legend}"
 
 
-def _joint_rows(solution: TorqueSolution) -> list[tuple[Any, ...]]:
+def _joint_rows(solution: TorqueSolution) -> tuple[list[tuple[Any, ...]], list[str], str]:
+    """Rows, headers and legend; with a column for the unit where joints differ in it."""
     problem = solution.problem
     torques = solution.torques
     shares = limit_shares(torques, problem.lower_torque, problem.upper_torque)
-    columns = (
+    columns = [
         problem.joint_names,
         _plain(solution.contact_torques),
         _plain(problem.gravity_torques),
@@ -96,8 +100,13 @@ def _joint_rows(solution: TorqueSolution) -> list[tuple[Any, ...]]:
         problem.lower_torque,
         problem.upper_torque,
         [f"{100.0 * share:.1f} %" if np.isfinite(share) else "-" for share in shares],
-    )
-    return list(zip(*columns, strict=True))
+    ]
+    headers = list(_JOINT_HEADERS)
+    if len(set(problem.joint_units)) > 1:
+        columns.insert(1, [unit.value for unit in problem.joint_units])
+        headers.insert(1, "unit")
+    legend = f"torques in {units_text(problem.joint_units)}"
+    return list(zip(*columns, strict=True)), headers, legend
 
 
 def _plain(values: np.ndarray) -> np.ndarray:
@@ -187,11 +196,11 @@ def _count(number: int, noun: str) -> str:
 def certificate_text(solution: TorqueSolution) -> str:
     """Return the certificate in a few lines."""
     proof = solution.certificate
-    unit = "N" if solution.algorithm == "margin" else "N m"
-    if solution.found and solution.algorithm == "torque" and solution.multipliers.by_limits:
-        unit = "of the limit"
     lines = []
     if solution.found:
+        unit = "N" if solution.algorithm == "margin" else solution.max_torque_unit
+        if solution.algorithm == "torque" and solution.multipliers.by_limits:
+            unit = "of the limit"
         lines.append(
             f"certificate: primal residual {proof.primal_residual:.1e}, duality gap "
             f"{proof.duality_gap:.1e} (scaled); proven bound {_figure(proof.bound)} {unit}, gap "

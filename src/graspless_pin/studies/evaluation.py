@@ -66,7 +66,7 @@ def _results(study: Study, scene: Scene) -> Row:
     row: Row = {"status": solution.status.name.lower(), "found": solution.found}
     if solution.found:
         row |= {"margin_N": solution.margin, "max_torque_Nm": solution.max_torque}
-        units = _torque_units(scene, problem.joint_names)
+        units = [unit.replace(" ", "") for unit in problem.joint_units]
         torques = zip(problem.joint_names, units, solution.torques.tolist(), strict=True)
         row |= {f"torque_{name}_{unit}": torque for name, unit, torque in torques}
     row["contacts"] = problem.contact_count
@@ -97,12 +97,3 @@ def _analyses(study: Study, solution: TorqueSolution) -> Row:
     if compute.minimum_friction:
         row["minimum_friction_factor"] = float(minimum_friction(problem, **rules).factor)
     return row
-
-
-def _torque_units(scene: Scene, names: Sequence[str]) -> list[str]:
-    """``Nm`` of rotating joints; ``N`` of sliding joints, tendons and hybrid fingers."""
-    if scene.hand is None:
-        return []
-    tree = scene.hand.tree
-    kinds = dict(zip(tree.joint_names, tree.joint_kinds, strict=True))
-    return ["Nm" if kinds.get(name, "prismatic") != "prismatic" else "N" for name in names]

@@ -7,10 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-
 from graspless_pin.errors import GrasplessPinError, GrasplessPinWarning
 from graspless_pin.picture import Picture, draw_bodies, draw_scene
+from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.scene import Scene
 from graspless_pin.solution import Algorithm, TorqueSolution
 from graspless_pin.viewer.controls import changed_scene
@@ -54,12 +53,10 @@ class Evaluation:
     @property
     def torque_unit(self) -> str:
         """Unit of the largest torque: N where a linear joint, tendon or hybrid finger makes it."""
-        hand, solution = self.scene.hand, self.solution
-        if hand is None or solution is None or not len(solution.torques):
-            return "N m"
-        largest = solution.problem.joint_names[int(np.argmax(np.abs(solution.torques)))]
-        kinds = dict(zip(hand.joint_names, hand.tree.joint_kinds, strict=True))
-        return "N" if kinds.get(largest, "prismatic") == "prismatic" else "N m"
+        solution = self.solution
+        if solution is None or not solution.found:
+            return JointUnit.TORQUE
+        return solution.max_torque_unit
 
 
 def initial_settings(scene: Scene) -> Settings:

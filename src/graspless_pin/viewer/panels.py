@@ -8,6 +8,7 @@ from html import escape
 import numpy as np
 
 from graspless_pin.picture import DARK, LIGHT, Role
+from graspless_pin.problem.joint_units import units_text
 from graspless_pin.solution import Algorithm, TorqueSolution
 from graspless_pin.solution.table import limit_shares
 from graspless_pin.viewer.evaluation import Evaluation
@@ -85,8 +86,8 @@ def torque_html(result: Evaluation, *, dark: bool) -> str:
         )
     return (
         f'<div id="graspless-torques" style="{_TEXT};line-height:1.5"><b>Torques</b>{"".join(rows)}'
-        f'<div style="{_MUTED}">motor torques between their limits, N m; of linear and hybrid '
-        "joints N</div></div>"
+        f'<div style="{_MUTED}">motor torques between their limits, '
+        f"{escape(units_text(problem.joint_units))}</div></div>"
     )
 
 

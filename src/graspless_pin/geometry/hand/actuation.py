@@ -22,6 +22,7 @@ from graspless_pin.geometry.hand.fingers import ControlPlan
 from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
 from graspless_pin.geometry.pickling import remake
 from graspless_pin.problem import ControlMode
+from graspless_pin.problem.joint_units import JointUnit
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +54,20 @@ class Actuation:
         """Whether all movable joints have a motor each, in their order."""
         rows, columns = self.from_joints.shape
         return rows == columns and bool((self.from_joints == np.eye(rows)).all())
+
+    def units(self, tree: KinematicTree) -> tuple[JointUnit, ...]:
+        """Return the unit of each effort: N of linear joints, tendons, and what moves such joints.
+
+        Args:
+            tree: The kinematic tree that the actuators move.
+        """
+        linear = np.array([kind == "prismatic" for kind in tree.joint_kinds], dtype=bool)
+        leaders = linear[list(tree.coupling.leaders)]
+        moves_linear = (self.from_independent[leaders] != 0.0).any(axis=0)
+        return tuple(
+            JointUnit.FORCE if name in self.tendons or slides else JointUnit.TORQUE
+            for name, slides in zip(self.names, moves_linear.tolist(), strict=True)
+        )
 
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
         """Pickle by the fields."""

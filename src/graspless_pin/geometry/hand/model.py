@@ -35,6 +35,7 @@ from graspless_pin.geometry.poses import turning_velocities
 from graspless_pin.geometry.robots.files import describe_model, describe_urdf
 from graspless_pin.problem import ControlMode
 from graspless_pin.problem.checks import all_true
+from graspless_pin.problem.joint_units import JointUnit
 
 Control = ControlMode | str | Mapping[str, ControlMode | str]
 
@@ -218,6 +219,11 @@ class Hand:
         Motors by the name of their joint, then tendons, then passive motions.
         """
         return self.actuation.names
+
+    @cached_property
+    def effort_units(self) -> tuple[JointUnit, ...]:
+        """The L units of the actuators' efforts."""
+        return self.actuation.units(self.tree)
 
     @property
     def link_names(self) -> tuple[str, ...]:
