@@ -266,3 +266,11 @@ def test_a_mesh_with_a_face_of_many_corners_becomes_a_hull(tmp_path):
     corners = np.array(body.geometry.points())
     assert corners.shape == (800, 3)
     np.testing.assert_allclose(np.hypot(corners[:, 0], corners[:, 1] / 2), 0.1, rtol=1e-5)
+
+
+def test_a_robot_file_that_changes_is_read_again(tmp_path):
+    file = tmp_path / "hand.yaml"
+    text = "name: {}\nmodel: allegro_right_hand\n"
+    for name in ("first", "second", "first"):
+        file.write_text(text.format(name), encoding="utf-8")
+        assert load_robot(file).name == name

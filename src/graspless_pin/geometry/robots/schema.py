@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -108,6 +109,9 @@ class RobotFile(_Entry):
         return self
 
 
+_MOST_KEPT = 32
+
+
 def read_robot_file(file: Path) -> RobotFile:
     """Read and validate one robot file.
 
@@ -116,14 +120,24 @@ def read_robot_file(file: Path) -> RobotFile:
             was found.
     """
     try:
-        content: Any = yaml.safe_load(file.read_text(encoding="utf-8"))
+        text = file.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise RobotError(f"{file}: not plain YAML ({error}); put text in quotes") from error
+    except OSError as error:
+        raise RobotError(f"{file}: cannot be read ({error.strerror})") from error
+    return _robot_file(file, text)
+
+
+@lru_cache(maxsize=_MOST_KEPT)
+def _robot_file(file: Path, text: str) -> RobotFile:
+    """Validate the text of a robot file, once: a study asks for its hand in every sample."""
+    try:
+        content: Any = yaml.safe_load(text)
     except (yaml.YAMLError, ValueError) as error:
         # PyYAML lets Python's own ValueError through for dates and numbers that do not exist.
         raise RobotError(f"{file}: not plain YAML ({error}); put text in quotes") from error
     except RecursionError as error:
         raise RobotError(f"{file}: nested too deeply; a robot file has few levels") from error
-    except OSError as error:
-        raise RobotError(f"{file}: cannot be read ({error.strerror})") from error
     if not isinstance(content, dict):
         raise RobotError(
             f"{file}: a robot file is a mapping with the keys name, urdf or model, ..."
