@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from random_scenes import general_scene
 from scenes import assert_holds, cuboid_arguments, random_problem, scene, sphere_arguments
 
 from graspless_pin import QuasistaticProblem, SlidingMode, Status, maximize_margin, minimize_torque
@@ -230,3 +231,14 @@ def test_the_representation_is_one_line():
     assert repr(maximize_margin(problem)) == (
         "<TorqueSolution margin: INFEASIBLE_FORCES, 6 contacts, 2 joints>"
     )
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_largest_margin_is_reached_with_the_smallest_torque(seed):
+    """Algorithm 2 at the margin of Algorithm 1: what `maximize_margin` advises."""
+    problem = general_scene(seed, 5)
+    best = maximize_margin(problem)
+    least = minimize_torque(problem, margin=best.margin)
+    assert least.found
+    assert least.margin >= best.margin - 1e-5
+    assert least.max_torque <= best.max_torque + 1e-5

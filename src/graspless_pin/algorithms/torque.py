@@ -61,6 +61,8 @@ def maximize_margin(
 ) -> TorqueSolution:
     """Algorithm 1 (44): the joint torques with the largest margin e over all feasible (B, S).
 
+    Several sets of torques may have it; `minimize_torque` at that margin returns the smallest.
+
     Args:
         problem: Contacts, wrench, joints and limits.
         sign_rule: ``strict``, ``exact`` or ``nonzero``: see `SignRule`.
