@@ -22,13 +22,14 @@ _SCENES = (
     "paper/cuboid_at_rest",
     "paper/cuboid_sliding_up",
 )
+_PATHS = 4
 _STATES = 8
 _STEP = 0.003
-"""rad, root mean square over the joints, from one state to the next on a straight path."""
+"""rad, root mean square over the joints, from one state to the next on a path."""
 
 
 def evaluator() -> str:
-    """`Evaluator.evaluate` of Algorithm 1 along a path on which all joints move."""
+    """`Evaluator.evaluate` of Algorithm 1 along paths on which all joints move."""
     rows = [_row(name) for name in _SCENES]
     headers = [
         "scene",
@@ -41,9 +42,9 @@ def evaluator() -> str:
         "is_feasible us",
     ]
     note = (
-        f"Medians over {_STATES} states of a straight path. Fresh: `load_scene`, the state, "
-        "`problem()` and `maximize_margin`; geometry: the state and `problem()`; bare LP: PIQP, "
-        "set-up included. The aims are 3 and 2."
+        f"Medians over {_PATHS * _STATES} states on {_PATHS} straight paths. Fresh: `load_scene`, "
+        "the state, `problem()` and `maximize_margin`; geometry: the state and `problem()`; bare "
+        "LP: PIQP, set-up included. The aims are 3 and 2."
     )
     return f"## Evaluator\n\n{tabulate(rows, headers, tablefmt='github')}\n\n{note}"
 
@@ -97,13 +98,15 @@ def _warm(call: Callable[[Any], object], items: Sequence[Any]) -> Timer:
 
 
 def _states(warm: Evaluator) -> list[np.ndarray]:
-    """Configurations in which torques are found, there and back along a path from the scene's."""
+    """Configurations in which torques are found, there and back along paths from the scene's."""
     rng = np.random.default_rng(0)
     lower, upper = warm.joint_limits
     home = warm.configuration()
-    while True:
+    states: list[np.ndarray] = []
+    while len(states) < _PATHS * _STATES:
         step = rng.normal(size=len(home))
         step *= _STEP / np.sqrt(np.mean(step**2))
         there = [np.clip(home + k * step, lower, upper) for k in range(_STATES // 2 + 1)]
         if all(warm.evaluate(q).found for q in there):
-            return there + there[-2:0:-1]
+            states += there + there[-2:0:-1]
+    return states
