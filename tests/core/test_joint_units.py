@@ -12,6 +12,7 @@ from graspless_pin import (
     FingerContacts,
     QuasistaticProblem,
     assemble_joint_space,
+    compare_rules,
     load_scene,
     maximize_margin,
     minimize_torque,
@@ -113,3 +114,8 @@ def test_many_units_in_words():
     assert units_text((force,)) == "N"
     assert units_text((torque, force)) == "N m; N for linear and hybrid joints"
     assert units_text(()) == "N m"
+
+
+def test_a_comparison_of_rules_has_the_unit_of_the_joints():
+    assert "max |torque| [N m]" in str(compare_rules(problem()))
+    assert "max |torque| [N]" in str(compare_rules(problem(("N", "N"))))

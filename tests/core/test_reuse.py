@@ -12,6 +12,7 @@ from scenes import assert_holds, cuboid_arguments, scene
 
 from graspless_pin import (
     QuasistaticProblem,
+    SlidingMode,
     TorqueSolution,
     maximize_margin,
     minimize_torque,
@@ -20,6 +21,7 @@ from graspless_pin.algorithms.formulation import Formulation, Objective, formula
 from graspless_pin.algorithms.friction_modes import ModeReader
 from graspless_pin.modes.enumeration import requirements_of
 from graspless_pin.modes.kinematics import Requirement
+from graspless_pin.modes.nearest_motions import NearestMotions
 from graspless_pin.modes.rules import Rules, SignRule
 from graspless_pin.programs.force_programs import force_coordinates, force_rows
 from graspless_pin.solution import Algorithm
@@ -104,6 +106,73 @@ def test_signs_that_are_seen_at_a_glimpse_are_feasible_under_every_rule(seed, co
             assert kinematics.feasible(requirements, rule)
 
 
+@settings(max_examples=60, deadline=None)
+@given(SEEDS, st.integers(3, 6), st.booleans())
+def test_a_motion_is_behind_signs_only_if_they_are_feasible(seed, contacts, slope):
+    """Whatever motion is remembered: one of this problem, a little off, or any."""
+    problem = (slope_scene if slope else general_scene)(seed, contacts)
+    kinematics = formulation(problem).kinematics
+    rng = np.random.default_rng(seed)
+    chosen = tuple(np.flatnonzero(rng.random(contacts) < 0.7).tolist())
+    signs = rng.choice(np.array([-1, 1], dtype=np.int8), 2 * len(chosen))
+    pairs = signs.reshape(-1, 2).tolist()
+    requirements = [Requirement(c, (a, b)) for c, (a, b) in zip(chosen, pairs, strict=True)]
+    near = [rng.normal(size=kinematics.rows.shape[2]), np.zeros(kinematics.rows.shape[2])]
+    found = kinematics.nearest.glimpse(chosen, signs.astype(float))
+    if found is not None:
+        near.append(found[1] + 1e-4 * rng.normal(size=len(found[1])))
+    for start in near:
+        motion = kinematics.nearest.behind(chosen, signs, start)
+        if motion is None:
+            continue
+        for rule in SignRule:
+            assert kinematics.feasible(requirements, rule)
+        if chosen:
+            velocities = kinematics.rows[list(chosen)] @ motion
+            assert np.abs(velocities[:, 0]).max() <= 1e-7 * np.linalg.norm(motion)
+            assert (velocities[:, 1:].ravel() * signs > 0.0).all()
+
+
+def test_a_remembered_motion_serves_again_where_little_changed():
+    problem = general_scene(4, 6, joints=(3, 4))
+    kinematics = formulation(problem).kinematics
+    fingers = tuple(np.flatnonzero(np.abs(problem.jacobian).sum(axis=1)[::3] > 0.0).tolist())
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        signs = rng.choice(np.array([-1, 1], dtype=np.int8), 2 * len(fingers))
+        found = kinematics.nearest.glimpse(fingers, signs.astype(float))
+        assert found is not None
+        near = found[1] * (1.0 + 1e-3 * rng.normal(size=len(found[1])))
+        assert kinematics.nearest.behind(fingers, signs, near) is not None
+        assert kinematics.nearest.behind(fingers, -signs, near) is None
+
+
+def test_a_mode_still_admits_traces_of_friction_but_no_more():
+    problem = general_scene(4, 6, joints=(3, 4))
+    shared = formulation(problem)
+    fingers = np.flatnonzero(np.abs(problem.jacobian).sum(axis=1)[::3] > 0.0).tolist()
+    signs = np.ones((6, 2), dtype=np.int8)
+    selection = np.isin(np.arange(6), fingers)
+    mode = SlidingMode(selection, np.where(selection[:, None], signs, 0))
+    found = shared.kinematics.nearest.glimpse(tuple(fingers), np.ones(2 * len(fingers)))
+    assert found is not None
+    columns = shared.cone_columns[0][np.isin(shared.cone_index, fingers)]
+    x = np.zeros(len(shared.program.c))
+    x[columns] = -0.1
+    reader = ModeReader(shared, Rules())
+    assert reader.still_admitted(x, mode) is None  # no motion is known yet
+    reader.motion = found[1]
+    assert reader.still_admitted(x, mode) is x
+    traces = x.copy()
+    traces[columns[0, 0]] = 1e-9
+    admitted = reader.still_admitted(traces, mode)
+    assert admitted is not None
+    assert admitted[columns[0, 0]] == 0.0
+    against = x.copy()
+    against[columns[0, 0]] = 1e-3
+    assert reader.still_admitted(against, mode) is None
+
+
 def test_a_glimpse_mostly_suffices_where_every_fingertip_can_move():
     """With three or more joints a finger any signs have a motion behind them."""
     problem = general_scene(4, 6, joints=(3, 4))
@@ -178,3 +247,15 @@ def assert_rows_hold(problem: QuasistaticProblem, rng: np.random.Generator) -> N
     np.testing.assert_allclose(scale * (rows.faces @ x), along_faces, atol=1e-9 * scale)
     normal = np.einsum("ij,ij->i", problem.normals, forces.reshape(-1, 3))
     np.testing.assert_allclose(scale * (rows.normal @ x), normal, atol=1e-9 * scale)
+
+
+def test_a_motion_that_leaves_a_contact_is_behind_nothing():
+    """Normals so nearly alike that damping keeps the motion from being taken back in full."""
+    rows = np.zeros((2, 3, 3))
+    rows[0, 0], rows[1, 0] = (1.0, 0.0, 0.0), (1.0, 1e-5, 0.0)
+    rows[:, 1:, 2] = 1.0
+    nearest = NearestMotions(rows)
+    signs = np.ones(4, dtype=np.int8)
+    assert nearest.behind((0, 1), signs, np.array([0.0, 1.0, 0.01])) is None
+    assert nearest.behind((0, 1), signs, np.array([0.0, 0.0, 0.01])) is not None
+    assert nearest.behind((0,), signs[:2], np.array([0.0, 1.0, 0.01])) is not None

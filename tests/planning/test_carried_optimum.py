@@ -8,9 +8,11 @@ from random_scenes import (  # pyright: ignore[reportMissingImports] - tests/cor
     general_scene,
     slope_scene,
 )
+from scenes import assert_holds  # pyright: ignore[reportMissingImports] - tests/core, by conftest
 
 from graspless_pin import maximize_margin
 from graspless_pin.algorithms.formulation import formulate
+from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.torque import margin_objective, torque_objective
 from graspless_pin.algorithms.warm_start import Experience, solve_from
 from graspless_pin.modes.rules import Rules
@@ -158,4 +160,7 @@ def test_along_a_path_each_answer_is_that_of_a_fresh_search(algorithm):
                 expected = getattr(cold, figure)
                 assert getattr(warm, figure) == pytest.approx(expected, abs=1e-5)
                 assert warm.certificate.gap <= 1e-5
+                assert_holds(warm)
+                in_mode = solve_problem(state, objective, STRICT, mode=warm.mode)
+                assert in_mode.found  # so there is a motion behind the mode
     assert found >= 15

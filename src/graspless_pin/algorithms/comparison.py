@@ -12,10 +12,9 @@ from graspless_pin.algorithms.torque import maximize_margin, minimize_torque
 from graspless_pin.modes.enumeration import enumerate_modes
 from graspless_pin.modes.rules import Rules, SignRule, SlidingRule, StaticFriction, choice
 from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.joint_units import units_text
 from graspless_pin.solution import Algorithm, TorqueSolution
 from graspless_pin.solution.table import table_html
-
-_HEADERS = ["rule", "margin [N]", "max |torque| [N m]", ""]
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,11 +31,15 @@ class RuleComparison:
 
     def __str__(self) -> str:
         """Return a readable table."""
-        return tabulate(self._rows(), _HEADERS)
+        return tabulate(self._rows(), self._headers())
 
     def _repr_html_(self) -> str:
         """Return the table as HTML, for notebooks."""
-        return table_html(self._rows(), _HEADERS)
+        return table_html(self._rows(), self._headers())
+
+    def _headers(self) -> list[str]:
+        problem = next(iter(self.solutions.values())).problem  # they are all of one
+        return ["rule", "margin [N]", f"max |torque| [{units_text(problem.joint_units)}]", ""]
 
     def _rows(self) -> list[list[str]]:
         rows = []

@@ -220,8 +220,8 @@ class QuasistaticProblem:
         """Return the problem with some arguments replaced, validated anew.
 
         Args:
-            changes: Arguments of the constructor by name. Other joints, as many as they are named,
-                turn unless their units are given.
+            changes: Arguments of the constructor by name. Where the number of joints changes and
+                `joint_units` is not given, all torques are in N m.
 
         Raises:
             ArgumentError: See the constructor.

@@ -225,7 +225,6 @@ def torque_program(
     G[first:middle, size] = -unit_up
     G[middle:last, size] = -unit_down
     u = np.concatenate((np.full(first, -e), -gravity[up], gravity[down], rows.upper))
-    l = np.concatenate((np.full(last, -np.inf), rows.lower))  # noqa: E741
     low, high = shared.free.copy()
     high[coordinates.normal] = rows.limit - e
     low[coordinates.normal[rows.bare]] = e
@@ -234,7 +233,8 @@ def torque_program(
     shares = reach[up] / unit_up, reach[down] / unit_down
     highest = float(np.concatenate(shares).max(initial=0.0)) + 1.0
     return _program(
-        coordinates, rows, shared, regularization, stack, l, u,
+        coordinates, rows, shared, regularization, stack,
+        np.concatenate((np.full(last, -np.inf), rows.lower)), u,
         objective=shared.last[1],
         box=_widened(rows.box, highest),
         imposed=(low, high),

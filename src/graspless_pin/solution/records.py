@@ -77,9 +77,10 @@ class Certificate:
         infeasibility: Proven smallest common violation of all constraints where infeasible.
         modes_examined: Virtual-sliding modes that were solved or ruled out one by one.
         nodes: Nodes of the search.
-        force_programs: LPs or QPs in forces that were solved.
+        force_programs: LPs or QPs in forces that were solved, or carried over and proven.
         kinematic_programs: Kinematic feasibility problems that were solved.
-        solver: The solver whose answer passed the check.
+        solver: The solver whose answer passed the check, or, where an `Evaluator` carried the
+            optimum of another state over, the one that answered there.
     """
 
     primal_residual: float
