@@ -5,6 +5,7 @@ from __future__ import annotations
 import weakref
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,7 @@ class Solids:
     Attributes:
         sets: K sets.
         ranks: Which of two bodies comes first: half-spaces before polytopes before curved shapes,
-            large before small, then by name.
+            large before small, then by the kind of geometry; names decide between like shapes
         centers: (K, 4) centres [x, y, z, 1] of boxes around them, m.
         half_extents: (K, 3) half the edge lengths of these boxes, m.
         reaches: (K,) radii of spheres around them about these centres, m.
@@ -41,7 +42,7 @@ class Solids:
     """
 
     sets: tuple[ConvexSet, ...]
-    ranks: tuple[tuple[int, float, str], ...]
+    ranks: tuple[tuple[int, float, str, str], ...]
     centers: Array
     half_extents: Array
     reaches: Array
@@ -103,7 +104,7 @@ def _solids(shapes: BodyShapes) -> Solids:
             centers[index], halves[index] = one.center, one.half_extents
     return Solids(
         sets,
-        tuple(_rank(name, one) for name, one in zip(shapes.names, sets, strict=True)),
+        tuple(map(_rank, shapes.names, shapes.geometries, sets)),
         np.column_stack([centers, np.ones(len(sets))]),
         halves,
         np.array([_ENDLESS if one is None else one.radius for one in bounded]),
@@ -114,7 +115,8 @@ def _solids(shapes: BodyShapes) -> Solids:
     )
 
 
-def _rank(name: str, solid: ConvexSet) -> tuple[int, float, str]:
+def _rank(name: str, geometry: Any, solid: ConvexSet) -> tuple[int, float, str, str]:
+    kind = type(geometry).__name__
     if isinstance(solid, Plane):
-        return 0, 0.0, name
-    return (1 if isinstance(solid, Polytope) else 2), -solid.radius, name
+        return 0, 0.0, kind, name
+    return (1 if isinstance(solid, Polytope) else 2), -solid.radius, kind, name
