@@ -31,7 +31,7 @@ class Solids:
     Attributes:
         sets: K sets.
         ranks: Which of two bodies comes first: half-spaces before polytopes before curved shapes,
-            large before small, then by the kind of geometry; names decide between like shapes
+            large before small, then by the kind of geometry; names decide between like shapes.
         centers: (K, 4) centres [x, y, z, 1] of boxes around them, m.
         half_extents: (K, 3) half the edge lengths of these boxes, m.
         reaches: (K,) radii of spheres around them about these centres, m.
