@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from importlib.metadata import PackageNotFoundError, version
 
+from graspless_pin import compiled
+
 # What can change a figure: geometry, numerics and solvers.
 _PACKAGES = (
     "graspless-pin", "numpy", "scipy", "pin", "coal", "trimesh", "coacd",
@@ -12,8 +14,11 @@ _PACKAGES = (
 
 
 def versions() -> dict[str, str]:
-    """Return the version of each package that makes the figures, by name."""
-    found = {}
+    """Return the version of each package that makes the figures, by name.
+
+    Beside them stands whether the compiled loops do, which round otherwise than numpy.
+    """
+    found = {"compiled loops": "no" if compiled.small_arrays is None else "yes"}
     for name in _PACKAGES:
         try:
             found[name] = version(name)

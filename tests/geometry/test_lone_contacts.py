@@ -6,7 +6,7 @@ import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
 import pytest
 from hand_tools import random_pose
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -15,12 +15,15 @@ from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, P
 from graspless_pin.geometry.bodies.polytopes import Polytope, hull_of
 from graspless_pin.geometry.bodies.shapes import convex_geometry
 from graspless_pin.geometry.contact import finding
+from graspless_pin.geometry.contact.broad_phase import near_solids
 from graspless_pin.geometry.contact.convex_sets import convex_set
 from graspless_pin.geometry.contact.finding import contact_arrays
-from graspless_pin.geometry.contact.lone_contacts import Limits, lone_contacts
+from graspless_pin.geometry.contact.lone_contacts import Limits, near_and_lone
 from graspless_pin.geometry.contact.records import BodyKind, ContactArrays
 from graspless_pin.geometry.contact.solids import solids_of
 from graspless_pin.geometry.poses import pose_matrix
+
+pytestmark = pytest.mark.usefixtures("form")
 
 LIMITS = Limits(1e-3, 5e-3, 1e-3, 8)
 FLOOR = CollisionBody("floor", coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0), np.eye(4))
@@ -53,8 +56,13 @@ def set_of(shape: str) -> Polytope:
 
 def found_in_general(*args, **kwargs) -> ContactArrays:
     """The same contacts with nothing taken for plain."""
+
+    def none_lone(pieces, solids, bodies, others, limits):
+        pairs = near_solids(pieces, solids, bodies, others, limits.tolerance)
+        return pairs, [], list(range(len(pairs)))
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(finding, "lone_contacts", lambda *given: ([], list(range(len(given[4])))))
+        patch.setattr(finding, "near_and_lone", none_lone)
         return contact_arrays(*args, **kwargs)
 
 
@@ -102,20 +110,22 @@ def test_many_spheres_touch_as_one_by_one(shape: str, seed: int) -> None:
     assert_same(ours, found_in_general([body], balls, BodyKind.HAND))
     assert 10 < len(ours) < 40
     solids, others = solids_of(PlacedBodies.of([body]).shapes), solids_of(balls.shapes)
-    pairs = [(0, k) for k in range(len(balls))]
-    (rows,), left = lone_contacts(PlacedBodies.of([body]), solids, balls, others, pairs, LIMITS)
+    pieces = PlacedBodies.of([body])
+    pairs, (rows,), left = near_and_lone(pieces, solids, balls, others, LIMITS)
     assert rows.places
     assert left
     assert set(rows.places).isdisjoint(left)
-    far = set(range(40)) - set(rows.places) - set(left)
-    for k in far:
+    far = set(range(len(pairs))) - set(rows.places) - set(left)
+    for _, k in [pairs[place] for place in far]:
         ((_, height, _),) = solid.highest_faces(
             [((balls.poses[k, :3, 3] - T[:3, 3]) @ T[:3, :3]).tolist()]
         )
         assert height - others.ball_radii[k] > LIMITS.tolerance
 
 
-@settings(max_examples=150, deadline=None)
+@settings(
+    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 @given(
     shape=st.sampled_from(["box", "five-sided", "hull"]),
     face=st.integers(0, 100),
@@ -194,8 +204,9 @@ def test_a_face_that_is_near_in_part_is_left_to_the_general_search(tilt, gap, po
     assert_same(ours, found_in_general([body], [floor], BodyKind.SUPPORT))
     pieces, bodies = PlacedBodies.of([body]), PlacedBodies.of([floor])
     sets = solids_of(pieces.shapes), solids_of(bodies.shapes)
-    rows, left = lone_contacts(pieces, sets[0], bodies, sets[1], [(0, 0)], LIMITS)
-    assert (len(rows), left) == ((1, []) if points == 4 else (0, [0]))
+    _, found, left = near_and_lone(pieces, sets[0], bodies, sets[1], LIMITS)
+    assert sum(len(rows.gaps) for rows in found) == (4 if points == 4 else 0)
+    assert left == ([] if points == 4 else [0])
 
 
 def test_plain_and_other_contacts_keep_their_order() -> None:

@@ -8,6 +8,7 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspless_pin.compiled import rigid_bodies
 from graspless_pin.errors import ArgumentError
 
 RIGIDITY_TOLERANCE = 1e-6
@@ -51,6 +52,13 @@ def invert(T: NDArray[np.float64]) -> NDArray[np.float64]:
     return inverse
 
 
+def transformed(T: NDArray[np.float64], point: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a point (3,) under a (4, 4) transform."""
+    if rigid_bodies is not None:
+        return rigid_bodies.moved_point(T, point)
+    return T[:3, :3].dot(point) + T[:3, 3]
+
+
 def turning_velocities(
     omega: NDArray[np.float64], arms: NDArray[np.float64]
 ) -> NDArray[np.float64]:
@@ -85,15 +93,17 @@ def as_pose(name: str, T: ArrayLike) -> NDArray[np.float64]:
         pose = np.array(T, dtype=np.float64)
     except (TypeError, ValueError):
         pose = _finite(name, T)
-    if pose.shape != (4, 4) or not _is_rigid(pose.tolist()):
+    if pose.shape != (4, 4) or not _is_rigid(pose):
         _refuse_pose(name, _finite(name, T))
     pose.setflags(write=False)
     return pose
 
 
-def _is_rigid(rows: list[list[float]]) -> bool:
-    """Whether four rows of floats pass for a rigid transform."""
-    (a, b, c, x), (d, e, f, y), (g, h, i, z), last = rows
+def _is_rigid(T: NDArray[np.float64]) -> bool:
+    """Whether a (4, 4) array passes for a rigid transform."""
+    if rigid_bodies is not None:
+        return rigid_bodies.is_rigid(T)
+    (a, b, c, x), (d, e, f, y), (g, h, i, z), last = T.tolist()
     # Not a number is within no bounds.
     return (
         abs(a * a + d * d + g * g - 1.0) <= RIGIDITY_TOLERANCE

@@ -5,10 +5,12 @@ from __future__ import annotations
 import operator
 from collections.abc import Sequence
 from contextlib import suppress
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspless_pin.compiled import small_arrays
 from graspless_pin.errors import ArgumentError
 
 FloatArray = NDArray[np.float64]
@@ -20,6 +22,15 @@ def read_only(array: FloatArray) -> FloatArray:
     """Return the array itself, marked read-only."""
     array.setflags(write=False)
     return array
+
+
+def make_read_only(arrays: Sequence[FloatArray]) -> None:
+    """Mark arrays read-only."""
+    if small_arrays is not None:
+        return small_arrays.seal(arrays)
+    for array in arrays:
+        array.setflags(write=False)
+    return None
 
 
 def real_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
@@ -65,7 +76,24 @@ def all_true(flags: NDArray[np.bool_]) -> bool:
 
 def all_finite(arrays: Sequence[FloatArray]) -> bool:
     """Whether every entry of every array is finite."""
+    if small_arrays is not None:
+        return small_arrays.all_finite(arrays)
     return all_true(np.isfinite(np.concatenate(arrays, axis=None)))
+
+
+def in_order(arrays: Sequence[FloatArray], *, strictly: bool = False) -> bool:
+    """Whether all entries of an array are below those of the next one, or equal if not strictly."""
+    if small_arrays is not None:
+        return small_arrays.in_order(arrays, strictly)
+    below = np.less if strictly else np.less_equal
+    return all(all_true(below(low, high)) for low, high in pairwise(arrays))
+
+
+def stacked(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Return the rows of two (K, 3) arrays."""
+    if small_arrays is not None:
+        return small_arrays.stacked(first, second)
+    return np.concatenate([first, second])
 
 
 def per_item(name: str, value: ArrayLike, count: int) -> FloatArray:

@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 
+from graspless_pin.compiled import small_arrays
 from graspless_pin.problem.checks import FloatArray, read_only
 
 _NEARLY_PARALLEL = 0.99
@@ -41,6 +42,8 @@ def projected_tangents(normals: FloatArray, axes: Sequence[FloatArray]) -> Float
     Returns:
         (M, 3, 2) as `default_tangents`.
     """
+    if small_arrays is not None:
+        return small_arrays.tangents(normals, axes)
     directions = [np.asarray(axis, dtype=np.float64).tolist() for axis in axes]
     # Plain floats: there are few contacts, and those of one patch share their normal.
     known: dict[tuple[float, float, float], Rows] = {}

@@ -12,7 +12,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.problem.arguments import AT_REST, checked_arguments
-from graspless_pin.problem.checks import FloatArray, all_finite, all_true, read_only, real_array
+from graspless_pin.problem.checks import (
+    FloatArray,
+    all_finite,
+    all_true,
+    in_order,
+    make_read_only,
+    read_only,
+    real_array,
+)
 from graspless_pin.problem.cones import cone_edges_local, cone_faces_local, room_to_faces
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.problem.matrices import (
@@ -168,7 +176,7 @@ class QuasistaticProblem:
             and cone_edges >= 3
             # Where the lower is below the upper, neither is infinite on the wrong side.
             and (
-                all_true(lower < upper)
+                in_order((lower, upper), strictly=True)
                 or all_true((lower <= upper) & (lower < np.inf) & (upper > -np.inf))
             )
         ):
@@ -178,11 +186,10 @@ class QuasistaticProblem:
                        max_normal_force=max_normal_force, cone_edges=cone_edges,
                        joint_names=joint_names, joint_units=joint_units,
                        gravity_torques=gravity_torques)  # fmt: skip
-        for array in (
+        make_read_only((
             positions, normals, external_wrench, jacobian, friction, tangents, sliding, lower,
             upper, gravity_torques,
-        ):  # fmt: skip
-            array.setflags(write=False)
+        ))  # fmt: skip
         most = np.empty(len(positions))
         most.fill(max_normal_force)
         made = object.__new__(cls)

@@ -10,7 +10,7 @@ from graspless_pin.errors import SceneError
 from graspless_pin.geometry.bodies.materials import Materials
 from graspless_pin.geometry.bodies.records import Support
 from graspless_pin.geometry.contact.records import ContactArrays
-from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.checks import FloatArray, read_only
 
 
 class FrictionTable:
@@ -35,14 +35,18 @@ class FrictionTable:
         self._materials = materials
         self._on_hand: dict[str, float] = {}
         self._on_supports: dict[str, float] = {}
+        self._last: tuple[tuple[str, ...], int, FloatArray] = (), 0, np.empty(0)
 
     def coefficients(self, touching: ContactArrays) -> FloatArray:
-        """Return (M,) coefficients of contacts, hand first.
+        """Return (M,) read-only coefficients of contacts, hand first.
 
         Raises:
             SceneError: If a body has none.
         """
         count = touching.hand_count
+        last_bodies, last_count, last = self._last
+        if last_count == count and last_bodies == touching.bodies:
+            return last
         on_hand, on_supports = self._on_hand, self._on_supports
         bodies = touching.bodies
         try:
@@ -54,7 +58,9 @@ class FrictionTable:
             for body in bodies[count:]:
                 on_supports[body] = self._coefficient("supports", body)
             return self.coefficients(touching)
-        return np.array(values, dtype=np.float64)
+        coefficients = read_only(np.array(values, dtype=np.float64))
+        self._last = bodies, count, coefficients
+        return coefficients
 
     def _coefficient(self, group: str, body: str) -> float:
         support = self._supports.get(body)

@@ -17,7 +17,8 @@ from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, P
 from graspless_pin.geometry.bodies.mass_properties import mass_properties
 from graspless_pin.geometry.bodies.shapes import HalfSpace, Shape, coal_geometries
 from graspless_pin.geometry.pickling import remake
-from graspless_pin.geometry.poses import as_pose
+from graspless_pin.geometry.poses import as_pose, transformed
+from graspless_pin.problem.checks import read_only
 
 
 class _PlacedShape(ABC):
@@ -169,11 +170,7 @@ class ManipulatedObject(_PlacedShape):
     @cached_property
     def center_of_mass_world(self) -> NDArray[np.float64]:
         """(3,) read-only centre of mass in the world frame, m."""
-        T = self.T_world_object
-        center = T[:3, :3].dot(self.center_of_mass)
-        center += T[:3, 3]
-        center.setflags(write=False)
-        return center
+        return read_only(transformed(self.T_world_object, self.center_of_mass))
 
     def _pose(self) -> NDArray[np.float64]:
         return self.T_world_object

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.errors import ArgumentError, SceneError, StateError, StateFault
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
-from graspless_pin.geometry.contact.broad_phase import near_solids
 from graspless_pin.geometry.contact.corners import corner_groups, group_means
-from graspless_pin.geometry.contact.lone_contacts import Limits, Rows, joined_rows, lone_contacts
+from graspless_pin.geometry.contact.lone_contacts import Limits, Rows, joined_rows, near_and_lone
 from graspless_pin.geometry.contact.merging import Touch, merge_touches
 from graspless_pin.geometry.contact.patches import find_patch
 from graspless_pin.geometry.contact.records import BodyKind, ContactArrays, ContactPoint
@@ -94,14 +94,7 @@ def contact_arrays(
         ArgumentError: As `find_contacts`.
         SceneError: As `find_contacts`.
     """
-    limits = Limits(tolerance, max_penetration, merge_distance, max_points)
-    if not (
-        0.0 < tolerance < math.inf
-        and 0.0 < max_penetration < math.inf
-        and 0.0 < merge_distance < math.inf
-        and max_points >= 3
-    ):
-        _refuse(limits)
+    limits = _limits(tolerance, max_penetration, merge_distance, max_points)
     if not object_bodies:
         raise ArgumentError("object_body", "needs at least one piece")
     pieces, bodies = PlacedBodies.of(object_bodies), PlacedBodies.of(others)
@@ -111,8 +104,7 @@ def contact_arrays(
             f"object '{pieces.shapes.names[0]}' is a half-space; only a support can be one: "
             "give the object a box, sphere, cylinder, capsule, cone or mesh"
         )
-    pairs = near_solids(pieces, solids, bodies, others_solids, tolerance) if len(bodies) else []
-    found, left = lone_contacts(pieces, solids, bodies, others_solids, pairs, limits)
+    pairs, found, left = near_and_lone(pieces, solids, bodies, others_solids, limits)
     if left:
         touches = _touches(pieces, solids, bodies, others_solids, pairs, sorted(left), limits)
         found += _rows_of(touches, pieces, bodies, kind, limits)
@@ -127,12 +119,18 @@ def contact_arrays(
     )
 
 
-def _refuse(limits: Limits) -> None:
-    """Say which limit is out of range."""
+@lru_cache(maxsize=64)
+def _limits(
+    tolerance: float, max_penetration: float, merge_distance: float, max_points: int
+) -> Limits:
+    """The limits, checked."""
+    limits = Limits(tolerance, max_penetration, merge_distance, max_points)
     for name, value in limits._asdict().items():
         if name != "max_points" and not 0.0 < value < math.inf:
             raise ArgumentError(name, f"needs a positive length in metres, got {value!r}")
-    raise ArgumentError("max_points", f"needs at least 3, got {limits.max_points!r}")
+    if max_points < 3:
+        raise ArgumentError("max_points", f"needs at least 3, got {max_points!r}")
+    return limits
 
 
 def _touches(

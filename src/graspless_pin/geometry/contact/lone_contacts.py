@@ -14,8 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from graspless_pin.compiled import contact_search
 from graspless_pin.geometry.bodies.collision import PlacedBodies
 from graspless_pin.geometry.bodies.polytopes import Polytope
+from graspless_pin.geometry.contact.broad_phase import near_solids
 from graspless_pin.geometry.contact.convex_sets import Plane
 from graspless_pin.geometry.contact.corners import corner_groups, group_means, hull_order
 from graspless_pin.geometry.contact.solids import Solids
@@ -84,6 +86,46 @@ class _Face(NamedTuple):
     corners: Array
     points: Array
     all_count: bool
+
+
+def near_and_lone(
+    pieces: PlacedBodies, solids: Solids, bodies: PlacedBodies, others: Solids, limits: Limits
+) -> tuple[Sequence[tuple[int, int]], list[Rows], list[int]]:
+    """Find the pairs that may touch, and the contacts of those that are plain.
+
+    Args:
+        pieces: The object's pieces.
+        solids: Their sets.
+        bodies: Hand links or supports.
+        others: Their sets.
+        limits: What counts as contact.
+
+    Returns:
+        The pairs, indices of a piece and a body; the contacts; and the places of the pairs that are
+        left to the general search, in any order.
+    """
+    if not bodies:
+        return [], [], []
+    if contact_search is None:
+        pairs = near_solids(pieces, solids, bodies, others, limits.tolerance)
+        return pairs, *lone_contacts(pieces, solids, bodies, others, pairs, limits)
+
+    def face_of(p: int, direction: Array) -> _Face | None:
+        solid = solids.sets[p]
+        if not isinstance(solid, Polytope):
+            return None
+        return _face(solid, solid.farthest(direction), limits)
+
+    places, positions, normals, gaps, pairs, left = contact_search.plain_contacts(
+        solids.for_loops,
+        pieces.poses,
+        others.for_loops,
+        bodies.poses,
+        limits.tolerance,
+        limits.max_penetration,
+        face_of,
+    )
+    return pairs, [Rows(places, positions, normals, gaps)], left
 
 
 def lone_contacts(

@@ -10,10 +10,12 @@ from enum import Enum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspless_pin.compiled import rigid_bodies
 from graspless_pin.errors import ArgumentError, StateError, StateFault
 from graspless_pin.geometry.bodies.records import Support
 from graspless_pin.geometry.contact.records import BodyKind, ContactArrays, ContactPoint
 from graspless_pin.geometry.poses import turning_velocities
+from graspless_pin.problem.checks import all_finite, make_read_only
 
 Array = NDArray[np.float64]
 
@@ -38,6 +40,10 @@ class ContactMotion(Enum):
     def sticks(self) -> bool:
         """Whether the points that touch move alike: sticking or rolling."""
         return self in (ContactMotion.STICKING, ContactMotion.ROLLING)
+
+
+_STATES = tuple(ContactMotion)
+_SLIDES, _PARTS, _PENETRATES = 2, 3, 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +78,8 @@ def twist_velocities(twist: ArrayLike, center: ArrayLike, points: ArrayLike) -> 
     """
     motion = _checked("twist", twist, (6,))
     origin = _checked("center", center, (3,))
+    if rigid_bodies is not None:
+        return rigid_bodies.twist_velocities(motion, origin, np.reshape(points, (-1, 3)))
     return _velocities(motion, np.asarray(points, dtype=float).reshape(-1, 3) - origin)
 
 
@@ -158,38 +166,45 @@ def classify_motion(
         others = _checked("body_velocities", body_velocities, (count, 3))
     if body_angular_velocities is not None:
         turning = _checked("body_angular_velocities", body_angular_velocities, (count, 3))
+    numbers, sliding, leaving = _motion_states(
+        points, normals, twist, center, others, turning, speed_tolerance
+    )
+    make_read_only((sliding, leaving))
+    return ClassifiedMotion(tuple([_STATES[number] for number in numbers]), sliding, leaving)
+
+
+def _motion_states(
+    points: Array,
+    normals: Array,
+    twist: Array,
+    center: Array,
+    others: Array,
+    turning: Array | None,
+    tolerance: float,
+) -> tuple[list[int], Array, Array]:
+    """Numbers among `_STATES`, sliding velocities, and normal speeds; see `classify_motion`."""
+    if rigid_bodies is not None:
+        return rigid_bodies.motion_states(
+            points, normals, twist, center, others, turning, tolerance
+        )
     # The object's own parts of speed, not their sum: at a pivot they cancel, and what is left
     # there is nothing.
     arms = points - center
     linear, spin = math.hypot(*twist[:3].tolist()), math.hypot(*twist[3:].tolist())
-    fastest = max(linear, spin * _longest(arms) if spin > 0.0 else 0.0, _longest(others))
-    threshold = speed_tolerance * fastest
+    fastest = max(linear, spin * _longest(arms), _longest(others))
+    fastest_turn = max(spin, 0.0 if turning is None else _longest(turning))
+    threshold, slow_turn = tolerance * fastest, tolerance * fastest_turn
     relative = _velocities(twist, arms) - others
     leaving = (normals * relative).sum(axis=1)
     sliding = relative - leaving[:, None] * normals
-    rolls = [0.0] * count
-    fastest_turn = max(spin, 0.0 if turning is None else _longest(turning))
-    slow_turn = speed_tolerance * fastest_turn
-    if fastest_turn > 0.0:
-        rolling = twist[3:] - (np.zeros((count, 3)) if turning is None else turning)
-        rolling = rolling - (normals * rolling).sum(axis=1)[:, None] * normals
-        rolls = _lengths(rolling)
-    states: list[ContactMotion] = []
-    for speed, along, roll in zip(leaving.tolist(), _lengths(sliding), rolls, strict=True):
-        if speed > threshold:
-            states.append(ContactMotion.SEPARATING)
-        elif speed < -threshold:
-            states.append(ContactMotion.PENETRATING)
-        elif along > threshold:
-            states.append(ContactMotion.SLIDING)
-        elif roll > slow_turn:
-            states.append(ContactMotion.ROLLING)
-        else:
-            states.append(ContactMotion.STICKING)
-    sliding[np.array([state is not ContactMotion.SLIDING for state in states], dtype=bool)] = 0.0
-    sliding.setflags(write=False)
-    leaving.setflags(write=False)
-    return ClassifiedMotion(tuple(states), sliding, leaving)
+    rolling = np.broadcast_to(twist[3:], arms.shape) - (0.0 if turning is None else turning)
+    rolling = rolling - (normals * rolling).sum(axis=1)[:, None] * normals
+    slides = np.array(_lengths(sliding)) > threshold
+    states = np.where(slides, _SLIDES, np.array(_lengths(rolling)) > slow_turn)  # or it sticks
+    states = np.where(leaving > threshold, _PARTS, states)
+    states = np.where(leaving < -threshold, _PENETRATES, states)
+    sliding[states != _SLIDES] = 0.0
+    return states.tolist(), sliding, leaving
 
 
 def apply_motion(
@@ -259,6 +274,8 @@ def contacts_that_stay(
             f"the declared motion drives object '{object_name}' into {hits}; "
             "change the object's twist or the motion of what it runs into",
         )
+    if ContactMotion.SEPARATING not in motion.states:
+        return list(range(len(motion.states)))
     return [k for k, state in enumerate(motion.states) if state is not ContactMotion.SEPARATING]
 
 
@@ -274,11 +291,11 @@ def _longest(vectors: Array) -> float:
 
 def _checked(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
     try:
-        array = np.array(values, dtype=float)
+        array = np.asarray(values, dtype=float)
     except (TypeError, ValueError) as error:
         raise ArgumentError(name, f"needs numbers, got {values!r}") from error
     if array.shape != shape:
         raise ArgumentError(name, f"needs shape {shape}, got {array.shape}")
-    if not all(map(math.isfinite, array.ravel().tolist())):
+    if not all_finite((array,)):
         raise ArgumentError(name, f"needs finite numbers, got {array.tolist()}")
     return array

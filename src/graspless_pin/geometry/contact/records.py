@@ -10,6 +10,8 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
+from graspless_pin.problem.checks import stacked
+
 Array = NDArray[np.float64]
 
 
@@ -142,7 +144,7 @@ class ContactArrays(Sequence[ContactPoint]):
         return self.of_own(
             self.bodies + others.bodies,
             self.kinds + others.kinds,
-            np.concatenate([self.positions, others.positions]),
-            np.concatenate([self.normals, others.normals]),
+            stacked(self.positions, others.positions),
+            stacked(self.normals, others.normals),
             self.distances + others.distances,
         )

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspless_pin.compiled import contact_search
 from graspless_pin.geometry.bodies.collision import BodyShapes
 from graspless_pin.geometry.contact.convex_sets import (
     ConvexSet,
@@ -29,6 +30,7 @@ class Solids:
     """K convex sets in the frames of their geometries.
 
     Attributes:
+        names: K names of the bodies that they are pieces of.
         sets: K sets.
         ranks: Which of two bodies comes first: half-spaces before polytopes before curved shapes,
             large before small, then by the kind of geometry; names decide between like shapes.
@@ -41,6 +43,7 @@ class Solids:
         only_planes: Whether all of them are.
     """
 
+    names: tuple[str, ...]
     sets: tuple[ConvexSet, ...]
     ranks: tuple[tuple[int, float, str, str], ...]
     centers: Array
@@ -70,6 +73,36 @@ class Solids:
             least = np.repeat(-others.reaches[:, None] - tolerance, 6 * len(self.sets), axis=1)
             known = self._last["reaches"] = others, tolerance, least
         return known[2]
+
+    @cached_property
+    def for_loops(self) -> Any:
+        """The same sets as the compiled loops take them."""
+        if contact_search is None:
+            return None
+        faces = [
+            np.column_stack([one.face_normals, one.face_offsets])
+            if isinstance(one, Polytope)
+            else np.empty((0, 4))
+            for one in self.sets
+        ]
+        planes = [
+            [*one.normal, one.offset] if isinstance(one, Plane) else [0.0] * 4 for one in self.sets
+        ]
+        kind_of = {Plane: contact_search.PLANE, Revolved: contact_search.OTHER}
+        kinds = [
+            contact_search.BALL if radius > 0.0 else kind_of.get(type(one), contact_search.POLYTOPE)
+            for one, radius in zip(self.sets, self.ball_radii, strict=True)
+        ]
+        return contact_search.ConvexSets(
+            kinds=kinds,
+            bodies=[self.names.index(name) for name in self.names],
+            centers=self.centers[:, :3],
+            half_extents=self.half_extents,
+            reaches=self.reaches,
+            planes=planes,
+            starts=np.cumsum([0, *map(len, faces)]),
+            faces=np.concatenate(faces),
+        )
 
     @cached_property
     def _last(self) -> dict[str, tuple[Solids, float, Array]]:
@@ -103,6 +136,7 @@ def _solids(shapes: BodyShapes) -> Solids:
         if one is not None:
             centers[index], halves[index] = one.center, one.half_extents
     return Solids(
+        shapes.names,
         sets,
         tuple(map(_rank, shapes.names, shapes.geometries, sets)),
         np.column_stack([centers, np.ones(len(sets))]),

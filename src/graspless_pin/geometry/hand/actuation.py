@@ -8,7 +8,7 @@ the contact Jacobian, and every motion that no tendon resists is a column with t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -33,6 +33,7 @@ class Actuation:
         names: Motors by the name of their joint, then tendons, then passive motions.
         tendons: Names of the tendons among them.
         passive: Names of the passive motions among them.
+        units: Units of their efforts: N of linear joints, tendons, and what moves such joints.
         from_independent: (a, L) the actuators feel ``from_independent^T tau_a`` when the
             independent joints feel tau_a.
         from_joints: (n, L) the same from all movable joints, couplings included.
@@ -41,6 +42,7 @@ class Actuation:
     names: tuple[str, ...]
     tendons: tuple[str, ...]
     passive: tuple[str, ...]
+    units: tuple[JointUnit, ...]
     from_independent: NDArray[np.float64]
     from_joints: NDArray[np.float64]
 
@@ -54,20 +56,6 @@ class Actuation:
         """Whether all movable joints have a motor each, in their order."""
         rows, columns = self.from_joints.shape
         return rows == columns and bool((self.from_joints == np.eye(rows)).all())
-
-    def units(self, tree: KinematicTree) -> tuple[JointUnit, ...]:
-        """Return the unit of each effort: N of linear joints, tendons, and what moves such joints.
-
-        Args:
-            tree: The kinematic tree that the actuators move.
-        """
-        linear = np.array([kind == "prismatic" for kind in tree.joint_kinds], dtype=bool)
-        leaders = linear[list(tree.coupling.leaders)]
-        moves_linear = (self.from_independent[leaders] != 0.0).any(axis=0)
-        return tuple(
-            JointUnit.FORCE if name in self.tendons or slides else JointUnit.TORQUE
-            for name, slides in zip(self.names, moves_linear.tolist(), strict=True)
-        )
 
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
         """Pickle by the fields."""
@@ -122,12 +110,30 @@ def plan_actuation(
     ]
     rows = [*np.eye(count)[motors], *columns, *zeros]
     matrix = np.array(rows).reshape(len(rows), count).T
+    names = (*(list(control.joints)[column] for column in motors), *tendon_names, *passive)
     return Actuation(
-        names=(*(list(control.joints)[column] for column in motors), *tendon_names, *passive),
+        names=names,
         tendons=tuple(tendon_names),
         passive=tuple(passive),
+        units=_units(tree, names, tendon_names, matrix),
         from_independent=matrix,
         from_joints=tree.coupling.S @ matrix,
+    )
+
+
+def _units(
+    tree: KinematicTree,
+    names: Sequence[str],
+    tendons: Sequence[str],
+    from_independent: NDArray[np.float64],
+) -> tuple[JointUnit, ...]:
+    """Return the units of the L actuators with some names, see `Actuation`."""
+    linear = np.array([kind == "prismatic" for kind in tree.joint_kinds], dtype=bool)
+    leaders = linear[list(tree.coupling.leaders)]
+    moves_linear = (from_independent[leaders] != 0.0).any(axis=0)
+    return tuple(
+        JointUnit.FORCE if name in tendons or slides else JointUnit.TORQUE
+        for name, slides in zip(names, moves_linear.tolist(), strict=True)
     )
 
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.hand.tree import FOLLOWER_TOLERANCE, KinematicTree, unknown_name
-from graspless_pin.problem.checks import all_true
+from graspless_pin.problem.checks import in_order
 
 
 def joint_positions(
@@ -48,11 +48,10 @@ def joint_positions(
         positions = coupling.S @ positions[list(coupling.leaders)] + coupling.offset
         _check_followers(tree, dict(zip(indices, given, strict=True)), positions)
     lower, upper = tree.tolerated
-    within = (lower <= positions) & (positions <= upper)
-    if not all_true(within):
+    if not in_order((lower, positions, upper)):
         for name, value in q.items():
             _finite(name, value)
-        _check_limits(tree, indices, positions, ~within)
+        _check_limits(tree, indices, positions)
     positions.setflags(write=False)
     return positions
 
@@ -85,12 +84,11 @@ def independent_positions(tree: KinematicTree, values: ArrayLike) -> NDArray[np.
     if count < len(tree.joint_names):
         positions = coupling.S @ positions + coupling.offset
     lower, upper = tree.tolerated
-    within = (lower <= positions) & (positions <= upper)
-    if not all_true(within):
+    if not in_order((lower, positions, upper)):
         named = {tree.joint_names[joint]: positions[joint] for joint in coupling.leaders}
         for name, value in named.items():
             _finite(name, value)
-        _check_limits(tree, list(coupling.leaders), positions, ~within)
+        _check_limits(tree, list(coupling.leaders), positions)
     positions.setflags(write=False)
     return positions
 
@@ -130,14 +128,10 @@ def _check_followers(
             )
 
 
-def _check_limits(
-    tree: KinematicTree,
-    given: list[int],
-    positions: NDArray[np.float64],
-    outside: NDArray[np.bool_],
-) -> None:
+def _check_limits(tree: KinematicTree, given: list[int], positions: NDArray[np.float64]) -> None:
     """Refuse a joint outside its limits if the named joints moved it there."""
-    leaders = tree.coupling.leaders
+    leaders, (lower, upper) = tree.coupling.leaders, tree.tolerated
+    outside = ~((lower <= positions) & (positions <= upper))
     moved = np.any(tree.coupling.S[:, np.isin(leaders, given)] != 0.0, axis=1)
     for index in np.flatnonzero(moved & outside).tolist():
         because = "" if index in leaders else f" because it mimics {_followed(tree, index)}"

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspless_pin.compiled import rigid_bodies
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
 from graspless_pin.geometry.hand.actuation import Actuation, plan_actuation
@@ -34,7 +35,7 @@ from graspless_pin.geometry.pickling import remake
 from graspless_pin.geometry.poses import turning_velocities
 from graspless_pin.geometry.robots.files import describe_model, describe_urdf
 from graspless_pin.problem import ControlMode
-from graspless_pin.problem.checks import all_true
+from graspless_pin.problem.checks import all_finite
 from graspless_pin.problem.joint_units import JointUnit
 
 Control = ControlMode | str | Mapping[str, ControlMode | str]
@@ -220,10 +221,10 @@ class Hand:
         """
         return self.actuation.names
 
-    @cached_property
+    @property
     def effort_units(self) -> tuple[JointUnit, ...]:
         """The L units of the actuators' efforts."""
-        return self.actuation.units(self.tree)
+        return self.actuation.units
 
     @property
     def link_names(self) -> tuple[str, ...]:
@@ -275,8 +276,12 @@ class Hand:
     def placed_bodies(self) -> PlacedBodies:
         """What `collision_bodies` returns, each made only when it is asked for."""
         joints, placements = self.tree.shape_placements
-        poses = self._kinematics.T_world_joint.take(joints, axis=0)
-        return PlacedBodies(self.tree.shapes, poses @ placements)
+        T_world_joint = self._kinematics.T_world_joint
+        if rigid_bodies is None:
+            poses = T_world_joint.take(joints, axis=0) @ placements
+        else:
+            poses = rigid_bodies.placed(T_world_joint, joints, placements)
+        return PlacedBodies(self.tree.shapes, poses)
 
     def contact_jacobian(self, links: Sequence[str], points: ArrayLike) -> NDArray[np.float64]:
         """Return the Jacobian of points that are fixed to links.
@@ -311,7 +316,7 @@ class Hand:
             ArgumentError: If ``gravity`` is not three finite numbers.
         """
         acceleration = np.asarray(gravity, dtype=np.float64)
-        if acceleration.shape != (3,) or not all_true(np.isfinite(acceleration)):
+        if acceleration.shape != (3,) or not all_finite((acceleration,)):
             raise ArgumentError("gravity", f"needs 3 finite numbers, got {gravity!r}")
         torques = self.tree.gravity_torques(self.positions, acceleration)
         alone = self.actuation.every_joint_alone
@@ -385,6 +390,6 @@ def _points(links: Sequence[str], points: ArrayLike) -> NDArray[np.float64]:
         raise ArgumentError(
             "points", f"needs shape ({len(links)}, 3), one row per link, got {positions.shape}"
         )
-    if not all_true(np.isfinite(positions)):
+    if not all_finite((positions,)):
         raise ArgumentError("points", f"needs finite numbers, got {positions.tolist()}")
     return positions

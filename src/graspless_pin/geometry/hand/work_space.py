@@ -10,6 +10,9 @@ import pinocchio as pin  # pyright: ignore[reportMissingImports]
 from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
+from graspless_pin.compiled import rigid_bodies
+from graspless_pin.problem.checks import make_read_only
+
 FloatArray = NDArray[np.float64]
 
 _REAL = np.dtype(np.float64).itemsize
@@ -45,18 +48,24 @@ class WorkSpace:
 
     def kinematics(self, q: FloatArray) -> Kinematics:
         """Return joint poses and Jacobian columns at a configuration vector (nq,)."""
-        poses = self._frame.copy()
         with self._lock:
             pin.computeJointJacobians(self._model, self._data, q)
-            if self._columns is None:
-                poses[:, :3] = [pose.homogeneous[:3] for pose in self._data.oMi]
-            else:
-                poses[:, :3] = self._columns
+            poses = self._poses()
             J = np.array(self._data.J)
         J = J.reshape(6, -1)  # the binding drops the dimension of one joint
-        poses.setflags(write=False)
-        J.setflags(write=False)
+        make_read_only((poses, J))
         return Kinematics(poses, J)
+
+    def _poses(self) -> FloatArray:
+        """(n + 1, 4, 4) poses as Pinocchio holds them now."""
+        if self._columns is not None and rigid_bodies is not None:
+            return rigid_bodies.homogeneous(self._columns)
+        poses = self._frame.copy()
+        if self._columns is None:
+            poses[:, :3] = [pose.homogeneous[:3] for pose in self._data.oMi]
+        else:
+            poses[:, :3] = self._columns
+        return poses
 
     def gravity_torques(self, q: FloatArray, gravity: FloatArray) -> FloatArray:
         """Return the (n,) torques that carry the links' weight at a configuration vector (nq,).

@@ -1,0 +1,54 @@
+"""Compiles `graspless_pin.compiled`, if there is a C compiler; without one, numpy does its work."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from Cython.Build import cythonize
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+from setuptools import Distribution, Extension
+from setuptools.errors import BaseError, CCompilerError
+
+_PACKAGE = "graspless_pin.compiled"
+_NO_FUSED_ROUNDING = "-ffp-contract=off"  # the same results on every processor
+
+
+class CompiledLoops(BuildHookInterface):
+    """Builds the extension modules in place and adds them to the wheel."""
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:  # noqa: ARG002
+        """Compile, or say that it was not possible."""
+        folder = Path(self.root, "src", *_PACKAGE.split("."))
+        for stale in folder.glob("*.so"):
+            stale.unlink()
+        try:
+            _compile(Path(self.root), sorted(folder.glob("*.pyx")))
+        except (BaseError, CCompilerError, OSError) as error:
+            self.app.display_warning(f"graspless_pin goes without its compiled loops: {error}")
+            return
+        build_data["pure_python"] = False
+        build_data["infer_tag"] = True
+        build_data["artifacts"].append(f"src/{_PACKAGE.replace('.', '/')}/*.so")
+
+
+def _compile(root: Path, sources: list[Path]) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        extensions = [
+            Extension(
+                f"{_PACKAGE}.{source.stem}",
+                [str(source.relative_to(root))],
+                include_dirs=[np.get_include()],
+                extra_compile_args=["-O2", _NO_FUSED_ROUNDING],
+                define_macros=[("NPY_NO_DEPRECATED_API", "NPY_2_0_API_VERSION")],
+            )
+            for source in sources
+        ]
+        modules = cythonize(extensions, build_dir=folder, language_level=3, quiet=True)
+        distribution = Distribution({"ext_modules": modules, "package_dir": {"": "src"}})
+        command = distribution.get_command_obj("build_ext")
+        command.inplace, command.build_temp = True, folder
+        command.ensure_finalized()
+        command.run()

@@ -1,0 +1,15 @@
+"""Short loops in C, where numpy would spend its time on calls rather than on numbers.
+
+They are compiled when the package is installed, if there is a C compiler. Each does what a few
+lines of numpy beside its caller do; where it was not compiled those lines run, with the same
+results to rounding.
+"""
+
+from __future__ import annotations
+
+try:
+    from graspless_pin.compiled import contact_search, rigid_bodies, small_arrays
+except ImportError:  # installed without a C compiler
+    contact_search = rigid_bodies = small_arrays = None
+
+__all__ = ["contact_search", "rigid_bodies", "small_arrays"]

@@ -1,0 +1,62 @@
+"""Tests that ask for `form` run twice: with the compiled loops, and with numpy in their place."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from graspless_pin import compiled
+from graspless_pin.errors import GrasplessPinError
+
+
+def leave_out_loops(patch: pytest.MonkeyPatch) -> None:
+    """Make all modules loaded so far go without the compiled loops."""
+    for name, module in list(sys.modules.items()):
+        if name.startswith("graspless_pin.") and module is not compiled:
+            for loops in compiled.__all__:
+                if getattr(module, loops, None) is not None:
+                    patch.setattr(module, loops, None)
+
+
+def _outcome(call: Callable[[], Any]) -> Any:
+    try:
+        return call()
+    except GrasplessPinError as error:
+        return type(error), str(error)
+
+
+def _by_numpy(call: Callable[[], Any]) -> Any:
+    with pytest.MonkeyPatch.context() as patch:
+        leave_out_loops(patch)
+        return _outcome(call)
+
+
+@pytest.fixture(scope="session")
+def outcome() -> Callable[[Callable[[], Any]], Any]:
+    """What a call returns, or the kind and message of the error that it raises."""
+    return _outcome
+
+
+@pytest.fixture(scope="session")
+def by_numpy() -> Callable[[Callable[[], Any]], Any]:
+    """The same without the compiled loops."""
+    return _by_numpy
+
+
+@pytest.fixture
+def without_loops(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The test runs as on a machine without a C compiler."""
+    leave_out_loops(monkeypatch)
+
+
+@pytest.fixture(params=["compiled", "numpy"])
+def form(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """How the loops run."""
+    if request.param == "numpy":
+        leave_out_loops(monkeypatch)
+    elif compiled.small_arrays is None:
+        pytest.skip("the loops are not compiled")
+    return request.param
