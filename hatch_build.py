@@ -41,7 +41,7 @@ def _compile(root: Path, sources: list[Path]) -> None:
                 f"{_PACKAGE}.{source.stem}",
                 [str(source.relative_to(root))],
                 include_dirs=[np.get_include()],
-                extra_compile_args=["-O2", _NO_FUSED_ROUNDING],
+                extra_compile_args=["-O3", _NO_FUSED_ROUNDING],
                 define_macros=[("NPY_NO_DEPRECATED_API", "NPY_2_0_API_VERSION")],
             )
             for source in sources

@@ -8,8 +8,14 @@ results to rounding.
 from __future__ import annotations
 
 try:
-    from graspless_pin.compiled import contact_search, rigid_bodies, small_arrays
+    from graspless_pin.compiled import (
+        contact_frames,
+        contact_search,
+        linear_programs,
+        rigid_bodies,
+        small_arrays,
+    )
 except ImportError:  # installed without a C compiler
-    contact_search = rigid_bodies = small_arrays = None
+    contact_frames = contact_search = linear_programs = rigid_bodies = small_arrays = None
 
-__all__ = ["contact_search", "rigid_bodies", "small_arrays"]
+__all__ = ["contact_frames", "contact_search", "linear_programs", "rigid_bodies", "small_arrays"]

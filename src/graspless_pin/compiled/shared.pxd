@@ -4,6 +4,8 @@ Arrays of other types or layouts than contiguous doubles are copied; shapes that
 refused with a ValueError.
 """
 
+from libc.math cimport sqrt
+
 cimport numpy as cnp
 
 cdef inline cnp.ndarray as_reals(object values, int ndim):
@@ -52,6 +54,45 @@ cdef inline cnp.ndarray as_integers(object values, Py_ssize_t length):
     return array
 
 
+cdef inline cnp.ndarray as_flags(object values, Py_ssize_t length):
+    """The values as a contiguous (length,) array of truth values."""
+    cdef cnp.ndarray array = <cnp.ndarray>cnp.PyArray_ContiguousFromAny(
+        values, cnp.NPY_BOOL, 1, 1
+    )
+    if array.shape[0] != length:
+        raise ValueError(f"needs shape ({length},)")
+    return array
+
+
+cdef inline cnp.ndarray as_blocks(
+    object values, Py_ssize_t count, Py_ssize_t rows, Py_ssize_t columns
+):
+    """The values as a contiguous (count, rows, columns) array of doubles."""
+    cdef cnp.ndarray array = as_reals(values, 3)
+    if array.shape[0] != count or array.shape[1] != rows or array.shape[2] != columns:
+        raise ValueError(f"needs shape ({count}, {rows}, {columns})")
+    return array
+
+
+cdef inline cnp.npy_bool* flags_of(cnp.ndarray array) noexcept:
+    return <cnp.npy_bool*>cnp.PyArray_DATA(array)
+
+
+cdef inline cnp.npy_intp* numbers_of(cnp.ndarray array) noexcept:
+    return <cnp.npy_intp*>cnp.PyArray_DATA(array)
+
+
+cdef inline cnp.ndarray empty1(Py_ssize_t length):
+    cdef cnp.npy_intp shape = length
+    return <cnp.ndarray>cnp.PyArray_EMPTY(1, &shape, cnp.NPY_DOUBLE, 0)
+
+
+cdef inline cnp.ndarray empty3(Py_ssize_t count, Py_ssize_t rows, Py_ssize_t columns):
+    cdef cnp.npy_intp shape[3]
+    shape[0], shape[1], shape[2] = count, rows, columns
+    return <cnp.ndarray>cnp.PyArray_EMPTY(3, shape, cnp.NPY_DOUBLE, 0)
+
+
 cdef inline double* data(cnp.ndarray array) noexcept:
     return <double*>cnp.PyArray_DATA(array)
 
@@ -85,3 +126,61 @@ cdef inline void move(const double* T, const double* x, double* y) noexcept nogi
     cdef int i
     for i in range(3):
         y[i] = dot(T + 4 * i, x) + T[4 * i + 3]
+
+
+cdef inline void effects_of(
+    const double* a, const double* p, const double* J, Py_ssize_t L, double* out
+) noexcept nogil:
+    """Wrench [a; p x a] and torques J^T a of a unit force along a at p, J being (3, L)."""
+    cdef Py_ssize_t k
+    out[0], out[1], out[2] = a[0], a[1], a[2]
+    out[3] = p[1] * a[2] - p[2] * a[1]
+    out[4] = p[2] * a[0] - p[0] * a[2]
+    out[5] = p[0] * a[1] - p[1] * a[0]
+    for k in range(L):
+        out[6 + k] = a[0] * J[k] + a[1] * J[L + k] + a[2] * J[2 * L + k]
+
+
+cdef inline bint factor(double* gram, Py_ssize_t n) noexcept nogil:
+    """Put the Cholesky factor L of a symmetric matrix into its lower half; whether there is one."""
+    cdef Py_ssize_t i, j, k
+    cdef double pivot
+    cdef double* row
+    cdef double* other
+    for j in range(n):
+        row = gram + n * j
+        pivot = row[j]
+        for k in range(j):
+            pivot -= row[k] * row[k]
+        if not pivot > 0.0:
+            return False
+        row[j] = sqrt(pivot)
+        for i in range(j + 1, n):
+            other = gram + n * i
+            pivot = other[j]
+            for k in range(j):
+                pivot -= other[k] * row[k]
+            other[j] = pivot / row[j]
+    return True
+
+
+cdef inline void solve_factored(const double* L, Py_ssize_t n, double* b) noexcept nogil:
+    """Solve L L^T x = b in place."""
+    cdef Py_ssize_t i, k
+    for i in range(n):
+        for k in range(i):
+            b[i] -= L[n * i + k] * b[k]
+        b[i] /= L[n * i + i]
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            b[i] -= L[n * k + i] * b[k]
+        b[i] /= L[n * i + i]
+
+
+cdef inline double inner(const double* a, const double* b, Py_ssize_t n) noexcept nogil:
+    """Product of two vectors."""
+    cdef Py_ssize_t k
+    cdef double total = 0.0
+    for k in range(n):
+        total += a[k] * b[k]
+    return total

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog, nnls
 
+from graspless_pin.compiled import contact_frames
 from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.modes.nearest_motions import MOST_KEPT, RANK_TOLERANCE, NearestMotions
 from graspless_pin.modes.rules import SignRule
@@ -109,12 +110,9 @@ class VirtualKinematics:
 
     def __init__(self, problem: QuasistaticProblem) -> None:
         """Assemble the scaled map."""
-        local = contact_map(problem)
-        size = np.sqrt(np.einsum("lij,lij->j", local, local))
-        self.scale: FloatArray = 1.0 / np.where(size > 0.0, size, 1.0)
-        signed = self.scale.copy()
-        np.negative(signed[6:], out=signed[6:])  # the map takes -theta_dot
-        self.rows: FloatArray = local * signed
+        self.rows: FloatArray
+        self.scale: FloatArray
+        self.rows, self.scale = _scaled(contact_map(problem))
         self.nearest = NearestMotions(self.rows)
         self._touching: dict[tuple[tuple[int, ...], tuple[int, ...]], _Touching] = {}
 
@@ -292,6 +290,17 @@ def _by_linear_program(moving: FloatArray, strictness: FloatArray) -> tuple[Floa
         return np.linalg.lstsq(moving.T, motion, rcond=None)[0], float(motion @ motion)
     weights = -answer.ineqlin.marginals
     return weights / weights.sum(), 0.0
+
+
+def _scaled(local: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The map (M, 3, 6 + L) with columns of one size, and the (6 + L,) factors of its motions."""
+    if contact_frames is not None:
+        return contact_frames.scaled_map(local)
+    size = np.sqrt(np.einsum("lij,lij->j", local, local))
+    scale = 1.0 / np.where(size > 0.0, size, 1.0)
+    signed = scale.copy()
+    np.negative(signed[6:], out=signed[6:])  # the map takes -theta_dot
+    return local * signed, scale
 
 
 def _split(requirements: Sequence[Requirement]) -> tuple[tuple[int, ...], NDArray[np.int_]]:

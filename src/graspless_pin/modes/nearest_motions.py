@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import get_lapack_funcs
 
+from graspless_pin.compiled import contact_frames
 from graspless_pin.problem.checks import FloatArray
 
 # Rows are scaled to unit size, so this is the largest relative velocity that counts as zero: it
@@ -117,6 +118,11 @@ class NearestMotions:
             return near
         if len(near) != self._rows.shape[2] or not np.logical_and.reduce(signs):
             return None
+        if contact_frames is not None:
+            return contact_frames.motion_behind(
+                self._rows, contacts, signs.reshape(-1, 2), near,
+                _DAMPING, _CORRECTIONS, RANK_TOLERANCE, _CLEAR_WITNESS,
+            )  # fmt: skip
         seen = self._held(contacts, near)
         return seen.motion if seen.slides(signs) else None
 

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspless_pin.compiled import small_arrays
+from graspless_pin.compiled import contact_frames, small_arrays
 from graspless_pin.errors import ArgumentError
 
 FloatArray = NDArray[np.float64]
@@ -94,6 +94,13 @@ def stacked(first: FloatArray, second: FloatArray) -> FloatArray:
     if small_arrays is not None:
         return small_arrays.stacked(first, second)
     return np.concatenate([first, second])
+
+
+def squared_lengths(vectors: FloatArray) -> FloatArray:
+    """Return the squares of the lengths of rows (M, 3)."""
+    if contact_frames is not None:
+        return contact_frames.squared_lengths(vectors)
+    return np.einsum("ij,ij->i", vectors, vectors)
 
 
 def per_item(name: str, value: ArrayLike, count: int) -> FloatArray:

@@ -101,7 +101,7 @@ def cone_faces_local(friction: float | FloatArray, edges: int) -> FloatArray:
     slope = np.asarray(friction * np.cos(np.pi / edges))[..., None]
     columns = np.empty((*slope.shape[:-1], 3, edges))
     columns[..., 0, :] = -slope
-    columns[..., 1:, :] = _face_directions(edges)
+    columns[..., 1:, :] = face_directions(edges)
     columns /= np.sqrt(1.0 + slope[..., None] ** 2)
     return columns
 
@@ -118,12 +118,12 @@ def room_to_faces(forces: FloatArray, friction: FloatArray, edges: int) -> Float
         (c,), negative outside.
     """
     slope = friction * math.cos(math.pi / edges)
-    outward = np.maximum.reduce(forces[:, 1:] @ _face_directions(edges), axis=1)
+    outward = np.maximum.reduce(forces[:, 1:] @ face_directions(edges), axis=1)
     return (slope * forces[:, 0] - outward) / np.sqrt(1.0 + slope**2)
 
 
 @cache
-def _face_directions(edges: int) -> FloatArray:
+def face_directions(edges: int) -> FloatArray:
     """(2, r) directions of the side faces in the plane of t1 and t2."""
     angles = 2.0 * np.pi * (np.arange(edges) + 0.5) / edges
     return read_only(np.stack([np.cos(angles), np.sin(angles)]))

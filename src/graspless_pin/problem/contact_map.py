@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from graspless_pin.compiled import contact_frames
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.quasistatic import QuasistaticProblem
 
@@ -18,6 +19,12 @@ def contact_map(problem: QuasistaticProblem) -> FloatArray:
         (M, 3, 6 + L) read-only.
     """
     known: FloatArray | None = problem.scratch.get("contact_map")
+    if known is None and contact_frames is not None:
+        known = problem.scratch["contact_map"] = read_only(
+            contact_frames.contact_map(
+                problem.positions, problem.normals, problem.tangents, problem.jacobian
+            )
+        )
     if known is None:
         count, joints = problem.contact_count, problem.joint_count
         world = np.empty((count, 3, 6 + joints))

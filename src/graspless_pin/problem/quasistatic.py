@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property, partial
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspless_pin.compiled import contact_frames
 from graspless_pin.errors import ArgumentError
 from graspless_pin.problem.arguments import AT_REST, checked_arguments
 from graspless_pin.problem.checks import (
@@ -20,8 +22,14 @@ from graspless_pin.problem.checks import (
     make_read_only,
     read_only,
     real_array,
+    squared_lengths,
 )
-from graspless_pin.problem.cones import cone_edges_local, cone_faces_local, room_to_faces
+from graspless_pin.problem.cones import (
+    cone_edges_local,
+    cone_faces_local,
+    face_directions,
+    room_to_faces,
+)
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.problem.matrices import (
     block_diagonal,
@@ -258,7 +266,7 @@ class QuasistaticProblem:
     @cached_property
     def is_sliding(self) -> NDArray[np.bool_]:
         """(M,) d_l of eq. (2): contacts in actual sliding."""
-        return np.einsum("ij,ij->i", self.sliding, self.sliding) > AT_REST**2
+        return squared_lengths(self.sliding) > AT_REST**2
 
     @cached_property
     def has_cone(self) -> NDArray[np.bool_]:
@@ -344,6 +352,11 @@ class QuasistaticProblem:
             forces: (M, 3) contact forces on the object, N.
         """
         f = real_array("forces", forces, (self.contact_count, 3))
+        if contact_frames is not None:
+            return contact_frames.margin(
+                f, self.normals, self.tangents, self.friction * math.cos(math.pi / self.cone_edges),
+                self.has_cone, self.max_normal_force, face_directions(self.cone_edges),
+            )  # fmt: skip
         local = (f[:, None, :] @ self.frames)[:, 0]
         normal = local[:, 0]
         sides = room_to_faces(local, self.friction, self.cone_edges)

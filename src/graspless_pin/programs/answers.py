@@ -112,14 +112,11 @@ def proven(program: Program, found: Multipliers, name: str, cutoff: float) -> An
         A solved answer, or an infeasible one where the bound is above the cutoff, or a failed one.
     """
     x, y, z = found
-    bound = program.dual_bound(y, z)
+    bound, value, residual = program.judged(x, y, z)
     if bound > cutoff + _INFEASIBLE:
         return _infeasible(bound, max(program.infeasibility_bound(y, z), 0.0), name)
-    value = program.value(x)
-    if value - bound <= GAP_TOLERANCE:
-        residual = program.residual(x)
-        if residual <= PRIMAL_TOLERANCE:
-            return Answer(Outcome.SOLVED, x, y, z, value, bound, residual, 0.0, name)
+    if value - bound <= GAP_TOLERANCE and residual <= PRIMAL_TOLERANCE:
+        return Answer(Outcome.SOLVED, x, y, z, value, bound, residual, 0.0, name)
     return failed(bound)
 
 

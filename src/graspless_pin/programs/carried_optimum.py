@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import get_lapack_funcs
 
+from graspless_pin.compiled import linear_programs
 from graspless_pin.problem.checks import FloatArray, all_finite
 from graspless_pin.programs.answers import Answer, Outcome, proven
 from graspless_pin.programs.program import Program
@@ -23,6 +24,7 @@ from graspless_pin.programs.program import Program
 # the corrections take back, and the check judges the rest.
 _DAMPING = 1e-13
 _CORRECTIONS = 2
+_LARGEST_IN_C = 65536  # entries of the rows; LAPACK is faster from there on
 # Linear systems are solved to rounding: an answer that is worse, though it would pass, met
 # constraints that contradict each other by a hair, and a solver should say what that means.
 _EXACT = 1e-9
@@ -101,8 +103,32 @@ def carried(program: Program, near: Optimum, cutoff: float) -> tuple[Answer, Opt
     n, sizes = len(program.c), (len(program.b), len(program.l))
     if not program.is_linear or len(near.x) != n or near.sizes != sizes:
         return None
+    found = _refined(program, near)
+    if found is None:
+        return None
+    x, weights = found
+    rows = len(near.rows)
+    multipliers = np.zeros(sum(sizes))
+    multipliers[near.rows] = weights[:rows]
+    split = multipliers[: sizes[0]], multipliers[sizes[0] :]
+    answer = proven(program, (x, *split), near.solver, cutoff)
+    if answer.outcome is Outcome.FAILED:
+        return None
+    if answer.outcome is Outcome.SOLVED and max(answer.residual, answer.gap) > _EXACT:
+        return None
+    return answer, near._replace(x=x, weights=weights)
+
+
+def _refined(program: Program, near: Optimum) -> tuple[FloatArray, FloatArray] | None:
+    """Solve the two linear systems: x and the multipliers of what is active; None if they fail."""
+    low, high = program.sides
+    if linear_programs is not None and program.rows.size <= _LARGEST_IN_C:
+        return linear_programs.refined(
+            program.rows.T, low, high, program.c, program.lb, program.ub,
+            near.rows, near.at_bounds, near.upper, near.x, near.weights, _DAMPING, _CORRECTIONS,
+        )  # fmt: skip
     E, sides = _active(program, near)
-    wide = len(E) <= n
+    wide = len(E) <= len(program.c)
     gram = E @ E.T if wide else E.T @ E
     diagonal = gram.reshape(-1)[:: len(gram) + 1]
     diagonal += _DAMPING * float(np.add.reduce(diagonal))
@@ -118,17 +144,8 @@ def carried(program: Program, near: Optimum, cutoff: float) -> tuple[Answer, Opt
         else:
             x = x + _potrs(factor, beyond.dot(E), lower=1)[0]
             weights = weights - E.dot(_potrs(factor, slope, lower=1)[0])
-    rows = len(near.rows)
-    x[near.at_bounds] = sides[rows:]
-    multipliers = np.zeros(sum(sizes))
-    multipliers[near.rows] = weights[:rows]
-    found = x, multipliers[: sizes[0]], multipliers[sizes[0] :]
-    answer = proven(program, found, near.solver, cutoff)
-    if answer.outcome is Outcome.FAILED:
-        return None
-    if answer.outcome is Outcome.SOLVED and max(answer.residual, answer.gap) > _EXACT:
-        return None
-    return answer, near._replace(x=x, weights=weights)
+    x[near.at_bounds] = sides[len(near.rows) :]
+    return x, weights
 
 
 def _active(program: Program, near: Optimum) -> tuple[FloatArray, FloatArray]:

@@ -17,8 +17,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from graspless_pin.compiled import contact_frames, linear_programs
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.problem.checks import FloatArray, read_only, squared_lengths
 from graspless_pin.problem.contact_map import contact_map
 from graspless_pin.programs.force_layout import ConeRows, ForceLayout, cone_rows, layout_of
 from graspless_pin.programs.program import Program
@@ -77,19 +78,27 @@ class ForceCoordinates:
 def force_coordinates(problem: QuasistaticProblem) -> ForceCoordinates:
     """Choose coordinates and scales for a problem."""
     layout = layout_of(problem)
-    directions = problem.frames.swapaxes(1, 2)
-    if len(layout.cones) < problem.contact_count:
-        directions = directions.copy()
-        np.copyto(directions[:, 0], problem.kinetic_directions, where=layout.bare[:, None])
     force = max(problem.max_normal_force.tolist())
     lower, upper = problem.lower_torque.tolist(), problem.upper_torque.tolist()
     torque = max([abs(limit) for limit in lower + upper if math.isfinite(limit)], default=0.0)
     if torque == 0.0:
         reach = force * np.abs(problem.jacobian).sum(axis=0).max(initial=0.0)
         torque = float(reach) or 1.0
-    squares = np.einsum("ij,ij->i", problem.positions, problem.positions)
-    length = math.sqrt(max(squares.tolist())) or 1.0
-    return ForceCoordinates(directions, layout, force, torque, length)
+    length = math.sqrt(max(squared_lengths(problem.positions).tolist())) or 1.0
+    return ForceCoordinates(_directions(problem, layout), layout, force, torque, length)
+
+
+def _directions(problem: QuasistaticProblem, layout: ForceLayout) -> FloatArray:
+    """(M, 3, 3) see `ForceCoordinates`."""
+    if contact_frames is not None:
+        return contact_frames.force_directions(
+            problem.normals, problem.tangents, problem.friction, problem.sliding, problem.has_cone
+        )
+    directions = problem.frames.swapaxes(1, 2)
+    if len(layout.cones) < problem.contact_count:
+        directions = directions.copy()
+        np.copyto(directions[:, 0], problem.kinetic_directions, where=layout.bare[:, None])
+    return directions
 
 
 class ForceRows(NamedTuple):
@@ -172,22 +181,55 @@ def margin_program(
     The margin e is the last variable and may become negative: a negative optimum says by how much
     the cones would have to be widened, and its dual proves that no force set exists.
     """
-    rows, shared = force_rows(problem, coordinates), cone_rows(problem)
+    shared = cone_rows(problem)
+    rows, low, high, box = _margin_rows(problem, coordinates, shared)
+    return Program.of_rows(
+        rows,
+        _BALANCE,
+        low,
+        high,
+        P=_quadratic(coordinates, shared, regularization),
+        c=shared.last[0],
+        lb=shared.free[0],
+        ub=shared.free[1],
+        # The box speaks of forces inside their cones, that is of e >= 0: what it proves, it
+        # proves of those, and a proven bound above zero on -e proves that there are none.
+        box=box,
+    )
+
+
+def _margin_rows(
+    problem: QuasistaticProblem, coordinates: ForceCoordinates, shared: ConeRows
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """The rows of Algorithm 1, their lower and upper sides, and the box."""
+    if linear_programs is not None:
+        columns, low, high, box = linear_programs.margin_program(
+            problem.positions,
+            coordinates.directions,
+            problem.jacobian,
+            coordinates.layout.axes,
+            shared.sides.T,
+            len(shared.faces),
+            shared.reach,
+            problem.max_normal_force,
+            problem.external_wrench,
+            problem.lower_torque - problem.gravity_torques,
+            problem.upper_torque - problem.gravity_torques,
+            coordinates.force_scale,
+            coordinates.torque_scale,
+            coordinates.length_scale,
+        )
+        return columns.T, low, high, box
+    rows = force_rows(problem, coordinates)
     size, sides = rows.size, _BALANCE + len(shared.sides)
-    stack = np.empty((sides + len(rows.torque), size + 1), order="F")
+    stack = _stack(rows, sides + len(rows.torque))
     stack[_BALANCE:sides] = shared.sides
-    stack[sides:, :-1] = rows.torque
-    stack[sides:, -1] = 0.0
-    u = np.concatenate([np.zeros(len(rows.faces)), rows.limit, shared.low, rows.upper])
-    # The box speaks of forces inside their cones, that is of e >= 0: what it proves, it proves of
-    # those, and a proven bound above zero on -e proves that there are none.
-    return _program(
-        coordinates, rows, shared, regularization, stack,
-        np.concatenate([shared.below, rows.lower]), u,
-        objective=shared.last[0],
-        box=_widened(rows.box, float(rows.limit.min()) / 2.0),
-        imposed=(shared.free[0], shared.free[1]),
-    )  # fmt: skip
+    stack[sides:, :size] = rows.torque
+    stack[sides:, size] = 0.0
+    faces = np.zeros(len(rows.faces))
+    low = np.concatenate([rows.wrench, shared.below, rows.lower])
+    high = np.concatenate([rows.wrench, faces, rows.limit, shared.low, rows.upper])
+    return stack, low, high, _widened(rows.box, float(rows.limit.min()) / 2.0)
 
 
 def torque_program(
@@ -219,12 +261,13 @@ def torque_program(
     blocks = rows.faces, torque[up], -torque[down], torque
     first, middle = len(rows.faces), len(rows.faces) + len(unit_up)
     last = middle + len(unit_down)
-    stack = np.zeros((_BALANCE + last + len(torque), size + 1), order="F")
+    stack = _stack(rows, _BALANCE + last + len(torque))
     G = stack[_BALANCE:]
     np.concatenate(blocks, out=G[:, :size])
+    G[:, size] = 0.0
     G[first:middle, size] = -unit_up
     G[middle:last, size] = -unit_down
-    u = np.concatenate((np.full(first, -e), -gravity[up], gravity[down], rows.upper))
+    u = rows.wrench, np.full(first, -e), -gravity[up], gravity[down], rows.upper
     low, high = shared.free.copy()
     high[coordinates.normal] = rows.limit - e
     low[coordinates.normal[rows.bare]] = e
@@ -232,13 +275,25 @@ def torque_program(
     reach = np.abs(torque) @ rows.box[1] + np.abs(gravity)
     shares = reach[up] / unit_up, reach[down] / unit_down
     highest = float(np.concatenate(shares).max(initial=0.0)) + 1.0
-    return _program(
-        coordinates, rows, shared, regularization, stack,
-        np.concatenate((np.full(last, -np.inf), rows.lower)), u,
-        objective=shared.last[1],
+    return Program.of_rows(
+        stack,
+        _BALANCE,
+        np.concatenate((rows.wrench, np.full(last, -np.inf), rows.lower)),
+        np.concatenate(u),
+        P=_quadratic(coordinates, shared, regularization),
+        c=shared.last[1],
+        lb=low,
+        ub=high,
         box=_widened(rows.box, highest),
-        imposed=(low, high),
-    )  # fmt: skip
+    )
+
+
+def _stack(rows: ForceRows, count: int) -> FloatArray:
+    """(count, n + 1) rows, of which the first are the balance and the others yet to be filled."""
+    stack = np.empty((count, rows.size + 1), order="F")
+    stack[:_BALANCE, :-1] = rows.balance
+    stack[:_BALANCE, -1] = 0.0
+    return stack
 
 
 def _widened(box: FloatArray, highest: float) -> FloatArray:
@@ -249,34 +304,12 @@ def _widened(box: FloatArray, highest: float) -> FloatArray:
     return wide
 
 
-def _program(
-    coordinates: ForceCoordinates,
-    rows: ForceRows,
-    shared: ConeRows,
-    regularization: float,
-    stack: FloatArray,
-    l: FloatArray,  # noqa: E741
-    u: FloatArray,
-    *,
-    objective: FloatArray,
-    box: FloatArray,
-    imposed: tuple[FloatArray, FloatArray],
-) -> Program:
+def _quadratic(
+    coordinates: ForceCoordinates, shared: ConeRows, regularization: float
+) -> FloatArray:
+    """(n + 1,) diagonal of the quadratic term eps |f/F|^2."""
     P = shared.flat
     if regularization > 0.0:
         P = P.copy()
         P[:-1] = regularization * (coordinates.basis**2).sum(axis=0)
-    stack[:_BALANCE, :-1] = rows.balance
-    stack[:_BALANCE, -1] = 0.0
-    return Program.of_rows(
-        stack,
-        _BALANCE,
-        P=P,
-        c=objective,
-        b=rows.wrench,
-        l=l,
-        u=u,
-        lb=imposed[0],
-        ub=imposed[1],
-        box=box,
-    )
+    return P

@@ -39,6 +39,7 @@ def solve_mixed_integer(
     engine = highspy.Highs()
     engine.setOptionValue("output_flag", False)  # noqa: FBT003
     engine.setOptionValue("threads", 1)
+    engine.setOptionValue("presolve", "off")  # it has lost optima by rounding in big-M rows
     engine.setOptionValue("mip_rel_gap", 0.0)
     engine.setOptionValue("mip_abs_gap", 1e-9)
     engine.setOptionValue("mip_feasibility_tolerance", 1e-9)

@@ -1,0 +1,33 @@
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array: TypeAlias = NDArray[np.float64]
+
+def contact_map(positions: Array, normals: Array, tangents: Array, jacobian: Array) -> Array: ...
+def force_directions(
+    normals: Array, tangents: Array, friction: Array, sliding: Array, has_cone: NDArray[np.bool_]
+) -> Array: ...
+def scaled_map(effects: Array) -> tuple[Array, Array]: ...
+def motion_behind(
+    rows: Array,
+    contacts: Sequence[int] | NDArray[np.int_],
+    signs: NDArray[np.int8],
+    motion: Array,
+    damping: float,
+    corrections: int,
+    rank_tolerance: float,
+    least: float,
+) -> Array | None: ...
+def margin(
+    forces: Array,
+    normals: Array,
+    tangents: Array,
+    friction: Array,
+    has_cone: NDArray[np.bool_],
+    most: Array,
+    face_directions: Array,
+) -> float: ...
+def squared_lengths(vectors: Array) -> Array: ...

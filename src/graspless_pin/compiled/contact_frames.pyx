@@ -1,0 +1,214 @@
+# cython: boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
+"""A problem in its contact frames: effects of unit forces, virtual motions, margins."""
+
+from libc.math cimport INFINITY, sqrt
+from libc.string cimport memset
+
+cimport numpy as cnp
+
+from graspless_pin.compiled.shared cimport (
+    as_blocks, as_flags, as_integers, as_reals, as_shaped, as_vector, data, dot, effects_of, empty,
+    empty1, empty3, factor, flags_of, inner, numbers_of, solve_factored,
+)
+
+cnp.import_array()
+
+
+def contact_map(positions, normals, tangents, jacobian):
+    """(M, 3, 6 + L) wrench and torques of unit forces along n, t1, t2 of each contact.
+
+    Args:
+        positions: (M, 3) m.
+        normals: (M, 3).
+        tangents: (M, 3, 2).
+        jacobian: (3M, L).
+    """
+    cdef cnp.ndarray points = as_reals(positions, 2), J = as_reals(jacobian, 2)
+    cdef Py_ssize_t M = points.shape[0], L = J.shape[1], contact
+    points, J = as_shaped(points, M, 3), as_shaped(J, 3 * M, L)
+    cdef cnp.ndarray n = as_shaped(normals, M, 3), t = as_blocks(tangents, M, 3, 2)
+    cdef cnp.ndarray effects = empty3(M, 3, 6 + L)
+    cdef double axes[9]
+    cdef int i
+    for contact in range(M):
+        for i in range(3):
+            axes[i] = data(n)[3 * contact + i]
+            axes[3 + i] = data(t)[6 * contact + 2 * i]
+            axes[6 + i] = data(t)[6 * contact + 2 * i + 1]
+        for i in range(3):
+            effects_of(
+                axes + 3 * i, data(points) + 3 * contact, data(J) + 3 * L * contact, L,
+                data(effects) + (3 * contact + i) * (6 + L),
+            )
+    return effects
+
+
+def force_directions(normals, tangents, friction, sliding, has_cone):
+    """(M, 3, 3) rows n, t1, t2; where there is no cone n - mu v/|v| in the place of n."""
+    cdef cnp.ndarray n = as_reals(normals, 2)
+    cdef Py_ssize_t M = n.shape[0], contact
+    n = as_shaped(n, M, 3)
+    cdef cnp.ndarray t = as_blocks(tangents, M, 3, 2), v = as_shaped(sliding, M, 3)
+    cdef cnp.ndarray mu = as_vector(friction, M), cones = as_flags(has_cone, M)
+    cdef cnp.ndarray rows = empty3(M, 3, 3)
+    cdef double* out
+    cdef double speed, share
+    cdef int i
+    for contact in range(M):
+        out = data(rows) + 9 * contact
+        share = 0.0
+        if not flags_of(cones)[contact]:
+            speed = sqrt(dot(data(v) + 3 * contact, data(v) + 3 * contact))
+            if speed > 0.0:
+                share = data(mu)[contact] / speed
+        for i in range(3):
+            out[i] = data(n)[3 * contact + i] - share * data(v)[3 * contact + i]
+            out[3 + i] = data(t)[6 * contact + 2 * i]
+            out[6 + i] = data(t)[6 * contact + 2 * i + 1]
+    return rows
+
+
+def scaled_map(effects):
+    """A (M, 3, 6 + L) map of virtual motions with columns of one size, and the columns' factors.
+
+    The factors (6 + L,) are positive; in the map, those of the joints count negative, as it is
+    their backward rates that it takes.
+    """
+    cdef cnp.ndarray local = as_reals(effects, 3)
+    cdef Py_ssize_t rows = local.shape[0] * local.shape[1], n = local.shape[2], row, k
+    if n < 6:
+        raise ValueError("needs shape (M, 3, 6 + L)")
+    cdef cnp.ndarray scale = empty1(n)
+    cdef cnp.ndarray scaled = empty3(local.shape[0], local.shape[1], n)
+    cdef const double* values = data(local)
+    cdef double* size = data(scale)
+    cdef double* out = data(scaled)
+    memset(size, 0, n * sizeof(double))
+    for row in range(rows):
+        for k in range(n):
+            size[k] += values[n * row + k] * values[n * row + k]
+    for k in range(n):
+        size[k] = 1.0 / sqrt(size[k]) if size[k] > 0.0 else 1.0
+    for row in range(rows):
+        for k in range(n):
+            out[n * row + k] = values[n * row + k] * (size[k] if k < 6 else -size[k])
+    return scaled, scale
+
+
+def motion_behind(
+    rows, contacts, signs, motion, double damping, int corrections, double rank_tolerance,
+    double least,
+):
+    """The motion nearest to another that keeps some contacts touching, if it slides with signs.
+
+    Args:
+        rows: (M, 3, n) map of virtual motions to velocities along n, t1, t2.
+        contacts: (s,) contacts.
+        signs: (s, 2) signs of their sliding, none of them zero.
+        motion: (n,) the other motion.
+        damping: Stands in for ranks, see `nearest_motions`.
+        corrections: How often the velocities along the normals are taken away.
+        rank_tolerance: Largest velocity along a normal that counts as none, for a unit motion.
+        least: Least square of a sliding that counts as one, for a unit motion.
+
+    Returns:
+        (n,) the motion; None if it does not slide with all of the signs.
+    """
+    cdef cnp.ndarray local = as_reals(rows, 3)
+    cdef Py_ssize_t M = local.shape[0], n = local.shape[2], s, i, j, k
+    local = as_blocks(local, M, 3, n)
+    cdef cnp.ndarray wanted = as_reals(signs, 2)
+    s = wanted.shape[0]
+    wanted = as_shaped(wanted, s, 2)
+    cdef cnp.ndarray numbers = as_integers(contacts, s)
+    cdef cnp.npy_intp* number = numbers_of(numbers)
+    for i in range(s):
+        if not 0 <= number[i] < M:
+            raise ValueError("needs contacts that exist")
+    cdef cnp.ndarray moved = <cnp.ndarray>cnp.PyArray_NewCopy(as_vector(motion, n), cnp.NPY_CORDER)
+    cdef cnp.ndarray gram = empty(s, s), apart = empty(1, s)
+    cdef double* G = data(gram)
+    cdef double* a = data(apart)
+    cdef double* x = data(moved)
+    cdef const double* row
+    cdef double trace = 0.0, size, slide
+    for i in range(s):
+        row = data(local) + 3 * n * number[i]
+        for j in range(i + 1):
+            G[s * i + j] = inner(row, data(local) + 3 * n * number[j], n)
+        trace += G[s * i + i]
+    for i in range(s):
+        G[s * i + i] += damping * (1.0 + trace)
+    if not factor(G, s):
+        corrections = 0
+    for k in range(corrections):
+        for i in range(s):
+            a[i] = inner(data(local) + 3 * n * number[i], x, n)
+        solve_factored(G, s, a)
+        for i in range(s):
+            row = data(local) + 3 * n * number[i]
+            for j in range(n):
+                x[j] -= a[i] * row[j]
+    size, slide = inner(x, x, n), 0.0
+    for i in range(s):
+        row = data(local) + 3 * n * number[i]
+        slide += inner(row, x, n) ** 2
+    if not slide <= rank_tolerance * rank_tolerance * size:
+        return None
+    for i in range(s):
+        for j in range(2):
+            slide = data(wanted)[2 * i + j] * inner(
+                data(local) + (3 * number[i] + 1 + j) * n, x, n
+            )
+            if not (slide > 0.0 and slide * slide >= least * size):
+                return None
+    return moved
+
+
+def margin(forces, normals, tangents, friction, has_cone, most, face_directions):
+    """The margin of contact forces, see `QuasistaticProblem.margin_of`.
+
+    Args:
+        forces: (M, 3) N.
+        normals: (M, 3).
+        tangents: (M, 3, 2).
+        friction: (M,) slopes of the side faces, mu cos(pi / r).
+        has_cone: (M,).
+        most: (M,) largest normal forces, N.
+        face_directions: (2, r) directions of the side faces along t1 and t2.
+    """
+    cdef cnp.ndarray f = as_reals(forces, 2)
+    cdef Py_ssize_t M = f.shape[0], contact, k, r
+    f = as_shaped(f, M, 3)
+    cdef cnp.ndarray n = as_shaped(normals, M, 3), t = as_blocks(tangents, M, 3, 2)
+    cdef cnp.ndarray slope = as_vector(friction, M), cones = as_flags(has_cone, M)
+    cdef cnp.ndarray limit = as_vector(most, M), faces = as_reals(face_directions, 2)
+    r = faces.shape[1]
+    faces = as_shaped(faces, 2, r)
+    cdef double least = INFINITY, along, first, second, outward
+    cdef const double* g
+    cdef const double* axes
+    for contact in range(M):
+        g, axes = data(f) + 3 * contact, data(t) + 6 * contact
+        along = dot(data(n) + 3 * contact, g)
+        least = min(least, along, data(limit)[contact] - along)
+        if flags_of(cones)[contact]:
+            first = axes[0] * g[0] + axes[2] * g[1] + axes[4] * g[2]
+            second = axes[1] * g[0] + axes[3] * g[1] + axes[5] * g[2]
+            outward = -INFINITY
+            for k in range(r):
+                outward = max(outward, first * data(faces)[k] + second * data(faces)[r + k])
+            along = data(slope)[contact] * along - outward
+            least = min(least, along / sqrt(1.0 + data(slope)[contact] ** 2))
+    return least
+
+
+def squared_lengths(vectors):
+    """(M,) squares of the lengths of rows (M, 3)."""
+    cdef cnp.ndarray rows = as_reals(vectors, 2)
+    cdef Py_ssize_t count = rows.shape[0], k
+    rows = as_shaped(rows, count, 3)
+    cdef cnp.ndarray squares = empty1(count)
+    for k in range(count):
+        data(squares)[k] = dot(data(rows) + 3 * k, data(rows) + 3 * k)
+    return squares

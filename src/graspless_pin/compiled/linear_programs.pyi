@@ -1,0 +1,53 @@
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array: TypeAlias = NDArray[np.float64]
+Numbers: TypeAlias = NDArray[np.int_]
+
+def margin_program(
+    positions: Array,
+    directions: Array,
+    jacobian: Array,
+    axes: Numbers,
+    cone_rows: Array,
+    face_count: int,
+    reach: Array,
+    most: Array,
+    wrench: Array,
+    lower: Array,
+    upper: Array,
+    force_scale: float,
+    torque_scale: float,
+    length_scale: float,
+) -> tuple[Array, Array, Array, Array]: ...
+def judged(
+    rows: Array,
+    low: Array,
+    high: Array,
+    c: Array,
+    lb: Array,
+    ub: Array,
+    box: Array,
+    x: Array,
+    weights: Array,
+) -> tuple[float, float, float]: ...
+def refined(
+    rows: Array,
+    low: Array,
+    high: Array,
+    c: Array,
+    lb: Array,
+    ub: Array,
+    active: Numbers,
+    at_bounds: Numbers,
+    upper: NDArray[np.bool_],
+    x: Array,
+    weights: Array,
+    damping: float,
+    corrections: int,
+) -> tuple[Array, Array] | None: ...
+def without_forbidden(
+    x: Array, columns: Numbers, cones: Numbers, signs: NDArray[np.int8]
+) -> tuple[Array, float]: ...

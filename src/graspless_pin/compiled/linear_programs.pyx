@@ -1,0 +1,314 @@
+# cython: boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
+"""Algorithm 1 as rows and sides, what an answer to a linear program proves, and a nearby optimum.
+
+Rows are taken and given transposed, (n, R) and contiguous: a column of the program in one piece.
+"""
+
+from libc.math cimport INFINITY, isfinite
+from libc.string cimport memcpy, memset
+
+cimport numpy as cnp
+
+from graspless_pin.compiled.shared cimport (
+    as_blocks, as_flags, as_integers, as_reals, as_shaped, as_vector, data, effects_of, empty,
+    empty1, factor, flags_of, inner, numbers_of, solve_factored,
+)
+
+cnp.import_array()
+
+
+def margin_program(
+    positions, directions, jacobian, axes, cone_rows, Py_ssize_t face_count, reach, most, wrench,
+    lower, upper, double force_scale, double torque_scale, double length_scale,
+):
+    """Rows, sides and box of Algorithm 1, see `force_programs.margin_program`.
+
+    Args:
+        positions: (M, 3) m.
+        directions: (M, 3, 3) rows n, t1, t2 of each contact.
+        jacobian: (3M, L).
+        axes: (n,) which of these rows each coordinate is along, counted through.
+        cone_rows: (n + 1, s) the rows of the cones, transposed.
+        face_count: How many of them are side faces; the next M are those of the normal forces.
+        reach: (2, n) bounds of forces inside cones, each in limits of its contact's normal force.
+        most: (M,) largest normal forces, N.
+        wrench: (6,) external wrench.
+        lower: (L,) torque limits less gravity, N m.
+        upper: (L,) torque limits less gravity, N m.
+        force_scale: N.
+        torque_scale: N m.
+        length_scale: m.
+
+    Returns:
+        (n + 1, R) transposed rows: balance, cones, torques; (R,) lower and (R,) upper sides; and
+        the (2, n + 1) box.
+    """
+    cdef cnp.ndarray points = as_reals(positions, 2), J = as_reals(jacobian, 2)
+    cdef Py_ssize_t M = points.shape[0], L = J.shape[1], n, s, R, c, k, contact
+    points, J = as_shaped(points, M, 3), as_shaped(J, 3 * M, L)
+    cdef cnp.ndarray along = as_blocks(directions, M, 3, 3), cones = as_reals(cone_rows, 2)
+    n, s = cones.shape[0] - 1, cones.shape[1]
+    cdef cnp.ndarray number = as_integers(axes, n), bounds = as_shaped(reach, 2, n)
+    cdef cnp.ndarray limits = as_vector(most, M), load = as_vector(wrench, 6)
+    cdef cnp.ndarray lowest = as_vector(lower, L), highest = as_vector(upper, L)
+    R = 6 + s + L
+    if s < face_count + M or face_count < 0:
+        raise ValueError("needs the rows of all cones")
+    cdef cnp.ndarray rows = empty(n + 1, R), low = empty1(R), high = empty1(R)
+    cdef cnp.ndarray box = empty(2, n + 1), effects = empty1(6 + L)
+    cdef double* out
+    cdef double* effect = data(effects)
+    cdef double least = INFINITY
+    for c in range(n):
+        if not 0 <= numbers_of(number)[c] < 3 * M:
+            raise ValueError("needs axes that exist")
+        contact, out = numbers_of(number)[c] // 3, data(rows) + R * c
+        effects_of(
+            data(along) + 3 * numbers_of(number)[c], data(points) + 3 * contact,
+            data(J) + 3 * L * contact, L, effect,
+        )
+        for k in range(3):
+            out[k], out[3 + k] = effect[k], effect[3 + k] / length_scale
+        memcpy(out + 6, data(cones) + s * c, s * sizeof(double))
+        for k in range(L):
+            out[6 + s + k] = effect[6 + k] * (force_scale / torque_scale)
+        for k in range(2):
+            data(box)[(n + 1) * k + c] = (
+                data(bounds)[n * k + c] * data(limits)[contact] / force_scale
+            )
+    out = data(rows) + R * n
+    memset(out, 0, R * sizeof(double))
+    memcpy(out + 6, data(cones) + s * n, s * sizeof(double))
+    memset(data(high), 0, R * sizeof(double))
+    for k in range(6):
+        data(low)[k] = -data(load)[k] / (force_scale if k < 3 else force_scale * length_scale)
+        data(high)[k] = data(low)[k]
+    for k in range(s):
+        data(low)[6 + k] = -INFINITY
+    for k in range(M):
+        data(high)[6 + face_count + k] = data(limits)[k] / force_scale
+        least = min(least, data(limits)[k] / force_scale)
+    for k in range(L):
+        data(low)[6 + s + k] = data(lowest)[k] / torque_scale
+        data(high)[6 + s + k] = data(highest)[k] / torque_scale
+    data(box)[n], data(box)[2 * n + 1] = 0.0, least / 2.0
+    return rows, low, high, box
+
+
+def judged(rows, low, high, c, lb, ub, box, x, weights):
+    """What a point and multipliers prove of a linear program, see `Program`.
+
+    Args:
+        rows: (n, R) transposed rows.
+        low: (R,) their lower sides, -inf where there is none.
+        high: (R,) their upper sides, inf where there is none.
+        c: (n,) objective.
+        lb: (n,) lower bounds.
+        ub: (n,) upper bounds.
+        box: (2, n) bounds that are implied.
+        x: (n,) the point.
+        weights: (R,) multipliers, positive at upper sides.
+
+    Returns:
+        The bound that the multipliers prove, the objective at the point, and the largest violation
+        of a constraint there, infinite where a number is none.
+    """
+    cdef cnp.ndarray matrix = as_reals(rows, 2)
+    cdef Py_ssize_t n = matrix.shape[0], R = matrix.shape[1], j, i
+    cdef cnp.ndarray lower = as_vector(low, R), upper = as_vector(high, R), cost = as_vector(c, n)
+    cdef cnp.ndarray least = as_vector(lb, n), most = as_vector(ub, n), implied = as_shaped(box, 2, n)
+    cdef cnp.ndarray point = as_vector(x, n), given = as_vector(weights, R)
+    cdef cnp.ndarray level = empty1(R), counted = empty1(R)
+    cdef double* at = data(level)
+    cdef double* w = data(counted)
+    cdef const double* column
+    cdef double bound = 0.0, value = 0.0, residual = 0.0, slope, side, total = 0.0
+    for i in range(R):
+        at[i], w[i] = 0.0, data(given)[i]
+        total += w[i]
+        if w[i] != 0.0:
+            side = data(upper)[i] if w[i] > 0.0 else data(lower)[i]
+            if isfinite(side):
+                bound -= w[i] * side
+            else:
+                w[i] = 0.0
+    for j in range(n):
+        column, side = data(matrix) + R * j, data(point)[j]
+        slope = data(cost)[j]
+        for i in range(R):
+            at[i] += side * column[i]
+        for i in range(R):
+            if w[i] != 0.0:
+                slope += w[i] * column[i]
+        total += side
+        value += data(cost)[j] * side
+        residual = max(residual, side - data(most)[j], data(least)[j] - side)
+        if slope >= 0.0:
+            bound += slope * max(data(implied)[j], data(least)[j])
+        else:
+            bound += slope * min(data(implied)[n + j], data(most)[j])
+    for i in range(R):
+        residual = max(residual, at[i] - data(upper)[i], data(lower)[i] - at[i])
+    return bound, value, residual if isfinite(total) else INFINITY
+
+
+def refined(
+    rows, low, high, c, lb, ub, active, at_bounds, upper, x, weights, double damping,
+    int corrections,
+):
+    """A point and multipliers of a linear program for given active constraints, or None.
+
+    Args:
+        rows: (n, R) transposed rows.
+        low: (R,) their lower sides.
+        high: (R,) their upper sides.
+        c: (n,) objective.
+        lb: (n,) lower bounds.
+        ub: (n,) upper bounds.
+        active: (r,) the active rows.
+        at_bounds: (h,) variables at a bound.
+        upper: (r + h,) whether it is the upper side, or bound.
+        x: (n,) a point nearby.
+        weights: (r + h,) multipliers nearby.
+        damping: Stands in for ranks, see `carried_optimum`.
+        corrections: How often what is left is taken away.
+
+    Returns:
+        (n,) the point and (r + h,) its multipliers; None where a side is infinite or the rows
+        cannot be told apart.
+    """
+    cdef cnp.ndarray matrix = as_reals(rows, 2)
+    cdef Py_ssize_t n = matrix.shape[0], R = matrix.shape[1], m, r, h, i, j, k, size
+    cdef cnp.ndarray bounded = <cnp.ndarray>cnp.PyArray_ContiguousFromAny(
+        at_bounds, cnp.NPY_INTP, 1, 1
+    )
+    h = bounded.shape[0]
+    cdef cnp.ndarray chosen = <cnp.ndarray>cnp.PyArray_ContiguousFromAny(active, cnp.NPY_INTP, 1, 1)
+    r = chosen.shape[0]
+    m = r + h
+    cdef cnp.ndarray lower = as_vector(low, R), higher = as_vector(high, R), cost = as_vector(c, n)
+    cdef cnp.ndarray least = as_vector(lb, n), most = as_vector(ub, n), top = as_flags(upper, m)
+    cdef cnp.ndarray point = <cnp.ndarray>cnp.PyArray_NewCopy(as_vector(x, n), cnp.NPY_CORDER)
+    cdef cnp.ndarray multipliers = <cnp.ndarray>cnp.PyArray_NewCopy(
+        as_vector(weights, m), cnp.NPY_CORDER
+    )
+    cdef cnp.ndarray gathered = empty(m, n), sides = empty1(m), left = empty1(max(m, n))
+    cdef cnp.ndarray rest = empty1(max(m, n))
+    cdef double* E = data(gathered)
+    cdef double* e = data(sides)
+    cdef double* b = data(left)
+    cdef double* d = data(rest)
+    cdef double* z = data(point)
+    cdef double* w = data(multipliers)
+    cdef double trace = 0.0
+    cdef bint wide = m <= n
+    memset(E, 0, m * n * sizeof(double))
+    for i in range(m):
+        if i < r:
+            k = numbers_of(chosen)[i]
+            if not 0 <= k < R:
+                raise ValueError("needs rows that exist")
+            for j in range(n):
+                E[n * i + j] = data(matrix)[R * j + k]
+            e[i] = data(higher)[k] if flags_of(top)[i] else data(lower)[k]
+        else:
+            k = numbers_of(bounded)[i - r]
+            if not 0 <= k < n:
+                raise ValueError("needs variables that exist")
+            E[n * i + k] = 1.0
+            e[i] = data(most)[k] if flags_of(top)[i] else data(least)[k]
+        if not isfinite(e[i]):
+            return None
+    size = m if wide else n
+    cdef cnp.ndarray gram = empty(size, size)
+    cdef double* G = data(gram)
+    if wide:
+        for i in range(m):
+            for j in range(i + 1):
+                G[m * i + j] = inner(E + n * i, E + n * j, n)
+    else:
+        memset(G, 0, n * n * sizeof(double))
+        for k in range(m):
+            for i in range(n):
+                for j in range(i + 1):
+                    G[n * i + j] += E[n * k + i] * E[n * k + j]
+    for i in range(size):
+        trace += G[size * i + i]
+    for i in range(size):
+        G[size * i + i] += damping * trace
+    if not factor(G, size):
+        return None
+    for k in range(corrections):
+        # What is left of the sides, and the slope of the Lagrangian.
+        for i in range(m):
+            b[i] = e[i] - inner(E + n * i, z, n)
+        memcpy(d, data(cost), n * sizeof(double))
+        for i in range(m):
+            for j in range(n):
+                d[j] += w[i] * E[n * i + j]
+        if wide:
+            solve_factored(G, m, b)
+            for i in range(m):
+                for j in range(n):
+                    z[j] += b[i] * E[n * i + j]
+            for i in range(m):
+                b[i] = inner(E + n * i, d, n)
+            solve_factored(G, m, b)
+            for i in range(m):
+                w[i] -= b[i]
+        else:
+            solve_factored(G, n, d)
+            for i in range(m):
+                w[i] -= inner(E + n * i, d, n)
+            memset(d, 0, n * sizeof(double))
+            for i in range(m):
+                for j in range(n):
+                    d[j] += b[i] * E[n * i + j]
+            solve_factored(G, n, d)
+            for j in range(n):
+                z[j] += d[j]
+    for i in range(h):
+        z[numbers_of(bounded)[i]] = e[r + i]
+    return point, multipliers
+
+
+def without_forbidden(x, columns, cones, signs):
+    """A solution without the friction that one mode forbids; the same array if there is none.
+
+    Args:
+        x: (n,) solution.
+        columns: (layers, c, 2) columns of the friction of each cone.
+        cones: (c,) contacts of the cones.
+        signs: (M, 2) signs of the mode's sliding.
+
+    Returns:
+        (n,) what is left, and the largest friction that was taken away.
+    """
+    cdef cnp.ndarray before = as_reals(x, 1), after = None
+    cdef Py_ssize_t n = before.shape[0], count, layers, M, k, layer, column, contact
+    cdef cnp.ndarray numbers = <cnp.ndarray>cnp.PyArray_ContiguousFromAny(
+        cones, cnp.NPY_INTP, 1, 1
+    )
+    count = numbers.shape[0]
+    cdef cnp.ndarray places = <cnp.ndarray>cnp.PyArray_ContiguousFromAny(
+        columns, cnp.NPY_INTP, 3, 3
+    )
+    layers = places.shape[0]
+    if places.shape[1] != count or places.shape[2] != 2:
+        raise ValueError(f"needs shape (layers, {count}, 2)")
+    cdef cnp.ndarray given = <cnp.ndarray>cnp.PyArray_ContiguousFromAny(signs, cnp.NPY_INT8, 2, 2)
+    cdef cnp.npy_int8* sign = <cnp.npy_int8*>cnp.PyArray_DATA(given)
+    cdef double friction, most = 0.0
+    M = given.shape[0]
+    for layer in range(layers):
+        for k in range(2 * count):
+            contact, column = numbers_of(numbers)[k // 2], numbers_of(places)[2 * count * layer + k]
+            if not (0 <= contact < M and 0 <= column < n and given.shape[1] == 2):
+                raise ValueError("needs contacts and columns that exist")
+            friction = data(before)[column]
+            if friction != 0.0 and friction * sign[2 * contact + k % 2] >= 0.0:
+                if after is None:
+                    after = <cnp.ndarray>cnp.PyArray_NewCopy(before, cnp.NPY_CORDER)
+                data(after)[column] = 0.0
+                most = max(most, friction, -friction)
+    return x if after is None else after, most

@@ -1,0 +1,294 @@
+"""The compiled loops from problems to proven optima do what the numpy beside their callers does."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from graspless_pin import QuasistaticProblem, compiled, load_scene, maximize_margin
+from graspless_pin.algorithms.formulation import Formulation, Objective, formulate
+from graspless_pin.errors import GrasplessPinError
+from graspless_pin.modes.rules import SlidingMode
+from graspless_pin.problem.contact_map import contact_map
+from graspless_pin.programs import carried_optimum
+from graspless_pin.programs.carried_optimum import carried, optimum_of
+from graspless_pin.programs.program import Program
+from graspless_pin.solution import Algorithm
+from graspless_pin.solvers import Outcome, solve
+
+pytestmark = pytest.mark.skipif(
+    compiled.small_arrays is None, reason="the loops are not compiled: there is no C compiler"
+)
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+NAMES = (
+    "paper/cuboid_at_rest", "paper/cuboid_sliding_up", "paper/sphere_on_slope",
+    "allegro_box_on_slope", "trihand_push_box", "two_hands_slide_crate",
+)  # fmt: skip
+MARGIN = Objective(Algorithm.MARGIN, margin=0.0, by_limits=False, regularization=0.0)
+PROGRAM = ("P", "c", "A", "b", "G", "l", "u", "lb", "ub", "box")
+
+
+@cache
+def example(name: str) -> QuasistaticProblem:
+    return load_scene(EXAMPLES / f"{name}.yaml").problem()
+
+
+def fresh(name: str, seed: int) -> QuasistaticProblem:
+    """An example whose numbers are changed a little, of which nothing is assembled."""
+    rng, problem = np.random.default_rng(seed), example(name)
+    return problem.with_changes(
+        jacobian=problem.jacobian * rng.uniform(0.9, 1.1, problem.jacobian.shape),
+        external_wrench=problem.external_wrench * rng.uniform(0.9, 1.1, 6),
+        friction=problem.friction * rng.choice([1.0, 1.0, 0.0], problem.contact_count),
+        positions=problem.positions * rng.uniform(0.9, 1.1, problem.positions.shape),
+    )
+
+
+def assembled(name: str, seed: int, objective: Objective = MARGIN) -> Formulation:
+    return formulate(fresh(name, seed), objective)
+
+
+def same(ours, theirs, what: str = "") -> None:
+    np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=1e-12, err_msg=what)
+
+
+@pytest.mark.parametrize("regularization", [0.0, 0.1])
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("name", NAMES)
+def test_programs_are_alike(name, seed, regularization, by_numpy) -> None:
+    objective = Objective(Algorithm.MARGIN, 0.0, by_limits=False, regularization=regularization)
+    ours = assembled(name, seed, objective)
+    theirs = by_numpy(lambda: assembled(name, seed, objective))
+    for field in PROGRAM:
+        same(getattr(ours.program, field), getattr(theirs.program, field), field)
+    same(ours.program.rows, theirs.program.rows)
+    for side, other in zip(ours.program.sides, theirs.program.sides, strict=True):
+        same(side, other)
+    for field in ("directions", "force_scale", "torque_scale", "length_scale"):
+        same(getattr(ours.coordinates, field), getattr(theirs.coordinates, field), field)
+    same(ours.kinematics.rows, theirs.kinematics.rows)
+    same(ours.kinematics.scale, theirs.kinematics.scale)
+    local = contact_map(ours.problem)
+    assert not local.flags.writeable
+    same(local, by_numpy(lambda: contact_map(fresh(name, seed))))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_margins_are_alike(name, by_numpy) -> None:
+    rng = np.random.default_rng(0)
+    for seed in range(5):
+        problem = fresh(name, seed)
+        for size in (0.1, 10.0, 100.0):
+            forces = size * rng.normal(size=(problem.contact_count, 3)) + size * problem.normals
+            same(problem.margin_of(forces), by_numpy(lambda p=problem, f=forces: p.margin_of(f)))
+
+
+def judged(program: Program, x, y, z, by_numpy) -> None:
+    ours = program.judged(x, y, z)
+    theirs = by_numpy(lambda: program.judged(x, y, z))
+    np.testing.assert_allclose(ours, theirs, rtol=1e-10, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_answers_prove_the_same(name, by_numpy) -> None:
+    rng = np.random.default_rng(1)
+    for seed in range(4):
+        formulation = assembled(name, seed)
+        program = formulation.program
+        answer = solve(program, "piqp")
+        if answer.outcome is Outcome.SOLVED:
+            judged(program, answer.x, answer.y, answer.z, by_numpy)
+        lb, ub = program.lb.copy(), program.ub.copy()
+        lb[0], ub[2] = 0.0, 0.0
+        for bounded in (program, program.bounded(lb, ub)):
+            x = rng.normal(size=len(program.c))
+            y, z = rng.normal(size=len(program.b)), rng.normal(size=len(program.l))
+            judged(bounded, x, y, z * rng.choice([0.0, 1.0], len(z)), by_numpy)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("name", NAMES)
+def test_what_is_no_number_proves_nothing(name, bad) -> None:
+    program = assembled(name, 0).program
+    x, y, z = np.zeros(len(program.c)), np.zeros(len(program.b)), np.zeros(len(program.l))
+    for place in (0, len(x) - 1):
+        spoilt = x.copy()
+        spoilt[place] = bad
+        assert not program.judged(spoilt, y, z)[2] <= 1.0
+    for multipliers in (y, z):
+        spoilt = multipliers.copy()
+        spoilt[-1] = bad
+        given = (spoilt, z) if multipliers is y else (y, spoilt)
+        bound, value, _ = program.judged(x, *given)
+        assert not value - bound <= 1.0
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_optima_are_carried_over_alike(name, by_numpy) -> None:
+    seen = 0
+    for seed in range(6):
+        here, there = assembled(name, seed).program, assembled(name, seed).program
+        answer = solve(here, "piqp")
+        if answer.outcome is not Outcome.SOLVED:
+            continue
+        near = optimum_of(here, answer)
+        assert near is not None
+        # Any numbers of active rows: too many of them are told apart by nothing but damping.
+        rng = np.random.default_rng(seed)
+        fewer = np.flatnonzero(rng.random(len(near.rows)) < 0.6)
+        part = near._replace(
+            rows=near.rows[fewer],
+            upper=np.concatenate((near.upper[fewer], near.upper[len(near.rows) :])),
+            weights=np.concatenate((near.weights[fewer], near.weights[len(near.rows) :])),
+        )
+        for start in (near, part):
+            ours = carried_optimum._refined(there, start)
+            theirs = by_numpy(lambda p=there, s=start: carried_optimum._refined(p, s))
+            assert ours is not None and theirs is not None
+            np.testing.assert_allclose(ours[0], theirs[0], rtol=0, atol=1e-8)
+        known = carried(there, near, np.inf)
+        if known is not None:
+            seen += 1
+            assert known[0].value == pytest.approx(answer.value, abs=1e-7)
+    assert seen >= 2
+
+
+@settings(max_examples=80, deadline=None)
+@given(name=st.sampled_from(NAMES), seed=st.integers(0, 5), kind=st.integers(0, 1000))
+def test_forbidden_friction_is_cut_off_alike(name, seed, kind, by_numpy) -> None:
+    formulation = assembled(name, seed)
+    rng = np.random.default_rng(kind)
+    count = formulation.problem.contact_count
+    signs = rng.integers(-1, 2, (count, 2))
+    mode = SlidingMode.unchecked(np.asarray(signs.any(axis=1)), signs.astype(np.int8))
+    x = rng.normal(size=len(formulation.program.c)) * rng.choice([0.0, 1e-9, 1.0])
+    ours, theirs = (
+        formulation.admitted(mode, x),
+        by_numpy(lambda: formulation.admitted(mode, x)),
+    )
+    np.testing.assert_array_equal(ours, theirs)
+    assert (ours is x) == (theirs is x)
+
+
+@settings(max_examples=80, deadline=None)
+@given(name=st.sampled_from(NAMES), seed=st.integers(0, 5), kind=st.integers(0, 1000))
+def test_motions_are_held_alike(name, seed, kind, by_numpy) -> None:
+    problem = fresh(name, seed)
+    rng = np.random.default_rng(kind)
+    kinematics = formulate(problem, MARGIN).kinematics
+    count = rng.integers(1, 1 + min(3, problem.contact_count))
+    contacts = tuple(sorted(rng.permutation(problem.contact_count)[:count].tolist()))
+    near = rng.normal(size=kinematics.rows.shape[2])
+    held = kinematics.nearest._held(contacts, near)
+    signs = np.sign(held.sliding).astype(np.int8)
+    signs *= rng.choice([1, 1, 1, -1, 0], len(signs), p=[0.32, 0.32, 0.32, 0.03, 0.01])
+    ours = kinematics.nearest.behind(contacts, signs, near)
+    theirs = by_numpy(lambda: kinematics.nearest.behind(contacts, signs, near))
+    assert (ours is None) == (theirs is None)
+    if ours is not None:
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-8 * float(np.linalg.norm(near)))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_whole_answers_are_alike(name, by_numpy) -> None:
+    def answered(seed: int):
+        try:
+            solution = maximize_margin(fresh(name, seed))
+        except GrasplessPinError as error:
+            return str(error)
+        return solution.status, solution.margin if solution.found else None
+
+    for seed in range(4):
+        ours, theirs = answered(seed), by_numpy(lambda s=seed: answered(s))
+        assert ours[0] == theirs[0]
+        assert ours[1] == (None if theirs[1] is None else pytest.approx(theirs[1], abs=1e-5))
+
+
+ONES = np.ones((2, 3))
+FRAMES = np.ones((2, 3, 2))
+AXES = np.ones((2, 3, 3))
+J = np.ones((6, 1))
+LOW, HIGH = np.zeros(4), np.ones(4)
+ROWS = np.ones((2, 4))
+TWO, BOX = np.ones(2), np.ones((2, 2))
+FIRST = np.array([0])
+NONE = np.zeros(0, dtype=int)
+
+
+def margin_arguments(**changes):
+    values = {
+        "positions": ONES, "directions": AXES, "jacobian": J, "axes": np.array([0, 3]),
+        "cone_rows": np.ones((3, 2)), "face_count": 0, "reach": np.ones((2, 2)), "most": TWO,
+        "wrench": np.ones(6), "lower": np.zeros(1), "upper": np.ones(1), "force_scale": 1.0,
+        "torque_scale": 1.0, "length_scale": 1.0,
+    }  # fmt: skip
+    return tuple((values | changes).values())
+
+
+def refined_arguments(**changes):
+    values = {
+        "rows": ROWS, "low": LOW, "high": HIGH, "c": TWO, "lb": TWO, "ub": TWO, "active": FIRST,
+        "at_bounds": NONE, "upper": np.array([True]), "x": TWO, "weights": np.ones(1),
+        "damping": 1e-13, "corrections": 2,
+    }  # fmt: skip
+    return tuple((values | changes).values())
+
+
+@pytest.mark.parametrize(
+    ("loops", "name", "arguments"),
+    [
+        ("contact_frames", "contact_map", (ONES, ONES, FRAMES, np.ones((5, 1)))),
+        ("contact_frames", "contact_map", (ONES, np.ones((3, 3)), FRAMES, J)),
+        ("contact_frames", "contact_map", (ONES, ONES, AXES, J)),
+        ("contact_frames", "force_directions", (ONES, FRAMES, TWO, ONES, np.ones(3, bool))),
+        ("contact_frames", "scaled_map", (np.ones((2, 3, 5)),)),
+        (
+            "contact_frames", "motion_behind",
+            (np.ones((2, 3, 7)), [2], np.ones((1, 2)), np.ones(7), 0.0, 2, 1.0, 1.0),
+        ),
+        (
+            "contact_frames", "motion_behind",
+            (np.ones((2, 3, 7)), [1], np.ones((1, 2)), np.ones(6), 0.0, 2, 1.0, 1.0),
+        ),
+        (
+            "contact_frames", "margin",
+            (ONES, ONES, FRAMES, TWO, np.ones(2, bool), np.ones(3), np.ones((2, 8))),
+        ),
+        ("contact_frames", "squared_lengths", (np.ones((2, 2)),)),
+        ("linear_programs", "margin_program", margin_arguments(axes=np.array([0, 6]))),
+        ("linear_programs", "margin_program", margin_arguments(axes=np.array([-1, 3]))),
+        ("linear_programs", "margin_program", margin_arguments(axes=np.array([0]))),
+        ("linear_programs", "margin_program", margin_arguments(face_count=1)),
+        ("linear_programs", "margin_program", margin_arguments(face_count=-1)),
+        ("linear_programs", "margin_program", margin_arguments(lower=np.zeros(2))),
+        ("linear_programs", "judged", (ROWS, LOW, HIGH, TWO, TWO, TWO, BOX, TWO, LOW[:3])),
+        ("linear_programs", "judged", (ROWS, LOW, HIGH, TWO, TWO, TWO, BOX, LOW, LOW)),
+        ("linear_programs", "refined", refined_arguments(active=np.array([4]))),
+        ("linear_programs", "refined", refined_arguments(active=np.array([-1]))),
+        ("linear_programs", "refined", refined_arguments(active=NONE, at_bounds=np.array([2]))),
+        ("linear_programs", "refined", refined_arguments(upper=np.array([True, True]))),
+        ("linear_programs", "without_forbidden", (TWO, [[[0, 2]]], [0], np.ones((1, 2), np.int8))),
+        ("linear_programs", "without_forbidden", (TWO, [[[0, 1]]], [1], np.ones((1, 2), np.int8))),
+        ("linear_programs", "without_forbidden", (TWO, [[[0, 1]]], [0], np.ones((1, 3), np.int8))),
+        ("linear_programs", "without_forbidden", (TWO, [[[0]]], [0], np.ones((1, 2), np.int8))),
+    ],
+)  # fmt: skip
+def test_what_does_not_fit_is_refused(loops: str, name: str, arguments: tuple) -> None:
+    with pytest.raises(ValueError):
+        getattr(getattr(compiled, loops), name)(*arguments)
+
+
+def test_the_arguments_fit_otherwise() -> None:
+    assert compiled.linear_programs is not None
+    assert len(compiled.linear_programs.margin_program(*margin_arguments())) == 4
+    assert compiled.linear_programs.refined(*refined_arguments()) is not None
+    endless = refined_arguments(high=np.full(4, np.inf))
+    assert compiled.linear_programs.refined(*endless) is None
+    vanishing = refined_arguments(rows=np.zeros((2, 4)))
+    assert compiled.linear_programs.refined(*vanishing) is None
