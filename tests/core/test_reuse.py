@@ -122,7 +122,7 @@ def test_a_motion_is_behind_signs_only_if_they_are_feasible(seed, contacts, slop
     if found is not None:
         near.append(found[1] + 1e-4 * rng.normal(size=len(found[1])))
     for start in near:
-        motion = kinematics.nearest.behind(chosen, signs, start)
+        motion = kinematics.nearest.behind(chosen, signs.reshape(-1, 2), start)
         if motion is None:
             continue
         for rule in SignRule:
@@ -143,8 +143,8 @@ def test_a_remembered_motion_serves_again_where_little_changed():
         found = kinematics.nearest.glimpse(fingers, signs.astype(float))
         assert found is not None
         near = found[1] * (1.0 + 1e-3 * rng.normal(size=len(found[1])))
-        assert kinematics.nearest.behind(fingers, signs, near) is not None
-        assert kinematics.nearest.behind(fingers, -signs, near) is None
+        assert kinematics.nearest.behind(fingers, signs.reshape(-1, 2), near) is not None
+        assert kinematics.nearest.behind(fingers, -signs.reshape(-1, 2), near) is None
 
 
 def test_a_mode_still_admits_traces_of_friction_but_no_more():
@@ -255,7 +255,7 @@ def test_a_motion_that_leaves_a_contact_is_behind_nothing():
     rows[0, 0], rows[1, 0] = (1.0, 0.0, 0.0), (1.0, 1e-5, 0.0)
     rows[:, 1:, 2] = 1.0
     nearest = NearestMotions(rows)
-    signs = np.ones(4, dtype=np.int8)
+    signs = np.ones((2, 2), dtype=np.int8)
     assert nearest.behind((0, 1), signs, np.array([0.0, 1.0, 0.01])) is None
     assert nearest.behind((0, 1), signs, np.array([0.0, 0.0, 0.01])) is not None
-    assert nearest.behind((0,), signs[:2], np.array([0.0, 1.0, 0.01])) is not None
+    assert nearest.behind((0,), signs[:1], np.array([0.0, 1.0, 0.01])) is not None

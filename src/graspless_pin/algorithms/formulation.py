@@ -136,7 +136,7 @@ def shared_parts(problem: QuasistaticProblem) -> tuple[ForceCoordinates, Virtual
 def formulate(problem: QuasistaticProblem, objective: Objective) -> Formulation:
     """Return Algorithm 1 or 2, assembled once for a problem and kept while the problem lives."""
     known: dict[Objective, Formulation] = problem.scratch.setdefault("formulations", {})
-    found = known.get(objective)
+    found = known.get(objective) if known else None
     if found is not None:
         return found
     coordinates, kinematics = shared_parts(problem)

@@ -175,10 +175,8 @@ class ModeReader:
         admitted = self.formulation.admitted(mode, x)
         if admitted is not x and np.abs(admitted - x).max() > NO_FRICTION:
             return None
-        contacts = tuple(mode.selection.nonzero()[0].tolist())
-        signs = mode.signs[mode.selection].ravel()
         nearest = self.formulation.kinematics.nearest
-        motion = nearest.behind(contacts, signs, self.motion)
+        motion = nearest.behind(mode.contacts, mode.own_signs, self.motion)
         if motion is None:
             return None
         self.kinematic_programs += 1
@@ -187,9 +185,8 @@ class ModeReader:
 
     def moves(self, mode: SlidingMode) -> bool:
         """Return whether there is a virtual motion behind a mode."""
-        contacts = tuple(np.flatnonzero(mode.selection).tolist())
-        signs = mode.signs[mode.selection].ravel().astype(float)
-        if signs.all() and self._glimpse(contacts, signs) is not None:
+        signs = mode.own_signs.ravel().astype(float)
+        if signs.all() and self._glimpse(mode.contacts, signs) is not None:
             return True
         self.kinematic_programs += 1
         return self.formulation.kinematics.feasible(requirements_of(mode), self.rules.sign)

@@ -261,4 +261,4 @@ def _fits(state: SearchState, mode: SlidingMode) -> bool:
     stray = selection > candidate_contacts(problem, state.rules)
     if state.rules.sliding is SlidingRule.CONSTRAINED:
         stray |= problem.is_sliding & ~selection
-    return not np.logical_or.reduce(stray)
+    return not np.count_nonzero(stray)

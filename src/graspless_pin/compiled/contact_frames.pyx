@@ -68,6 +68,36 @@ def force_directions(normals, tangents, friction, sliding, has_cone):
     return rows
 
 
+def forces(x, axes, directions, double scale):
+    """(M, 3) forces of scaled coordinates.
+
+    Args:
+        x: (n or more,) coordinates, then anything.
+        axes: (n,) which row of the directions each is along, counted through.
+        directions: (M, 3, 3) rows.
+        scale: What a coordinate of one stands for, N.
+    """
+    cdef cnp.ndarray rows = as_reals(directions, 3)
+    cdef Py_ssize_t M = rows.shape[0], n, k, axis
+    rows = as_blocks(rows, M, 3, 3)
+    cdef cnp.ndarray numbers = <cnp.ndarray>cnp.PyArray_ContiguousFromAny(axes, cnp.NPY_INTP, 1, 1)
+    cdef cnp.ndarray values = as_reals(x, 1), total = empty(M, 3)
+    n = numbers.shape[0]
+    if values.shape[0] < n:
+        raise ValueError(f"needs shape ({n},) or longer")
+    cdef int i
+    memset(data(total), 0, 3 * M * sizeof(double))
+    for k in range(n):
+        axis = numbers_of(numbers)[k]
+        if not 0 <= axis < 3 * M:
+            raise ValueError("needs axes that exist")
+        for i in range(3):
+            data(total)[3 * (axis // 3) + i] += (
+                scale * data(values)[k] * data(rows)[3 * axis + i]
+            )
+    return total
+
+
 def scaled_map(effects):
     """A (M, 3, 6 + L) map of virtual motions with columns of one size, and the columns' factors.
 

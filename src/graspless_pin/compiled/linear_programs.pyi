@@ -18,10 +18,12 @@ def margin_program(
     wrench: Array,
     lower: Array,
     upper: Array,
+    gravity: Array,
     force_scale: float,
     torque_scale: float,
     length_scale: float,
 ) -> tuple[Array, Array, Array, Array]: ...
+def largest_finite(values: Array) -> float: ...
 def judged(
     rows: Array,
     low: Array,
@@ -31,7 +33,8 @@ def judged(
     ub: Array,
     box: Array,
     x: Array,
-    weights: Array,
+    y: Array,
+    z: Array,
 ) -> tuple[float, float, float]: ...
 def refined(
     rows: Array,
@@ -47,7 +50,7 @@ def refined(
     weights: Array,
     damping: float,
     corrections: int,
-) -> tuple[Array, Array] | None: ...
+) -> tuple[Array, Array, Array] | None: ...
 def without_forbidden(
     x: Array, columns: Numbers, cones: Numbers, signs: NDArray[np.int8]
 ) -> tuple[Array, float]: ...

@@ -4,7 +4,7 @@
 Rows are taken and given transposed, (n, R) and contiguous: a column of the program in one piece.
 """
 
-from libc.math cimport INFINITY, isfinite
+from libc.math cimport INFINITY, fabs, isfinite
 from libc.string cimport memcpy, memset
 
 cimport numpy as cnp
@@ -19,7 +19,7 @@ cnp.import_array()
 
 def margin_program(
     positions, directions, jacobian, axes, cone_rows, Py_ssize_t face_count, reach, most, wrench,
-    lower, upper, double force_scale, double torque_scale, double length_scale,
+    lower, upper, gravity, double force_scale, double torque_scale, double length_scale,
 ):
     """Rows, sides and box of Algorithm 1, see `force_programs.margin_program`.
 
@@ -33,8 +33,9 @@ def margin_program(
         reach: (2, n) bounds of forces inside cones, each in limits of its contact's normal force.
         most: (M,) largest normal forces, N.
         wrench: (6,) external wrench.
-        lower: (L,) torque limits less gravity, N m.
-        upper: (L,) torque limits less gravity, N m.
+        lower: (L,) lower torque limits, N m.
+        upper: (L,) upper torque limits, N m.
+        gravity: (L,) torques that carry the links, N m.
         force_scale: N.
         torque_scale: N m.
         length_scale: m.
@@ -51,6 +52,7 @@ def margin_program(
     cdef cnp.ndarray number = as_integers(axes, n), bounds = as_shaped(reach, 2, n)
     cdef cnp.ndarray limits = as_vector(most, M), load = as_vector(wrench, 6)
     cdef cnp.ndarray lowest = as_vector(lower, L), highest = as_vector(upper, L)
+    cdef cnp.ndarray weight = as_vector(gravity, L)
     R = 6 + s + L
     if s < face_count + M or face_count < 0:
         raise ValueError("needs the rows of all cones")
@@ -89,13 +91,24 @@ def margin_program(
         data(high)[6 + face_count + k] = data(limits)[k] / force_scale
         least = min(least, data(limits)[k] / force_scale)
     for k in range(L):
-        data(low)[6 + s + k] = data(lowest)[k] / torque_scale
-        data(high)[6 + s + k] = data(highest)[k] / torque_scale
+        data(low)[6 + s + k] = (data(lowest)[k] - data(weight)[k]) / torque_scale
+        data(high)[6 + s + k] = (data(highest)[k] - data(weight)[k]) / torque_scale
     data(box)[n], data(box)[2 * n + 1] = 0.0, least / 2.0
     return rows, low, high, box
 
 
-def judged(rows, low, high, c, lb, ub, box, x, weights):
+def largest_finite(values):
+    """The largest size of a finite entry of an array, 0 without any."""
+    cdef cnp.ndarray array = as_reals(values, 0)
+    cdef double largest = 0.0
+    cdef Py_ssize_t k
+    for k in range(cnp.PyArray_SIZE(array)):
+        if isfinite(data(array)[k]):
+            largest = max(largest, fabs(data(array)[k]))
+    return largest
+
+
+def judged(rows, low, high, c, lb, ub, box, x, y, z):
     """What a point and multipliers prove of a linear program, see `Program`.
 
     Args:
@@ -107,7 +120,8 @@ def judged(rows, low, high, c, lb, ub, box, x, weights):
         ub: (n,) upper bounds.
         box: (2, n) bounds that are implied.
         x: (n,) the point.
-        weights: (R,) multipliers, positive at upper sides.
+        y: (m,) multipliers of the first rows.
+        z: (R - m,) multipliers of the other rows, positive at upper sides.
 
     Returns:
         The bound that the multipliers prove, the objective at the point, and the largest violation
@@ -117,14 +131,15 @@ def judged(rows, low, high, c, lb, ub, box, x, weights):
     cdef Py_ssize_t n = matrix.shape[0], R = matrix.shape[1], j, i
     cdef cnp.ndarray lower = as_vector(low, R), upper = as_vector(high, R), cost = as_vector(c, n)
     cdef cnp.ndarray least = as_vector(lb, n), most = as_vector(ub, n), implied = as_shaped(box, 2, n)
-    cdef cnp.ndarray point = as_vector(x, n), given = as_vector(weights, R)
-    cdef cnp.ndarray level = empty1(R), counted = empty1(R)
+    cdef cnp.ndarray point = as_vector(x, n), first = as_reals(y, 1)
+    cdef Py_ssize_t m = first.shape[0]
+    cdef cnp.ndarray others = as_vector(z, R - m), level = empty1(R), counted = empty1(R)
     cdef double* at = data(level)
     cdef double* w = data(counted)
     cdef const double* column
     cdef double bound = 0.0, value = 0.0, residual = 0.0, slope, side, total = 0.0
     for i in range(R):
-        at[i], w[i] = 0.0, data(given)[i]
+        at[i], w[i] = 0.0, data(first)[i] if i < m else data(others)[i - m]
         total += w[i]
         if w[i] != 0.0:
             side = data(upper)[i] if w[i] > 0.0 else data(lower)[i]
@@ -174,8 +189,8 @@ def refined(
         corrections: How often what is left is taken away.
 
     Returns:
-        (n,) the point and (r + h,) its multipliers; None where a side is infinite or the rows
-        cannot be told apart.
+        (n,) the point, (r + h,) its multipliers, and (R,) those of all rows; None where a side is
+        infinite or the rows cannot be told apart.
     """
     cdef cnp.ndarray matrix = as_reals(rows, 2)
     cdef Py_ssize_t n = matrix.shape[0], R = matrix.shape[1], m, r, h, i, j, k, size
@@ -269,7 +284,11 @@ def refined(
                 z[j] += d[j]
     for i in range(h):
         z[numbers_of(bounded)[i]] = e[r + i]
-    return point, multipliers
+    cdef cnp.ndarray full = empty1(R)
+    memset(data(full), 0, R * sizeof(double))
+    for i in range(r):
+        data(full)[numbers_of(chosen)[i]] = w[i]
+    return point, multipliers, full
 
 
 def without_forbidden(x, columns, cones, signs):

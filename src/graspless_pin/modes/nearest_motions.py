@@ -108,7 +108,7 @@ class NearestMotions:
 
         Args:
             contacts: s contacts that must touch and slide along both tangents.
-            signs: (2 s,) signs of their sliding.
+            signs: (s, 2) signs of their sliding.
             near: (6 + L,) the other motion.
 
         Returns:
@@ -116,15 +116,15 @@ class NearestMotions:
         """
         if not contacts:
             return near
-        if len(near) != self._rows.shape[2] or not np.logical_and.reduce(signs):
+        if len(near) != self._rows.shape[2]:
             return None
         if contact_frames is not None:
             return contact_frames.motion_behind(
-                self._rows, contacts, signs.reshape(-1, 2), near,
+                self._rows, contacts, signs, near,
                 _DAMPING, _CORRECTIONS, RANK_TOLERANCE, _CLEAR_WITNESS,
             )  # fmt: skip
         seen = self._held(contacts, near)
-        return seen.motion if seen.slides(signs) else None
+        return seen.motion if seen.slides(signs.ravel()) else None
 
     def _held(self, contacts: tuple[int, ...], motion: FloatArray) -> _Seen:
         """The motion nearest to another that keeps the contacts touching."""

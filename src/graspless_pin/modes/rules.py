@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 from typing import Any, Self, TypedDict, TypeVar
 
 import numpy as np
@@ -161,6 +162,16 @@ class SlidingMode:
         signs.setflags(write=False)
         object.__setattr__(self, "selection", selection)
         object.__setattr__(self, "signs", signs)
+
+    @cached_property
+    def contacts(self) -> tuple[int, ...]:
+        """The s contacts that are selected."""
+        return tuple(self.selection.nonzero()[0].tolist())
+
+    @cached_property
+    def own_signs(self) -> NDArray[np.int8]:
+        """(s, 2) their signs."""
+        return self.signs[self.selection]
 
     def __eq__(self, other: object) -> bool:
         """Compare by value."""

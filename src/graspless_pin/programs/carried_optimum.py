@@ -106,21 +106,23 @@ def carried(program: Program, near: Optimum, cutoff: float) -> tuple[Answer, Opt
     found = _refined(program, near)
     if found is None:
         return None
-    x, weights = found
-    rows = len(near.rows)
-    multipliers = np.zeros(sum(sizes))
-    multipliers[near.rows] = weights[:rows]
+    x, weights, multipliers = found
     split = multipliers[: sizes[0]], multipliers[sizes[0] :]
     answer = proven(program, (x, *split), near.solver, cutoff)
     if answer.outcome is Outcome.FAILED:
         return None
     if answer.outcome is Outcome.SOLVED and max(answer.residual, answer.gap) > _EXACT:
         return None
-    return answer, near._replace(x=x, weights=weights)
+    return answer, Optimum(
+        x, sizes, near.rows, near.at_bounds, near.unit, near.upper, weights, near.solver
+    )
 
 
-def _refined(program: Program, near: Optimum) -> tuple[FloatArray, FloatArray] | None:
-    """Solve the two linear systems: x and the multipliers of what is active; None if they fail."""
+def _refined(program: Program, near: Optimum) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Solve the two linear systems: x, multipliers of what is active, and of all rows.
+
+    None if they cannot be solved.
+    """
     low, high = program.sides
     if linear_programs is not None and program.rows.size <= _LARGEST_IN_C:
         return linear_programs.refined(
@@ -144,8 +146,11 @@ def _refined(program: Program, near: Optimum) -> tuple[FloatArray, FloatArray] |
         else:
             x = x + _potrs(factor, beyond.dot(E), lower=1)[0]
             weights = weights - E.dot(_potrs(factor, slope, lower=1)[0])
-    x[near.at_bounds] = sides[len(near.rows) :]
-    return x, weights
+    count = len(near.rows)
+    x[near.at_bounds] = sides[count:]
+    multipliers = np.zeros(sum(near.sizes))
+    multipliers[near.rows] = weights[:count]
+    return x, weights, multipliers
 
 
 def _active(program: Program, near: Optimum) -> tuple[FloatArray, FloatArray]:

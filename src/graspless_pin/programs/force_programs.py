@@ -69,6 +69,8 @@ class ForceCoordinates:
     def forces(self, x: FloatArray) -> FloatArray:
         """Return the (M, 3) contact forces of a program's solution, N."""
         layout, count = self.layout, len(self.directions)
+        if contact_frames is not None:
+            return contact_frames.forces(x, layout.axes, self.directions, self.force_scale)
         local = np.zeros(3 * count)
         local[layout.axes] = x[: layout.size]
         local *= self.force_scale
@@ -79,13 +81,19 @@ def force_coordinates(problem: QuasistaticProblem) -> ForceCoordinates:
     """Choose coordinates and scales for a problem."""
     layout = layout_of(problem)
     force = max(problem.max_normal_force.tolist())
-    lower, upper = problem.lower_torque.tolist(), problem.upper_torque.tolist()
-    torque = max([abs(limit) for limit in lower + upper if math.isfinite(limit)], default=0.0)
+    torque = max(_largest_finite(problem.lower_torque), _largest_finite(problem.upper_torque))
     if torque == 0.0:
         reach = force * np.abs(problem.jacobian).sum(axis=0).max(initial=0.0)
         torque = float(reach) or 1.0
     length = math.sqrt(max(squared_lengths(problem.positions).tolist())) or 1.0
     return ForceCoordinates(_directions(problem, layout), layout, force, torque, length)
+
+
+def _largest_finite(values: FloatArray) -> float:
+    """The largest size of a finite entry, 0 without any."""
+    if linear_programs is not None:
+        return linear_programs.largest_finite(values)
+    return max([abs(value) for value in values.tolist() if math.isfinite(value)], default=0.0)
 
 
 def _directions(problem: QuasistaticProblem, layout: ForceLayout) -> FloatArray:
@@ -188,6 +196,7 @@ def margin_program(
         _BALANCE,
         low,
         high,
+        linear=regularization == 0.0,
         P=_quadratic(coordinates, shared, regularization),
         c=shared.last[0],
         lb=shared.free[0],
@@ -213,8 +222,9 @@ def _margin_rows(
             shared.reach,
             problem.max_normal_force,
             problem.external_wrench,
-            problem.lower_torque - problem.gravity_torques,
-            problem.upper_torque - problem.gravity_torques,
+            problem.lower_torque,
+            problem.upper_torque,
+            problem.gravity_torques,
             coordinates.force_scale,
             coordinates.torque_scale,
             coordinates.length_scale,
@@ -280,6 +290,7 @@ def torque_program(
         _BALANCE,
         np.concatenate((rows.wrench, np.full(last, -np.inf), rows.lower)),
         np.concatenate(u),
+        linear=regularization == 0.0,
         P=_quadratic(coordinates, shared, regularization),
         c=shared.last[1],
         lb=low,

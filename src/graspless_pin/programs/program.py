@@ -55,6 +55,8 @@ class Program:
         count: int,
         low: FloatArray,
         high: FloatArray,
+        *,
+        linear: bool,
         **others: FloatArray,
     ) -> Program:
         """Return a program whose A and G are the first ``count`` rows of one array and the rest.
@@ -64,6 +66,7 @@ class Program:
             count: m.
             low: (m + k,) their lower sides: b, then l; kept.
             high: (m + k,) their upper sides: b, then u; kept.
+            linear: Whether P is zero.
             others: P, c, lb, ub and box.
         """
         program = object.__new__(cls)  # a third of the constructor's time
@@ -76,6 +79,7 @@ class Program:
             u=high[count:],
             rows=rows,
             sides=(low, high),
+            is_linear=linear,
         )
         return program
 
@@ -198,9 +202,8 @@ class Program:
         if linear_programs is None or not self.is_linear or self.rows.size > _LARGEST_IN_C:
             return self.dual_bound(y, z), self.value(x), self.residual(x)
         low, high = self.sides
-        weights = np.concatenate((y, z))
         return linear_programs.judged(
-            self.rows.T, low, high, self.c, self.lb, self.ub, self.box, x, weights
+            self.rows.T, low, high, self.c, self.lb, self.ub, self.box, x, y, z
         )
 
     def infeasibility_bound(self, y: FloatArray, z: FloatArray) -> float:
