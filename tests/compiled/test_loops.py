@@ -239,6 +239,14 @@ POSES = np.repeat(np.eye(4)[None], 2, axis=0)
         ),
         (
             "contact_search", "ConvexSets",
+            ([1], [0], ONES[:1], ONES[:1], [1], [[0] * 4], [-1, 2], np.ones((2, 4))),
+        ),
+        (
+            "contact_search", "ConvexSets",
+            ([3], [0], ONES[:1], ONES[:1], [1], [[0] * 4], [0, 0], np.ones((0, 4))),
+        ),
+        (
+            "contact_search", "ConvexSets",
             ([1], [0], ONES, ONES[:1], [1], [[0] * 4], [0, 0], np.ones((0, 4))),
         ),
     ],

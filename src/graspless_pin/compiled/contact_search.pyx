@@ -7,7 +7,8 @@ from libc.string cimport memcpy
 cimport numpy as cnp
 
 from graspless_pin.compiled.shared cimport (
-    as_integers, as_poses, as_reals, as_shaped, as_vector, data, dot, empty, move, turn, turn_back,
+    as_integers, as_poses, as_reals, as_shaped, as_vector, data, dot, empty, move, numbers_of, turn,
+    turn_back,
 )
 
 cnp.import_array()
@@ -57,13 +58,17 @@ cdef class ConvexSets:
         self._reaches = as_vector(reaches, self.count)
         self._planes = as_shaped(planes, self.count, 4)
         self._starts = as_integers(starts, self.count + 1)
-        self.starts = <cnp.npy_intp*>cnp.PyArray_DATA(self._starts)
+        self.starts = numbers_of(self._starts)
         self._faces = as_shaped(faces, self.starts[self.count], 4)
-        self.kinds = <cnp.npy_intp*>cnp.PyArray_DATA(self._kinds)
-        self.bodies = <cnp.npy_intp*>cnp.PyArray_DATA(self._bodies)
+        self.kinds = numbers_of(self._kinds)
+        self.bodies = numbers_of(self._bodies)
+        if self.starts[0] != 0:
+            raise ValueError("needs faces from the first one on")
         for k in range(self.count):
             if not (0 <= self.bodies[k] < self.count and self.starts[k] <= self.starts[k + 1]):
                 raise ValueError("needs bodies below K and starts that rise")
+            if self.kinds[k] == POLYTOPE and self.starts[k] == self.starts[k + 1]:
+                raise ValueError("needs faces of every polytope")
         self.centers, self.halves = data(self._centers), data(self._halves)
         self.reaches, self.planes = data(self._reaches), data(self._planes)
         self.faces = data(self._faces)
@@ -201,10 +206,10 @@ def plain_contacts(
     cdef double center[3]
     cdef cnp.npy_intp count = P * K
     cdef cnp.ndarray near = <cnp.ndarray>cnp.PyArray_EMPTY(1, &count, cnp.NPY_INTP, 0)
-    cdef cnp.npy_intp* hits = <cnp.npy_intp*>cnp.PyArray_DATA(near)
+    cdef cnp.npy_intp* hits = numbers_of(near)
     count = K
     cdef cnp.ndarray seen = <cnp.ndarray>cnp.PyArray_ZEROS(1, &count, cnp.NPY_INTP, 0)
-    cdef cnp.npy_intp* times = <cnp.npy_intp*>cnp.PyArray_DATA(seen)
+    cdef cnp.npy_intp* times = numbers_of(seen)
     cdef _Rows rows = _Rows()
     cdef list left = [], pairs = [], places = [], gaps = []
     cdef bint plain

@@ -7,7 +7,7 @@ from libc.string cimport memcpy
 cimport numpy as cnp
 
 from graspless_pin.compiled.shared cimport (
-    as_integers, as_poses, as_reals, as_shaped, as_vector, data, dot, empty, move,
+    as_integers, as_poses, as_reals, as_shaped, as_vector, data, dot, empty, move, numbers_of,
 )
 
 cnp.import_array()
@@ -26,7 +26,7 @@ def placed(T_world_joint, joints, T_joint_shape):
     """(K, 4, 4) poses of shapes from those of the joints that carry them."""
     cdef cnp.ndarray carriers = as_poses(T_world_joint), shapes = as_poses(T_joint_shape)
     cdef cnp.ndarray numbers = as_integers(joints, shapes.shape[0])
-    cdef cnp.npy_intp* number = <cnp.npy_intp*>cnp.PyArray_DATA(numbers)
+    cdef cnp.npy_intp* number = numbers_of(numbers)
     cdef cnp.npy_intp shape[3]
     shape[0], shape[1], shape[2] = shapes.shape[0], 4, 4
     cdef cnp.ndarray poses = <cnp.ndarray>cnp.PyArray_EMPTY(3, shape, cnp.NPY_DOUBLE, 0)
@@ -92,7 +92,7 @@ def point_jacobians(J_world, moved, joints, points):
     cdef cnp.ndarray mask = as_reals(moved, 2)
     mask = as_shaped(mask, mask.shape[0], n)
     cdef cnp.ndarray numbers = as_integers(joints, count)
-    cdef cnp.npy_intp* number = <cnp.npy_intp*>cnp.PyArray_DATA(numbers)
+    cdef cnp.npy_intp* number = numbers_of(numbers)
     cdef cnp.npy_intp shape[3]
     shape[0], shape[1], shape[2] = count, 3, n
     cdef cnp.ndarray jacobians = <cnp.ndarray>cnp.PyArray_EMPTY(3, shape, cnp.NPY_DOUBLE, 0)

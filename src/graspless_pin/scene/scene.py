@@ -24,10 +24,11 @@ from graspless_pin.geometry.bodies.materials import Materials
 from graspless_pin.geometry.bodies.records import ManipulatedObject, Support
 from graspless_pin.geometry.contact.finding import contact_arrays
 from graspless_pin.geometry.contact.motion import (
-    classify_motion,
+    checked_twist,
+    classified,
     contacts_that_stay,
     support_velocities,
-    twist_velocities,
+    velocities_at,
 )
 from graspless_pin.geometry.contact.records import BodyKind, ContactArrays
 from graspless_pin.geometry.hand.model import Hand
@@ -145,21 +146,21 @@ class Scene:
             motion = Motion(np.zeros(6))
         center = self.object.center_of_mass_world
         try:
-            classified = classify_motion(
-                touching, motion.object_twist, center, self._body_velocities(touching, motion)
-            )
-            kept = contacts_that_stay(touching, classified, self.object.name)
+            twist = checked_twist("object_twist", motion.object_twist)
+            others = self._body_velocities(touching, twist, motion)
+            moving = classified(touching, twist, center, others)
+            kept = contacts_that_stay(touching, moving, self.object.name)
         except SceneError as error:
             raise error.at(f"{self._label()}: motion") from error
         if len(kept) == len(touching):
-            return SceneContacts(touching, classified.sliding)
+            return SceneContacts(touching, moving.sliding)
         if not kept:
             raise StateError(
                 StateFault.PARTED,
                 f"{self._label()}: the declared motion parts object {self.object.name!r} from "
                 "everything that touches it; no contact is left",
             )
-        return SceneContacts(touching.chosen(kept), classified.sliding[kept])
+        return SceneContacts(touching.chosen(kept), moving.sliding[kept])
 
     def problem(self) -> QuasistaticProblem:
         """Return the problem: contacts, contact Jacobian, weight and limits as arrays.
@@ -303,15 +304,17 @@ class Scene:
     def _supports_move(self) -> bool:
         return any(support.velocity.any() for support in self.supports)
 
-    def _body_velocities(self, touching: ContactArrays, motion: Motion) -> FloatArray:
+    def _body_velocities(
+        self, touching: ContactArrays, twist: FloatArray, motion: Motion
+    ) -> FloatArray:
         """(M, 3) velocities of what the object touches; hand contacts follow it by default."""
         count = touching.hand_count
         velocities = np.zeros((len(touching), 3))
         if self._once("moving", (self.supports,), self._supports_move):
             velocities, _ = support_velocities(touching, self.supports)
         if motion.hand is None:
-            velocities[:count] = twist_velocities(
-                motion.object_twist, self.object.center_of_mass_world, touching.positions[:count]
+            velocities[:count] = velocities_at(
+                twist, self.object.center_of_mass_world, touching.positions[:count]
             )
         elif self.hand is not None:
             velocities[:count] = self.hand.point_velocities(

@@ -76,11 +76,25 @@ def twist_velocities(twist: ArrayLike, center: ArrayLike, points: ArrayLike) -> 
     Raises:
         ArgumentError: A shape is wrong or a number is not finite.
     """
-    motion = _checked("twist", twist, (6,))
+    motion = checked_twist("twist", twist)
     origin = _checked("center", center, (3,))
+    return velocities_at(motion, origin, np.asarray(points, dtype=float).reshape(-1, 3))
+
+
+def velocities_at(twist: Array, center: Array, points: Array) -> Array:
+    """Do what `twist_velocities` does for arrays that need no check."""
     if rigid_bodies is not None:
-        return rigid_bodies.twist_velocities(motion, origin, np.reshape(points, (-1, 3)))
-    return _velocities(motion, np.asarray(points, dtype=float).reshape(-1, 3) - origin)
+        return rigid_bodies.twist_velocities(twist, center, points)
+    return _velocities(twist, points - center)
+
+
+def checked_twist(name: str, twist: ArrayLike) -> Array:
+    """Return a twist (6,) as an array.
+
+    Raises:
+        ArgumentError: The shape is wrong or a number is not finite.
+    """
+    return _checked(name, twist, (6,))
 
 
 def _velocities(twist: Array, arms: Array) -> Array:
@@ -158,16 +172,27 @@ def classify_motion(
     """
     count = len(contacts)
     touching = ContactArrays.of(contacts)
-    points, normals = touching.positions, touching.normals
-    twist = _checked("object_twist", object_twist, (6,))
+    twist = checked_twist("object_twist", object_twist)
     center = _checked("center_of_mass", center_of_mass, (3,))
     others, turning = np.zeros((count, 3)), None
     if body_velocities is not None:
         others = _checked("body_velocities", body_velocities, (count, 3))
     if body_angular_velocities is not None:
         turning = _checked("body_angular_velocities", body_angular_velocities, (count, 3))
+    return classified(touching, twist, center, others, turning, speed_tolerance)
+
+
+def classified(
+    touching: ContactArrays,
+    twist: Array,
+    center: Array,
+    others: Array,
+    turning: Array | None = None,
+    speed_tolerance: float = SPEED_TOLERANCE,
+) -> ClassifiedMotion:
+    """Do what `classify_motion` does for arrays that need no check."""
     numbers, sliding, leaving = _motion_states(
-        points, normals, twist, center, others, turning, speed_tolerance
+        touching.positions, touching.normals, twist, center, others, turning, speed_tolerance
     )
     make_read_only((sliding, leaving))
     return ClassifiedMotion(tuple([_STATES[number] for number in numbers]), sliding, leaving)
