@@ -4,6 +4,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
+# Exact versions, of what builds the package, too; newer pips read the second name for that.
+export PIP_CONSTRAINT := constraints.txt
+export PIP_BUILD_CONSTRAINT := $(PIP_CONSTRAINT)
+
 .PHONY: install run test lint types docs bench clean
 
 install: $(STAMP)
@@ -11,7 +15,7 @@ install: $(STAMP)
 $(STAMP): pyproject.toml constraints.txt hatch_build.py $(wildcard src/graspless_pin/compiled/*.p*x*)
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "graspless_pin needs Python >= 3.11, found " + sys.version.split()[0] + ": set PYTHON=/path/to/python3.11")'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[all,dev,docs]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all,dev,docs]'
 	@touch $@
 
 run: install
@@ -22,9 +26,11 @@ test: install
 	bash tests/browser/install_chromium.sh
 	$(BIN)/python -m pytest --numprocesses auto
 
+lint: export PATH := $(CURDIR)/$(BIN):$(PATH)
 lint: install
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/cython-lint src
 
 types: install
 	$(BIN)/pyright

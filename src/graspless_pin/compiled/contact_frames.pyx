@@ -145,7 +145,7 @@ def motion_behind(
         (n,) the motion; None if it does not slide with all of the signs.
     """
     cdef cnp.ndarray local = as_reals(rows, 3)
-    cdef Py_ssize_t M = local.shape[0], n = local.shape[2], s, i, j, k
+    cdef Py_ssize_t M = local.shape[0], n = local.shape[2], s, i, j
     local = as_blocks(local, M, 3, n)
     cdef cnp.ndarray wanted = as_reals(signs, 2)
     s = wanted.shape[0]
@@ -171,7 +171,7 @@ def motion_behind(
         G[s * i + i] += damping * (1.0 + trace)
     if not factor(G, s):
         corrections = 0
-    for k in range(corrections):
+    for _ in range(corrections):
         for i in range(s):
             a[i] = inner(data(local) + 3 * n * number[i], x, n)
         solve_factored(G, s, a)

@@ -130,7 +130,8 @@ def judged(rows, low, high, c, lb, ub, box, x, y, z):
     cdef cnp.ndarray matrix = as_reals(rows, 2)
     cdef Py_ssize_t n = matrix.shape[0], R = matrix.shape[1], j, i
     cdef cnp.ndarray lower = as_vector(low, R), upper = as_vector(high, R), cost = as_vector(c, n)
-    cdef cnp.ndarray least = as_vector(lb, n), most = as_vector(ub, n), implied = as_shaped(box, 2, n)
+    cdef cnp.ndarray least = as_vector(lb, n), most = as_vector(ub, n)
+    cdef cnp.ndarray implied = as_shaped(box, 2, n)
     cdef cnp.ndarray point = as_vector(x, n), first = as_reals(y, 1)
     cdef Py_ssize_t m = first.shape[0]
     cdef cnp.ndarray others = as_vector(z, R - m), level = empty1(R), counted = empty1(R)
@@ -253,7 +254,7 @@ def refined(
         G[size * i + i] += damping * trace
     if not factor(G, size):
         return None
-    for k in range(corrections):
+    for _ in range(corrections):
         # What is left of the sides, and the slope of the Lagrangian.
         for i in range(m):
             b[i] = e[i] - inner(E + n * i, z, n)
