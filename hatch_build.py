@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,9 @@ from setuptools import Distribution, Extension
 from setuptools.errors import BaseError, CCompilerError
 
 _PACKAGE = "graspless_pin.compiled"
-_NO_FUSED_ROUNDING = "-ffp-contract=off"  # the same results on every processor
+_LIBRARIES = "*.pyd" if sys.platform == "win32" else "*.so"
+# Without fused rounding the results are the same on every processor; there, that is the default.
+_FLAGS = [] if sys.platform == "win32" else ["-O3", "-ffp-contract=off"]
 
 
 class CompiledLoops(BuildHookInterface):
@@ -21,27 +24,33 @@ class CompiledLoops(BuildHookInterface):
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:  # noqa: ARG002
         """Compile, or say that it was not possible."""
-        folder = Path(self.root, "src", *_PACKAGE.split("."))
-        for stale in folder.glob("*.so"):
+        root, package = Path(self.root), f"src/{_PACKAGE.replace('.', '/')}"
+        for stale in (root / package).glob(_LIBRARIES):
             stale.unlink()
         try:
-            _compile(Path(self.root), sorted(folder.glob("*.pyx")))
+            _compile(root, sorted((root / package).glob("*.pyx")))
         except (BaseError, CCompilerError, OSError) as error:
             self.app.display_warning(f"graspless_pin goes without its compiled loops: {error}")
             return
         build_data["pure_python"] = False
         build_data["infer_tag"] = True
-        build_data["artifacts"].append(f"src/{_PACKAGE.replace('.', '/')}/*.so")
+        build_data["artifacts"].append(f"{package}/{_LIBRARIES}")
 
 
 def _compile(root: Path, sources: list[Path]) -> None:
+    """Compile Cython sources in place.
+
+    Raises:
+        CCompilerError: There is no C compiler, or it fails.
+        OSError: A file cannot be written.
+    """
     with tempfile.TemporaryDirectory() as folder:
         extensions = [
             Extension(
                 f"{_PACKAGE}.{source.stem}",
                 [str(source.relative_to(root))],
                 include_dirs=[np.get_include()],
-                extra_compile_args=["-O3", _NO_FUSED_ROUNDING],
+                extra_compile_args=_FLAGS,
                 define_macros=[("NPY_NO_DEPRECATED_API", "NPY_2_0_API_VERSION")],
             )
             for source in sources
