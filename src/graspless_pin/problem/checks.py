@@ -41,6 +41,8 @@ def real_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Fl
     """
     array: FloatArray | None = None
     if isinstance(value, np.ndarray) and value.dtype == np.float64:
+        if value.shape == shape and all_finite((value,)):
+            return read_only(value.copy())
         array = np.array(value)
     else:
         with suppress(TypeError, ValueError):

@@ -351,10 +351,7 @@ class QuasistaticProblem:
         Args:
             forces: (M, 3) contact forces on the object, N.
         """
-        return self.margin_of_own(real_array("forces", forces, (self.contact_count, 3)))
-
-    def margin_of_own(self, f: FloatArray) -> float:
-        """Do what `margin_of` does for forces (M, 3) that need no check."""
+        f = real_array("forces", forces, (self.contact_count, 3))
         if contact_frames is not None:
             return contact_frames.margin(
                 f, self.normals, self.tangents, self.friction * math.cos(math.pi / self.cone_edges),

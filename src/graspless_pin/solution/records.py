@@ -188,7 +188,7 @@ class TorqueSolution:
     @property
     def margin(self) -> float:
         """The margin e that the contact forces keep, (36) and (42), N."""
-        return self.problem.margin_of_own(self.contact_forces)
+        return self.problem.margin_of(self.contact_forces)
 
     @property
     def max_torque(self) -> float:
