@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -37,6 +37,12 @@ from graspless_pin.problem.matrices import (
     kinetic_directions,
     wrench_map,
 )
+
+
+@lru_cache(maxsize=64)
+def _constant(count: int, value: float) -> FloatArray:
+    """(count,) read-only array of one value."""
+    return read_only(np.full(count, value))
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -198,8 +204,6 @@ class QuasistaticProblem:
             positions, normals, external_wrench, jacobian, friction, tangents, sliding, lower,
             upper, gravity_torques,
         ))  # fmt: skip
-        most = np.empty(len(positions))
-        most.fill(max_normal_force)
         made = object.__new__(cls)
         made.__dict__.update(
             positions=positions,
@@ -211,7 +215,7 @@ class QuasistaticProblem:
             sliding=sliding,
             lower_torque=lower,
             upper_torque=upper,
-            max_normal_force=read_only(most),
+            max_normal_force=_constant(len(positions), max_normal_force),
             cone_edges=cone_edges,
             joint_names=joint_names,
             joint_units=joint_units,
