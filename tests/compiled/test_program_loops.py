@@ -278,10 +278,10 @@ def refined_arguments(**changes):
         ("linear_programs", "refined", refined_arguments(active=np.array([-1]))),
         ("linear_programs", "refined", refined_arguments(active=NONE, at_bounds=np.array([2]))),
         ("linear_programs", "refined", refined_arguments(upper=np.array([True, True]))),
-        ("linear_programs", "without_forbidden", (TWO, [[[0, 2]]], [0], np.ones((1, 2), np.int8))),
-        ("linear_programs", "without_forbidden", (TWO, [[[0, 1]]], [1], np.ones((1, 2), np.int8))),
-        ("linear_programs", "without_forbidden", (TWO, [[[0, 1]]], [0], np.ones((1, 3), np.int8))),
-        ("linear_programs", "without_forbidden", (TWO, [[[0]]], [0], np.ones((1, 2), np.int8))),
+        ("contact_frames", "without_forbidden", (TWO, [[[0, 2]]], [0], np.ones((1, 2), np.int8))),
+        ("contact_frames", "without_forbidden", (TWO, [[[0, 1]]], [1], np.ones((1, 2), np.int8))),
+        ("contact_frames", "without_forbidden", (TWO, [[[0, 1]]], [0], np.ones((1, 3), np.int8))),
+        ("contact_frames", "without_forbidden", (TWO, [[[0]]], [0], np.ones((1, 2), np.int8))),
     ],
 )  # fmt: skip
 def test_what_does_not_fit_is_refused(loops: str, name: str, arguments: tuple) -> None:

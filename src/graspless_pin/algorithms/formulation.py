@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.compiled import linear_programs
+from graspless_pin.compiled import contact_frames
 from graspless_pin.modes.kinematics import VirtualKinematics
 from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.problem import QuasistaticProblem
@@ -98,10 +98,10 @@ class Formulation:
 
     def admitted(self, mode: SlidingMode, x: FloatArray) -> FloatArray:
         """Return x without the friction that one mode forbids; x itself if there is none."""
-        if linear_programs is not None:
-            return linear_programs.without_forbidden(
+        if contact_frames is not None:
+            return contact_frames.without_forbidden(
                 x, self.cone_columns, self.cone_index, mode.signs
-            )[0]
+            )
         friction = x[self.cone_columns]
         forbidden = friction * mode.signs[self.cone_index] >= 0.0
         forbidden &= friction != 0.0

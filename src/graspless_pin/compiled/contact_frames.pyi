@@ -22,6 +22,9 @@ def motion_behind(
     rank_tolerance: float,
     least: float,
 ) -> Array | None: ...
+def without_forbidden(
+    x: Array, columns: NDArray[np.int_], cones: NDArray[np.int_], signs: NDArray[np.int8]
+) -> Array: ...
 def margin(
     forces: Array,
     normals: Array,

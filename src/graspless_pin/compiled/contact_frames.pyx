@@ -1,5 +1,5 @@
 # cython: boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
-"""A problem in its contact frames: effects of unit forces, virtual motions, margins."""
+"""A problem in its contact frames: effects of unit forces, virtual motions, friction, margins."""
 
 from libc.math cimport INFINITY, sqrt
 from libc.string cimport memset
@@ -193,6 +193,47 @@ def motion_behind(
             if not (slide > 0.0 and slide * slide >= least * size):
                 return None
     return moved
+
+
+def without_forbidden(x, columns, cones, signs):
+    """A solution without the friction that one mode forbids; the same array if there is none.
+
+    Args:
+        x: (n,) solution.
+        columns: (layers, c, 2) columns of the friction of each cone.
+        cones: (c,) contacts of the cones.
+        signs: (M, 2) signs of the mode's sliding.
+
+    Returns:
+        (n,) what is left.
+    """
+    cdef cnp.ndarray before = as_reals(x, 1), after = None
+    cdef Py_ssize_t n = before.shape[0], count, layers, M, k, layer, column, contact
+    cdef cnp.ndarray numbers = <cnp.ndarray>cnp.PyArray_ContiguousFromAny(
+        cones, cnp.NPY_INTP, 1, 1
+    )
+    count = numbers.shape[0]
+    cdef cnp.ndarray places = <cnp.ndarray>cnp.PyArray_ContiguousFromAny(
+        columns, cnp.NPY_INTP, 3, 3
+    )
+    layers = places.shape[0]
+    if places.shape[1] != count or places.shape[2] != 2:
+        raise ValueError(f"needs shape (layers, {count}, 2)")
+    cdef cnp.ndarray given = <cnp.ndarray>cnp.PyArray_ContiguousFromAny(signs, cnp.NPY_INT8, 2, 2)
+    cdef cnp.npy_int8* sign = <cnp.npy_int8*>cnp.PyArray_DATA(given)
+    cdef double friction
+    M = given.shape[0]
+    for layer in range(layers):
+        for k in range(2 * count):
+            contact, column = numbers_of(numbers)[k // 2], numbers_of(places)[2 * count * layer + k]
+            if not (0 <= contact < M and 0 <= column < n and given.shape[1] == 2):
+                raise ValueError("needs contacts and columns that exist")
+            friction = data(before)[column]
+            if friction != 0.0 and friction * sign[2 * contact + k % 2] >= 0.0:
+                if after is None:
+                    after = <cnp.ndarray>cnp.PyArray_NewCopy(before, cnp.NPY_CORDER)
+                data(after)[column] = 0.0
+    return x if after is None else after
 
 
 def margin(forces, normals, tangents, friction, has_cone, most, face_directions):

@@ -51,6 +51,3 @@ def refined(
     damping: float,
     corrections: int,
 ) -> tuple[Array, Array, Array] | None: ...
-def without_forbidden(
-    x: Array, columns: Numbers, cones: Numbers, signs: NDArray[np.int8]
-) -> tuple[Array, float]: ...
