@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from graspless_pin import QuasistaticProblem
 from graspless_pin.errors import ArgumentError
-from graspless_pin.problem.checks import all_finite, all_true
+from graspless_pin.problem.checks import all_finite, all_true, real_array
 from graspless_pin.problem.cones import default_tangents
 from graspless_pin.problem.joint_units import JointUnit
 
@@ -86,3 +86,16 @@ def test_arrays_of_any_shape_are_finite_together(first: list[float], second: lis
     arrays = np.array(first, dtype=float), np.array(second, dtype=float).reshape(-1, 1)
     assert all_finite(arrays) == bool(np.isfinite(first + second).all())
     assert all_true(np.isfinite(arrays[1])) == bool(np.isfinite(second).all())
+
+
+class Labelled(np.ndarray):
+    """An array of a kind of its own, whose products need not be numpy's."""
+
+
+def test_arguments_become_plain_copies():
+    values = np.ones((2, 3))
+    checked = real_array("values", values.view(Labelled), (2, 3))
+    assert type(checked) is np.ndarray
+    assert not checked.flags.writeable
+    values[0, 0] = 2.0
+    assert checked[0, 0] == 1.0

@@ -44,7 +44,8 @@ cdef class ConvexSets:
             bodies: (K,) number below K of the body that each is a piece of.
             centers: (K, 3) centres of boxes around them, m.
             half_extents: (K, 3) half the edge lengths of these boxes, m.
-            reaches: (K,) radii of spheres around them about these centres, m.
+            reaches: (K,) radii of spheres around them about these centres, m; a ball's is its own,
+                and its centre is the origin.
             planes: (K, 4) outward normal and offset of the half-spaces, anything for others.
             starts: (K + 1,) where the faces of each begin.
             faces: (F, 4) outward normals and offsets of the polytopes' faces.

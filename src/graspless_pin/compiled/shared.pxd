@@ -44,24 +44,22 @@ cdef inline cnp.ndarray as_vector(object values, Py_ssize_t length):
     return array
 
 
-cdef inline cnp.ndarray as_integers(object values, Py_ssize_t length):
-    """The values as a contiguous (length,) array of integers of a pointer's size."""
-    cdef cnp.ndarray array = <cnp.ndarray>cnp.PyArray_ContiguousFromAny(
-        values, cnp.NPY_INTP, 1, 1
-    )
+cdef inline cnp.ndarray as_kind(object values, Py_ssize_t length, int kind):
+    """The values as a contiguous (length,) array of one of numpy's kinds of numbers."""
+    cdef cnp.ndarray array = <cnp.ndarray>cnp.PyArray_ContiguousFromAny(values, kind, 1, 1)
     if array.shape[0] != length:
         raise ValueError(f"needs shape ({length},)")
     return array
+
+
+cdef inline cnp.ndarray as_integers(object values, Py_ssize_t length):
+    """The values as a contiguous (length,) array of integers of a pointer's size."""
+    return as_kind(values, length, cnp.NPY_INTP)
 
 
 cdef inline cnp.ndarray as_flags(object values, Py_ssize_t length):
     """The values as a contiguous (length,) array of truth values."""
-    cdef cnp.ndarray array = <cnp.ndarray>cnp.PyArray_ContiguousFromAny(
-        values, cnp.NPY_BOOL, 1, 1
-    )
-    if array.shape[0] != length:
-        raise ValueError(f"needs shape ({length},)")
-    return array
+    return as_kind(values, length, cnp.NPY_BOOL)
 
 
 cdef inline cnp.ndarray as_blocks(

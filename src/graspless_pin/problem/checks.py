@@ -41,9 +41,9 @@ def real_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Fl
     """
     array: FloatArray | None = None
     if isinstance(value, np.ndarray) and value.dtype == np.float64:
-        if value.shape == shape and all_finite((value,)):
-            return read_only(value.copy())
         array = np.array(value)
+        if array.shape == shape and all_finite((array,)):
+            return read_only(array)
     else:
         with suppress(TypeError, ValueError):
             raw = np.asarray(value)

@@ -18,13 +18,12 @@ from scipy.linalg import get_lapack_funcs
 from graspless_pin.compiled import linear_programs
 from graspless_pin.problem.checks import FloatArray, all_finite
 from graspless_pin.programs.answers import Answer, Outcome, proven
-from graspless_pin.programs.program import Program
+from graspless_pin.programs.program import LARGEST_IN_C, Program
 
 # Stands in for ranks: relative to the rows' squares, far above their rounding. What it falsifies
 # the corrections take back, and the check judges the rest.
 _DAMPING = 1e-13
 _CORRECTIONS = 2
-_LARGEST_IN_C = 65536  # entries of the rows; LAPACK is faster from there on
 # Linear systems are solved to rounding: an answer that is worse, though it would pass, met
 # constraints that contradict each other by a hair, and a solver should say what that means.
 _EXACT = 1e-9
@@ -124,7 +123,7 @@ def _refined(program: Program, near: Optimum) -> tuple[FloatArray, FloatArray, F
     None if they cannot be solved.
     """
     low, high = program.sides
-    if linear_programs is not None and program.rows.size <= _LARGEST_IN_C:
+    if linear_programs is not None and program.rows.size <= LARGEST_IN_C:
         return linear_programs.refined(
             program.rows.T, low, high, program.c, program.lb, program.ub,
             near.rows, near.at_bounds, near.upper, near.x, near.weights, _DAMPING, _CORRECTIONS,

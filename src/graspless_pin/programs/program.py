@@ -14,7 +14,8 @@ from graspless_pin.compiled import linear_programs
 from graspless_pin.problem.checks import FloatArray
 
 _LARGEST_DENSE = 8192
-_LARGEST_IN_C = 65536
+LARGEST_IN_C = 65536
+"""Entries of the rows from which on numpy's and LAPACK's products are faster than plain loops."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,7 +200,7 @@ class Program:
 
     def judged(self, x: FloatArray, y: FloatArray, z: FloatArray) -> tuple[float, float, float]:
         """Return `dual_bound`, `value` and `residual` of a solution and its multipliers."""
-        if linear_programs is None or not self.is_linear or self.rows.size > _LARGEST_IN_C:
+        if linear_programs is None or not self.is_linear or self.rows.size > LARGEST_IN_C:
             return self.dual_bound(y, z), self.value(x), self.residual(x)
         low, high = self.sides
         return linear_programs.judged(
