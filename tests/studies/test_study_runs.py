@@ -25,6 +25,7 @@ from graspless_pin.studies import (
     run_study,
     tables,
 )
+from graspless_pin.studies.journal import FORMAT, Journal
 
 LOW = {"values": [0.0, 0.3]}  # without friction nothing holds the cuboid on its slope
 
@@ -160,7 +161,7 @@ def test_a_torn_last_line_is_dropped(tmp_path, cut):
     journal.write_bytes(b"".join(lines)[:-cut])
     here = Here()
     pd.testing.assert_frame_equal(run(made, file, here), whole)
-    assert int(json.loads(lines[-1])["sample"]) in here.samples
+    assert int(json.loads(lines[-1].split(b" ", 1)[1])["sample"]) in here.samples
     assert len(here.samples) == 18 - (len(lines) - 2)
 
 
@@ -168,8 +169,8 @@ def test_a_finished_study_is_only_read(tmp_path):
     file = tmp_path / "out.parquet"
     first = run(study(), file)
     before = file.stat().st_mtime_ns
-    left = json.dumps({"fingerprint": study().fingerprint})
-    (tmp_path / "out.parquet.journal").write_text(f"{left}\n", encoding="utf-8")
+    journal = tmp_path / "out.parquet.journal"
+    Journal(journal, {"format": FORMAT, "fingerprint": study().fingerprint}).close()
     here = Here()
     pd.testing.assert_frame_equal(run(study(name="other name"), file, here), first)
     assert here.samples == [] and file.stat().st_mtime_ns == before

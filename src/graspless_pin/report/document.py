@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import sys
 from dataclasses import asdict
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.algorithms.formulation import Objective, formulate
+from graspless_pin.drafts import draft_of
 from graspless_pin.errors import SceneError
 from graspless_pin.modes.enumeration import requirements_of
 from graspless_pin.modes.kinematics import VirtualKinematics, Witness
@@ -98,12 +98,8 @@ def write_text(text: str, target: str | Path, *, kind: str) -> None:
         if path.exists() and not path.is_file():
             path.write_text(text, encoding="utf-8")
             return
-        draft = path.with_name(f".{path.name}.{os.getpid()}.part")
-        try:
+        with draft_of(path) as draft:
             draft.write_text(text, encoding="utf-8")
-            draft.replace(path)
-        finally:
-            draft.unlink(missing_ok=True)
     except OSError as error:
         raise SceneError(
             f"{path}: cannot be written ({error.strerror}); choose another file for the {kind}"

@@ -1,7 +1,9 @@
 """Rows on disk as they come, so that a study that is killed goes on where it stopped.
 
-The journal stands beside the output: one JSON object a line, the study first, then the rows in the
-order in which they came. A last line without its end is what a killed run leaves, and is dropped.
+The journal stands beside the output: the checksum of one JSON object and the object on each line,
+the study first, then the rows in the order in which they came. A last line without its end is what
+a killed run leaves, and is dropped. Any other line that does not fit its checksum is damage: the
+journal is refused. (SQLite would need checksums of its own, too: it has none for what it stores.)
 """
 
 from __future__ import annotations
@@ -10,7 +12,9 @@ import fcntl
 import json
 import os
 import time
+import zlib
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
 
@@ -19,6 +23,9 @@ from graspless_pin.studies.evaluation import Row
 
 _SYNC_EVERY = 2.0
 """Seconds between two times that the disk is waited for: a power failure costs no more."""
+FORMAT = 2
+_WITHOUT_CHECKSUMS = 1
+_CHECKSUM_DIGITS = 8
 
 
 class Journal:
@@ -68,7 +75,7 @@ class Journal:
         content = self._file.read()
         kept = content[: content.rfind(b"\n") + 1]
         try:
-            rows = self._read(kept, identity, fresh=fresh)
+            rows = self._read(content, identity, fresh=fresh)
         except StudyError:
             if not overwrite:
                 raise
@@ -82,17 +89,16 @@ class Journal:
 
     def _read(self, content: bytes, identity: dict[str, Any], *, fresh: bool) -> dict[int, Row]:
         """The rows of this study in a journal; none if it is empty or to be dropped."""
-        if not content:
-            return {}
-        try:
-            found, *rows = [json.loads(line) for line in content.splitlines()]
-            by_number: dict[int, Row] = {int(row["sample"]): row for row in rows}
-            differing = [key for key in identity if found.get(key) != identity[key]]
-        except (ValueError, KeyError, TypeError, AttributeError):
+        if _packed(identity).startswith(content):
+            return {}  # it was killed when it began
+        first, *lines = content[: content.rfind(b"\n") + 1].split(b"\n")[:-1] or [b""]
+        found = _identity(first)
+        if found is None:
             raise StudyError(
-                f"{self.path}: is no journal of a study; choose another output, or replace it "
-                "(--overwrite)"
-            ) from None
+                f"{self.path}: is no journal of a study, or its first line is damaged; choose "
+                "another output, or replace it (--overwrite)"
+            )
+        differing = [key for key in identity if found.get(key) != identity[key]]
         if "fingerprint" in differing:
             raise StudyError(
                 f"{self.path}: holds the rows of another study, or of this one before it or its "
@@ -105,7 +111,19 @@ class Journal:
                 f"{self.path}: was begun with other versions of the libraries; begin anew "
                 "(--fresh), or choose another output"
             )
-        return by_number
+        rows = [self._row(number, line) for number, line in enumerate(lines, start=2)]
+        return dict(rows)
+
+    def _row(self, number: int, line: bytes) -> tuple[int, Row]:
+        """Number of a sample and its row."""
+        try:
+            row = _unpacked(line)
+            return int(row["sample"]), row
+        except (ValueError, KeyError, TypeError):
+            raise StudyError(
+                f"{self.path}:{number}: is damaged: it does not fit its checksum; delete this "
+                "line to have its sample computed again, or begin anew (--fresh)"
+            ) from None
 
     def append(self, rows: Iterable[Row]) -> None:
         """Write rows."""
@@ -129,7 +147,7 @@ class Journal:
         self._file.close()
 
     def _append(self, items: list[dict[str, Any]]) -> None:
-        self._file.write("".join(f"{json.dumps(item)}\n" for item in items).encode())
+        self._file.write(b"".join(map(_packed, items)))
         self._file.flush()
 
 
@@ -137,19 +155,47 @@ def discard(path: Path, fingerprint: str) -> None:
     """Remove the journal that a finished run of a study may have left; others stay."""
     try:
         with path.open("rb") as file:
-            if _is_of(file.readline(), fingerprint) and _locked(file):
+            found = _identity(file.readline().removesuffix(b"\n")) or {}
+            if found.get("fingerprint") == fingerprint and _locked(file):
                 path.unlink()
     except OSError:
         return
 
 
-def _is_of(line: bytes, fingerprint: str) -> bool:
-    """Whether a journal's first line is that of a study."""
-    try:
+def _packed(item: dict[str, Any]) -> bytes:
+    """A line with its end."""
+    return _line(json.dumps(item).encode()) + b"\n"
+
+
+def _line(text: bytes) -> bytes:
+    return b"%0*x %s" % (_CHECKSUM_DIGITS, zlib.crc32(text), text)
+
+
+def _unpacked(line: bytes) -> dict[str, Any]:
+    """The object of a line without its end.
+
+    Raises:
+        ValueError: If it does not fit its checksum.
+    """
+    text = line[_CHECKSUM_DIGITS + 1 :]
+    if line != _line(text):
+        raise ValueError("it does not fit its checksum")
+    return json.loads(text)
+
+
+def _identity(line: bytes) -> dict[str, Any] | None:
+    """What a journal's first line says of its study; None if it is none.
+
+    Version 0.1 wrote no checksums. Its journals are known by that, so that they are refused for
+    their versions and not as another program's file.
+    """
+    with suppress(ValueError):
+        return _unpacked(line)
+    with suppress(ValueError):
         found: Any = json.loads(line)
-    except ValueError:
-        return False
-    return isinstance(found, dict) and found.get("fingerprint") == fingerprint
+        if isinstance(found, dict) and found.get("format") == _WITHOUT_CHECKSUMS:
+            return found
+    return None
 
 
 def _locked(file: IO[bytes]) -> bool:

@@ -11,12 +11,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from graspless_pin.drafts import remove_stale_drafts
 from graspless_pin.errors import StudyError
 from graspless_pin.problem.checks import whole_number
 from graspless_pin.studies.checks import check_study
 from graspless_pin.studies.evaluation import Row, evaluate_chunk, failed_row
 from graspless_pin.studies.executors import GivenExecutor, LocalProcesses, usable_cores
-from graspless_pin.studies.journal import Journal, discard
+from graspless_pin.studies.journal import FORMAT, Journal, discard
 from graspless_pin.studies.progress import notice, progress_bar
 from graspless_pin.studies.study import Study
 from graspless_pin.studies.tables import (
@@ -84,6 +85,7 @@ def run_study(
         finished = _finished(study, file, overwrite=overwrite, goes_on=journal_file.exists())
         if finished is not None:
             discard(journal_file, study.fingerprint)
+            remove_stale_drafts(file)
             if progress:
                 notice(f"{file} is complete: nothing is left to compute (--fresh begins anew)")
             return finished
@@ -91,7 +93,7 @@ def run_study(
         _check_own(study, file)
     _check_folder(file)
     check_study(study)
-    identity = {"format": 1, "fingerprint": study.fingerprint, "versions": versions()}
+    identity = {"format": FORMAT, "fingerprint": study.fingerprint, "versions": versions()}
     journal = Journal(journal_file, identity, fresh=fresh, overwrite=overwrite)
     complete = False
     try:

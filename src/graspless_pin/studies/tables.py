@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from graspless_pin.drafts import draft_of
 from graspless_pin.errors import StudyError
 from graspless_pin.scene.messages import key_text
 from graspless_pin.studies.evaluation import FAILED, Row
@@ -134,24 +135,21 @@ def write_results(table: pd.DataFrame, output: Path) -> None:
         StudyError: If it cannot be written.
     """
     about = table.attrs[KEY]
-    draft = output.with_name(f".{output.name}.{os.getpid()}.part")
     try:
-        if format_of(output) == "csv":
-            types = {name: str(kind) for name, kind in table.dtypes.items()}
-            head = _CSV_MARK + json.dumps(about | {"columns": types})
-            body = table.to_csv(index=False, lineterminator="\n")
-            draft.write_text(f"{head}\n{body}", encoding="utf-8")
-        else:
-            _write_parquet(table, about, draft)
-        with draft.open("rb") as written:
-            os.fsync(written.fileno())
-        draft.replace(output)
+        with draft_of(output) as draft:
+            if format_of(output) == "csv":
+                types = {name: str(kind) for name, kind in table.dtypes.items()}
+                head = _CSV_MARK + json.dumps(about | {"columns": types})
+                body = table.to_csv(index=False, lineterminator="\n")
+                draft.write_text(f"{head}\n{body}", encoding="utf-8")
+            else:
+                _write_parquet(table, about, draft)
+            with draft.open("rb") as written:
+                os.fsync(written.fileno())
     except OSError as error:
         raise StudyError(
             f"{output}: cannot be written ({error.strerror}); the rows stay in the journal"
         ) from error
-    finally:
-        draft.unlink(missing_ok=True)
 
 
 def _write_parquet(table: pd.DataFrame, about: dict[str, Any], file: Path) -> None:

@@ -1,0 +1,146 @@
+"""The journal of a study: damage is refused, what killed runs leave is taken up or removed."""
+
+import json
+import os
+import random
+import subprocess
+import sys
+
+import pandas as pd
+import pytest
+from study_tools import FRICTION, Here, study
+
+from graspless_pin.errors import StudyError
+from graspless_pin.studies import run_study
+from graspless_pin.studies.journal import FORMAT, Journal
+
+IDENTITY = {"format": FORMAT, "fingerprint": "ab12", "versions": {"numpy": "2.4.0"}}
+ROWS = [
+    {"sample": 3, "status": "optimal", "found": True, "margin_N": 0.125, "contacts": 4},
+    {"sample": 0, "status": "infeasible_forces", "found": False, "reason": "größer"},
+    {"sample": 11, "status": "optimal", "found": True, "margin_N": 1e-3, "contacts": 2},
+]
+
+
+@pytest.fixture
+def journal(tmp_path):
+    """A journal with three rows."""
+    file = tmp_path / "out.csv.journal"
+    written = Journal(file, IDENTITY)
+    written.append(ROWS)
+    written.close()
+    return file
+
+
+def rows_of(file, identity=IDENTITY, **options):
+    opened = Journal(file, identity, **options)
+    opened.close()
+    return opened.rows
+
+
+def test_rows_are_read_back(journal):
+    assert rows_of(journal) == {row["sample"]: row for row in ROWS}
+
+
+def test_no_flipped_bit_changes_a_row(journal):
+    """Every single bit: the journal is refused by name, or the last row is computed again."""
+    sound = journal.read_bytes()
+    expected = rows_of(journal)
+    refused = 0
+    for place in range(len(sound)):
+        for bit in range(8):
+            damaged = bytearray(sound)
+            damaged[place] ^= 1 << bit
+            journal.write_bytes(damaged)
+            try:
+                rows = rows_of(journal)
+            except StudyError as error:
+                refused += 1
+                assert str(error).startswith(f"{journal}:"), error
+                assert "--fresh" in str(error) or "--overwrite" in str(error)
+            else:
+                assert place == len(sound) - 1, (place, bit)
+                assert rows == {number: expected[number] for number in (3, 0)}
+    assert refused == 8 * (len(sound) - 1)
+
+
+def test_damage_is_told_with_its_line(journal):
+    lines = journal.read_bytes().splitlines(keepends=True)
+    damaged = lines[2].replace(b"false", b"true")
+    assert damaged != lines[2]
+    journal.write_bytes(b"".join([*lines[:2], damaged, lines[3]]))
+    with pytest.raises(StudyError, match=r"out\.csv\.journal:3: is damaged: .* delete this line"):
+        rows_of(journal)
+    journal.write_bytes(b"".join([*lines[:2], lines[3]]))
+    assert sorted(rows_of(journal)) == [3, 11]
+    journal.write_bytes(b"".join([*lines[:2], damaged, lines[3]]))
+    assert rows_of(journal, fresh=True) == {}
+
+
+def test_a_journal_without_checksums_is_refused_for_its_version(journal):
+    old = [{**IDENTITY, "format": 1}, *ROWS]
+    text = "".join(f"{json.dumps(item)}\n" for item in old)
+    journal.write_text(text, encoding="utf-8")
+    with pytest.raises(StudyError, match=r"was begun with other versions.*--fresh"):
+        rows_of(journal)
+    assert journal.read_text(encoding="utf-8") == text
+    assert rows_of(journal, fresh=True) == {}
+
+
+@pytest.mark.parametrize("kept", [0, 1, 9, 40])
+def test_a_journal_killed_as_it_began_is_begun_anew(journal, kept):
+    journal.write_bytes(journal.read_bytes()[:kept])
+    assert rows_of(journal) == {}
+
+
+def test_notes_without_a_line_end_are_kept(journal):
+    journal.write_bytes(b"notes")
+    with pytest.raises(StudyError, match="is no journal of a study"):
+        rows_of(journal)
+    assert journal.read_bytes() == b"notes"
+
+
+def test_a_damaged_journal_never_makes_another_table(tmp_path):
+    """Whole runs on flips of seeded bits: the same table, or a refusal by name."""
+    made = study({"friction.default": FRICTION})
+    whole = run_study(made, tmp_path / "whole.csv", executor=Here(), workers=1, progress=False)
+    file, journal = tmp_path / "out.csv", tmp_path / "out.csv.journal"
+    with pytest.raises(StudyError, match="pulled the plug"):
+        run_study(made, file, executor=Here(2), workers=1, progress=False)
+    sound = journal.read_bytes()
+    assert sound.count(b"\n") == 3
+    rng = random.Random(5)  # noqa: S311 - which bits is no secret
+    bits = [rng.randrange(8 * len(sound)) for _ in range(10)]
+    for bit in (*bits, 8 * len(sound) - 3):
+        file.unlink(missing_ok=True)
+        damaged = bytearray(sound)
+        damaged[bit // 8] ^= 1 << bit % 8
+        journal.write_bytes(damaged)
+        try:
+            table = run_study(made, file, executor=Here(), workers=1, progress=False)
+        except StudyError as error:
+            assert str(journal) in str(error)
+            assert not file.exists() and journal.read_bytes() == bytes(damaged)
+        else:
+            pd.testing.assert_frame_equal(table, whole)
+
+
+@pytest.mark.parametrize("name", ["out.parquet", "out.csv"])
+def test_drafts_of_killed_writes_are_removed(tmp_path, name):
+    """Also beside a finished study; those of running processes and other files stay."""
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    made, file = study({"friction.default": FRICTION}), tmp_path / name
+    stale = tmp_path / f".{name}.{gone.pid}.part"
+    kept = {
+        tmp_path / f".{name}.{os.getppid()}.part",
+        tmp_path / f".{name}.x.part",
+        tmp_path / f".other.{name}.{gone.pid}.part",
+        tmp_path / f"{name}.{gone.pid}.part",
+    }
+    for draft in (stale, *kept):
+        draft.touch()
+    for _ in range(2):
+        stale.touch()
+        run_study(made, file, executor=Here(), workers=1, progress=False)
+        assert set(tmp_path.iterdir()) == {file, *kept}
