@@ -222,6 +222,9 @@ BAD_OPTIONS = {
         {"static_friction": "none"}, "static_friction", ["'none'", "'coulomb'"]
     ),
     "an unknown search": ({"search": "guess"}, "search", ["'guess'", "'auto'", "'enumerate'"]),
+    "a search that only the tests have": (
+        {"search": "milp"}, "search", ["'milp'", "one of 'auto', 'enumerate'"]
+    ),
     "a negative regularization": ({"regularization": -1e-3}, "regularization", ["-0.001", ">= 0"]),
     "an infinite regularization": ({"regularization": INF}, "regularization", ["inf", "finite"]),
     "a mode for another number of contacts": ({"mode": ONE_UP}, "mode", ["1 contacts", "3"]),

@@ -10,7 +10,6 @@ import numpy as np
 from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.exhaustive import search_exhaustively
 from graspless_pin.algorithms.formulation import Objective, formulate
-from graspless_pin.algorithms.mixed_integer import search_mixed_integer
 from graspless_pin.algorithms.search import SearchResult, SearchState, in_mode, undecided
 from graspless_pin.errors import ArgumentError, UndecidedMotionError
 from graspless_pin.modes.enumeration import requirements_of
@@ -37,8 +36,6 @@ class Search(StrEnum):
     """Branch and bound on conflicts from the relaxation."""
     ENUMERATE = "enumerate"
     """The relaxation, then every maximal mode."""
-    MILP = "milp"
-    """One mixed-integer program for HiGHS."""
 
 
 def solve_problem(
@@ -63,7 +60,7 @@ def solve_problem(
         search: How the modes are searched.
         mode: Solve this (B, S) only.
         node_limit: Limit of branch and bound.
-        time_limit: Limit of branch and bound and of the MILP, s.
+        time_limit: Limit of branch and bound, s.
         explain: Explains a solution that is not found, when asked for.
     """
     if not isinstance(problem, QuasistaticProblem):
@@ -80,8 +77,6 @@ def solve_problem(
             result = in_mode(state, mode, requirements)
         elif how is Search.ENUMERATE:
             result = search_exhaustively(state)
-        elif how is Search.MILP:
-            result = search_mixed_integer(state, time_limit=time_limit)
         else:
             result = branch_and_bound(state, node_limit=node_limit, time_limit=time_limit)
     except UndecidedMotionError:

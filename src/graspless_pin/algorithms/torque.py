@@ -72,8 +72,7 @@ def maximize_margin(
             the check.
         regularization: Epsilon >= 0 of the QP that minimises -e/F + (epsilon/2) |f/F|^2 with F the
             largest normal-force limit.
-        search: ``auto`` (branch and bound), ``enumerate`` (all maximal modes) or ``milp`` (one
-            mixed-integer program for HiGHS).
+        search: ``auto`` (branch and bound) or ``enumerate`` (all maximal modes).
         mode: Solve this (B, S) only.
         node_limit: Stop ``auto`` after so many nodes and return the best found with its gap.
         time_limit: Likewise after so many seconds.

@@ -4,15 +4,6 @@ Where a solver's answer fails the check another solver is asked.
 """
 
 from graspless_pin.programs.answers import PRIMAL_TOLERANCE, Answer, Outcome
-from graspless_pin.solvers.mixed_integer import solve_mixed_integer
 from graspless_pin.solvers.solving import available_solvers, check_solver, solve
 
-__all__ = [
-    "PRIMAL_TOLERANCE",
-    "Answer",
-    "Outcome",
-    "available_solvers",
-    "check_solver",
-    "solve",
-    "solve_mixed_integer",
-]
+__all__ = ["PRIMAL_TOLERANCE", "Answer", "Outcome", "available_solvers", "check_solver", "solve"]
