@@ -1,6 +1,7 @@
 """Branch and bound, enumeration and a mixed-integer program find the same optimum, or none do."""
 
 from collections.abc import Callable
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -16,7 +17,6 @@ from graspless_pin import (
     maximize_margin,
     minimize_torque,
 )
-from graspless_pin.modes.rules import RuleOptions
 
 PAIRS = tuple(product(SIGN_RULES, SLIDING_RULES))
 ALGORITHMS = (maximize_margin, minimize_torque)
@@ -67,20 +67,21 @@ def assert_agreement(
     enumerate_too: bool = False,
 ) -> None:
     """Hold the default search against the mixed-integer program, and against enumeration."""
-    sign_rule, sliding_rule = pair
-    options = RuleOptions(sign_rule=sign_rule, sliding_rule=sliding_rule)
+    solve = partial(algorithm, sign_rule=pair[0], sliding_rule=pair[1])
     where = f"{algorithm.__name__}, {pair}"
-    first = algorithm(problem, **options)
+    first = solve(problem)
     others = []
     if enumerate_too:
-        listed = algorithm(problem, **options, search="enumerate")
+        listed = solve(problem, search="enumerate")
         assert listed.status is first.status, where
         others.append(listed)
-    oracle = solve_by_mixed_integer(problem, str(first.algorithm), **options)
+    oracle = solve_by_mixed_integer(
+        problem, str(first.algorithm), sign_rule=pair[0], sliding_rule=pair[1]
+    )
     assert (oracle is not None) is first.found, where
     if oracle is not None:
         # Its binaries are not believed, nor its forces to 1e-6: its mode is solved on its own.
-        in_mode = algorithm(problem, **options, mode=oracle.mode)
+        in_mode = solve(problem, mode=oracle.mode)
         assert in_mode.status is Status.OPTIMAL_IN_MODE, where
         assert optimum(in_mode) == pytest.approx(oracle.value, rel=1e-4, abs=1e-6), where
         others.append(in_mode)
