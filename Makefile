@@ -1,6 +1,6 @@
 # Two commands on a fresh machine: `make run` and `make test`. Needs Python >= 3.11.
 PYTHON ?= python3
-VENV := .venv
+VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
@@ -26,7 +26,7 @@ test: install
 	bash tests/browser/install_chromium.sh
 	$(BIN)/python -m pytest --numprocesses auto
 
-lint: export PATH := $(CURDIR)/$(BIN):$(PATH)
+lint: export PATH := $(abspath $(BIN)):$(PATH)
 lint: install
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import sysconfig
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,8 @@ from setuptools import Distribution, Extension
 from setuptools.errors import BaseError, CCompilerError
 
 _PACKAGE = "graspless_pin.compiled"
-_LIBRARIES = "*.pyd" if sys.platform == "win32" else "*.so"
+# Only this Python's: installations of others into the same tree keep theirs beside it.
+_LIBRARIES = f"*{sysconfig.get_config_var('EXT_SUFFIX')}"
 # Without fused rounding the results are the same on every processor; there, that is the default.
 _FLAGS = [] if sys.platform == "win32" else ["-O3", "-ffp-contract=off"]
 
@@ -58,6 +60,7 @@ def _compile(root: Path, sources: list[Path]) -> None:
         modules = cythonize(extensions, build_dir=folder, language_level=3, quiet=True)
         distribution = Distribution({"ext_modules": modules, "package_dir": {"": "src"}})
         command = distribution.get_command_obj("build_ext")
-        command.inplace, command.build_temp = True, folder
+        command.inplace = True
+        command.build_lib = command.build_temp = folder
         command.ensure_finalized()
         command.run()

@@ -164,6 +164,10 @@ ENTITY = '<!DOCTYPE robot [<!ENTITY secret SYSTEM "file:///etc/hostname">]>'
         (link("a", '<sphere radius="-1"/>'), "sphere radius='-1', which is not positive"),
         (link("a", "<torus/>"), "unknown shape <torus>; known: box, sphere"),
         ('<link name="a"><collision/></link>', "without a shape in its <geometry>"),
+        (
+            '<link name="a"><collision><geometry/></collision></link>',
+            "without a shape in its <geometry>",
+        ),
         (link("a", mass=-0.5), "negative mass -0.5 kg"),
         (link("a", mass="much"), "mass='much', which is not a number"),
         (

@@ -35,7 +35,7 @@ def check_link(path: Path, link: ET.Element, package_dirs: Sequence[Path]) -> li
     meshes: list[Path] = []
     for collision in link.findall("collision"):
         check_origin(where, collision)
-        shape = next(iter(collision.find("geometry") or ()), None)
+        shape = collision.find("geometry/*")
         if shape is None:
             raise RobotError(f"{where} has a <collision> without a shape in its <geometry>")
         if shape.tag == "mesh":

@@ -70,7 +70,7 @@ def _read(path: Path, link: str, visual: ET.Element, package_dirs: Sequence[Path
         numbers(where, "origin xyz", pose.get("xyz", "0 0 0"), 3),
         numbers(where, "origin rpy", pose.get("rpy", "0 0 0"), 3),
     )
-    element = next(iter(visual.find("geometry") or ()), None)
+    element = visual.find("geometry/*")
     if element is None:
         raise RobotError(f"{where} has no shape")
     if element.tag == "mesh":
