@@ -242,3 +242,16 @@ def test_the_largest_margin_is_reached_with_the_smallest_torque(seed):
     assert least.found
     assert least.margin >= best.margin - 1e-5
     assert least.max_torque <= best.max_torque + 1e-5
+
+
+@pytest.mark.parametrize("margin", [0.1, 40.0])
+def test_a_solution_knows_what_was_optimised(margin):
+    """Found or not: its document needs it."""
+    best = minimize_torque(scene("rest"))
+    for mode in (None, best.mode):
+        solution = minimize_torque(
+            scene("rest"), margin, scale="limits", regularization=1e-3, mode=mode
+        )
+        assert solution.found == (margin < 1.0)
+        assert solution.by_limits and solution.regularization == 1e-3
+        assert solution.given_mode == mode

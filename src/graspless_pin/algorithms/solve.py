@@ -81,7 +81,7 @@ def solve_problem(
             result = branch_and_bound(state, node_limit=node_limit, time_limit=time_limit)
     except UndecidedMotionError:
         result = undecided(state)
-    return solution_of(result, objective, rules, explain)
+    return solution_of(result, objective, rules, explain, mode)
 
 
 def _checked_mode(
@@ -117,7 +117,11 @@ def _checked_mode(
 
 
 def solution_of(
-    result: SearchResult, objective: Objective, rules: Rules, explain: Explain | None
+    result: SearchResult,
+    objective: Objective,
+    rules: Rules,
+    explain: Explain | None,
+    given_mode: SlidingMode | None = None,
 ) -> TorqueSolution:
     """Return how a search ended as a solution.
 
@@ -126,6 +130,7 @@ def solution_of(
         objective: What was optimised.
         rules: The reading of the virtual-sliding constraint.
         explain: Explains a solution that is not found, when asked for.
+        given_mode: The mode that alone was asked for.
     """
     state = result.state
     formulation = state.formulation
@@ -157,6 +162,9 @@ def solution_of(
         rules=rules,
         certificate=certificate,
         problem=formulation.problem,
+        by_limits=objective.by_limits,
+        regularization=objective.regularization,
+        given_mode=given_mode,
         _forces=forces,
         _mode=state.mode if best is not None else None,
         _multipliers=multipliers,

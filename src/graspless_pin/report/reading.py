@@ -69,10 +69,10 @@ def _solution(document: dict[str, Any]) -> TorqueSolution:
         Rules.parse(rules["sign_rule"], rules["sliding_rule"], rules["static_friction"]),
         Certificate(**{item.name: _figure(proof[item.name]) for item in fields(Certificate)}),
         _problem(document),
-        forces,
-        mode,
-        multipliers,
-        lambda _: explanation,
+        _forces=forces,
+        _mode=mode,
+        _multipliers=multipliers,
+        _explain=lambda _: explanation,
     )
 
 

@@ -126,6 +126,9 @@ class TorqueSolution:
         rules: The reading of the virtual-sliding constraint.
         certificate: The proof.
         problem: The problem that was solved.
+        by_limits: Whether Algorithm 2 counted torques as shares of the limits.
+        regularization: The epsilon of the QP; 0: the bare LP.
+        given_mode: The mode that alone was asked for; None: all modes were.
     """
 
     status: Status
@@ -134,6 +137,9 @@ class TorqueSolution:
     rules: Rules
     certificate: Certificate
     problem: QuasistaticProblem
+    by_limits: bool = False
+    regularization: float = 0.0
+    given_mode: SlidingMode | None = None
     _forces: FloatArray | None = None
     _mode: SlidingMode | None = None
     _multipliers: ProofMultipliers | None = None
