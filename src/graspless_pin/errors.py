@@ -82,6 +82,23 @@ class MeshError(GrasplessPinError, ValueError):
     """A mesh file is missing, unreadable or has no volume."""
 
 
+class TextError(GrasplessPinError):
+    """A text is not YAML, JSON or XML as this package reads it.
+
+    Attributes:
+        line: Where, from 1; None: not known.
+    """
+
+    def __init__(self, message: str, line: int | None = None) -> None:
+        """Take what is wrong, and where."""
+        super().__init__(message, line)
+        self.line = line
+
+    def __str__(self) -> str:
+        """Return the message."""
+        return str(self.args[0])
+
+
 class NoSolutionError(GrasplessPinError, RuntimeError):
     """Torques, forces or a mode were asked of a solution that has none."""
 

@@ -40,13 +40,13 @@ def jointed(limit='lower="-1" upper="1" effort="2" velocity="1"', kind="revolute
 
 
 def test_missing_urdf(tmp_path):
-    message = f"scene.yaml:4: hand.urdf: {tmp_path / 'hand.urdf'}: there is no such URDF file"
+    message = f"scene.yaml:4: hand.urdf: {tmp_path / 'hand.urdf'}: there is no such file"
     assert_refused(with_urdf(tmp_path, None), message)
 
 
 def test_missing_robot_file(tmp_path):
     result = solve_text(tmp_path, spoilt("lever_100mm", "mine.yaml"))
-    assert_refused(result, f":4: hand.robot: {tmp_path / 'mine.yaml'}: there is no such robot file")
+    assert_refused(result, f":4: hand.robot: {tmp_path / 'mine.yaml'}: there is no such file")
 
 
 @pytest.mark.parametrize(
@@ -100,12 +100,16 @@ def test_entities_cannot_grow_without_bound(tmp_path):
 
 def test_a_file_that_may_not_be_read(tmp_path, monkeypatch):
     """Root may read everything, so the refusal is played."""
-    monkeypatch.setattr("pathlib.Path.read_bytes", _refuse)
+    monkeypatch.setattr("graspless_pin.intake.files.os.fdopen", _refuse)
+    monkeypatch.setattr(
+        "graspless_pin.scene.yaml_source.read_text", lambda path, _: path.read_text()
+    )
     result = with_urdf(tmp_path, jointed())
-    assert_refused(result, ":4: hand.urdf: a file cannot be read ([Errno 13] Permission denied")
+    message = f":4: hand.urdf: {tmp_path / 'hand.urdf'}: cannot be read (Permission denied)"
+    assert_refused(result, message)
 
 
-def _refuse(path):
+def _refuse(path, _):
     raise PermissionError(13, os.strerror(13), str(path))
 
 

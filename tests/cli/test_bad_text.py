@@ -24,7 +24,10 @@ TEXTS = {
     "date that does not exist": (b"name: 2020-13-45\n", ": is not plain YAML: month must be in"),
     "digits that are none": (b"name: 0b_\n", ": is not plain YAML: invalid literal for int()"),
     "anchor in itself": (b"object: &a {x: *a}\n", ":1: an anchor contains itself; write it out"),
-    "deep nesting": (b"a: " + 5000 * b"[" + 5000 * b"]", ": is nested too deeply"),
+    "deep nesting": (
+        b"a: " + 5000 * b"[" + 5000 * b"]",
+        ":1: is nested too deeply; at most 50 levels",
+    ),
     "duplicate key": (
         spoilt("  mass: 1.0\n", "  mass: 1.0\n  mass: 2.0\n").encode(),
         ":11: object.mass: stands twice, first on line 10; keep one",
@@ -68,4 +71,4 @@ def test_plain_anchors_are_fine(tmp_path):
 def test_a_scene_that_is_not_there(tmp_path):
     file = tmp_path / "none.yaml"
     assert_refused(run("solve", file), f"{file}: there is no such file; check the path")
-    assert_refused(run("solve", tmp_path), f"{tmp_path}: cannot be read (Is a directory)")
+    assert_refused(run("solve", tmp_path), f"{tmp_path}: is a directory; a scene is a regular file")

@@ -11,6 +11,7 @@ from graspless_pin.errors import (
     SceneError,
     StateError,
     StateFault,
+    TextError,
 )
 
 ERRORS = [
@@ -18,6 +19,7 @@ ERRORS = [
     (SceneError("scene.yaml:3: friction: is -1"), "scene.yaml:3: friction: is -1"),
     (StateError(StateFault.BLOCKED, "box runs into floor"), "box runs into floor"),
     (NoSolutionError("nothing to read"), "nothing to read"),
+    (TextError("is not plain YAML", 3), "is not plain YAML"),
 ]
 
 

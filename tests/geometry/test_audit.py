@@ -166,7 +166,7 @@ def test_what_is_no_urdf_is_a_finding_and_no_file_an_error(tmp_path):
     file = tmp_path / "robot.urdf"
     file.write_text("<sdf/>")
     assert [item.kind for item in audit_urdf(file).findings] == [FindingKind.UNREADABLE]
-    with pytest.raises(RobotError, match="there is no such URDF file"):
+    with pytest.raises(RobotError, match="there is no such file"):
         audit_urdf(tmp_path / "gone.urdf")
     with pytest.raises(RobotError, match="unknown robot 'nope'"):
         audit_urdf("nope")
@@ -228,5 +228,5 @@ def test_the_list_covers_tendons_models_and_failures(tmp_path):
     assert effort(model.joints[0]).source == "the URDF's"
     assert (tendon.tendons["t"].upper, tendon.tendons["t"].source) == (9.0, "me")
     assert tendon.joints[0].effort is None
-    assert "no such URDF" in str(missing.problem)
+    assert "no such file" in str(missing.problem)
     assert "unknown robot 'nope'" in str(unknown.problem)

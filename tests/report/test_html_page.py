@@ -188,7 +188,7 @@ def test_why_not():
 def test_a_document_brings_its_scene(tmp_path):
     scene, solution = solved(AT_REST)
     document = through_json(solution, scene)
-    case = case_of_document(document)
+    case = case_of_document(document, AT_REST)
     assert case.missing == "" and case.command is not None
     assert case.picture.of(Role.OBJECT) and case.picture.of(Role.HAND)
     page = read_html(report_html(case))
@@ -196,18 +196,26 @@ def test_a_document_brings_its_scene(tmp_path):
     assert [row[1] for row in page.section("contacts").rows()] == list(scene.contacts.bodies)
 
 
-def test_the_scene_may_lie_beside_the_document(tmp_path):
-    shutil.copy(AT_REST, tmp_path / "scene.yaml")
-    scene, solution = solved(tmp_path / "scene.yaml")
+def test_no_file_that_a_document_names_is_opened(tmp_path, monkeypatch):
+    scene, solution = solved(AT_REST)
     document = through_json(solution, scene)
-    document["provenance"]["scene_file"] = "elsewhere/scene.yaml"
-    assert case_of_document(document, tmp_path).missing == ""
-    assert "elsewhere/scene.yaml is not here" in case_of_document(document).missing
+    opened = []
+    monkeypatch.setattr("os.open", lambda path, *_: opened.append(path))
+    secret = tmp_path / "secret.yaml"
+    secret.write_text("password: tulip\n", encoding="utf-8")
+    for name in (str(AT_REST), str(secret), "../scene.yaml", 7, None):
+        document["provenance"]["scene_file"] = name
+        case = case_of_document(document)
+        assert "scene file" in case.missing and case.command is None
+        assert "tulip" not in report_html(case, ranges=False)
+    document["provenance"] = 5
+    assert case_of_document(document).missing == "The document names no scene file."
+    assert opened == []
 
 
 @pytest.mark.parametrize(
     ("old", "new", "message"),
-    [("mass: 1.0", "mass: 1.1", "has changed since"), ("friction:", "frictoin:", "has changed")],
+    [("mass: 1.0", "mass: 1.1", "changed since"), ("friction:", "frictoin:", "changed since")],
 )
 def test_another_scene_is_not_drawn(tmp_path, old, new, message):
     file = tmp_path / "scene.yaml"
@@ -217,7 +225,7 @@ def test_another_scene_is_not_drawn(tmp_path, old, new, message):
     text = file.read_text(encoding="utf-8")
     assert old in text
     file.write_text(text.replace(old, new), encoding="utf-8")
-    case = case_of_document(document)
+    case = case_of_document(document, file)
     assert message in case.missing and case.command is None
     assert not case.picture.of(Role.HAND, Role.OBJECT, Role.SUPPORT)
     assert case.picture.of(Role.NORMAL_FORCE)
@@ -232,7 +240,7 @@ def test_a_scene_changed_in_python_has_no_command():
     case = case_of_scene(changed, changed.solve())
     assert case.command is None and case.missing == ""
     # Its document cannot be drawn from the file either.
-    again = case_of_document(through_json(case.solution, changed))
+    again = case_of_document(through_json(case.solution, changed), changed.path)
     assert "now leads to another problem" in again.missing
 
 

@@ -59,9 +59,9 @@ def test_infeasible_is_an_answer(tmp_path):
 @pytest.mark.parametrize(
     ("name", "text", "message"),
     [
-        ("none.json", None, "No such file"),
+        ("none.json", None, "there is no such file"),
         ("none.yaml", None, "none.yaml"),
-        ("broken.json", "{", "broken.json: Expecting"),
+        ("broken.json", "{", "broken.json: is not JSON: Expecting"),
         ("empty.json", "{}", "empty.json: document: lacks the key 'status'"),
         ("list.json", "[]", "list.json: document: is no JSON object"),
     ],

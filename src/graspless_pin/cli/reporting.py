@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -12,6 +11,7 @@ from graspless_pin.cli.outcome import FOUND, INFEASIBLE, plain_errors
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.report.document import write_text
 from graspless_pin.report.html import Case, case_of_document, case_of_scene, report_html
+from graspless_pin.report.reading import read_document
 from graspless_pin.scene import load_scene
 
 
@@ -22,6 +22,14 @@ def report(
             metavar="SCENE|SOLUTION.json", help="Scene file, or a document that solve wrote."
         ),
     ],
+    scene: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="SCENE",
+            help="Scene of the document, to draw its bodies; no file that a document names is "
+            "opened.",
+        ),
+    ] = None,
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="FILE|-", help="The page to write.")
     ] = Path("report.html"),
@@ -46,7 +54,7 @@ def report(
     Exit code 0: found; 1: infeasible, and the page says why; 2: bad input.
     """
     with plain_errors():
-        case = _case(source)
+        case = _case(source, scene)
         try:
             output.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -58,15 +66,14 @@ def report(
     raise typer.Exit(FOUND if case.solution.found else INFEASIBLE)
 
 
-def _case(source: Path) -> Case:
+def _case(source: Path, scene_file: Path | None) -> Case:
     if source.suffix.lower() != ".json":
+        if scene_file is not None:
+            raise ArgumentError("--scene", "goes with a solution document (.json) alone")
         scene = load_scene(source)
         return case_of_scene(scene, scene.solve())
+    document = read_document(source)
     try:
-        document = json.loads(source.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise SceneError(f"{source}: {error}") from error
-    try:
-        return case_of_document(document, source.parent)
+        return case_of_document(document, scene_file)
     except ArgumentError as error:
         raise SceneError(f"{source}: {error}") from error

@@ -13,6 +13,7 @@ from graspless_pin.cli.outcome import FOUND, INFEASIBLE, plain_errors
 from graspless_pin.errors import SceneError
 from graspless_pin.modes.rules import SignRule, SlidingRule, StaticFriction
 from graspless_pin.report import scene_solution_text, solution_document, write_document
+from graspless_pin.report.reading import read_document
 from graspless_pin.report.verify import verify_document
 from graspless_pin.scene import load_scene, scene_json_schema
 from graspless_pin.solution import Algorithm
@@ -80,9 +81,10 @@ def verify(
     Exit code 0: every check passed; 1: one failed; 2: not a document of a found solution.
     """
     with plain_errors():
+        document = read_document(file)
         try:
-            checked = verify_document(json.loads(file.read_text(encoding="utf-8")))
-        except (OSError, ValueError, RecursionError) as error:
+            checked = verify_document(document)
+        except ValueError as error:
             raise SceneError(f"{file}: {error}") from error
     typer.echo(str(checked))
     raise typer.Exit(FOUND if checked.passed else INFEASIBLE)

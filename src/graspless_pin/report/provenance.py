@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from graspless_pin.errors import SceneError
+from graspless_pin.intake.files import FileKind, read_bytes
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.versions import versions
@@ -18,6 +20,7 @@ _ARRAYS = (
     "positions", "normals", "external_wrench", "jacobian", "friction", "tangents", "sliding",
     "lower_torque", "upper_torque", "max_normal_force", "gravity_torques",
 )  # fmt: skip
+_SCENE = FileKind("scene", 4, SceneError)
 _SAME = 1e-9
 _IN_GIVEN_MODE = (Status.OPTIMAL_IN_MODE, Status.INFEASIBLE_IN_MODE, Status.INFEASIBLE_MODE)
 
@@ -25,8 +28,8 @@ _IN_GIVEN_MODE = (Status.OPTIMAL_IN_MODE, Status.INFEASIBLE_IN_MODE, Status.INFE
 def file_sha256(path: Path) -> str | None:
     """Return the hash of a file's bytes; None if it cannot be read."""
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError:
+        return hashlib.sha256(read_bytes(path, _SCENE)).hexdigest()
+    except SceneError:
         return None
 
 

@@ -3,17 +3,35 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from graspless_pin.errors import ArgumentError, GrasplessPinError
+from graspless_pin.errors import ArgumentError, GrasplessPinError, SceneError, TextError
+from graspless_pin.intake.files import FileKind, read_text
+from graspless_pin.intake.json_text import parse_json
 from graspless_pin.modes.rules import Rules, SlidingMode
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.solution import Algorithm, Certificate, ProofMultipliers, Status, TorqueSolution
 from graspless_pin.solution.records import FOUND
+
+DOCUMENT = FileKind("JSON document", 32, SceneError)
+
+
+def read_document(path: Path) -> Any:
+    """Read a JSON document within bounds; what it says is not checked yet.
+
+    Raises:
+        SceneError: If the file cannot be opened (see `read_bytes`) or is not JSON as
+            `parse_json` reads it.
+    """
+    try:
+        return parse_json(read_text(path, DOCUMENT))
+    except TextError as error:
+        raise SceneError(f"{path}: {error}") from None
 
 
 def read_solution(document: dict[str, Any]) -> TorqueSolution:

@@ -1,23 +1,21 @@
-"""Plain YAML with line numbers: data only, no tags, no duplicate keys."""
+"""A YAML file of the user's: plain data with line numbers, read within bounds."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
-import yaml
+from graspless_pin.errors import SceneError, TextError
+from graspless_pin.intake.files import FileKind, read_text
+from graspless_pin.intake.yaml_text import Location, parse_yaml
 
-from graspless_pin.errors import SceneError
+__all__ = ["Location", "YamlSource"]
 
-Location = tuple[str | int, ...]
-
+_MEBIBYTES = 4
 _NEEDED = {
     "scene": "a scene needs object and friction",
     "study": "a study needs scene and vary",
 }
-
-MOST_ENTRIES = 100_000
-"""More keys and items than any scene has; anchors can multiply a few lines into billions."""
 
 
 class YamlSource:
@@ -36,37 +34,19 @@ class YamlSource:
             kind: What the file describes, for messages.
 
         Raises:
-            SceneError: If the file is missing or empty, is not UTF-8 text or not plain YAML.
+            SceneError: If the file is missing, empty, too large or no regular file, is not UTF-8
+                text or not plain YAML.
         """
         self.path = path
+        text = read_text(path, FileKind(kind, _MEBIBYTES, SceneError))
         try:
-            text = path.read_text(encoding="utf-8")
-        except FileNotFoundError:
-            raise SceneError(f"{path}: there is no such file; check the path") from None
-        except OSError as error:
-            raise SceneError(f"{path}: cannot be read ({error.strerror})") from None
-        except UnicodeDecodeError as error:
-            raise SceneError(
-                f"{path}: is not UTF-8 text ({error}); a {kind} is a YAML text file"
-            ) from None
-        self._lines: dict[Location, int] = {}
-        try:
-            root = yaml.compose(text, Loader=yaml.SafeLoader)
-            if root is not None:
-                self._index(root, (), frozenset())
-            self.data: Any = yaml.safe_load(text)
-        except yaml.MarkedYAMLError as error:
-            line = f":{error.problem_mark.line + 1}" if error.problem_mark else ""
-            raise SceneError(f"{path}{line}: is not plain YAML: {_advice(error)}") from None
-        except SceneError:
-            raise
-        except (yaml.YAMLError, ValueError) as error:
-            # PyYAML lets Python's own ValueError through for dates and numbers that do not exist.
-            problem = " ".join(str(error).split())
-            raise SceneError(f"{path}: is not plain YAML: {problem}; put text in quotes") from error
-        except RecursionError:
-            raise SceneError(f"{path}: is nested too deeply; a {kind} has few levels") from None
-        if root is None:
+            parsed = parse_yaml(text)
+        except TextError as error:
+            line = f":{error.line}" if error.line else ""
+            raise SceneError(f"{path}{line}: {error}") from None
+        self.data: Any = parsed.data
+        self._lines = parsed.lines
+        if not parsed.lines:
             raise SceneError(f"{path}: the file is empty; {_NEEDED[kind]}")
 
     @classmethod
@@ -99,43 +79,3 @@ class YamlSource:
         if not self._lines:
             return str(self.path)
         return f"{self.path}:{self.line_of(location)}"
-
-    def _index(self, node: yaml.Node, location: Location, above: frozenset[int]) -> None:
-        line = node.start_mark.line + 1
-        if id(node) in above:
-            raise SceneError(f"{self.path}:{line}: an anchor contains itself; write it out")
-        if len(self._lines) > MOST_ENTRIES:
-            raise SceneError(
-                f"{self.path}:{line}: has more than {MOST_ENTRIES} entries; anchors that repeat "
-                "anchors grow without bound"
-            )
-        above |= {id(node)}
-        self._lines.setdefault(location, line)
-        if isinstance(node, yaml.MappingNode):
-            for key, value in node.value:
-                name = str(key.value)
-                inner = (*location, name)
-                if inner in self._lines:
-                    raise SceneError(
-                        f"{self.path}:{key.start_mark.line + 1}: {'.'.join(map(str, inner))}: "
-                        f"stands twice, first on line {self._lines[inner]}; keep one"
-                    )
-                self._lines[inner] = key.start_mark.line + 1
-                self._index(value, inner, above)
-        elif isinstance(node, yaml.SequenceNode):
-            for index, value in enumerate(node.value):
-                self._index(value, (*location, index), above)
-
-
-def _advice(error: yaml.MarkedYAMLError) -> str:
-    """Return what PyYAML found, where on the line, and what would do."""
-    problem = error.problem or "unreadable"
-    advice = "use plain mappings, lists, text and numbers"
-    if "tag" in problem:
-        advice = "tags stay inert here: write the plain value"
-    elif "\\t" in problem or "tab" in problem:
-        advice = "indent with spaces"
-    elif "document" in problem:
-        advice = "a file holds one scene"
-    column = f"column {error.problem_mark.column + 1}: " if error.problem_mark else ""
-    return f"{column}{problem}; {advice}"

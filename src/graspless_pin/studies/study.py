@@ -15,6 +15,7 @@ from pydantic import ValidationError
 from scipy.stats import qmc
 
 from graspless_pin.errors import SceneError, StudyError
+from graspless_pin.intake.files import FileKind, is_file, read_bytes
 from graspless_pin.scene.load import build_scene
 from graspless_pin.scene.material_pairs import materials_in_words, other_materials
 from graspless_pin.scene.messages import explain, key_text
@@ -126,7 +127,7 @@ def _made(source: YamlSource, folder: Path) -> Study:
         return StudyError(f"{source.where(location)}: {key_text(location)}: {message}")
 
     file = folder / entry.scene
-    if not file.is_file():
+    if not is_file(file):
         raise fail(("scene",), f"there is no file {str(file)!r}; paths are relative to the study")
     scene = YamlSource(file)
     usual = _valid(scene)
@@ -250,14 +251,15 @@ def _fingerprint(entry: StudyEntry, tree: Tree, folder: Path) -> str:
     """Hash what is varied and computed, the scene, and the files that the scene names."""
     said = entry.model_dump(mode="json", exclude={"name", "description", "scene"})
     files = {
-        text: hashlib.sha256((folder / text).read_bytes()).hexdigest()
+        text: hashlib.sha256(read_bytes(folder / text, _NAMED)).hexdigest()
         for text in sorted(set(_texts(tree)))
-        if text.lower().endswith(_FILES) and (folder / text).is_file()
+        if text.lower().endswith(_FILES) and is_file(folder / text)
     }
     content = json.dumps([said, tree, files], sort_keys=True, default=str)
     return hashlib.sha256(content.encode()).hexdigest()
 
 
+_NAMED = FileKind("file of a scene", 64, StudyError)
 _FILES = (".urdf", ".yaml", ".yml", ".stl", ".obj", ".dae", ".ply", ".off")
 
 

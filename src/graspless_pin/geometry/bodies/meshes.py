@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import QhullError
 
 from graspless_pin.errors import MeshError, MeshScaleWarning
+from graspless_pin.geometry.bodies.mesh_files import MESH_FORMATS, parse_mesh, unknown_format
 from graspless_pin.geometry.bodies.polytopes import hull_of
 
 Array = NDArray[np.float64]
@@ -19,7 +20,6 @@ Scale = float | tuple[float, float, float]
 
 LARGEST_MESH = 5.0
 SMALLEST_MESH = 1e-3
-MESH_FORMATS = (".stl", ".obj", ".dae", ".glb", ".gltf", ".ply", ".off")
 
 _REMEMBERED = 32  # meshes
 
@@ -33,14 +33,11 @@ def load_mesh(path: Path) -> trimesh.Trimesh:
     """
     file_state(path)
     if path.suffix.lower() not in MESH_FORMATS:
-        raise MeshError(
-            f"mesh file '{path}' has the unknown ending '{path.suffix}'; "
-            f"use one of {', '.join(MESH_FORMATS)}"
-        )
-    if path.suffix.lower() == ".dae" and b"<!DOCTYPE" in path.read_bytes():
-        raise MeshError(f"mesh file '{path}' declares XML entities; export it without a DOCTYPE")
+        raise unknown_format(path)
     try:
-        mesh = trimesh.load_mesh(str(path))
+        mesh = parse_mesh(path)
+    except MeshError:
+        raise
     except Exception as error:  # the readers behind trimesh raise whatever comes up
         raise MeshError(
             f"mesh file '{path}' cannot be read as {path.suffix[1:].upper()}: {error}"
@@ -76,11 +73,12 @@ def file_state(path: Path) -> tuple[str, int, int]:
     Raises:
         MeshError: The file is missing.
     """
-    if not path.is_file():
+    try:
+        status = path.stat()
+    except (OSError, ValueError):
         raise MeshError(
             f"mesh file '{path}' does not exist; check the path and what it is relative to"
-        )
-    status = path.stat()
+        ) from None
     return str(path.absolute()), status.st_mtime_ns, status.st_size
 
 

@@ -19,6 +19,7 @@ from graspless_pin.geometry.bodies.decomposition import (
     check_concavity,
     convex_pieces,
 )
+from graspless_pin.geometry.bodies.mesh_files import check_mesh_file
 from graspless_pin.geometry.bodies.meshes import warn_of_scale
 from graspless_pin.geometry.bodies.shapes import convex_geometry
 from graspless_pin.geometry.pickling import remake
@@ -158,7 +159,10 @@ def load_link_mesh(file: Path, label: str, link: str) -> Any:
         MeshError: If it cannot be read.
     """
     try:
+        check_mesh_file(file)
         return coal.MeshLoader().load(str(file), np.ones(3))
+    except MeshError as error:
+        raise MeshError(f"{label}: the collision mesh of link {link!r}: {error}") from None
     except Exception as error:  # coal raises its own C++ exceptions as plain ones
         raise MeshError(
             f"{label}: the collision mesh {file} of link {link!r} cannot be read; "

@@ -10,12 +10,20 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from xml.parsers import expat
 
-from graspless_pin.errors import RobotError
+from graspless_pin.errors import RobotError, TextError
 from graspless_pin.geometry.hand.coupling import JointCoupling
 from graspless_pin.geometry.hand.urdf_links import check_link, check_origin, number, numbers
 from graspless_pin.geometry.hand.urdf_visuals import LinkVisual, read_visuals
+from graspless_pin.intake.files import FileKind, read_bytes
+from graspless_pin.intake.xml_text import parse_xml
+
+URDF = FileKind("URDF", 16, RobotError)
+
+MOST_LINKS = 1000
+"""More links than any robot has."""
+LONGEST_CHAIN = 200
+"""More joints between root and tip than any robot has; Pinocchio's reader needs stack for each."""
 
 UNBOUNDED = 1e30
 """Stands for ``inf`` in the text given to Pinocchio, whose parser rejects the word itself."""
@@ -119,26 +127,16 @@ def parse_robot(path: Path) -> ET.Element:
     Raises:
         RobotError: If the file is missing, is not a URDF, or declares a DOCTYPE or entities.
     """
-    if not path.is_file():
-        raise RobotError(f"{path}: there is no such URDF file")
-    content = path.read_bytes()
-
-    def refuse(*_: object) -> None:
-        raise RobotError(
-            f"{path}: the file declares a DOCTYPE or XML entities; a URDF needs neither, "
-            "remove the declaration"
-        )
-
-    scanner = expat.ParserCreate()
-    scanner.StartDoctypeDeclHandler = refuse
-    scanner.EntityDeclHandler = refuse
     try:
-        scanner.Parse(content, True)  # noqa: FBT003 - final, a positional-only flag
-        root = ET.fromstring(content)  # noqa: S314 - declarations were refused above
-    except (expat.ExpatError, ET.ParseError) as error:
-        raise RobotError(f"{path}: not well-formed XML ({error})") from error
+        root = parse_xml(read_bytes(path, URDF))
+    except TextError as error:
+        raise RobotError(f"{path}: {error}") from None
     if root.tag != "robot":
         raise RobotError(f"{path}: a URDF starts with <robot>, this file with <{root.tag}>")
+    if len(root.findall("link")) > MOST_LINKS:
+        raise RobotError(
+            f"{path}: has more than {MOST_LINKS} links, the most that a robot may have"
+        )
     return root
 
 
@@ -201,7 +199,7 @@ def _bound_limit(where: str, limit: ET.Element) -> None:
     for key in ("effort", "velocity"):
         limit.attrib.setdefault(key, "inf")
     for key, text in list(limit.attrib.items()):
-        value = number(where, f"limit {key}", text)
+        value = number(where, f"limit {key}", text, unlimited=True)
         if abs(value) > UNBOUNDED:
             limit.set(key, repr(UNBOUNDED if value > 0.0 else -UNBOUNDED))
 
@@ -218,7 +216,24 @@ def _single_root(path: Path, root: ET.Element, links: set[str]) -> str:
     if len(roots) != 1:
         found = ", ".join(roots) if roots else "none (the links form a loop)"
         raise RobotError(f"{path}: a robot has one root link, found {found}")
+    _check_chains(path, root, roots[0])
     return roots[0]
+
+
+def _check_chains(path: Path, root: ET.Element, top: str) -> None:
+    """Refuse a chain of more joints than any robot has, and links that do not hang on the root."""
+    below: dict[str, list[str]] = {}
+    for joint in root.findall("joint"):
+        below.setdefault(_end(joint, "parent"), []).append(_end(joint, "child"))
+    level = [top]
+    for _ in range(LONGEST_CHAIN + 1):
+        level = [child for link in level for child in below.get(link, ())]
+        if not level:
+            return
+    raise RobotError(
+        f"{path}: more than {LONGEST_CHAIN} joints follow each other down to link {level[0]!r}; "
+        "no robot has so many"
+    )
 
 
 def keep_below(path: Path, root: ET.Element, top: str) -> None:

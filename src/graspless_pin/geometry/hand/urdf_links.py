@@ -7,7 +7,11 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from graspless_pin.errors import MeshError, RobotError
+from graspless_pin.geometry.bodies.mesh_files import check_mesh_file
+from graspless_pin.intake.files import is_file
 
+LARGEST = 1e12
+"""No length (m), angle, mass (kg), inertia or factor of a robot is larger."""
 _DIMENSIONS = {
     "box": (("size", 3),),
     "sphere": (("radius", 1),),
@@ -57,13 +61,15 @@ def check_link(path: Path, link: ET.Element, package_dirs: Sequence[Path]) -> li
     return meshes
 
 
-def number(where: str, what: str, text: str) -> float:
-    """Parse one number that is not NaN."""
-    return numbers(where, what, text, 1)[0]
+def number(where: str, what: str, text: str, *, unlimited: bool = False) -> float:
+    """Parse one number; see `numbers`."""
+    return numbers(where, what, text, 1, unlimited=unlimited)[0]
 
 
-def numbers(where: str, what: str, text: str, count: int) -> list[float]:
-    """Parse ``count`` numbers, none of them NaN."""
+def numbers(
+    where: str, what: str, text: str, count: int, *, unlimited: bool = False
+) -> list[float]:
+    """Parse ``count`` numbers, none of them NaN and, unless they are limits, all within ±1e12."""
     try:
         values = [float(word) for word in text.split()]
     except ValueError:
@@ -71,6 +77,10 @@ def numbers(where: str, what: str, text: str, count: int) -> list[float]:
     if len(values) != count or any(value != value for value in values):
         needed = "a number" if count == 1 else f"{count} numbers"
         raise RobotError(f"{where} has {what}={text!r}, which is not {needed}")
+    if not unlimited and any(abs(value) > LARGEST for value in values):
+        raise RobotError(
+            f"{where} has {what}={text!r}; it must be within {-LARGEST:g} to {LARGEST:g}"
+        )
     return values
 
 
@@ -114,6 +124,7 @@ def _resolve_mesh(path: Path, where: str, mesh: ET.Element, package_dirs: Sequen
             f"{where} needs the collision mesh {written!r}, which is missing "
             f"(looked for {looked}){hint}"
         )
+    check_mesh_file(found)
     mesh.set("filename", str(found))
     return found
 
@@ -132,7 +143,7 @@ def find_mesh(
         The file, None if it is missing, and where it was looked for.
     """
     candidates = list(_candidates(path, written, package_dirs))
-    return next((file.resolve() for file in candidates if file.is_file()), None), candidates
+    return next((file.resolve() for file in candidates if is_file(file)), None), candidates
 
 
 def _candidates(path: Path, written: str, package_dirs: Sequence[Path]) -> Iterable[Path]:

@@ -14,10 +14,11 @@ from graspless_pin.geometry.hand.configuration import joint_positions
 from graspless_pin.geometry.hand.coupling import dangling_couplings
 from graspless_pin.geometry.hand.effort_limits import is_placeholder
 from graspless_pin.geometry.hand.mounts import JoinedMounts, Mount, join_mounts
-from graspless_pin.geometry.hand.urdf import keep_below, parse_robot, read_urdf
+from graspless_pin.geometry.hand.urdf import URDF, keep_below, parse_robot, read_urdf
 from graspless_pin.geometry.robots.audit_meshes import Finding, FindingKind, audit_meshes
 from graspless_pin.geometry.robots.files import RobotDescription, find_robot
 from graspless_pin.geometry.robots.listing import describe_efforts
+from graspless_pin.intake.files import check_file
 
 _MESH_FAILURES = (FindingKind.MISSING_MESH, FindingKind.UNUSABLE_MESH)
 
@@ -63,8 +64,7 @@ def audit_urdf(source: str | Path, package_dirs: Sequence[str | Path] = ()) -> A
         ArgumentError: If ``package_dirs`` is given for anything but a URDF.
     """
     robot = find_robot(source, package_dirs)
-    if not robot.urdf_path.is_file():
-        raise RobotError(f"{robot.urdf_path}: there is no such URDF file")
+    check_file(robot.urdf_path, URDF)
     try:
         root = parse_robot(robot.urdf_path)
         if robot.root_link is not None:

@@ -18,6 +18,7 @@ from graspless_pin.geometry.hand.coupling import JointCoupling
 from graspless_pin.geometry.hand.fingers import FingerSpec
 from graspless_pin.geometry.hand.link_shapes import LinkMeshes
 from graspless_pin.geometry.robots.schema import read_robot_file
+from graspless_pin.intake.files import is_file
 
 _PACKAGE_ROBOTS = Path(__file__).resolve().parents[2] / "robots"
 _SOURCE_ROBOTS = Path(__file__).resolve().parents[4] / "robots"
@@ -104,8 +105,6 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
     text = str(name_or_path)
     if text.endswith((".yaml", ".yml")):
         file = Path(text)
-        if not file.is_file():
-            raise RobotError(f"{file}: there is no such robot file")
     elif text in robot_names():
         file = _robots_folder() / f"{text}.yaml"
     else:
@@ -167,7 +166,7 @@ def find_robot(
         return load_robot(text)
     if text in ROBOTS:
         return describe_model(text)
-    if Path(text).is_file():
+    if is_file(Path(text)):
         raise RobotError(f"{text}: is neither a URDF (.urdf, .xml) nor a robot file (.yaml, .yml)")
     raise RobotError(
         f"unknown robot {text!r}: give a .urdf file, a robot file or a model's name; "

@@ -6,13 +6,14 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
-from graspless_pin.errors import RobotError
+from graspless_pin.errors import RobotError, TextError
 from graspless_pin.geometry.bodies.decomposition import DEFAULT_CONCAVITY
 from graspless_pin.geometry.hand.coupling import JointCoupling
+from graspless_pin.intake.files import FileKind, read_text
+from graspless_pin.intake.yaml_text import parse_yaml
 
 
 def no_truth_value(value: Any) -> Any:
@@ -110,6 +111,7 @@ class RobotFile(_Entry):
 
 
 _MOST_KEPT = 32
+ROBOT_FILE = FileKind("robot file", 4, RobotError)
 
 
 def read_robot_file(file: Path) -> RobotFile:
@@ -119,25 +121,17 @@ def read_robot_file(file: Path) -> RobotFile:
         RobotError: If it cannot be read, is not plain YAML or not valid; names file, key and what
             was found.
     """
-    try:
-        text = file.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise RobotError(f"{file}: not plain YAML ({error}); put text in quotes") from error
-    except OSError as error:
-        raise RobotError(f"{file}: cannot be read ({error.strerror})") from error
-    return _robot_file(file, text)
+    return _robot_file(file, read_text(file, ROBOT_FILE))
 
 
 @lru_cache(maxsize=_MOST_KEPT)
 def _robot_file(file: Path, text: str) -> RobotFile:
     """Validate the text of a robot file, once: a study asks for its hand in every sample."""
     try:
-        content: Any = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError) as error:
-        # PyYAML lets Python's own ValueError through for dates and numbers that do not exist.
-        raise RobotError(f"{file}: not plain YAML ({error}); put text in quotes") from error
-    except RecursionError as error:
-        raise RobotError(f"{file}: nested too deeply; a robot file has few levels") from error
+        content = parse_yaml(text).data
+    except TextError as error:
+        line = f":{error.line}" if error.line else ""
+        raise RobotError(f"{file}{line}: {error}") from None
     if not isinstance(content, dict):
         raise RobotError(
             f"{file}: a robot file is a mapping with the keys name, urdf or model, ..."

@@ -63,19 +63,19 @@ def case_of_scene(scene: Scene, solution: TorqueSolution) -> Case:
     )
 
 
-def case_of_document(document: dict[str, Any], folder: Path | None = None) -> Case:
+def case_of_document(document: dict[str, Any], scene_file: Path | None = None) -> Case:
     """Return the case of a document, with the bodies of its scene where they still are the same.
 
     Args:
-        document: A document of `solution_document`.
-        folder: Where the scene file is looked for besides the working directory.
+        document: A document of `solution_document`. No file that it names is opened.
+        scene_file: The scene that it is of; None: contacts and forces are drawn alone.
 
     Raises:
         ArgumentError: If it is no such document.
     """
     solution = read_solution(document)
     origin = document_origin(document)
-    found = _scene_of(document, solution, folder)
+    found = _scene_of(document, solution, scene_file)
     if isinstance(found, str):
         picture, missing, command = (
             draw_contacts(solution.problem, solution, origin=origin),
@@ -99,21 +99,18 @@ def case_of_document(document: dict[str, Any], folder: Path | None = None) -> Ca
 
 
 def _scene_of(
-    document: dict[str, Any], solution: TorqueSolution, folder: Path | None
+    document: dict[str, Any], solution: TorqueSolution, path: Path | None
 ) -> tuple[Scene, Path] | str:
-    """The scene that a document names, or why it cannot be used."""
-    made_of = document.get("provenance") or {}
-    name = made_of.get("scene_file")
-    if not isinstance(name, str):
-        return "The document names no scene file."
-    places = (
-        [Path(name)] if folder is None else [Path(name), folder / name, folder / Path(name).name]
-    )
-    path = next((place for place in places if place.is_file()), None)
+    """The scene of a document from the file that it was made of, or why it cannot be used."""
+    made_of = document.get("provenance")
+    made_of = made_of if isinstance(made_of, dict) else {}
     if path is None:
-        return f"The scene file {name} is not here."
+        name = made_of.get("scene_file")
+        if not isinstance(name, str):
+            return "The document names no scene file."
+        return f"The scene file was not given; the document names {name}."
     if file_sha256(path) != made_of.get("scene_sha256"):
-        return f"The scene file {path} has changed since."
+        return f"The scene file {path} is another one, or has changed since."
     scene = _same_scene(path, solution)
     return scene if isinstance(scene, str) else (scene, path)
 

@@ -1,0 +1,122 @@
+"""Read a file within bounds: a regular file of at most so many bytes, or a clear refusal."""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from graspless_pin.errors import GrasplessPinError
+
+_MIB = 1 << 20
+_SPECIAL = (
+    (stat.S_ISDIR, "directory"),
+    (stat.S_ISFIFO, "pipe"),
+    (stat.S_ISSOCK, "socket"),
+    (stat.S_ISCHR, "device"),
+    (stat.S_ISBLK, "device"),
+)
+
+
+@dataclass(frozen=True)
+class FileKind:
+    """A kind of file: what messages call it, how large it may be, what its errors are.
+
+    Attributes:
+        name: For messages, such as ``scene``.
+        mebibytes: The largest size that is read.
+        error: Makes the error of a message.
+    """
+
+    name: str
+    mebibytes: int
+    error: Callable[[str], GrasplessPinError]
+
+
+def read_bytes(path: Path, kind: FileKind) -> bytes:
+    """Return the content of a regular file.
+
+    Never waits for a pipe and never reads more than the kind's size, whatever the file says of
+    itself.
+
+    Args:
+        path: The file; a symbolic link is followed.
+        kind: What it is.
+
+    Raises:
+        GrasplessPinError: The kind's error, if the file is missing, unreadable, too large or no
+            regular file.
+    """
+    most = kind.mebibytes * _MIB
+    try:
+        _check_regular(path, path.stat().st_mode, kind)
+        # A pipe may have taken the file's place by now; without O_NONBLOCK it would be waited for.
+        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0))
+        with os.fdopen(handle, "rb") as file:
+            _check_regular(path, os.fstat(handle).st_mode, kind)
+            content = file.read(most + 1)
+    except GrasplessPinError:
+        raise
+    except FileNotFoundError:
+        raise kind.error(f"{path}: there is no such file; check the path") from None
+    except OSError as error:
+        raise kind.error(f"{path}: cannot be read ({error.strerror})") from None
+    except ValueError:
+        raise kind.error(f"{str(path)!r}: is no path of a file") from None
+    if len(content) > most:
+        raise _too_large(path, kind)
+    return content
+
+
+def check_file(path: Path, kind: FileKind) -> None:
+    """Check a file that another library will open by its path.
+
+    Raises:
+        GrasplessPinError: See `read_bytes`.
+    """
+    try:
+        state = path.stat()
+    except (OSError, ValueError):
+        read_bytes(path, kind)  # says why
+        return
+    _check_regular(path, state.st_mode, kind)
+    if state.st_size > kind.mebibytes * _MIB:
+        raise _too_large(path, kind)
+
+
+def read_text(path: Path, kind: FileKind) -> str:
+    """Return the content of a regular file of UTF-8 text; a byte-order mark is left out.
+
+    Raises:
+        GrasplessPinError: See `read_bytes`; or the file is not UTF-8.
+    """
+    try:
+        return read_bytes(path, kind).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise kind.error(
+            f"{path}: is not UTF-8 text ({error.reason} at byte {error.start}); "
+            f"a {kind.name} is a text file"
+        ) from None
+
+
+def _too_large(path: Path, kind: FileKind) -> GrasplessPinError:
+    return kind.error(
+        f"{path}: has more than {kind.mebibytes} MiB, the most that a {kind.name} may have"
+    )
+
+
+def is_file(path: Path) -> bool:
+    """Whether there is a regular file; a path that no file can have is none."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
+def _check_regular(path: Path, mode: int, kind: FileKind) -> None:
+    if stat.S_ISREG(mode):
+        return
+    what = next((word for test, word in _SPECIAL if test(mode)), "special file")
+    raise kind.error(f"{path}: is a {what}; a {kind.name} is a regular file")
