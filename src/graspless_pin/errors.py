@@ -114,6 +114,14 @@ class UndecidedMotionError(GrasplessPinError, ArithmeticError):
     """
 
 
+class CrashError(GrasplessPinError, RuntimeError):
+    """A process that computed something ended in the middle of it."""
+
+
+class OverrunError(GrasplessPinError, TimeoutError):
+    """Something took longer than its time limit."""
+
+
 class GrasplessPinWarning(UserWarning):
     """Root of all warnings issued by this package."""
 

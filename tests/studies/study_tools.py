@@ -48,7 +48,7 @@ def study_file(folder: Path, content: dict[str, Any]) -> Path:
 
 
 class Here(Executor):
-    """Computes a call when it is submitted, and counts the samples."""
+    """Computes a chunk when it is submitted, and counts the samples."""
 
     def __init__(self, limit: int | None = None) -> None:
         self.samples: list[int] = []
@@ -56,10 +56,10 @@ class Here(Executor):
 
     def submit(self, fn, /, *args, **kwargs):
         future: Future[Any] = Future()
-        plan, samples = args
+        samples = args[-1]
         if self.limit is not None and len(self.samples) + len(samples) > self.limit:
             future.set_exception(RuntimeError("pulled the plug"))
             return future
         self.samples += [number for number, _ in samples]
-        future.set_result(fn(plan, samples, **kwargs))
+        future.set_result(fn(*args, **kwargs))
         return future

@@ -1,13 +1,17 @@
 """Studies in other processes: any number of workers, killed runs, dying workers, Dask."""
 
+import ctypes
 import os
 import random
+import re
+import signal
 import subprocess
 import sys
 import time
-from concurrent.futures import BrokenExecutor, Future
+from concurrent.futures import wait
+from contextlib import suppress
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import pandas as pd
 import pytest
@@ -15,8 +19,14 @@ from distributed import LocalCluster
 from study_tools import FRICTION, SLOPE, Here, data, study, study_file
 
 from graspless_pin.errors import StudyError
-from graspless_pin.studies import evaluation, load_study, read_results, run_study
-from graspless_pin.studies.executors import LocalProcesses, dask_executor
+from graspless_pin.studies import (
+    evaluation,
+    load_study,
+    read_results,
+    results_summary,
+    run_study,
+)
+from graspless_pin.studies.executors import dask_executor
 
 SAMPLES = 24
 NO_DASHBOARD: Any = None
@@ -46,28 +56,29 @@ def here(made, file):
     return run_study(made, file, executor=Here(), workers=1, progress=False)
 
 
-class Watched(LocalProcesses):
-    """Local processes that tell what their environment was."""
-
-    threads: ClassVar[set[str]] = set()
-
-    def close(self):
-        names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
-        self.threads.update(self.submit(os.getenv, name).result() for name in names)
-        super().close()
-
-
-def test_the_number_of_processes_does_not_matter(tmp_path, monkeypatch):
-    """They have one thread of linear algebra each; the parent keeps as many as it had."""
-    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "7")
-    monkeypatch.setattr("graspless_pin.studies.run.LocalProcesses", Watched)
+def test_the_number_of_processes_does_not_matter(tmp_path):
     made = load_study(study_file(tmp_path, sobol()))
     here(made, tmp_path / "one.parquet")
     table = run_study(made, tmp_path / "more.parquet", workers=2, progress=False)
     assert len(table) == SAMPLES
     one, more = ((tmp_path / f"{name}.parquet").read_bytes() for name in ("one", "more"))
     assert one == more
-    assert Watched.threads == {"1"} and os.environ["OPENBLAS_NUM_THREADS"] == "7"
+
+
+def test_processes_have_one_thread_of_linear_algebra(tmp_path, monkeypatch):
+    """The parent keeps as many as it had."""
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "7")
+    monkeypatch.setattr("graspless_pin.studies.run.evaluate_each", tells_threads)
+    table = run_study(
+        study({"friction": FRICTION}), tmp_path / "out.csv", workers=2, progress=False
+    )
+    assert set(table["error"]) == {"1 1"} and os.environ["OPENBLAS_NUM_THREADS"] == "7"
+
+
+def tells_threads(plan, samples):
+    told = " ".join(os.environ[name] for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"))
+    for number, _ in samples:
+        yield {"sample": number, "status": "failed", "found": False, "error": told}
 
 
 def test_a_study_killed_three_times_gives_the_same_table(tmp_path):
@@ -81,7 +92,8 @@ def test_a_study_killed_three_times_gives_the_same_table(tmp_path):
         while rows_in(journal) < until:
             assert child.poll() is None, "the study ended before it was killed"
             time.sleep(0.002)
-        children = Path(f"/proc/{child.pid}/task/{child.pid}/children").read_text().split()
+        tasks = Path(f"/proc/{child.pid}/task").glob("*/children")
+        children = [pid for task in tasks for pid in task.read_text().split()]
         assert len(children) >= workers
         child.kill()
         # What its workers print as they start would be read here, too; on standard error Python
@@ -128,63 +140,103 @@ def is_running(pid):
         return False
 
 
-def test_a_sample_that_kills_its_worker_is_a_row(tmp_path, monkeypatch):
-    made = study({"friction.default": FRICTION})
+def crashes(_):
+    """A fault in native code, as a backend may have it."""
+    ctypes.string_at(0)
+
+
+def hangs(_):
+    """A native call that lets no other thread of its process run, for years."""
+    re.match(r"(a+)+$", 60 * "a" + "b")
+
+
+def dies_once(plan):
+    """The process is killed from outside, as where memory runs out."""
+    with suppress(FileExistsError):
+        Path(plan.entry.description).touch(exist_ok=False)
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+FAULTS = {3: crashes, 7: hangs, 15: dies_once}
+TOLD = {
+    3: ("crashed", "the process was ended by SIGSEGV, and so was a second one"),
+    7: ("out_of_time", "took longer than 3 s (sample_time_limit)"),
+}
+
+
+def misbehaves(plan, samples):
+    for sample in samples:
+        FAULTS.get(sample[0], len)(plan if sample[0] in FAULTS else ())
+        yield from evaluation.evaluate_each(plan, [sample])
+
+
+def assert_bad_samples_are_rows(tmp_path, monkeypatch, **options):
+    """They have outcomes of their own; all others are as they always are."""
+    content = sobol(compute={"sample_time_limit": 3}, description=str(tmp_path / "died"))
+    made = load_study(study_file(tmp_path, content))
     expected = here(made, tmp_path / "whole.csv")
-    monkeypatch.setattr("graspless_pin.studies.run.evaluate_chunk", dies_at_one)
-    table = run_study(made, tmp_path / "out.csv", workers=1, progress=False)
-    assert_only_failure(table, expected, 1)
-
-
-def dies_at_one(plan, samples):
-    if any(number == 1 for number, _ in samples):
-        os._exit(3)
-    return evaluation.evaluate_chunk(plan, samples)
-
-
-class Fragile(Here):
-    """Workers that take all chunks under way with them when they die at one sample."""
-
-    workers = 2
-
-    def __init__(self, workers):
-        super().__init__()
-        self.broken = False
-        self.renewed = 0
-
-    def submit(self, fn, /, *args, **kwargs):
-        if self.broken:
-            raise BrokenExecutor
-        if all(number != 7 for number, _ in args[1]):
-            return super().submit(fn, *args, **kwargs)
-        self.broken = True
-        future = Future()
-        future.set_exception(BrokenExecutor())
-        return future
-
-    def renew(self):
-        self.broken = False
-        self.renewed += 1
-
-    def close(self):
-        assert 2 <= self.renewed <= 12
-
-
-def test_a_deadly_sample_is_found_in_its_chunk(tmp_path, monkeypatch):
-    made = load_study(study_file(tmp_path, sobol()))
-    expected = here(made, tmp_path / "whole.csv")
-    monkeypatch.setattr("graspless_pin.studies.run.LocalProcesses", Fragile)
-    table = run_study(made, tmp_path / "out.csv", workers=2, progress=False)
-    assert_only_failure(table, expected, 7)
-
-
-def assert_only_failure(table, expected, number):
-    assert table["status"].tolist().count("failed") == 1
-    assert table["error"][number] == "the worker process died"
-    others = [other for other in range(len(table)) if other != number]
+    monkeypatch.setattr("graspless_pin.studies.run.evaluate_each", misbehaves)
+    table: Any = run_study(made, tmp_path / "out.csv", progress=False, **options)
+    bad = list(TOLD)
+    assert list(zip(table["status"][bad], table["error"][bad], strict=True)) == [*TOLD.values()]
+    assert not table["found"][bad].any() and table["margin_N"][bad].isna().all()
     pd.testing.assert_frame_equal(
-        table.loc[others].drop(columns="error"), expected.loc[others].drop(columns="error")
+        table.drop(index=bad).drop(columns="error"), expected.drop(index=bad).drop(columns="error")
     )
+    assert (tmp_path / "died").exists()
+    told = "24 samples: 22 found, 0 infeasible, 0 failed, 1 crashed, 1 out of time\n"
+    assert results_summary(table).startswith(told)
+    assert "first failure at sample 3: the process was ended by SIGSEGV" in results_summary(table)
+    pd.testing.assert_frame_equal(read_results(tmp_path / "out.csv"), table)
+
+
+def test_samples_that_crash_or_hang_are_rows(tmp_path, monkeypatch):
+    assert_bad_samples_are_rows(tmp_path, monkeypatch, workers=2)
+
+
+def test_samples_that_crash_or_hang_on_dask_are_rows(tmp_path, monkeypatch, cluster):
+    with dask_executor(cluster.scheduler_address) as (executor, _):
+        where = {executor.submit(os.getpid).result() for _ in range(20)}
+        assert_bad_samples_are_rows(tmp_path, monkeypatch, executor=executor, workers=2)
+        after = {executor.submit(os.getpid).result() for _ in range(20)}
+    assert after <= where, "workers of Dask died"
+
+
+def test_an_interrupt_does_not_wait_for_a_sample_that_hangs(tmp_path, monkeypatch):
+    """And keeps the rows before it, those of its chunk too."""
+    made = load_study(study_file(tmp_path, sobol()))
+    monkeypatch.setattr("graspless_pin.studies.run.evaluate_each", hangs_at_seven)
+
+    def wait_a_second(running, **options):
+        done, rest = wait(running, timeout=2.0, **options)
+        if not done:
+            raise KeyboardInterrupt
+        return done, rest
+
+    monkeypatch.setattr("graspless_pin.studies.run.wait", wait_a_second)
+    monkeypatch.setattr("graspless_pin.studies.run._CHUNK_SECONDS", 1e3)
+    begin = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        run_study(made, tmp_path / "out.csv", workers=1, progress=False)
+    assert time.monotonic() - begin < 30.0
+    assert rows_in(tmp_path / "out.csv.journal") == 7
+    monkeypatch.undo()
+    again = run_study(made, tmp_path / "out.csv", workers=1, progress=False)
+    pd.testing.assert_frame_equal(again, here(made, tmp_path / "whole.csv"))
+
+
+def hangs_at_seven(plan, samples):
+    for sample in samples:
+        if sample[0] == 7:
+            hangs(plan)
+        yield from evaluation.evaluate_each(plan, [sample])
+
+
+def test_processes_that_do_not_start_are_told(tmp_path, monkeypatch):
+    monkeypatch.setattr("graspless_pin.child_process._PROGRAM", "raise SystemExit(7)")
+    with pytest.raises(StudyError, match=r"worker processes do not start \(.* exit code 7\)"):
+        run_study(study({"friction": FRICTION}), tmp_path / "out.csv", workers=2, progress=False)
+    assert not (tmp_path / "out.csv").exists()
 
 
 @pytest.fixture(scope="module")

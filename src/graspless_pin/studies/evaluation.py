@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import time
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from enum import StrEnum
 from typing import Any
 
 from graspless_pin.algorithms.disturbances import disturbance_margin
@@ -18,28 +18,37 @@ from graspless_pin.studies.study import Sample, Study
 Row = dict[str, Any]
 """Results by column."""
 
-FAILED = "failed"
 _MOST_STUDIES = 4
 _parts: OrderedDict[str, SceneParts] = OrderedDict()
 
 
-def evaluate_chunk(study: Study, samples: Sequence[tuple[int, Sample]]) -> tuple[list[Row], float]:
-    """Evaluate some samples in this process; robots that an earlier chunk has read are kept.
+class Failure(StrEnum):
+    """Why a sample has no result: beside `Status`, what its column ``status`` may hold."""
+
+    FAILED = "failed"
+    """Its scene cannot be used, or something raised an error."""
+    CRASHED = "crashed"
+    """The process that computed it died, and so did a second one."""
+    OUT_OF_TIME = "out_of_time"
+    """It took longer than the study's ``sample_time_limit``."""
+
+
+def evaluate_each(study: Study, samples: Sequence[tuple[int, Sample]]) -> Iterator[Row]:
+    """Evaluate samples in this process; robots that an earlier call has read are kept.
 
     Args:
         study: The study.
         samples: Number and values of each sample.
 
-    Returns:
-        The rows, and the seconds that they took.
+    Yields:
+        The row of each.
     """
-    begin = time.perf_counter()
     parts = _parts.pop(study.fingerprint, None) or SceneParts()
     _parts[study.fingerprint] = parts
     while len(_parts) > _MOST_STUDIES:
         _parts.popitem(last=False)
-    rows = [evaluate(study, number, sample, parts) for number, sample in samples]
-    return rows, time.perf_counter() - begin
+    for number, sample in samples:
+        yield evaluate(study, number, sample, parts)
 
 
 def evaluate(study: Study, number: int, sample: Sample, parts: SceneParts | None = None) -> Row:
@@ -51,12 +60,12 @@ def evaluate(study: Study, number: int, sample: Sample, parts: SceneParts | None
         # Whatever goes wrong is this sample's result. The path as it was given is no part of it:
         # another machine has another one.
         text = str(error).replace(str(study.scene.path), study.scene.path.name)
-        return failed_row(number, f"{type(error).__name__}: {text}")
+        return failure_row(number, Failure.FAILED, f"{type(error).__name__}: {text}")
 
 
-def failed_row(number: int, error: str) -> Row:
-    """Return the row of a sample that could not be computed."""
-    return {"sample": number, "status": FAILED, "found": False, "error": error}
+def failure_row(number: int, why: Failure, error: str) -> Row:
+    """Return the row of a sample that has no result."""
+    return {"sample": number, "status": why.value, "found": False, "error": error}
 
 
 def _results(study: Study, scene: Scene) -> Row:

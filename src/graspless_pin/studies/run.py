@@ -15,7 +15,7 @@ from graspless_pin.drafts import remove_stale_drafts
 from graspless_pin.errors import StudyError
 from graspless_pin.problem.checks import whole_number
 from graspless_pin.studies.checks import check_study
-from graspless_pin.studies.evaluation import Row, evaluate_chunk, failed_row
+from graspless_pin.studies.evaluation import Row, evaluate_each
 from graspless_pin.studies.executors import GivenExecutor, LocalProcesses, usable_cores
 from graspless_pin.studies.journal import FORMAT, Journal, discard
 from graspless_pin.studies.progress import notice, progress_bar
@@ -176,10 +176,7 @@ def _compute(
             journal.append(rows)
             bar.advance(task, len(rows))
 
-        try:
-            _Dispatch(study, force, keep, deque(missing)).run()
-        finally:
-            force.close()
+        _Dispatch(study, force, keep, deque(missing)).run()
 
 
 Workforce = LocalProcesses | GivenExecutor
@@ -189,16 +186,11 @@ Workforce = LocalProcesses | GivenExecutor
 class _Dispatch:
     """Sends chunks of samples to workers and keeps the rows that come back.
 
-    Where a worker process dies, nobody knows which of the chunks under way killed it. They are
-    sent again one by one; a chunk that kills its worker alone is halved, down to the one sample
-    that does it, whose row says so.
-
     Attributes:
         study: The study.
         force: The workers.
         keep: Takes rows.
         queue: Samples that are still to be sent.
-        suspects: Chunks to be sent alone.
         running: Chunk by future.
         pace: Seconds a sample, so far.
     """
@@ -207,42 +199,33 @@ class _Dispatch:
     force: Workforce
     keep: Callable[[list[Row]], None]
     queue: deque[int]
-    suspects: deque[list[int]] = field(default_factory=deque)
     running: dict[Future[Any], list[int]] = field(default_factory=dict)
     pace: float | None = None
 
     def run(self) -> None:
-        """Run until every sample has its row."""
+        """Run until every sample has its row; close the workers."""
         try:
-            while self.queue or self.suspects or self.running:
+            while self.queue or self.running:
                 self._send()
                 done, _ = wait(self.running, return_when=FIRST_COMPLETED)
-                lost = [chunk for chunk in map(self._receive, done) if chunk]
-                if lost:
-                    self._recover(lost)
-        except BaseException:
-            for future in self.running:
-                if not future.cancel() and future.done() and future.exception() is None:
+                for future in done:
+                    self._receive(future)
+        finally:
+            left = [future for future in self.running if not future.cancel()]
+            self.force.close()
+            for future in left:
+                if future.done() and future.exception() is None:
                     self.keep(future.result()[0])
-            raise
 
     def _send(self) -> None:
-        while self.suspects and not self.running:
-            self._submit(self.suspects.popleft())
-        while self.queue and not self.suspects and len(self.running) < _AHEAD * self.force.workers:
+        while self.queue and len(self.running) < _AHEAD * self.force.workers:
             size = min(self._size(), len(self.queue))
-            self._submit([self.queue.popleft() for _ in range(size)])
-
-    def _submit(self, chunk: list[int]) -> None:
-        samples = [(number, self.study.samples[number]) for number in chunk]
-        try:
-            future = self.force.submit(evaluate_chunk, self._plan, samples)
-        except BrokenExecutor:
-            # A worker died before; if chunks were under way, they come back lost.
-            self.suspects.append(chunk)
-            if not self.running:
-                self.force.renew()
-        else:
+            chunk = [self.queue.popleft() for _ in range(size)]
+            samples = [(number, self.study.samples[number]) for number in chunk]
+            try:
+                future = self.force.submit(evaluate_each, self._plan, samples)
+            except BrokenExecutor as error:
+                raise _lost(error) from error
             self.running[future] = chunk
 
     @cached_property
@@ -257,30 +240,22 @@ class _Dispatch:
         fair = len(self.queue) / (_AHEAD * self.force.workers)
         return max(1, min(int(_CHUNK_SECONDS / self.pace), int(fair), _LARGEST_CHUNK))
 
-    def _receive(self, future: Future[Any]) -> list[int] | None:
-        """Keep the rows of a future; the chunk if its worker died."""
+    def _receive(self, future: Future[Any]) -> None:
+        """Keep the rows of a future."""
         chunk = self.running.pop(future)
         try:
             rows, seconds = future.result()
-        except BrokenExecutor:
-            return chunk
+        except StudyError:
+            raise
         except Exception as error:
-            raise StudyError(
-                f"a worker failed ({type(error).__name__}: {error}); the rows so far are kept: run "
-                "the study again to go on"
-            ) from error
+            raise _lost(error) from error
         self.keep(rows)
         now = seconds / len(chunk)
         self.pace = now if self.pace is None else 0.5 * (self.pace + now)
-        return None
 
-    def _recover(self, lost: list[list[int]]) -> None:
-        alone = len(lost) == 1 and not self.running
-        lost += [chunk for chunk in map(self._receive, list(self.running)) if chunk]
-        self.force.renew()
-        for chunk in lost:
-            half = len(chunk) // 2
-            if alone and not half:
-                self.keep([failed_row(chunk[0], "the worker process died")])
-            else:
-                self.suspects.extend([chunk[:half], chunk[half:]] if alone else [chunk])
+
+def _lost(error: Exception) -> StudyError:
+    return StudyError(
+        f"a worker failed ({type(error).__name__}: {error}); the rows so far are kept: run "
+        "the study again to go on"
+    )

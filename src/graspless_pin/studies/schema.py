@@ -12,6 +12,7 @@ from graspless_pin.scene.schema import (
     Entry,
     Finite,
     NotNegative,
+    Positive,
     Vector,
     Whole,
 )
@@ -140,6 +141,11 @@ class ComputeEntry(Entry):
     solver: str | None = None
     regularization: NotNegative | None = None
     node_limit: Count | None = Field(default=None, description="of each search over modes")
+    sample_time_limit: Positive | None = Field(
+        default=None,
+        le=1e6,
+        description="s, of all that is computed for a sample, its scene included",
+    )
     force_bounds: bool = Field(default=False, description="the range of the margin, eq. (32)")
     disturbance_margin: bool = Field(
         default=False, description="the smallest disturbance that the torques cannot hold"
@@ -155,6 +161,7 @@ class ComputeEntry(Entry):
         """The options that go into the scene's ``solve`` section."""
         beside = {
             "node_limit",
+            "sample_time_limit",
             "force_bounds",
             "disturbance_margin",
             "minimum_friction",

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from graspless_pin.drafts import draft_of
 from graspless_pin.errors import StudyError
 from graspless_pin.scene.messages import key_text
-from graspless_pin.studies.evaluation import FAILED, Row
+from graspless_pin.studies.evaluation import Failure, Row
 from graspless_pin.studies.study import Study
 from graspless_pin.versions import versions
 
@@ -220,11 +220,14 @@ def _read_csv(file: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
 def results_summary(table: pd.DataFrame) -> str:
     """Return how many samples were found, infeasible and failed, and the best and worst margin."""
     rows: Any = table
-    failed = int((rows["status"] == FAILED).sum())
+    failures = {why: int((rows["status"] == why.value).sum()) for why in Failure}
     found = int(rows["found"].sum())
     many = "samples" if len(table) > 1 else "sample"
-    infeasible = len(table) - found - failed
-    lines = [f"{len(table)} {many}: {found} found, {infeasible} infeasible, {failed} failed"]
+    infeasible = len(table) - found - sum(failures.values())
+    lines = [f"{len(table)} {many}: {found} found, {infeasible} infeasible"]
+    for why, count in failures.items():
+        if count or why is Failure.FAILED:
+            lines[0] += f", {count} {why.value.replace('_', ' ')}"
     if found:
         margins = rows.loc[rows["found"], "margin_N"]
         names = list(rows.columns[1 : rows.columns.get_loc("status")])
@@ -232,8 +235,8 @@ def results_summary(table: pd.DataFrame) -> str:
             values = ", ".join(f"{name} {_short(rows.at[number, name])}" for name in names)
             margin = rows.at[number, "margin_N"]
             lines.append(f"{word} margin {margin:.4g} N at sample {number}: {values}")
-    if failed:
-        number = int((rows["status"] == FAILED).idxmax())
+    if any(failures.values()):
+        number = int(rows["status"].isin([why.value for why in Failure]).idxmax())
         lines.append(f"first failure at sample {number}: {rows.at[number, 'error']}")
     return "\n".join(lines)
 
