@@ -6,7 +6,8 @@ import sys
 
 import pytest
 
-from graspless_pin.cli import INTERRUPTED, commands, main
+from graspless_pin.cli import INTERRUPTED, commands
+from graspless_pin.cli import run as run_here
 
 # Ctrl-C arrives when the module with all commands is looked for.
 SCRIPT = """
@@ -64,7 +65,7 @@ def test_before_a_command_has_begun(monkeypatch, capsys):
     outside = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with pytest.raises(SystemExit) as error:
-            main()
+            run_here()
     finally:
         signal.signal(signal.SIGINT, outside)
     assert error.value.code == INTERRUPTED == 130

@@ -4,7 +4,9 @@ import os
 import signal
 import sys
 
-__all__ = ["INTERRUPTED", "main"]
+from graspless_pin.cli.guard import guarded
+
+__all__ = ["INTERRUPTED", "main", "run"]
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells have it."""
@@ -12,7 +14,15 @@ _MESSAGE = "interrupted\n"
 
 
 def main() -> None:
-    """Run the command line. Loading the libraries takes a second, in which Ctrl-C counts, too."""
+    """Run the command line; a library that crashes ends in a message (see `guard`)."""
+    guarded(run)
+
+
+def run() -> None:
+    """Run the command line in this process.
+
+    Loading the libraries takes a second, in which Ctrl-C counts, too.
+    """
     usual = signal.default_int_handler
     # A shell may have told the process to ignore Ctrl-C.
     listens = signal.getsignal(signal.SIGINT) is usual

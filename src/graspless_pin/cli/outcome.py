@@ -9,8 +9,14 @@ from contextlib import contextmanager
 import typer
 
 from graspless_pin.errors import GrasplessPinError, GrasplessPinWarning
+from graspless_pin.intake.text import printable
 
 FOUND, INFEASIBLE, BAD_INPUT = 0, 1, 2
+
+_MOST_LINES = 8
+_ERROR_BYTES = 950
+_WARNING_BYTES = 1000
+_LEFT_OUT = " [...] "
 
 
 @contextmanager
@@ -21,8 +27,44 @@ def plain_errors() -> Iterator[None]:
         try:
             yield
         except GrasplessPinError as error:
-            typer.echo(f"error: {error}", err=True)
+            echo_error(str(error))
+            raise typer.Exit(BAD_INPUT) from None
+        except MemoryError:
+            echo_error("there is not enough memory for this input")
             raise typer.Exit(BAD_INPUT) from None
         finally:
-            for message in dict.fromkeys(str(item.message) for item in caught):
-                typer.echo(f"warning: {message}", err=True)
+            _echo_warnings([*dict.fromkeys(str(item.message) for item in caught)])
+
+
+def echo_error(message: str) -> None:
+    """Print an error on standard error, cut to a few lines."""
+    typer.echo(f"error: {shortened(message, _ERROR_BYTES)}", err=True)
+
+
+def shortened(message: str, most: int) -> str:
+    """Return a message of at most some bytes and a few lines, with what cannot be printed named.
+
+    Messages quote what was found, and a file may hold a megabyte of it.
+    """
+    lines = printable(message).splitlines()
+    text = "\n".join(lines[:_MOST_LINES])
+    if len(lines) > _MOST_LINES:
+        text += f"\n... and {len(lines) - _MOST_LINES} lines more"
+    content = text.encode()
+    if len(content) <= most:
+        return text
+    half = (most - len(_LEFT_OUT)) // 2
+    # What is wrong may stand before or after what was found.
+    ends = (content[:half].decode(errors="ignore"), content[-half:].decode(errors="ignore"))
+    return _LEFT_OUT.join(ends)
+
+
+def _echo_warnings(messages: list[str]) -> None:
+    left = _WARNING_BYTES
+    for index, message in enumerate(messages):
+        text = f"warning: {shortened(message, _ERROR_BYTES)}"
+        left -= len(text.encode()) + 1
+        if left < 0:
+            typer.echo(f"warning: {len(messages) - index} more", err=True)
+            return
+        typer.echo(text, err=True)

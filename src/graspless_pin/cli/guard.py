@@ -1,0 +1,90 @@
+"""Run the command line in a child process, so that a library that crashes ends in a message.
+
+Imports the standard library alone and forks before anything else is loaded: it costs about a
+millisecond. Elsewhere than on Linux the work is done in this process, as it would be without.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Callable
+
+__all__ = ["CRASHED", "guarded"]
+
+CRASHED = 2
+"""Exit code after a library has crashed: that of input which cannot be used."""
+
+_CRASHES = ("SIGSEGV", "SIGABRT", "SIGBUS", "SIGFPE", "SIGILL", "SIGSYS", "SIGTRAP", "SIGKILL")
+_PASSED_ON = ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2")
+_SENT_BY_A_TERMINAL = 0x80  # SI_KERNEL: the child has got it, too
+_DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG
+
+
+def guarded(work: Callable[[], None]) -> None:
+    """Do the work in a child process and end as it does.
+
+    Signals are passed on to the child, and the child does not outlive this process.
+
+    Args:
+        work: The whole of the command line.
+    """
+    if sys.platform != "linux":
+        work()
+        return
+    waited_for = {signal.SIGCHLD, *(getattr(signal, name) for name in _PASSED_ON)}
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, waited_for)
+    parent = os.getpid()
+    child = os.fork()
+    if child == 0:
+        _die_with(parent)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        work()
+        return
+    _end_as(_outcome(child, waited_for), before)
+
+
+def _outcome(child: int, waited_for: set[int]) -> int:
+    """Wait for the child and pass signals on; return its exit code, or minus its signal."""
+    while True:
+        ended, status = os.waitpid(child, os.WNOHANG)
+        if ended:
+            return os.waitstatus_to_exitcode(status)
+        # The time is for a SIGCHLD that got lost.
+        seen = signal.sigtimedwait(waited_for, 1.0)
+        if seen is None or seen.si_signo == signal.SIGCHLD:
+            continue
+        if seen.si_code != _SENT_BY_A_TERMINAL:
+            os.kill(child, seen.si_signo)
+
+
+def _end_as(outcome: int, mask: set[int]) -> None:
+    if outcome >= 0:
+        sys.exit(outcome)
+    name = signal.Signals(-outcome).name
+    if name in _CRASHES:
+        sys.stderr.write(f"error: {_what_happened(name)}; nothing more was done\n")
+        sys.exit(CRASHED)
+    signal.signal(-outcome, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+    os.kill(os.getpid(), -outcome)
+
+
+def _what_happened(name: str) -> str:
+    if name == "SIGKILL":
+        return "the process was killed from outside, perhaps for want of memory (SIGKILL)"
+    return (
+        f"a library crashed over this input ({name}), which this package should have refused: "
+        "please report it"
+    )
+
+
+def _die_with(parent: int) -> None:
+    """Have the kernel end this process when its parent ends, however that comes about."""
+    import ctypes
+
+    ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGKILL)
+    if os.getppid() != parent:
+        os._exit(CRASHED)

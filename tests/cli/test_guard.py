@@ -1,0 +1,121 @@
+"""The command line outlives a library that crashes, and passes on what is asked of it."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from graspless_pin.cli.outcome import shortened
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the guard needs Linux")
+
+SCRIPT = """
+import os, signal, sys, time
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from graspless_pin.cli.guard import guarded
+
+def work():
+    {work}
+
+guarded(work)
+"""
+WAITING = "print(os.getpid(), flush=True); time.sleep(60)"
+
+
+def start(work: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(  # noqa: S603 - our own interpreter and a fixed program
+        [sys.executable, "-c", SCRIPT.format(work=work)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+@pytest.mark.parametrize("name", ["SIGSEGV", "SIGABRT", "SIGFPE", "SIGBUS", "SIGILL"])
+def test_a_crash_is_one_message(name):
+    process = start(f"os.kill(os.getpid(), signal.{name})")
+    output, errors = process.communicate(timeout=20)
+    assert (process.returncode, output) == (2, "")
+    assert errors.startswith(f"error: a library crashed over this input ({name}), which")
+    assert len(errors.splitlines()) == 1
+
+
+def test_a_real_crash():
+    process = start("import ctypes; ctypes.string_at(0)")
+    assert "a library crashed over this input (SIGSEGV)" in process.communicate(timeout=20)[1]
+    assert process.returncode == 2
+
+
+@pytest.mark.parametrize("code", [0, 1, 2, 7, 130])
+def test_exit_codes_pass_through(code):
+    process = start(f"print('said'); sys.exit({code})")
+    assert process.communicate(timeout=20) == ("said\n", "")
+    assert process.returncode == code
+
+
+def test_an_error_of_our_own_keeps_its_traceback():
+    process = start("raise RuntimeError('ours')")
+    assert "RuntimeError: ours" in process.communicate(timeout=20)[1]
+    assert process.returncode == 1
+
+
+def is_alive(number: int) -> bool:
+    try:
+        os.kill(number, 0)
+    except ProcessLookupError:
+        return False
+    with open(f"/proc/{number}/stat", encoding="utf-8") as file:  # noqa: PTH123
+        return file.read().rpartition(")")[2].split()[0] != "Z"
+
+
+def gone(number: int) -> bool:
+    for _ in range(100):
+        if not is_alive(number):
+            return True
+        time.sleep(0.05)
+    return False
+
+
+def started() -> tuple[subprocess.Popen[str], int]:
+    process = start(WAITING)
+    assert process.stdout is not None
+    return process, int(process.stdout.readline())
+
+
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP", "SIGKILL"])
+def test_what_ends_the_parent_ends_the_child(name):
+    process, child = started()
+    assert child != process.pid and is_alive(child)
+    number = getattr(signal, name)
+    process.send_signal(number)
+    assert process.wait(timeout=20) == -number
+    assert gone(child)
+    process.communicate()
+
+
+def test_an_interrupt_reaches_the_child_once():
+    process, child = started()
+    process.send_signal(signal.SIGINT)
+    errors = process.communicate(timeout=20)[1]
+    assert gone(child) and process.returncode != 0
+    assert errors.count("KeyboardInterrupt") == 1
+
+
+def test_a_child_that_is_killed():
+    process, child = started()
+    os.kill(child, signal.SIGKILL)
+    assert "killed from outside, perhaps for want of memory" in process.communicate(timeout=20)[1]
+    assert process.returncode == 2
+
+
+def test_long_messages_are_cut():
+    cut = shortened("before " + 100_000 * "\u00e9" + " after", 950)
+    assert len(cut.encode()) <= 950
+    assert cut.startswith("before ") and cut.endswith(" after") and " [...] " in cut
+    lines = shortened("\n".join(f"line {i}" for i in range(100)), 950).splitlines()
+    assert lines == [*(f"line {i}" for i in range(8)), "... and 92 lines more"]
+    assert shortened("a\x1b[2Jb\ud800", 950) == "a<U+001B>[2Jb<U+D800>"
