@@ -16,6 +16,7 @@ $(STAMP): pyproject.toml constraints.txt hatch_build.py $(wildcard src/graspless
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "graspless_pin needs Python >= 3.11, found " + sys.version.split()[0] + ": set PYTHON=/path/to/python3.11")'
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all,dev,docs]'
+	@$(BIN)/graspless-pin --version
 	@touch $@
 
 run: install

@@ -13,12 +13,17 @@ _PACKAGES = (
 )  # fmt: skip
 
 
+def compiled_loops() -> tuple[str, ...]:
+    """Return the names of the compiled loops that run; none where numpy does their work."""
+    return tuple(name for name in compiled.__all__ if getattr(compiled, name) is not None)
+
+
 def versions() -> dict[str, str]:
     """Return the version of each package that makes the figures, by name.
 
     Beside them stands whether the compiled loops do, which round otherwise than numpy.
     """
-    found = {"compiled loops": "no" if compiled.small_arrays is None else "yes"}
+    found = {"compiled loops": "yes" if compiled_loops() else "no"}
     for name in _PACKAGES:
         try:
             found[name] = version(name)

@@ -2,16 +2,19 @@
 
 import json
 import os
+import platform
 import stat
 import subprocess
 import sys
 import threading
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
 import trimesh
 from cli_tools import ALLEGRO, PAPER, ROOT, assert_refused, run, solve_text, spoilt
 
+from graspless_pin import compiled
 from graspless_pin.scene import scene_json_schema
 
 SPHERE = PAPER / "sphere_on_slope.yaml"
@@ -56,6 +59,26 @@ def test_the_program_itself(tmp_path):
     bad = shell("solve", "none.yaml", "--json", "-", folder=tmp_path)
     assert (bad.returncode, bad.stdout) == (2, "")
     assert bad.stderr == "error: none.yaml: there is no such file; check the path\n"
+
+
+@pytest.mark.parametrize("there", [True, False], ids=["compiled", "numpy"])
+def test_the_version_says_which_compiled_loops_run(there, monkeypatch):
+    for name in compiled.__all__:
+        monkeypatch.setattr(compiled, name, object() if there else None)
+    result = run("--version")
+    assert result.exit_code == 0
+    first, second = result.output.splitlines()
+    assert first == f"graspless-pin {version('graspless-pin')}, Python {platform.python_version()}"
+    loops = ", ".join(compiled.__all__) if there else "none, numpy does their work more slowly; "
+    assert second.startswith(f"compiled loops: {loops}")
+
+
+@pytest.mark.parametrize("command", [(), ("solve",), ("robots",)], ids=" ".join)
+def test_help_has_a_short_name(command):
+    short, long = run(*command, "-h"), run(*command, "--help")
+    assert short.exit_code == 0
+    assert short.output == long.output
+    assert "Usage:" in short.output
 
 
 @pytest.mark.parametrize(

@@ -196,6 +196,19 @@ def test_a_document_brings_its_scene(tmp_path):
     assert [row[1] for row in page.section("contacts").rows()] == list(scene.contacts.bodies)
 
 
+@pytest.mark.parametrize(
+    ("loops", "said"), [("yes", "yes"), ("no", "no: numpy did their work"), (None, None)]
+)
+def test_it_says_whether_compiled_loops_ran(loops, said):
+    document = through_json(maximize_margin(pinched_block()))
+    del document["provenance"]["versions"]["compiled loops"]
+    if loops is not None:
+        document["provenance"]["versions"]["compiled loops"] = loops
+    section = read_html(report_html(case_of_document(document))).section("reproduce")
+    names, facts = ([item.text for item in section.all(tag)] for tag in ("dt", "dd"))
+    assert dict(zip(names, facts, strict=True)).get("compiled loops") == said
+
+
 def test_no_file_that_a_document_names_is_opened(tmp_path, monkeypatch):
     scene, solution = solved(AT_REST)
     document = through_json(solution, scene)

@@ -1,5 +1,8 @@
 """All commands of ``graspless-pin``, one module per group."""
 
+import platform
+from typing import Annotated
+
 import typer
 
 from graspless_pin.cli.reporting import report
@@ -7,6 +10,7 @@ from graspless_pin.cli.robots import inspect, robots
 from graspless_pin.cli.solving import schema, solve, verify
 from graspless_pin.cli.studying import study
 from graspless_pin.cli.viewing import view
+from graspless_pin.versions import compiled_loops, versions
 
 __all__ = ["app"]
 
@@ -14,8 +18,34 @@ app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
     help="Robust joint torques for hands that push, slide, pivot or hold an object.",
 )
+
+
+def _print_version(asked: bool) -> None:
+    if not asked:
+        return
+    typer.echo(f"graspless-pin {versions()['graspless-pin']}, Python {platform.python_version()}")
+    none = "none, numpy does their work more slowly; install again where there is a C compiler"
+    typer.echo(f"compiled loops: {', '.join(compiled_loops()) or none}")
+    raise typer.Exit
+
+
+@app.callback()
+def _options(
+    _version: Annotated[
+        bool,
+        typer.Option(
+            "--version",
+            callback=_print_version,
+            is_eager=True,
+            help="Print the version and which compiled loops run.",
+        ),
+    ] = False,
+) -> None:
+    pass
+
 
 for _command in (solve, verify, report, view, study, robots, inspect, schema):
     app.command()(_command)
