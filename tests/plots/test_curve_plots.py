@@ -87,3 +87,19 @@ def test_the_trade_off_is_the_curve(sliding: TorqueSolution):
     np.testing.assert_allclose(ends[:, :, 0], curve.margins)
     np.testing.assert_allclose(ends[:, :, 1], curve.torques)
     assert ends[-1, -1, 0] == pytest.approx(sliding.margin, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("units", "scale", "label"),
+    [
+        (None, "absolute", "N m"),
+        (("N", "N"), "absolute", "N"),
+        (("N m", "N"), "absolute", "N m; N for linear and hybrid joints"),
+        (("N m", "N"), "limits", "share of the limit"),
+    ],
+)
+def test_the_trade_off_is_in_the_joints_units(sliding: TorqueSolution, units, scale, label):
+    problem = sliding.problem.with_changes(joint_units=units)
+    curve = margin_torque_curve(problem, scale=scale)
+    assert margin_torque_plot(curve).get_ylabel() == f"smallest largest |torque| [{label}]"
+    assert f" of torque [{label}]" in str(curve)

@@ -40,6 +40,19 @@ def test_several_results_at_one_place_make_a_band():
     assert line(axes, "nothing found")[:, 0].tolist() == [2.0]
 
 
+@pytest.mark.parametrize(
+    ("value", "label"),
+    [
+        ("max_torque_Nm", "largest |torque| [N m]"),
+        ("max_torque_N", "largest |force of a linear joint| [N]"),
+        ("disturbance_N", "disturbance_N"),
+    ],
+)
+def test_labels_say_the_unit(value, label):
+    table = {"mass": [1.0, 2.0], value: [1.0, 3.0]}
+    assert margin_plot(table, "mass", value=value).get_ylabel() == label
+
+
 def test_a_column_of_integers_may_have_gaps():
     table = pd.DataFrame({"mass": [1.0, 2.0]}).assign(nodes=pd.array([3, None], dtype="Int64"))
     axes = margin_plot(table, "mass", value="nodes")

@@ -114,7 +114,7 @@ def test_the_figures_of_the_paper():
     assert curve.torque_at(0.1) == pytest.approx(0.9618, abs=5e-5)
     assert curve.largest_margin == pytest.approx(1.6504, abs=5e-5)
     assert curve.torques[-1, 1] == pytest.approx(4.8348, abs=2e-4)
-    assert str(curve).startswith("margin 0 to 1.65 N for 0.8196 to 4.835 of torque, 4 pieces: opt")
+    assert str(curve).startswith("margin 0 to 1.65 N for 0.8196 to 4.835 of torque [N m], 4 pieces")
 
 
 def test_what_has_no_curve():

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from study_tools import CUBOID, HEIGHT, Here, data, study, study_file
+from study_tools import CUBOID, HEIGHT, ROOT, Here, data, study, study_file
 
 from graspless_pin import (
     contact_force_bounds,
@@ -299,3 +299,39 @@ def test_torque_columns_follow_the_joints(tmp_path):
     assert table["fingers"].tolist() == ["both", "one"]
     assert table["torque_finger_6/hinge_Nm"].isna().tolist() == [False, True]
     assert table["found"].all()
+
+
+def test_the_largest_torque_stands_under_its_unit(tmp_path):
+    """Of a hand with a linear joint alone N; where both kinds are, each has its column."""
+    gripper = ROOT / "examples" / "panda_slide_cuboid_up_slope.yaml"
+    vary = {"friction": {"values": [0.0, 0.5]}}
+    lone = Study.from_data({"scene": str(gripper), "vary": {"object.mass": {"values": [0.5]}}})
+    table = run(lone, tmp_path / "lone.csv")
+    assert [name for name in table.columns if "torque" in name] == [
+        "max_torque_N",
+        "torque_panda_finger_joint1_N",
+    ]
+    assert table["max_torque_N"][0] == lone.scene_at(lone.samples[0]).solve().max_torque
+    hybrid = {"finger_1/finger": "force", "finger_6/finger": "hybrid"}
+    fingers = {"values": {"hybrid": hybrid, "both": "force"}, "key": "hand.control"}
+    mixed = study({"fingers": fingers, **vary})
+    table = run(mixed, tmp_path / "mixed.csv")
+    assert table.columns.tolist()[3:9] == [
+        "status", "found", "margin_N", "max_torque_Nm", "max_torque_N", "torque_finger_1/hinge_Nm",
+    ]  # fmt: skip
+    assert table["found"].tolist() == [False, True, False, True]
+    torques = mixed.scene_at(mixed.samples[1]).solve().torques
+    assert table["max_torque_Nm"][1] == abs(torques[0])
+    assert table["max_torque_N"][1] == abs(torques[1])
+    torques = mixed.scene_at(mixed.samples[3]).solve().torques
+    assert table["max_torque_Nm"][3] == abs(torques).max()
+    assert table["max_torque_N"].isna().tolist() == [True, False, True, True]
+    pd.testing.assert_frame_equal(read_results(tmp_path / "mixed.csv"), table)
+
+
+def test_units_are_known_where_nothing_is_found(tmp_path):
+    gripper = ROOT / "examples" / "panda_slide_cuboid_up_slope.yaml"
+    weak = {"scene": str(gripper), "vary": {"friction": {"values": [0.0]}}}
+    table = run(Study.from_data(weak), tmp_path / "out.csv")
+    assert not table["found"].any()
+    assert [name for name in table.columns if "torque" in name] == ["max_torque_N"]

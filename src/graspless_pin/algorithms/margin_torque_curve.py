@@ -21,6 +21,7 @@ from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.modes.rules import Rules, SlidingMode, choice
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only, whole_number
+from graspless_pin.problem.joint_units import units_text
 from graspless_pin.programs.tradeoff_program import tradeoff_program
 from graspless_pin.solution import Status
 from graspless_pin.solvers import check_solver
@@ -38,9 +39,10 @@ class MarginTorqueCurve:
         status: OPTIMAL where every piece is proven over all modes; LIMIT_REACHED where a limit
             ended a search, and a mode may lie below; or why nothing is feasible.
         margins: (K, 2) begin and end of each piece, N.
-        torques: (K, 2) largest |torque| there, N m; a share of the limits if they are the scale.
+        torques: (K, 2) largest |torque| there, in `torque_unit`.
         modes: K modes whose optimum each piece is; None with Coulomb friction.
         problem: The problem.
+        scale: What the torques are measured by.
     """
 
     status: Status
@@ -48,6 +50,7 @@ class MarginTorqueCurve:
     torques: FloatArray
     modes: tuple[SlidingMode | None, ...]
     problem: QuasistaticProblem
+    scale: TorqueScale
 
     @property
     def found(self) -> bool:
@@ -55,8 +58,15 @@ class MarginTorqueCurve:
         return len(self.modes) > 0
 
     @property
+    def torque_unit(self) -> str:
+        """Unit of the torques in words: which joint is the largest may change along the curve."""
+        if self.scale is TorqueScale.LIMITS:
+            return "share of the limit"
+        return units_text(self.problem.joint_units)
+
+    @property
     def slopes(self) -> FloatArray:
-        """(K,) N m of torque per N of margin along each piece."""
+        """(K,) torque, in `torque_unit`, per N of margin along each piece."""
         width = np.diff(self.margins)[:, 0]
         rise = np.diff(self.torques)[:, 0]
         return np.divide(rise, width, out=np.zeros_like(rise), where=width > 0.0)
@@ -92,7 +102,8 @@ class MarginTorqueCurve:
             return f"not found: {self.status.message}"
         return (
             f"margin 0 to {self.margins[-1, 1]:.4g} N for {self.torques[0, 0]:.4g} to "
-            f"{self.torques[-1, 1]:.4g} of torque, {len(self.modes)} pieces: {self.status.message}"
+            f"{self.torques[-1, 1]:.4g} of torque [{self.torque_unit}], "
+            f"{len(self.modes)} pieces: {self.status.message}"
         )
 
     def _check_found(self) -> None:
@@ -133,7 +144,8 @@ def margin_torque_curve(
     if node_limit is not None:
         node_limit = whole_number("node_limit", node_limit, 1)
     rules = Rules.parse(sign_rule, sliding_rule, static_friction)
-    by_limits = choice(TorqueScale, "scale", scale) is TorqueScale.LIMITS
+    torque_scale = choice(TorqueScale, "scale", scale)
+    by_limits = torque_scale is TorqueScale.LIMITS
     coordinates, kinematics = shared_parts(problem)
     program = tradeoff_program(problem, coordinates, by_limits=by_limits)
     formulation = Formulation(problem, coordinates, program, kinematics)
@@ -146,4 +158,5 @@ def margin_torque_curve(
         read_only(units[1] * np.array([[p.t_a, p.t_b] for p in pieces]).reshape(-1, 2)),
         tuple(p.mode for p in pieces),
         problem,
+        torque_scale,
     )

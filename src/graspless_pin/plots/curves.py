@@ -101,8 +101,8 @@ def margin_torque_plot(curve: MarginTorqueCurve, ax: Axes | None = None) -> Axes
         ax: Axes to draw on; None: a new figure.
 
     Returns:
-        The axes: e_0 in N to the right; up the smallest largest |torque|, N m or a share of the
-        limits as the curve has it. Dots are where pieces meet, dotted lines jumps.
+        The axes: e_0 in N to the right; up the smallest largest |torque| in the curve's unit. Dots
+        are where pieces meet, dotted lines jumps.
 
     Raises:
         NoSolutionError: If no margin is feasible.
@@ -117,7 +117,7 @@ def margin_torque_plot(curve: MarginTorqueCurve, ax: Axes | None = None) -> Axes
     # A column a piece: the straight pieces over the dotted whole, which shows at jumps.
     axes.plot(curve.margins.T, curve.torques.T, "o-", color=blue, markersize=4, linewidth=1.8)
     axes.set_xlabel("required margin $e_0$ [N]")
-    axes.set_ylabel("smallest largest |torque| [N m, or of the limits]")
+    axes.set_ylabel(f"smallest largest |torque| [{curve.torque_unit}]")
     axes.grid(alpha=0.25)
     return axes
 

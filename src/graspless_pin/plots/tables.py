@@ -121,4 +121,9 @@ def _column(table: Any, argument: str, name: str) -> FloatArray:
 
 
 def _with_unit(value: str) -> str:
-    return {"margin_N": "margin e [N]", "max_torque_Nm": "largest |torque| [N m]"}.get(value, value)
+    known = {
+        "margin_N": "margin e [N]",
+        "max_torque_Nm": "largest |torque| [N m]",
+        "max_torque_N": "largest |force of a linear joint| [N]",
+    }
+    return known.get(value, value)

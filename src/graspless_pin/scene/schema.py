@@ -195,7 +195,8 @@ class HandEntry(Entry):
         "position for the joints of an arm that carries the hand",
     )
     effort_limits: dict[str, NotNegative | tuple[Finite, Finite]] = Field(
-        default={}, description="N m by joint or finger; a number means -x to x"
+        default={},
+        description="N m, or N for linear joints, by joint or finger; a number means -x to x",
     )
     hybrid_force_limit: Positive | None = Field(
         default=None,

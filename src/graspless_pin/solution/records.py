@@ -183,7 +183,7 @@ class TorqueSolution:
 
     @property
     def contact_torques(self) -> FloatArray:
-        """(L,) joint torques that hold the contact forces, J^T f (18), N m."""
+        """(L,) joint torques that hold the contact forces, J^T f (18), units as `torques`."""
         return self.problem.J.T @ self.contact_forces.ravel()
 
     @property

@@ -7,9 +7,14 @@ from collections.abc import Iterator, Sequence
 from enum import StrEnum
 from typing import Any
 
+import numpy as np
+
 from graspless_pin.algorithms.disturbances import disturbance_margin
 from graspless_pin.algorithms.force_bounds import contact_force_bounds
 from graspless_pin.algorithms.minimum_friction import minimum_friction
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.scene.parts import SceneParts
 from graspless_pin.scene.scene import Scene
 from graspless_pin.solution import Status, TorqueSolution
@@ -18,6 +23,8 @@ from graspless_pin.studies.study import Sample, Study
 Row = dict[str, Any]
 """Results by column."""
 
+LARGEST_TORQUE = "max_torque_"
+"""Begin of the names of columns with the largest |torque| of the joints of one unit."""
 _MOST_STUDIES = 4
 _parts: OrderedDict[str, SceneParts] = OrderedDict()
 
@@ -73,11 +80,12 @@ def _results(study: Study, scene: Scene) -> Row:
     solution = scene.solve(None, node_limit=compute.node_limit)
     problem = solution.problem
     row: Row = {"status": solution.status.name.lower(), "found": solution.found}
+    row |= dict.fromkeys(_largest(problem, np.zeros(problem.joint_count)))
     if solution.found:
-        row |= {"margin_N": solution.margin, "max_torque_Nm": solution.max_torque}
-        units = [unit.replace(" ", "") for unit in problem.joint_units]
-        torques = zip(problem.joint_names, units, solution.torques.tolist(), strict=True)
-        row |= {f"torque_{name}_{unit}": torque for name, unit, torque in torques}
+        torques = solution.torques
+        row |= {"margin_N": solution.margin, **_largest(problem, torques)}
+        named = zip(problem.joint_names, problem.joint_units, torques.tolist(), strict=True)
+        row |= {f"torque_{name}_{_suffix(unit)}": torque for name, unit, torque in named}
     row["contacts"] = problem.contact_count
     row["nodes"] = solution.certificate.nodes
     row |= _analyses(study, solution)
@@ -85,6 +93,21 @@ def _results(study: Study, scene: Scene) -> Row:
         why = solution.explanation if compute.explain else ""
         row["reason"] = why or solution.status.message
     return row
+
+
+def _largest(problem: QuasistaticProblem, torques: FloatArray) -> Row:
+    """The largest |torque| of the joints of each unit that there is; N m without joints."""
+    units = np.array(problem.joint_units or [JointUnit.TORQUE])
+    absolute = np.abs(torques) if len(torques) else np.zeros(1)
+    return {
+        f"{LARGEST_TORQUE}{_suffix(unit)}": float(absolute[units == unit].max())
+        for unit in JointUnit
+        if unit in units
+    }
+
+
+def _suffix(unit: JointUnit) -> str:
+    return unit.replace(" ", "")
 
 
 def _analyses(study: Study, solution: TorqueSolution) -> Row:

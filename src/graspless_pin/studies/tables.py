@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from graspless_pin.drafts import draft_of
 from graspless_pin.errors import StudyError
 from graspless_pin.scene.messages import key_text
-from graspless_pin.studies.evaluation import Failure, Row
+from graspless_pin.studies.evaluation import LARGEST_TORQUE, Failure, Row
 from graspless_pin.studies.study import Study
 from graspless_pin.versions import versions
 
@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 KEY = "graspless_pin"
 """Name of the metadata in Parquet files and in ``DataFrame.attrs``."""
 _COUNTS = ("contacts", "nodes")
-_FIRST = ("status", "found", "margin_N", "max_torque_Nm")
+_FIRST = ("status", "found", "margin_N")
+_LARGEST = tuple(f"{LARGEST_TORQUE}{unit}" for unit in ("Nm", "N"))
 _LAST = (
     "smallest_margin_N",
     "largest_margin_N",
@@ -74,7 +75,7 @@ def check_columns(study: Study) -> None:
     Raises:
         StudyError: Naming the variable.
     """
-    taken = {"sample", *_FIRST, *_LAST}
+    taken = {"sample", *_FIRST, *_LARGEST, *_LAST}
     for variable in study.variables:
         key = "vary", variable.name
         if variable.column in taken or variable.column.startswith("torque_"):
@@ -110,10 +111,10 @@ def results_table(study: Study, rows: Mapping[int, Row]) -> pd.DataFrame:
         values = pd.Series([sample[index] for sample in study.samples])
         columns[variable.column] = values.astype("str") if values.dtype == object else values
     seen = dict.fromkeys(name for row in ordered for name in row if name != "sample")
-    torques = [name for name in seen if name not in (*_FIRST, *_LAST)]
-    used = ("status", "found", "margin_N", "max_torque_Nm", *_COUNTS, "reason", "error")
-    last = [name for name in _LAST if name in seen or name in used]
-    for name in (*_FIRST, *torques, *last):
+    largest = [name for name in _LARGEST if name in seen] or _LARGEST[:1]
+    torques = [name for name in seen if name not in (*_FIRST, *_LARGEST, *_LAST)]
+    last = [name for name in _LAST if name in seen or name in (*_COUNTS, "reason", "error")]
+    for name in (*_FIRST, *largest, *torques, *last):
         columns[name] = pd.Series([row.get(name) for row in ordered], dtype=_type(name))
     table = pd.DataFrame(columns)
     table.attrs[KEY] = study_metadata(study)
