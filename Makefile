@@ -41,7 +41,7 @@ docs: install
 	$(BIN)/mkdocs build --strict --quiet
 
 bench: install
-	$(BIN)/python -m benchmarks
+	$(BIN)/python -m benchmarks$(if $(BASE),.against $(BASE) $(if $(ROUNDS),--rounds $(ROUNDS)))
 
 clean:
 	rm -rf $(VENV) site out

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from tabulate import tabulate
 
-from benchmarks.timing import Timer, bare_solve, medians, relaxed_program, timed
+from benchmarks.programs import bare_solve, relaxed_program
+from benchmarks.timing import Timer, medians, timed
 from graspless_pin import load_scene, maximize_margin
 from graspless_pin.planning import Evaluator
 

@@ -12,7 +12,8 @@ from tests.core.random_scenes import general_scene, slope_scene
 from tests.core.scenes import scene
 from tests.oracles.mixed_integer import solve_by_mixed_integer
 
-from benchmarks.timing import as_new, bare_solve, medians, relaxed_program, timed, timer
+from benchmarks.programs import bare_solve, relaxed_program
+from benchmarks.timing import as_new, medians, timed, timer
 from graspless_pin import (
     QuasistaticProblem,
     Status,

@@ -4,16 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from functools import lru_cache
 from inspect import signature
 
 import numpy as np
-import piqp
 
 from graspless_pin import QuasistaticProblem
-from graspless_pin.algorithms.formulation import Objective, formulate
-from graspless_pin.programs.program import Program
-from graspless_pin.solution import Algorithm
 
 Timer = Callable[[], float]
 
@@ -48,36 +43,6 @@ def medians(timers: Sequence[Timer], *, budget: float) -> list[float]:
         if spent > budget and (len(rounds) >= _LEAST_ROUNDS or len(rounds) * budget < spent):
             break
     return [float(value) for value in np.median(rounds, axis=0)]
-
-
-def relaxed_program(problem: QuasistaticProblem) -> Program:
-    """The relaxed LP of Algorithm 1 in forces, as the package states it."""
-    objective = Objective(Algorithm.MARGIN, margin=0.0, by_limits=False, regularization=0.0)
-    return formulate(problem, objective).program
-
-
-def bare_solve(program: Program) -> None:
-    """One dense PIQP solve, set-up included, with its default settings: the unit of the tables.
-
-    The package itself solves with the sparse one and keeps it, so a whole search can take less.
-    """
-    engine = piqp.DenseSolver()
-    engine.setup(
-        _hessian(program),
-        program.c,
-        program.A,
-        program.b,
-        program.G,
-        program.l,
-        program.u,
-    )  # the margin program imposes no bound on a single variable
-    engine.solve()
-
-
-@lru_cache(maxsize=8)
-def _hessian(program: Program) -> np.ndarray:
-    """diag(P), made in the first round alone: a median does not see it."""
-    return np.asfortranarray(np.diag(program.P))
 
 
 def as_new(problem: QuasistaticProblem) -> QuasistaticProblem:
