@@ -70,7 +70,7 @@ def test_programs_are_alike(name, seed, regularization, by_numpy) -> None:
     same(ours.program.rows, theirs.program.rows)
     for side, other in zip(ours.program.sides, theirs.program.sides, strict=True):
         same(side, other)
-    for field in ("directions", "force_scale", "torque_scale", "length_scale"):
+    for field in ("directions", "force_scale", "joint_scale", "length_scale"):
         same(getattr(ours.coordinates, field), getattr(theirs.coordinates, field), field)
     same(ours.kinematics.rows, theirs.kinematics.rows)
     same(ours.kinematics.scale, theirs.kinematics.scale)
@@ -231,7 +231,7 @@ def margin_arguments(**changes):
         "positions": ONES, "directions": AXES, "jacobian": J, "axes": np.array([0, 3]),
         "cone_rows": np.ones((3, 2)), "face_count": 0, "reach": np.ones((2, 2)), "most": TWO,
         "wrench": np.ones(6), "lower": np.zeros(1), "upper": np.ones(1), "gravity": np.zeros(1),
-        "force_scale": 1.0, "torque_scale": 1.0, "length_scale": 1.0,
+        "force_scale": 1.0, "joint_scale": np.ones(1), "length_scale": 1.0,
     }  # fmt: skip
     return tuple((values | changes).values())
 

@@ -238,7 +238,7 @@ def assert_rows_hold(problem: QuasistaticProblem, rng: np.random.Generator) -> N
     forces = coordinates.forces(x).ravel()
     scale = coordinates.force_scale
     np.testing.assert_allclose(
-        coordinates.torque_scale * (rows.torque @ x), problem.J.T @ forces, atol=1e-9 * scale
+        coordinates.joint_scale * (rows.torque @ x), problem.J.T @ forces, atol=1e-9 * scale
     )
     np.testing.assert_allclose(
         scale * (rows.balance @ x) / rows.weight, problem.W @ forces, atol=1e-9 * scale
@@ -254,7 +254,7 @@ def test_a_motion_that_leaves_a_contact_is_behind_nothing():
     rows = np.zeros((2, 3, 3))
     rows[0, 0], rows[1, 0] = (1.0, 0.0, 0.0), (1.0, 1e-5, 0.0)
     rows[:, 1:, 2] = 1.0
-    nearest = NearestMotions(rows)
+    nearest = NearestMotions(rows, 1e-5)
     signs = np.ones((2, 2), dtype=np.int8)
     assert nearest.behind((0, 1), signs, np.array([0.0, 1.0, 0.01])) is None
     assert nearest.behind((0, 1), signs, np.array([0.0, 0.0, 0.01])) is not None

@@ -202,6 +202,8 @@ def corrupt(how: str, backend: Backend) -> Backend:
 
 
 WAYS = ("nothing", "wrong point", "wrong multipliers", "zeros", "not optimal")
+OPTIMA = {"margin": "margin", "torque": "max_torque"}
+MENDED = ("wrong point", "not optimal")
 
 
 @pytest.mark.parametrize("how", WAYS)
@@ -211,7 +213,8 @@ def test_a_corrupted_answer_is_replaced_by_another_solvers(monkeypatch, how):
     monkeypatch.setitem(solving._BACKENDS, "piqp", corrupt(how, solving._BACKENDS["piqp"]))
     solution = maximize_margin(problem, solver="piqp")
     assert solution.found
-    assert solution.certificate.solver in set(SOLVERS) - {"piqp"}
+    # Where the multipliers tell which constraints are active, the answer is put right and proven.
+    assert solution.certificate.solver != "piqp" or how in MENDED
     assert solution.margin == pytest.approx(expected, rel=1e-6)
     assert_holds(solution)
 
@@ -226,7 +229,13 @@ def test_without_any_checked_answer_the_status_says_so(monkeypatch, how, search)
         maximize_margin(scene("up"), search=search),
         minimize_torque(scene("up"), search=search),
     ):
-        assert not solution.found
+        if solution.found:
+            assert how in MENDED
+            assert solution.status is Status.OPTIMAL
+            expected = {"margin": 2.3001, "torque": 1.5554}[solution.algorithm]
+            assert getattr(solution, OPTIMA[solution.algorithm]) == pytest.approx(expected, abs=1e-4)
+            assert_holds(solution)
+            continue
         assert solution.status is Status.UNVERIFIED
         assert "no solver" in solution.status.message
 
@@ -275,7 +284,7 @@ def regularised_margin(
     problem: QuasistaticProblem, mode: SlidingMode, epsilon: float
 ) -> np.ndarray:
     """Contact forces of min -e/F + eps/2 |f/F|^2 in one mode, in (f, e) by Clarabel, unscaled."""
-    f_max = problem.max_normal_force.max()
+    load = problem.scales.force
     size = 3 * problem.contact_count
     kept = np.diag(problem.D_star) == 0.0
     signs = mode.signs.ravel()
@@ -311,7 +320,7 @@ def regularised_margin(
         b.append(np.zeros(2))
     A = np.vstack(equal)
     quadratic = qpsolvers.Problem(
-        np.diag(np.append(np.full(size, epsilon / f_max), 0.0)), np.append(np.zeros(size), -1.0),
+        np.diag(np.append(np.full(size, epsilon / load), 0.0)), np.append(np.zeros(size), -1.0),
         np.vstack(rows), np.concatenate(sides),
         np.hstack([A, np.zeros((len(A), 1))]), np.concatenate(b), None, None,
     )  # fmt: skip
@@ -330,7 +339,7 @@ def test_the_regularised_optimum_is_that_of_an_independent_solve(name, epsilon):
     assert solution.found
     expected = regularised_margin(problem, solution.mode, epsilon)
     np.testing.assert_allclose(solution.contact_forces, expected, atol=2e-3)
-    scale = problem.max_normal_force.max()
+    scale = problem.scales.force
 
     def objective(forces):
         return -problem.margin_of(forces) / scale + 0.5 * epsilon * (forces**2).sum() / scale**2

@@ -126,7 +126,7 @@ def disturbance_margin(
     held = None
     if torques is not None:
         given = finite_array("torques", torques, (problem.joint_count,))
-        held = (given - problem.gravity_torques) / coordinates.torque_scale
+        held = (given - problem.gravity_torques) / coordinates.joint_scale
     units = _unit_directions(directions)
     scale = np.repeat([1.0, length], 3)
     magnitudes = np.full(len(units), np.nan)

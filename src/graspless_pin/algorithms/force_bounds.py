@@ -60,7 +60,7 @@ class ContactForceBounds:
     def indeterminate(self) -> NDArray[np.bool_]:
         """(M, 3) components that the torques do not determine, as far as is known."""
         width = self.upper - self.lower
-        return width > _DETERMINATE * float(self.problem.max_normal_force.max())
+        return width > _DETERMINATE * self.problem.scales.force
 
     def __str__(self) -> str:
         """Return a readable table."""

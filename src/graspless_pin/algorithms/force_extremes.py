@@ -22,7 +22,7 @@ from graspless_pin.programs.analysis_programs import (
     with_objective,
 )
 from graspless_pin.programs.force_programs import ForceRows, force_rows
-from graspless_pin.programs.program import Program
+from graspless_pin.programs.program import FARTHEST, Program
 from graspless_pin.solution import Status
 from graspless_pin.solvers import Outcome, solve
 
@@ -65,8 +65,9 @@ class ForceExtremes:
         self.problem, self.rules, self.solver = problem, rules, solver
         self.coordinates, self.kinematics = shared_parts(problem)
         self.rows: ForceRows = force_rows(problem, self.coordinates)
-        self.torque = (torques - problem.gravity_torques) / self.coordinates.torque_scale
-        self.set = force_set_program(self.rows, self.coordinates, self.torque, _FARTHEST)
+        self.torque = (torques - problem.gravity_torques) / self.coordinates.joint_scale
+        reach = min(_FARTHEST * float(self.rows.limit.max()), FARTHEST)
+        self.set = force_set_program(self.rows, self.coordinates, self.torque, reach)
         self.has_rays = self._has_rays()
         self.growing: list[SlidingMode] = []
         self.reached: list[FloatArray] = []

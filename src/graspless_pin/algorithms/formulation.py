@@ -18,6 +18,7 @@ from graspless_pin.programs.force_programs import (
     force_coordinates,
     margin_program,
     torque_program,
+    torque_unit,
 )
 from graspless_pin.programs.program import Program
 from graspless_pin.solution import Algorithm
@@ -158,7 +159,7 @@ def formulate(problem: QuasistaticProblem, objective: Objective) -> Formulation:
             objective.regularization,
             by_limits=objective.by_limits,
         )
-        unit = 1.0 if objective.by_limits else coordinates.torque_scale
+        unit = torque_unit(problem, coordinates, by_limits=objective.by_limits)
     if len(known) >= _PER_PROBLEM:
         known.pop(next(iter(known)))
     found = Formulation(problem, coordinates, program, kinematics, cutoff, unit)

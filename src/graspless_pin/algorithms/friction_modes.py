@@ -15,7 +15,6 @@ from graspless_pin.problem.checks import FloatArray
 
 NO_FRICTION = 1e-8
 """Friction below this share of the largest normal-force limit counts as none."""
-_MOVES = 1e-6
 _LEAST_IMPORTANCE = 1e-3
 
 SignPair = tuple[int, int]
@@ -229,14 +228,16 @@ class ModeReader:
         """
         if not any(0 in requirement.signs for requirement in known):
             return mode_of(self.formulation.problem, tuple(known))
-        velocities = witness.velocities
-        moves = np.abs(velocities) > _MOVES * np.abs(velocities).max()
+        velocities, kinematics = witness.velocities, self.formulation.kinematics
+        moves = np.abs(velocities) >= kinematics.threshold * np.linalg.norm(velocities)
         seen = np.where(moves, np.sign(velocities), 0.0)[:, 1:].astype(int).tolist()
         shown = tuple(
             Requirement(contact, (a or seen[contact][0], b or seen[contact][1]))
             for contact, (a, b) in known
         )
-        if all(0 not in requirement.signs for requirement in shown):
+        if all(0 not in requirement.signs for requirement in shown) and kinematics.counts(
+            velocities, shown, self.rules.sign
+        ):
             return mode_of(self.formulation.problem, shown)
         blocked = self._blocked(known)
         if blocked is not None:
@@ -278,7 +279,7 @@ class ModeReader:
                 items = {item for item in items if item[:2] != (contact, component)}
                 owners = {owner for conflict in conflicts for owner in conflict.contacts}
                 owners = (owners | {contact}) - {owner for owner, _, _ in items}
-                return Conflict(tuple(sorted(items)), tuple(sorted(owners)))
+                return Conflict(tuple(sorted(items)), tuple(sorted(owners)), None)
         return None
 
     def _first_feasible(

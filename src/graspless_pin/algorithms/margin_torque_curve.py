@@ -22,6 +22,7 @@ from graspless_pin.modes.rules import Rules, SlidingMode, choice
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only, whole_number
 from graspless_pin.problem.joint_units import units_text
+from graspless_pin.programs.force_programs import torque_unit
 from graspless_pin.programs.tradeoff_program import tradeoff_program
 from graspless_pin.solution import Status
 from graspless_pin.solvers import check_solver
@@ -151,7 +152,7 @@ def margin_torque_curve(
     formulation = Formulation(problem, coordinates, program, kinematics)
     search = CurveSearch(formulation, rules, check_solver(solver), node_limit)
     status, pieces = search.run()
-    units = coordinates.force_scale, 1.0 if by_limits else coordinates.torque_scale
+    units = coordinates.force_scale, torque_unit(problem, coordinates, by_limits=by_limits)
     return MarginTorqueCurve(
         status,
         read_only(units[0] * np.array([[p.a, p.b] for p in pieces]).reshape(-1, 2)),

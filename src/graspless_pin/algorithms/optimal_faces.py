@@ -22,6 +22,7 @@ from graspless_pin.algorithms.formulation import Formulation, Objective, formula
 from graspless_pin.algorithms.friction_modes import NO_FRICTION
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.programs.force_programs import ShareRows, share_rows
 from graspless_pin.solution import Algorithm, TorqueSolution
 
 _HELD = 1e-7
@@ -145,23 +146,21 @@ class Optimum:
         scaled = basis.T @ solution.contact_forces.ravel() / ((basis**2).sum(axis=0) * force)
         if solution.algorithm is Algorithm.MARGIN:
             return np.append(scaled, solution.margin / force)
+        unit = self._formulation.unit
         if not self._objective.by_limits:
-            return np.append(scaled, solution.max_torque / coordinates.torque_scale)
+            return np.append(scaled, solution.max_torque / unit)
         torques, problem = solution.torques, solution.problem
-        above, below = self._has_share()
+        above, below = (side.counts for side in self._shares)
         up = torques[above] / problem.upper_torque[above]
         down = torques[below] / problem.lower_torque[below]
-        return np.append(scaled, np.concatenate([up, down, [0.0]]).max())
+        return np.append(scaled, np.concatenate([up, down, [0.0]]).max() / unit)
 
-    def _has_share(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Joints whose torque counts upwards and downwards in Algorithm 2."""
-        problem = self.solution.problem
-        if not self._objective.by_limits:
-            every = np.ones(problem.joint_count, dtype=bool)
-            return every, every
-        return (
-            np.isfinite(problem.upper_torque) & (problem.upper_torque > 0.0),
-            np.isfinite(problem.lower_torque) & (problem.lower_torque < 0.0),
+    @cached_property
+    def _shares(self) -> tuple[ShareRows, ShareRows]:
+        """The rows of the torques that count upwards and downwards in Algorithm 2."""
+        coordinates = self._formulation.coordinates
+        return share_rows(
+            self.solution.problem, coordinates, by_limits=self._objective.by_limits
         )
 
     @cached_property
@@ -202,7 +201,7 @@ class Optimum:
         """Forces and multipliers in SI units; the solution's own signs tell the rows' sides."""
         x, y, z, reduced = point
         problem, coordinates = self.solution.problem, self._formulation.coordinates
-        force, torque = coordinates.force_scale, coordinates.torque_scale
+        force = coordinates.force_scale
         count, joints, edges = problem.contact_count, problem.joint_count, problem.cone_edges
         cone, bare = problem.has_cone, ~problem.has_cone
         up, down = np.where(self._own.z > 0.0, z, 0.0), np.where(self._own.z < 0.0, -z, 0.0)
@@ -216,18 +215,19 @@ class Optimum:
             normal_upper = rest[:count]
             normal_lower[bare] = rest[count : count + int(bare.sum())]
         else:
-            unit = 1.0 if self._objective.by_limits else torque
+            unit = self._formulation.unit
             level = unit * float(x[-1])
             # Here the limits of the normal forces are bounds.
             own = self._own.reduced[coordinates.normal]
             costs = reduced[coordinates.normal]
             normal_upper = np.where(own < 0.0, -costs, 0.0)
             normal_lower[bare] = np.where(own > 0.0, costs, 0.0)[bare]
-            above, below = self._has_share()
-            share_upper[above] = rest[: above.sum()]
-            share_lower[below] = rest[above.sum() : above.sum() + below.sum()]
+            above, below = self._shares
+            first, second = int(above.counts.sum()), int(below.counts.sum())
+            share_upper[above.counts] = above.weight * rest[:first]
+            share_lower[below.counts] = below.weight * rest[first : first + second]
         weight = np.repeat([1.0, 1.0 / coordinates.length_scale], 3)
-        per_force, per_torque = unit / force, unit / torque
+        per_force, per_torque = unit / force, unit / coordinates.joint_scale
         return Marginals(
             forces=coordinates.forces(x),
             level=level,
@@ -237,8 +237,8 @@ class Optimum:
             normal_lower=per_force * normal_lower,
             upper=per_torque * up[len(z) - joints :],
             lower=per_torque * down[len(z) - joints :],
-            share_upper=per_torque * share_upper,
-            share_lower=per_torque * share_lower,
+            share_upper=share_upper,
+            share_lower=share_lower,
         )
 
 

@@ -17,7 +17,12 @@ from graspless_pin.solution import Status
 from graspless_pin.solvers import PRIMAL_TOLERANCE, Answer, Outcome
 
 CLOSED = 2e-8
-"""Values closer than this, in scaled units, count as equal."""
+"""Values closer than this, in scaled units or relative to them, count as equal."""
+
+
+def closeness(value: float) -> float:
+    """Return how close others must be to a scaled value to count as equal."""
+    return CLOSED * max(1.0, abs(value)) if np.isfinite(value) else CLOSED
 
 
 @dataclass
@@ -119,7 +124,7 @@ class SearchState:
                 exact = answer.moved(x, value, residual)
         if exact.value < self.best_value:
             self.best, self.mode = exact, mode
-        return exact.value <= answer.value + CLOSED
+        return exact.value <= answer.value + closeness(exact.value)
 
     def raise_bound(self, bound: float) -> None:
         """Raise the proven bound over all modes, never above the best value."""
@@ -127,7 +132,7 @@ class SearchState:
 
     def closed(self, bound: float) -> bool:
         """Whether nothing at or above this bound can beat the best answer."""
-        return self.best_value <= bound + CLOSED
+        return self.best_value <= bound + closeness(self.best_value)
 
 
 @dataclass(frozen=True, eq=False)

@@ -70,7 +70,8 @@ def margin_sensitivity(
     # The search's own multipliers: friction that happens to vanish is not held at zero in them.
     y, z = solution.multipliers.mode
     coordinates, _ = shared_parts(problem)
-    basis, force, torque = coordinates.basis, coordinates.force_scale, coordinates.torque_scale
+    basis, force = coordinates.basis, coordinates.force_scale
+    per_torque = force / coordinates.joint_scale
     scaled = basis.T @ solution.contact_forces.ravel() / ((basis**2).sum(axis=0) * force)
     x = np.append(scaled, solution.margin / force)
     # Lagrangian: c x + y (A x - b) + up (G x - u) + down (l - G x); the margin is -F times it.
@@ -90,8 +91,8 @@ def margin_sensitivity(
         friction=read_only(friction),
         external_wrench=read_only(wrench),
         load=float(wrench @ problem.external_wrench),
-        upper_torque=read_only(force / torque * up[tail]),
-        lower_torque=read_only(-force / torque * down[tail]),
+        upper_torque=read_only(per_torque * up[tail]),
+        lower_torque=read_only(-per_torque * down[tail]),
         max_normal_force=read_only(up[limits]),
         solution=solution,
     )

@@ -17,7 +17,7 @@ from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.explanation import explain
 from graspless_pin.algorithms.formulation import Formulation, Objective, formulate
 from graspless_pin.algorithms.search import (
-    CLOSED,
+    closeness,
     SearchResult,
     SearchState,
     finished,
@@ -143,7 +143,7 @@ def _reaches(
     if relaxation.outcome is Outcome.SOLVED:
         for attempt in (_read_mode, _try_mode):
             attempt(state)
-            if state.best_value <= CLOSED - goal:
+            if state.best_value <= closeness(goal) - goal:
                 return True, state.experience()
     ub = full.program.ub.copy()
     ub[-1] = goal

@@ -138,8 +138,9 @@ def motion_behind(
         motion: (n,) the other motion.
         damping: Stands in for ranks, see `nearest_motions`.
         corrections: How often the velocities along the normals are taken away.
-        rank_tolerance: Largest velocity along a normal that counts as none, for a unit motion.
-        least: Least square of a sliding that counts as one, for a unit motion.
+        rank_tolerance: Largest velocity along a normal that counts as none, over the length of all
+            contact velocities.
+        least: Least square of a sliding that counts as one, over the square of that length.
 
     Returns:
         (n,) the motion; None if it does not slide with all of the signs.
@@ -179,7 +180,9 @@ def motion_behind(
             row = data(local) + 3 * n * number[i]
             for j in range(n):
                 x[j] -= a[i] * row[j]
-    size, slide = inner(x, x, n), 0.0
+    size, slide = 0.0, 0.0
+    for i in range(3 * M):
+        size += inner(data(local) + n * i, x, n) ** 2
     for i in range(s):
         row = data(local) + 3 * n * number[i]
         slide += inner(row, x, n) ** 2
@@ -272,6 +275,46 @@ def margin(forces, normals, tangents, friction, has_cone, most, face_directions)
             along = data(slope)[contact] * along - outward
             least = min(least, along / sqrt(1.0 + data(slope)[contact] ** 2))
     return least
+
+
+def scales(positions, wrench, jacobian, limits, double least_lever):
+    """Force, length and joint scales of a problem, see `problem.scales`.
+
+    Args:
+        positions: (M, 3) m.
+        wrench: (6,) external wrench.
+        jacobian: (3M, L).
+        limits: (M,) largest normal forces, N.
+        least_lever: Shortest lever that counts, over the longest.
+    """
+    cdef cnp.ndarray points = as_reals(positions, 2), J = as_reals(jacobian, 2)
+    cdef Py_ssize_t M = points.shape[0], L = J.shape[1], contact, k
+    points, J = as_shaped(points, M, 3), as_shaped(J, 3 * M, L)
+    cdef cnp.ndarray load = as_vector(wrench, 6), most = as_vector(limits, M), joints = empty1(L)
+    cdef double* lever = data(joints)
+    cdef const double* row
+    cdef double pull = sqrt(dot(data(load), data(load)))
+    cdef double turn = sqrt(dot(data(load) + 3, data(load) + 3))
+    cdef double length = 0.0, longest = 0.0, force = INFINITY, size
+    for contact in range(M):
+        length = max(length, dot(data(points) + 3 * contact, data(points) + 3 * contact))
+        force = min(force, data(most)[contact])
+    length = sqrt(length)
+    if length == 0.0:
+        length = turn / pull if pull > 0.0 and turn > 0.0 else 1.0
+    if pull > 0.0 or turn > 0.0:
+        force = max(pull, turn / length)
+    for k in range(L):
+        lever[k] = 0.0
+        for contact in range(M):
+            row = data(J) + 3 * L * contact + k
+            size = row[0] * row[0] + row[L] * row[L] + row[2 * L] * row[2 * L]
+            lever[k] = max(lever[k], size)
+        lever[k] = sqrt(lever[k])
+        longest = max(longest, lever[k])
+    for k in range(L):
+        lever[k] = force * (max(lever[k], least_lever * longest) if longest > 0.0 else length)
+    return force, length, joints
 
 
 def squared_lengths(vectors):

@@ -20,10 +20,9 @@ def margin_program(
     upper: Array,
     gravity: Array,
     force_scale: float,
-    torque_scale: float,
+    joint_scale: Array,
     length_scale: float,
 ) -> tuple[Array, Array, Array, Array]: ...
-def largest_finite(values: Array) -> float: ...
 def judged(
     rows: Array,
     low: Array,

@@ -4,7 +4,7 @@
 Rows are taken and given transposed, (n, R) and contiguous: a column of the program in one piece.
 """
 
-from libc.math cimport INFINITY, fabs, isfinite
+from libc.math cimport INFINITY, isfinite
 from libc.string cimport memcpy, memset
 
 cimport numpy as cnp
@@ -19,7 +19,7 @@ cnp.import_array()
 
 def margin_program(
     positions, directions, jacobian, axes, cone_rows, Py_ssize_t face_count, reach, most, wrench,
-    lower, upper, gravity, double force_scale, double torque_scale, double length_scale,
+    lower, upper, gravity, double force_scale, joint_scale, double length_scale,
 ):
     """Rows, sides and box of Algorithm 1, see `force_programs.margin_program`.
 
@@ -37,7 +37,7 @@ def margin_program(
         upper: (L,) upper torque limits, N m.
         gravity: (L,) torques that carry the links, N m.
         force_scale: N.
-        torque_scale: N m.
+        joint_scale: (L,) N m.
         length_scale: m.
 
     Returns:
@@ -52,7 +52,7 @@ def margin_program(
     cdef cnp.ndarray number = as_integers(axes, n), bounds = as_shaped(reach, 2, n)
     cdef cnp.ndarray limits = as_vector(most, M), load = as_vector(wrench, 6)
     cdef cnp.ndarray lowest = as_vector(lower, L), highest = as_vector(upper, L)
-    cdef cnp.ndarray weight = as_vector(gravity, L)
+    cdef cnp.ndarray weight = as_vector(gravity, L), scale = as_vector(joint_scale, L)
     R = 6 + s + L
     if s < face_count + M or face_count < 0:
         raise ValueError("needs the rows of all cones")
@@ -73,7 +73,7 @@ def margin_program(
             out[k], out[3 + k] = effect[k], effect[3 + k] / length_scale
         memcpy(out + 6, data(cones) + s * c, s * sizeof(double))
         for k in range(L):
-            out[6 + s + k] = effect[6 + k] * (force_scale / torque_scale)
+            out[6 + s + k] = effect[6 + k] * (force_scale / data(scale)[k])
         for k in range(2):
             data(box)[(n + 1) * k + c] = (
                 data(bounds)[n * k + c] * data(limits)[contact] / force_scale
@@ -91,21 +91,10 @@ def margin_program(
         data(high)[6 + face_count + k] = data(limits)[k] / force_scale
         least = min(least, data(limits)[k] / force_scale)
     for k in range(L):
-        data(low)[6 + s + k] = (data(lowest)[k] - data(weight)[k]) / torque_scale
-        data(high)[6 + s + k] = (data(highest)[k] - data(weight)[k]) / torque_scale
+        data(low)[6 + s + k] = (data(lowest)[k] - data(weight)[k]) / data(scale)[k]
+        data(high)[6 + s + k] = (data(highest)[k] - data(weight)[k]) / data(scale)[k]
     data(box)[n], data(box)[2 * n + 1] = 0.0, least / 2.0
     return rows, low, high, box
-
-
-def largest_finite(values):
-    """The largest size of a finite entry of an array, 0 without any."""
-    cdef cnp.ndarray array = as_reals(values, 0)
-    cdef double largest = 0.0
-    cdef Py_ssize_t k
-    for k in range(cnp.PyArray_SIZE(array)):
-        if isfinite(data(array)[k]):
-            largest = max(largest, fabs(data(array)[k]))
-    return largest
 
 
 def judged(rows, low, high, c, lb, ub, box, x, y, z):

@@ -147,7 +147,7 @@ class Consequences:
         tied = self._tied & ~decisions.selected
         if not tied.any():
             return decisions
-        rows = self._kinematics.rows
+        rows = self._kinematics.seen
         normal = rows[:, 0] @ self._basis(decisions.selected | self._always)
         size = np.linalg.norm(normal, axis=1)
         touches = tied & (size < _VANISHES)
@@ -179,13 +179,13 @@ class Consequences:
         touching = np.flatnonzero(self._cones | self._always)
         tied = np.zeros(len(self._cones), dtype=bool)
         # Only they take part in combinations of normal rows that vanish.
-        left, values, _ = np.linalg.svd(self._kinematics.rows[touching, 0])
+        left, values, _ = np.linalg.svd(self._kinematics.seen[touching, 0])
         rank = int((values > _VANISHES * max(1.0, values.max(initial=0.0))).sum())
         tied[touching] = np.linalg.norm(left[:, rank:], axis=1) > _VANISHES
         return tied & self._cones
 
     def _basis(self, contacts: NDArray[np.bool_]) -> FloatArray:
-        """(6 + L, d) motions that leave contacts touching."""
+        """(r, d) motions that leave contacts touching."""
         key = contacts.tobytes()
         if key not in self._bases:
             if len(self._bases) >= _MOST_KEPT:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -12,17 +13,23 @@ from scipy.optimize import linprog, nnls
 
 from graspless_pin.compiled import contact_frames
 from graspless_pin.errors import UndecidedMotionError
-from graspless_pin.modes.nearest_motions import MOST_KEPT, RANK_TOLERANCE, NearestMotions
+from graspless_pin.modes.nearest_motions import (
+    CLEARLY,
+    MOST_KEPT,
+    RANK_TOLERANCE,
+    NearestMotions,
+)
 from graspless_pin.modes.rules import SignRule
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.contact_map import contact_map
 
-# A witness with |x| = 1 / sqrt(this) for unit requirements is as good as none.
-_NO_WITNESS = 1e-12
+THRESHOLD = 1e-6
+"""A sliding counts if it is at least this share of all contact velocities of its motion."""
 _IN_CONFLICT = 1e-9
-_ROUNDING = 1e-12
 _LARGEST_MOTION = 1e6
+# What the sum of the weights is worth beside the velocities: less where more digits are needed.
+_WORTH = (1.0, 1e-3, 1e-5)
 
 
 class Requirement(NamedTuple):
@@ -39,18 +46,24 @@ class Requirement(NamedTuple):
     signs: tuple[int, int]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Conflict:
-    """A proof that requirements exclude each other: a positive combination of them is zero.
+    """A proof that requirements exclude each other: a combination of them all but vanishes.
 
     Attributes:
         signs: (contact, component, sign) items that take part with a positive weight.
         contacts: Contacts that take part only by being selected (normal velocity zero, or
             tangential velocity zero under ``exact``).
+        combination: (M, 3) weights of the contact velocities along n, t1, t2. Those of the items
+            have their signs and a sum of 1 (under ``nonzero``: the smaller of each contact's two);
+            the part of them that any motion can see is shorter than the threshold, so no motion of
+            unit contact velocities slides as fast as the threshold in all items. None where two
+            conflicts, one for either sign of a component that must move, make this one.
     """
 
     signs: tuple[tuple[int, int, int], ...]
     contacts: tuple[int, ...]
+    combination: FloatArray | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,27 +72,30 @@ class Witness:
 
     Attributes:
         motion: (6 + L,) scaled virtual motion.
-        rows: (M, 3, 6 + L) the map of `VirtualKinematics`.
-        basis: (6 + L, d) motions that leave the selected contacts touching.
-        slack: How far the required velocities are from zero, for unit rows.
+        velocities: (M, 3) relative velocity of the object at each contact along n, t1, t2, to
+            scale. Those of the motion nudged within its slack in a fixed generic direction, so that
+            a component that can move does not vanish by symmetry.
+        slowest: The slowest required sliding over the length of all contact velocities; inf where
+            nothing has to slide.
     """
 
     motion: FloatArray
-    rows: FloatArray
-    basis: FloatArray
-    slack: float
+    velocities: FloatArray
+    slowest: float
 
-    @property
-    def velocities(self) -> FloatArray:
-        """(M, 3) relative velocity of the object at each contact along n, t1, t2, to scale.
 
-        The motion is nudged within its slack in a fixed generic direction, so that a component
-        that can move does not vanish by symmetry.
-        """
-        direction = np.cos(np.arange(1.0, self.basis.shape[1] + 1.0))
-        nudge = self.basis @ direction
-        reach = np.linalg.norm(self.rows, axis=2).max() * (np.linalg.norm(nudge) or 1.0)
-        return self.rows @ (self.motion + (0.5 * self.slack / reach) * nudge)
+class _Sliding(NamedTuple):
+    """The motion that slides fastest where it is slowest, in coordinates of contact velocities.
+
+    Attributes:
+        motion: (r,) the motion; zero where nothing has to slide.
+        slowest: The slowest required sliding over the length of the motion.
+        weights: (k,) weights of the rows whose combination is the motion, of sum 1.
+    """
+
+    motion: FloatArray
+    slowest: float
+    weights: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +103,8 @@ class _Touching:
     """The motions that leave some contacts touching.
 
     Attributes:
-        still: (k, 6 + L) rows that vanish.
-        basis: (6 + L, d) orthonormal basis of the motions on which they do.
+        still: (k, r) rows that vanish.
+        basis: (r, d) orthonormal basis of the motions on which they do.
         tangential: (s, 2, d) tangential rows of the selected contacts on that basis.
     """
 
@@ -100,21 +116,46 @@ class _Touching:
 class VirtualKinematics:
     """Relative contact velocities of all virtual motions [V; theta_dot] of one problem.
 
+    A motion counts for a mode if the selected contacts keep touching and every sliding that the
+    rule asks for is at least the threshold times the length of all contact velocities of the
+    motion: no unit, frame, length or order of contacts changes that. Searches work in coordinates y
+    of unit contact velocities, |y| being their length.
+
     Attributes:
         rows: (M, 3, 6 + L) maps from the scaled motion to the velocity of the object relative to
             the other body along n, t1, t2: [W^T, J] [V; -theta_dot] of eq. (22), columns scaled to
             a common size.
         scale: (6 + L,) factors from a scaled motion to [V; theta_dot] in m/s and rad/s.
         nearest: Witnesses by guess, which need no search.
+        threshold: The slowest sliding that counts.
+        undecided_near: Whether a motion was refused that a tenth of the threshold would admit.
     """
 
-    def __init__(self, problem: QuasistaticProblem) -> None:
+    def __init__(self, problem: QuasistaticProblem, threshold: float = THRESHOLD) -> None:
         """Assemble the scaled map."""
         self.rows: FloatArray
         self.scale: FloatArray
         self.rows, self.scale = _scaled(contact_map(problem))
-        self.nearest = NearestMotions(self.rows)
+        self.nearest = NearestMotions(self.rows, CLEARLY * threshold)
+        self.threshold = threshold
+        self.undecided_near = False
         self._touching: dict[tuple[tuple[int, ...], tuple[int, ...]], _Touching] = {}
+
+    @cached_property
+    def _seen(self) -> tuple[FloatArray, FloatArray]:
+        """Orthonormal coordinates of the contact velocities, and the motions behind them.
+
+        Motions that no contact notices are left out.
+        """
+        count, _, size = self.rows.shape
+        left, values, right = np.linalg.svd(self.rows.reshape(-1, size), full_matrices=False)
+        rank = int((values > RANK_TOLERANCE * values.max(initial=0.0)).sum())
+        return left[:, :rank].reshape(count, 3, rank), right[:rank].T / values[:rank]
+
+    @property
+    def seen(self) -> FloatArray:
+        """(M, 3, r) contact velocities along n, t1, t2 of each coordinate of y; orthonormal."""
+        return self._seen[0]
 
     def solve(
         self,
@@ -124,10 +165,9 @@ class VirtualKinematics:
     ) -> Witness | Conflict:
         """Find a virtual motion that meets all requirements, or prove that there is none.
 
-        Feasible exactly when no nonzero, nonnegative combination of the sign requirements
-        vanishes on the motions that leave the selected contacts touching (Gordan's theorem);
-        the nearest such combination is one nonnegative least-squares problem, whose residual is
-        the motion sought.
+        The slowest required sliding of a motion of unit contact velocities is at most the length of
+        any combination of the required rows with nonnegative weights of sum 1, and the shortest
+        combination is that motion: one nonnegative least-squares problem finds both.
 
         Args:
             requirements: At most one per contact.
@@ -136,18 +176,29 @@ class VirtualKinematics:
                 signs of most importance. None: any conflict will do.
         """
         contacts, signs = _split(requirements)
-        touching, moving, weights, slack = self._combine(contacts, signs, rule, importance)
-        if slack > 0.0:
-            motion = touching.basis @ (weights @ moving)
-            # Rows that may be zero leave no room to nudge the motion.
-            room = 0.0 if rule is SignRule.NONZERO else slack
-            return Witness(motion, self.rows, touching.basis, room)
-        return self._conflict(contacts, signs, rule, touching.still, weights)
+        touching, found = self._fastest(contacts, signs, rule, importance)
+        if found.slowest < self.threshold:
+            return self._conflict(contacts, signs, rule, touching.still, found.weights)
+        y = touching.basis @ found.motion
+        velocities = self.seen @ self._nudged(y, touching.basis, found, rule)
+        return Witness(self._seen[1] @ y, velocities, found.slowest)
+
+    def _nudged(
+        self, y: FloatArray, basis: FloatArray, found: _Sliding, rule: SignRule
+    ) -> FloatArray:
+        """A motion with a little of a fixed generic one, within half of its slack."""
+        # Rows that may be zero leave no room to nudge the motion.
+        if rule is SignRule.NONZERO and np.isfinite(found.slowest):
+            return y
+        nudge = basis @ np.cos(np.arange(1.0, basis.shape[1] + 1.0))
+        reach = np.linalg.norm(self.seen, axis=2).max() * (np.linalg.norm(nudge) or 1.0)
+        slack = found.slowest * np.linalg.norm(y) if np.isfinite(found.slowest) else 1.0
+        return y + (0.5 * slack / reach) * nudge
 
     def feasible(self, requirements: Sequence[Requirement], rule: SignRule) -> bool:
         """Whether `solve` finds a witness, without naming the conflict if not."""
         contacts, signs = _split(requirements)
-        return self._combine(contacts, signs, rule)[3] > 0.0
+        return self._fastest(contacts, signs, rule)[1].slowest >= self.threshold
 
     def witness(self, requirements: Sequence[Requirement], rule: SignRule) -> FloatArray | None:
         """Velocities (M, 3) along n, t1, t2 of a motion that meets the requirements, or None.
@@ -155,51 +206,69 @@ class VirtualKinematics:
         Without conflicts named and without the nudge of `Witness.velocities`.
         """
         contacts, signs = _split(requirements)
-        touching, moving, weights, slack = self._combine(contacts, signs, rule)
-        if slack <= 0.0:
+        touching, found = self._fastest(contacts, signs, rule)
+        if found.slowest < self.threshold:
             return None
-        velocities: FloatArray = self.rows @ (touching.basis @ (weights @ moving))
+        velocities: FloatArray = self.seen @ (touching.basis @ found.motion)
         return velocities
 
+    def counts(
+        self, velocities: FloatArray, requirements: Sequence[Requirement], rule: SignRule
+    ) -> bool:
+        """Return whether contact velocities meet requirements by the rule for motions.
+
+        Args:
+            velocities: (M, 3) along n, t1, t2.
+            requirements: At most one per contact.
+            rule: How a zero sign is read, and whether both components must move.
+        """
+        contacts, signs = _split(requirements)
+        size = float(np.linalg.norm(velocities))
+        here = velocities[list(contacts)]
+        rest, clear = RANK_TOLERANCE * size, self.threshold * size
+        along = signs * here[:, 1:]
+        if not contacts:
+            return True
+        if size == 0.0 or np.abs(here[:, 0]).max() > rest:
+            return False
+        if rule is SignRule.NONZERO:
+            both = (signs != 0).all(axis=1)
+            return bool((along >= -rest).all() and (along[both].sum(axis=1) >= clear).all())
+        zero = signs == 0
+        still = rule is not SignRule.EXACT or bool((np.abs(here[:, 1:][zero]) <= rest).all())
+        return still and bool((along[~zero] >= clear).all())
+
     def touching_basis(self, contacts: tuple[int, ...]) -> FloatArray:
-        """(6 + L, d) orthonormal basis of the motions that leave contacts touching."""
+        """(r, d) orthonormal basis of the motions y that leave contacts touching."""
         signs = np.zeros((len(contacts), 2), dtype=int)
         return self._touching_motions(contacts, signs, SignRule.STRICT).basis
 
-    def _combine(
+    def _fastest(
         self,
         contacts: tuple[int, ...],
         signs: NDArray[np.int_],
         rule: SignRule,
         importance: FloatArray | None = None,
-    ) -> tuple[_Touching, FloatArray, FloatArray, float]:
-        """Weights of the rows' combination nearest to zero, and its slack, 0 if it vanishes."""
+    ) -> tuple[_Touching, _Sliding]:
+        """The motion that slides fastest where it is slowest.
+
+        Where none is as fast as the threshold, the weights prove that.
+        """
         touching = self._touching_motions(contacts, signs, rule)
-        moving, strictness = _signed_rows(touching.tangential, signs, rule)
-        if not strictness.any():
-            return touching, moving, np.zeros(len(moving)), 1.0
-        system = np.empty((moving.shape[1] + 1, len(moving)))
-        system[:-1] = moving.T
-        system[-1] = strictness
-        target = np.zeros(len(system))
-        target[-1] = 1.0
+        moving, strict = _signed_rows(touching.tangential, signs, rule)
+        if not strict.any():
+            nothing = np.zeros(moving.shape[1])
+            return touching, _Sliding(nothing, np.inf, np.zeros(len(moving)))
         scale = np.ones(len(moving))
         if importance is not None and rule is not SignRule.NONZERO:
             # The algorithm takes the steepest rows first, so rows that are made longer go first.
             scale = importance[signs != 0]
-        try:
-            weights = scale * nnls(system * scale, target)[0]
-        except RuntimeError:  # too many iterations, seen on degenerate rows
-            weights, slack = _by_linear_program(moving, strictness)
-            return touching, moving, weights, slack
-        residual = target - system @ weights
-        slack = float(residual @ residual)
-        # The solver is not believed: a vanishing residual proves itself, and so does one on whose
-        # far side every row lies. A wrong answer has been seen on degenerate rows.
-        if slack > _NO_WITNESS and (residual @ system).max() > _ROUNDING + 1e-6 * slack:
-            weights, slack = _by_linear_program(moving, strictness)
-            return touching, moving, weights, slack
-        return touching, moving, weights, slack if slack > _NO_WITNESS else 0.0
+        found = _shortest(moving, strict, scale, self.threshold)
+        if found is None:
+            found = _by_linear_program(moving, strict, self.threshold)
+        if 0.1 * self.threshold <= np.linalg.norm(found.motion) < self.threshold:
+            self.undecided_near = True
+        return touching, found
 
     def _touching_motions(
         self, contacts: tuple[int, ...], signs: NDArray[np.int_], rule: SignRule
@@ -210,13 +279,14 @@ class VirtualKinematics:
             zeros = tuple(np.flatnonzero(signs.ravel() == 0).tolist())
         known = self._touching.get((contacts, zeros))
         if known is None:
-            still = [self.rows[contact, 0] for contact in contacts]
-            still += [self.rows[contacts[index // 2], 1 + index % 2] for index in zeros]
-            matrix = np.array(still).reshape(-1, self.rows.shape[2])
+            rows = self.seen
+            still = [rows[contact, 0] for contact in contacts]
+            still += [rows[contacts[index // 2], 1 + index % 2] for index in zeros]
+            matrix = np.array(still).reshape(-1, rows.shape[2])
             _, values, right = np.linalg.svd(matrix)
             rank = int((values > RANK_TOLERANCE * max(1.0, values.max(initial=0.0))).sum())
             basis = right[rank:].T
-            tangential = self.rows[list(contacts), 1:] @ basis
+            tangential = rows[list(contacts), 1:] @ basis
             # A row that vanishes there must vanish exactly, or rounding passes for a direction.
             tangential[np.linalg.norm(tangential, axis=2) < RANK_TOLERANCE] = 0.0
             if len(self._touching) >= MOST_KEPT:
@@ -232,51 +302,96 @@ class VirtualKinematics:
         still: FloatArray,
         weights: FloatArray,
     ) -> Conflict:
-        """Name the requirements whose combination vanishes."""
-        moving, _ = _signed_rows(self.rows[list(contacts), 1:], signs, rule)
+        """Name the requirements whose combination all but vanishes."""
+        moving, strict = _signed_rows(self.seen[list(contacts), 1:], signs, rule)
         weights = np.where(weights > _IN_CONFLICT * weights.max(), weights, 0.0)
+        weights /= float(weights @ strict)
         # Each weighted row stands for one component, or for both of a contact (their sum).
-        share = np.zeros((len(contacts), 2), dtype=bool)
+        share = np.zeros((len(contacts), 2))
         given = np.argwhere(signs != 0)
-        for (position, component), weight in zip(given, weights, strict=False):
-            share[position, component] |= weight > 0.0
+        np.add.at(share, tuple(given.T), weights[: len(given)])
         both = np.flatnonzero((signs != 0).all(axis=1))
-        for position, weight in zip(both, weights[len(given) :], strict=False):
-            share[position] |= weight > 0.0
+        share[both] += weights[len(given) :, None] if len(weights) > len(given) else 0.0
         items = tuple(
             (contacts[position], int(component), int(signs[position, component]))
-            for position, component in np.argwhere(share)
+            for position, component in np.argwhere(share > 0.0)
         )
         # The rest of the combination is carried by rows that vanish: a basic solution names few.
         rest = -(weights @ moving)
         try:
-            reactions, _ = nnls(np.hstack([still.T, -still.T]), rest)
-            reactions = np.abs(reactions[: len(still)] - reactions[len(still) :])
+            halves, _ = nnls(np.hstack([still.T, -still.T]), rest)
+            reactions = halves[: len(still)] - halves[len(still) :]
         except RuntimeError:
-            reactions = np.abs(np.linalg.lstsq(still.T, rest)[0])
-        owners = list(contacts)
+            reactions = np.linalg.lstsq(still.T, rest)[0]
+        owners, places = list(contacts), [0] * len(contacts)
         if rule is SignRule.EXACT:
-            owners += [contacts[index // 2] for index in np.flatnonzero(signs.ravel() == 0)]
-        largest = max(1.0, reactions.max(initial=0.0))
-        carrying = {
-            owner
-            for owner, reaction in zip(owners, reactions, strict=True)
-            if reaction > _IN_CONFLICT * largest
-        }
-        return Conflict(items, tuple(sorted(carrying - {contact for contact, _, _ in items})))
+            zeros = np.flatnonzero(signs.ravel() == 0)
+            owners += [contacts[index // 2] for index in zeros]
+            places += [int(1 + index % 2) for index in zeros]
+        largest = max(1.0, np.abs(reactions).max(initial=0.0))
+        combination, carrying = np.zeros(self.rows.shape[:2]), set[int]()
+        combination[list(contacts), 1:] = signs * share
+        for owner, place, reaction in zip(owners, places, reactions, strict=True):
+            if abs(reaction) > _IN_CONFLICT * largest:
+                carrying.add(owner)
+                combination[owner, place] = reaction
+        others = tuple(sorted(carrying - {contact for contact, _, _ in items}))
+        return Conflict(items, others, read_only(combination))
 
 
-def _by_linear_program(moving: FloatArray, strictness: FloatArray) -> tuple[FloatArray, float]:
-    """Decide by a linear program: the largest t <= 1 with moving x >= strictness t, x bounded.
+def _shortest(
+    moving: FloatArray, strict: FloatArray, scale: FloatArray, threshold: float
+) -> _Sliding | None:
+    """The shortest combination of rows, by nonnegative least squares; None where that fails.
 
-    Returns:
-        Weights of a combination that vanishes (the multipliers) and slack 0, or weights whose
-        combination is a witness and its slack.
+    The solver is not believed: a wrong answer has been seen on degenerate rows. A short combination
+    proves itself, and so does a motion that slides as fast as the threshold in all rows.
     """
+    best = None
+    for worth in _WORTH:
+        system = np.empty((moving.shape[1] + 1, len(moving)))
+        system[:-1] = moving.T
+        system[-1] = worth * strict
+        target = np.zeros(len(system))
+        target[-1] = worth
+        try:
+            weights = scale * nnls(system * scale, target)[0]
+        except RuntimeError:  # too many iterations, seen on degenerate rows
+            break
+        total = float(weights @ strict)
+        if total <= 0.0:
+            continue
+        found = _judged(moving, strict, weights / total)
+        size = float(np.linalg.norm(found.motion))
+        if size < threshold:
+            return found._replace(slowest=min(found.slowest, size))
+        if best is None or found.slowest > best.slowest:
+            best = found
+        if best.slowest >= CLEARLY * threshold:
+            return best
+    return None if best is None or best.slowest < threshold else best
+
+
+def _judged(moving: FloatArray, strict: FloatArray, weights: FloatArray) -> _Sliding:
+    """What a combination of rows is worth as a motion."""
+    motion = weights @ moving
+    size = float(np.linalg.norm(motion))
+    if size == 0.0:
+        return _Sliding(motion, 0.0, weights)
+    along = moving @ motion / size
+    needed = strict > 0.0
+    slowest = float(along[needed].min())
+    if (along[~needed] < -RANK_TOLERANCE).any():
+        slowest = 0.0
+    return _Sliding(motion, slowest, weights)
+
+
+def _by_linear_program(moving: FloatArray, strict: FloatArray, threshold: float) -> _Sliding:
+    """Decide by a linear program: the largest t <= 1 with moving y >= strict t, y bounded."""
     rows, size = moving.shape
     answer = linprog(
         np.append(np.zeros(size), -1.0),
-        A_ub=np.hstack([-moving, strictness[:, None]]),
+        A_ub=np.hstack([-moving, strict[:, None]]),
         b_ub=np.zeros(rows),
         bounds=[(-_LARGEST_MOTION, _LARGEST_MOTION)] * size + [(0.0, 1.0)],
         method="highs",
@@ -286,10 +401,16 @@ def _by_linear_program(moving: FloatArray, strictness: FloatArray) -> tuple[Floa
             f"No solver decided whether a virtual motion exists: {answer.message}"
         )
     if answer.x[-1] > 0.5:
-        motion = answer.x[:-1] / (1.0 + np.linalg.norm(answer.x[:-1]) ** 2)
-        return np.linalg.lstsq(moving.T, motion, rcond=None)[0], float(motion @ motion)
-    weights = -answer.ineqlin.marginals
-    return weights / weights.sum(), 0.0
+        motion = answer.x[:-1]
+        along = moving @ motion / np.linalg.norm(motion)
+        if along[strict > 0.0].min() >= threshold:
+            return _Sliding(motion, float(along[strict > 0.0].min()), np.zeros(rows))
+    weights = np.maximum(-answer.ineqlin.marginals, 0.0)
+    total = float(weights @ strict)
+    found = _judged(moving, strict, weights / total) if total > 0.0 else None
+    if found is None or np.linalg.norm(found.motion) >= threshold:
+        raise UndecidedMotionError("No solver decided whether a virtual motion exists.")
+    return found._replace(slowest=min(found.slowest, float(np.linalg.norm(found.motion))))
 
 
 def _scaled(local: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -17,8 +17,8 @@ RANK_TOLERANCE = 1e-8
 MOST_KEPT = 4096
 """Sets of contacts for which something is kept."""
 
-# The smallest slack 1/|x|^2, for unit requirements on x, that is accepted without a search.
-_CLEAR_WITNESS = 1e-10
+CLEARLY = 10.0
+"""How many times faster than the threshold a sliding is that needs no search."""
 _GLIMPSES = 4
 # Stands in for ranks where the answer is checked: of squared rows of unit size, far above their
 # rounding and far below what a motion needs.
@@ -47,27 +47,19 @@ class _Seen(NamedTuple):
             return signs
         return np.where(signs != 0.0, signs, np.where(self.sliding < 0.0, -1.0, 1.0))
 
-    def slides(self, signs: FloatArray | NDArray[np.int8]) -> bool:
-        """Whether it keeps the contacts touching and clearly slides with all signs."""
-        size = float(self.motion.dot(self.motion))
-        least = float(np.minimum.reduce(self.sliding * signs))
-        return (
-            least > 0.0
-            and least * least >= _CLEAR_WITNESS * size
-            and float(self.apart.dot(self.apart)) <= RANK_TOLERANCE**2 * size
-        )
-
 
 class NearestMotions:
     """Damped least squares over the motions that keep contacts touching, kept between calls."""
 
-    def __init__(self, rows: FloatArray) -> None:
+    def __init__(self, rows: FloatArray, clear: float) -> None:
         """Take the map of `VirtualKinematics`.
 
         Args:
             rows: (M, 3, 6 + L) from the scaled motion to velocities along n, t1, t2.
+            clear: The slowest sliding, over the length of all contact velocities, that counts.
         """
         self._rows = rows
+        self._clear = clear
         self._known: dict[tuple[int, ...], FloatArray] = {}
 
     def glimpse(
@@ -89,14 +81,14 @@ class NearestMotions:
         if near is not None and len(near) == self._rows.shape[2]:
             seen = self._held(contacts, near)
             full = seen.completed(signs)
-            if seen.slides(full):
+            if self._slides(seen, full):
                 return full, seen.motion
         nearest = self._motions(contacts)
         wanted = signs
         for _ in range(_GLIMPSES):
             seen = self._split(nearest @ wanted)
             full = seen.completed(signs)
-            if seen.slides(full):
+            if self._slides(seen, full):
                 return full, seen.motion
             wanted = full * np.maximum(seen.sliding * full, 1.0)
         return None
@@ -121,10 +113,24 @@ class NearestMotions:
         if contact_frames is not None:
             return contact_frames.motion_behind(
                 self._rows, contacts, signs, near,
-                _DAMPING, _CORRECTIONS, RANK_TOLERANCE, _CLEAR_WITNESS,
+                _DAMPING, _CORRECTIONS, RANK_TOLERANCE, self._clear**2,
             )  # fmt: skip
         seen = self._held(contacts, near)
-        return seen.motion if seen.slides(signs.ravel()) else None
+        return seen.motion if self._slides(seen, signs.ravel()) else None
+
+    def _slides(self, seen: _Seen, signs: FloatArray | NDArray[np.int8]) -> bool:
+        """Whether a motion keeps the contacts touching and clearly slides with all signs."""
+        least = float(np.minimum.reduce(seen.sliding * signs))
+        if not least > 0.0:
+            return False
+        size = self._size(seen.motion)
+        apart = float(seen.apart.dot(seen.apart))
+        return least * least >= self._clear**2 * size and apart <= RANK_TOLERANCE**2 * size
+
+    def _size(self, motion: FloatArray) -> float:
+        """Square of the length of all contact velocities of a motion."""
+        velocities = self._rows.reshape(-1, len(motion)).dot(motion)
+        return float(velocities.dot(velocities))
 
     def _held(self, contacts: tuple[int, ...], motion: FloatArray) -> _Seen:
         """The motion nearest to another that keeps the contacts touching."""
@@ -171,10 +177,10 @@ class NearestMotions:
             (s, 2), 0 where it is too slow to count as a sliding; None if none was found.
         """
         sliding, apart, motion = self._split(self._motions(contacts) @ wanted.ravel())
-        size = float(motion @ motion)
+        size = self._size(motion)
         if float(apart @ apart) > RANK_TOLERANCE**2 * size:
             return None
-        return np.where(sliding**2 >= _CLEAR_WITNESS * size, sliding, 0.0).reshape(-1, 2)
+        return np.where(sliding**2 >= self._clear**2 * size, sliding, 0.0).reshape(-1, 2)
 
     def _split(self, found: FloatArray) -> _Seen:
         """What a product of `_motions` says."""

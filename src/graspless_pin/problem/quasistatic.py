@@ -37,6 +37,7 @@ from graspless_pin.problem.matrices import (
     kinetic_directions,
     wrench_map,
 )
+from graspless_pin.problem.scales import Scales, scales_of
 
 
 @lru_cache(maxsize=64)
@@ -266,6 +267,13 @@ class QuasistaticProblem:
     def joint_count(self) -> int:
         """L, the number of columns of `J`."""
         return self.jacobian.shape[1]
+
+    @cached_property
+    def scales(self) -> Scales:
+        """What forces, moments and torques of this problem are measured against: its load."""
+        return scales_of(
+            self.positions, self.external_wrench, self.jacobian, self.max_normal_force
+        )
 
     @cached_property
     def is_sliding(self) -> NDArray[np.bool_]:

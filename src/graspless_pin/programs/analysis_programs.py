@@ -8,7 +8,7 @@ import numpy as np
 
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.force_programs import ForceCoordinates, ForceRows
-from graspless_pin.programs.program import Program
+from graspless_pin.programs.program import FARTHEST, Program
 
 
 def force_set_program(
@@ -21,7 +21,7 @@ def force_set_program(
     Args:
         rows: Constraints of the problem.
         coordinates: Its force coordinates.
-        torque: (L,) torques that the contacts must make, over the torque scale.
+        torque: (L,) torques that the contacts must make, over the joint scale.
         reach: Largest normal force that is looked at, over F.
     """
     low, high = _cone_box(rows, coordinates, reach)
@@ -80,7 +80,8 @@ def held_margin_program(
     sides = np.vstack([rows.faces, rows.normal, bare])
     held = np.vstack([rows.balance, rows.torque])
     u = np.concatenate([np.zeros(len(rows.faces)), rows.limit, np.zeros(len(bare))])
-    low, high = _cone_box(rows, coordinates, 1e3)
+    most = min(1e3 * float(rows.limit.max()), FARTHEST)
+    low, high = _cone_box(rows, coordinates, most)
     imposed = np.full(rows.size + 1, -np.inf)
     imposed[coordinates.normal] = 0.0
     # The forces stay in their cones whatever the margin beyond the normal-force limit is.
@@ -95,7 +96,7 @@ def held_margin_program(
         u=np.concatenate([u, np.zeros(len(cones))]),
         lb=imposed,
         ub=np.full(rows.size + 1, np.inf),
-        box=np.vstack([np.append(low, -1e3), np.append(high, 1.0)]),
+        box=np.vstack([np.append(low, -most), np.append(high, float(rows.limit.max()))]),
     )
 
 
@@ -114,7 +115,7 @@ def disturbance_program(
         rows: Constraints of the problem.
         coordinates: Its force coordinates.
         direction: (6,) wrench per newton of disturbance.
-        torque: (L,) torques that the contacts must make, over the torque scale; None: any within
+        torque: (L,) torques that the contacts must make, over the joint scale; None: any within
             the limits.
     """
     push = rows.weight * direction
@@ -161,8 +162,8 @@ def relief_program(
 ) -> Program:
     """The smallest change of one kind of limit that makes a margin feasible.
 
-    The last variable s >= 0 is how much is given: to one joint's limits or to all joints' (torque
-    scale), to all normal-force limits (F), or as an outside help in the balance (F, the largest
+    The last variable s >= 0 is how much is given: to one joint's limits (its joint scale) or to all
+    joints' (the torque scale), to all normal-force limits (F), or as an outside help in the balance (F, the largest
     component of a wrench with moments over the length scale).
 
     Args:
@@ -181,7 +182,7 @@ def relief_program(
     most += float(np.abs(rows.torque).sum())
     given = np.zeros(len(rows.torque))
     if joint == -1:
-        given[:] = 1.0
+        given[:] = coordinates.torque_scale / coordinates.joint_scale
     elif joint is not None:
         given[joint] = 1.0
     # A limit of zero beside a nonzero one is a direction that cannot be pushed: it stays.

@@ -13,13 +13,16 @@ from enum import Enum
 import numpy as np
 
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.programs.program import Program, elastic
+from graspless_pin.programs.polish import polished
+from graspless_pin.programs.program import Program, elastic, elastic_multipliers
 
 PRIMAL_TOLERANCE = 1e-7
-"""Largest accepted violation of a constraint, in scaled units."""
+"""Largest accepted violation of a constraint, in scaled units: of the load."""
 GAP_TOLERANCE = 1e-7
-"""Largest accepted distance between an objective and its proven bound, in scaled units."""
+"""Largest accepted distance between an objective and its proven bound, in scaled units, or relative
+to the objective where that is larger."""
 _INFEASIBLE = 1e-8
+_SHRUNK_BY = (1e3, 1e6)
 
 Multipliers = tuple[FloatArray, FloatArray, FloatArray]
 """A solution x with multipliers of the equalities and of the rows, as a solver left them."""
@@ -42,7 +45,7 @@ class Answer:
     Attributes:
         outcome: What is proven.
         x: (n,) solution; empty unless solved.
-        y: (m,) multipliers of the equalities (of the elastic program's rows if infeasible).
+        y: (m,) multipliers of the equalities: of the bound, or of the proof where infeasible.
         z: (k,) multipliers of the inequality rows, positive on the upper side.
         value: Objective at x; inf unless solved.
         bound: Proven lower bound on the objective.
@@ -86,17 +89,39 @@ def checked_answer(program: Program, backend: Backend, name: str, cutoff: float)
     Returns:
         A solved or infeasible answer, or a failed one with the bound that is proven all the same.
     """
-    raw = backend(program)
+    best = -np.inf
+    near = program.opened()
+    for factor in (1.0, *(one for one in _SHRUNK_BY if near.has_sides_beyond(one))):
+        answer = _tried(program, near, factor, backend, name, cutoff)
+        if answer.outcome is not Outcome.FAILED:
+            return answer
+        best = max(best, answer.bound)
+    return failed(best)
+
+
+def _tried(
+    program: Program, near: Program, factor: float, backend: Backend, name: str, cutoff: float
+) -> Answer:
+    """Ask a solver for a program shrunk by a factor, and hold its answer against the program."""
+    raw = backend(near if factor == 1.0 else near.shrunk(factor))
     if raw is None:
         return failed(-np.inf)
-    answer = proven(program, raw, name, cutoff)
+    found = raw if factor == 1.0 else (factor * raw[0], raw[1], raw[2])
+    answer = proven(program, found, name, cutoff)
     if answer.outcome is not Outcome.FAILED:
         return answer
-    _, y, z = raw
-    proof = program.infeasibility_bound(y, z)
-    if proof <= _INFEASIBLE:
-        proof = _elastic_proof(program, backend)
-    return _infeasible(np.inf, proof, name) if proof > _INFEASIBLE else answer
+    nearer = polished(program, found)
+    if nearer is not None:
+        again = proven(program, nearer, name, cutoff)
+        if again.outcome is not Outcome.FAILED:
+            return again
+    bound = answer.bound
+    for multipliers in (found[1:], _elastic_multipliers(program, backend)):
+        if multipliers is not None:
+            proof = program.infeasibility_bound(*multipliers)
+            if proof > _INFEASIBLE:
+                return _infeasible(np.inf, proof, *multipliers, name)
+    return failed(bound)
 
 
 def proven(program: Program, found: Multipliers, name: str, cutoff: float) -> Answer:
@@ -113,9 +138,10 @@ def proven(program: Program, found: Multipliers, name: str, cutoff: float) -> An
     """
     x, y, z = found
     bound, value, residual = program.judged(x, y, z)
-    if bound > cutoff + _INFEASIBLE:
-        return _infeasible(bound, max(program.infeasibility_bound(y, z), 0.0), name)
-    if value - bound <= GAP_TOLERANCE and residual <= PRIMAL_TOLERANCE:
+    if bound > cutoff + _INFEASIBLE * max(1.0, abs(cutoff) if np.isfinite(cutoff) else 1.0):
+        return _infeasible(bound, max(program.infeasibility_bound(y, z), 0.0), y, z, name)
+    tolerance = GAP_TOLERANCE * max(1.0, abs(value))
+    if abs(value - bound) <= tolerance and residual <= PRIMAL_TOLERANCE:
         return Answer(Outcome.SOLVED, x, y, z, value, bound, residual, 0.0, name)
     return failed(bound)
 
@@ -126,13 +152,17 @@ def failed(bound: float) -> Answer:
     return Answer(Outcome.FAILED, empty, empty, empty, np.inf, bound, np.inf, 0.0, "")
 
 
-def _infeasible(bound: float, proof: float, name: str) -> Answer:
-    empty = np.zeros(0)
-    return Answer(Outcome.INFEASIBLE, empty, empty, empty, np.inf, bound, np.inf, proof, name)
+def _infeasible(bound: float, proof: float, y: FloatArray, z: FloatArray, name: str) -> Answer:
+    return Answer(Outcome.INFEASIBLE, np.zeros(0), y, z, np.inf, bound, np.inf, proof, name)
 
 
-def _elastic_proof(program: Program, backend: Backend) -> float:
-    """Return the proven smallest common violation of all rows, from the elastic program."""
+def _elastic_multipliers(
+    program: Program, backend: Backend
+) -> tuple[FloatArray, FloatArray] | None:
+    """Multipliers of the rows that prove the smallest common violation, from the elastic program."""
     relaxed = elastic(program)
     raw = backend(relaxed)
-    return -np.inf if raw is None else relaxed.dual_bound(raw[1], raw[2])
+    if raw is None:
+        return None
+    found = polished(relaxed, raw) or raw
+    return elastic_multipliers(program, max((raw, found), key=lambda one: relaxed.dual_bound(*one[1:]))[2])

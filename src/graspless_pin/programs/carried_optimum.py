@@ -110,7 +110,8 @@ def carried(program: Program, near: Optimum, cutoff: float) -> tuple[Answer, Opt
     answer = proven(program, (x, *split), near.solver, cutoff)
     if answer.outcome is Outcome.FAILED:
         return None
-    if answer.outcome is Outcome.SOLVED and max(answer.residual, answer.gap) > _EXACT:
+    exact = _EXACT * max(1.0, abs(answer.value))
+    if answer.outcome is Outcome.SOLVED and max(answer.residual, abs(answer.gap)) > exact:
         return None
     return answer, Optimum(
         x, sizes, near.rows, near.at_bounds, near.unit, near.upper, weights, near.solver

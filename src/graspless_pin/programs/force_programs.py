@@ -2,14 +2,13 @@
 
 The unknown is not the edge weights k of (44) and (45) but the force itself, in contact
 coordinates: x_l = (n^T f, t1^T f, t2^T f) / F where there is a friction cone, and n^T f / F alone
-where the direction is known (actual sliding, no friction). F is the largest normal-force limit.
+where the direction is known (actual sliding, no friction). F is the load, see `problem.scales`.
 Then C k with k >= 0 becomes H^T f <= 0, (27) fixes variables at zero and (31) bounds them, so all
 modes of a problem differ in bounds only.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -19,10 +18,10 @@ from numpy.typing import NDArray
 
 from graspless_pin.compiled import contact_frames, linear_programs
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray, read_only, squared_lengths
+from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.contact_map import contact_map
 from graspless_pin.programs.force_layout import ConeRows, ForceLayout, cone_rows, layout_of
-from graspless_pin.programs.program import Program
+from graspless_pin.programs.program import FARTHEST, Program
 
 _BALANCE = 6
 """Rows of the balance (19), which come first in every program."""
@@ -36,17 +35,21 @@ class ForceCoordinates:
         directions: (M, 3, 3) rows n, t1, t2 of each contact; the first is the force per newton of
             normal force where there is no cone.
         layout: Where the coordinates stand.
-        force_scale: F, the largest normal-force limit, N.
-        torque_scale: The largest finite torque limit (or, without one, the largest torque that
-            the contacts can make), N m.
+        force_scale: F, the load, N.
+        joint_scale: (L,) torques that the load makes on each joint, N m, for the torque rows.
         length_scale: Size of the contact arrangement, m, for the moment rows.
     """
 
     directions: FloatArray
     layout: ForceLayout
     force_scale: float
-    torque_scale: float
+    joint_scale: FloatArray
     length_scale: float
+
+    @cached_property
+    def torque_scale(self) -> float:
+        """The largest joint scale, N m: the unit of Algorithm 2's largest torque."""
+        return float(np.maximum.reduce(self.joint_scale, initial=0.0)) or self.force_scale
 
     @cached_property
     def basis(self) -> FloatArray:
@@ -78,22 +81,9 @@ class ForceCoordinates:
 
 
 def force_coordinates(problem: QuasistaticProblem) -> ForceCoordinates:
-    """Choose coordinates and scales for a problem."""
-    layout = layout_of(problem)
-    force = max(problem.max_normal_force.tolist())
-    torque = max(_largest_finite(problem.lower_torque), _largest_finite(problem.upper_torque))
-    if torque == 0.0:
-        reach = force * np.abs(problem.jacobian).sum(axis=0).max(initial=0.0)
-        torque = float(reach) or 1.0
-    length = math.sqrt(max(squared_lengths(problem.positions).tolist())) or 1.0
-    return ForceCoordinates(_directions(problem, layout), layout, force, torque, length)
-
-
-def _largest_finite(values: FloatArray) -> float:
-    """The largest size of a finite entry, 0 without any."""
-    if linear_programs is not None:
-        return linear_programs.largest_finite(values)
-    return max([abs(value) for value in values.tolist() if math.isfinite(value)], default=0.0)
+    """Choose coordinates for a problem, scaled by its load."""
+    layout, (force, length, joints) = layout_of(problem), problem.scales
+    return ForceCoordinates(_directions(problem, layout), layout, force, joints, length)
 
 
 def _directions(problem: QuasistaticProblem, layout: ForceLayout) -> FloatArray:
@@ -120,10 +110,10 @@ class ForceRows(NamedTuple):
         balance: (6, n) W f / F, moment rows over the length scale.
         wrench: (6,) right-hand side of the balance (19).
         weight: (6,) scale of each balance row: 1, or 1 over the length scale.
-        torque: (L, n) J^T f / torque scale (18).
-        lower: (L,) lower torque limits less gravity, scaled.
-        upper: (L,) upper torque limits less gravity, scaled.
-        gravity: (L,) g / torque scale.
+        torque: (L, n) J^T f / joint scale (18).
+        lower: (L,) lower torque limits less gravity, over the joint scale.
+        upper: (L,) upper torque limits less gravity, over the joint scale.
+        gravity: (L,) g / joint scale.
         box: (2, n) bounds of forces inside cones: 0 <= n^T f <= limit, |t^T f| <= mu limit.
     """
 
@@ -149,7 +139,7 @@ class ForceRows(NamedTuple):
 def force_rows(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> ForceRows:
     """Assemble the constraints of a problem in its force coordinates."""
     layout, shared = coordinates.layout, cone_rows(problem)
-    force, torque = coordinates.force_scale, coordinates.torque_scale
+    force, joints = coordinates.force_scale, coordinates.joint_scale
     limit = problem.max_normal_force / force
     weight = np.ones(6)
     weight[3:] = 1.0 / coordinates.length_scale
@@ -162,10 +152,10 @@ def force_rows(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> Fo
         balance=(effects[:, :6] * weight).T,
         wrench=-weight * problem.external_wrench / force,
         weight=weight,
-        torque=(effects[:, 6:] * (force / torque)).T,
-        lower=(problem.lower_torque - problem.gravity_torques) / torque,
-        upper=(problem.upper_torque - problem.gravity_torques) / torque,
-        gravity=problem.gravity_torques / torque,
+        torque=(effects[:, 6:] * (force / joints)).T,
+        lower=(problem.lower_torque - problem.gravity_torques) / joints,
+        upper=(problem.upper_torque - problem.gravity_torques) / joints,
+        gravity=problem.gravity_torques / joints,
         box=shared.reach * limit[layout.owner],
     )
 
@@ -191,6 +181,16 @@ def margin_program(
     """
     shared = cone_rows(problem)
     rows, low, high, box = _margin_rows(problem, coordinates, shared)
+    whole = None
+    if problem.max_normal_force.max() > FARTHEST * coordinates.force_scale:
+        limit = problem.max_normal_force / coordinates.force_scale
+        near, whole = (
+            _widened(one, 0.5 * min(float(limit.min()), most))
+            for one, most in zip(
+                _boxes(shared, coordinates, limit), (FARTHEST, np.inf), strict=True
+            )
+        )
+        box = near
     return Program.of_rows(
         rows,
         _BALANCE,
@@ -204,6 +204,7 @@ def margin_program(
         # The box speaks of forces inside their cones, that is of e >= 0: what it proves, it
         # proves of those, and a proven bound above zero on -e proves that there are none.
         box=box,
+        whole_box=whole,
     )
 
 
@@ -226,7 +227,7 @@ def _margin_rows(
             problem.upper_torque,
             problem.gravity_torques,
             coordinates.force_scale,
-            coordinates.torque_scale,
+            coordinates.joint_scale,
             coordinates.length_scale,
         )
         return columns.T, low, high, box
@@ -253,50 +254,110 @@ def torque_program(
     """Algorithm 2 (45) without (27) and (31): minimise t + (eps/2) |f/F|^2 at a required margin.
 
     The last variable t is the largest |torque| in units of the torque scale, or the largest share
-    of any joint's own limit when ``by_limits``. The motors' torques J^T f + g obey their limits.
+    of any joint's own limit in units of `torque_unit` when ``by_limits``. The motors' torques
+    J^T f + g obey their limits.
     """
     rows, shared = force_rows(problem, coordinates), cone_rows(problem)
     size, torque, gravity = rows.size, rows.torque, rows.gravity
     e = margin / coordinates.force_scale
-    up = down = np.ones(len(torque), dtype=bool)
-    unit_up = unit_down = np.ones(len(torque))
-    if by_limits:
-        # The share of a limit is counted on the side where the torque is; a limit of zero, or
-        # one on the wrong side of zero, stays a hard row and has no share.
-        scale = coordinates.torque_scale
-        unit_up, unit_down = problem.upper_torque / scale, -problem.lower_torque / scale
-        up = np.isfinite(unit_up) & (unit_up > 0.0)
-        down = np.isfinite(unit_down) & (unit_down > 0.0)
-        unit_up, unit_down = unit_up[up], unit_down[down]
-    blocks = rows.faces, torque[up], -torque[down], torque
-    first, middle = len(rows.faces), len(rows.faces) + len(unit_up)
-    last = middle + len(unit_down)
+    up, down = share_rows(problem, coordinates, by_limits=by_limits)
+    above, below = up.torque[:, None] * torque[up.counts], down.torque[:, None] * torque[down.counts]
+    first, middle = len(rows.faces), len(rows.faces) + len(above)
+    last = middle + len(below)
     stack = _stack(rows, _BALANCE + last + len(torque))
     G = stack[_BALANCE:]
-    np.concatenate(blocks, out=G[:, :size])
+    np.concatenate((rows.faces, above, -below, torque), out=G[:, :size])
     G[:, size] = 0.0
-    G[first:middle, size] = -unit_up
-    G[middle:last, size] = -unit_down
-    u = rows.wrench, np.full(first, -e), -gravity[up], gravity[down], rows.upper
+    G[first:middle, size] = -up.level
+    G[middle:last, size] = -down.level
+    own = -up.torque * gravity[up.counts], down.torque * gravity[down.counts]
     low, high = shared.free.copy()
     high[coordinates.normal] = rows.limit - e
     low[coordinates.normal[rows.bare]] = e
     low[-1] = 0.0
-    reach = np.abs(torque) @ rows.box[1] + np.abs(gravity)
-    shares = reach[up] / unit_up, reach[down] / unit_down
-    highest = float(np.concatenate(shares).max(initial=0.0)) + 1.0
+    boxes = _boxes(shared, coordinates, rows.limit)
+    highest = []
+    for box in boxes:
+        most = np.abs(torque) @ box[1] + np.abs(gravity)
+        levels = [one.torque * most[one.counts] / one.level for one in (up, down)]
+        highest.append(float(np.concatenate(levels).max(initial=0.0)) + 1.0)
     return Program.of_rows(
         stack,
         _BALANCE,
         np.concatenate((rows.wrench, np.full(last, -np.inf), rows.lower)),
-        np.concatenate(u),
+        np.concatenate((rows.wrench, np.full(first, -e), *own, rows.upper)),
         linear=regularization == 0.0,
         P=_quadratic(coordinates, shared, regularization),
         c=shared.last[1],
         lb=low,
         ub=high,
-        box=_widened(rows.box, highest),
+        box=_widened(boxes[0], highest[0]),
+        whole_box=_widened(boxes[-1], highest[-1]) if len(boxes) > 1 else None,
     )
+
+
+def torque_unit(
+    problem: QuasistaticProblem, coordinates: ForceCoordinates, *, by_limits: bool
+) -> float:
+    """Return the unit of t in Algorithm 2.
+
+    The torque scale, N m; ``by_limits`` the largest share of any joint's own limit that the load's
+    torque is, at most 1, so that limits far above the load cost no digits.
+    """
+    if not by_limits:
+        return coordinates.torque_scale
+    limits = np.concatenate([problem.upper_torque, -problem.lower_torque])
+    counts = np.isfinite(limits) & (limits > 0.0)
+    shares = np.tile(coordinates.joint_scale, 2)[counts] / limits[counts]
+    return min(float(shares.max(initial=0.0)), 1.0) or 1.0
+
+
+class ShareRows(NamedTuple):
+    """The rows of one side that say which torque t is the largest of: torque x - t' level <= ...
+
+    Attributes:
+        counts: (L,) bool, joints that have such a row: a limit of zero, or one on the wrong side of
+            zero, stays a hard row and has no share.
+        torque: Factor of each joint's row of torques, in joint scales.
+        level: What t in `torque_unit` is multiplied by.
+        weight: Multiplier of J^T f + g <= t, or t times the limit, in SI units for one of the row.
+    """
+
+    counts: NDArray[np.bool_]
+    torque: FloatArray
+    level: FloatArray
+    weight: FloatArray
+
+
+def share_rows(
+    problem: QuasistaticProblem, coordinates: ForceCoordinates, *, by_limits: bool
+) -> tuple[ShareRows, ShareRows]:
+    """Return the rows of the torques upwards and downwards, no entry of which is above 1."""
+    joints = coordinates.joint_scale
+    unit = torque_unit(problem, coordinates, by_limits=by_limits)
+    if not by_limits:
+        all_ = np.ones(len(joints), dtype=bool)
+        one = np.ones(len(joints))
+        both = ShareRows(all_, joints / unit, one, one)
+        return both, both
+    sides = []
+    for limit in (problem.upper_torque, -problem.lower_torque):
+        counts = np.isfinite(limit) & (limit > 0.0)
+        share = joints[counts] / limit[counts] / unit
+        size = np.maximum(share, 1.0)
+        sides.append(ShareRows(counts, share / size, 1.0 / size, 1.0 / (size * limit[counts])))
+    return sides[0], sides[1]
+
+
+def _boxes(
+    shared: ConeRows, coordinates: ForceCoordinates, limit: FloatArray
+) -> tuple[FloatArray, ...]:
+    """Bounds of the forces that proofs look at, and where those are fewer, of all forces."""
+    owner = coordinates.layout.owner
+    whole = shared.reach * limit[owner]
+    if limit.max() <= FARTHEST:
+        return (whole,)
+    return shared.reach * np.minimum(limit, FARTHEST)[owner], whole
 
 
 def _stack(rows: ForceRows, count: int) -> FloatArray:

@@ -8,7 +8,7 @@ import numpy as np
 
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.programs.force_programs import force_coordinates
+from graspless_pin.programs.force_programs import force_coordinates, share_rows, torque_unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ def constraint_multipliers(
         by_limits: Whether Algorithm 2 counted shares of the limits.
     """
     coordinates = force_coordinates(problem)
-    force, torque = coordinates.force_scale, coordinates.torque_scale
+    force = coordinates.force_scale
     weight = np.repeat([1.0, 1.0 / coordinates.length_scale], 3)
     count, joints = problem.contact_count, problem.joint_count
     cones = int(problem.has_cone.sum())
@@ -58,27 +58,25 @@ def constraint_multipliers(
     upper, lower = np.maximum(hard, 0.0), np.maximum(-hard, 0.0)
     normal_upper, normal_lower = np.zeros(count), np.zeros(count)
     share_upper, share_lower = np.zeros(joints), np.zeros(joints)
-    # The objective's own unit: F for the margin, the torque scale for the torque, 1 for a share.
+    # The objective's own unit: F for the margin.
     if algorithm == "margin":
         unit = force
         normal_upper = rest[:count]
         normal_lower[~problem.has_cone] = rest[count : count + int((~problem.has_cone).sum())]
     else:
-        unit = 1.0 if by_limits else torque
-        up, down = np.ones(joints, dtype=bool), np.ones(joints, dtype=bool)
-        if by_limits:
-            up = np.isfinite(problem.upper_torque) & (problem.upper_torque > 0.0)
-            down = np.isfinite(problem.lower_torque) & (problem.lower_torque < 0.0)
-        share_upper[up] = rest[: up.sum()] * (unit / torque)
-        share_lower[down] = rest[up.sum() : up.sum() + down.sum()] * (unit / torque)
+        unit = torque_unit(problem, coordinates, by_limits=by_limits)
+        up, down = share_rows(problem, coordinates, by_limits=by_limits)
+        first, second = int(up.counts.sum()), int(down.counts.sum())
+        share_upper[up.counts] = up.weight * rest[:first]
+        share_lower[down.counts] = down.weight * rest[first : first + second]
     per_force = unit / force
     return ConstraintMultipliers(
         balance=weight * y * per_force,
         faces=faces.reshape(cones, problem.cone_edges) * per_force,
         normal_upper=normal_upper * per_force,
         normal_lower=normal_lower * per_force,
-        torque_upper=upper * (unit / torque),
-        torque_lower=lower * (unit / torque),
+        torque_upper=upper * (unit / coordinates.joint_scale),
+        torque_lower=lower * (unit / coordinates.joint_scale),
         share_upper=share_upper,
         share_lower=share_lower,
     )

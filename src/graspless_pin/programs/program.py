@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -13,6 +13,10 @@ from scipy.sparse import csr_array
 from graspless_pin.compiled import linear_programs
 from graspless_pin.problem.checks import FloatArray
 
+FARTHEST = 1e8
+"""Bounds are proven for variables up to this size: double precision resolves no more."""
+UNREACHED = 1e12
+"""Stands for a limit that is out of reach."""
 _LARGEST_DENSE = 8192
 LARGEST_IN_C = 65536
 """Entries of the rows from which on numpy's and LAPACK's products are faster than plain loops."""
@@ -36,6 +40,7 @@ class Program:
         lb: (n,) lower bounds to be imposed, -inf where there is none.
         ub: (n,) upper bounds to be imposed, inf where there is none.
         box: (2, n) finite bounds that are implied by the constraints: for proofs, not imposed.
+        whole_box: (2, n) where those of `box` hold of the nearer solutions only, bounds of all.
     """
 
     P: FloatArray
@@ -48,6 +53,7 @@ class Program:
     lb: FloatArray
     ub: FloatArray
     box: FloatArray
+    whole_box: FloatArray | None = None
 
     @classmethod
     def of_rows(
@@ -58,7 +64,7 @@ class Program:
         high: FloatArray,
         *,
         linear: bool,
-        **others: FloatArray,
+        **others: FloatArray | None,
     ) -> Program:
         """Return a program whose A and G are the first ``count`` rows of one array and the rest.
 
@@ -68,7 +74,7 @@ class Program:
             low: (m + k,) their lower sides: b, then l; kept.
             high: (m + k,) their upper sides: b, then u; kept.
             linear: Whether P is zero.
-            others: P, c, lb, ub and box.
+            others: P, c, lb, ub, box and, if there is one, whole_box.
         """
         program = object.__new__(cls)  # a third of the constructor's time
         program.__dict__.update(
@@ -120,8 +126,51 @@ class Program:
             lb=self.lb[kept],
             ub=self.ub[kept],
             box=self.box[:, kept],
+            whole_box=None if self.whole_box is None else self.whole_box[:, kept],
         )
         return smaller, kept
+
+    def opened(self) -> Program:
+        """Return the program without the limits that are too far away for double precision.
+
+        Solvers are asked for this one, and their answers are held against all limits.
+        """
+        sides = self.l, self.u, self.lb, self.ub
+        if not any((np.isfinite(one) & (np.abs(one) > FARTHEST)).any() for one in sides):
+            return self
+        least, most = (np.where(one < -FARTHEST, -np.inf, one) for one in (self.l, self.lb))
+        high, upper = (np.where(one > FARTHEST, np.inf, one) for one in (self.u, self.ub))
+        # A limit that is far on its wrong side cannot be met: any far figure says so.
+        return replace(
+            self,
+            l=np.minimum(least, UNREACHED),
+            lb=np.minimum(most, UNREACHED),
+            u=np.maximum(high, -UNREACHED),
+            ub=np.maximum(upper, -UNREACHED),
+        )
+
+    def has_sides_beyond(self, size: float) -> bool:
+        """Return whether any limit or right-hand side is larger than a size."""
+        sides = np.concatenate([*self.sides, self.lb, self.ub])
+        return bool((np.abs(sides[np.isfinite(sides)]) > size).any())
+
+    def shrunk(self, factor: float) -> Program:
+        """Return the program in variables that are smaller by a factor; its multipliers stay.
+
+        Args:
+            factor: Positive; the value becomes smaller by it, too.
+        """
+        return replace(
+            self,
+            P=self.P * factor,
+            b=self.b / factor,
+            l=self.l / factor,
+            u=self.u / factor,
+            lb=self.lb / factor,
+            ub=self.ub / factor,
+            box=self.box / factor,
+            whole_box=None if self.whole_box is None else self.whole_box / factor,
+        )
 
     @cached_property
     def is_linear(self) -> bool:
@@ -157,7 +206,11 @@ class Program:
     @cached_property
     def reach(self) -> tuple[FloatArray, FloatArray]:
         """Bounds of every variable, imposed and implied."""
-        return np.maximum(self.box[0], self.lb), np.minimum(self.box[1], self.ub)
+        return self.within(self.box)
+
+    def within(self, box: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return a box of the variables as the imposed bounds leave it."""
+        return np.maximum(box[0], self.lb), np.minimum(box[1], self.ub)
 
     @cached_property
     def worst(self) -> float:
@@ -166,10 +219,11 @@ class Program:
         The largest objective value inside the box, which no bound of a feasible program exceeds,
         or a cutoff below it.
         """
-        highest = float(self.c @ np.where(self.c >= 0.0, self.box[1], self.box[0]))
+        box = self.box if self.whole_box is None else self.whole_box
+        highest = float(self.c @ np.where(self.c >= 0.0, box[1], box[0]))
         if self.is_linear:
             return highest
-        return highest + float(0.5 * self.P @ np.abs(self.box).max(axis=0) ** 2)
+        return highest + float(0.5 * self.P @ np.abs(box).max(axis=0) ** 2)
 
     def value(self, x: FloatArray) -> float:
         """Return the objective at x."""
@@ -196,7 +250,7 @@ class Program:
         """
         slope, constant = self._lagrangian(np.concatenate((y, z)))
         slope += self.c
-        return self._smallest(slope, curved=not self.is_linear) + constant
+        return self._smallest(slope, self.reach, curved=not self.is_linear) + constant
 
     def judged(self, x: FloatArray, y: FloatArray, z: FloatArray) -> tuple[float, float, float]:
         """Return `dual_bound`, `value` and `residual` of a solution and its multipliers."""
@@ -217,7 +271,8 @@ class Program:
         if not (np.isfinite(size) and size > 0.0):
             return -np.inf
         slope, constant = self._lagrangian(weights / size)
-        return self._smallest(slope, curved=False) + constant
+        reach = self.reach if self.whole_box is None else self.within(self.whole_box)
+        return self._smallest(slope, reach, curved=False) + constant
 
     def _lagrangian(self, weights: FloatArray) -> tuple[FloatArray, float]:
         """Slope and constant of what the multipliers add to the objective.
@@ -232,14 +287,17 @@ class Program:
         constant = -float(weights.dot(np.where(there, side, 0.0)))
         return self.products[1].dot(weights), constant
 
-    def _smallest(self, slope: FloatArray, *, curved: bool) -> float:
-        """Smallest value of 1/2 x^T diag(P) x + slope^T x over the bounds, imposed and implied.
+    def _smallest(
+        self, slope: FloatArray, reach: tuple[FloatArray, FloatArray], *, curved: bool
+    ) -> float:
+        """Smallest value of 1/2 x^T diag(P) x + slope^T x over bounds.
 
         Args:
             slope: (n,) the linear term.
+            reach: Bounds of every variable.
             curved: Whether P counts.
         """
-        low, high = self.reach
+        low, high = reach
         at = np.where(slope >= 0.0, low, high)
         if not curved:
             return float(slope.dot(at))
@@ -278,7 +336,7 @@ def elastic(program: Program) -> Program:
         ]
     )
     sides = np.concatenate([program.b, -program.b, program.u[finite_u], -program.l[finite_l]])
-    low, high = program.reach
+    low, high = program.reach if program.whole_box is None else program.within(program.whole_box)
     reach = np.maximum(np.abs(low), np.abs(high))
     worst = float((np.abs(rows[:, :n]) @ reach + np.abs(sides)).max(initial=0.0)) + 1.0
     return Program(
@@ -293,3 +351,21 @@ def elastic(program: Program) -> Program:
         ub=np.append(high, worst),
         box=np.vstack([np.append(low, 0.0), np.append(high, worst)]),
     )
+
+
+def elastic_multipliers(
+    program: Program, multipliers: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return multipliers of a program's own rows, A and G, from those of its elastic program.
+
+    Args:
+        program: The program.
+        multipliers: Of the rows of `elastic`.
+    """
+    m, up, down = len(program.b), np.isfinite(program.u), np.isfinite(program.l)
+    weights = np.maximum(multipliers, 0.0)
+    y = weights[:m] - weights[m : 2 * m]
+    z = np.zeros(len(program.u))
+    z[up] += weights[2 * m : 2 * m + int(up.sum())]
+    z[down] -= weights[2 * m + int(up.sum()) :]
+    return y, z

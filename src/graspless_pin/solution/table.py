@@ -178,7 +178,7 @@ def contact_state(solution: TorqueSolution, contact: int) -> str:
     force = solution.contact_forces.ravel()
     columns = np.abs(problem.H[3 * contact : 3 * contact + 3]).sum(axis=0) > 0.0
     distance = -(problem.H[:, columns].T @ force).max()
-    return "at its limit" if distance <= _AT_LIMIT * problem.max_normal_force.max() else "sticking"
+    return "at its limit" if distance <= _AT_LIMIT * problem.scales.force else "sticking"
 
 
 def limit_shares(torques: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:

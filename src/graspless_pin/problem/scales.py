@@ -1,0 +1,58 @@
+"""The scales of a problem: what a force, a moment and a torque of it are measured against."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from graspless_pin.compiled import contact_frames
+from graspless_pin.problem.checks import FloatArray, read_only, squared_lengths
+
+LEAST_LEVER = 1e-12
+"""A joint's lever shorter than this share of the longest counts as so long."""
+
+
+class Scales(NamedTuple):
+    """What tolerances, programs and proofs of a problem are relative to.
+
+    Attributes:
+        force: F, the load, N: the larger of the external force and of the external moment over the
+            length. A wrench of zero has the smallest normal-force limit in its place.
+        length: The distance of the farthest contact from the reference point, m; where all are
+            there, the external moment over the external force, or 1 m.
+        joints: (L,) torques that the load makes on each joint's longest lever, N m (N).
+    """
+
+    force: float
+    length: float
+    joints: FloatArray
+
+
+def scales_of(
+    positions: FloatArray, wrench: FloatArray, jacobian: FloatArray, limits: FloatArray
+) -> Scales:
+    """Return the scales of a problem.
+
+    Args:
+        positions: (M, 3) m.
+        wrench: (6,) external wrench, N and N m.
+        jacobian: (3M, L).
+        limits: (M,) largest normal forces, N.
+    """
+    if contact_frames is not None:
+        force, length, joints = contact_frames.scales(
+            positions, wrench, jacobian, limits, LEAST_LEVER
+        )
+        return Scales(force, length, read_only(joints))
+    pull, turn = (math.sqrt(float(part @ part)) for part in (wrench[:3], wrench[3:]))
+    length = math.sqrt(float(squared_lengths(positions).max()))
+    if length == 0.0:
+        length = turn / pull if pull > 0.0 and turn > 0.0 else 1.0
+    force = max(pull, turn / length) or float(limits.min())
+    blocks = jacobian.reshape(len(positions), 3, -1)
+    levers = np.sqrt(np.einsum("lij,lij->lj", blocks, blocks).max(axis=0))
+    longest = float(levers.max(initial=0.0))
+    levers = np.maximum(levers, LEAST_LEVER * longest) if longest > 0.0 else levers + length
+    return Scales(force, length, read_only(force * levers))

@@ -1,0 +1,95 @@
+"""A solver's answer brought to rounding: the system of what is active at it, solved again.
+
+Interior points end some 1e-10 away from optimality. Where a limit is far above the load, that
+slack times the limit is more than a proof may leave. The active constraints E x = e and the slope
+P x + c + E^T w = 0 are linear: their solution nearest to the answer leaves rounding only.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.programs.program import Program
+
+_RANK = 1e-11
+_CORRECTIONS = 3
+_ROUNDS = 4
+Found = tuple[FloatArray, FloatArray, FloatArray]
+
+
+def polished(program: Program, found: Found) -> Found | None:
+    """Return the solution and multipliers nearest to an answer that meet what is active exactly.
+
+    Args:
+        program: The program.
+        found: x, y and z as a solver left them.
+
+    Returns:
+        x, y and z; None where the active constraints contradict each other. Nothing is presumed:
+        it is an answer to be checked like any other.
+    """
+    x, weights = found[0], np.concatenate(found[1:])
+    if not (np.isfinite(x).all() and np.isfinite(weights).all()):
+        return None
+    count, (low, high) = len(program.b), program.sides
+    level = program.rows @ x
+    side = np.where(weights > 0.0, high, low)
+    active = np.abs(weights) > np.abs(side - level)
+    active[:count] = True
+    slope = program.P * x + program.c + weights @ program.rows
+    room = np.where(slope > 0.0, x - program.lb, program.ub - x)
+    held = np.abs(slope) > room
+    for _ in range(_ROUNDS):
+        solved = _solved(program, x, weights, active, held, side)
+        if solved is None:
+            return None
+        nearer, turned = solved
+        # Multipliers of one sign only: those that would need the other have no part.
+        wrong = active & (turned * weights < 0.0)
+        wrong[:count] = False
+        if not wrong.any():
+            return nearer, turned[:count], turned[count:]
+        active &= ~wrong
+        weights = np.where(wrong, 0.0, weights)
+    return None
+
+
+def _solved(
+    program: Program,
+    x: FloatArray,
+    weights: FloatArray,
+    active: NDArray[np.bool_],
+    held: NDArray[np.bool_],
+    side: FloatArray,
+) -> tuple[FloatArray, FloatArray] | None:
+    """Solution and (m + k,) multipliers for given active rows and held variables."""
+    slope = program.P * x + program.c + weights @ program.rows
+    bound = np.where(slope > 0.0, program.lb, program.ub)
+    rows, free = program.rows[active], ~held
+    if not (np.isfinite(side[active]).all() and np.isfinite(bound[held]).all()):
+        return None
+    x, w = np.where(held, bound, x), weights[active]
+    E, n = rows[:, free], int(free.sum())
+    system = np.zeros((n + len(E), n + len(E)))
+    system[:n, :n] = np.diag(program.P[free])
+    system[:n, n:], system[n:, :n] = E.T, E
+    try:
+        inverse = np.linalg.pinv(system, rcond=_RANK, hermitian=True)
+    except np.linalg.LinAlgError:
+        return None
+    # Residuals in a longer format: what is left is then the rounding of the result.
+    long = np.longdouble
+    matrix, c, P = rows.astype(long), program.c.astype(long), program.P[free].astype(long)
+    target, at, by = side[active].astype(long), x.astype(long), w.astype(long)
+    for _ in range(_CORRECTIONS):
+        off = np.concatenate([
+            -(P * at[free] + c[free] + by @ matrix[:, free]), target - matrix @ at,
+        ]).astype(np.float64)  # fmt: skip
+        step = inverse @ off
+        at[free] += step[:n]
+        by += step[n:]
+    multipliers = np.zeros(len(weights))
+    multipliers[active] = by.astype(np.float64)
+    return at.astype(np.float64), multipliers
