@@ -233,7 +233,9 @@ def test_without_any_checked_answer_the_status_says_so(monkeypatch, how, search)
             assert how in MENDED
             assert solution.status is Status.OPTIMAL
             expected = {"margin": 2.3001, "torque": 1.5554}[solution.algorithm]
-            assert getattr(solution, OPTIMA[solution.algorithm]) == pytest.approx(expected, abs=1e-4)
+            assert getattr(solution, OPTIMA[solution.algorithm]) == pytest.approx(
+                expected, abs=1e-4
+            )
             assert_holds(solution)
             continue
         assert solution.status is Status.UNVERIFIED

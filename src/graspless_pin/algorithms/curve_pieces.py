@@ -10,7 +10,7 @@ from graspless_pin.modes.rules import SlidingMode
 STRAIGHT = 2e-8
 """Torques closer than this, over the torque scale, are the same."""
 WIDTH = 1e-8
-"""Margins closer than this, over the largest normal-force limit, are the same."""
+"""Margins closer than this, over the load, are the same."""
 
 
 class Piece(NamedTuple):

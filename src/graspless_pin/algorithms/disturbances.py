@@ -99,7 +99,7 @@ def disturbance_margin(
     One mode balances one interval of the multiples of a disturbance. The union over all modes may
     have gaps, so a disturbance counts only where every smaller one in its direction is balanced
     too: the margin is the end of the connected part of the union that holds zero. Gaps narrower
-    than 2e-6 of the largest normal-force limit are not seen.
+    than 2e-6 of the load are not seen.
 
     Args:
         problem: Contacts, wrench, joints and limits.

@@ -14,7 +14,7 @@ from graspless_pin.modes.rules import Rules, SignRule, SlidingMode, SlidingRule,
 from graspless_pin.problem.checks import FloatArray
 
 NO_FRICTION = 1e-8
-"""Friction below this share of the largest normal-force limit counts as none."""
+"""Friction below this share of the load counts as none."""
 _LEAST_IMPORTANCE = 1e-3
 
 SignPair = tuple[int, int]

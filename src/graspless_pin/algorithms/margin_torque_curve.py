@@ -125,9 +125,9 @@ def margin_torque_curve(
     """Find Algorithm 2's optimum for every required margin, up to Algorithm 1's.
 
     All breakpoints are found, to the tolerance of the solver. Proven is that no mode lies below
-    the curve by more than 5e-7 of the largest torque limit (on pieces that rise slower than that
-    limit per normal-force limit; on steeper ones, by a shift of 5e-7 of the normal-force limit).
-    Behind a jump, other modes are looked for from 1e-6 of the normal-force limit on.
+    the curve by more than 5e-7 of the torque that the load makes on the longest lever (on pieces
+    that rise slower than that torque per load; on steeper ones, by a shift of 5e-7 of the load).
+    Behind a jump, other modes are looked for from 1e-6 of the load on.
 
     Args:
         problem: Contacts, wrench, joints and limits.

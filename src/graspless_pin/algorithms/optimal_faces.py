@@ -159,9 +159,7 @@ class Optimum:
     def _shares(self) -> tuple[ShareRows, ShareRows]:
         """The rows of the torques that count upwards and downwards in Algorithm 2."""
         coordinates = self._formulation.coordinates
-        return share_rows(
-            self.solution.problem, coordinates, by_limits=self._objective.by_limits
-        )
+        return share_rows(self.solution.problem, coordinates, by_limits=self._objective.by_limits)
 
     @cached_property
     def _active(self) -> tuple[NDArray[np.int_], NDArray[np.int_]]:

@@ -71,7 +71,7 @@ def maximize_margin(
         solver: Any solver of `available_solvers`; another one is asked where its answer fails
             the check.
         regularization: Epsilon >= 0 of the QP that minimises -e/F + (epsilon/2) |f/F|^2 with F the
-            largest normal-force limit.
+            load: the external force, or the moment over the contacts' size.
         search: ``auto`` (branch and bound) or ``enumerate`` (all maximal modes).
         mode: Solve this (B, S) only.
         node_limit: Stop ``auto`` after so many nodes and return the best found with its gap.
@@ -129,7 +129,8 @@ def minimize_torque(
         static_friction: See `maximize_margin`.
         solver: See `maximize_margin`.
         regularization: Epsilon >= 0 of the QP that minimises t + (epsilon/2) |f/F|^2, t the largest
-            torque over the largest torque limit (or the largest share).
+            torque over what the load makes on the longest lever (or the largest share over that
+            torque's, at most 1).
         search: See `maximize_margin`.
         mode: See `maximize_margin`.
         node_limit: See `maximize_margin`.

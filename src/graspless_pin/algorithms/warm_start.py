@@ -17,9 +17,9 @@ from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.explanation import explain
 from graspless_pin.algorithms.formulation import Formulation, Objective, formulate
 from graspless_pin.algorithms.search import (
-    closeness,
     SearchResult,
     SearchState,
+    closeness,
     finished,
     undecided,
 )

@@ -293,12 +293,26 @@ def scales(positions, wrench, jacobian, limits, double least_lever):
     cdef cnp.ndarray load = as_vector(wrench, 6), most = as_vector(limits, M), joints = empty1(L)
     cdef double* lever = data(joints)
     cdef const double* row
+    cdef double length = 0.0, longest = 0.0, force = INFINITY, size, turn
     cdef double pull = sqrt(dot(data(load), data(load)))
-    cdef double turn = sqrt(dot(data(load) + 3, data(load) + 3))
-    cdef double length = 0.0, longest = 0.0, force = INFINITY, size
+    cdef double center[3]
+    cdef double arm[3]
+    cdef const double* f = data(load)
+    cdef int i
+    for i in range(3):
+        center[i] = 0.0
+        for contact in range(M):
+            center[i] += data(points)[3 * contact + i]
+        center[i] /= M
     for contact in range(M):
-        length = max(length, dot(data(points) + 3 * contact, data(points) + 3 * contact))
+        for i in range(3):
+            arm[i] = data(points)[3 * contact + i] - center[i]
+        length = max(length, dot(arm, arm))
         force = min(force, data(most)[contact])
+    arm[0] = f[3] - (center[1] * f[2] - center[2] * f[1])
+    arm[1] = f[4] - (center[2] * f[0] - center[0] * f[2])
+    arm[2] = f[5] - (center[0] * f[1] - center[1] * f[0])
+    turn = sqrt(dot(arm, arm))
     length = sqrt(length)
     if length == 0.0:
         length = turn / pull if pull > 0.0 and turn > 0.0 else 1.0

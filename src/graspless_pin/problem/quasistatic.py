@@ -271,9 +271,7 @@ class QuasistaticProblem:
     @cached_property
     def scales(self) -> Scales:
         """What forces, moments and torques of this problem are measured against: its load."""
-        return scales_of(
-            self.positions, self.external_wrench, self.jacobian, self.max_normal_force
-        )
+        return scales_of(self.positions, self.external_wrench, self.jacobian, self.max_normal_force)
 
     @cached_property
     def is_sliding(self) -> NDArray[np.bool_]:

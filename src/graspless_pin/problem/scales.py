@@ -18,10 +18,11 @@ class Scales(NamedTuple):
     """What tolerances, programs and proofs of a problem are relative to.
 
     Attributes:
-        force: F, the load, N: the larger of the external force and of the external moment over the
-            length. A wrench of zero has the smallest normal-force limit in its place.
-        length: The distance of the farthest contact from the reference point, m; where all are
-            there, the external moment over the external force, or 1 m.
+        force: F, the load, N: the larger of the external force and of the external moment about the
+            contacts' centre over the length. A wrench of zero has the smallest normal-force limit
+            in its place.
+        length: The distance of the farthest contact from the contacts' centre, m; where all are
+            there, that moment over the external force, or 1 m.
         joints: (L,) torques that the load makes on each joint's longest lever, N m (N).
     """
 
@@ -46,8 +47,10 @@ def scales_of(
             positions, wrench, jacobian, limits, LEAST_LEVER
         )
         return Scales(force, length, read_only(joints))
-    pull, turn = (math.sqrt(float(part @ part)) for part in (wrench[:3], wrench[3:]))
-    length = math.sqrt(float(squared_lengths(positions).max()))
+    center = positions.mean(axis=0)
+    moment = wrench[3:] - np.cross(center, wrench[:3])
+    pull, turn = (math.sqrt(float(part @ part)) for part in (wrench[:3], moment))
+    length = math.sqrt(float(squared_lengths(positions - center).max()))
     if length == 0.0:
         length = turn / pull if pull > 0.0 and turn > 0.0 else 1.0
     force = max(pull, turn / length) or float(limits.min())

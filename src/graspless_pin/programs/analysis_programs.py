@@ -163,8 +163,8 @@ def relief_program(
     """The smallest change of one kind of limit that makes a margin feasible.
 
     The last variable s >= 0 is how much is given: to one joint's limits (its joint scale) or to all
-    joints' (the torque scale), to all normal-force limits (F), or as an outside help in the balance (F, the largest
-    component of a wrench with moments over the length scale).
+    joints' (the torque scale), to all normal-force limits (F), or as an outside help in the balance
+    (F, the largest component of a wrench with moments over the length scale).
 
     Args:
         rows: Constraints of the problem.

@@ -159,10 +159,11 @@ def _infeasible(bound: float, proof: float, y: FloatArray, z: FloatArray, name: 
 def _elastic_multipliers(
     program: Program, backend: Backend
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Multipliers of the rows that prove the smallest common violation, from the elastic program."""
+    """Multipliers that prove the smallest common violation of all rows, by the elastic program."""
     relaxed = elastic(program)
     raw = backend(relaxed)
     if raw is None:
         return None
-    found = polished(relaxed, raw) or raw
-    return elastic_multipliers(program, max((raw, found), key=lambda one: relaxed.dual_bound(*one[1:]))[2])
+    found = raw, polished(relaxed, raw) or raw
+    best = max(found, key=lambda one: relaxed.dual_bound(one[1], one[2]))
+    return elastic_multipliers(program, best[2])

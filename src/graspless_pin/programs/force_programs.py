@@ -261,7 +261,10 @@ def torque_program(
     size, torque, gravity = rows.size, rows.torque, rows.gravity
     e = margin / coordinates.force_scale
     up, down = share_rows(problem, coordinates, by_limits=by_limits)
-    above, below = up.torque[:, None] * torque[up.counts], down.torque[:, None] * torque[down.counts]
+    above, below = (
+        up.torque[:, None] * torque[up.counts],
+        down.torque[:, None] * torque[down.counts],
+    )
     first, middle = len(rows.faces), len(rows.faces) + len(above)
     last = middle + len(below)
     stack = _stack(rows, _BALANCE + last + len(torque))

@@ -353,9 +353,7 @@ def elastic(program: Program) -> Program:
     )
 
 
-def elastic_multipliers(
-    program: Program, multipliers: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def elastic_multipliers(program: Program, multipliers: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return multipliers of a program's own rows, A and G, from those of its elastic program.
 
     Args:

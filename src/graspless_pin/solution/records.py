@@ -64,8 +64,8 @@ FOUND = frozenset({Status.OPTIMAL, Status.OPTIMAL_IN_MODE, Status.LIMIT_REACHED}
 class Certificate:
     """How well the answer is proven.
 
-    Values are in scaled units (forces over the largest normal-force limit F, margin over F,
-    torques over the largest torque limit) unless a unit is given.
+    Values are in scaled units (forces and margin over the load F, torques over what F makes on a
+    joint's longest lever; see `problem.scales`) unless a unit is given.
 
     Attributes:
         primal_residual: Largest violation of any constraint by the returned forces.
