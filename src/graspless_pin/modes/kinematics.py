@@ -26,6 +26,8 @@ from graspless_pin.problem.contact_map import contact_map
 
 THRESHOLD = 1e-6
 """A sliding counts if it is at least this share of all contact velocities of its motion."""
+_TIE = 1.001
+"""A motion that is this close to the threshold, and that no solver brings to it, does not count."""
 _IN_CONFLICT = 1e-9
 _LARGEST_MOTION = 1e6
 # What the sum of the weights is worth beside the velocities: less where more digits are needed.
@@ -128,7 +130,7 @@ class VirtualKinematics:
         scale: (6 + L,) factors from a scaled motion to [V; theta_dot] in m/s and rad/s.
         nearest: Witnesses by guess, which need no search.
         threshold: The slowest sliding that counts.
-        undecided_near: Whether a motion was refused that a tenth of the threshold would admit.
+        undecided_near: Whether a motion was refused that a tenth of the threshold may admit.
     """
 
     def __init__(self, problem: QuasistaticProblem, threshold: float = THRESHOLD) -> None:
@@ -266,7 +268,7 @@ class VirtualKinematics:
         found = _shortest(moving, strict, scale, self.threshold)
         if found is None:
             found = _by_linear_program(moving, strict, self.threshold)
-        if 0.1 * self.threshold <= np.linalg.norm(found.motion) < self.threshold:
+        if found.slowest < self.threshold <= CLEARLY * np.linalg.norm(found.motion):
             self.undecided_near = True
         return touching, found
 
@@ -363,7 +365,7 @@ def _shortest(
             continue
         found = _judged(moving, strict, weights / total)
         size = float(np.linalg.norm(found.motion))
-        if size < threshold:
+        if size < threshold or (found.slowest < threshold and size < _TIE * threshold):
             return found._replace(slowest=min(found.slowest, size))
         if best is None or found.slowest > best.slowest:
             best = found

@@ -100,6 +100,7 @@ class Program:
         """
         if "worst" not in self.__dict__:
             _ = self.is_linear, self.rows, self.products, self.sides, self.pattern, self.worst
+            _ = self.is_far
         program = object.__new__(Program)
         program.__dict__.update(self.__dict__, lb=lb, ub=ub, worst=min(self.worst, cutoff))
         program.__dict__.pop("reach", None)
@@ -135,12 +136,15 @@ class Program:
 
         Solvers are asked for this one, and their answers are held against all limits.
         """
-        sides = self.l, self.u, self.lb, self.ub
-        if not any((np.isfinite(one) & (np.abs(one) > FARTHEST)).any() for one in sides):
+        if not self.is_far:
             return self
-        least, most = (np.where(one < -FARTHEST, -np.inf, one) for one in (self.l, self.lb))
-        high, upper = (np.where(one > FARTHEST, np.inf, one) for one in (self.u, self.ub))
-        # A limit that is far on its wrong side cannot be met: any far figure says so.
+        # A row without sides is kept, where other programs of the structure have one. A limit that
+        # is far on its wrong side cannot be met: any far figure says so.
+        least, high = np.where(self.l < -FARTHEST, -np.inf, self.l), self.u.copy()
+        high[high > FARTHEST] = np.inf
+        high[np.isinf(least) & np.isinf(high)] = UNREACHED
+        most, upper = self.lb.copy(), self.ub.copy()
+        most[most < -FARTHEST], upper[upper > FARTHEST] = -np.inf, np.inf
         return replace(
             self,
             l=np.minimum(least, UNREACHED),
@@ -148,6 +152,13 @@ class Program:
             u=np.maximum(high, -UNREACHED),
             ub=np.maximum(upper, -UNREACHED),
         )
+
+    @cached_property
+    def is_far(self) -> bool:
+        """Whether a limit is too far away for double precision, or a row has none."""
+        sides = np.concatenate([self.l, self.u, self.lb, self.ub])
+        far = (np.abs(sides) > FARTHEST) & np.isfinite(sides)
+        return bool(far.any() or (np.isinf(self.l) & np.isinf(self.u)).any())
 
     def has_sides_beyond(self, size: float) -> bool:
         """Return whether any limit or right-hand side is larger than a size."""
