@@ -8,7 +8,9 @@ STAMP := $(VENV)/.installed
 export PIP_CONSTRAINT := constraints.txt
 export PIP_BUILD_CONSTRAINT := $(PIP_CONSTRAINT)
 
-.PHONY: install run test lint types docs bench clean
+SCALES ?= --count 2000 --jobs 2
+
+.PHONY: install run test lint types docs bench scales clean
 
 install: $(STAMP)
 
@@ -42,6 +44,9 @@ docs: install
 
 bench: install
 	$(BIN)/python -m benchmarks$(if $(BASE),.against $(BASE) $(if $(ROUNDS),--rounds $(ROUNDS)))
+
+scales: install
+	$(BIN)/python -m tests.oracles.scales $(SCALES)
 
 clean:
 	rm -rf $(VENV) site out

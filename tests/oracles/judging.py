@@ -1,0 +1,242 @@
+"""Hold what the package answers on a scene of any scale against the exact optimum.
+
+What is judged is the statement, not the way to it: whether forces exist, the value, the forces
+themselves, the mode's virtual motion and the proven bound. The unit is the load: the larger of
+|force| and |moment| / length of the wrench, or the forces that the question asks for without one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from fractions import Fraction
+from functools import partial
+
+import numpy as np
+from tests.oracles.exact_optimum import Best, ExactScene, Mode, Question
+from tests.oracles.scale_scenes import Case
+
+from graspless_pin import (
+    QuasistaticProblem,
+    Status,
+    TorqueSolution,
+    maximize_margin,
+    minimize_torque,
+)
+from graspless_pin.errors import ArgumentError
+
+TOLERANCE = Fraction(1, 10**6)
+"""What is asked: forces of the load, or of the value where that is larger."""
+THRESHOLD = Fraction(1, 10**6)
+"""The share of the largest sliding component at which a virtual motion counts."""
+ROUNDING = Fraction(1, 10**12)
+"""Of the load: what the arrays' own rounding may cost a degenerate scene its exact balance."""
+
+
+class Outcome(StrEnum):
+    """How an answer and the exact optimum compare."""
+
+    AGREE = "agree"
+    REFUSED = "refused"
+    UNVERIFIED = "unverified"
+    THRESHOLD = "hangs on the threshold"
+    TOLERANCE = "hangs on the tolerance"
+    WRONG = "WRONG"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """An outcome and what it rests on.
+
+    Attributes:
+        outcome: How the answer compares.
+        detail: Numbers, for outcomes other than agreement.
+        error: Relative error of the value where both have one.
+        found: Whether the exact problem has a solution.
+    """
+
+    outcome: Outcome
+    detail: str = ""
+    error: float = 0.0
+    found: bool = False
+
+
+def ask(problem: QuasistaticProblem, question: Question, *, search: str = "auto") -> TorqueSolution:
+    """Ask the package."""
+    if question.algorithm == "margin":
+        solve = maximize_margin
+    else:
+        scale = "limits" if question.by_limits else "absolute"
+        solve = partial(minimize_torque, margin=question.margin, scale=scale)
+    return solve(
+        problem,
+        sign_rule=question.sign_rule,
+        sliding_rule=question.sliding_rule,
+        static_friction=question.static_friction,
+        search=search,
+    )
+
+
+def judge(case: Case) -> Verdict:
+    """Solve a case both ways and compare."""
+    problem = case.problem
+    try:
+        solution = ask(problem, case.question)
+    except ArgumentError as refusal:
+        scene = ExactScene(problem, case.question)
+        return Verdict(Outcome.REFUSED, f"{spread(scene)}: {refusal}", found=bool(scene.optimum()))
+    return compare(problem, case.question, solution)
+
+
+def compare(problem: QuasistaticProblem, question: Question, solution: TorqueSolution) -> Verdict:
+    """Hold one answer against the exact optimum."""
+    return _Comparison(ExactScene(problem, question), solution).verdict()
+
+
+def spread(scene: ExactScene) -> str:
+    """Say how many times the load the largest finite limit is, or the load the smallest."""
+    problem = scene.problem
+    levers = np.array([float(lever) for lever in scene.levers])
+    torques = np.concatenate([problem.lower_torque / levers, problem.upper_torque / levers])
+    sizes = np.abs(np.concatenate([problem.max_normal_force, torques])) / float(scene.load)
+    sizes = sizes[np.isfinite(sizes) & (sizes > 0.0)]
+    return f"limits {sizes.min():.0e} to {sizes.max():.0e} of the load"
+
+
+@dataclass(eq=False)
+class _Comparison:
+    """One answer before the exact scene."""
+
+    scene: ExactScene
+    solution: TorqueSolution
+
+    def verdict(self) -> Verdict:
+        """Return how the answer compares."""
+        solution, scene = self.solution, self.scene
+        exact = scene.optimum(THRESHOLD)
+        found = exact is not None
+        if solution.status in (Status.UNVERIFIED, Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT):
+            return Verdict(
+                Outcome.UNVERIFIED, f"{solution.status.name}; {spread(scene)}", found=found
+            )
+        if solution.found and (fault := self._fault()):
+            return Verdict(Outcome.WRONG, f"{fault}; {self._told(exact)}", found=found)
+        if self._agrees(exact, exact):
+            return Verdict(Outcome.AGREE, "", self._error(exact), found)
+        motions = [scene.optimum(THRESHOLD * factor) for factor in (Fraction(1, 10), 10)]
+        if self._agrees(*motions):
+            return Verdict(Outcome.THRESHOLD, self._told(exact), found=found)
+        nearly = self._with(slack=ROUNDING)
+        meant = nearly.optimum(THRESHOLD)
+        if self._agrees(meant, meant):
+            return Verdict(Outcome.AGREE, "", self._error(meant), meant is not None)
+        loose = self._with(slack=TOLERANCE).optimum(THRESHOLD / 10)
+        tight = self._with(slack=-TOLERANCE).optimum(THRESHOLD * 10)
+        if self._agrees(loose, tight):
+            return Verdict(Outcome.TOLERANCE, self._told(exact), found=found)
+        return Verdict(Outcome.WRONG, self._told(exact), self._error(exact), found)
+
+    @property
+    def _value(self) -> Fraction:
+        solution = self.solution
+        if self.scene.question.algorithm == "margin":
+            return Fraction(solution.margin)
+        if not self.scene.question.by_limits:
+            return Fraction(solution.max_torque)
+        shares = [Fraction(0)]
+        problem = self.scene.problem
+        limits = zip(solution.torques, problem.lower_torque, problem.upper_torque, strict=True)
+        for torque, low, high in limits:
+            if 0.0 < high < np.inf:
+                shares.append(Fraction(torque) / Fraction(high))
+            if -np.inf < low < 0.0:
+                shares.append(Fraction(torque) / Fraction(low))
+        return max(shares)
+
+    @property
+    def _unit(self) -> Fraction:
+        """The load in the unit of the value."""
+        scene, question = self.scene, self.scene.question
+        if question.algorithm == "margin":
+            return scene.load
+        torques = [scene.load * lever for lever in scene.levers]
+        if not question.by_limits:
+            return max(torques, default=scene.load)
+        problem = scene.problem
+        shares = [
+            torque / Fraction(abs(limit))
+            for limits in (problem.lower_torque, problem.upper_torque)
+            for torque, limit in zip(torques, limits.tolist(), strict=True)
+            if limit and np.isfinite(limit)
+        ]
+        return max(shares, default=Fraction(1))
+
+    def _near(self, first: Fraction, second: Fraction) -> Fraction:
+        return TOLERANCE * max(self._unit, abs(first), abs(second))
+
+    def _agrees(self, better: Best | None, worse: Best | None) -> bool:
+        """Whether the answer lies between two optima; None is worse than any."""
+        if not self.solution.found:
+            return worse is None
+        if better is None:
+            return False
+        sign = 1 if self.scene.question.algorithm == "margin" else -1
+        value = sign * self._value
+        least = sign * better.value
+        if value > least + self._near(value, least):
+            return False
+        if worse is None:
+            return True
+        return value >= sign * worse.value - self._near(value, worse.value)
+
+    def _error(self, best: Best | None) -> float:
+        if best is None or not self.solution.found:
+            return 0.0
+        return float(abs(self._value - best.value) / max(self._unit, abs(best.value)))
+
+    def _told(self, best: Best | None) -> str:
+        own = f"{float(self._value):.9g}" if self.solution.found else self.solution.status.name
+        exact = "infeasible" if best is None else f"{float(best.value):.9g}"
+        return f"answer {own}, exact {exact}, {spread(self.scene)}"
+
+    def _with(self, slack: Fraction) -> ExactScene:
+        return ExactScene(self.scene.problem, self.scene.question, slack)
+
+    def _fault(self) -> str:
+        """What the solution says of itself that is not so; empty if nothing."""
+        solution, scene, question = self.solution, self.scene, self.scene.question
+        forces = solution.contact_forces
+        if (miss := scene.miss(forces)) > TOLERANCE:
+            return f"forces miss a constraint by {float(miss):.2g} of the load"
+        least = Fraction(0) if question.algorithm == "margin" else Fraction(question.margin)
+        if Fraction(solution.margin) < least - TOLERANCE * scene.load:
+            return f"margin {solution.margin:.6g} below {float(least):.6g}"
+        bound = solution.certificate.bound
+        if not np.isfinite(bound):
+            return f"bound {bound}"
+        gap = abs(Fraction(bound) - self._value)
+        if gap > self._near(self._value, Fraction(bound)):
+            return f"value {float(self._value):.9g} but bound {bound:.9g}"
+        if question.static_friction == "coulomb":
+            return ""
+        return self._faulty_mode(forces)
+
+    def _faulty_mode(self, forces: np.ndarray) -> str:
+        scene, problem, mode = self.scene, self.scene.problem, self.solution.mode
+        assert mode is not None
+        plain: Mode = tuple(
+            (int(signs[0]), int(signs[1])) if chosen else None
+            for chosen, signs in zip(mode.selection, mode.signs, strict=True)
+        )
+        if not scene.admits(plain, THRESHOLD / 10):
+            return f"mode {mode} has only a motion of speed {float(scene.speed(plain)):.2g}"
+        friction = np.einsum("lij,li->lj", problem.tangents, forces)
+        least = float(TOLERANCE * scene.load)
+        for contact, signs in enumerate(plain):
+            if not problem.has_cone[contact]:
+                continue
+            for component, sign in enumerate(signs or (0, 0)):
+                against = friction[contact, component] * sign
+                if against > least or (not sign and abs(friction[contact, component]) > least):
+                    return f"friction at contact {contact} is not opposite to the virtual sliding"
+        return ""

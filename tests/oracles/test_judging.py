@@ -1,0 +1,137 @@
+"""The judge of answers: false answers are wrong, and a lost worker is one line."""
+
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.oracles.exact_optimum import Question
+from tests.oracles.judging import Outcome, ask, compare
+from tests.oracles.scale_scenes import FAMILIES, scale_case
+from tests.oracles.scales import Judged, passes, run, summary
+from tests.oracles.test_exact_optimum import four_points
+
+from graspless_pin import QuasistaticProblem, Status, TorqueSolution
+
+PUSHED = QuasistaticProblem(
+    [[-1, -1, -1], [1, -1, -1], [0, 1, -1], [0, 0, 1]],
+    [[0, 0, 1], [0, 0, 1], [0, 0, 1], [0, 0, -1]],
+    [1, 0, -8, 0, 0, 0],
+    np.concatenate([np.zeros(9), [0.25, 0.0, 0.5]])[:, None],
+    friction=0.5,
+    tangents=[[[0.6, -0.8], [0.8, 0.6], [0, 0]]] * 3 + [[[0.6, 0.8], [0.8, -0.6], [0, 0]]],
+    cone_edges=4,
+)  # fmt: skip
+QUESTION = Question("torque", 0.125)
+
+
+@pytest.fixture(scope="module")
+def right() -> TorqueSolution:
+    solution = ask(PUSHED, QUESTION)
+    assert compare(PUSHED, QUESTION, solution).outcome == Outcome.AGREE
+    assert solution.max_torque > 0.1
+    return solution
+
+
+def forged(solution: TorqueSolution, what: str) -> TorqueSolution:
+    certificate, mode = solution.certificate, solution.mode
+    assert solution._forces is not None and mode is not None
+    if what == "bound":
+        return replace(solution, certificate=replace(certificate, bound=certificate.bound * 0.999))
+    if what == "infeasible":
+        return replace(solution, status=Status.INFEASIBLE_FORCES, _forces=None, _mode=None)
+    if what == "no selection":
+        none = type(mode)(np.zeros(4, dtype=bool), np.zeros((4, 2)))
+        return replace(solution, _mode=none)
+    if what == "other signs":
+        return replace(solution, _mode=type(mode)(mode.selection, -mode.signs))
+    if what == "no motion":
+        signs = np.array([[1, 1], [-1, -1], [1, -1], [-1, 1]])
+        return replace(solution, _mode=type(mode)(np.ones(4, dtype=bool), signs))
+    forces = solution._forces.copy()
+    if what == "unbalanced":
+        forces[3, 2] -= 1e-4
+    else:
+        # Still balanced, but pressed harder than it has to be.
+        forces[:3, 2] += 1e-3
+        forces[3, 2] -= 3e-3
+    return replace(solution, _forces=forces)
+
+
+@pytest.mark.parametrize(
+    "what",
+    ["bound", "infeasible", "no selection", "other signs", "no motion", "unbalanced", "harder"],
+)
+def test_a_false_answer_is_wrong(right, what):
+    verdict = compare(PUSHED, QUESTION, forged(right, what))
+    assert verdict.outcome == Outcome.WRONG, verdict
+
+
+def test_a_found_answer_to_an_impossible_question_is_wrong(right):
+    impossible = PUSHED.with_changes(max_normal_force=1.0)
+    assert compare(impossible, QUESTION, right).outcome == Outcome.WRONG
+
+
+@pytest.mark.parametrize(
+    ("turn", "outcome"),
+    [(1e-4, Outcome.AGREE), (6e-7, Outcome.THRESHOLD), (6e-8, Outcome.WRONG)],
+)
+def test_an_answer_that_hangs_on_the_threshold_is_told(turn, outcome):
+    """Where the sliding is half the turn: clear, within ten times the threshold, or nothing."""
+    problem, question = four_points(turn), Question("margin")
+    # The rule that asks for no motion along t2 has an answer at every turn.
+    loose = ask(problem, replace(question, sign_rule="nonzero"))
+    assert loose.margin == pytest.approx(0.02339, rel=1e-2)
+    assert compare(problem, question, loose).outcome == outcome
+
+
+def test_scenes_are_of_every_scale_and_limit():
+    cases = [scale_case(seed) for seed in range(400)]
+    again = scale_case(7)
+    np.testing.assert_array_equal(again.problem.jacobian, cases[7].problem.jacobian)
+    assert {case.family for case in cases} == set(FAMILIES)
+    problems = [case.problem for case in cases]
+    lengths = [np.abs(problem.positions).max() for problem in problems]
+    loads = [np.abs(problem.external_wrench[:3]).max() for problem in problems]
+    assert min(lengths) < 1e-8 and max(lengths) > 1e8
+    assert min(load for load in loads if load) < 1e-7 and max(loads) > 1e9
+    assert sum(not problem.external_wrench.any() for problem in problems) > 20
+    assert {problem.contact_count for problem in problems} == {2, 3, 4}
+    assert {problem.joint_count for problem in problems} == {0, 1, 2, 3, 4}
+    assert sum(bool((problem.friction == 0.0).any()) for problem in problems) > 60
+    assert sum(bool(problem.is_sliding.any()) for problem in problems) > 30
+    widths = np.concatenate([problem.upper_torque - problem.lower_torque for problem in problems])
+    assert (widths == 0.0).sum() > 50 and np.isinf(widths).sum() > 100
+    shares = [
+        problem.max_normal_force / load
+        for problem, load in zip(problems, loads, strict=True)
+        if load
+    ]
+    assert np.concatenate(shares).max() > 1e11 and np.concatenate(shares).min() < 1e-5
+    questions = [case.question for case in cases]
+    for name, values in {
+        "algorithm": {"margin", "torque"},
+        "sign_rule": {"strict", "exact", "nonzero"},
+        "sliding_rule": {"exempt", "constrained"},
+        "static_friction": {"virtual_sliding", "coulomb"},
+        "by_limits": {True, False},
+    }.items():
+        assert {getattr(question, name) for question in questions} == values
+
+
+def _ends_at_three(seed: int) -> Judged:
+    if seed == 3:
+        os._exit(7)
+    return Judged(seed, Outcome.AGREE, "", 1e-9, found=True)
+
+
+def test_a_lost_process_is_one_wrong_scene():
+    lines = sorted(run(range(7), 2, _ends_at_three))
+    assert [line.seed for line in lines] == list(range(7))
+    assert [line.seed for line in lines if line.outcome == Outcome.WRONG] == [3]
+    assert "ended with 7" in lines[3].detail
+    assert not passes(lines)
+    fine = [line for line in lines if line.seed != 3]
+    assert passes(fine) and "1.0e-09" in summary(fine)
+    refused = Judged(3, Outcome.REFUSED, "", 0.0, found=True)
+    assert not passes([*fine, refused]) and passes([*fine * 9, refused])
