@@ -19,11 +19,11 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.timing import as_new, timed
+from benchmarks.timing import as_new
 
 Pass = Callable[[], float]
-"""Does a row's work once and returns its seconds: of processor time, which what else runs on the
-machine changes little, but for the study, which may wait."""
+"""Does a row's work once and returns its seconds of processor time, which what else runs on the
+machine changes little."""
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 PAPER = ("sphere_on_slope", "cuboid_at_rest", "cuboid_sliding_up", "cuboid_sliding_down")
@@ -171,7 +171,7 @@ def study_rows() -> Iterator[tuple[str, Pass]]:
             file, output = Path(folder, "study.yaml"), Path(folder, "out.csv")
             file.write_text(text, encoding="utf-8")
             options = {"executor": executor, "workers": 1, "progress": False}
-            return timed(lambda: run_study(load_study(file), output, **options))
+            return _busy(lambda: run_study(load_study(file), output, **options))
 
     yield f"a study of {SAMPLES[0] * SAMPLES[1]} samples", study
 
