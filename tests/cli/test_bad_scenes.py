@@ -37,7 +37,8 @@ CASES = {
     "missing key at the top": (
         "friction: 0.3\n",
         "",
-        f":1: friction: is missing; needs {NUMBER} >= 0 or a mapping of names, each to",
+        f":1: friction: is missing; needs {NUMBER} >= 0, at most 10000 or a mapping of at "
+        "most 1000 names, each to",
     ),
     "missing key of a shape": (
         ", size: [0.2, 0.2, 0.2]",
@@ -68,7 +69,7 @@ CASES = {
     "list for a mapping": (
         "{hinge: 0.0}",
         "[0.0]",
-        f":6: hand.q: found [0.0]; needs a mapping of names, each to {NUMBER}",
+        f":6: hand.q: found [0.0]; needs a mapping of at most 1000 names, each to {NUMBER}",
     ),
     "mapping for a list": (
         "supports:\n  - name",
@@ -205,7 +206,8 @@ CASES = {
     "negative limit": (
         Q,
         "  effort_limits: {finger: -1}",
-        f":6: hand.effort_limits.finger: found -1; needs {NUMBER} >= 0 or a list of 2, each",
+        f":6: hand.effort_limits.finger: found -1; needs {NUMBER} >= 0, at most 1e+30 or a list of "
+        "2, each",
     ),
     "unknown joint in limits": (
         Q,
@@ -220,7 +222,8 @@ CASES = {
     "finger without joints": (
         Q,
         "  fingers: {f: {joints: []}}",
-        ":6: hand.fingers.f.joints: found []; needs a list of at least 1, each item text",
+        ":6: hand.fingers.f.joints: found []; needs a list of at least 1 and at most 1000, each "
+        "item text",
     ),
     "folders without a URDF": (
         Q,
@@ -250,7 +253,8 @@ CASES = {
     "negative friction": (
         FRICTION,
         "friction: -0.3",
-        f":2: friction: found -0.3; needs {NUMBER} >= 0 or a mapping of names, each to {NUMBER}",
+        f":2: friction: found -0.3; needs {NUMBER} >= 0, at most 10000 or a mapping of at most "
+        f"1000 names, each to {NUMBER}",
     ),
     "negative friction of a body": (
         FRICTION,

@@ -57,9 +57,9 @@ def test_a_length_that_is_not_positive_is_refused(value: float) -> None:
         lambda: Capsule(value, 1.0),
         lambda: Cone(value, 1.0),
     ):
-        with pytest.raises(ArgumentError, match="radius: needs a positive number, got"):
+        with pytest.raises(ArgumentError, match="radius: needs a positive number"):
             make()
-    with pytest.raises(ArgumentError, match="length: needs a positive number, got"):
+    with pytest.raises(ArgumentError, match="length: needs a positive number"):
         Cylinder(1.0, value)
 
 
@@ -67,7 +67,7 @@ def test_a_length_that_is_not_positive_is_refused(value: float) -> None:
     "size", [(0.1, 0.0, 0.1), (0.1, 0.1), (0.1, -1, 0.1), "big", (1, 1, np.inf)]
 )
 def test_a_box_needs_three_positive_lengths(size: tuple[float, float, float]) -> None:
-    with pytest.raises(ArgumentError, match="size: needs three positive numbers, got"):
+    with pytest.raises(ArgumentError, match="size: needs three positive numbers"):
         Box(size)
 
 

@@ -174,8 +174,8 @@ LOADING = {
     ),
     "too many samples": (
         "steps: 3",
-        "steps: 100000000",
-        ": makes 100000000 samples; at most 10000000 are possible",
+        "steps: 10000000, scale: linear}\n  max_normal_force: {from: 10, to: 20, steps: 2",
+        ": makes 20000000 samples; at most 10000000 are possible",
     ),
     "list": (LINES, "[]", ": a study is a mapping with the keys scene, vary"),
     "nothing": (LINES, "", ": the file is empty; a study needs scene and vary"),

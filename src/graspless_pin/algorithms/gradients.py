@@ -105,8 +105,11 @@ def optimum_gradients(solution: TorqueSolution) -> OptimumGradients:
 
     Raises:
         NoSolutionError: If nothing was found.
-        ArgumentError: If the solution has a regularisation.
+        ArgumentError: If it is no solution, or one with a regularisation.
     """
+    if not isinstance(solution, TorqueSolution):
+        kind = type(solution).__name__
+        raise ArgumentError("solution", f"is a {kind}; it must be what the algorithms return")
     if not solution.found:
         raise NoSolutionError(f"There is no optimum to differentiate ({solution.status.message}).")
     if not solution.multipliers.is_linear:

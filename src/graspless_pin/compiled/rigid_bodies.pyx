@@ -1,7 +1,7 @@
 # cython: boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 """Poses, velocities and Jacobians of points that are fixed to rigid bodies."""
 
-from libc.math cimport fabs, isfinite, sqrt
+from libc.math cimport fabs, sqrt
 from libc.string cimport memcpy
 
 cimport numpy as cnp
@@ -20,6 +20,7 @@ cpdef enum:
     PENETRATES = 4
 
 cdef double _RIGIDITY = 1e-6  # as in `poses`
+cdef double _LARGEST_LENGTH = 1e12  # as in `magnitudes`
 
 
 def placed(T_world_joint, joints, T_joint_shape):
@@ -217,7 +218,7 @@ def is_rigid(pose):
     cdef double product
     cdef int i, j
     for i in range(3):
-        if not isfinite(T[4 * i + 3]) or T[12 + i] != 0.0:
+        if not fabs(T[4 * i + 3]) <= _LARGEST_LENGTH or T[12 + i] != 0.0:
             return False
         for j in range(i, 3):
             product = T[i] * T[j] + T[4 + i] * T[4 + j] + T[8 + i] * T[8 + j]

@@ -69,6 +69,19 @@ def all_finite(arrays):
     return True
 
 
+def all_within(arrays, double most):
+    """Whether every entry of every array is a number of at most this magnitude."""
+    cdef cnp.ndarray array
+    cdef Py_ssize_t k
+    for item in arrays:
+        array = as_reals(item, 0)
+        for k in range(cnp.PyArray_SIZE(array)):
+            # Not a number is within no bounds.
+            if not fabs(data(array)[k]) <= most:
+                return False
+    return True
+
+
 def seal(arrays):
     """Make arrays read-only."""
     for item in arrays:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import NoReturn
 
 import numpy as np
@@ -10,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.compiled import rigid_bodies
 from graspless_pin.errors import ArgumentError
+from graspless_pin.magnitudes import LARGEST_LENGTH
 
 RIGIDITY_TOLERANCE = 1e-6
 """Largest entry of ``R^T R - I`` that still counts as a rotation: typed-in poses are rounded."""
@@ -113,9 +113,9 @@ def _is_rigid(T: NDArray[np.float64]) -> bool:
         and abs(a * c + d * f + g * i) <= RIGIDITY_TOLERANCE
         and abs(b * c + e * f + h * i) <= RIGIDITY_TOLERANCE
         and a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g) > 0.0
-        and math.isfinite(x)
-        and math.isfinite(y)
-        and math.isfinite(z)
+        and abs(x) <= LARGEST_LENGTH
+        and abs(y) <= LARGEST_LENGTH
+        and abs(z) <= LARGEST_LENGTH
         and last == [0.0, 0.0, 0.0, 1.0]
     )
 
@@ -131,6 +131,10 @@ def _refuse_pose(name: str, pose: NDArray[np.float64]) -> NoReturn:
     if error > RIGIDITY_TOLERANCE:
         raise ArgumentError(
             name, f"the rotation part is not orthonormal (R^T R is off by {error:.3g})"
+        )
+    if np.abs(pose[:3, 3]).max() > LARGEST_LENGTH:
+        raise ArgumentError(
+            name, f"the position is {pose[:3, 3].tolist()}; it must be within ±{LARGEST_LENGTH:g} m"
         )
     raise ArgumentError(name, "the rotation part mirrors (determinant -1); flip one axis")
 

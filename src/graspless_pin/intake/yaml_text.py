@@ -13,7 +13,7 @@ from graspless_pin.intake.text import bad_character
 
 Location = tuple[str | int, ...]
 
-MOST_ENTRIES = 100_000
+MOST_ENTRIES = 30_000
 """More keys and items than any file has; anchors can multiply a few lines into billions."""
 DEEPEST = 50
 """More levels of mappings and lists than any file has."""
@@ -80,7 +80,7 @@ def parse_yaml(text: str) -> ParsedYaml:
 
     Raises:
         TextError: It is no plain YAML, repeats a key, is nested more than 50 levels deep or has
-            more than 100 000 entries, anchors written out.
+            more than 30 000 entries, anchors written out.
     """
     try:
         return _parsed(_Loader(text))

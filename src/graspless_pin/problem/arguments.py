@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from graspless_pin.errors import ArgumentError
+from graspless_pin.magnitudes import (
+    LARGEST_FRICTION,
+    LARGEST_LOAD_OVER_LIMIT,
+    MOST_CONE_EDGES,
+    SMALLEST,
+)
 from graspless_pin.problem.checks import (
     FloatArray,
     finite_array,
@@ -59,12 +65,17 @@ def checked_arguments(
     count = jac.shape[1]
     mu = per_item("friction", friction, m)
     first_bad("friction", mu, ~(mu >= 0.0) | np.isinf(mu), "it must be finite and >= 0")
+    steep = f"it must be from 0 to {LARGEST_FRICTION:g}"
+    first_bad("friction", mu, mu > LARGEST_FRICTION, steep)
     t = _checked_tangents(tangents, n)
     v = _checked_sliding(sliding, n)
     lower, upper = _checked_limits(torque_limits, count)
     force = per_item("max_normal_force", max_normal_force, m)
     impossible = ~(force > 0.0) | np.isinf(force)
     first_bad("max_normal_force", force, impossible, "it must be finite and > 0")
+    least = max(SMALLEST, float(np.abs(wrench[:3]).max()) / LARGEST_LOAD_OVER_LIMIT)
+    far_off = f"it must be at least {least:g}: the external force is {wrench[:3].tolist()} N"
+    first_bad("max_normal_force", force, force < least, far_off)
     weight = np.zeros(count) if gravity_torques is None else gravity_torques
     gravity = finite_array("gravity_torques", weight, (count,))
     return {
@@ -78,11 +89,23 @@ def checked_arguments(
         "lower_torque": lower,
         "upper_torque": upper,
         "max_normal_force": force,
-        "cone_edges": whole_number("cone_edges", cone_edges, 3),
+        "cone_edges": whole_number("cone_edges", cone_edges, 3, MOST_CONE_EDGES),
         "joint_names": _checked_names(joint_names, count),
         "joint_units": checked_units(joint_units, count),
         "gravity_torques": gravity,
     }
+
+
+def bears_load(max_normal_force: float, external_wrench: FloatArray) -> bool:
+    """Whether a normal force is one, and not too small beside the external force to compute with.
+
+    Args:
+        max_normal_force: The largest normal force of a contact, N.
+        external_wrench: (6,) N and N m.
+    """
+    x, y, z, *_ = external_wrench.tolist()
+    load = max(abs(x), abs(y), abs(z))
+    return max_normal_force >= max(SMALLEST, load / LARGEST_LOAD_OVER_LIMIT)
 
 
 def _checked_tangents(tangents: ArrayLike | None, normals: FloatArray) -> FloatArray:
@@ -148,7 +171,7 @@ def _checked_names(names: Sequence[str] | None, count: int) -> tuple[str, ...]:
     """Return L distinct names, ``joint_1`` ... for None."""
     if names is None:
         return tuple(f"joint_{i + 1}" for i in range(count))
-    if isinstance(names, str):
+    if isinstance(names, str) or not isinstance(names, Iterable):
         raise ArgumentError("joint_names", f"is {names!r}; it must be a sequence of names")
     checked = tuple(str(name) for name in names)
     if len(checked) != count:

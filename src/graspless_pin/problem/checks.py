@@ -12,6 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.compiled import contact_frames, small_arrays
 from graspless_pin.errors import ArgumentError
+from graspless_pin.magnitudes import LARGEST, LARGEST_REGULARIZATION
+
+_LARGEST_OF = {"regularization": LARGEST_REGULARIZATION}
 
 FloatArray = NDArray[np.float64]
 
@@ -42,9 +45,11 @@ def real_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Fl
     array: FloatArray | None = None
     if isinstance(value, np.ndarray) and value.dtype == np.float64:
         array = np.array(value)
-        if array.shape == shape and all_finite((array,)):
+        if type(value) is np.ndarray and array.shape == shape and all_within((array,)):
             return read_only(array)
+        _refuse_masks(name, value)
     else:
+        _refuse_masks(name, value)
         with suppress(TypeError, ValueError):
             raw = np.asarray(value)
             array = np.array(value, dtype=np.float64) if raw.dtype.kind in "fiub" else None
@@ -59,7 +64,20 @@ def real_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Fl
     if np.count_nonzero(np.isnan(array)):
         index = tuple(int(i) for i in np.argwhere(np.isnan(array))[0])
         raise ArgumentError(name, f"is NaN at index {index}; every entry must be a number")
+    too_large = np.isfinite(array) & (np.abs(array) > LARGEST)
+    if np.count_nonzero(too_large):
+        index = tuple(int(i) for i in np.argwhere(too_large)[0])
+        raise ArgumentError(
+            name, f"is {array[index]} at index {index}; it must be within ±{LARGEST:g}"
+        )
     return read_only(array)
+
+
+def _refuse_masks(name: str, value: object) -> None:
+    """Refuse masked entries, which a plain array would show again."""
+    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+        masked = int(np.ma.count_masked(value))
+        raise ArgumentError(name, f"has {masked} masked entries; every entry must be a number")
 
 
 def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
@@ -81,6 +99,13 @@ def all_finite(arrays: Sequence[FloatArray]) -> bool:
     if small_arrays is not None:
         return small_arrays.all_finite(arrays)
     return all_true(np.isfinite(np.concatenate(arrays, axis=None)))
+
+
+def all_within(arrays: Sequence[FloatArray], most: float = LARGEST) -> bool:
+    """Whether every entry of every array is a number of at most this magnitude."""
+    if small_arrays is not None:
+        return small_arrays.all_within(arrays, most)
+    return all_true(np.abs(np.concatenate(arrays, axis=None)) <= most)
 
 
 def in_order(arrays: Sequence[FloatArray], *, strictly: bool = False) -> bool:
@@ -142,25 +167,41 @@ def unit_rows(name: str, vectors: FloatArray) -> None:
         )
 
 
+def _shown(value: object) -> str:
+    """Return a value for a message, cut; Python does not print whole numbers without end."""
+    try:
+        return f"{value!r:.100}"
+    except ValueError:
+        return "too large a number"
+
+
 def real_number(name: str, value: object, minimum: float, *, finite: bool = True) -> float:
     """Return ``value`` as a float not below ``minimum``.
 
     Raises:
-        ArgumentError: If it is not a real number, is NaN, too small, or infinite where finite.
+        ArgumentError: If it is not a real number, is NaN, too small or too large, or infinite where
+            finite.
     """
     ok = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
-    number = float(value) if ok else np.nan  # type: ignore[arg-type]
+    number = np.nan
+    with suppress(OverflowError):  # a whole number may be larger than any float
+        number = float(value) if ok else np.nan  # type: ignore[arg-type]
     if not number >= minimum or (finite and np.isinf(number)):
         kind = "finite number" if finite else "number"
-        raise ArgumentError(name, f"is {value!r}; it must be a {kind} >= {minimum:g}")
+        raise ArgumentError(name, f"is {_shown(value)}; it must be a {kind} >= {minimum:g}")
+    most = _LARGEST_OF.get(name, LARGEST)
+    if finite and number > most:
+        raise ArgumentError(name, f"is {number:g}; it must be from {minimum:g} to {most:g}")
     return number
 
 
-def whole_number(name: str, value: object, minimum: int | None = None) -> int:
-    """Return ``value`` as an int not below ``minimum``, if there is one.
+def whole_number(
+    name: str, value: object, minimum: int | None = None, maximum: int | None = None
+) -> int:
+    """Return ``value`` as an int not below ``minimum`` nor above ``maximum``, if there are such.
 
     Raises:
-        ArgumentError: If it is not a whole number or too small.
+        ArgumentError: If it is not a whole number, too small or too large.
     """
     try:
         number = operator.index(value)  # type: ignore[arg-type]
@@ -169,5 +210,7 @@ def whole_number(name: str, value: object, minimum: int | None = None) -> int:
     too_small = number is not None and minimum is not None and number < minimum
     if number is None or isinstance(value, bool) or too_small:
         least = "" if minimum is None else f" >= {minimum}"
-        raise ArgumentError(name, f"is {value!r}; it must be a whole number{least}")
+        raise ArgumentError(name, f"is {_shown(value)}; it must be a whole number{least}")
+    if maximum is not None and number > maximum:
+        raise ArgumentError(name, f"is {_shown(number)}; it must be from {minimum} to {maximum}")
     return number

@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.compiled import contact_frames
 from graspless_pin.errors import ArgumentError
-from graspless_pin.problem.arguments import AT_REST, checked_arguments
+from graspless_pin.problem.arguments import AT_REST, bears_load, checked_arguments
 from graspless_pin.problem.checks import (
     FloatArray,
-    all_finite,
     all_true,
+    all_within,
     in_order,
     make_read_only,
     read_only,
@@ -182,11 +182,12 @@ class QuasistaticProblem:
         lower, upper = torque_limits
         if not (
             len(positions) > 0
-            and all_finite(
+            and all_within(
                 (positions, external_wrench, jacobian, friction, sliding, gravity_torques)
             )
             and min(friction.tolist()) >= 0.0
-            and 0.0 < max_normal_force < np.inf
+            and bears_load(max_normal_force, external_wrench)
+            and max_normal_force < np.inf
             and isinstance(cone_edges, int)
             and cone_edges >= 3
             # Where the lower is below the upper, neither is infinite on the wrong side.

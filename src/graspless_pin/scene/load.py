@@ -31,6 +31,7 @@ from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.poses import pose_matrix
 from graspless_pin.geometry.robots.files import describe_urdf, find_robot
+from graspless_pin.magnitudes import LARGEST_LOAD_OVER_LIMIT
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene import schema
 from graspless_pin.scene.material_pairs import warn_of_unused_materials
@@ -107,13 +108,15 @@ class _Builder:
                     raise self._error(
                         ("friction", key), f"names no body; known: {', '.join(known)}"
                     )
+        made = self._object(entry.object)
+        self._check_weight(entry, made)
         weight = entry.hand is None or entry.hand.count_own_weight
         return Scene(
             name=entry.name or self._source.path.stem,
             path=self._source.path,
             gravity=np.array(entry.gravity),
             hand=hand,
-            object=self._object(entry.object),
+            object=made,
             supports=supports,
             friction={"default": friction} if not isinstance(friction, dict) else friction,
             materials=self._materials(entry),
@@ -129,6 +132,17 @@ class _Builder:
             hybrid_force_limit=None if entry.hand is None else entry.hand.hybrid_force_limit,
             solve_options=entry.solve.model_dump(),
         )
+
+    def _check_weight(self, entry: schema.SceneEntry, made: ManipulatedObject) -> None:
+        """Refuse an object whose weight no double holds beside the force that must bear it."""
+        weight = made.mass * float(np.linalg.norm(entry.gravity))
+        most = LARGEST_LOAD_OVER_LIMIT * entry.max_normal_force
+        if weight > most:
+            raise self._error(
+                ("max_normal_force",),
+                f"is {entry.max_normal_force:g} N, and the object weighs {weight:g} N; it may "
+                f"weigh at most {LARGEST_LOAD_OVER_LIMIT:g} times as much, {most:g} N",
+            )
 
     def _materials(self, entry: schema.SceneEntry) -> Materials:
         table = self._at((), lambda: Materials.from_table(entry.materials))

@@ -11,6 +11,8 @@ from pydantic import BaseModel, ValidationError
 from graspless_pin.scene.schema import SceneEntry
 from graspless_pin.scene.yaml_source import Location, YamlSource
 
+_MOST_EXAMINED = 60
+_MOST_TOLD = 5
 Node = dict[str, Any]
 """A part of the JSON schema."""
 
@@ -23,7 +25,8 @@ def explain(source: YamlSource, error: ValidationError, model: type[BaseModel] =
         error: What pydantic says of its content.
         model: What the file was to be.
     """
-    items = [(_in_file(source.data, item), item) for item in error.errors()]
+    errors = error.errors()
+    items = [(_in_file(source.data, item), item) for item in errors[:_MOST_EXAMINED]]
     schema = model.model_json_schema()
     lines = []
     for location, item in items:
@@ -34,7 +37,11 @@ def explain(source: YamlSource, error: ValidationError, model: type[BaseModel] =
             continue
         mistake = _mistake(schema, source.data, location, item)
         lines.append(f"{source.where(location)}: {key_text(location)}: {mistake}")
-    return "\n".join(dict.fromkeys(lines))
+    lines = [*dict.fromkeys(lines)]
+    more = len(lines) - _MOST_TOLD + len(errors[_MOST_EXAMINED:])
+    return "\n".join(
+        [*lines[:_MOST_TOLD], *([f"... and {more} mistakes more"] if more > 0 else [])]
+    )
 
 
 def key_text(location: Location) -> str:
@@ -62,7 +69,10 @@ def _mistake(schema: Node, data: Any, location: Location, item: Any) -> str:
         meant = f"did you mean {near[0]!r}? " if near else ""
         return f"is no key that can stand here; {meant}known: {', '.join(known)}"
     if parts[-1] == "[key]":
-        return f"found {item['input']!r} as a name; a name is text: put it in quotes"
+        found = reprlib.repr(item["input"])
+        if isinstance(item["input"], str):
+            return f"found {found} as a name; a name has at most 200 characters"
+        return f"found {found} as a name; a name is text: put it in quotes"
     wanted = _wanted_of(schema, _nodes_at(schema, data, location))
     if kind == "missing" and location[-1:] == parts[-1:]:
         return f"is missing; needs {wanted}"
@@ -149,27 +159,35 @@ def _wanted(schema: Node, node: Node) -> str:
             each = _wanted_of(schema, _options(schema, inner[0]))
             if "prefixItems" in node:
                 return f"a list of {len(inner)}, each {each}"
-            least = f" of at least {node['minItems']}" if "minItems" in node else ""
-            return f"a list{least}, each item {each}"
+            least = [f"at least {node['minItems']}"] if "minItems" in node else []
+            most = [f"at most {node['maxItems']}"] if "maxItems" in node else []
+            many = f" of {' and '.join([*least, *most])}" if least or most else ""
+            return f"a list{many}, each item {each}"
         case "object" if "properties" in node:
             return f"a mapping with the keys {', '.join(_keys(node))}"
         case "object" if not isinstance(node.get("additionalProperties"), dict):
             return "a mapping"
         case "object":
             each = _wanted_of(schema, _options(schema, node["additionalProperties"]))
-            return f"a mapping of names, each to {each}"
+            most = f"at most {node['maxProperties']} " if "maxProperties" in node else ""
+            return f"a mapping of {most}names, each to {each}"
         case "boolean":
             return "true or false"
+        case _ if "maxLength" in node:
+            return f"text of at most {node['maxLength']} characters"
         case _:
             return "text"
 
 
 def _bounds(node: Node) -> str:
+    least, most = node.get("minimum"), node.get("maximum")
+    if most is None:
+        return "" if least is None else f" >= {least:g}"
     if "exclusiveMinimum" in node:
-        return f" > {node['exclusiveMinimum']:g}"
-    if "minimum" in node and "maximum" in node:
-        return f" from {node['minimum']:g} to {node['maximum']:g}"
-    return f" >= {node['minimum']:g}" if "minimum" in node else ""
+        return f" > 0, from {least:g} to {most:g}"
+    if least == -most:
+        return f" within ±{most:g}"
+    return f" >= {least:g}, at most {most:g}"
 
 
 def _join(words: list[str]) -> str:

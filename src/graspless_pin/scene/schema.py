@@ -17,7 +17,23 @@ from pydantic import (
     model_validator,
 )
 
-from graspless_pin.geometry.robots.schema import no_truth_value
+from graspless_pin.intake.fields import (
+    ByName,
+    Description,
+    Few,
+    FilePath,
+    Finite,
+    Friction,
+    Length,
+    Many,
+    Name,
+    NotNegative,
+    Positive,
+    Regularization,
+    Signed,
+    no_truth_value,
+)
+from graspless_pin.magnitudes import MOST_CONE_EDGES
 
 
 def _not_zero(vector: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -26,24 +42,23 @@ def _not_zero(vector: tuple[float, float, float]) -> tuple[float, float, float]:
     return vector
 
 
-_NUMBER = BeforeValidator(no_truth_value)
-Finite = Annotated[float, Field(allow_inf_nan=False), _NUMBER]
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False), _NUMBER]
-NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False), _NUMBER]
-Whole = Annotated[int, Field(ge=0), _NUMBER]
-Count = Annotated[int, Field(ge=1), _NUMBER]
-FromThree = Annotated[int, Field(ge=3), _NUMBER]
+ConeEdges = Annotated[int, Field(ge=3, le=MOST_CONE_EDGES), BeforeValidator(no_truth_value)]
+PatchPoints = Annotated[int, Field(ge=3, le=64), BeforeValidator(no_truth_value)]
 Vector = tuple[Finite, Finite, Finite]
 Direction = Annotated[Vector, AfterValidator(_not_zero)]
 Convex = Literal["hull", "decompose"]
 LinkConvex = Annotated[
-    Convex | dict[str, Convex] | None,
+    Convex | ByName[Convex] | None,
     Field(
         description="how the links' collision meshes are made convex, for all or by link; default: "
         "as in the robot file, else hull",
     ),
 ]
-Concavity = Annotated[float, Field(ge=0.01, le=1.0, description="coarseness of the cut"), _NUMBER]
+Concavity = Annotated[
+    float,
+    Field(ge=0.01, le=1.0, description="coarseness of the cut"),
+    BeforeValidator(no_truth_value),
+]
 
 
 class Entry(BaseModel):
@@ -77,46 +92,46 @@ class BoxEntry(Entry):
     """A box with full edge lengths."""
 
     type: Literal["box"]
-    size: tuple[Positive, Positive, Positive]
+    size: tuple[Length, Length, Length]
 
 
 class SphereEntry(Entry):
     """A sphere."""
 
     type: Literal["sphere"]
-    radius: Positive
+    radius: Length
 
 
 class CylinderEntry(Entry):
     """A cylinder along z, its full height."""
 
     type: Literal["cylinder"]
-    radius: Positive
-    length: Positive
+    radius: Length
+    length: Length
 
 
 class CapsuleEntry(Entry):
     """A capsule along z; the length is the cylinder's without its ends."""
 
     type: Literal["capsule"]
-    radius: Positive
-    length: Positive
+    radius: Length
+    length: Length
 
 
 class ConeEntry(Entry):
     """A cone, tip up along z."""
 
     type: Literal["cone"]
-    radius: Positive
-    length: Positive
+    radius: Length
+    length: Length
 
 
 class MeshEntry(Entry):
     """A mesh file, as its convex hull or cut into convex pieces; relative to the scene file."""
 
     type: Literal["mesh"]
-    path: str
-    scale: Positive | tuple[Positive, Positive, Positive] = 1.0
+    path: FilePath
+    scale: Length | tuple[Length, Length, Length] = 1.0
     convex: Convex = Field(
         default="hull", description="decompose: cut a non-convex mesh into convex pieces, cached"
     )
@@ -142,22 +157,24 @@ ShapeEntry = Annotated[
 class FingerEntry(Entry):
     """A finger: its joints, and the links whose contacts are its own (default: all it moves)."""
 
-    joints: list[str] = Field(min_length=1)
-    links: list[str] = []
-    tip: str | None = None
+    joints: Many[Name] = Field(min_length=1)
+    links: Many[Name] = []
+    tip: Name | None = None
 
 
 class MountEntry(Entry):
     """One robot fixed to the world; one of ``robot`` or ``urdf``."""
 
-    robot: str | None = Field(
+    robot: FilePath | None = Field(
         default=None,
         description="a robot file of this package or by path, or an example-robot-data model",
     )
-    urdf: str | None = Field(default=None, description="path of a URDF, relative to the scene file")
-    package_dirs: list[str] = []
+    urdf: FilePath | None = Field(
+        default=None, description="path of a URDF, relative to the scene file"
+    )
+    package_dirs: Few[FilePath] = []
     base_pose: PoseEntry = PoseEntry()
-    fingers: dict[str, FingerEntry] | None = None
+    fingers: ByName[FingerEntry] | None = None
     convex: LinkConvex = None
     concavity: Concavity | None = None
 
@@ -171,7 +188,7 @@ class MountEntry(Entry):
 class PrefixedMountEntry(MountEntry):
     """One of several robots: the prefix goes before the names of its joints, links, fingers."""
 
-    prefix: str
+    prefix: Name
 
 
 ModeName = Literal["force", "position", "hybrid"]
@@ -180,21 +197,21 @@ ModeName = Literal["force", "position", "hybrid"]
 class HandEntry(Entry):
     """The hand: one robot, or several under ``mounts``."""
 
-    robot: str | None = None
-    urdf: str | None = None
-    package_dirs: list[str] = []
+    robot: FilePath | None = None
+    urdf: FilePath | None = None
+    package_dirs: Few[FilePath] = []
     base_pose: PoseEntry = PoseEntry()
-    fingers: dict[str, FingerEntry] | None = None
+    fingers: ByName[FingerEntry] | None = None
     convex: LinkConvex = None
     concavity: Concavity | None = None
-    mounts: list[PrefixedMountEntry] = []
-    q: dict[str, Finite] = Field(default={}, description="rad or m by joint name")
-    control: ModeName | dict[str, ModeName] | None = Field(
+    mounts: Annotated[list[PrefixedMountEntry], Field(max_length=16)] = []
+    q: ByName[Finite] = Field(default={}, description="rad or m by joint name")
+    control: ModeName | ByName[ModeName] | None = Field(
         default=None,
         description="one mode for all joints, or modes by finger or joint; default: force, and "
         "position for the joints of an arm that carries the hand",
     )
-    effort_limits: dict[str, NotNegative | tuple[Finite, Finite]] = Field(
+    effort_limits: ByName[NotNegative | tuple[Signed, Signed]] = Field(
         default={},
         description="N m, or N for linear joints, by joint or finger; a number means -x to x",
     )
@@ -202,7 +219,7 @@ class HandEntry(Entry):
         default=None,
         description="largest commanded force of a hybrid finger, N; default max_normal_force",
     )
-    material: str | None = Field(default=None, description="of all its links")
+    material: Name | None = Field(default=None, description="of all its links")
     count_own_weight: bool = Field(
         default=True, description="whether g(q), the links' own weight, counts against the limits"
     )
@@ -242,14 +259,14 @@ class HandEntry(Entry):
 class ObjectEntry(Entry):
     """The manipulated object, with its mass or its density."""
 
-    name: str = "object"
+    name: Name = "object"
     shape: SolidEntry
     mass: Positive | None = Field(default=None, description="kg; or density")
     density: Positive | None = Field(default=None, description="kg/m^3; or mass")
     center_of_mass: Vector | None = Field(
         default=None, description="in the object's frame, m; default: the centroid of the shape"
     )
-    material: str | None = None
+    material: Name | None = None
     pose: PoseEntry = PoseEntry()
 
     @model_validator(mode="after")
@@ -270,21 +287,21 @@ class TwistEntry(Entry):
 class SupportEntry(Entry):
     """Something that the object may touch: fixed, or moving with a velocity of its own."""
 
-    name: str
+    name: Name
     shape: ShapeEntry
     pose: PoseEntry = PoseEntry()
-    friction: NotNegative | None = None
+    friction: Friction | None = None
     velocity: TwistEntry = Field(
         default=TwistEntry(),
         description="about the support frame's origin: a conveyor, a turntable",
     )
-    material: str | None = None
+    material: Name | None = None
 
 
 class ContactEntry(Entry):
     """A given contact: what touches the object (a hand link or support), where, and the normal."""
 
-    body: str
+    body: Name
     position: Vector = Field(description="world frame, m")
     normal: Direction = Field(description="into the object, world axes; any length")
 
@@ -293,7 +310,7 @@ class HandMotionEntry(Entry):
     """The hand's own motion; without it, its contacts follow the object and stick."""
 
     base_twist: TwistEntry = TwistEntry()
-    joint_velocities: dict[str, Finite] = {}
+    joint_velocities: ByName[Finite] = {}
 
 
 class MotionEntry(Entry):
@@ -312,36 +329,36 @@ class SolveEntry(Entry):
     sign_rule: Literal["strict", "exact", "nonzero"] = "strict"
     sliding_rule: Literal["exempt", "constrained"] = "exempt"
     static_friction: Literal["virtual_sliding", "coulomb"] = "virtual_sliding"
-    solver: str = "piqp"
-    regularization: NotNegative = 0.0
+    solver: Name = "piqp"
+    regularization: Regularization = 0.0
 
 
 class SceneEntry(Entry):
     """A whole scene."""
 
-    name: str = ""
-    description: str = ""
+    name: Name = ""
+    description: Description = ""
     gravity: Vector = (0.0, 0.0, -9.81)
     hand: HandEntry | None = None
     object: ObjectEntry
-    supports: list[SupportEntry] = []
-    friction: NotNegative | dict[str, NotNegative] = Field(
+    supports: Few[SupportEntry] = []
+    friction: Friction | ByName[Friction] = Field(
         description="one coefficient, or by hand link, support, 'hand', 'supports' and 'default'"
     )
-    materials: dict[str, dict[str, NotNegative]] = Field(
+    materials: Annotated[dict[Name, ByName[Friction]], Field(max_length=1000)] = Field(
         default={}, description="coefficient per pair of materials, e.g. {rubber: {steel: 0.6}}"
     )
-    contacts: list[ContactEntry] | None = Field(
+    contacts: Many[ContactEntry] | None = Field(
         default=None, description="given contacts; without this key they are found from the shapes"
     )
     motion: MotionEntry | None = None
     max_normal_force: Positive = Field(default=50.0, description="N")
-    cone_edges: FromThree = 32
-    contact_tolerance: Positive = Field(default=1e-3, description="m")
-    points_per_patch: FromThree = Field(
+    cone_edges: ConeEdges = 32
+    contact_tolerance: Length = Field(default=1e-3, description="m")
+    points_per_patch: PatchPoints = Field(
         default=8, description="most contacts that stand for one face on a face"
     )
-    tangent_axes: list[Direction] = Field(
+    tangent_axes: Few[Direction] = Field(
         default=[],
         description="t1 is the projection of the first of these axes that is not along the normal",
     )

@@ -37,6 +37,8 @@ if TYPE_CHECKING:
 _CHUNK_SECONDS = 0.5
 """How long a chunk should take: long beside the way to a worker, short beside a progress bar."""
 _LARGEST_CHUNK = 256
+_LONGEST_NAME = 220
+"""Bytes of an output's name; its journal and draft have longer ones, and 255 is the end."""
 _AHEAD = 2
 """Chunks a worker: one that it computes, and one that waits for it."""
 
@@ -78,6 +80,7 @@ def run_study(
     require_tables()
     file = Path(output)
     format_of(file)
+    _check_name(file)
     check_columns(study)
     count = whole_number("workers", usable_cores() if workers is None else workers, 1)
     journal_file = file.with_name(f"{file.name}.journal")
@@ -108,6 +111,21 @@ def run_study(
     finally:
         journal.close(remove=complete)
     return table
+
+
+def _check_name(file: Path) -> None:
+    """Refuse a name that leaves no room for the names of journal and draft."""
+    length = len(os.fsencode(file.name))
+    if length > _LONGEST_NAME:
+        raise StudyError(
+            f"{file}: its name has {length} bytes; give one of at most {_LONGEST_NAME}"
+        )
+    try:
+        file.lstat()
+    except (FileNotFoundError, NotADirectoryError):
+        pass
+    except (OSError, ValueError) as error:
+        raise StudyError(f"{str(file)!r}: is no path of a file ({error})") from None
 
 
 def _check_folder(file: Path) -> None:

@@ -6,16 +6,20 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from graspless_pin.scene.schema import (
+from graspless_pin.intake.fields import (
+    ByName,
     Count,
-    Direction,
-    Entry,
-    Finite,
+    Description,
+    Few,
+    FilePath,
+    Name,
     NotNegative,
     Positive,
-    Vector,
+    Regularization,
+    Signed,
     Whole,
 )
+from graspless_pin.scene.schema import Direction, Entry, Finite, Vector
 
 
 def _listed(value: Any) -> Any:
@@ -25,7 +29,7 @@ def _listed(value: Any) -> Any:
 
 Scalar = bool | int | float | str
 What = Annotated[
-    list[str],
+    Few[Name],
     BeforeValidator(_listed),
     Field(
         min_length=1,
@@ -38,9 +42,9 @@ What = Annotated[
 class SetEntry(Entry):
     """A scene key that gets factor * value + offset, in SI units."""
 
-    key: str
-    factor: Finite = 1.0
-    offset: Finite = 0.0
+    key: Name
+    factor: Signed = 1.0
+    offset: Signed = 0.0
 
 
 class TurnEntry(Entry):
@@ -49,7 +53,7 @@ class TurnEntry(Entry):
     what: What
     axis: Direction
     point: Vector = (0.0, 0.0, 0.0)
-    frame: str | None = Field(
+    frame: Name | None = Field(
         default=None, description="body in whose frame axis and point are; default: the world"
     )
     as_in_scene: Finite = Field(
@@ -62,7 +66,7 @@ class MoveEntry(Entry):
 
     what: What
     along: Direction
-    frame: str | None = Field(
+    frame: Name | None = Field(
         default=None, description="body in whose frame the direction is; default: the world"
     )
     as_in_scene: Finite = Field(
@@ -73,16 +77,19 @@ class MoveEntry(Entry):
 class VariableEntry(Entry):
     """One thing that varies: its values, and what they change in the scene."""
 
-    values: Annotated[list[Scalar], Field(min_length=1)] | dict[str, Any] | None = Field(
-        default=None, description="the values, or by label, for values that are no single number"
+    values: Annotated[list[Scalar], Field(min_length=1, max_length=10_000)] | ByName[Any] | None = (
+        Field(
+            default=None,
+            description="the values, or by label, for values that are no single number",
+        )
     )
-    start: Finite | None = Field(default=None, alias="from")
-    to: Finite | None = None
+    start: Signed | None = Field(default=None, alias="from")
+    to: Signed | None = None
     steps: Count | None = Field(default=None, description="points of the grid, ends included")
     scale: Literal["linear", "log"] = "linear"
-    unit: str | None = Field(default=None, description="of the values; default SI")
-    key: str | None = Field(default=None, description="a scene key; default: the variable's name")
-    set: list[SetEntry] | None = Field(default=None, min_length=1)
+    unit: Name | None = Field(default=None, description="of the values; default SI")
+    key: Name | None = Field(default=None, description="a scene key; default: the variable's name")
+    set: Few[SetEntry] | None = Field(default=None, min_length=1)
     turn: TurnEntry | None = None
     move: MoveEntry | None = None
 
@@ -138,8 +145,8 @@ class ComputeEntry(Entry):
     sign_rule: Literal["strict", "exact", "nonzero"] | None = None
     sliding_rule: Literal["exempt", "constrained"] | None = None
     static_friction: Literal["virtual_sliding", "coulomb"] | None = None
-    solver: str | None = None
-    regularization: NotNegative | None = None
+    solver: Name | None = None
+    regularization: Regularization | None = None
     node_limit: Count | None = Field(default=None, description="of each search over modes")
     sample_time_limit: Positive | None = Field(
         default=None,
@@ -173,9 +180,9 @@ class ComputeEntry(Entry):
 class StudyEntry(Entry):
     """A whole study."""
 
-    name: str = ""
-    description: str = ""
-    scene: str = Field(description="path of the scene, relative to the study file")
-    vary: dict[str, VariableEntry] = Field(min_length=1)
+    name: Name = ""
+    description: Description = ""
+    scene: FilePath = Field(description="path of the scene, relative to the study file")
+    vary: dict[Name, VariableEntry] = Field(min_length=1, max_length=100)
     sampling: SamplingEntry = SamplingEntry()
     compute: ComputeEntry = ComputeEntry()

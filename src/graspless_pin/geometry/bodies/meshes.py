@@ -14,6 +14,7 @@ from scipy.spatial import QhullError
 from graspless_pin.errors import MeshError, MeshScaleWarning
 from graspless_pin.geometry.bodies.mesh_files import MESH_FORMATS, parse_mesh, unknown_format
 from graspless_pin.geometry.bodies.polytopes import hull_of
+from graspless_pin.magnitudes import LARGEST_LENGTH
 
 Array = NDArray[np.float64]
 Scale = float | tuple[float, float, float]
@@ -46,6 +47,8 @@ def load_mesh(path: Path) -> trimesh.Trimesh:
         raise MeshError(f"mesh file '{path}' has no faces; export it as a triangle mesh")
     if not np.isfinite(mesh.vertices).all():
         raise MeshError(f"mesh file '{path}' has vertices that are not finite numbers")
+    if not np.abs(mesh.vertices).max() <= LARGEST_LENGTH:
+        raise MeshError(f"mesh file '{path}' has vertices beyond ±{LARGEST_LENGTH:g}")
     return mesh
 
 

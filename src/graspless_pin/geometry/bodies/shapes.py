@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -19,6 +18,9 @@ from graspless_pin.geometry.bodies.decomposition import (
     convex_pieces,
 )
 from graspless_pin.geometry.bodies.meshes import file_state, hull_points, scaled_mesh
+from graspless_pin.magnitudes import LARGEST_LENGTH, SMALLEST_LENGTH
+
+_RANGE = f"from {SMALLEST_LENGTH:g} to {LARGEST_LENGTH:g} m"
 
 
 @dataclass(frozen=True)
@@ -250,8 +252,8 @@ def shape_extent(shape: Shape) -> NDArray[np.float64]:
 def _check_positive(name: str, value: float) -> None:
     if not isinstance(value, (int, float, np.floating)) or isinstance(value, bool):
         raise ArgumentError(name, f"needs a positive number, got {value!r}")
-    if not (math.isfinite(value) and value > 0.0):
-        raise ArgumentError(name, f"needs a positive number, got {value!r}")
+    if not SMALLEST_LENGTH <= value <= LARGEST_LENGTH:
+        raise ArgumentError(name, f"needs a positive number {_RANGE}, got {value!r}")
 
 
 def _lengths(name: str, values: ArrayLike) -> tuple[float, float, float]:
@@ -259,7 +261,11 @@ def _lengths(name: str, values: ArrayLike) -> tuple[float, float, float]:
         array = np.array(values, dtype=float)
     except (TypeError, ValueError) as error:
         raise ArgumentError(name, f"needs three positive numbers, got {values!r}") from error
-    if array.shape != (3,) or not np.isfinite(array).all() or not (array > 0.0).all():
-        raise ArgumentError(name, f"needs three positive numbers, got {array.tolist()}")
+    if (
+        array.shape != (3,)
+        or not (array >= SMALLEST_LENGTH).all()
+        or not (array <= LARGEST_LENGTH).all()
+    ):
+        raise ArgumentError(name, f"needs three positive numbers {_RANGE}, got {array.tolist()}")
     x, y, z = array.tolist()
     return x, y, z

@@ -9,9 +9,8 @@ from pathlib import Path
 from graspless_pin.errors import MeshError, RobotError
 from graspless_pin.geometry.bodies.mesh_files import check_mesh_file
 from graspless_pin.intake.files import is_file
+from graspless_pin.magnitudes import LARGEST_LENGTH
 
-LARGEST = 1e12
-"""No length (m), angle, mass (kg), inertia or factor of a robot is larger."""
 _DIMENSIONS = {
     "box": (("size", 3),),
     "sphere": (("radius", 1),),
@@ -77,10 +76,8 @@ def numbers(
     if len(values) != count or any(value != value for value in values):
         needed = "a number" if count == 1 else f"{count} numbers"
         raise RobotError(f"{where} has {what}={text!r}, which is not {needed}")
-    if not unlimited and any(abs(value) > LARGEST for value in values):
-        raise RobotError(
-            f"{where} has {what}={text!r}; it must be within {-LARGEST:g} to {LARGEST:g}"
-        )
+    if not unlimited and any(abs(value) > LARGEST_LENGTH for value in values):
+        raise RobotError(f"{where} has {what}={text!r}; it must be within ±{LARGEST_LENGTH:g}")
     return values
 
 

@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
+import reprlib
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from graspless_pin.errors import RobotError, TextError
 from graspless_pin.geometry.bodies.decomposition import DEFAULT_CONCAVITY
 from graspless_pin.geometry.hand.coupling import JointCoupling
+from graspless_pin.intake.fields import ByName, Few, FilePath, Finite, Many, Name, Number, Signed
 from graspless_pin.intake.files import FileKind, read_text
 from graspless_pin.intake.yaml_text import parse_yaml
 
-
-def no_truth_value(value: Any) -> Any:
-    """Refuse true and false as numbers: pydantic would read them as 1 and 0."""
-    if isinstance(value, bool):
-        raise PydanticCustomError("number_type", "Input should be a number")
-    return value
-
-
 Convex = Literal["hull", "decompose"]
-Number = Annotated[float, BeforeValidator(no_truth_value)]
-Finite = Annotated[Number, Field(allow_inf_nan=False)]
+Source = Annotated[str, Field(max_length=2000)]
 
 
 class _Entry(BaseModel):
@@ -35,17 +27,17 @@ class _Entry(BaseModel):
 class FingerEntry(_Entry):
     """A finger; without links, all that its joints move."""
 
-    joints: list[str] = Field(min_length=1)
-    links: list[str] = []
-    tip: str | None = None
+    joints: Many[Name] = Field(min_length=1)
+    links: Many[Name] = []
+    tip: Name | None = None
 
 
 class EffortEntry(_Entry):
     """A limit and where it comes from, or what is known while the real limit is not."""
 
-    limit: Number | tuple[Number, Number] | None = None
-    source: str | None = Field(default=None, min_length=1)
-    unknown: str | None = Field(default=None, min_length=1)
+    limit: Signed | tuple[Signed, Signed] | None = None
+    source: Source | None = Field(default=None, min_length=1)
+    unknown: Source | None = Field(default=None, min_length=1)
 
     @model_validator(mode="after")
     def _one_form(self) -> EffortEntry:
@@ -61,7 +53,7 @@ class EffortEntry(_Entry):
 class CouplingEntry(_Entry):
     """A coupled joint: it follows one joint with a multiplier, or several by name."""
 
-    follows: str | dict[str, Finite] = Field(min_length=1)
+    follows: Name | ByName[Finite] = Field(min_length=1)
     multiplier: Finite = 1.0
     offset: Finite = 0.0
 
@@ -82,22 +74,22 @@ class CouplingEntry(_Entry):
 class TendonEntry(_Entry):
     """A tendon: torque on each joint per newton of tension, that is its moment arm in metres."""
 
-    moment_arms: dict[str, Finite] = Field(min_length=1)
+    moment_arms: ByName[Finite] = Field(min_length=1)
 
 
 class RobotFile(_Entry):
     """A robot file."""
 
-    name: str = Field(min_length=1)
-    urdf: str | None = None
-    model: str | None = None
-    root_link: str | None = None
-    palm: str | list[str] = []
-    fingers: dict[str, FingerEntry] = {}
-    couplings: dict[str, CouplingEntry] = {}
-    tendons: dict[str, TendonEntry] = {}
-    effort_limits: dict[str, EffortEntry] = {}
-    convex: Convex | dict[str, Convex] = "hull"
+    name: Name = Field(min_length=1)
+    urdf: FilePath | None = None
+    model: Name | None = None
+    root_link: Name | None = None
+    palm: Name | Few[Name] = []
+    fingers: ByName[FingerEntry] = {}
+    couplings: ByName[CouplingEntry] = {}
+    tendons: ByName[TendonEntry] = {}
+    effort_limits: ByName[EffortEntry] = {}
+    convex: Convex | ByName[Convex] = "hull"
     concavity: Number = Field(default=DEFAULT_CONCAVITY, ge=0.01, le=1.0)
 
     @model_validator(mode="after")
@@ -140,6 +132,7 @@ def _robot_file(file: Path, text: str) -> RobotFile:
         return RobotFile.model_validate(content)
     except ValidationError as error:
         first = error.errors()[0]
+        found = reprlib.repr(first["input"])
         key = ".".join(str(part) for part in first["loc"]) or "file"
         if {"object", "friction"} <= content.keys():
             raise RobotError(
@@ -147,7 +140,9 @@ def _robot_file(file: Path, text: str) -> RobotFile:
             ) from error
         if first["type"] == "extra_forbidden":
             raise RobotError(
-                f"{file}: {key}: is no key that can stand here (found {first['input']!r}); a robot "
+                f"{file}: {key}: is no key that can stand here (found {found}); a robot "
                 f"file has the keys {', '.join(RobotFile.model_fields)}"
             ) from error
-        raise RobotError(f"{file}: {key}: {first['msg']} (found {first['input']!r})") from error
+        raise RobotError(
+            f"{file}: {key}: {first['msg']} (found {reprlib.repr(first['input'])})"
+        ) from error

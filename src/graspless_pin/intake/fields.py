@@ -1,0 +1,56 @@
+"""Types of what files hold, with bounds: numbers, names, lists."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, TypeVar
+
+from pydantic import BeforeValidator, Field
+from pydantic_core import PydanticCustomError
+
+from graspless_pin.magnitudes import (
+    LARGEST,
+    LARGEST_FRICTION,
+    LARGEST_LENGTH,
+    LARGEST_REGULARIZATION,
+    SMALLEST,
+    SMALLEST_LENGTH,
+)
+
+_Item = TypeVar("_Item")
+
+
+def no_truth_value(value: Any) -> Any:
+    """Refuse true and false as numbers: pydantic would read them as 1 and 0."""
+    if isinstance(value, bool):
+        raise PydanticCustomError("number_type", "Input should be a number")
+    return value
+
+
+_NUMBER = BeforeValidator(no_truth_value)
+Number = Annotated[float, _NUMBER]
+Finite = Annotated[
+    float, Field(ge=-LARGEST_LENGTH, le=LARGEST_LENGTH, allow_inf_nan=False), _NUMBER
+]
+"""A length, angle, velocity or factor."""
+Length = Annotated[
+    float, Field(gt=0.0, ge=SMALLEST_LENGTH, le=LARGEST_LENGTH, allow_inf_nan=False), _NUMBER
+]
+"""A size that is not zero."""
+Positive = Annotated[float, Field(gt=0.0, ge=SMALLEST, le=LARGEST, allow_inf_nan=False), _NUMBER]
+"""A mass, density or force that is not zero."""
+NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST, allow_inf_nan=False), _NUMBER]
+"""A force or torque."""
+Signed = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False), _NUMBER]
+"""A force or torque of either sign."""
+Friction = Annotated[float, Field(ge=0.0, le=LARGEST_FRICTION, allow_inf_nan=False), _NUMBER]
+Regularization = Annotated[
+    float, Field(ge=0.0, le=LARGEST_REGULARIZATION, allow_inf_nan=False), _NUMBER
+]
+Whole = Annotated[int, Field(ge=0, le=2**63 - 1), _NUMBER]
+Count = Annotated[int, Field(ge=1, le=10_000_000), _NUMBER]
+Name = Annotated[str, Field(max_length=200)]
+FilePath = Annotated[str, Field(max_length=4000)]
+Description = Annotated[str, Field(max_length=20_000)]
+Few = Annotated[list[_Item], Field(max_length=100)]
+Many = Annotated[list[_Item], Field(max_length=1000)]
+ByName = Annotated[dict[Name, _Item], Field(max_length=1000)]

@@ -1,0 +1,26 @@
+"""The largest and smallest numbers that are taken, wherever they come from.
+
+Far wider than anything physical, and narrow enough that no product of a few of them overflows:
+beyond, libraries below this package fail in ways of their own.
+"""
+
+LARGEST = 1e30
+"""Any number of a problem: forces (N), moments, torques, masses (kg)."""
+SMALLEST = 1e-30
+"""A mass, density or force limit that must be above zero."""
+LARGEST_LENGTH = 1e12
+"""Any length, position, velocity or acceleration, SI."""
+SMALLEST_LENGTH = 1e-12
+"""A size that must be above zero, m."""
+LARGEST_FRICTION = 1e4
+"""A coefficient of friction; its cone is flat to a ten-thousandth."""
+LARGEST_REGULARIZATION = 1e9
+"""The weight epsilon of the forces in an objective."""
+LARGEST_LOAD_OVER_LIMIT = 1e12
+"""The load over the largest normal force; beyond, no double holds both."""
+MOST_CONE_EDGES = 360
+"""Edges of a friction cone."""
+MOST_CONTACTS = 1000
+"""Contacts, given ones or of a document."""
+MOST_JOINTS = 1000
+"""Joints of a problem."""

@@ -1,0 +1,153 @@
+"""Counts and magnitudes beyond all bounds: refused with key, value and range, at once."""
+
+import time
+
+import pytest
+from cli_tools import LINES, assert_refused, run, solve_text, spoilt
+
+FRICTION = "friction: 0.3"
+ONE_HAND = LINES[LINES.index("  robot") : LINES.index("object:")]
+MOUNTS = "".join(f"    - {{robot: lever_100mm, prefix: p{i}_}}\n" for i in range(300))
+SUPPORTS = "".join(f"  - {{name: s{i}, shape: {{type: half_space}}}}\n" for i in range(101))
+
+CASES = {
+    "mass": ("mass: 1.0", "mass: 1.0e+31", "10: object.mass: found 1e+31; needs a finite number"),
+    "weight": (
+        "mass: 1.0",
+        "mass: 1.0e+22",
+        "1: max_normal_force: is 50 N, and the object weighs 9.8e+22 N; it may weigh at most 1e+12",
+    ),
+    "weak contacts": (
+        FRICTION,
+        "friction: 0.3\nmax_normal_force: 1.0e-20",
+        "3: max_normal_force: is 1e-20 N, and the object weighs 9.8 N; it may weigh at most",
+    ),
+    "no force": (
+        FRICTION,
+        "friction: 0.3\nmax_normal_force: 1.0e-31",
+        "3: max_normal_force: found 1e-31; needs a finite number > 0, from 1e-30 to 1e+30",
+    ),
+    "regularization": (
+        FRICTION,
+        "friction: 0.3\nsolve: {regularization: 1.0e+20}",
+        "3: solve.regularization: found 1e+20; needs a finite number >= 0, at most 1e+09",
+    ),
+    "margin": (
+        FRICTION,
+        "friction: 0.3\nsolve: {margin: 1.0e+200}",
+        "3: solve.margin: found 1e+200; needs a finite number >= 0, at most 1e+30",
+    ),
+    "gravity": (
+        "[0, 0, -9.8]",
+        "[1.0e+300, 0, 0]",
+        "1: gravity[0]: found 1e+300; needs a finite number within ±1e+12",
+    ),
+    "size": (
+        "[0.2, 0.2, 0.2]",
+        "[1.0e+160, 0.2, 0.2]",
+        "9: object.shape.size[0]: found 1e+160; needs a finite number > 0, from 1e-12 to 1e+12",
+    ),
+    "friction": (
+        FRICTION,
+        "friction: 1.0e+300",
+        "2: friction: found 1e+300; needs a finite number >= 0, at most 10000",
+    ),
+    "friction in sixteens": (
+        FRICTION,
+        "friction: 0x" + 400 * "f",
+        "2: friction: found 44462416477094044",
+    ),
+    "friction without end": (
+        FRICTION,
+        "friction: 0x" + 5000 * "f",
+        "2: friction: found a number of 5002 characters; a number has at most 500",
+    ),
+    "friction by the clock": (
+        FRICTION,
+        "friction: " + ":".join(300 * ["59"]),
+        "2: friction: found '59:59:59:59:...9:59:59:59:59'; needs a finite number",
+    ),
+    "half a character": (
+        "name: box",
+        'name: "\\ud800"',
+        "8: object.name: has the character U+D800, which cannot be printed",
+    ),
+    "cone edges": (
+        FRICTION,
+        "friction: 0.3\ncone_edges: 100000",
+        "3: cone_edges: found 100000; needs a whole number >= 3, at most 360",
+    ),
+    "points": (
+        FRICTION,
+        "friction: 0.3\npoints_per_patch: 65",
+        "3: points_per_patch: found 65; needs a whole number >= 3, at most 64",
+    ),
+    "tolerance": (
+        FRICTION,
+        "friction: 0.3\ncontact_tolerance: 1.0e+20",
+        "3: contact_tolerance: found 1e+20; needs",
+    ),
+    "position": ("position: [0, 0, 0]", "position: [1.0e+13, 0, 0]", "11: object.pose.position[0]"),
+    "limit": (
+        "  q: {hinge: 0.0}",
+        "  effort_limits: {hinge: 1.0e+31}",
+        "6: hand.effort_limits.hinge: found 1e+31; needs",
+    ),
+    "mounts": (ONE_HAND, f"  mounts:\n{MOUNTS}", "4: hand.mounts: found [{'prefix': 'p0_', "),
+    "supports": (
+        "supports:\n",
+        f"supports:\n{SUPPORTS}",
+        "12: supports: found [{'name': 's0', ",
+    ),
+    "name": ("name: box", "name: " + 300 * "x", "8: object.name: found 'xxx"),
+    "unknown key": (FRICTION, f"friction: 0.3\n? {100_000 * 'x'}\n: 1", "3: xxx"),
+    "unknown keys": (
+        FRICTION,
+        "friction: 0.3\n" + "".join(f"key_{i}: 1\n" for i in range(20_000)),
+        "3: key_0: is no key that can stand here",
+    ),
+    "entries": (
+        FRICTION,
+        "friction: 0.3\n" + "".join(f"key_{i}: 1\n" for i in range(99_000)),
+        "has more than 30000 entries",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", CASES)
+def test_numbers_and_counts_beyond_all_bounds(tmp_path, kind):
+    old, new, message = CASES[kind]
+    begin = time.process_time()
+    result = solve_text(tmp_path, spoilt(old, new))
+    assert_refused(result, f"scene.yaml:{message}" if kind != "entries" else message)
+    assert len(result.stderr.encode()) < 2000
+    assert len(result.stderr.splitlines()) <= 9
+    assert time.process_time() - begin < 10.0
+
+
+def test_many_mistakes_are_counted(tmp_path):
+    text = "friction: 0.3\n" + "".join(f"key_{i}: 1\n" for i in range(1000))
+    result = solve_text(tmp_path, spoilt(FRICTION, text))
+    assert result.stderr.splitlines()[-1] == "... and 995 mistakes more"
+
+
+def test_a_margin_on_the_command_line(tmp_path):
+    result = solve_text(tmp_path, LINES, "--algorithm", "torque", "--margin", "1e200")
+    assert_refused(result, "margin: is 1e+200; it must be from 0 to 1e+30")
+
+
+def test_an_output_that_no_file_can_have(tmp_path):
+    scene, study = tmp_path / "scene.yaml", tmp_path / "study.yaml"
+    scene.write_text(LINES, encoding="utf-8")
+    study.write_text("scene: scene.yaml\nvary: {friction: {values: [0.3]}}\n", encoding="utf-8")
+    result = run("study", study, "-o", tmp_path / (300 * "x" + ".csv"))
+    assert_refused(result, "its name has 304 bytes; give one of at most 220")
+
+
+@pytest.mark.parametrize("command", ["report", "solve"])
+def test_other_outputs_that_no_file_can_have(tmp_path, command):
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(LINES, encoding="utf-8")
+    option = "--json" if command == "solve" else "-o"
+    result = run(command, scene, option, tmp_path / (300 * "x"))
+    assert_refused(result, "cannot be written (File name too long)")
