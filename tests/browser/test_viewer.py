@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import io
 import socket
+import threading
 from collections.abc import Callable, Iterator
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
+import viser
 from PIL import Image
 from playwright.sync_api import Locator, Page, expect
 
@@ -241,10 +246,41 @@ def test_the_page_can_turn_dark(allegro, opened, tmp_path):
     assert np.median(middle(dark)) < 60.0
 
 
+KNOCK = """(url) => new Promise((resolve) => {
+  const socket = new WebSocket(url, "viser-vVERSION");
+  let seen = 0;
+  socket.onmessage = () => { seen += 1; };
+  socket.onclose = (event) => resolve([seen, event.code]);
+  setTimeout(() => { socket.close(); }, 2000);
+})"""
+
+
+def test_a_page_of_another_site_is_not_answered(page, viewers, tmp_path):
+    """Not even if it knows the address; our own page is, by the same means."""
+    (tmp_path / "index.html").write_text("<html><body>another site</body></html>")
+    handler = partial(SimpleHTTPRequestHandler, directory=str(tmp_path))
+    address = urlsplit(viewers[False].url)
+    own = f"ws://{address.netloc}{address.path}".rstrip("/")
+    knock = KNOCK.replace("VERSION", viser.__version__)
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        page.goto(f"http://127.0.0.1:{server.server_port}/")
+        for url in (own, f"ws://{address.netloc}", own.replace("127.0.0.1", "localhost")):
+            assert page.evaluate(knock, url) == [0, 1006]
+        server.shutdown()
+        thread.join()
+    page.goto(viewers[False].url)
+    seen, code = page.evaluate(knock, own)
+    assert seen > 0 and code != 1006
+    assert page.evaluate(knock, own.replace("127.0.0.1", "localhost")) == [0, 1006]
+
+
 def test_it_listens_on_this_machine_only_and_stops(allegro):
     viewer = view(allegro, port=0)
-    port = int(viewer.url.rsplit(":", 1)[1])
-    assert viewer.url == f"http://127.0.0.1:{port}"
+    address = urlsplit(viewer.url)
+    port = address.port
+    assert port is not None and address.hostname == "127.0.0.1"
     with socket.socket() as probe:
         assert probe.connect_ex(("127.0.0.1", port)) == 0
     with socket.socket() as probe:

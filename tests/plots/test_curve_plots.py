@@ -101,5 +101,5 @@ def test_the_trade_off_is_the_curve(sliding: TorqueSolution):
 def test_the_trade_off_is_in_the_joints_units(sliding: TorqueSolution, units, scale, label):
     problem = sliding.problem.with_changes(joint_units=units)
     curve = margin_torque_curve(problem, scale=scale)
-    assert margin_torque_plot(curve).get_ylabel() == f"smallest largest |torque| [{label}]"
+    assert margin_torque_plot(curve).get_ylabel() == f"smallest largest |torque|\n[{label}]"
     assert f" of torque [{label}]" in str(curve)

@@ -117,7 +117,7 @@ def margin_torque_plot(curve: MarginTorqueCurve, ax: Axes | None = None) -> Axes
     # A column a piece: the straight pieces over the dotted whole, which shows at jumps.
     axes.plot(curve.margins.T, curve.torques.T, "o-", color=blue, markersize=4, linewidth=1.8)
     axes.set_xlabel("required margin $e_0$ [N]")
-    axes.set_ylabel(f"smallest largest |torque| [{curve.torque_unit}]")
+    axes.set_ylabel(f"smallest largest |torque|\n[{curve.torque_unit}]")
     axes.grid(alpha=0.25)
     return axes
 

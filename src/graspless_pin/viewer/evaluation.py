@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from graspless_pin.errors import GrasplessPinError, GrasplessPinWarning
+from graspless_pin.child_process import ChildProcess
+from graspless_pin.errors import CrashError, GrasplessPinError, GrasplessPinWarning
 from graspless_pin.picture import Picture, draw_bodies, draw_scene
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.scene import Scene
@@ -93,3 +94,58 @@ def evaluate(scene: Scene, settings: Settings) -> Evaluation:
         if not solution.found:
             reason = f"{solution.status.message}\n\n{solution.explanation}".strip()
         return Evaluation(settings, changed, solution, draw_scene(changed, solution), reason)
+
+
+class SceneProcess:
+    """Evaluates settings of one scene in a process of its own, which may die without harm.
+
+    Not to be shared between threads, but for `kill`.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        """Start the process."""
+        self._scene = scene
+        self._child = ChildProcess()
+        self._knows_scene = False
+
+    def evaluate(self, settings: Settings) -> Evaluation:
+        """Return what `evaluate` does; a process that has died is replaced before.
+
+        Raises:
+            CrashError: The process died of it.
+            MeshError: See `evaluate`.
+        """
+        if not self._child.is_running:
+            self._child.close()
+            self._child = ChildProcess()
+            self._knows_scene = False
+        if not self._knows_scene:
+            self._child.call(_keep, self._scene)
+            self._knows_scene = True
+        return self._child.call(_evaluate_kept, settings)
+
+    def evaluate_first(self, settings: Settings) -> Evaluation:
+        """Return what `evaluate` does; if the process dies of it, the bodies and that as reason."""
+        try:
+            return self.evaluate(settings)
+        except CrashError as error:
+            return Evaluation(settings, self._scene, None, draw_bodies(self._scene), str(error))
+
+    def kill(self) -> None:
+        """End the process; what it evaluates just now raises a `CrashError`."""
+        self._child.kill()
+
+    def close(self) -> None:
+        """End the process and wait for it."""
+        self._child.close()
+
+
+_kept: list[Scene] = []
+
+
+def _keep(scene: Scene) -> None:
+    _kept[:] = [scene]
+
+
+def _evaluate_kept(settings: Settings) -> Evaluation:
+    return evaluate(_kept[0], settings)

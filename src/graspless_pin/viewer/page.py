@@ -5,18 +5,20 @@ from __future__ import annotations
 import contextlib
 import io
 import logging
+import math
 import socket
 import threading
 import webbrowser
 from dataclasses import replace
 from typing import Any
 
-from graspless_pin.errors import ArgumentError, GrasplessPinError
+from graspless_pin.errors import ArgumentError, CrashError, GrasplessPinError
 from graspless_pin.picture import Role
 from graspless_pin.scene import Scene
 from graspless_pin.solution import Algorithm
 from graspless_pin.viewer.controls import Control, controls_of
-from graspless_pin.viewer.evaluation import Evaluation, evaluate, initial_settings
+from graspless_pin.viewer.evaluation import Evaluation, SceneProcess, Settings, initial_settings
+from graspless_pin.viewer.gate import Gate, gated, is_switch, number_between, one_of
 from graspless_pin.viewer.panels import legend_html, result_html, torque_html
 from graspless_pin.viewer.stage import HIDDEN_AT_FIRST, Stage
 
@@ -30,6 +32,7 @@ _ALGORITHMS = {
 }
 _OPEN_GROUPS = ("Load",)
 _RESULT_WIDTH = 330  # px
+_BODIES = (Role.HAND, Role.OBJECT, Role.SUPPORT)
 _log = logging.getLogger(__name__)
 
 
@@ -45,8 +48,8 @@ def view(
 
     Args:
         scene: The scene.
-        host: The address to listen at. Whoever reaches it can move the controls: the default can
-            only be reached from this machine.
+        host: The address to listen at; the default can only be reached from this machine. Only
+            pages with the token of `Viewer.url` are answered.
         port: The port; the next free one above it if it is taken.
         open_browser: Whether to open the page.
         dark: Whether the page begins dark.
@@ -63,12 +66,24 @@ def view(
             "the viewer needs viser: pip install 'graspless-pin[viewer]'"
         ) from error
     _check_address(host, port)
-    with contextlib.redirect_stdout(io.StringIO()):  # viser announces itself
-        server = viser.ViserServer(host=host, port=port, label="graspless_pin", verbose=False)
-    viewer = Viewer(scene, server, host, dark=dark)
+    gate = Gate(host)
+    server = None
+    try:
+        with contextlib.redirect_stdout(io.StringIO()), gated(gate):  # viser announces itself
+            server = viser.ViserServer(host=host, port=port, label="graspless_pin", verbose=False)
+        viewer = Viewer(scene, server, gate, host, dark=dark)
+    except BaseException:
+        if server is not None:
+            _stop(server)
+        raise
     if open_browser:
         webbrowser.open(viewer.url)
     return viewer
+
+
+def _stop(server: Any) -> None:
+    with contextlib.redirect_stdout(io.StringIO()):
+        server.stop()
 
 
 def _check_address(host: str, port: int) -> None:
@@ -94,18 +109,21 @@ class Viewer:
 
     Attributes:
         scene: The scene as loaded.
-        url: Where the page is.
+        url: Where the page is, with the token that it is answered for.
     """
 
-    def __init__(self, scene: Scene, server: Any, host: str, *, dark: bool) -> None:
-        """Build the page on a viser server and begin to answer its controls."""
+    def __init__(self, scene: Scene, server: Any, gate: Gate, host: str, *, dark: bool) -> None:
+        """Build the page on a viser server behind a gate and begin to answer its controls."""
         self.scene = scene
         shown = "localhost" if host in ("0.0.0.0", "::", "") else host  # noqa: S104 - not binding
-        self.url = f"http://{shown}:{server.get_port()}"
+        name = f"[{shown}]" if ":" in shown else shown
+        self.url = f"http://{name}:{server.get_port()}/{gate.token}/"
         self._server = server
+        self._gate = gate
         self._dark = dark
         self._settings = initial_settings(scene)
-        self._initial = evaluate(scene, self._settings)
+        self._solving = SceneProcess(scene)
+        self._initial = self._solving.evaluate_first(self._settings)
         self._shown = self._initial
         self._stage = Stage(server, self._initial.picture, dark=dark)
         self._changed = threading.Condition()
@@ -132,9 +150,10 @@ class Viewer:
         self._stopped.set()
         with self._changed:
             self._changed.notify()
+        self._solving.kill()
         self._worker.join()
-        with contextlib.redirect_stdout(io.StringIO()):
-            self._server.stop()
+        self._solving.close()
+        _stop(self._server)
 
     def _build(self) -> None:
         """Lay out panels and controls."""
@@ -146,6 +165,7 @@ class Viewer:
         with results.add_tab("Layers"):
             self._legend = gui.add_html("")
             self._dark_box = gui.add_checkbox("dark page", self._dark)
+            self._gate.admit(self._dark_box, is_switch)
             self._dark_box.on_update(lambda _: self._switch_mode())
             for role in Role:
                 self._add_layer_box(role)
@@ -157,6 +177,7 @@ class Viewer:
 
     def _add_layer_box(self, role: Role) -> None:
         box = self._server.gui.add_checkbox(role.label, role not in HIDDEN_AT_FIRST)
+        self._gate.admit(box, is_switch)
 
         @box.on_update
         def _(_event: Any) -> None:
@@ -176,6 +197,8 @@ class Viewer:
             hint="required margin of Algorithm 2",
             disabled=settings.algorithm is Algorithm.MARGIN,
         )
+        self._gate.admit(algorithm, one_of(tuple(_ALGORITHMS)))
+        self._gate.admit(margin, number_between(0.0, math.inf))
 
         @algorithm.on_update
         def _(_event: Any) -> None:
@@ -188,6 +211,7 @@ class Viewer:
             self._set(required_margin=float(margin.value))
 
         reset = gui.add_button("As loaded")
+        self._gate.admit(reset, is_switch)
         sliders: list[tuple[Control, Any]] = []
         folders: dict[str, Any] = {}
         for control in controls_of(self.scene):
@@ -210,6 +234,7 @@ class Viewer:
         slider = self._server.gui.add_slider(
             control.label, control.low, control.high, control.step, control.initial
         )
+        self._gate.admit(slider, number_between(control.low, control.high))
 
         @slider.on_update
         def _(_event: Any) -> None:
@@ -233,14 +258,19 @@ class Viewer:
                     return
                 settings, self._waiting = self._settings, False
             try:
-                self._show(evaluate(self.scene, settings))
+                self._show(self._solving.evaluate(settings))
+            except CrashError as error:
+                if not self._stopped.is_set():
+                    self._say(settings, f"a solver failed and took its process along: {error}")
             except Exception as error:  # a page that goes on and says so is better than a dead one
                 _log.exception("the settings %s cannot be shown", settings)
-                self._result.content = result_html(
-                    replace(self._shown, settings=settings, solution=None, reason=str(error)),
-                    None,
-                    dark=self._dark,
-                )
+                self._say(settings, str(error))
+
+    def _say(self, settings: Settings, reason: str) -> None:
+        """Say why settings are not shown; of what was shown before, the bodies stay."""
+        before = self._shown
+        bodies = replace(before.picture, meshes=before.picture.of(*_BODIES))
+        self._show(Evaluation(settings, before.scene, None, bodies, reason))
 
     def _show(self, result: Evaluation) -> None:
         """Bring meshes and readings up to date."""

@@ -1,0 +1,249 @@
+"""What reaches the viewer's server: requests of its own page, and messages that its page can send.
+
+viser answers whoever connects and sets whatever a message names. Here each request is checked for
+the token of the page's address, for its Host and its Origin before viser sees it, and each message
+for a value that its control can have. Imports viser and the websocket library below it, when asked.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import math
+import secrets
+import socket
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from http import HTTPStatus
+from typing import Any
+from urllib.parse import urlsplit
+
+from graspless_pin.errors import GrasplessPinError
+
+MOST_BYTES = 1 << 16
+"""Largest message of a page, far above what its controls send."""
+_TOKEN_BYTES = 16
+_LOCAL_NAMES = ("localhost", "127.0.0.1", "::1")
+_CAMERA = {
+    "wxyz": 4, "position": 3, "look_at": 3, "up_direction": 3,
+    "image_height": 0, "image_width": 0, "fov": 0, "near": 0, "far": 0,
+}  # fmt: skip
+"""Numbers in a message about the camera; 0: one that is no list."""
+_starting = threading.Lock()
+
+Check = Callable[[Any], bool]
+"""Whether a control can have a value."""
+
+
+class Gate:
+    """Decides what a page's server answers.
+
+    Attributes:
+        token: Random text in the page's address; who does not know it is refused.
+    """
+
+    def __init__(self, host: str) -> None:
+        """Make a gate for a server that listens at a host; nothing is a value of its page yet."""
+        self.token = secrets.token_urlsafe(_TOKEN_BYTES)
+        self._host = host.lower()
+        self._checks: dict[str, Check] = {}
+
+    def admit(self, control: Any, check: Check) -> None:
+        """Let messages set a control of viser's to what passes a check."""
+        self._checks[control._impl.uuid] = check
+
+    def refusal(self, path: str, headers: Mapping[str, list[str]]) -> str:
+        """Return why a request is refused; empty if it is not.
+
+        Args:
+            path: What is asked for, as it was sent.
+            headers: All values of the headers ``host``, ``origin`` and ``upgrade``.
+        """
+        hosts, origins = headers["host"], headers["origin"]
+        if len(hosts) != 1 or not self._is_own_name(hosts[0]):
+            return "this address is not one of the viewer's; open the one that it printed"
+        own = (f"http://{hosts[0]}".lower(), f"https://{hosts[0]}".lower())
+        # Browsers tell the origin of every websocket, but not of a page that is opened.
+        if headers["upgrade"] and not origins:
+            return "a websocket without an Origin is not answered"
+        if any(origin.lower() not in own for origin in origins):
+            return "another site's pages are not answered"
+        first = path.removeprefix("/").partition("?")[0].partition("/")[0]
+        if not path.startswith("/") or not secrets.compare_digest(
+            first.encode(errors="surrogateescape"), self.token.encode()
+        ):
+            return "the address lacks its token; open the one that the viewer printed"
+        return ""
+
+    def inner_path(self, path: str) -> str:
+        """Return a path without its token."""
+        return "/" + path.removeprefix(f"/{self.token}").removeprefix("/")
+
+    def accepts(self, message: Any) -> bool:
+        """Whether a message, decoded, sets a control to a value that it can have."""
+        if not isinstance(message, dict):
+            return False
+        kind = message.get("type")
+        if kind == "ViewerCameraMessage":
+            return message.keys() == {"type", *_CAMERA} and all(
+                _has_numbers(message[name], count) for name, count in _CAMERA.items()
+            )
+        if kind != "GuiUpdateMessage" or message.keys() != {"type", "uuid", "updates"}:
+            return False
+        uuid, updates = message["uuid"], message["updates"]
+        if not isinstance(uuid, str) or not isinstance(updates, dict):
+            return False
+        check = self._checks.get(uuid)
+        return check is not None and updates.keys() == {"value"} and check(updates["value"])
+
+    def _is_own_name(self, host: str) -> bool:
+        """Whether a Host header names this machine and not a site whose name leads here."""
+        try:
+            name = urlsplit(f"//{host}").hostname
+        except ValueError:
+            return False
+        if name is None or "@" in host:
+            return False
+        if name in (*_LOCAL_NAMES, self._host):
+            return True
+        own = _address(self._host)
+        if self._host in _LOCAL_NAMES or (own is not None and own.is_loopback):
+            return False
+        # Only names can be made to lead elsewhere. Whoever listens beyond this machine may be
+        # reached at any of its addresses.
+        return _address(name) is not None or name == socket.gethostname().lower()
+
+
+def number_between(low: float, high: float) -> Check:
+    """A check for numbers of a range; rounding may leave it by a little."""
+    slack = 1e-9 * max(abs(low), abs(high)) if math.isfinite(high) else 0.0
+    return lambda value: _is_number(value) and low - slack <= value <= high + slack
+
+
+def one_of(values: tuple[str, ...]) -> Check:
+    """A check for one of some texts."""
+    return lambda value: isinstance(value, str) and value in values
+
+
+def is_switch(value: Any) -> bool:
+    """Whether a value is true or false."""
+    return isinstance(value, bool)
+
+
+@contextmanager
+def gated(gate: Gate) -> Iterator[None]:
+    """Servers that viser starts in here answer what the gate lets in.
+
+    viser has no hook for that. It starts its server with ``websockets.asyncio.server.serve``, which
+    has one for requests and another for connections; both are added on the way, by giving viser's
+    own module another ``websockets`` for the moment.
+
+    Raises:
+        GrasplessPinError: If viser starts its server in another way: then there is no gate.
+    """
+    from viser.infra import _infra
+
+    passed: list[bool] = []
+    with _starting:
+        module: Any = _infra
+        library = module.websockets
+        module.websockets = _Websockets(library, gate, passed)
+        try:
+            yield
+        finally:
+            module.websockets = library
+    if not passed:
+        raise GrasplessPinError(
+            "this version of viser starts its server in a way that cannot be guarded; install "
+            "the version that graspless_pin asks for: pip install 'graspless-pin[viewer]'"
+        )
+
+
+class _Websockets:
+    """The module ``websockets`` with another ``serve``."""
+
+    def __init__(self, library: Any, gate: Gate, passed: list[bool]) -> None:
+        self._library = library
+        self._gate = gate
+        self._passed = passed
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._library, name)
+
+    @property
+    def asyncio(self) -> _Websockets:
+        """Itself: ``websockets.asyncio.server.serve`` is looked up in it."""
+        return self
+
+    @property
+    def server(self) -> _Websockets:
+        """Itself."""
+        return self
+
+    def serve(self, handler: Any, host: str, port: int, **options: Any) -> Any:
+        """Start a server behind the gate."""
+        self._passed.append(True)
+        inner = options.pop("process_request")
+        options |= {
+            "process_request": lambda connection, request: _processed(
+                self._gate, inner, connection, request
+            ),
+            "create_connection": _connection_class(self._gate),
+            "max_size": MOST_BYTES,
+        }
+        return self._library.asyncio.server.serve(handler, host, port, **options)
+
+
+def _processed(gate: Gate, inner: Any, connection: Any, request: Any) -> Any:
+    """Refuse a request, or have viser answer it."""
+    names = ("host", "origin", "upgrade")
+    why = gate.refusal(request.path, {name: request.headers.get_all(name) for name in names})
+    if why:
+        response = connection.respond(HTTPStatus.FORBIDDEN, f"{why}\n")
+    else:
+        response = inner(connection, replace(request, path=gate.inner_path(request.path)))
+    if response is not None:
+        response.headers["Referrer-Policy"] = "no-referrer"
+        response.headers["Cache-Control"] = "no-store"
+        response.headers["X-Content-Type-Options"] = "nosniff"
+    return response
+
+
+def _connection_class(gate: Gate) -> Any:
+    import msgspec
+    from websockets.asyncio.server import ServerConnection
+
+    class Connection(ServerConnection):
+        """Passes on the messages that a page can send, and drops all others."""
+
+        async def recv(self, decode: bool | None = None) -> Any:
+            while True:
+                message = await super().recv(decode)
+                if not isinstance(message, bytes):
+                    continue
+                try:
+                    accepted = gate.accepts(msgspec.msgpack.decode(message))
+                except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+                    continue
+                if accepted:
+                    return message
+
+    return Connection
+
+
+def _has_numbers(value: Any, count: int) -> bool:
+    if count == 0:
+        return _is_number(value)
+    return isinstance(value, list) and len(value) == count and all(map(_is_number, value))
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _address(name: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+    try:
+        return ipaddress.ip_address(name)
+    except ValueError:
+        return None

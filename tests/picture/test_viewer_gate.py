@@ -1,0 +1,337 @@
+"""Whom the viewer answers, what a message may set, and a solver that dies."""
+
+from __future__ import annotations
+
+import ctypes
+import http.client
+import math
+import socket
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import msgspec
+import pytest
+import viser
+from viser.infra import _infra
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import ClientConnection, connect
+from websockets.sync.connection import Connection
+from websockets.typing import Origin, Subprotocol
+
+from graspless_pin.errors import CrashError, GrasplessPinError
+from graspless_pin.scene import load_scene
+from graspless_pin.viewer import Viewer, changed_scene, evaluation, view
+from graspless_pin.viewer.gate import MOST_BYTES, Gate, number_between
+
+SCENE = Path(__file__).resolve().parents[2] / "examples" / "paper" / "cuboid_at_rest.yaml"
+PATIENCE = 20.0
+CAMERA = {
+    "type": "ViewerCameraMessage", "wxyz": [1.0, 0.0, 0.0, 0.0], "position": [1.0, 2.0, 3.0],
+    "look_at": [0, 0, 0], "up_direction": [0, 0, 1], "image_height": 800, "image_width": 1280,
+    "fov": 1.3, "near": 0.01, "far": 1000,
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def viewer() -> Iterator[Viewer]:
+    running = view(load_scene(SCENE), port=0)
+    yield running
+    running.stop()
+
+
+def place(viewer: Viewer) -> tuple[str, int, str]:
+    """Host, port and token of a viewer's page."""
+    address = urlsplit(viewer.url)
+    assert address.hostname is not None and address.port is not None
+    return address.hostname, address.port, address.path.strip("/")
+
+
+def status(viewer: Viewer, path: str, headers: dict[str, str]) -> tuple[int, str]:
+    """Status and text of an answer; a header that is empty is not sent."""
+    name, port, _ = place(viewer)
+    connection = http.client.HTTPConnection(name, port, timeout=PATIENCE)
+    connection.putrequest("GET", path, skip_host=True)
+    for key, value in ({"Host": f"{name}:{port}"} | headers).items():
+        if value:
+            connection.putheader(key, value)
+    connection.endheaders()
+    answer = connection.getresponse()
+    text = "" if answer.status == 101 else answer.read().decode()
+    connection.close()
+    return answer.status, text
+
+
+def upgrade(viewer: Viewer, **headers: str) -> dict[str, str]:
+    """Headers that ask for a websocket, as the page itself would."""
+    name, port, _ = place(viewer)
+    return {
+        "Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13",
+        "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==", "Origin": f"http://{name}:{port}",
+        "Sec-WebSocket-Protocol": f"viser-v{viser.__version__}", **headers,
+    }  # fmt: skip
+
+
+def connected(viewer: Viewer) -> ClientConnection:
+    name, port, token = place(viewer)
+    return connect(
+        f"ws://{name}:{port}/{token}",
+        origin=Origin(f"http://{name}:{port}"),
+        subprotocols=[Subprotocol(f"viser-v{viser.__version__}")],
+        compression=None,
+        max_size=None,
+    )
+
+
+def send(page: Connection, message: Any) -> None:
+    page.send(msgspec.msgpack.encode(message))
+
+
+def update(uuid: str, value: Any) -> dict[str, Any]:
+    return {"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": value}}
+
+
+def control(viewer: Viewer, label: str) -> Any:
+    handles = viewer._server.gui._gui_input_handle_from_uuid.values()
+    (found,) = (handle for handle in handles if handle.label == label)
+    return found
+
+
+def settled(viewer: Viewer, **values: float) -> None:
+    """Wait until the page shows some values, and compare its margin."""
+    deadline = time.monotonic() + PATIENCE
+    while viewer.evaluation.settings.values != values:
+        assert time.monotonic() < deadline, viewer.evaluation.settings
+        time.sleep(0.01)
+    solution = viewer.evaluation.solution
+    assert solution is not None
+    assert solution.margin == changed_scene(viewer.scene, values).solve().margin
+
+
+def test_the_page_is_answered_with_its_token(viewer):
+    _, port, token = place(viewer)
+    code, text = status(viewer, f"/{token}/", {})
+    assert code == 200 and "<html" in text
+    assert status(viewer, f"/{token}", {"Host": f"localhost:{port}"})[0] == 200
+    assert status(viewer, f"/{token}", upgrade(viewer))[0] == 101
+    # Another port of this machine may be led here.
+    forwarded = {"Host": "localhost:9000", "Origin": "http://localhost:9000"}
+    assert status(viewer, f"/{token}", upgrade(viewer) | forwarded)[0] == 101
+    assert len(token) >= 20 and token != Gate("localhost").token
+
+
+@pytest.mark.parametrize("asks", ["page", "websocket"])
+@pytest.mark.parametrize(
+    ("path", "headers", "why"),
+    [
+        ("/", {}, "lacks its token"),
+        ("", {}, "lacks its token"),
+        ("/index.html", {}, "lacks its token"),
+        ("/{token}x", {}, "lacks its token"),
+        ("/x/../{token}", {}, "lacks its token"),
+        ("//{token}", {}, "lacks its token"),
+        ("/?{token}", {}, "lacks its token"),
+        ("http://127.0.0.1/{token}", {}, "lacks its token"),
+        ("/{token}/", {"Host": "evil.example"}, "not one of the viewer's"),
+        ("/{token}/", {"Host": "127.0.0.1.evil.example:{port}"}, "not one of the viewer's"),
+        ("/{token}/", {"Host": "localhost@evil.example"}, "not one of the viewer's"),
+        ("/{token}/", {"Host": "192.0.2.7:{port}"}, "not one of the viewer's"),
+        ("/{token}/", {"Host": "[::1"}, "not one of the viewer's"),
+        ("/{token}/", {"Host": ""}, "not one of the viewer's"),
+        ("/{token}/", {"Origin": "http://evil.example"}, "another site's"),
+        ("/{token}/", {"Origin": "http://127.0.0.1:1"}, "another site's"),
+        ("/{token}/", {"Origin": "http://localhost:{port}"}, "another site's"),
+        ("/{token}/", {"Origin": "null"}, "another site's"),
+    ],
+)
+def test_all_else_is_refused(viewer, asks, path, headers, why):
+    _, port, token = place(viewer)
+    path = path.format(token=token)
+    headers = {key: value.format(port=port) for key, value in headers.items()}
+    if asks == "websocket":
+        headers = upgrade(viewer) | headers
+    code, text = status(viewer, path, headers)
+    assert code == 403 and why in text
+    assert token not in text and "cuboid" not in text
+
+
+def test_a_websocket_without_an_origin_is_refused(viewer):
+    _, _, token = place(viewer)
+    code, text = status(viewer, f"/{token}", upgrade(viewer, Origin=""))
+    assert code == 403 and "without an Origin" in text
+
+
+def test_a_websocket_client_without_the_token_reads_nothing(viewer):
+    name, port, _ = place(viewer)
+    with pytest.raises(InvalidStatus) as caught:
+        connect(f"ws://{name}:{port}", origin=Origin(f"http://{name}:{port}"))
+    assert caught.value.response.status_code == 403
+
+
+def test_the_address_stays_with_the_page(viewer):
+    name, port, token = place(viewer)
+    connection = http.client.HTTPConnection(name, port, timeout=PATIENCE)
+    connection.request("GET", f"/{token}/")
+    answer = connection.getresponse()
+    answer.read()
+    connection.close()
+    assert answer.getheader("Referrer-Policy") == "no-referrer"
+    assert answer.getheader("Cache-Control") == "no-store"
+
+
+def test_who_listens_beyond_this_machine_is_called_by_address_or_name():
+    gate = Gate("0.0.0.0")  # noqa: S104 - nothing listens
+    other = Gate("arm.example")
+    for name in ("192.0.2.7:8080", "[2001:db8::7]:8080", "localhost", socket.gethostname()):
+        assert gate._is_own_name(name), name
+    for name in ("evil.example", "arm.example", "1.2.3.4.example", "[1.2.3.4"):
+        assert not gate._is_own_name(name), name
+    assert other._is_own_name("ARM.example:8080") and not other._is_own_name("arm.example.org")
+    assert not Gate("127.0.0.2")._is_own_name("192.0.2.7")
+
+
+def test_messages_move_controls(viewer):
+    friction = control(viewer, "friction, supports")
+    with connected(viewer) as page:
+        send(page, CAMERA)
+        send(page, update(friction._impl.uuid, 0.5))
+        settled(viewer, **{"friction/supports": 0.5})
+        send(page, update(friction._impl.uuid, 1))
+        settled(viewer, **{"friction/supports": 1.0})
+        send(page, update(control(viewer, "As loaded")._impl.uuid, True))  # noqa: FBT003
+        settled(viewer)
+
+
+def hostile(viewer: Viewer) -> list[Any]:
+    """Messages that no page of ours sends."""
+    slider = control(viewer, "friction, supports")._impl.uuid
+    box = control(viewer, "dark page")._impl.uuid
+    choice = control(viewer, "algorithm")._impl.uuid
+    updates = [
+        {"update_cb": []}, {"value": 0.4, "update_cb": []}, {"removed": True}, {"sync_cb": None},
+        {"gui_api": None}, {"is_button": True}, {"uuid": "x"}, {"props": {}}, {}, {"min": -1.0},
+    ]  # fmt: skip
+    values = [
+        "abc", "0.4", [], [0.4], {}, None, True, math.nan, math.inf, -math.inf, -0.1, 1e9, 1e300,
+        b"0.4",
+    ]  # fmt: skip
+    return [
+        *({"type": "GuiUpdateMessage", "uuid": slider, "updates": item} for item in updates),
+        *(update(slider, value) for value in values),
+        *(update(box, value) for value in (1, "", None, [True])),
+        *(update(choice, value) for value in ("3: none", 0, None, ["1: largest margin"])),
+        update("unknown", 0.4),
+        {"type": "GuiUpdateMessage", "uuid": slider, "updates": [["value", 0.4]]},
+        {"type": "GuiUpdateMessage", "uuid": [slider], "updates": {"value": 0.4}},
+        {"type": "GuiUpdateMessage", "uuid": slider},
+        {**update(slider, 0.4), "more": 1},
+        {"type": "GuiRemoveMessage", "uuid": slider},
+        {"type": "ResetGuiMessage"},
+        {"type": "FileTransferStartUpload", "source_component_uuid": slider},
+        {"type": "SceneNodeUpdateMessage", "name": "/scene", "updates": {"position": [9, 9, 9]}},
+        {"type": "Message"}, {"type": ["x"]}, {"type": None}, {}, [], None, 7, "text",
+        {**CAMERA, "wxyz": [math.nan] * 4}, {**CAMERA, "fov": "wide"}, {**CAMERA, "near": []},
+        {**CAMERA, "position": [0, 0]}, {**CAMERA, "look_at": 3}, {"type": "ViewerCameraMessage"},
+    ]  # fmt: skip
+
+
+def test_hostile_messages_leave_the_controls_working(viewer, capfd, caplog):
+    friction = control(viewer, "friction, supports")
+    callbacks = len(friction._impl.update_cb)
+    with connected(viewer) as page:
+        for message in hostile(viewer):
+            send(page, message)
+        page.send("text")
+        page.send(b"")
+        page.send(b"\xc1")
+        page.send(b"\x91" * 20_000)  # lists in lists
+        page.send(bytes(MOST_BYTES - 1))
+        send(page, CAMERA)
+        send(page, update(friction._impl.uuid, 0.45))
+        settled(viewer, **{"friction/supports": 0.45})
+        send(page, update(control(viewer, "As loaded")._impl.uuid, True))  # noqa: FBT003
+        settled(viewer)
+    assert len(friction._impl.update_cb) == callbacks and friction.value == friction._impl.value
+    captured = capfd.readouterr()
+    assert "Traceback" not in captured.err + captured.out + caplog.text
+
+
+def test_a_message_too_large_ends_its_connection_alone(viewer):
+    with connected(viewer) as other:
+        with connected(viewer) as page:
+            page.send(bytes(MOST_BYTES + 1))
+            with pytest.raises(Exception, match="1009"):
+                while True:
+                    page.recv(timeout=PATIENCE)
+        send(other, CAMERA)
+        send(other, update(control(viewer, "mass [kg]")._impl.uuid, 1.2))
+        settled(viewer, mass=1.2)
+        send(other, update(control(viewer, "As loaded")._impl.uuid, True))  # noqa: FBT003
+        settled(viewer)
+
+
+def test_numbers_of_a_range():
+    check = number_between(0.0, 1.5)
+    assert check(0) and check(1.5) and check(1.5 + 1e-12)
+    assert not any(map(check, (1.51, -1e-3, True, "1", None, math.nan, 10**18)))
+
+
+def test_a_viser_that_passes_by_is_refused(monkeypatch):
+    """Rather no page than one that answers everybody."""
+    module: Any = _infra
+    library = module.websockets
+    started = module.WebsockServer._background_worker
+
+    def passing_by(self, ready):
+        module.websockets = library
+        started(self, ready)
+
+    monkeypatch.setattr(_infra.WebsockServer, "_background_worker", passing_by)
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    with pytest.raises(GrasplessPinError, match="cannot be guarded"):
+        view(load_scene(SCENE), port=port)
+    with socket.socket() as probe:
+        assert probe.connect_ex(("127.0.0.1", port)) != 0
+
+
+def crashes(_settings):
+    """A fault in native code, as a backend may have it."""
+    ctypes.string_at(0)
+
+
+def test_a_solver_that_dies_leaves_the_page(viewer, monkeypatch):
+    mass = control(viewer, "mass [kg]")._impl.uuid
+    with connected(viewer) as page:
+        send(page, CAMERA)
+        with monkeypatch.context() as patch:
+            patch.setattr(evaluation, "_evaluate_kept", crashes)
+            send(page, update(mass, 1.5))
+            deadline = time.monotonic() + PATIENCE
+            while "SIGSEGV" not in viewer.evaluation.reason:
+                assert time.monotonic() < deadline, viewer._result.content
+                time.sleep(0.05)
+        assert "No torques" in viewer._result.content and "no torques" in viewer._torques.content
+        shown = viewer.evaluation
+        assert shown.solution is None and shown.settings.values == {"mass": 1.5}
+        assert {mesh.role for mesh in shown.picture.meshes} <= {"hand", "object", "support"}
+        send(page, update(mass, 1.25))
+        settled(viewer, mass=1.25)
+        assert "SIGSEGV" not in viewer._result.content
+        send(page, update(control(viewer, "As loaded")._impl.uuid, True))  # noqa: FBT003
+        settled(viewer)
+
+
+def test_a_scene_that_kills_its_solver_is_shown_without_torques(monkeypatch):
+    monkeypatch.setattr(evaluation, "_evaluate_kept", crashes)
+    running = view(load_scene(SCENE), port=0)
+    try:
+        assert running.evaluation.solution is None
+        assert "SIGSEGV" in running.evaluation.reason
+        with pytest.raises(CrashError):
+            running._solving.evaluate(running.evaluation.settings)
+    finally:
+        running.stop()
