@@ -7,7 +7,7 @@ import http.client
 import math
 import socket
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -99,12 +99,16 @@ def control(viewer: Viewer, label: str) -> Any:
     return found
 
 
+def wait_until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < deadline, "it does not come about"
+        time.sleep(0.01)
+
+
 def settled(viewer: Viewer, **values: float) -> None:
     """Wait until the page shows some values, and compare its margin."""
-    deadline = time.monotonic() + PATIENCE
-    while viewer.evaluation.settings.values != values:
-        assert time.monotonic() < deadline, viewer.evaluation.settings
-        time.sleep(0.01)
+    wait_until(lambda: viewer.evaluation.settings.values == values)
     solution = viewer.evaluation.solution
     assert solution is not None
     assert solution.margin == changed_scene(viewer.scene, values).solve().margin
@@ -310,17 +314,15 @@ def test_a_solver_that_dies_leaves_the_page(viewer, monkeypatch):
         with monkeypatch.context() as patch:
             patch.setattr(evaluation, "_evaluate_kept", crashes)
             send(page, update(mass, 1.5))
-            deadline = time.monotonic() + PATIENCE
-            while "SIGSEGV" not in viewer.evaluation.reason:
-                assert time.monotonic() < deadline, viewer._result.content
-                time.sleep(0.05)
-        assert "No torques" in viewer._result.content and "no torques" in viewer._torques.content
+            wait_until(lambda: "SIGSEGV" in viewer._result.content)
+            wait_until(lambda: "no torques" in viewer._torques.content)
+        assert "No torques" in viewer._result.content
         shown = viewer.evaluation
         assert shown.solution is None and shown.settings.values == {"mass": 1.5}
         assert {mesh.role for mesh in shown.picture.meshes} <= {"hand", "object", "support"}
         send(page, update(mass, 1.25))
         settled(viewer, mass=1.25)
-        assert "SIGSEGV" not in viewer._result.content
+        wait_until(lambda: "SIGSEGV" not in viewer._result.content)
         send(page, update(control(viewer, "As loaded")._impl.uuid, True))  # noqa: FBT003
         settled(viewer)
 
