@@ -9,8 +9,9 @@ export PIP_CONSTRAINT := constraints.txt
 export PIP_BUILD_CONSTRAINT := $(PIP_CONSTRAINT)
 
 SCALES ?= --count 2000 --jobs 2
+TAMPERING ?= 1000
 
-.PHONY: install run test lint types docs bench scales clean
+.PHONY: install run test lint types docs bench scales tampering clean
 
 install: $(STAMP)
 
@@ -47,6 +48,9 @@ bench: install
 
 scales: install
 	$(BIN)/python -m tests.oracles.scales $(SCALES)
+
+tampering: install
+	$(BIN)/python tests/verify/tampering.py $(TAMPERING)
 
 clean:
 	rm -rf $(VENV) site out

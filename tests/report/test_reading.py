@@ -1,12 +1,14 @@
 """A solution read back from its document is the same solution."""
 
 import copy
+from dataclasses import fields
 
 import numpy as np
 import pytest
 from report_cases import ALLEGRO, AT_REST, SLIDING, pinched_block, solved, through_json
 
-from graspless_pin import maximize_margin, minimize_torque
+from graspless_pin import maximize_margin, minimize_torque, optimum_gradients
+from graspless_pin.algorithms.gradients import Gradients
 from graspless_pin.errors import ArgumentError
 from graspless_pin.report.document import solution_document
 from graspless_pin.report.provenance import problem_sha256, same_problem
@@ -37,6 +39,63 @@ def test_it_is_the_same_solution(make):
         np.testing.assert_allclose(read.torques, solution.torques, rtol=1e-12)
         assert read.mode == solution.mode
     assert document_bodies(document) == (None if scene is None else scene.contacts.bodies)
+
+
+GRADIENTS = {
+    "margin": lambda: maximize_margin(pinched_block()),
+    "torque": lambda: minimize_torque(pinched_block(), margin=0.2),
+    "by limits": lambda: solved(AT_REST, "torque", scale="limits")[1],
+    "sliding": lambda: solved(SLIDING)[1],
+    "strict at rest": lambda: solved(AT_REST, "torque")[1],
+}
+
+
+@pytest.mark.parametrize("make", GRADIENTS.values(), ids=GRADIENTS)
+def test_a_read_solution_knows_its_multipliers(make):
+    solution = make()
+    expected = optimum_gradients(solution)
+    found = optimum_gradients(read_solution(through_json(solution)))
+    for item in fields(Gradients):
+        own, other = (getattr(one.values, item.name) for one in (expected, found))
+        np.testing.assert_allclose(other, own, rtol=1e-6, atol=1e-8 * np.abs(own).max(initial=1.0))
+        np.testing.assert_array_equal(found.unique[item.name], expected.unique[item.name])
+
+
+def test_a_read_solution_knows_whether_it_was_regularized():
+    solution = maximize_margin(pinched_block(), regularization=1e-3)
+    read = read_solution(through_json(solution))
+    assert read.regularization == 1e-3
+    with pytest.raises(ArgumentError, match="has a regularisation"):
+        optimum_gradients(read)
+
+
+def test_a_read_solution_has_the_same_proof():
+    for solution in (solved(AT_REST, "torque")[1], maximize_margin(pinched_block())):
+        document = through_json(solution)
+        again = through_json(read_solution(document))
+        assert again["proof"]["complete"] is True
+        assert len(again["proof"]["nodes"]) == len(document["proof"]["nodes"])
+
+
+def test_documents_of_version_0_1_are_read_but_for_regularized_ones():
+    old = through_json(maximize_margin(pinched_block()))
+    multipliers, proof = old.pop("multipliers"), old.pop("proof")
+    count, edges = 3, old["cone_edges"]
+    faces = np.zeros((count, edges))
+    for contact, face, value in multipliers["faces"]:
+        faces[contact, face] = value
+    own = multipliers | {"faces": faces.tolist()}
+    for key in ("format", "scale", "regularization", "scales", "max_torque_unit"):
+        del old[key]
+    old["certificate"] |= {"scale": "absolute", "virtual_motion": proof["motion"]}
+    with pytest.raises(ArgumentError, match=r"version 0\.1 of a solution with a regularisation"):
+        read_solution(old)
+    old["certificate"] |= {"mode_multipliers": own, "relaxation_multipliers": own}
+    read = read_solution(old)
+    assert read.margin == pytest.approx(old["margin"])
+    assert optimum_gradients(read).values.external_wrench.shape == (6,)
+    with pytest.raises(ArgumentError, match="has the format 3"):
+        read_solution(old | {"format": 3})
 
 
 def test_unlimited_torques_stay_unlimited():
@@ -71,7 +130,7 @@ def broken(document, path, value):
 BROKEN = {
     "no status": (["status"], KeyError, "lacks the key 'status'"),
     "another status": (["status"], "perfect", "lacks the key 'PERFECT'"),
-    "no contact": (["contacts"], [], "holds a problem that is none"),
+    "no contact": (["contacts"], [], "holds a problem that is none|wrong type or size"),
     "a normal that is none": (["contacts", 0, "normal"], [0, 2, 0], "holds a problem that is none"),
     "a force of two": (["contacts", 0, "force"], [0, 2], "wrong type or size"),
     "a text for a number": (["required_margin"], "much", "wrong type or size"),

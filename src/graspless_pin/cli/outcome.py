@@ -11,7 +11,7 @@ import typer
 from graspless_pin.errors import GrasplessPinError, GrasplessPinWarning
 from graspless_pin.intake.text import printable
 
-FOUND, INFEASIBLE, BAD_INPUT = 0, 1, 2
+FOUND, INFEASIBLE, BAD_INPUT, NOT_PROVEN = 0, 1, 2, 3
 
 _MOST_LINES = 8
 _ERROR_BYTES = 950

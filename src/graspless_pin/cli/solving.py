@@ -9,12 +9,12 @@ from typing import Annotated, Any
 
 import typer
 
-from graspless_pin.cli.outcome import FOUND, INFEASIBLE, plain_errors
+from graspless_pin.cli.outcome import FOUND, INFEASIBLE, NOT_PROVEN, plain_errors
 from graspless_pin.errors import SceneError
 from graspless_pin.modes.rules import SignRule, SlidingRule, StaticFriction
 from graspless_pin.report import scene_solution_text, solution_document, write_document
 from graspless_pin.report.reading import read_document
-from graspless_pin.report.verify import verify_document
+from graspless_pin.report.verify import Verification, verify_document
 from graspless_pin.scene import load_scene, scene_json_schema
 from graspless_pin.solution import Algorithm
 
@@ -74,20 +74,46 @@ def solve(
 
 
 def verify(
-    file: Annotated[Path, typer.Argument(help="Solution document (JSON) written by solve.")],
+    files: Annotated[
+        list[Path],
+        typer.Argument(metavar="FILE...", help="Documents (JSON) of solutions, found or not."),
+    ],
 ) -> None:
-    """Check a solution from its JSON with numpy alone.
+    """Check solutions from their JSON with numpy alone: each figure, and the whole proof.
 
-    Exit code 0: every check passed; 1: one failed; 2: not a document of a found solution.
+    Exit code 0: all that they claim is proven; 1: something is not so; 2: not such a document;
+    3: nothing is wrong, but a document does not hold the proof of all that it claims.
     """
+    outcomes = {FOUND}
+    for file in files:
+        checked = _verified(file)
+        if len(files) == 1:
+            typer.echo(str(checked))
+        else:
+            _echo_briefly(file, checked)
+        if not checked.passed:
+            outcomes.add(INFEASIBLE)
+        elif not checked.proven:
+            outcomes.add(NOT_PROVEN)
+    raise typer.Exit(INFEASIBLE if INFEASIBLE in outcomes else max(outcomes))
+
+
+def _verified(file: Path) -> Verification:
     with plain_errors():
         document = read_document(file)
         try:
-            checked = verify_document(document)
+            return verify_document(document)
         except ValueError as error:
             raise SceneError(f"{file}: {error}") from error
-    typer.echo(str(checked))
-    raise typer.Exit(FOUND if checked.passed else INFEASIBLE)
+
+
+def _echo_briefly(file: Path, checked: Verification) -> None:
+    """One line a file, and those of its checks that do not hold."""
+    verdict = "proven" if checked.proven else "not all proven" if checked.passed else "FAILED"
+    typer.echo(f"{file}: {verdict}")
+    for check in checked.checks:
+        if check.passed is not True:
+            typer.echo(f"{check.mark:>15}  {check.name}: {check.detail}")
 
 
 def schema() -> None:

@@ -80,3 +80,40 @@ def constraint_multipliers(
         share_upper=share_upper,
         share_lower=share_lower,
     )
+
+
+def scaled_multipliers(
+    problem: QuasistaticProblem,
+    multipliers: ConstraintMultipliers,
+    *,
+    algorithm: str,
+    by_limits: bool,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the multipliers (y, z) of the scaled program: what `constraint_multipliers` takes.
+
+    Args:
+        problem: The problem.
+        multipliers: In the units of the problem.
+        algorithm: ``margin`` or ``torque``.
+        by_limits: Whether Algorithm 2 counted shares of the limits.
+    """
+    coordinates = force_coordinates(problem)
+    weight = np.repeat([1.0, 1.0 / coordinates.length_scale], 3)
+    if algorithm == "margin":
+        unit = coordinates.force_scale
+        middle = [multipliers.normal_upper, multipliers.normal_lower[~problem.has_cone]]
+    else:
+        unit = torque_unit(problem, coordinates, by_limits=by_limits)
+        up, down = share_rows(problem, coordinates, by_limits=by_limits)
+        middle = [
+            multipliers.share_upper[up.counts] / up.weight,
+            multipliers.share_lower[down.counts] / down.weight,
+        ]
+    per_force = unit / coordinates.force_scale
+    if algorithm == "margin":
+        middle = [part / per_force for part in middle]
+    hard = (multipliers.torque_upper - multipliers.torque_lower) * coordinates.joint_scale / unit
+    return (
+        multipliers.balance / (weight * per_force),
+        np.concatenate([multipliers.faces.ravel() / per_force, *middle, hard]),
+    )

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import sys
 from dataclasses import asdict
 from pathlib import Path
@@ -14,22 +15,24 @@ from typing import Any
 
 import numpy as np
 
-from graspless_pin.algorithms.formulation import Objective, formulate
+from graspless_pin.algorithms.formulation import shared_parts
+from graspless_pin.algorithms.solution_proof import SolutionProof, prove_solution
 from graspless_pin.drafts import draft_of
 from graspless_pin.errors import SceneError
-from graspless_pin.modes.enumeration import requirements_of
-from graspless_pin.modes.kinematics import VirtualKinematics, Witness
-from graspless_pin.modes.rules import StaticFriction
-from graspless_pin.problem.checks import FloatArray
-from graspless_pin.programs.multipliers import constraint_multipliers
+from graspless_pin.report.proof_data import multipliers_data, proof_data
 from graspless_pin.report.provenance import provenance
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
-from graspless_pin.solvers import Outcome
+
+FORMAT = 2
+"""Version of the documents; those of version 0.1 have none."""
+_ROW = re.compile(r"\[[-+.\deE,\s]*\]")
 
 
 def solution_document(solution: TorqueSolution, scene: Scene | None = None) -> dict[str, Any]:
-    """Return the document of a solution.
+    """Return the document of a solution, with its whole proof.
+
+    The proof is made here, from the bound alone: see `prove_solution` for what that takes.
 
     Args:
         solution: The solution, found or not.
@@ -37,20 +40,25 @@ def solution_document(solution: TorqueSolution, scene: Scene | None = None) -> d
             relative to its own reference point.
 
     Returns:
-        Plain data for `json.dumps`: ``status``, ``found``, ``algorithm``, ``margin`` (N),
-        ``max_torque`` (N m), ``gravity``, ``object``, ``hand``, ``joints``, ``contacts``,
-        ``certificate``, ``provenance`` and the options. Poses are (4, 4) rows of T_world_object,
-        T_world_base.
+        Plain data for `json.dumps`: ``format``, ``status``, ``found``, the options, ``margin``
+        (N), ``max_torque`` with its unit, ``scales``, ``gravity``, ``object``, ``hand``,
+        ``joints``, ``contacts``, ``certificate``, ``multipliers``, ``proof`` and ``provenance``.
+        Poses are (4, 4) rows of T_world_object, T_world_base.
     """
-    found = solution.found
+    found, proof = solution.found, prove_solution(solution)
+    coordinates, _ = shared_parts(solution.problem)
     document: dict[str, Any] = {
+        "format": FORMAT,
         "status": solution.status.name.lower(),
         "message": solution.status.message,
         "found": found,
         "algorithm": str(solution.algorithm),
         "required_margin": solution.required_margin,
+        "scale": "limits" if solution.by_limits else "absolute",
+        "regularization": solution.regularization,
         "margin": solution.margin if found else None,
         "max_torque": solution.max_torque if found else None,
+        "max_torque_unit": solution.max_torque_unit if found else None,
         "rules": {
             "sign_rule": str(solution.rules.sign),
             "sliding_rule": str(solution.rules.sliding),
@@ -58,16 +66,18 @@ def solution_document(solution: TorqueSolution, scene: Scene | None = None) -> d
         },
         "external_wrench": solution.problem.external_wrench,
         "cone_edges": solution.problem.cone_edges,
+        "scales": {"force": coordinates.force_scale, "length": coordinates.length_scale},
     }
     if scene is not None:
         document |= _scene_part(scene)
     document["joints"] = _joints(solution)
     document["contacts"] = _contacts(solution, scene)
-    document["certificate"] = asdict(solution.certificate)
-    if solution.found:
-        document["certificate"] |= _proof(solution)
+    document["certificate"] = _certificate(solution, proof)
+    if found:
+        document["multipliers"] = multipliers_data(solution, *solution.multipliers.mode)
     elif solution.explanation:
         document["explanation"] = solution.explanation
+    document["proof"] = proof_data(solution, proof)
     document["provenance"] = provenance(solution.problem, None if scene is None else scene.path)
     return _plain(document)
 
@@ -81,7 +91,10 @@ def write_document(document: dict[str, Any], target: str | Path) -> None:
     Raises:
         SceneError: If the file cannot be written.
     """
-    write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", target, kind="JSON")
+    laid_out = json.dumps(document, indent=2, allow_nan=False)
+    # Rows of numbers on one line each.
+    laid_out = _ROW.sub(lambda row: f"[{' '.join(row.group()[1:-1].split())}]", laid_out)
+    write_text(f"{laid_out}\n", target, kind="JSON")
 
 
 def write_text(text: str, target: str | Path, *, kind: str) -> None:
@@ -145,6 +158,7 @@ def _joints(solution: TorqueSolution) -> list[dict[str, Any]]:
 def _contacts(solution: TorqueSolution, scene: Scene | None) -> list[dict[str, Any]]:
     problem = solution.problem
     origin = np.zeros(3) if scene is None else scene.object.center_of_mass_world
+    mode = solution.mode if solution.found else solution.given_mode
     contacts = []
     for index in range(problem.contact_count):
         entry: dict[str, Any] = {
@@ -155,8 +169,8 @@ def _contacts(solution: TorqueSolution, scene: Scene | None) -> list[dict[str, A
             "friction": problem.friction[index],
             "max_normal_force": problem.max_normal_force[index],
             "sliding": problem.sliding[index],
-            "selected": solution.mode.selection[index] if solution.found else None,
-            "signs": solution.mode.signs[index] if solution.found else None,
+            "selected": None if mode is None else mode.selection[index],
+            "signs": None if mode is None else mode.signs[index],
             "jacobian": problem.jacobian[3 * index : 3 * index + 3],
         }
         if scene is not None:
@@ -165,48 +179,15 @@ def _contacts(solution: TorqueSolution, scene: Scene | None) -> list[dict[str, A
     return contacts
 
 
-def _proof(solution: TorqueSolution) -> dict[str, Any]:
-    """The virtual motion behind the mode, and multipliers in the units of the problem."""
-    proof: dict[str, Any] = {"scale": "limits" if solution.multipliers.by_limits else "absolute"}
-    kinematics = VirtualKinematics(solution.problem)
-    verdict = kinematics.solve(requirements_of(solution.mode), solution.rules.sign)
-    if isinstance(verdict, Witness):
-        motion = kinematics.scale * verdict.motion
-        proof["virtual_motion"] = {"object": motion[:6], "joints": motion[6:]}
-    if solution.multipliers.is_linear:
-        proofs = {"relaxation": solution.multipliers.relaxation, "mode": _mode_proof(solution)}
-        for name, (y, z) in proofs.items():
-            proof[f"{name}_multipliers"] = asdict(
-                constraint_multipliers(
-                    solution.problem,
-                    y,
-                    z,
-                    algorithm=str(solution.algorithm),
-                    by_limits=solution.multipliers.by_limits,
-                )
-            )
-    return proof
-
-
-def _mode_proof(solution: TorqueSolution) -> tuple[FloatArray, FloatArray]:
-    """Multipliers of the mode's own program.
-
-    Those of the search may belong to a node that asks more, or less, of other contacts.
-    """
-    if solution.rules.static_friction is StaticFriction.COULOMB:
-        return solution.multipliers.mode
-    objective = Objective(
-        solution.algorithm,
-        solution.required_margin,
-        by_limits=solution.multipliers.by_limits,
-        regularization=0.0,
-    )
-    formulation = formulate(solution.problem, objective)
-    solver = solution.certificate.solver
-    answer = formulation.solve(*formulation.bounds_of(solution.mode), solver, cutoff=np.inf)
-    if answer.outcome is not Outcome.SOLVED:
-        return solution.multipliers.mode
-    return answer.y, answer.z
+def _certificate(solution: TorqueSolution, proof: SolutionProof) -> dict[str, Any]:
+    """The figures of the certificate; those of an answer are null where there is none."""
+    certificate = asdict(solution.certificate)
+    if not solution.found:
+        certificate |= dict.fromkeys(("primal_residual", "duality_gap", "bound", "gap"))
+        certificate["infeasibility"] = proof.infeasibility
+    coordinates, limits = shared_parts(solution.problem)[0], solution.problem.max_normal_force
+    certificate["force_reach"] = min(float(limits.max()), 1e8 * coordinates.force_scale)
+    return certificate
 
 
 def _plain(value: Any) -> Any:

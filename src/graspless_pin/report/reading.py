@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import MISSING, Field, fields
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,8 @@ from graspless_pin.modes.rules import Rules, SlidingMode
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.report.document import FORMAT
+from graspless_pin.report.proof_data import read_multipliers
 from graspless_pin.solution import Algorithm, Certificate, ProofMultipliers, Status, TorqueSolution
 from graspless_pin.solution.records import FOUND
 
@@ -34,25 +36,46 @@ def read_document(path: Path) -> Any:
         raise SceneError(f"{path}: {error}") from None
 
 
+_IN_MODE = (Status.OPTIMAL_IN_MODE, Status.INFEASIBLE_IN_MODE, Status.INFEASIBLE_MODE)
+
+
 def read_solution(document: dict[str, Any]) -> TorqueSolution:
     """Return the solution that a document of `solution_document` is of.
 
-    Problem, forces, mode and certificate are those of the document. Its multipliers stay in the
-    document: `verify_document` checks them there.
+    Documents of version 0.1 can be read, too, but for those of a solution with a regularisation.
+    The proof over all modes stays in the document: `verify_document` checks it there.
 
     Raises:
         ArgumentError: If it is no such document.
     """
     if not isinstance(document, dict):
         raise ArgumentError("document", "is no JSON object; it must be one written by solve")
+    _check_format(document)
     try:
         return _solution(document)
     except KeyError as error:
         raise ArgumentError("document", f"lacks the key {error}") from None
     except GrasplessPinError as error:
         raise ArgumentError("document", f"holds a problem that is none: {error}") from None
-    except (TypeError, ValueError, IndexError, AttributeError) as error:
+    except (TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
         raise ArgumentError("document", f"has a value of a wrong type or size: {error}") from None
+
+
+def _check_format(document: dict[str, Any]) -> None:
+    """Refuse formats of later versions, and what version 0.1 does not say enough of."""
+    if "format" in document:
+        if document["format"] != FORMAT:
+            raise ArgumentError(
+                "document", f"has the format {document['format']!r:.20}; {FORMAT} can be read"
+            )
+        return
+    proof = document.get("certificate")
+    if document.get("found") and isinstance(proof, dict) and "mode_multipliers" not in proof:
+        raise ArgumentError(
+            "document",
+            "was written by version 0.1 of a solution with a regularisation, which it does not "
+            "state; solve again and write it anew",
+        )
 
 
 def document_origin(document: dict[str, Any]) -> FloatArray:
@@ -69,29 +92,55 @@ def document_bodies(document: dict[str, Any]) -> tuple[str, ...] | None:
 
 
 def _solution(document: dict[str, Any]) -> TorqueSolution:
-    status = Status[document["status"].upper()]
-    rules, proof, contacts = document["rules"], document["certificate"], document["contacts"]
+    status, algorithm = Status[document["status"].upper()], Algorithm(document["algorithm"])
+    rules, figures, contacts = document["rules"], document["certificate"], document["contacts"]
+    problem = _problem(document)
+    by_limits, epsilon, own = _options(document)
     forces = mode = multipliers = None
+    if all(c["selected"] is not None for c in contacts):
+        mode = SlidingMode([c["selected"] for c in contacts], [c["signs"] for c in contacts])
     if status in FOUND:
         forces = read_only(np.array([c["force"] for c in contacts], dtype=float).reshape(-1, 3))
-        mode = SlidingMode([c["selected"] for c in contacts], [c["signs"] for c in contacts])
-        none = np.zeros(0)
+        pairs = [
+            read_multipliers(item, problem, algorithm=str(algorithm), by_limits=by_limits)
+            for item in (own, _relaxed(document) or own)
+        ]
         multipliers = ProofMultipliers(
-            (none, none), (none, none), by_limits=proof["scale"] == "limits", is_linear=False
+            pairs[1], pairs[0], by_limits=by_limits, is_linear=epsilon == 0.0
         )
     explanation = document.get("explanation", "")
     return TorqueSolution(
         status,
-        Algorithm(document["algorithm"]),
+        algorithm,
         float(document["required_margin"]),
         Rules.parse(rules["sign_rule"], rules["sliding_rule"], rules["static_friction"]),
-        Certificate(**{item.name: _figure(proof[item.name]) for item in fields(Certificate)}),
-        _problem(document),
+        Certificate(**{item.name: _figure(figures, item) for item in fields(Certificate)}),
+        problem,
+        by_limits,
+        epsilon,
+        mode if status in _IN_MODE else None,
         _forces=forces,
         _mode=mode,
         _multipliers=multipliers,
         _explain=lambda _: explanation,
     )
+
+
+def _options(document: dict[str, Any]) -> tuple[bool, float, dict[str, Any]]:
+    """Whether shares of the limits count, the regularisation, and the answer's own multipliers."""
+    if "format" in document:
+        epsilon = float(document["regularization"])
+        return document["scale"] == "limits", epsilon, document.get("multipliers", {})
+    proof = document["certificate"]
+    return proof.get("scale") == "limits", 0.0, proof.get("mode_multipliers", {})
+
+
+def _relaxed(document: dict[str, Any]) -> dict[str, Any] | None:
+    """Multipliers that bound every mode at once, if the proof has them."""
+    if "format" not in document:
+        return document["certificate"].get("relaxation_multipliers")
+    nodes = document["proof"]["nodes"]
+    return nodes[0]["multipliers"] if nodes and nodes[0]["kind"] == "bound" else None
 
 
 def _problem(document: dict[str, Any]) -> QuasistaticProblem:
@@ -117,6 +166,9 @@ def _problem(document: dict[str, Any]) -> QuasistaticProblem:
     )
 
 
-def _figure(value: Any) -> Any:
-    """A figure that does not exist is null in JSON."""
+def _figure(figures: dict[str, Any], item: Field[Any]) -> Any:
+    """A figure that does not exist is null in JSON; one that has a default may be missing."""
+    if item.name not in figures and item.default is not MISSING:
+        return item.default
+    value = figures[item.name]
     return np.nan if value is None else value

@@ -1,0 +1,328 @@
+"""Make the proof of an optimum over all modes, or that there is none: a tree that others can check.
+
+Each node is a part of all modes. A leaf says why nothing in its part beats the stated bound: by
+multipliers of its program, or by a combination that excludes every virtual motion. An inner node
+says how its part is split, so that no mode is left out. The tree is made anew from the bound alone:
+how the optimum was found plays no part in it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from graspless_pin.algorithms.formulation import Formulation
+from graspless_pin.algorithms.friction_modes import NO_FRICTION
+from graspless_pin.algorithms.mode_parts import ModePart, SignItem
+from graspless_pin.modes.kinematics import Conflict, Requirement
+from graspless_pin.modes.rules import Rules, SignRule
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.solvers import Answer, Outcome
+
+MOST_LEAVES = 1000
+"""Proofs with more leaves are not written."""
+_CLOSE = 1e-7
+_THIN = 1e-9
+"""Multipliers below this share of the largest are left out where the proof does without them."""
+
+
+@dataclass(frozen=True, eq=False)
+class BoundLeaf:
+    """Multipliers that prove a part's bound.
+
+    Attributes:
+        y: (6,) of the balance, scaled.
+        z: Of the rows, scaled.
+        objective: Whether they bound the objective; else they prove that there are no forces.
+    """
+
+    y: FloatArray
+    z: FloatArray
+    objective: bool
+
+
+@dataclass(frozen=True, eq=False)
+class KinematicLeaf:
+    """A combination that excludes every motion of a part.
+
+    Attributes:
+        combination: (M, 3) along n, t1, t2.
+    """
+
+    combination: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class ConflictSplit:
+    """Items that exclude each other: each child presumes those before its own, and breaks its own.
+
+    Attributes:
+        items: Contact, component and sign; the sign 0: the contact is selected.
+        combinations: (M, 3) why they exclude each other; with `opened`, one for each sign left.
+        opened: A component that the items leave no sign; None: they exclude each other alone.
+    """
+
+    items: tuple[SignItem, ...]
+    combinations: tuple[FloatArray, ...]
+    opened: tuple[int, int] | None = None
+
+
+@dataclass(frozen=True)
+class ContactSplit:
+    """A contact that is not selected, or has one of the pairs of signs that are left to it.
+
+    Attributes:
+        contact: Its index.
+    """
+
+    contact: int
+
+
+ProofNode = BoundLeaf | KinematicLeaf | ConflictSplit | ContactSplit
+
+
+@dataclass(frozen=True, eq=False)
+class ModeProof:
+    """A proof over a part of all modes.
+
+    Attributes:
+        nodes: Depth first, children in their order.
+        missing: Why it is not complete; empty: it is.
+    """
+
+    nodes: tuple[ProofNode, ...]
+    missing: str = ""
+
+    @property
+    def complete(self) -> bool:
+        """Whether it is a proof."""
+        return not self.missing
+
+
+@dataclass(eq=False)
+class ModeProver:
+    """Splits all modes until every part is closed.
+
+    Attributes:
+        formulation: The program.
+        rules: The reading of the virtual-sliding constraint.
+        solver: The solver to ask first.
+        target: What no part's objective may stay below, scaled; inf: there are no forces.
+    """
+
+    formulation: Formulation
+    rules: Rules
+    solver: str
+    target: float
+
+    def prove(
+        self, root: ModePart | None, known: tuple[FloatArray, FloatArray] | None = None
+    ) -> ModeProof:
+        """Return the proof over a part of all modes.
+
+        Args:
+            root: The part; None: friction needs no virtual sliding at all.
+            known: Multipliers (y, z) that may close it at once.
+        """
+        if known is not None and len(known[0]) and self._closing(root, *known):
+            return ModeProof((BoundLeaf(*known, objective=True),))
+        nodes: list[ProofNode] = []
+        waiting, leaves = [root], 0
+        while waiting:
+            part = waiting.pop()
+            node, children = self._node(part)
+            if isinstance(node, str):
+                return ModeProof((), node)
+            nodes.append(node)
+            leaves += isinstance(node, BoundLeaf | KinematicLeaf)
+            if leaves > MOST_LEAVES or len(nodes) > 2 * MOST_LEAVES:
+                return ModeProof((), f"its proof takes more than {MOST_LEAVES} leaves")
+            waiting += reversed(children)
+        return ModeProof(tuple(nodes))
+
+    def _closing(self, part: ModePart | None, y: FloatArray, z: FloatArray) -> bool:
+        bound = self.formulation.program.bounded(*self.bounds(part)).dual_bound(y, z)
+        return self._closes(bound)
+
+    def _closes(self, bound: float) -> bool:
+        return bound >= self.target - _CLOSE * max(1.0, abs(self.target))
+
+    def bounds(self, part: ModePart | None) -> tuple[FloatArray, FloatArray]:
+        """Return bounds of the variables: friction opposes the sliding that is left to it."""
+        program = self.formulation.program
+        if part is None:
+            return program.lb, program.ub
+        lb, ub = program.lb.copy(), program.ub.copy()
+        cones = self.formulation.cone_index
+        gone = part.released[cones, None]
+        for columns in self.formulation.cone_columns:
+            ub[columns[gone | ~part.minus[cones]]] = 0.0
+            lb[columns[gone | ~part.plus[cones]]] = 0.0
+        return lb, ub
+
+    def _node(self, part: ModePart | None) -> tuple[ProofNode | str, list[ModePart]]:
+        """The node of a part with its children, or why there is none."""
+        if part is not None and part.selected.any():
+            wanted = part.requirements()
+            v = self._excluded(wanted, self._reading(part, wanted))
+            if v is not None:
+                return KinematicLeaf(v), []
+        answer = self.solved(part)
+        leaf = self._leaf(part, answer)
+        if leaf is not None:
+            return leaf, []
+        if answer.outcome is not Outcome.SOLVED:
+            return "a program stayed without an answer", []
+        if part is None:
+            return "the relaxation does not prove the bound", []
+        return self._split(part, answer.x)
+
+    def solved(self, part: ModePart | None, cutoff: float | None = None) -> Answer:
+        """Return the answer to the program of a part.
+
+        Args:
+            part: The part.
+            cutoff: A proven bound above it is enough; None: where the part is closed.
+        """
+        if cutoff is None:
+            room = _CLOSE * max(1.0, abs(self.target)) if np.isfinite(self.target) else 0.0
+            cutoff = self.target - 0.5 * room
+        return self.formulation.solve(*self.bounds(part), self.solver, cutoff=cutoff)
+
+    def _leaf(self, part: ModePart | None, answer: Answer) -> BoundLeaf | None:
+        """The leaf that an answer makes of a part, without multipliers that prove nothing."""
+        if answer.outcome is Outcome.FAILED:
+            return None
+        program = self.formulation.program.bounded(*self.bounds(part))
+        solved = answer.outcome is Outcome.SOLVED
+        if solved and not self._closes(answer.bound):
+            return None
+        size = np.abs(answer.z)
+        thin = np.where(size > _THIN * size.max(initial=0.0), answer.z, 0.0)
+        for z in (thin, answer.z):
+            if self._closes(program.dual_bound(answer.y, z)):
+                return BoundLeaf(answer.y, z, objective=True)
+            if not solved and program.infeasibility_bound(answer.y, z) > 0.0:
+                return BoundLeaf(answer.y, z, objective=False)
+        return BoundLeaf(answer.y, answer.z, objective=True)
+
+    def _excluded(self, wanted: list[Requirement], rule: SignRule) -> FloatArray | None:
+        """A combination that excludes every motion with what is wanted; None: there is none."""
+        verdict = self.formulation.kinematics.solve(wanted, rule)
+        return verdict.combination if isinstance(verdict, Conflict) else None
+
+    def _reading(self, part: ModePart, wanted: list[Requirement]) -> SignRule:
+        """How a sign of 0 is read: under `exact` as an open one, unless no sign is open."""
+        if self.rules.sign is not SignRule.EXACT:
+            return self.rules.sign
+        known = all(part.knows(one.contact) for one in wanted)
+        return SignRule.EXACT if known else SignRule.STRICT
+
+    def _split(self, part: ModePart, x: FloatArray) -> tuple[ProofNode | str, list[ModePart]]:
+        """Split a part where the friction of its optimum has no motion behind it."""
+        size, known = self._required(part, x)
+        rule = SignRule.STRICT if self.rules.sign is SignRule.EXACT else self.rules.sign
+        importance = np.sqrt(np.maximum(size / max(size.max(initial=0.0), 1e-300), 1e-3))
+        importance = importance[[one.contact for one in known]]
+        verdict = self.formulation.kinematics.solve(known, rule, importance)
+        if isinstance(verdict, Conflict) and verdict.combination is not None:
+            v = verdict.combination
+            return self._items_split(part, self._items(part, [v], None, size), (v,), None)
+        if self.rules.sign is SignRule.STRICT:
+            found = self._by_opened(part, known, size)
+            if found is not None:
+                return found
+        return self._by_contact(part, size)
+
+    def _required(self, part: ModePart, x: FloatArray) -> tuple[FloatArray, list[Requirement]]:
+        """(M, 2) sizes of the friction, and what it and the part ask of the virtual motion."""
+        count = len(part.selected)
+        friction = np.zeros((count, 2))
+        friction[self.formulation.cone_index] = x[self.formulation.cone_columns[0]]
+        opposed = np.where(np.abs(friction) > NO_FRICTION, -np.sign(friction), 0.0).astype(int)
+        known = []
+        for contact in range(count):
+            own = part.signs(contact) if part.selected[contact] else (0, 0)
+            a, b = (int(r) or o for r, o in zip(opposed[contact], own, strict=True))
+            if a or b or part.selected[contact]:
+                known.append(Requirement(contact, (a, b)))
+        return np.abs(friction), known
+
+    def _by_opened(
+        self, part: ModePart, known: list[Requirement], size: FloatArray
+    ) -> tuple[ConflictSplit, list[ModePart]] | None:
+        """The split where a required contact can slide neither way along one tangent."""
+        for index, (contact, signs) in enumerate(known):
+            for component in range(2):
+                if signs[component]:
+                    continue
+                combinations = []
+                for sign in part.left(contact, component):
+                    pair = (sign, signs[1]) if component == 0 else (signs[0], sign)
+                    tried = [*known[:index], Requirement(contact, pair), *known[index + 1 :]]
+                    v = self._excluded(tried, self.rules.sign)
+                    if v is None:
+                        break
+                    combinations.append(v)
+                if len(combinations) < len(part.left(contact, component)):
+                    continue
+                opened = contact, component
+                items = self._items(part, combinations, opened, size)
+                return self._items_split(part, items, tuple(combinations), opened)
+        return None
+
+    def _items(
+        self,
+        part: ModePart,
+        combinations: list[FloatArray],
+        opened: tuple[int, int] | None,
+        size: FloatArray,
+    ) -> list[SignItem]:
+        """What takes part in combinations; first what the part knows, then the largest friction."""
+        signs, chosen = {}, set()
+        for v in combinations:
+            for contact, axis in np.argwhere(v):
+                chosen.add(int(contact))
+                if axis and (int(contact), int(axis) - 1) != opened:
+                    signs[int(contact), int(axis) - 1] = int(np.sign(v[contact, axis]))
+        if opened is not None:
+            chosen.add(opened[0])
+        items = [(c, k, s) for (c, k), s in signs.items()]
+        items.sort(key=lambda item: (
+            item[2] != part.signs(item[0])[item[1]],
+            not part.selected[item[0]],
+            -size[item[0], item[1]],
+        ))  # fmt: skip
+        alone = sorted(chosen - {c for c, _, _ in items})
+        return items + [(c, 0, 0) for c in alone]
+
+    @staticmethod
+    def _items_split(
+        part: ModePart,
+        items: list[SignItem],
+        combinations: tuple[FloatArray, ...],
+        opened: tuple[int, int] | None,
+    ) -> tuple[ConflictSplit, list[ModePart]]:
+        children: list[ModePart] = []
+        rest: ModePart | None = part
+        for item in items:
+            if rest is None:
+                break
+            broken = rest.breaking(item)
+            if broken is not None:
+                children.append(broken)
+            rest = rest.holding(item)
+        return ConflictSplit(tuple(items), combinations, opened), children
+
+    def _by_contact(
+        self, part: ModePart, size: FloatArray
+    ) -> tuple[ContactSplit | str, list[ModePart]]:
+        """The split of the contact with the most friction of which not all is known."""
+        unknown = [c for c in range(len(size)) if not part.knows(c)]
+        if not unknown:
+            return "a mode with a virtual motion seems better than the bound", []
+        contact = max(unknown, key=lambda one: (float(size[one].sum()), part.selected[one]))
+        children = [] if part.selected[contact] else [part.breaking((contact, 0, 0))]
+        children += [part.with_pair(contact, pair) for pair in part.pairs(contact)]
+        return ContactSplit(contact), [child for child in children if child is not None]

@@ -1,0 +1,238 @@
+"""What multipliers prove of forces: the smallest value of the Lagrangian over a box.
+
+Whatever the multipliers are, no forces that obey all constraints have an objective below it. No
+stationarity needs to hold: the box makes up for what is missing. All is added up in the longest
+floating-point format of the machine, and what rounding may hide is taken off.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from graspless_pin.report.verify.figures import Problem
+from graspless_pin.report.verify.values import array, entry, items, number, whole
+
+_LONG = np.longdouble
+_ROUNDING = 4.0 * float(np.finfo(_LONG).eps)
+
+
+@dataclass(frozen=True, eq=False)
+class Multipliers:
+    """Multipliers of the constraints, in the objective's unit over the constraint's own.
+
+    Attributes:
+        balance: (6,) of W f + w = 0; of any sign, all others are >= 0.
+        faces: (M, r) of h^T f + e <= 0 where there is a cone.
+        normal_upper: (M,) of n^T f + e <= limit in Algorithm 1.
+        normal_lower: (M,) of e <= n^T f in Algorithm 1 where there is no cone.
+        torque_upper: (L,) of J^T f + g <= upper.
+        torque_lower: (L,) of lower <= J^T f + g.
+        share_upper: (L,) of J^T f + g <= t (or t times the upper limit) in Algorithm 2.
+        share_lower: (L,) of -(J^T f + g) <= t (or t times minus the lower limit).
+    """
+
+    balance: np.ndarray
+    faces: np.ndarray
+    normal_upper: np.ndarray
+    normal_lower: np.ndarray
+    torque_upper: np.ndarray
+    torque_lower: np.ndarray
+    share_upper: np.ndarray
+    share_lower: np.ndarray
+
+    @property
+    def torque(self) -> np.ndarray:
+        """(L,) of each joint's torque."""
+        return self.torque_upper - self.torque_lower + self.share_upper - self.share_lower
+
+
+def read_multipliers(given: object, problem: Problem, where: str) -> Multipliers:
+    """Return multipliers that stand in a document; those that may prove nothing count as 0.
+
+    Raises:
+        ValueError: If one is negative or something is missing.
+    """
+    M, L = problem.count, len(problem.units)
+    faces = np.zeros((M, problem.edges))
+    listed = items(entry(given, "faces", where), f"faces of {where}", 0, faces.size)
+    for triple in listed:
+        contact, face, value = items(triple, f"a face of {where}", 3, 3)
+        contact = whole(contact, f"a contact of {where}", 0, M - 1)
+        faces[contact, whole(face, f"a face of {where}", 0, problem.edges - 1)] = number(
+            value, f"a face of {where}"
+        )
+    sizes = {"normal_upper": M, "normal_lower": M, "torque_upper": L, "torque_lower": L,
+             "share_upper": L, "share_lower": L}  # fmt: skip
+    values = {key: array(entry(given, key, where), (n,), f"{key} of {where}")
+              for key, n in sizes.items()}  # fmt: skip
+    for key, one in {**values, "faces": faces}.items():
+        if (one < 0.0).any():
+            raise ValueError(f"{key} of {where} has a negative multiplier")
+    # Only constraints that the program has may prove anything.
+    up, down = problem.shared
+    there = {
+        "normal_upper": np.full(M, problem.is_margin),
+        "normal_lower": ~problem.cone & problem.is_margin,
+        "torque_upper": np.isfinite(problem.upper),
+        "torque_lower": np.isfinite(problem.lower),
+        "share_upper": up > 0.0,
+        "share_lower": down > 0.0,
+    }
+    return Multipliers(
+        balance=array(entry(given, "balance", where), (6,), f"balance of {where}"),
+        faces=np.where(problem.cone[:, None], faces, 0.0),
+        **{key: np.where(there[key], one, 0.0) for key, one in values.items()},
+    )
+
+
+def proven_bound(
+    problem: Problem, m: Multipliers, free: np.ndarray, reach: float, *, objective: bool = True
+) -> float:
+    """Return what no forces that obey all constraints stay below.
+
+    Args:
+        problem: The problem.
+        m: Any multipliers.
+        free: (M, 2, 2) whether friction may be negative, positive along t1 and t2.
+        reach: The largest normal forces that are looked at, N.
+        objective: Whether the objective counts. Without it the objective is 0, and a bound above 0
+            proves that there are no such forces.
+    """
+    slopes, sizes = _slopes(problem, m)
+    low, high = _box(problem, free, reach)
+    if (low > high).any():
+        return np.inf
+    constant, size = _constant(problem, m)
+    q = problem.curvature * objective
+    curved = np.ones((problem.count, 3))
+    curved[:, 0] = np.where(problem.cone, 1.0, (problem.directions**2).sum(axis=1))
+    total = constant + _smallest(slopes, low, high, q * curved)
+    size += (sizes * np.maximum(np.abs(low), np.abs(high))).sum()
+    slope, size_e, most = _last(problem, m, reach, objective=objective)
+    total += min(_LONG(0.0), slope * most)
+    return float(total - _ROUNDING * (size + size_e * most))
+
+
+def violation(problem: Problem, m: Multipliers, bound: float) -> float:
+    """Return the proven smallest common violation of all constraints, in scaled units.
+
+    Args:
+        problem: The problem.
+        m: Multipliers.
+        bound: What they prove without the objective.
+    """
+    F, joints = problem.force, problem.joint_scale
+    up, down = problem.shared
+    scale = np.repeat([F, F * problem.length], 3)
+    total = float(np.abs(m.balance) @ scale + (m.torque_upper + m.torque_lower) @ joints)
+    total += F * float(m.faces.sum() + m.normal_upper.sum() + m.normal_lower.sum())
+    if problem.by_limits:
+        up, down = (np.maximum(joints, problem.unit * one) for one in (up, down))
+    else:
+        up, down = problem.unit * up, problem.unit * down
+    total += float(m.share_upper @ up + m.share_lower @ down)
+    return bound / total if total > 0.0 else -np.inf
+
+
+def _slopes(problem: Problem, m: Multipliers) -> tuple[np.ndarray, np.ndarray]:
+    """(M, 3) slope of the Lagrangian by each force component, and the size of what makes it."""
+    frames, J = problem.frames.astype(_LONG), problem.J.astype(_LONG)
+    if not problem.cone.all():
+        frames[~problem.cone, 0] = problem.directions[~problem.cone]
+    y, kappa, p = m.balance.astype(_LONG), m.torque.astype(_LONG), problem.p.astype(_LONG)
+    # m^T (p x f) = (m x p)^T f
+    parts = [np.broadcast_to(y[:3], p.shape), _cross(y[3:], p), (J * kappa).sum(axis=2)]
+    slope = (frames * np.sum(parts, axis=0)[:, None]).sum(axis=2)
+    rough = np.abs(y[:3]) + _rough_cross(y[3:], p) + (np.abs(J) * np.abs(kappa)).sum(axis=2)
+    size = (np.abs(frames) * rough[:, None]).sum(axis=2)
+    for c in np.flatnonzero(problem.cone).tolist():
+        faces = problem.faces(c).astype(_LONG)
+        slope[c] += (m.faces[c][:, None] * faces).sum(axis=0)
+        size[c] += (m.faces[c][:, None] * np.abs(faces)).sum(axis=0)
+    normal = m.normal_upper.astype(_LONG) - m.normal_lower
+    slope[:, 0] += normal
+    size[:, 0] += np.abs(normal)
+    return slope, size
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    x, y, z = b[:, 0], b[:, 1], b[:, 2]
+    return np.stack([a[1] * z - a[2] * y, a[2] * x - a[0] * z, a[0] * y - a[1] * x], axis=1)
+
+
+def _rough_cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    a, b = np.abs(a), np.abs(b)
+    x, y, z = b[:, 0], b[:, 1], b[:, 2]
+    return np.stack([a[1] * z + a[2] * y, a[2] * x + a[0] * z, a[0] * y + a[1] * x], axis=1)
+
+
+def _constant(problem: Problem, m: Multipliers) -> tuple[Any, Any]:
+    """The Lagrangian without forces, and the size of what makes it."""
+    finite_up = np.where(np.isfinite(problem.upper), problem.upper, 0.0)
+    finite_low = np.where(np.isfinite(problem.lower), problem.lower, 0.0)
+    terms = np.concatenate([
+        m.balance.astype(_LONG) * problem.w,
+        m.torque.astype(_LONG) * problem.gravity,
+        -m.torque_upper.astype(_LONG) * finite_up,
+        m.torque_lower.astype(_LONG) * finite_low,
+        -m.normal_upper.astype(_LONG) * problem.limit,
+        m.faces.ravel().astype(_LONG) * problem.e0,
+    ])  # fmt: skip
+    return terms.sum(), np.abs(terms).sum()
+
+
+def _box(problem: Problem, free: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
+    """(M, 3) each: bounds of all forces inside cones and limits, and free to rub as said."""
+    low, high = np.zeros((problem.count, 3)), np.zeros((problem.count, 3))
+    most = np.minimum(problem.limit, reach)
+    high[:, 0] = np.minimum(problem.limit - problem.e0, reach)
+    low[:, 0] = np.where(problem.cone, 0.0, problem.e0)
+    rub = np.where(problem.cone, problem.mu * most, 0.0)[:, None]
+    low[:, 1:], high[:, 1:] = -rub * free[:, :, 0], rub * free[:, :, 1]
+    return low, high
+
+
+def _smallest(slope: np.ndarray, low: np.ndarray, high: np.ndarray, q: np.ndarray) -> Any:
+    """Smallest sum of slope x + q x^2 / 2 over a box."""
+    at = np.where(slope >= 0.0, low, high).astype(_LONG)
+    bent = q > 0.0
+    turning = np.where(bent, -slope / np.where(bent, q, 1.0), at)
+    at = np.where(bent, np.clip(turning, low, high), at)
+    return (slope * at + 0.5 * q * at**2).sum()
+
+
+def _last(
+    problem: Problem, m: Multipliers, reach: float, *, objective: bool
+) -> tuple[Any, Any, Any]:
+    """Slope by the objective's own variable, e or t >= 0, its size and the variable's bound."""
+    if problem.is_margin:
+        parts = np.concatenate([m.faces.ravel(), m.normal_upper, m.normal_lower]).astype(_LONG)
+        slope = parts.sum() - objective
+        return slope, parts.sum() + 1.0, min(float(problem.limit.min()) / 2.0, reach)
+    up, down = problem.shared
+    used = (m.share_upper.astype(_LONG) * up + m.share_lower.astype(_LONG) * down).sum()
+    return objective - used, used + 1.0, _most_torque(problem, reach)
+
+
+def _most_torque(problem: Problem, reach: float) -> float:
+    """The largest t of Algorithm 2 that any forces make."""
+    up, down = problem.shared
+    most = np.minimum(problem.limit, reach) * np.sqrt(1.0 + problem.mu**2)
+    lever = np.einsum("lij,l->j", np.abs(problem.J), most) + np.abs(problem.gravity)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shares = [np.where(one > 0.0, lever / one, 0.0) for one in (up, down)]
+    return float(np.concatenate(shares).max(initial=0.0))
+
+
+def largest_objective(problem: Problem, reach: float) -> float:
+    """Return what the objective of any forces that obey all constraints does not exceed."""
+    everywhere = np.ones((problem.count, 2, 2), dtype=bool)
+    low, high = _box(problem, everywhere, reach)
+    curved = np.ones((problem.count, 3))
+    curved[:, 0] = np.where(problem.cone, 1.0, (problem.directions**2).sum(axis=1))
+    most = float((curved * np.maximum(np.abs(low), np.abs(high)) ** 2).sum())
+    bent = 0.5 * problem.curvature * most if problem.epsilon > 0.0 else 0.0
+    return bent + (0.0 if problem.is_margin else _most_torque(problem, reach))

@@ -1,0 +1,320 @@
+"""The checks of one document, in the order in which they are shown."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from graspless_pin.report.verify.bounds import proven_bound, read_multipliers
+from graspless_pin.report.verify.figures import (
+    FARTHEST,
+    FORMAT,
+    FOUND,
+    IN_MODE,
+    INFEASIBLE,
+    OPEN,
+    Forces,
+    Problem,
+    read_forces,
+    read_mode,
+    read_problem,
+)
+from graspless_pin.report.verify.forces import (
+    TOLERANCE,
+    figure_checks,
+    force_checks,
+    frames_check,
+    residual,
+)
+from graspless_pin.report.verify.motions import motion_check, velocities
+from graspless_pin.report.verify.outcome import Check, Verification, agrees, given, holds, within
+from graspless_pin.report.verify.states import State
+from graspless_pin.report.verify.tree import Proof, TreeWalk
+from graspless_pin.report.verify.values import array, entry, number, text, truth, word
+
+_VIOLATION = 1e-4
+"""The share by which a common violation may be overstated: it depends on how rows are scaled."""
+_MESSAGES = {
+    "optimal": "optimal over all feasible virtual-sliding modes",
+    "optimal_in_mode": "optimal in the given virtual-sliding mode",
+    "limit_reached": "the best found",
+    "infeasible_forces": "infeasible: no contact forces",
+    "infeasible_modes": "infeasible: forces that balance exist, but none",
+    "infeasible_in_mode": "infeasible in the given virtual-sliding mode",
+    "infeasible_mode": "the given virtual-sliding mode has no virtual motion",
+    "not_found_in_limit": "nothing found",
+    "unverified": "no solver gave",
+}
+"""How the message of each status begins."""
+
+
+def verify_document(document: dict[str, Any]) -> Verification:
+    """Verify a solution from its document, found or not (see `solution_document`).
+
+    Args:
+        document: The parsed JSON.
+
+    Returns:
+        A check for each figure and statement: what is proven, what is not so, what the document
+        holds no proof of, and what is taken as given.
+
+    Raises:
+        ValueError: If it is no such document, is one of another format, lacks a key, or has a value
+            of a wrong type or size.
+    """
+    if not isinstance(document, dict):
+        raise ValueError("it is no solution document: not a JSON object")  # noqa: TRY004
+    _check_format(document)
+    try:
+        with np.errstate(all="ignore"):
+            return Verification(tuple(_Checker(document).run()))
+    except np.linalg.LinAlgError as error:
+        raise ValueError(f"the document has figures that cannot be worked with: {error}") from None
+
+
+def _check_format(document: dict[str, Any]) -> None:
+    if "format" not in document:
+        raise ValueError(
+            "it has no format version: version 0.1 wrote it, without the proof over all modes; "
+            "solve again and write it anew"
+        )
+    if document["format"] != FORMAT or isinstance(document["format"], bool):
+        raise ValueError(f"its format version is not {FORMAT}, which alone can be checked here")
+
+
+class _Checker:
+    """One document, and what was worked out of it."""
+
+    def __init__(self, document: dict[str, Any]) -> None:
+        self.document = document
+        self.problem: Problem = read_problem(document)
+        self.status = word(
+            entry(document, "status", "the document"), "status", FOUND + INFEASIBLE + OPEN
+        )
+        self.certificate = entry(document, "certificate", "the document")
+        self.proof = entry(document, "proof", "the document")
+        self.complete = truth(entry(self.proof, "complete", "proof"), "complete")
+        # Friction needs a virtual sliding, unless Coulomb's law is all that is asked for.
+        self.has_modes = not self.problem.coulomb or self.status in IN_MODE
+
+    def run(self) -> list[Check]:
+        checks = [*self._given(), frames_check(self.problem), *self._statements()]
+        if self.status in FOUND:
+            checks += self._found()
+        else:
+            checks += self._not_found()
+        return checks
+
+    def _given(self) -> list[Check]:
+        return [
+            given(
+                "the problem",
+                "contact points, normals, tangents, sliding, friction, Jacobian, external wrench, "
+                "limits, options and rules; poses, masses and names",
+            ),
+            given("how it was found", "counters of the search, solver, versions, hashes, words"),
+        ]
+
+    def _statements(self) -> list[Check]:
+        """What is said of the answer as a whole, and the scales."""
+        document, problem = self.document, self.problem
+        found = truth(entry(document, "found", "the document"), "found")
+        message = text(entry(document, "message", "the document"), "message")
+        said = message.startswith(_MESSAGES[self.status])
+        scales = entry(document, "scales", "the document")
+        force, length = (number(entry(scales, key, "scales"), key) for key in ("force", "length"))
+        good = problem.force > 0.0 and np.isfinite(problem.force)
+        return [
+            holds("found and status agree", found == (self.status in FOUND), self.status),
+            holds("message and status agree", said, message[:60]),
+            holds("the load has a size", good, f"{problem.force:.3g} N"),
+            agrees("force scale", force, problem.force, 1e-9 * problem.force, "N"),
+            agrees("length scale", length, problem.length, 1e-9 * problem.length, "m"),
+            self._reach(),
+        ]
+
+    # found
+
+    def _found(self) -> list[Check]:
+        problem, document = self.problem, self.document
+        rows = [entry(c, "force", f"contact {i}") for i, c in enumerate(document["contacts"])]
+        forces = read_forces(rows, problem, "the forces")
+        checks = force_checks(problem, forces) + figure_checks(problem, forces, document)
+        worst = residual(problem, forces)
+        stated = number(entry(self.certificate, "primal_residual", "certificate"), "a residual")
+        checks.append(agrees("primal residual as stated", stated, worst, TOLERANCE, "(scaled)"))
+        selected, signs = read_mode(document, problem)
+        if self.has_modes:
+            checks += [self._rules(selected, signs), self._motion(selected, signs)]
+        else:
+            checks.append(self._describes(forces, selected, signs))
+        most, reach = float(forces.local[:, 0].max()), self._stated_reach()
+        within_reach = most <= (1.0 + TOLERANCE) * reach
+        checks.append(self._opposes(forces, selected, signs))
+        checks.append(holds("the forces are within that reach", within_reach, f"{most:.6g} N"))
+        return checks + self._optimality(forces, selected, signs)
+
+    def _rules(self, selected: np.ndarray, signs: np.ndarray) -> Check:
+        """Which contacts may or must be selected, and how many zeros they may have."""
+        problem = self.problem
+        zeros = (signs == 0).sum(axis=1)
+        ok = np.where(selected, zeros <= (problem.sign_rule == "exact"), zeros == 2)
+        ok &= ~selected | problem.candidates
+        if problem.constrained:
+            ok &= selected | ~problem.slides
+        detail = f"contacts that do not: {np.flatnonzero(~ok).tolist()}"
+        return holds("signs obey the rules", ok.all(), detail)
+
+    def _motion(self, selected: np.ndarray, signs: np.ndarray) -> Check:
+        motion = entry(self.proof, "motion", "proof")
+        if motion is None:
+            u = np.zeros((self.problem.count, 3))
+        else:
+            twist = array(entry(motion, "object", "motion"), (6,), "a motion")
+            rates = entry(motion, "joints", "motion")
+            rates = array(rates, (len(self.problem.units),), "a motion")
+            u = velocities(self.problem, twist, rates)
+        return motion_check(self.problem, u, selected, signs)
+
+    def _describes(self, forces: Forces, selected: np.ndarray, signs: np.ndarray) -> Check:
+        """Without any rule the mode only describes the friction."""
+        friction = forces.local[:, 1:] * self.problem.cone[:, None]
+        rubs = np.abs(friction) > TOLERANCE * self.problem.force
+        ok = (selected == (signs != 0).any(axis=1)).all() and (signs[rubs] != 0).all()
+        return holds("signs describe the friction", ok, f"{int(rubs.sum())} components rub")
+
+    def _opposes(self, forces: Forces, selected: np.ndarray, signs: np.ndarray) -> Check:
+        friction = forces.local[:, 1:] * self.problem.cone[:, None]
+        allowed = np.where(signs == 0, np.abs(friction), signs * friction)
+        allowed[~selected] = np.abs(friction[~selected])
+        worst = float(max(allowed.max(), 0.0))
+        tolerance = TOLERANCE * self.problem.force
+        return within("friction opposes the mode (27), (31)", worst, tolerance, "N")
+
+    def _reach(self) -> Check:
+        """The normal forces up to which bounds are proven: all, or far above the load."""
+        problem, reach = self.problem, self._stated_reach()
+        wanted = min(FARTHEST * problem.force, float(problem.limit.max()))
+        detail = f"{reach:.6g} N, wanted {wanted:.6g} N"
+        return holds("reach of the proof", reach >= (1.0 - 1e-9) * wanted, detail)
+
+    def _stated_reach(self) -> float:
+        return number(entry(self.certificate, "force_reach", "certificate"), "force_reach")
+
+    def _optimality(self, forces: Forces, selected: np.ndarray, signs: np.ndarray) -> list[Check]:
+        """Bound and gap from both sides, and what multipliers and tree prove."""
+        problem = self.problem
+        value = problem.objective(forces)
+        size = max(problem.unit, abs(value))
+        bound, gap, inner = (
+            number(entry(self.certificate, key, "certificate"), key)
+            for key in ("bound", "gap", "duality_gap")
+        )
+        bound = -bound if problem.is_margin else bound
+        unit = "" if problem.by_limits else "N" if problem.is_margin else "N m, N"
+        checks = [agrees("gap as stated", gap, value - bound, TOLERANCE * size, unit)]
+        if self.status != "limit_reached":
+            checks.append(within("gap is closed", abs(value - bound), TOLERANCE * size, unit))
+        reach = min(self._stated_reach(), float(problem.limit.max()))
+        m = read_multipliers(
+            entry(self.document, "multipliers", "the document"), problem, "multipliers"
+        )
+        # Friction of the solution's own signs, where there is any.
+        friction = forces.local[:, 1:] * problem.cone[:, None]
+        least = TOLERANCE * problem.force
+        rubs = np.stack([friction < -least, friction > least], axis=2)
+        own = value - proven_bound(problem, m, rubs, reach)
+        checks.append(within("multipliers of these forces", own, TOLERANCE * size, unit))
+        checks.append(
+            agrees("duality gap as stated", inner * problem.unit, own, TOLERANCE * size, unit)
+        )
+        name = "optimal over all modes"
+        if self.status == "optimal_in_mode":
+            name = "optimal within its mode"
+        elif not self.has_modes:
+            name = "optimal over all friction"
+        if self.status == "limit_reached":
+            name = "bound over all modes" if self.has_modes else "bound over all friction"
+        if not self.complete:
+            return [*checks, self._incomplete(name), self._within_mode(value, selected, signs)]
+        proof = TreeWalk(problem, reach).walk(
+            entry(self.proof, "nodes", "proof"), self._root(selected, signs)
+        )
+        good = not proof.failure and proof.bound >= bound - TOLERANCE * size
+        shown = proof.failure or f"{_leaves(proof)}, proven gap {value - proof.bound:.1e} {unit}"
+        return [*checks, holds(name, good, shown.rstrip())]
+
+    def _within_mode(self, value: float, selected: np.ndarray, signs: np.ndarray) -> Check:
+        problem, name = self.problem, "optimal within its mode"
+        given_ = self.proof.get("mode_multipliers")
+        if given_ is None:
+            return Check(name, passed=None, detail="no multipliers in the document")
+        m = read_multipliers(given_, problem, "mode_multipliers")
+        reach = min(self._stated_reach(), float(problem.limit.max()))
+        state = State.one_mode(problem, selected, signs)
+        gap = value - proven_bound(problem, m, state.friction, reach)
+        good = gap <= TOLERANCE * max(problem.unit, abs(value))
+        return Check(name, passed=good or None, detail=f"proven gap {gap:.1e}")
+
+    # not found
+
+    def _not_found(self) -> list[Check]:
+        document = self.document
+        stated = [document.get("margin"), document.get("max_torque")]
+        stated += [c.get("force") for c in document["contacts"]]
+        stated += [j.get(key) for j in document["joints"] for key in ("torque", "torque_contact")]
+        empty = all(one is None for one in stated)
+        checks = [holds("states no forces", empty, "null" if empty else "some are there")]
+        shared = number(entry(self.certificate, "infeasibility", "certificate"), "infeasibility")
+        if self.status in OPEN:
+            checks.append(holds("states no infeasibility", shared <= 0.0, f"{shared:.3g}"))
+            return [*checks, Check("whether there is an answer", None, "the search did not end")]
+        name = _MESSAGES[self.status].split(":")[0]
+        if not self.complete:
+            return [*checks, self._incomplete(name)]
+        mode = None
+        if self.status in IN_MODE:
+            mode = read_mode(document, self.problem)
+            checks.append(self._rules(*mode))
+        root = self._root(*mode) if mode else self._root()
+        if self.status == "infeasible_in_mode" and mode:
+            checks.append(self._motion(*mode))
+        proof = TreeWalk(self.problem, np.inf).walk(entry(self.proof, "nodes", "proof"), root)
+        checks.append(self._infeasible(name, proof))
+        if self.status == "infeasible_modes":
+            checks += self._forces_exist()
+        good = shared <= max(proof.violation, 0.0) * (1.0 + _VIOLATION)
+        detail = f"stated {shared:.3g}, proven {max(proof.violation, 0.0):.3g} (scaled)"
+        return [*checks, holds("smallest common violation", good, detail)]
+
+    def _infeasible(self, name: str, proof: Proof) -> Check:
+        failure = proof.failure
+        if not failure and proof.bound < np.inf:
+            failure = "a leaf does not prove that there are no forces"
+        if not failure and self.status == "infeasible_mode" and proof.programs:
+            failure = "a leaf speaks of forces, not of motions"
+        return holds(name, not failure, failure or _leaves(proof))
+
+    def _forces_exist(self) -> list[Check]:
+        """Forces that balance where friction needs no virtual sliding."""
+        rows = entry(self.proof, "forces", "proof")
+        forces = read_forces(rows, self.problem, "the forces of the proof")
+        worst = residual(self.problem, forces)
+        return [within("forces that balance exist", worst, TOLERANCE, "(scaled)")]
+
+    # both
+
+    def _root(self, selected: np.ndarray | None = None, signs: np.ndarray | None = None) -> State:
+        if self.status in IN_MODE and selected is not None and signs is not None:
+            return State.one_mode(self.problem, selected, signs)
+        free = self.problem.coulomb or self.status == "infeasible_forces"
+        return State.every_mode(self.problem, free=free)
+
+    def _incomplete(self, name: str) -> Check:
+        reason = text(entry(self.proof, "missing", "proof"), "missing")
+        return Check(name, None, reason[:200] or "the document holds no proof")
+
+
+def _leaves(proof: Proof) -> str:
+    return "one leaf" if proof.leaves == 1 else f"{proof.leaves} leaves"

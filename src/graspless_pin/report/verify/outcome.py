@@ -1,0 +1,78 @@
+"""What checks say: one line each, and the verdict on the whole document."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+_MARKS = {True: "ok", False: "FAILED", None: "not proven here"}
+
+
+@dataclass(frozen=True)
+class Check:
+    """One line of a verification.
+
+    Attributes:
+        name: What was checked.
+        passed: Whether it holds; None where the document holds no proof of it.
+        detail: The figure that decided.
+        given: Whether it is what all checks start from: nothing in the document proves it.
+    """
+
+    name: str
+    passed: bool | None
+    detail: str
+    given: bool = False
+
+    @property
+    def mark(self) -> str:
+        """The verdict in a word or three."""
+        return "taken as given" if self.given else _MARKS[self.passed]
+
+
+@dataclass(frozen=True)
+class Verification:
+    """All checks of one document.
+
+    Attributes:
+        checks: In the order made.
+    """
+
+    checks: tuple[Check, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether no check failed."""
+        return all(check.passed is not False for check in self.checks)
+
+    @property
+    def proven(self) -> bool:
+        """Whether all that the document claims is proven in it."""
+        return all(check.passed is True for check in self.checks)
+
+    def __str__(self) -> str:
+        """Return a line a check."""
+        return "\n".join(f"{check.mark:>15}  {check.name}: {check.detail}" for check in self.checks)
+
+
+def given(name: str, detail: str) -> Check:
+    """Return the line of something that nothing in the document proves."""
+    return Check(name, passed=True, detail=detail, given=True)
+
+
+def holds(name: str, passed: object, detail: str) -> Check:
+    """Return the line of a statement that is so or not."""
+    return Check(name, passed=bool(passed), detail=detail)
+
+
+def within(name: str, value: float, tolerance: float, unit: str) -> Check:
+    """Return the line of a figure that must not exceed a tolerance; one that is no number fails."""
+    good = bool(np.isfinite(value) and np.isfinite(tolerance) and value <= tolerance)
+    return Check(name, good, f"{value + 0.0:.2e} {unit}".rstrip())
+
+
+def agrees(name: str, stated: float, found: float, tolerance: float, unit: str = "") -> Check:
+    """Return the line of a figure that the document states and that was worked out again."""
+    good = bool(np.isfinite(tolerance) and abs(stated - found) <= tolerance)
+    return Check(name, good, f"stated {stated:.9g}, found {found:.9g} {unit}".rstrip())

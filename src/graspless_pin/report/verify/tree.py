@@ -1,0 +1,185 @@
+"""Go through a proof over modes: a tree whose leaves together leave out none.
+
+A node stands for a part of all modes, which follows from its parent's: the file says how a part is
+split, and never what its children are. Nodes are listed depth first, children in their order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from graspless_pin.report.verify.bounds import (
+    largest_objective,
+    proven_bound,
+    read_multipliers,
+    violation,
+)
+from graspless_pin.report.verify.figures import Problem
+from graspless_pin.report.verify.motions import Projection, excludes, read_combination
+from graspless_pin.report.verify.states import State
+from graspless_pin.report.verify.values import entry, items, truth, whole, word
+
+MOST_NODES = 10_000
+_KINDS = ("bound", "kinematic", "conflict", "contact")
+
+
+@dataclass
+class Proof:
+    """What a tree proves.
+
+    Attributes:
+        bound: What no forces that any of its modes admits stay below; inf: there are no forces.
+        violation: The smallest common violation that its only leaf proves; 0 with more leaves.
+        leaves: How many parts of the modes were ruled out.
+        programs: How many of them by multipliers.
+        failure: Why it is no proof; empty: it is one.
+    """
+
+    bound: float = np.inf
+    violation: float = 0.0
+    leaves: int = 0
+    programs: int = 0
+    failure: str = ""
+
+
+@dataclass(eq=False)
+class TreeWalk:
+    """A walk through the nodes of one proof.
+
+    Attributes:
+        problem: The problem.
+        reach: The largest normal forces that bounds are asked for, N; inf where the proof says
+            that there are no forces at all.
+        projection: Of the problem's virtual motions.
+    """
+
+    problem: Problem
+    reach: float
+    projection: Projection | None = field(default=None, init=False)
+
+    def walk(self, nodes: object, root: State) -> Proof:
+        """Return what the nodes prove of a part of all modes.
+
+        Raises:
+            ValueError: If a node is no node.
+        """
+        listed = items(nodes, "nodes of the proof", 1, MOST_NODES)
+        proof, waiting, number = Proof(), [root], 0
+        while waiting:
+            if number == len(listed):
+                proof.failure = f"{len(waiting)} parts of the modes have no node"
+                return proof
+            where, node, state = f"node {number}", listed[number], waiting.pop()
+            kind = word(entry(node, "kind", where), f"the kind of {where}", _KINDS)
+            number += 1
+            if kind == "bound":
+                bound, shared = self._bound(node, state, where)
+                proof.bound = min(proof.bound, bound)
+                proof.leaves, proof.programs = proof.leaves + 1, proof.programs + 1
+                proof.violation = shared if len(listed) == 1 else 0.0
+                continue
+            if state.free:
+                proof.failure = f"{where} speaks of modes where friction needs none"
+                return proof
+            if kind == "kinematic":
+                proof.leaves += 1
+                if not self._excluded(state, entry(node, "combination", where), where):
+                    proof.failure = f"{where} does not rule out its motions"
+                    return proof
+                continue
+            children = self._split(node, state, where) if kind == "conflict" else _by_contact(
+                node, state, where
+            )  # fmt: skip
+            if children is None:
+                proof.failure = f"{where} names no conflict"
+                return proof
+            waiting.extend(reversed(children))
+        if number < len(listed):
+            proof.failure = f"{len(listed) - number} nodes are left over"
+        return proof
+
+    def _bound(self, node: Any, state: State, where: str) -> tuple[float, float]:
+        """What a leaf's multipliers prove, and the violation if they say there are no forces."""
+        problem = self.problem
+        m = read_multipliers(entry(node, "multipliers", where), problem, where)
+        objective = truth(entry(node, "objective", where), f"objective of {where}")
+        bound = proven_bound(problem, m, state.friction, self.reach, objective=objective)
+        if objective:
+            nothing = bound > largest_objective(problem, self.reach)
+            shared = 0.0
+            if nothing:
+                bare = proven_bound(problem, m, state.friction, self.reach, objective=False)
+                shared = max(violation(problem, m, bare), 0.0)
+            return (np.inf if nothing else bound), shared
+        return (np.inf, violation(problem, m, bound)) if bound > 0.0 else (-np.inf, 0.0)
+
+    def _excluded(self, state: State, combination: object, where: str) -> bool:
+        if self.projection is None:
+            self.projection = Projection(self.problem)
+        v = read_combination(combination, self.problem, f"the combination of {where}")
+        return excludes(self.problem, self.projection, state, v)
+
+    def _split(self, node: Any, state: State, where: str) -> list[State] | None:
+        """The children of a conflict: each presumes the items before its own, and breaks its own.
+
+        None if the items do not exclude each other.
+        """
+        children: list[State] = []
+        rest: State | None = state
+        for item in items(entry(node, "items", where), f"items of {where}", 0, 3 * len(state.left)):
+            if rest is None:
+                break
+            contact, component, sign = _read_item(item, len(state.left), where)
+            if sign:
+                broken = rest.without(contact, component, sign)
+                rest = rest.keep(contact, component, sign)
+            else:
+                broken, rest = rest.release(contact), rest.select(contact)
+            if broken is not None:
+                children.append(broken)
+        if rest is None:
+            return children  # every mode breaks one of the items already
+        combinations = items(entry(node, "combinations", where), f"combinations of {where}", 1, 3)
+        ways = _ways(node, rest, where)
+        if len(ways) != len(combinations):
+            return None
+        for part, combination in zip(ways, combinations, strict=True):
+            if part is not None and not self._excluded(part, combination, where):
+                return None
+        return children
+
+
+def _ways(node: Any, rest: State, where: str) -> list[State | None]:
+    """The state of all items, or one for each sign of a component that they leave no way."""
+    if node.get("open") is None:
+        return [rest]
+    contact, component = items(node["open"], f"open of {where}", 2, 2)
+    contact, component, _ = _read_item([contact, component, 0], len(rest.left), where)
+    if not rest.selected[contact]:
+        return []
+    signs = np.flatnonzero(rest.left[contact, component]) - 1
+    return [rest.keep(contact, component, int(sign)) for sign in signs]
+
+
+def _read_item(item: object, count: int, where: str) -> tuple[int, int, int]:
+    """Contact, component and sign; the sign 0 stands for a contact that is selected."""
+    contact, component, sign = items(item, f"an item of {where}", 3, 3)
+    return (
+        whole(contact, f"a contact of {where}", 0, count - 1),
+        whole(component, f"a component of {where}", 0, 1),
+        whole(sign, f"a sign of {where}", -1, 1),
+    )
+
+
+def _by_contact(node: Any, state: State, where: str) -> list[State]:
+    """The children of a contact: not selected, and selected with each pair of signs."""
+    contact = whole(entry(node, "contact", where), f"contact of {where}", 0, len(state.left) - 1)
+    children = [] if state.selected[contact] else [state.release(contact)]
+    if not state.released[contact]:
+        for a, b in state.pairs(contact):
+            first = state.keep(contact, 0, a)
+            children.append(first and first.keep(contact, 1, b))
+    return [child for child in children if child is not None]

@@ -1,0 +1,131 @@
+"""Read plain values from a document: anything else than what must stand there is refused."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+MOST = 4096
+"""Contacts, joints and cone edges that are read."""
+_LARGEST, _SMALLEST = 1e60, 1e-60
+
+
+def number(value: object, where: str) -> float:
+    """Return a finite number of a size that products of three bear.
+
+    Raises:
+        ValueError: If it is none.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise _wrong(where, value, "a number")
+    try:
+        real = float(value)
+    except OverflowError:
+        real = math.inf
+    if not (real == 0.0 or _SMALLEST <= abs(real) <= _LARGEST):
+        if abs(real) < _SMALLEST:
+            return 0.0  # the rounding of zero
+        raise _wrong(where, value, f"a number up to {_LARGEST:g}")
+    return real
+
+
+def whole(value: object, where: str, low: int, high: int) -> int:
+    """Return a whole number between two.
+
+    Raises:
+        ValueError: If it is none.
+    """
+    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+        raise _wrong(where, value, f"a whole number, {low} to {high}")
+    return value
+
+
+def truth(value: object, where: str) -> bool:
+    """Return true or false.
+
+    Raises:
+        ValueError: If it is neither.
+    """
+    if not isinstance(value, bool):
+        raise _wrong(where, value, "true or false")
+    return value
+
+
+def word(value: object, where: str, known: tuple[str, ...]) -> str:
+    """Return one of some words.
+
+    Raises:
+        ValueError: If it is none of them.
+    """
+    if not isinstance(value, str) or value not in known:
+        raise _wrong(where, value, f"one of {', '.join(known)}")
+    return value
+
+
+def text(value: object, where: str) -> str:
+    """Return a text.
+
+    Raises:
+        ValueError: If it is none.
+    """
+    if not isinstance(value, str):
+        raise _wrong(where, value, "a text")
+    return value
+
+
+def entry(mapping: object, key: str, where: str) -> Any:
+    """Return what stands under a key.
+
+    Raises:
+        ValueError: If the mapping is none or lacks it.
+    """
+    if not isinstance(mapping, dict):
+        raise _wrong(where, mapping, "a mapping")
+    if key not in mapping:
+        raise ValueError(f"{where} lacks the key {key!r}")
+    return mapping[key]
+
+
+def items(value: object, where: str, least: int, most: int) -> list[Any]:
+    """Return a list of so many entries.
+
+    Raises:
+        ValueError: If it is none.
+    """
+    if not isinstance(value, list) or not least <= len(value) <= most:
+        size = f"of {len(value)} entries" if isinstance(value, list) else _shown(value)
+        wanted = str(least) if least == most else f"{least} to {most}"
+        raise ValueError(f"{where} is {size}; it must be a list of {wanted}")
+    return value
+
+
+def array(value: object, shape: tuple[int, ...], where: str) -> np.ndarray:
+    """Return an array of numbers.
+
+    Raises:
+        ValueError: If it has another shape or something that is no number.
+    """
+    flat: list[float] = []
+
+    def walk(part: object, level: int) -> None:
+        if level == len(shape):
+            flat.append(number(part, where))
+            return
+        for one in items(part, where, shape[level], shape[level]):
+            walk(one, level + 1)
+
+    walk(value, 0)
+    return np.array(flat, dtype=np.float64).reshape(shape)
+
+
+def _wrong(where: str, value: object, wanted: str) -> ValueError:
+    return ValueError(f"{where} is {_shown(value)}; it must be {wanted}")
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, int) and not isinstance(value, bool) and abs(value) > 10**30:
+        return "a huge whole number"
+    shown = repr(value) if isinstance(value, str | int | float | None) else type(value).__name__
+    return shown if len(shown) <= 60 else f"{shown[:57]}..."

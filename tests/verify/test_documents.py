@@ -1,0 +1,211 @@
+"""Documents as they are written are proven, at every scale, and each false figure shows."""
+
+import ast
+import copy
+import inspect
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scenes import scene  # pyright: ignore[reportMissingImports] - tests/core, by conftest
+from verified_documents import SCALES, SOLUTIONS, changed, documented, scaled, slab
+
+import graspless_pin.report.verify
+from graspless_pin import maximize_margin, minimize_torque
+from graspless_pin.report.verify import verify_document
+
+STATUS = {
+    "in a mode": "optimal_in_mode",
+    "infeasible forces": "infeasible_forces",
+    "infeasible margin": "infeasible_forces",
+    "infeasible shares": "infeasible_forces",
+    "infeasible modes": "infeasible_modes",
+    "infeasible modes torque": "infeasible_modes",
+    "infeasible in a mode": "infeasible_in_mode",
+    "infeasible mode": "infeasible_mode",
+}
+
+
+def failed(document):
+    """Names of the checks that do not hold."""
+    return [check.name for check in verify_document(document).checks if check.passed is False]
+
+
+@pytest.mark.parametrize("name", SOLUTIONS)
+def test_all_that_a_document_claims_is_proven(made, name):
+    document = made(name)
+    verification = verify_document(document)
+    assert verification.proven, str(verification)
+    if name == "limit":
+        assert document["status"] in ("limit_reached", "optimal")
+    else:
+        assert document["status"] == STATUS.get(name, "optimal")
+
+
+@pytest.mark.parametrize("name", ["tree", "exact tree", "infeasible modes"])
+def test_proofs_over_modes_have_several_leaves(made, name):
+    assert len(made(name)["proof"]["nodes"]) > 2
+
+
+@pytest.mark.parametrize(("force", "length"), SCALES)
+def test_proofs_hold_at_every_scale(force, length):
+    for problem, sign_rule in (
+        (scene("rest"), "strict"),
+        (scene("up"), "exact"),
+        (slab(), "nonzero"),
+    ):
+        problem = scaled(problem, force, length)
+        for scale in ("absolute", "limits"):
+            found = minimize_torque(problem, 0.1 * force, scale=scale, sign_rule=sign_rule)
+            assert verify_document(documented(found)).proven
+        for epsilon, sliding_rule in ((0.0, "exempt"), (1e-3, "exempt"), (0.0, "constrained")):
+            solution = maximize_margin(
+                problem, sign_rule=sign_rule, sliding_rule=sliding_rule, regularization=epsilon
+            )
+            assert verify_document(documented(solution)).proven
+
+
+@pytest.mark.parametrize("limit", [1e7, 1e8, 1e10, 1e12])
+def test_limits_far_above_the_load_change_no_verdict(limit):
+    for name in ("rest", "up"):
+        for problem in (
+            scene(name).with_changes(max_normal_force=limit),
+            scene(name).with_changes(max_normal_force=[50.0, 50.0, limit, 50.0, 50.0, 50.0]),
+            scene(name).with_changes(torque_limits=(-limit, limit)),
+        ):
+            for solution in (maximize_margin(problem), minimize_torque(problem)):
+                document = documented(solution)
+                assert verify_document(document).proven
+                largest = problem.max_normal_force.max()
+                assert document["certificate"]["force_reach"] == min(1e8 * 9.8, largest)
+
+
+FIGURES = {
+    "margin": (["margin"], "margin as stated"),
+    "largest torque": (["max_torque"], "largest torque as stated"),
+    "torque": (["joints", 0, "torque"], "torques J^T f + g as stated"),
+    "torque of the contacts": (["joints", 0, "torque_contact"], "torques J^T f + g as stated"),
+    "bound": (["certificate", "bound"], "gap as stated"),
+    "force scale": (["scales", "force"], "force scale"),
+    "length scale": (["scales", "length"], "length scale"),
+    "required margin": (["required_margin"], "required margin"),
+}
+
+
+@pytest.mark.parametrize(("force", "length"), SCALES)
+@pytest.mark.parametrize(("path", "check"), FIGURES.values(), ids=FIGURES)
+def test_each_figure_is_worked_out_again(path, check, force, length):
+    document = documented(minimize_torque(scaled(scene("rest"), force, length), 0.1 * force))
+    value: Any = document
+    for key in path:
+        value = value[key]
+    for factor in (1.001, -1.0, 0.0, 2.0):
+        if path == ["required_margin"] and factor < 1.0:
+            continue  # less is kept, too
+        assert check in failed(changed(document, *path, to=factor * value)), factor
+
+
+@pytest.mark.parametrize("key", ["gap", "duality_gap", "primal_residual"])
+def test_figures_that_ought_to_vanish_are_worked_out_again(made, key):
+    for off in (1e-4, -1e-4, 1.0):
+        assert failed(changed(made("tree"), "certificate", key, to=off))
+
+
+def test_a_larger_common_violation_is_refused(made):
+    document = made("infeasible forces")
+    stated = document["certificate"]["infeasibility"]
+    assert stated > 0.01
+    false = changed(document, "certificate", "infeasibility", to=1.001 * stated)
+    assert failed(false) == ["smallest common violation"]
+
+
+@pytest.mark.parametrize("name", SOLUTIONS)
+def test_another_status_is_refused(made, name):
+    """With its own message and flag: only one status is true of a solution."""
+    document = made(name)
+    messages = {made(other)["status"]: made(other)["message"] for other in SOLUTIONS}
+    for status, message in messages.items():
+        if status == document["status"] or (status, name) == ("limit_reached", "tree"):
+            continue
+        false = copy.deepcopy(document)
+        false |= {"status": status, "message": message}
+        false["found"] = status in ("optimal", "optimal_in_mode", "limit_reached")
+        try:
+            verification = verify_document(false)
+        except ValueError:
+            continue  # it lacks what that status needs
+        weaker = status in ("optimal_in_mode", "limit_reached") and document["found"]
+        assert weaker or not verification.passed, status
+
+
+def test_the_words_of_a_status_are_held_against_it(made):
+    false = changed(made("tree"), "message", to="optimal in the given virtual-sliding mode")
+    assert failed(false) == ["message and status agree"]
+    assert "found and status agree" in failed(changed(made("tree"), "found", to=False))
+
+
+def test_a_unit_that_is_another_one(made):
+    assert failed(changed(made("tree"), "max_torque_unit", to="N")) == ["its unit as stated"]
+
+
+def test_a_proof_that_is_withdrawn_is_not_proven(made):
+    document = made("tree")
+    document = changed(document, "proof", "complete", to=False)
+    document = changed(document, "proof", "missing", to="it takes too long")
+    verification = verify_document(document)
+    assert verification.passed and not verification.proven
+    assert "not proven here  optimal over all modes: it takes too long" in str(verification)
+
+
+def test_too_many_leaves_are_said_and_not_proven(monkeypatch):
+    monkeypatch.setattr("graspless_pin.algorithms.mode_proof.MOST_LEAVES", 2)
+    document = documented(minimize_torque(scene("rest")))
+    assert document["proof"]["missing"] == "its proof takes more than 2 leaves"
+    verification = verify_document(document)
+    assert verification.passed and not verification.proven
+    shown = {check.name: check.passed for check in verification.checks}
+    assert shown["optimal over all modes"] is None
+    assert shown["optimal within its mode"] is True
+
+
+def test_what_a_search_did_not_decide_is_not_proven():
+    document = documented(minimize_torque(scene("rest"), time_limit=0.0))
+    verification = verify_document(document)
+    assert document["status"] == "not_found_in_limit"
+    assert verification.passed and not verification.proven
+
+
+@pytest.mark.parametrize("nodes", [1, 2, 4, 6, 8])
+def test_the_bound_of_a_search_that_ended_early_is_proven(nodes):
+    solution = minimize_torque(scene("rest"), node_limit=nodes)
+    document = documented(solution)
+    assert verify_document(document).proven == solution.found
+    if document["status"] == "limit_reached":
+        bound = document["certificate"]["bound"]
+        above = changed(document, "certificate", "bound", to=bound + 1e-3)
+        above["certificate"]["gap"] -= 1e-3
+        assert failed(above) == ["bound over all modes"]
+
+
+def test_the_checker_imports_numpy_alone():
+    package = Path(inspect.getfile(graspless_pin.report.verify)).parent
+    allowed = {"numpy", "graspless_pin.report.verify", *sys.stdlib_module_names}
+    for file in package.glob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            names = []
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom):
+                names = [node.module or ""]
+            for name in names:
+                own = name.startswith("graspless_pin.report.verify.")
+                assert own or name in allowed or name.split(".")[0] in allowed, (file.name, name)
+
+
+def test_frames_that_are_none_are_refused(made):
+    normal = made("margin")["contacts"][0]["normal"]
+    tilted = np.add(normal, [0.0, 0.0, 1e-4]).tolist()
+    false = changed(made("margin"), "contacts", 0, "normal", to=tilted)
+    assert "orthonormal frames, tangential sliding" in failed(false)

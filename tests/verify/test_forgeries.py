@@ -1,0 +1,289 @@
+"""Claims that are false, with whatever figures and proofs a forger would write beside them."""
+
+import copy
+import json
+
+import numpy as np
+import pytest
+from scenes import scene  # pyright: ignore[reportMissingImports] - tests/core, by conftest
+from verified_documents import changed, documented, scaled
+
+from graspless_pin import QuasistaticProblem, maximize_margin, minimize_torque
+from graspless_pin.report.verify import verify_document
+
+
+def refused(document):
+    """Whether a document is refused; one that is malformed is, too."""
+    try:
+        return not verify_document(document).passed
+    except ValueError:
+        return True
+
+
+def set_optimum(document, value):
+    """Make bound and gap fit what the document claims."""
+    document["certificate"] |= {"bound": value, "gap": 0.0, "duality_gap": 0.0}
+
+
+def test_a_worse_answer_is_not_optimal_whatever_its_certificate_says():
+    """Forces of another optimum, all figures of their own, and the proof of the true one."""
+    truth = documented(minimize_torque(scene("rest")))
+    worse = documented(minimize_torque(scene("rest"), sign_rule="strict", margin=0.5))
+    for proof in (truth["proof"], worse["proof"]):
+        forged = copy.deepcopy(worse)
+        forged["required_margin"] = 0.1
+        forged["proof"] = copy.deepcopy(proof)
+        forged["proof"]["motion"] = worse["proof"]["motion"]
+        set_optimum(forged, forged["max_torque"])
+        assert refused(forged)
+
+
+@pytest.mark.parametrize("factor", [1.001, 2.0, 1e3, 1e9, 1e18])
+def test_larger_multipliers_prove_no_larger_bound(made, factor):
+    for name in ("torque", "margin", "tree", "coulomb", "shares"):
+        forged = copy.deepcopy(made(name))
+        value = forged["margin"] if forged["algorithm"] == "margin" else forged["max_torque"]
+        forged["certificate"]["bound"] = value * (0.9 if forged["algorithm"] == "margin" else 1.1)
+        forged["certificate"]["gap"] = -0.1 * value
+        for node in forged["proof"]["nodes"]:
+            multipliers = node.get("multipliers", {})
+            for key, values in multipliers.items():
+                flat = np.array(values, dtype=float)
+                if key == "faces":
+                    flat[:, 2] *= factor
+                    multipliers[key] = [[int(c), int(k), v] for c, k, v in flat.tolist()]
+                else:
+                    multipliers[key] = (factor * flat).tolist()
+        assert refused(forged)
+
+
+def test_multipliers_below_zero_are_refused(made):
+    for key in ("normal_upper", "torque_upper", "share_lower"):
+        values = [-1e-3 for _ in made("tree")["multipliers"][key]]
+        with pytest.raises(ValueError, match="negative multiplier"):
+            verify_document(changed(made("tree"), "multipliers", key, to=values))
+
+
+def test_multipliers_of_limits_that_are_not_there_prove_nothing():
+    free = documented(minimize_torque(scene("rest").with_changes(torque_limits=(-np.inf, np.inf))))
+    node = next(node for node in free["proof"]["nodes"] if node["kind"] == "bound")
+    node["multipliers"]["torque_upper"] = [1e3, 1e3]
+    assert verify_document(free).proven
+
+
+def test_a_forged_motion_is_none():
+    """The relaxation's optimum at rest, 0.9278, with a motion that hardly moves as it should."""
+    problem = scene("rest")
+    false = documented(minimize_torque(problem, static_friction="coulomb"))
+    assert false["max_torque"] == pytest.approx(0.9278, abs=1e-4)
+    false["rules"]["static_friction"] = "virtual_sliding"
+    random = np.random.default_rng(0)
+    for size in (1.0, 1e-9, 1e9):
+        for _ in range(20):
+            false["proof"]["motion"] = {
+                "object": (size * random.normal(size=6)).tolist(),
+                "joints": (size * random.normal(size=2)).tolist(),
+            }
+            for contact in false["contacts"]:
+                contact["selected"] = bool(np.any(contact["signs"]))
+                contact["signs"] = [sign or 1 for sign in contact["signs"]]
+            assert refused(false)
+
+
+def test_sliding_is_held_against_all_velocities():
+    """A motion that lifts the object off and slides 1e-12 as fast beside it is none."""
+    document = documented(minimize_torque(scene("rest")))
+    motion = np.array(document["proof"]["motion"]["object"])
+    assert verify_document(document).proven
+    lifting = motion.copy()
+    lifting[2] += 1e7 * np.linalg.norm(motion)
+    assert refused(changed(document, "proof", "motion", "object", to=lifting.tolist()))
+    assert refused(changed(document, "proof", "motion", to=None))
+
+
+def test_one_large_limit_hides_no_unbalanced_load():
+    """All forces zero, and the whole weight of 9.8 N unbalanced."""
+    limits = [1e7, 50.0, 50.0, 50.0, 50.0, 50.0]
+    document = documented(maximize_margin(scene("rest").with_changes(max_normal_force=limits)))
+    for contact in document["contacts"]:
+        contact["force"] = [0.0, 0.0, 0.0]
+    for joint in document["joints"]:
+        joint["torque_contact"] = joint["torque"] = 0.0
+    document["margin"] = document["max_torque"] = 0.0
+    set_optimum(document, 0.0)
+    names = [check.name for check in verify_document(document).checks if not check.passed]
+    assert "balance of forces" in names
+
+
+def test_a_strict_answer_is_not_optimal_for_coulomb_friction(made):
+    """There the relaxation is the problem: 0.9278, not 0.9618."""
+    strict = made("tree")
+    assert strict["max_torque"] == pytest.approx(0.9618, abs=1e-4)
+    assert refused(changed(strict, "rules", "static_friction", to="coulomb"))
+    # Where the relaxation has the same optimum, the relabelled document is true.
+    same = made("torque")
+    relabelled = changed(same, "rules", "static_friction", to="coulomb")
+    assert verify_document(relabelled).proven
+
+
+def test_twice_the_torque_shows_at_micro_scale():
+    document = documented(minimize_torque(scaled(scene("rest"), 1e-6, 1e-3), 1e-7))
+    assert verify_document(document).proven
+    for joint in document["joints"]:
+        joint["torque"] *= 2.0
+        joint["torque_contact"] *= 2.0
+    document["max_torque"] *= 2.0
+    set_optimum(document, document["max_torque"])
+    assert refused(document)
+
+
+def test_a_right_answer_is_accepted_at_mega_scale():
+    assert verify_document(documented(minimize_torque(scaled(scene("rest"), 1e6, 1e3), 1e5))).proven
+
+
+def test_an_infeasible_scene_with_a_large_limit_is_not_optimal():
+    """A placeholder in one limit makes no negative margin an optimum."""
+    problem = scene("rest").with_changes(friction=0.01)
+    assert not maximize_margin(problem).found
+    limits = np.array(problem.max_normal_force)
+    limits[1] = 1e8
+    document = documented(maximize_margin(problem.with_changes(max_normal_force=limits)))
+    assert document["found"] is False
+    assert verify_document(document).proven
+
+
+@pytest.mark.parametrize("name", ["tree", "exact tree", "infeasible modes"])
+def test_no_leaf_of_a_proof_can_be_left_out(made, name):
+    nodes = made(name)["proof"]["nodes"]
+    leaves = [i for i, node in enumerate(nodes) if node["kind"] in ("bound", "kinematic")]
+    for index in leaves:
+        assert refused(changed(made(name), "proof", "nodes", to=nodes[:index] + nodes[index + 1 :]))
+    assert refused(changed(made(name), "proof", "nodes", to=nodes + nodes[-1:]))
+
+
+def test_splits_that_leave_out_modes_are_refused(made):
+    """A conflict without one of its items, or with a combination that was made up."""
+    name = "tree"
+    nodes = made(name)["proof"]["nodes"]
+    first = nodes[0]
+    assert first["kind"] == "conflict"
+    for item, (contact, component, sign) in enumerate(first["items"]):
+        axis = component + 1 if sign else 0
+        weighs = any([contact, axis] == entry[:2] for v in first["combinations"] for entry in v)
+        fewer = copy.deepcopy(nodes)
+        del fewer[0]["items"][item]
+        assert weighs <= refused(changed(made(name), "proof", "nodes", to=fewer))
+    other = copy.deepcopy(nodes)
+    other[0]["combinations"] = [
+        [[c, axis, 1.0 + value] for c, axis, value in v] for v in first["combinations"]
+    ]
+    assert refused(changed(made(name), "proof", "nodes", to=other))
+
+
+def test_a_motion_that_there_is_cannot_be_excluded(made):
+    """A tree of one leaf that says that no contact can slide, for the optimum's own mode."""
+    document = made("tree")
+    rng = np.random.default_rng(2)
+    leaf = {"kind": "kinematic", "combination": []}
+    assert refused(changed(document, "proof", "nodes", to=[leaf]))
+    for _ in range(50):
+        leaf["combination"] = [[c, k, rng.normal()] for c in range(6) for k in range(3)]
+        assert refused(changed(document, "proof", "nodes", to=[leaf]))
+
+
+def test_a_proof_of_forces_proves_nothing_of_motions(made):
+    forged = changed(made("infeasible in a mode"), "status", to="infeasible_mode")
+    forged["message"] = made("infeasible mode")["message"]
+    assert refused(forged)
+
+
+def test_the_reach_of_a_proof_is_not_shortened(made):
+    assert refused(changed(made("tree"), "certificate", "force_reach", to=49.9))
+
+
+MALFORMED = {
+    "a huge whole number": (["margin"], 10**400),
+    "not a number": (["margin"], float("nan")),
+    "infinity": (["contacts", 0, "force"], [float("inf"), 0.0, 0.0]),
+    "a text": (["contacts", 0, "friction"], "0.3"),
+    "nothing": (["contacts", 0, "position"], None),
+    "too few": (["contacts", 0, "normal"], [0.0, 1.0]),
+    "too many": (["external_wrench"], [0.0] * 7),
+    "nested": (["contacts", 0, "signs"], [[1, 1]]),
+    "true": (["required_margin"], True),
+    "no list": (["joints"], {}),
+    "no contact": (["contacts"], []),
+    "a contact that is none": (["contacts", 0], "finger"),
+    "far too large": (["certificate", "bound"], 1e300),
+    "too many edges": (["cone_edges"], 10**9),
+    "half an edge": (["cone_edges"], 6.5),
+    "another sign": (["contacts", 0, "signs"], [2, 0]),
+    "another rule": (["rules", "sign_rule"], "loose"),
+    "another algorithm": (["algorithm"], "both"),
+    "another status": (["status"], "perfect"),
+    "no certificate": (["certificate"], None),
+    "no proof": (["proof"], None),
+    "a node that is none": (["proof", "nodes"], [None]),
+    "no node": (["proof", "nodes"], []),
+    "too many nodes": (["proof", "nodes"], [{"kind": "contact", "contact": 0}] * 20_000),
+    "a contact that is not there": (["proof", "nodes"], [{"kind": "contact", "contact": 99}]),
+    "another unit": (["joints", 0, "unit"], "lbf"),
+    "limits out of order": (["joints", 0, "lower"], 99.0),
+    "a negative limit": (["contacts", 0, "max_normal_force"], -1.0),
+    "another format": (["format"], 3),
+    "a format that is true": (["format"], True),
+}
+
+
+@pytest.mark.parametrize(("path", "value"), MALFORMED.values(), ids=MALFORMED)
+def test_what_is_no_document_gets_one_message(made, path, value):
+    with pytest.raises(ValueError, match=r".") as caught:
+        verify_document(changed(made("tree"), *path, to=value))
+    assert type(caught.value) is ValueError
+    assert len(str(caught.value)) < 300
+
+
+def test_no_key_can_be_left_out(made):
+    """Nor can a value be of another kind: a message, never anything else."""
+    rng = np.random.default_rng(1)
+    for name in ("tree", "infeasible modes"):
+        document = made(name)
+        paths = list(places(document))
+        for index in rng.choice(len(paths), 150, replace=False):
+            *way, last = paths[index]
+            for value in (None, "x", [], {}, 1e308, -1, True, KeyError):
+                false = copy.deepcopy(document)
+                place = false
+                for key in way:
+                    place = place[key]
+                if value is KeyError:
+                    del place[last]
+                else:
+                    place[last] = value
+                refused(false)
+
+
+def places(value, path=()):
+    """The way to every value of a document."""
+    items = value.items() if isinstance(value, dict) else enumerate(value)
+    for key, item in items:
+        yield (*path, key)
+        if isinstance(item, dict | list):
+            yield from places(item, (*path, key))
+
+
+def test_documents_of_version_0_1_are_refused_by_name(made):
+    old = {key: value for key, value in made("tree").items() if key != "format"}
+    with pytest.raises(ValueError, match=r"version 0\.1 wrote it"):
+        verify_document(old)
+
+
+def test_a_load_of_nothing_has_a_size():
+    """Two fingers pinch a weightless block: the smallest limit is the scale."""
+    problem = QuasistaticProblem(
+        [[0, -0.05, 0], [0, 0.05, 0]], [[0, 1, 0], [0, -1, 0]], np.zeros(6), friction=0.5
+    )
+    for solution in (maximize_margin(problem), minimize_torque(problem)):
+        document = json.loads(json.dumps(documented(solution)))
+        assert document["scales"]["force"] == 50.0
+        assert verify_document(document).proven
