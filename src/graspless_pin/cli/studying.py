@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +12,7 @@ import typer
 
 from graspless_pin.cli import INTERRUPTED
 from graspless_pin.cli.outcome import FOUND, INFEASIBLE, plain_errors
+from graspless_pin.report.document_files import SampleDocuments
 from graspless_pin.studies import load_study, results_summary, run_study
 from graspless_pin.studies.executors import dask_executor
 
@@ -34,6 +36,10 @@ def study(
         bool, typer.Option("--fresh", help="Drop what an earlier run of this study has left.")
     ] = False,
     progress: Annotated[bool, typer.Option(help="Show a progress bar.")] = True,
+    proofs: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Write each sample's document, with its proof, there."),
+    ] = None,
 ) -> None:
     """Compute a study, or go on with one that was interrupted or killed.
 
@@ -41,6 +47,8 @@ def study(
     """
     with plain_errors():
         loaded = load_study(file)
+        if proofs is not None:
+            loaded = replace(loaded, record=SampleDocuments(proofs.absolute()))
         # Where the folder cannot be made, the run says so.
         with suppress(OSError):
             output.parent.mkdir(parents=True, exist_ok=True)

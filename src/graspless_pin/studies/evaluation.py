@@ -12,6 +12,7 @@ import numpy as np
 from graspless_pin.algorithms.disturbances import disturbance_margin
 from graspless_pin.algorithms.force_bounds import contact_force_bounds
 from graspless_pin.algorithms.minimum_friction import minimum_friction
+from graspless_pin.errors import GrasplessPinError, StudyError
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.joint_units import JointUnit
@@ -59,10 +60,16 @@ def evaluate_each(study: Study, samples: Sequence[tuple[int, Sample]]) -> Iterat
 
 
 def evaluate(study: Study, number: int, sample: Sample, parts: SceneParts | None = None) -> Row:
-    """Return the row of one sample. A failure is a row, too."""
+    """Return the row of one sample. A failure is a row, too.
+
+    Raises:
+        StudyError: If the study's record cannot keep the solution.
+    """
     try:
         scene = study.scene_at(sample, parts)
-        return {"sample": number, **_results(study, scene)}
+        return {"sample": number, **_results(study, number, scene)}
+    except StudyError:
+        raise
     except Exception as error:
         # Whatever goes wrong is this sample's result. The path as it was given is no part of it:
         # another machine has another one.
@@ -75,9 +82,14 @@ def failure_row(number: int, why: Failure, error: str) -> Row:
     return {"sample": number, "status": why.value, "found": False, "error": error}
 
 
-def _results(study: Study, scene: Scene) -> Row:
+def _results(study: Study, number: int, scene: Scene) -> Row:
     compute = study.entry.compute
     solution = scene.solve(None, node_limit=compute.node_limit)
+    if study.record is not None:
+        try:
+            study.record(number, scene, solution)
+        except GrasplessPinError as error:
+            raise StudyError(f"sample {number}: {error}") from error
     problem = solution.problem
     row: Row = {"status": solution.status.name.lower(), "found": solution.found}
     row |= dict.fromkeys(_largest(problem, np.zeros(problem.joint_count)))

@@ -15,7 +15,7 @@ from graspless_pin.drafts import remove_stale_drafts
 from graspless_pin.errors import StudyError
 from graspless_pin.problem.checks import whole_number
 from graspless_pin.studies.checks import check_study
-from graspless_pin.studies.evaluation import Row, evaluate_each
+from graspless_pin.studies.evaluation import Failure, Row, evaluate_each
 from graspless_pin.studies.executors import GivenExecutor, LocalProcesses, usable_cores
 from graspless_pin.studies.journal import FORMAT, Journal, discard
 from graspless_pin.studies.progress import notice, progress_bar
@@ -86,7 +86,7 @@ def run_study(
     journal_file = file.with_name(f"{file.name}.journal")
     if not fresh:
         finished = _finished(study, file, overwrite=overwrite, goes_on=journal_file.exists())
-        if finished is not None:
+        if finished is not None and not _unrecorded(study, finished["status"].tolist()):
             discard(journal_file, study.fingerprint)
             remove_stale_drafts(file)
             if progress:
@@ -100,7 +100,9 @@ def run_study(
     journal = Journal(journal_file, identity, fresh=fresh, overwrite=overwrite)
     complete = False
     try:
-        missing = [n for n in range(len(study.samples)) if n not in journal.rows]
+        known = [journal.rows.get(n, {}).get("status") for n in range(len(study.samples))]
+        again = _unrecorded(study, known)
+        missing = [n for n, status in enumerate(known) if status is None or n in again]
         if missing:
             if progress and journal.rows:
                 notice(f"goes on: {len(journal.rows)} samples are there from an earlier run")
@@ -111,6 +113,18 @@ def run_study(
     finally:
         journal.close(remove=complete)
     return table
+
+
+def _unrecorded(study: Study, statuses: Sequence[str | None]) -> set[int]:
+    """Samples with a solution that the study's record has not; without a record: none."""
+    if study.record is None:
+        return set()
+    failures = {why.value for why in Failure}
+    return {
+        number
+        for number, status in enumerate(statuses)
+        if status is not None and status not in failures and not study.record.has(number)
+    }
 
 
 def _check_name(file: Path) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from pydantic import ValidationError
@@ -23,6 +23,7 @@ from graspless_pin.scene.parts import SceneParts
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.schema import SceneEntry
 from graspless_pin.scene.yaml_source import Location, YamlSource
+from graspless_pin.solution import TorqueSolution
 from graspless_pin.studies.keys import Tree, copied
 from graspless_pin.studies.schema import StudyEntry
 from graspless_pin.studies.variables import Variable, make_variable
@@ -31,6 +32,21 @@ MOST_SAMPLES = 10_000_000
 
 Sample = tuple[Any, ...]
 """The value of every variable."""
+
+
+class Record(Protocol):
+    """Takes the solutions of samples, in the process that finds them."""
+
+    def __call__(self, number: int, scene: Scene, solution: TorqueSolution) -> None:
+        """Take the solution of a sample.
+
+        Raises:
+            GrasplessPinError: If it cannot be kept; the study ends with it.
+        """
+
+    def has(self, number: int) -> bool:
+        """Return whether the solution of a sample is kept."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +60,7 @@ class Study:
         variables: What varies, in the order of the file.
         samples: The values of all variables, sample by sample.
         fingerprint: Hash of all that the results depend on but the versions of libraries.
+        record: What takes each sample's solution as it is found; None: only its row is kept.
     """
 
     entry: StudyEntry
@@ -52,6 +69,7 @@ class Study:
     variables: tuple[Variable, ...]
     samples: tuple[Sample, ...]
     fingerprint: str
+    record: Record | None = None
 
     @property
     def name(self) -> str:
