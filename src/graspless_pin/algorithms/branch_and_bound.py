@@ -155,7 +155,7 @@ def _guess(state: SearchState, answer: Answer) -> None:
         guess = state.solve(*state.formulation.bounds_of(mode))
         if guess.outcome is not Outcome.SOLVED or guess.value >= state.best_value:
             return
-        state.best, state.mode = guess, mode
+        state.keep(guess, mode)
         if state.closed(answer.bound):
             return
         answer = guess

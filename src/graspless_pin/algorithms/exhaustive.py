@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from graspless_pin.algorithms.search import SearchResult, SearchState, finished
-from graspless_pin.modes.enumeration import enumerate_modes
+from graspless_pin.modes.enumeration import feasible_modes
 from graspless_pin.modes.rules import SlidingMode, StaticFriction
 from graspless_pin.solution import Status
 from graspless_pin.solvers import Outcome
@@ -30,18 +30,16 @@ def search_exhaustively(state: SearchState) -> SearchResult:
     if state.rules.static_friction is StaticFriction.COULOMB:
         return SearchResult(Status.UNVERIFIED, state)
     smallest = np.inf
-    for listed in enumerate_modes(
-        state.formulation.problem,
-        sign_rule=state.rules.sign,
-        sliding_rule=state.rules.sliding,
-        maximal=True,
+    state.reader.is_clear = False
+    for listed in feasible_modes(
+        state.formulation.problem, state.formulation.kinematics, state.rules, maximal=True
     ):
         state.nodes += 1
         state.modes_examined += 1
         answer = state.solve(*state.formulation.bounds_of(listed))
         smallest = min(smallest, answer.bound)
         if answer.outcome is Outcome.SOLVED and answer.value < state.best_value:
-            state.best, state.mode = answer, listed
+            state.keep(answer, listed)
         if state.closed(state.bound):
             return finished(state)
     state.raise_bound(smallest)

@@ -43,12 +43,14 @@ class ModeReader:
         kinematic_programs: How many feasibility problems were solved so far.
         motion: A virtual motion that may be behind the friction, scaled, such as that of a similar
             problem; when a mode was read at once, the one behind it.
+        is_clear: Whether the motion behind the last mode is clearly faster than the threshold.
     """
 
     formulation: Formulation
     rules: Rules
     kinematic_programs: int = 0
     motion: FloatArray | None = None
+    is_clear: bool = False
 
     def read(
         self, x: FloatArray, decided: dict[int, SignPair]
@@ -69,7 +71,9 @@ class ModeReader:
         if not decided:
             mode = self._at_once(x)
             if mode is not None:
+                self.is_clear = True
                 return mode
+        self.is_clear = False
         friction = self._friction(x)
         if isinstance(friction, Opposition):
             return friction
@@ -113,6 +117,7 @@ class ModeReader:
         sliding = self.formulation.kinematics.nearest.sliding(tuple(contacts), wanted)
         if sliding is None:
             return None
+        self.is_clear = True
         chosen = (sliding != 0.0).all(axis=1)
         if not chosen[columns.shape[1] :].all():
             return None
@@ -179,13 +184,14 @@ class ModeReader:
         if motion is None:
             return None
         self.kinematic_programs += 1
-        self.motion = motion
+        self.motion, self.is_clear = motion, True
         return admitted
 
     def moves(self, mode: SlidingMode) -> bool:
         """Return whether there is a virtual motion behind a mode."""
         signs = mode.own_signs.ravel().astype(float)
-        if signs.all() and self._glimpse(mode.contacts, signs) is not None:
+        self.is_clear = bool(signs.all()) and self._glimpse(mode.contacts, signs) is not None
+        if self.is_clear:
             return True
         self.kinematic_programs += 1
         return self.formulation.kinematics.feasible(requirements_of(mode), self.rules.sign)

@@ -37,6 +37,7 @@ class SearchState:
         relaxation: Answer to the program without modes, once it was solved.
         best: Best answer that a feasible mode admits.
         mode: That mode.
+        mode_is_clear: Whether a motion clearly faster than the threshold is known to be behind it.
         bound: Proven lower bound on the objective over all modes.
         infeasibility: Proof of infeasibility of the relaxation.
         nodes: Nodes or modes looked at.
@@ -52,6 +53,7 @@ class SearchState:
     relaxation: Answer | None = None
     best: Answer | None = None
     mode: SlidingMode | None = None
+    mode_is_clear: bool = False
     bound: float = -np.inf
     infeasibility: float = 0.0
     nodes: int = 0
@@ -67,10 +69,14 @@ class SearchState:
     def consequences(self) -> Consequences:
         """What follows from decisions, shared by all searches of the problem."""
         problem = self.formulation.problem
-        known: dict[Rules, Consequences] = problem.scratch.setdefault("consequences", {})
-        if self.rules not in known:
-            known[self.rules] = Consequences(problem, self.formulation.kinematics, self.rules)
-        return known[self.rules]
+        kinematics = self.formulation.kinematics
+        known: dict[tuple[Rules, float], Consequences] = problem.scratch.setdefault(
+            "consequences", {}
+        )
+        key = self.rules, kinematics.threshold
+        if key not in known:
+            known[key] = Consequences(problem, kinematics, self.rules)
+        return known[key]
 
     @property
     def best_value(self) -> float:
@@ -123,8 +129,12 @@ class SearchState:
                 value = self.formulation.program.value(x)
                 exact = answer.moved(x, value, residual)
         if exact.value < self.best_value:
-            self.best, self.mode = exact, mode
+            self.keep(exact, mode)
         return exact.value <= answer.value + closeness(exact.value)
+
+    def keep(self, answer: Answer, mode: SlidingMode) -> None:
+        """Keep a mode that the reader has just found, and its answer, as the best so far."""
+        self.best, self.mode, self.mode_is_clear = answer, mode, self.reader.is_clear
 
     def raise_bound(self, bound: float) -> None:
         """Raise the proven bound over all modes, never above the best value."""
@@ -176,7 +186,7 @@ def in_mode(state: SearchState, mode: SlidingMode, requirements: list[Requiremen
     answer = state.solve(*state.formulation.bounds_of(mode))
     state.bound = answer.bound
     if answer.outcome is Outcome.SOLVED:
-        state.best, state.mode = answer, mode
+        state.keep(answer, mode)
         return SearchResult(Status.OPTIMAL_IN_MODE, state)
     state.infeasibility = answer.proof
     failed = answer.outcome is Outcome.FAILED

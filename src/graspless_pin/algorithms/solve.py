@@ -9,8 +9,9 @@ import numpy as np
 
 from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.exhaustive import search_exhaustively
-from graspless_pin.algorithms.formulation import Objective, formulate
+from graspless_pin.algorithms.formulation import Formulation, Objective, formulate
 from graspless_pin.algorithms.search import SearchResult, SearchState, in_mode, undecided
+from graspless_pin.algorithms.threshold import threshold_optima
 from graspless_pin.errors import ArgumentError, UndecidedMotionError
 from graspless_pin.modes.enumeration import requirements_of
 from graspless_pin.modes.kinematics import Requirement
@@ -23,6 +24,7 @@ from graspless_pin.modes.rules import (
 )
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import real_number, whole_number
+from graspless_pin.programs.force_programs import force_reach
 from graspless_pin.solution import Certificate, ProofMultipliers, TorqueSolution
 from graspless_pin.solvers import check_solver
 
@@ -69,19 +71,24 @@ def solve_problem(
         node_limit = whole_number("node_limit", node_limit, 1)
     if time_limit is not None:
         time_limit = real_number("time_limit", time_limit, 0.0, finite=False)
-    state = SearchState(formulate(problem, objective), rules, check_solver(solver))
+    check_solver(solver)
     how = choice(Search, "search", search)
     requirements = None if mode is None else _checked_mode(problem, rules, mode)
-    try:
-        if mode is not None and requirements is not None:
-            result = in_mode(state, mode, requirements)
-        elif how is Search.ENUMERATE:
-            result = search_exhaustively(state)
-        else:
-            result = branch_and_bound(state, node_limit=node_limit, time_limit=time_limit)
-    except UndecidedMotionError:
-        result = undecided(state)
-    return solution_of(result, objective, rules, explain, mode)
+
+    def searched(formulation: Formulation) -> SearchResult:
+        state = SearchState(formulation, rules, solver)
+        try:
+            if mode is not None and requirements is not None:
+                return in_mode(state, mode, requirements)
+            if how is Search.ENUMERATE:
+                return search_exhaustively(state)
+            return branch_and_bound(state, node_limit=node_limit, time_limit=time_limit)
+        except UndecidedMotionError:
+            return undecided(state)
+
+    result = searched(formulate(problem, objective))
+    optima = threshold_optima(result, searched)
+    return solution_of(result, objective, rules, explain, given_mode=mode, optima=optima)
 
 
 def _checked_mode(
@@ -121,7 +128,9 @@ def solution_of(
     objective: Objective,
     rules: Rules,
     explain: Explain | None,
+    *,
     given_mode: SlidingMode | None = None,
+    optima: tuple[float, float] | None = None,
 ) -> TorqueSolution:
     """Return how a search ended as a solution.
 
@@ -131,6 +140,7 @@ def solution_of(
         rules: The reading of the virtual-sliding constraint.
         explain: Explains a solution that is not found, when asked for.
         given_mode: The mode that alone was asked for.
+        optima: What `threshold_optima` found.
     """
     state = result.state
     formulation = state.formulation
@@ -141,6 +151,8 @@ def solution_of(
         bound=state.bound * formulation.unit,
         gap=np.inf if best is None else (best.value - state.bound) * abs(formulation.unit),
         infeasibility=state.infeasibility,
+        force_reach=force_reach(formulation.problem),
+        threshold_optima=optima,
         modes_examined=state.modes_examined,
         nodes=state.nodes,
         force_programs=state.force_programs,

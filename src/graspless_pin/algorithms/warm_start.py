@@ -24,6 +24,7 @@ from graspless_pin.algorithms.search import (
     undecided,
 )
 from graspless_pin.algorithms.solve import solution_of
+from graspless_pin.algorithms.threshold import threshold_optima
 from graspless_pin.algorithms.torque import margin_objective
 from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.modes.rules import Rules, SlidingMode, SlidingRule, candidate_contacts
@@ -79,11 +80,17 @@ def solve_from(
         The solution, and what it leaves behind.
     """
     state = _WarmState(formulate(problem, objective), rules, solver, start=start)
+
+    def cold(formulation: Formulation) -> SearchResult:
+        other = SearchState(formulation, rules, solver)
+        return branch_and_bound(other, node_limit=node_limit, time_limit=time_limit)
+
     try:
         result = _search(state, node_limit=node_limit, time_limit=time_limit)
     except UndecidedMotionError:
         result = undecided(state)
-    return solution_of(result, objective, rules, explain), state.experience()
+    optima = threshold_optima(result, cold)
+    return solution_of(result, objective, rules, explain, optima=optima), state.experience()
 
 
 def reaches_margin(
@@ -250,7 +257,7 @@ def _try_mode(state: _WarmState) -> None:
     bounds = state.formulation.bounds_of(mode)
     answer, state.in_mode = state.solve_near(*bounds, state.start.in_mode)
     if answer.outcome is Outcome.SOLVED and answer.value < state.best_value:
-        state.best, state.mode = answer, mode
+        state.keep(answer, mode)
 
 
 def _fits(state: SearchState, mode: SlidingMode) -> bool:

@@ -45,7 +45,13 @@ def enumerate_modes(
         ArgumentError: If a rule is not known.
     """
     rules = Rules.parse(sign_rule, sliding_rule, StaticFriction.VIRTUAL_SLIDING)
-    kinematics = VirtualKinematics(problem)
+    return feasible_modes(problem, VirtualKinematics(problem), rules, maximal=maximal)
+
+
+def feasible_modes(
+    problem: QuasistaticProblem, kinematics: VirtualKinematics, rules: Rules, *, maximal: bool
+) -> Iterator[SlidingMode]:
+    """Yield the modes of `enumerate_modes` for known kinematics and rules."""
     return (
         mode_of(problem, requirements)
         for requirements in _feasible(problem, kinematics, rules)

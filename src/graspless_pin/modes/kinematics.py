@@ -202,6 +202,14 @@ class VirtualKinematics:
         contacts, signs = _split(requirements)
         return self._fastest(contacts, signs, rule)[1].slowest >= self.threshold
 
+    def slowest(self, requirements: Sequence[Requirement], rule: SignRule) -> float:
+        """Return the slowest required sliding of the best motion; below the threshold: none counts.
+
+        It is relative to the length of all contact velocities; inf where nothing has to slide.
+        """
+        contacts, signs = _split(requirements)
+        return self._fastest(contacts, signs, rule)[1].slowest
+
     def witness(self, requirements: Sequence[Requirement], rule: SignRule) -> FloatArray | None:
         """Velocities (M, 3) along n, t1, t2 of a motion that meets the requirements, or None.
 
@@ -365,8 +373,13 @@ def _shortest(
             continue
         found = _judged(moving, strict, weights / total)
         size = float(np.linalg.norm(found.motion))
-        if size < threshold or (found.slowest < threshold and size < _TIE * threshold):
+        if size < threshold:
             return found._replace(slowest=min(found.slowest, size))
+        if found.slowest < threshold:
+            even = _evened(moving, strict, found)
+            if even.slowest < threshold and size < _TIE * threshold:
+                return found
+            found = even
         if best is None or found.slowest > best.slowest:
             best = found
         if best.slowest >= CLEARLY * threshold:
@@ -374,9 +387,23 @@ def _shortest(
     return None if best is None or best.slowest < threshold else best
 
 
+def _evened(moving: FloatArray, strict: FloatArray, found: _Sliding) -> _Sliding:
+    """The motion that slides equally in all rows that take part, where that is faster."""
+    part = found.weights > _IN_CONFLICT * found.weights.max()
+    motion = np.linalg.lstsq(moving[part], strict[part], rcond=None)[0]
+    other = _speed(moving, strict, motion, found.weights)
+    return other if other.slowest > found.slowest else found
+
+
 def _judged(moving: FloatArray, strict: FloatArray, weights: FloatArray) -> _Sliding:
     """What a combination of rows is worth as a motion."""
-    motion = weights @ moving
+    return _speed(moving, strict, weights @ moving, weights)
+
+
+def _speed(
+    moving: FloatArray, strict: FloatArray, motion: FloatArray, weights: FloatArray
+) -> _Sliding:
+    """How fast a motion slides where it is slowest."""
     size = float(np.linalg.norm(motion))
     if size == 0.0:
         return _Sliding(motion, 0.0, weights)

@@ -352,6 +352,11 @@ def share_rows(
     return sides[0], sides[1]
 
 
+def force_reach(problem: QuasistaticProblem) -> float:
+    """Return the largest normal force up to which bounds are proven, N."""
+    return min(float(problem.max_normal_force.max()), FARTHEST * problem.scales.force)
+
+
 def _boxes(
     shared: ConeRows, coordinates: ForceCoordinates, limit: FloatArray
 ) -> tuple[FloatArray, ...]:

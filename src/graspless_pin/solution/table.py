@@ -196,9 +196,9 @@ def _count(number: int, noun: str) -> str:
 def certificate_text(solution: TorqueSolution) -> str:
     """Return the certificate in a few lines."""
     proof = solution.certificate
-    lines = []
+    problem, lines = solution.problem, []
+    unit = "N" if solution.algorithm == "margin" or not solution.found else solution.max_torque_unit
     if solution.found:
-        unit = "N" if solution.algorithm == "margin" else solution.max_torque_unit
         if solution.algorithm == "torque" and solution.multipliers.by_limits:
             unit = "of the limit"
         lines.append(
@@ -210,6 +210,17 @@ def certificate_text(solution: TorqueSolution) -> str:
         lines.append(
             f"certificate: every choice of forces violates some constraint by at least "
             f"{proof.infeasibility:.3g} (scaled)"
+        )
+    if proof.force_reach < problem.max_normal_force.max():
+        lines.append(f"the bound is proven for normal forces up to {proof.force_reach:.3g} N")
+    if proof.threshold_optima is not None:
+        slow, fast = (
+            f"{_figure(value)} {unit}" if np.isfinite(value) else "infeasible"
+            for value in proof.threshold_optima
+        )
+        lines.append(
+            "this answer hangs on what counts as a virtual motion (see docs/rules.md): with a tenth "
+            f"of the threshold it is {slow}, with ten times {fast}"
         )
     lines.append(
         f"search: {_count(proof.nodes, 'node')}, "
