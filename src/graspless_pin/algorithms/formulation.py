@@ -141,6 +141,8 @@ def formulate(problem: QuasistaticProblem, objective: Objective) -> Formulation:
     if found is not None:
         return found
     coordinates, kinematics = shared_parts(problem)
+    if objective.margin > 0.0 and not problem.external_wrench.any():
+        coordinates = force_coordinates(problem, objective.margin)
     cutoff = np.inf
     if objective.algorithm is Algorithm.MARGIN:
         program = margin_program(problem, coordinates, objective.regularization)

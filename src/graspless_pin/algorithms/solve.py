@@ -151,7 +151,7 @@ def solution_of(
         bound=state.bound * formulation.unit,
         gap=np.inf if best is None else (best.value - state.bound) * abs(formulation.unit),
         infeasibility=state.infeasibility,
-        force_reach=force_reach(formulation.problem),
+        force_reach=force_reach(formulation.problem, formulation.coordinates),
         threshold_optima=optima,
         modes_examined=state.modes_examined,
         nodes=state.nodes,

@@ -20,7 +20,7 @@ class Scales(NamedTuple):
     Attributes:
         force: F, the load, N: the larger of the external force and of the external moment about the
             contacts' centre over the length. A wrench of zero has the smallest normal-force limit
-            in its place.
+            in its place (Algorithm 2: a positive required margin).
         length: The distance of the farthest contact from the contacts' centre, m; where all are
             there, that moment over the external force, or 1 m.
         joints: (L,) torques that the load makes on each joint's longest lever, N m (N).
@@ -29,6 +29,10 @@ class Scales(NamedTuple):
     force: float
     length: float
     joints: FloatArray
+
+    def without_load(self, force: float) -> Scales:
+        """Return the scales with another force in the place of the load."""
+        return Scales(force, self.length, read_only(force / self.force * self.joints))
 
 
 def scales_of(

@@ -21,6 +21,9 @@ PRIMAL_TOLERANCE = 1e-7
 GAP_TOLERANCE = 1e-7
 """Largest accepted distance between an objective and its proven bound, in scaled units, or relative
 to the objective where that is larger."""
+_LARGEST_GAP = 1e-6
+_ROUNDING = 1e-14
+"""What rounding leaves of a bound, over the largest variable that it is proven for."""
 _INFEASIBLE = 1e-8
 _SHRUNK_BY = (1e3, 1e6)
 
@@ -140,10 +143,15 @@ def proven(program: Program, found: Multipliers, name: str, cutoff: float) -> An
     bound, value, residual = program.judged(x, y, z)
     if bound > cutoff + _INFEASIBLE * max(1.0, abs(cutoff) if np.isfinite(cutoff) else 1.0):
         return _infeasible(bound, max(program.infeasibility_bound(y, z), 0.0), y, z, name)
-    tolerance = GAP_TOLERANCE * max(1.0, abs(value))
-    if abs(value - bound) <= tolerance and residual <= PRIMAL_TOLERANCE:
+    if residual <= PRIMAL_TOLERANCE and abs(value - bound) <= _gap(program, value):
         return Answer(Outcome.SOLVED, x, y, z, value, bound, residual, 0.0, name)
     return failed(bound)
+
+
+def _gap(program: Program, value: float) -> float:
+    """Largest accepted distance between a value and its bound: more where variables are large."""
+    rounding = _ROUNDING * program.farthest
+    return min(max(GAP_TOLERANCE, rounding), _LARGEST_GAP) * max(1.0, abs(value))
 
 
 def failed(bound: float) -> Answer:

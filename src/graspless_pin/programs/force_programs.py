@@ -80,9 +80,17 @@ class ForceCoordinates:
         return (local.reshape(count, 1, 3) @ self.directions).reshape(count, 3)
 
 
-def force_coordinates(problem: QuasistaticProblem) -> ForceCoordinates:
-    """Choose coordinates for a problem, scaled by its load."""
-    layout, (force, length, joints) = layout_of(problem), problem.scales
+def force_coordinates(problem: QuasistaticProblem, margin: float = 0.0) -> ForceCoordinates:
+    """Choose coordinates for a problem, scaled by its load.
+
+    Args:
+        problem: The problem.
+        margin: Required margin, N: the scale of a problem without a load.
+    """
+    layout, scales = layout_of(problem), problem.scales
+    if margin > 0.0 and not problem.external_wrench.any():
+        scales = scales.without_load(margin)
+    force, length, joints = scales
     return ForceCoordinates(_directions(problem, layout), layout, force, joints, length)
 
 
@@ -352,9 +360,9 @@ def share_rows(
     return sides[0], sides[1]
 
 
-def force_reach(problem: QuasistaticProblem) -> float:
+def force_reach(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> float:
     """Return the largest normal force up to which bounds are proven, N."""
-    return min(float(problem.max_normal_force.max()), FARTHEST * problem.scales.force)
+    return min(max(problem.max_normal_force.tolist()), FARTHEST * coordinates.force_scale)
 
 
 def _boxes(

@@ -37,7 +37,13 @@ class ConstraintMultipliers:
 
 
 def constraint_multipliers(
-    problem: QuasistaticProblem, y: FloatArray, z: FloatArray, *, algorithm: str, by_limits: bool
+    problem: QuasistaticProblem,
+    y: FloatArray,
+    z: FloatArray,
+    *,
+    algorithm: str,
+    by_limits: bool,
+    margin: float = 0.0,
 ) -> ConstraintMultipliers:
     """Return the multipliers of a program of `force_programs` for an objective in N or N m.
 
@@ -47,8 +53,9 @@ def constraint_multipliers(
         z: Multipliers of the scaled rows, positive on the upper side.
         algorithm: ``margin`` or ``torque``.
         by_limits: Whether Algorithm 2 counted shares of the limits.
+        margin: Required margin of Algorithm 2, N.
     """
-    coordinates = force_coordinates(problem)
+    coordinates = force_coordinates(problem, margin)
     force = coordinates.force_scale
     weight = np.repeat([1.0, 1.0 / coordinates.length_scale], 3)
     count, joints = problem.contact_count, problem.joint_count

@@ -100,7 +100,7 @@ class Program:
         """
         if "worst" not in self.__dict__:
             _ = self.is_linear, self.rows, self.products, self.sides, self.pattern, self.worst
-            _ = self.is_far
+            _ = self.is_far, self.farthest
         program = object.__new__(Program)
         program.__dict__.update(self.__dict__, lb=lb, ub=ub, worst=min(self.worst, cutoff))
         program.__dict__.pop("reach", None)
@@ -152,6 +152,11 @@ class Program:
             u=np.maximum(high, -UNREACHED),
             ub=np.maximum(upper, -UNREACHED),
         )
+
+    @cached_property
+    def farthest(self) -> float:
+        """The largest bound of a variable that proofs look at."""
+        return float(np.abs(self.box).max(initial=0.0))
 
     @cached_property
     def is_far(self) -> bool:

@@ -185,8 +185,6 @@ def _certificate(solution: TorqueSolution, proof: SolutionProof) -> dict[str, An
     if not solution.found:
         certificate |= dict.fromkeys(("primal_residual", "duality_gap", "bound", "gap"))
         certificate["infeasibility"] = proof.infeasibility
-    coordinates, limits = shared_parts(solution.problem)[0], solution.problem.max_normal_force
-    certificate["force_reach"] = min(float(limits.max()), 1e8 * coordinates.force_scale)
     return certificate
 
 

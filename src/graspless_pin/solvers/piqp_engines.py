@@ -103,8 +103,9 @@ class _Engine:
         # Bounds that meet are met to the solver's tolerance: the answer meets them exactly.
         x = np.minimum(np.maximum(result.x, program.lb), program.ub)
         y, z = np.array(result.y), result.z_u - result.z_l
-        # One sum tells whether any entry is not finite.
-        return (x, y, z) if math.isfinite(x @ x + y @ y + z @ z) else None
+        # One sum tells whether any entry is not finite, or as good as.
+        with np.errstate(over="ignore", invalid="ignore"):
+            return (x, y, z) if math.isfinite(x @ x + y @ y + z @ z) else None
 
 
 def _arrays(program: Program) -> tuple[FloatArray, ...]:

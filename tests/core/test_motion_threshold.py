@@ -1,0 +1,139 @@
+"""One rule for what counts as a virtual motion, and answers that say when they hang on it."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import scene
+
+from graspless_pin import (
+    QuasistaticProblem,
+    Status,
+    enumerate_modes,
+    maximize_margin,
+    minimize_torque,
+)
+from graspless_pin.algorithms.torque import margin_objective
+from graspless_pin.algorithms.warm_start import solve_from
+from graspless_pin.modes.enumeration import requirements_of
+from graspless_pin.modes.kinematics import THRESHOLD, Conflict, VirtualKinematics, Witness
+from graspless_pin.modes.rules import Rules, SignRule, SlidingMode
+
+LINED_UP, TURNED = 0.030667, 0.270491
+"""Margins with tangents along the only motion, and with tangents that it slides along both of."""
+
+
+def slider(turn: float, *, scale: float = 1.0) -> QuasistaticProblem:
+    """A slider on three floor and two wall points, its tangents turned by an angle, rad."""
+    points = [[0.1, 0.1, -0.1], [-0.1, 0.1, -0.1], [0, -0.05, -0.1], [0.1, -0.1, -0.1],
+              [-0.1, -0.1, -0.1]]  # fmt: skip
+    normals = [[0.0, 0.0, 1.0]] * 3 + [[0.0, 1.0, 0.0]] * 2
+    along = np.array([1.0, 0.0, 0.0])
+    cosine, sine = np.cos(turn), np.sin(turn)
+    tangents = []
+    for normal in normals:
+        across = np.cross(normal, along)
+        tangents.append(
+            np.column_stack([cosine * along + sine * across, cosine * across - sine * along])
+        )
+    wrench = np.array([6.0, -5.0, -10.0, -0.5 * scale, -0.6 * scale, 0.0])
+    return QuasistaticProblem(
+        scale * np.array(points), normals, wrench, friction=0.5, tangents=tangents, cone_edges=8
+    )
+
+
+def slowest(turn: float) -> float:
+    """The slower component at each contact over all velocities of the motion along x."""
+    return abs(np.sin(turn)) / np.sqrt(5.0)
+
+
+@pytest.mark.parametrize("turn", [0.0, 1e-8, 1e-7, 1e-6, 1.1e-6, 2.3e-6, 3.67e-6, 1e-5, 1e-4, 1e-3])
+def test_all_searches_go_by_one_rule(turn):
+    problem = slider(turn)
+    auto, listed = maximize_margin(problem), maximize_margin(problem, search="enumerate")
+    counts = slowest(turn) >= THRESHOLD
+    for solution in (auto, listed):
+        assert solution.status is Status.OPTIMAL
+        assert solution.margin == pytest.approx(TURNED if counts else LINED_UP, rel=1e-2)
+    assert auto.certificate.threshold_optima == pytest.approx(
+        listed.certificate.threshold_optima, abs=1e-6
+    )
+    mode = SlidingMode([True] * 5, [[1, -1]] * 5)
+    assert any(other == mode for other in enumerate_modes(problem, maximal=True)) == counts
+    alone = maximize_margin(problem, mode=mode)
+    expected = Status.OPTIMAL_IN_MODE if counts else Status.INFEASIBLE_MODE
+    assert alone.status is expected
+    objective, rules = margin_objective(), Rules.parse()
+    _, start = solve_from(slider(1e-2), objective, rules)
+    warm, _ = solve_from(problem, objective, rules, start)
+    assert warm.margin == pytest.approx(auto.margin, abs=1e-6)
+
+
+@pytest.mark.parametrize("turn", [0.0, 1e-8, 3e-7, 1e-6, 3.67e-6, 1e-5, 2e-5, 3e-5, 1e-3])
+def test_an_answer_near_the_threshold_says_so(turn):
+    """Typing 1.5708 for a right angle is 3.67e-6 rad off, and nine times the margin."""
+    solution = maximize_margin(slider(turn))
+    share = slowest(turn) / THRESHOLD
+    told = solution.certificate.threshold_optima
+    assert (told is not None) == (0.1 <= share < 10.0)
+    assert ("hangs on what counts as a virtual motion" in str(solution)) == (told is not None)
+    if told is not None:
+        assert told[0] == pytest.approx(TURNED, rel=1e-2)
+        assert LINED_UP - 1e-5 <= told[1] < 0.5 * TURNED
+
+
+def test_a_mode_that_hangs_on_the_threshold_says_so_when_it_is_refused():
+    mode = SlidingMode([True] * 5, [[1, -1]] * 5)
+    solution = maximize_margin(slider(1e-6), mode=mode)
+    assert solution.status is Status.INFEASIBLE_MODE
+    looser, stricter = solution.certificate.threshold_optima or (0.0, 0.0)
+    assert looser == pytest.approx(TURNED, rel=1e-2)
+    assert np.isnan(stricter)
+    assert "with ten times infeasible" in str(solution)
+
+
+@pytest.mark.parametrize("name", ["sphere", "rest", "up", "down"])
+def test_the_papers_scenes_hang_on_no_threshold(name):
+    for solve in (maximize_margin, minimize_torque):
+        assert solve(scene(name)).certificate.threshold_optima is None
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(-7.5, -4.0), st.integers(-9, 9))
+def test_size_changes_no_verdict(decade, power):
+    turn = 10.0**decade
+    if abs(slowest(turn) / THRESHOLD - 1.0) < 1e-3:
+        return
+    mode = SlidingMode([True] * 5, [[1, -1]] * 5)
+    verdicts = [
+        VirtualKinematics(slider(turn, scale=scale)).solve(requirements_of(mode), SignRule.STRICT)
+        for scale in (1.0, 10.0**power)
+    ]
+    assert type(verdicts[0]) is type(verdicts[1])
+    assert isinstance(verdicts[0], Witness) == (slowest(turn) >= THRESHOLD)
+
+
+@pytest.mark.parametrize("turn", [0.0, 1e-7, 2e-6, 3e-6, 1e-3])
+def test_witnesses_and_conflicts_prove_themselves(turn):
+    """By velocities of all motions, worked out anew from the problem's arrays."""
+    problem = slider(turn)
+    frames = np.concatenate([problem.normals[:, :, None], problem.tangents], axis=2)
+    velocities = np.einsum("lij,lik->ljk", frames, problem.W.T.reshape(5, 3, 6)).reshape(15, 6)
+    left, values, _ = np.linalg.svd(velocities, full_matrices=False)
+    seen = left[:, values > 1e-8 * values[0]]
+    for signs in ([[1, -1]] * 5, [[1, 1]] + [[1, -1]] * 4, [[-1, 1]] * 5):
+        mode = SlidingMode([True] * 5, signs)
+        verdict = VirtualKinematics(problem).solve(requirements_of(mode), SignRule.STRICT)
+        if isinstance(verdict, Witness):
+            u = verdict.velocities
+            np.testing.assert_allclose(seen @ (seen.T @ u.ravel()), u.ravel(), atol=1e-9)
+            assert (np.array(signs) * u[:, 1:]).min() >= 0.4 * THRESHOLD * np.linalg.norm(u)
+            assert verdict.slowest >= THRESHOLD
+        else:
+            assert isinstance(verdict, Conflict)
+            v = verdict.combination
+            assert v is not None
+            along = np.array(signs) * v[:, 1:]
+            assert along.min() >= 0.0
+            assert along.sum() == pytest.approx(1.0)
+            assert np.linalg.norm(seen.T @ v.ravel()) < THRESHOLD

@@ -1,0 +1,218 @@
+"""The load sets the scale: no limit, no unit and no size changes an answer but as it must."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import (
+    assert_holds,
+    cuboid_arguments,
+    random_arguments,
+    scene,
+    sphere_arguments,
+    structured_arguments,
+)
+
+from graspless_pin import QuasistaticProblem, Status, maximize_margin, minimize_torque
+from graspless_pin.algorithms.torque import margin_objective, torque_objective
+from graspless_pin.algorithms.warm_start import solve_from
+from graspless_pin.modes.rules import Rules
+
+PLACEHOLDERS = (1e7, 1e8, 1e12, np.inf)
+DECADES = st.integers(-9, 9).map(lambda power: 10.0**power)
+RULES = [
+    {"sign_rule": sign, "sliding_rule": sliding}
+    for sign in ("strict", "exact", "nonzero")
+    for sliding in ("exempt", "constrained")
+] + [{"static_friction": "coulomb"}]
+
+
+@pytest.mark.parametrize("limit", PLACEHOLDERS)
+@pytest.mark.parametrize(("name", "torque"), [("up", 1.5554), ("rest", 0.9618)])
+def test_placeholders_of_torque_limits_change_nothing(name, torque, limit):
+    """They made 4.99 and 4.54 N m of these, said to be optimal."""
+    problem = scene(name).with_changes(torque_limits=(-limit, limit))
+    solution = minimize_torque(problem, 0.1)
+    assert solution.status is Status.OPTIMAL
+    assert solution.max_torque == pytest.approx(torque, abs=1e-4)
+    assert_holds(solution, 1e-6)
+
+
+@pytest.mark.parametrize("limit", [7.7e4, 1e7, 1e8, 1e10, 1e12])
+@pytest.mark.parametrize("name", ["up", "rest"])
+def test_placeholders_of_normal_force_limits_change_nothing(name, limit):
+    plain = scene(name).with_changes(max_normal_force=1e4)
+    problem = plain.with_changes(max_normal_force=limit)
+    for solve in (maximize_margin, minimize_torque):
+        expected, solution = solve(plain), solve(problem)
+        assert solution.status is Status.OPTIMAL
+        assert solution.margin == pytest.approx(expected.margin, rel=1e-6)
+        assert solution.max_torque == pytest.approx(expected.max_torque, rel=1e-6)
+        assert_holds(solution, 1e-6)
+        reach = solution.certificate.force_reach
+        assert reach == min(limit, 1e8 * problem.scales.force)
+        told = "the bound is proven for normal forces up to" in str(solution)
+        assert told == (reach < limit)
+
+
+def test_a_large_limit_makes_nothing_feasible():
+    """A margin of -1.5 N with 1.3 N of weight unbalanced was said to be optimal."""
+    problem = scene("rest")
+    weak = problem.with_changes(torque_limits=(-0.5, 0.5))
+    assert minimize_torque(weak, 0.1).status is Status.INFEASIBLE_FORCES
+    for limit in (1e8, 1e12):
+        limits = problem.max_normal_force.copy()
+        limits[-4:] = limit
+        large = weak.with_changes(max_normal_force=limits)
+        solution = minimize_torque(large, 0.1)
+        assert solution.status is Status.INFEASIBLE_FORCES
+        assert solution.certificate.infeasibility > 1e-8
+
+
+def test_a_load_of_micronewtons_is_no_rounding():
+    """An infeasible scene of 5e-6 N with limits of 50 N was optimal with a negative margin."""
+    problem = QuasistaticProblem(
+        [[0.1, 0.0, -0.1], [-0.1, 0.0, -0.1]], [[0.0, 0.0, 1.0]] * 2,
+        [0.0, 0.0, 5e-6, 0.0, 0.0, 0.0], friction=0.5,
+    )  # fmt: skip
+    solution = maximize_margin(problem, static_friction="coulomb")
+    assert solution.status is Status.INFEASIBLE_FORCES
+    held = problem.with_changes(external_wrench=[0.0, 0.0, -5e-6, 0.0, 0.0, 0.0])
+    assert maximize_margin(held, static_friction="coulomb").margin > 1e-7
+
+
+def test_forces_that_no_double_resolves_are_not_said_to_be_optimal():
+    """A squeeze of 1e12 times the load: the balance is lost in rounding."""
+    problem = QuasistaticProblem(
+        [[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]], [[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]],
+        [0.0, -0.1, 0.0, 0.0, 0.0, 0.0], friction=0.5, max_normal_force=1e11 / 3.0,
+    )  # fmt: skip
+    solution = maximize_margin(problem)
+    assert solution.status is Status.UNVERIFIED
+    assert "no solver gave an answer that passes the check" in str(solution)
+    resolved = maximize_margin(problem.with_changes(max_normal_force=1e5))
+    assert resolved.status is Status.OPTIMAL
+
+
+def test_the_scale_does_not_depend_on_the_reference_point():
+    problem = scene("up")
+    shift = np.array([0.3, -0.2, 0.5])
+    force, moment = problem.external_wrench.reshape(2, 3)
+    moved = problem.with_changes(
+        positions=problem.positions - shift,
+        external_wrench=np.concatenate([force, moment - np.cross(shift, force)]),
+    )
+    assert moved.scales.force == pytest.approx(problem.scales.force, rel=1e-12)
+    assert moved.scales.length == pytest.approx(problem.scales.length, rel=1e-12)
+
+
+def test_without_a_load_the_required_margin_sets_the_scale():
+    problem = scene("rest").with_changes(
+        external_wrench=np.zeros(6), max_normal_force=5e10, torque_limits=(-np.inf, np.inf)
+    )
+    assert problem.scales.force == 5e10
+    solution = minimize_torque(problem, 0.1)
+    if solution.found:
+        assert solution.margin >= 0.1 - 1e-7
+        residual = problem.W @ solution.contact_forces.ravel()
+        assert np.abs(residual[:3]).max() <= 1e-7
+
+
+@st.composite
+def questions(draw):
+    """Arguments of a random problem, an algorithm with its options, and its own forces' scale."""
+    seed, kind = (
+        draw(st.integers(0, 3000)),
+        draw(st.sampled_from(["free", "slab", "pinch", "paper"])),
+    )
+    if kind == "paper":
+        arguments = sphere_arguments() if seed % 2 else cuboid_arguments(seed % 3 - 1.0)
+    elif kind == "free":
+        arguments = random_arguments(seed, 3, slides=seed % 2)
+    else:
+        arguments = structured_arguments(seed, kind, 4, slides=seed % 2)
+    options = dict(draw(st.sampled_from(RULES)))
+    options["regularization"] = draw(st.sampled_from([0.0, 0.0, 0.05]))
+    which = draw(st.sampled_from(["margin", "absolute", "limits"]))
+    return arguments, which, options
+
+
+def solved(problem, which, options, factor=1.0):
+    if which == "margin":
+        return maximize_margin(problem, **options)
+    return minimize_torque(problem, 0.05 * factor, scale=which, **options)
+
+
+def changed(problem, force=1.0, length=1.0):
+    """The problem in other units of force and length; no joint of these is linear."""
+    wrench = force * problem.external_wrench * np.repeat([1.0, length], 3)
+    limits = tuple(force * length * side for side in (problem.lower_torque, problem.upper_torque))
+    return problem.with_changes(
+        positions=length * problem.positions, jacobian=length * problem.jacobian,
+        external_wrench=wrench, torque_limits=limits,
+        max_normal_force=force * problem.max_normal_force,
+        gravity_torques=force * length * problem.gravity_torques,
+    )  # fmt: skip
+
+
+def assert_alike(one, two, which, force, length):
+    assert two.status is one.status
+    if one.found:
+        load = one.problem.scales.force
+        if which == "margin":
+            assert two.margin / force == pytest.approx(one.margin, rel=1e-5, abs=2e-6 * load)
+        else:
+            torque = one.problem.scales.joints.max(initial=0.0)
+            expected = pytest.approx(one.max_torque, rel=1e-5, abs=2e-6 * torque)
+            if which == "absolute":
+                assert two.max_torque / (force * length) == expected
+        bound = two.certificate.bound
+        unit = force if which == "margin" else force * length if which == "absolute" else 1.0
+        assert bound / unit == pytest.approx(one.certificate.bound, rel=1e-5, abs=2e-6 * load)
+
+
+@settings(max_examples=60, deadline=None)
+@given(questions(), DECADES, DECADES)
+def test_other_units_change_nothing(question, force, length):
+    arguments, which, options = question
+    problem = QuasistaticProblem(**arguments)
+    one = solved(problem, which, options)
+    two = solved(changed(problem, force, length), which, options, factor=force)
+    assert_alike(one, two, which, force, length)
+
+
+@settings(max_examples=30, deadline=None)
+@given(questions(), DECADES, DECADES)
+def test_other_units_change_no_warm_search(question, force, length):
+    arguments, which, options = question
+    rules = Rules.parse(**{key: value for key, value in options.items() if key != "regularization"})
+    problem = QuasistaticProblem(**arguments)
+    scaled = changed(problem, force, length)
+    objective, other = (
+        margin_objective() if which == "margin" else torque_objective(0.05 * factor, which)
+        for factor in (1.0, force)
+    )
+    cold, start = solve_from(problem, objective, rules)
+    warm, _ = solve_from(scaled, other, rules, start)
+    assert_alike(cold, warm, which, force, length)
+
+
+@settings(max_examples=40, deadline=None)
+@given(questions(), st.floats(0.0, 9.0), st.data())
+def test_limits_that_do_not_bind_change_nothing_when_raised(question, decades, data):
+    """Raised are those of contacts that stay well below theirs, in all optima that count."""
+    arguments, which, options = question
+    wide = 1e3 * QuasistaticProblem(**arguments).scales.force
+    problem = QuasistaticProblem(**{**arguments, "max_normal_force": wide})
+    one = solved(problem, which, options)
+    if not one.found:
+        return
+    normal = np.einsum("ij,ij->i", problem.normals, one.contact_forces)
+    loose = np.flatnonzero(normal + one.margin < 0.5 * wide)
+    if not len(loose):
+        return
+    raised = problem.max_normal_force.copy()
+    chosen = data.draw(st.sets(st.sampled_from(loose.tolist()), min_size=1))
+    raised[list(chosen)] *= 10.0**decades
+    two = solved(problem.with_changes(max_normal_force=raised), which, options)
+    assert_alike(one, two, which, 1.0, 1.0)
