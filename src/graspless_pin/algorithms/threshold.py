@@ -1,4 +1,4 @@
-"""Whether an optimum hangs on what counts as a virtual motion: solved again around the threshold."""
+"""Whether an optimum hangs on what counts as a virtual motion: solved around the threshold."""
 
 from __future__ import annotations
 

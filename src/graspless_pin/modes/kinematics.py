@@ -390,7 +390,7 @@ def _shortest(
 def _evened(moving: FloatArray, strict: FloatArray, found: _Sliding) -> _Sliding:
     """The motion that slides equally in all rows that take part, where that is faster."""
     part = found.weights > _IN_CONFLICT * found.weights.max()
-    motion = np.linalg.lstsq(moving[part], strict[part], rcond=None)[0]
+    motion: FloatArray = np.linalg.lstsq(moving[part], strict[part], rcond=None)[0]
     other = _speed(moving, strict, motion, found.weights)
     return other if other.slowest > found.slowest else found
 

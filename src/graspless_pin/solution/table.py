@@ -219,8 +219,8 @@ def certificate_text(solution: TorqueSolution) -> str:
             for value in proof.threshold_optima
         )
         lines.append(
-            "this answer hangs on what counts as a virtual motion (see docs/rules.md): with a tenth "
-            f"of the threshold it is {slow}, with ten times {fast}"
+            "this answer hangs on what counts as a virtual motion (see docs/rules.md): with a "
+            f"tenth of the threshold it is {slow}, with ten times {fast}"
         )
     lines.append(
         f"search: {_count(proof.nodes, 'node')}, "
