@@ -95,6 +95,7 @@ def scaled_multipliers(
     *,
     algorithm: str,
     by_limits: bool,
+    margin: float = 0.0,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the multipliers (y, z) of the scaled program: what `constraint_multipliers` takes.
 
@@ -103,8 +104,9 @@ def scaled_multipliers(
         multipliers: In the units of the problem.
         algorithm: ``margin`` or ``torque``.
         by_limits: Whether Algorithm 2 counted shares of the limits.
+        margin: Required margin of Algorithm 2, N.
     """
-    coordinates = force_coordinates(problem)
+    coordinates = force_coordinates(problem, margin)
     weight = np.repeat([1.0, 1.0 / coordinates.length_scale], 3)
     if algorithm == "margin":
         unit = coordinates.force_scale

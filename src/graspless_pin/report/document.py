@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from graspless_pin.algorithms.formulation import shared_parts
 from graspless_pin.algorithms.solution_proof import SolutionProof, prove_solution
 from graspless_pin.drafts import draft_of
 from graspless_pin.errors import SceneError
+from graspless_pin.programs.force_programs import force_coordinates
 from graspless_pin.report.proof_data import multipliers_data, proof_data
 from graspless_pin.report.provenance import provenance
 from graspless_pin.scene import Scene
@@ -46,7 +46,7 @@ def solution_document(solution: TorqueSolution, scene: Scene | None = None) -> d
         Poses are (4, 4) rows of T_world_object, T_world_base.
     """
     found, proof = solution.found, prove_solution(solution)
-    coordinates, _ = shared_parts(solution.problem)
+    coordinates = force_coordinates(solution.problem, solution.required_margin)
     document: dict[str, Any] = {
         "format": FORMAT,
         "status": solution.status.name.lower(),

@@ -62,7 +62,12 @@ def multipliers_data(solution: TorqueSolution, y: FloatArray, z: FloatArray) -> 
         The fields of `ConstraintMultipliers`; those of cone faces as ``[contact, face, value]``.
     """
     found = constraint_multipliers(
-        solution.problem, y, z, algorithm=str(solution.algorithm), by_limits=solution.by_limits
+        solution.problem,
+        y,
+        z,
+        algorithm=str(solution.algorithm),
+        by_limits=solution.by_limits,
+        margin=solution.required_margin,
     )
     data = dict(vars(found))
     cones = np.flatnonzero(solution.problem.has_cone)
@@ -74,7 +79,12 @@ def multipliers_data(solution: TorqueSolution, y: FloatArray, z: FloatArray) -> 
 
 
 def read_multipliers(
-    data: dict[str, Any], problem: QuasistaticProblem, *, algorithm: str, by_limits: bool
+    data: dict[str, Any],
+    problem: QuasistaticProblem,
+    *,
+    algorithm: str,
+    by_limits: bool,
+    margin: float,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the multipliers (y, z) of a scaled program from those in a document.
 
@@ -83,6 +93,7 @@ def read_multipliers(
         problem: The problem.
         algorithm: ``margin`` or ``torque``.
         by_limits: Whether Algorithm 2 counted shares of the limits.
+        margin: Required margin of Algorithm 2, N.
 
     Raises:
         KeyError, TypeError, ValueError, IndexError: If they are none.
@@ -100,7 +111,9 @@ def read_multipliers(
         if key != "faces"
     }
     multipliers = ConstraintMultipliers(faces=faces, **others)
-    return scaled_multipliers(problem, multipliers, algorithm=algorithm, by_limits=by_limits)
+    return scaled_multipliers(
+        problem, multipliers, algorithm=algorithm, by_limits=by_limits, margin=margin
+    )
 
 
 def _node(solution: TorqueSolution, node: ProofNode) -> dict[str, Any]:

@@ -96,13 +96,16 @@ def _solution(document: dict[str, Any]) -> TorqueSolution:
     rules, figures, contacts = document["rules"], document["certificate"], document["contacts"]
     problem = _problem(document)
     by_limits, epsilon, own = _options(document)
+    required = float(document["required_margin"])
     forces = mode = multipliers = None
     if all(c["selected"] is not None for c in contacts):
         mode = SlidingMode([c["selected"] for c in contacts], [c["signs"] for c in contacts])
     if status in FOUND:
         forces = read_only(np.array([c["force"] for c in contacts], dtype=float).reshape(-1, 3))
         pairs = [
-            read_multipliers(item, problem, algorithm=str(algorithm), by_limits=by_limits)
+            read_multipliers(
+                item, problem, algorithm=str(algorithm), by_limits=by_limits, margin=required
+            )
             for item in (own, _relaxed(document) or own)
         ]
         multipliers = ProofMultipliers(
@@ -112,7 +115,7 @@ def _solution(document: dict[str, Any]) -> TorqueSolution:
     return TorqueSolution(
         status,
         algorithm,
-        float(document["required_margin"]),
+        required,
         Rules.parse(rules["sign_rule"], rules["sliding_rule"], rules["static_friction"]),
         Certificate(**{item.name: _figure(figures, item) for item in fields(Certificate)}),
         problem,
@@ -171,4 +174,6 @@ def _figure(figures: dict[str, Any], item: Field[Any]) -> Any:
     if item.name not in figures and item.default is not MISSING:
         return item.default
     value = figures[item.name]
+    if item.name == "threshold_optima":
+        return value and tuple(np.nan if one is None else float(one) for one in value)
     return np.nan if value is None else value

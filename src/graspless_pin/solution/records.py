@@ -75,17 +75,17 @@ class Certificate:
             the limits). With a regularisation it bounds the regularised objective.
         gap: Distance between the returned objective and that bound, same unit.
         infeasibility: Proven smallest common violation of all constraints where infeasible.
-        force_reach: The largest normal force up to which the bound is proven, N: the largest limit,
-            or 1e8 times the load.
-        threshold_optima: The optimum with a tenth and with ten times the threshold of what counts
-            as a virtual motion, in the bound's unit, NaN where nothing is feasible; None: both are
-            the same as here.
         modes_examined: Virtual-sliding modes that were solved or ruled out one by one.
         nodes: Nodes of the search.
         force_programs: LPs or QPs in forces that were solved, or carried over and proven.
         kinematic_programs: Kinematic feasibility problems that were solved.
         solver: The solver whose answer passed the check, or, where an `Evaluator` carried the
             optimum of another state over, the one that answered there.
+        force_reach: The largest normal force up to which the bound is proven, N: the largest limit,
+            or 1e8 times the load.
+        threshold_optima: The optimum with a tenth and with ten times the threshold of what counts
+            as a virtual motion, in the bound's unit, NaN where nothing is feasible; None: both are
+            the same as here.
     """
 
     primal_residual: float
@@ -93,13 +93,13 @@ class Certificate:
     bound: float
     gap: float
     infeasibility: float
-    force_reach: float
-    threshold_optima: tuple[float, float] | None
     modes_examined: int
     nodes: int
     force_programs: int
     kinematic_programs: int
     solver: str
+    force_reach: float = np.inf
+    threshold_optima: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -120,9 +120,10 @@ class Problem:
 
     @cached_property
     def force(self) -> float:
-        """F, the load, N."""
+        """F, the load, N; without one the required margin or the smallest limit."""
         force, moment = self._load
-        return max(force, moment / self.length) or float(self.limit.min())
+        without = self.e0 if self.e0 > 0.0 and not self.is_margin else float(self.limit.min())
+        return max(force, moment / self.length) or without
 
     @property
     def _load(self) -> tuple[float, float]:
