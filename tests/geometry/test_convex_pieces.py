@@ -1,15 +1,18 @@
 """Convex decomposition: pieces that fill the mesh, and a cache that never answers wrongly."""
 
+import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
+from cutting_faults import crashes, never, no_pieces, slow
 
+from graspless_pin.child_process import ChildProcess
 from graspless_pin.errors import ArgumentError, GrasplessPinWarning, MeshError
 from graspless_pin.geometry.bodies import decomposition
-from graspless_pin.geometry.bodies.decomposition import convex_pieces
+from graspless_pin.geometry.bodies.decomposition import Cut, convex_pieces
 from graspless_pin.geometry.bodies.shapes import MeshShape, coal_geometries, coal_geometry
 
 
@@ -86,11 +89,11 @@ def test_a_hollow_within_is_no_part(monkeypatch: pytest.MonkeyPatch) -> None:
     hollow.invert()
     given: list[int] = []
 
-    def cut(mesh: Any, **_: Any) -> list[tuple[np.ndarray, np.ndarray]]:
-        given.append(len(mesh.indices))
-        return [(mesh.vertices, mesh.indices)]
+    def call(_child: Any, _function: Any, vertices: Any, faces: Any, *_: Any, **__: Any) -> Any:
+        given.append(len(faces))
+        return [vertices]
 
-    monkeypatch.setattr("coacd.run_coacd", cut)
+    monkeypatch.setattr(ChildProcess, "call", call)
     convex_pieces(joined(trimesh.creation.box([0.2] * 3), hollow), "shell")
     assert given == [24]
 
@@ -113,7 +116,7 @@ def test_another_mesh_or_another_way_of_cutting_is_cut_anew(
     forbid(monkeypatch)
     for mesh, concavity in ((ell(1.01), 0.02), (ell(), 0.03)):
         with pytest.raises(AssertionError, match="cut again"):
-            convex_pieces(mesh, "ell", concavity)
+            convex_pieces(mesh, "ell", Cut(concavity))
 
 
 @pytest.mark.parametrize("damage", ["cut off", "nonsense", "empty", "not finite", "miscounted"])
@@ -161,15 +164,13 @@ def test_an_open_mesh_is_wrapped_and_says_so() -> None:
     mesh = ell()
     mesh.update_faces(np.arange(len(mesh.faces)) > 0)
     with pytest.warns(GrasplessPinWarning, match="ell is not watertight"):
-        pieces = convex_pieces(mesh, "ell", 1.0)
+        pieces = convex_pieces(mesh, "ell", Cut(1.0))
     low, high = np.concatenate(pieces).min(axis=0), np.concatenate(pieces).max(axis=0)
     assert np.allclose([low, high], [[0, 0, 0], [0.4, 0.1, 0.4]], atol=0.01)
 
 
-def test_an_error_in_the_thread_comes_out_and_a_flat_mesh_is_refused(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr("coacd.run_coacd", lambda *_, **__: [])
+def test_a_mesh_that_cannot_be_cut_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(decomposition, "run_coacd", no_pieces)
     with pytest.raises(MeshError, match="ell cannot be cut into convex pieces; repair it"):
         convex_pieces(ell(), "ell")
     flat = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
@@ -177,16 +178,65 @@ def test_an_error_in_the_thread_comes_out_and_a_flat_mesh_is_refused(
         convex_pieces(flat, "sheet")
 
 
+def test_a_cut_ends_at_its_time_limit(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also inside a native call; nothing is kept, and another try may take longer."""
+    with monkeypatch.context() as patch:
+        patch.setattr(decomposition, "run_coacd", never)
+        begin = time.monotonic()
+        message = r"ell is not cut .* after 0\.5 s; simplify or repair it, .*'decompose_time_limit'"
+        with pytest.raises(MeshError, match=message):
+            convex_pieces(ell(), "ell", Cut(time_limit=0.5))
+        assert time.monotonic() - begin < 10.0
+        assert not cache.exists()
+    assert len(convex_pieces(ell(), "ell")) == 2
+
+
+def test_the_time_limit_is_for_all_parts_of_a_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(decomposition, "run_coacd", slow)
+    parts = [ell().apply_translation([0.0, place, 0.0]) for place in range(3)]
+    with pytest.raises(MeshError, match=r"ells is not cut .* after 0\.5 s"):
+        convex_pieces(joined(*parts), "ells", Cut(time_limit=0.5))
+    assert len(convex_pieces(joined(*parts), "ells")) == 3
+
+
+def test_coacd_itself_is_ended(cache: Path) -> None:
+    """A few triangles that would take it many seconds."""
+    mesh = joined(*(ell().apply_translation([0.02 * n, 0.05 * n, 0.0]) for n in range(8)))
+    mesh.update_faces(np.arange(len(mesh.faces)) > 0)
+    begin = time.monotonic()
+    with (
+        pytest.warns(GrasplessPinWarning, match="not watertight"),
+        pytest.raises(MeshError, match=r"ells is not cut .* after 0\.3 s"),
+    ):
+        convex_pieces(mesh, "ells", Cut(0.01, time_limit=0.3))
+    assert time.monotonic() - begin < 10.0
+
+
+def test_a_crash_of_coacd_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(decomposition, "run_coacd", crashes)
+    with pytest.raises(MeshError, match=r"ell cannot be cut .* ended by SIGSEGV; repair it"):
+        convex_pieces(ell(), "ell")
+
+
 def test_slow_work_shows_that_it_goes_on(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(decomposition, "_PATIENCE", 0.0)
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setenv("TTY_COMPATIBLE", "1")
+    """A moving bar on a terminal, one line elsewhere; nothing for what is done at once."""
+    monkeypatch.setattr(decomposition, "run_coacd", slow)
+    monkeypatch.setattr(decomposition, "_PATIENCE", 30.0)
     convex_pieces(ell(), "ell")
+    assert capfd.readouterr().err == ""
+    monkeypatch.setattr(decomposition, "_PATIENCE", 0.0)
+    convex_pieces(ell(2.0), "ell")
     shown = capfd.readouterr()
     assert shown.out == ""
-    assert "cutting ell into convex pieces" in shown.err
+    assert shown.err == "cutting ell into convex pieces, for 60 s at most\n"
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TTY_COMPATIBLE", "1")
+    convex_pieces(ell(3.0), "ell")
+    shown = capfd.readouterr()
+    assert shown.out == ""
+    assert shown.err.count("cutting ell into convex pieces") > 1
 
 
 def test_a_mesh_shape_is_its_hull_or_its_pieces(tmp_path: Path) -> None:
@@ -212,3 +262,6 @@ def test_the_choice_is_checked() -> None:
     for value in (0.0, 0.001, 1.5, float("nan")):
         with pytest.raises(ArgumentError, match="concavity: needs"):
             MeshShape(path, 1.0, "decompose", value)
+    for value in (0.0, -1.0, 1e7, float("nan"), float("inf"), True, "60"):
+        with pytest.raises(ArgumentError, match="decompose_time_limit: needs seconds above 0"):
+            MeshShape(path, 1.0, "decompose", 0.02, value)  # pyright: ignore[reportArgumentType]

@@ -5,11 +5,13 @@ from __future__ import annotations
 import pickle
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
 import yaml
+from cutting_faults import never
 from hand_tools import joint, link, write_urdf
 from planar_fingers import ball
 
@@ -170,6 +172,8 @@ def test_a_robot_file_and_a_mount_may_choose(urdf, tmp_path):
     file.write_text(f"name: r\nurdf: {urdf.name}\nconvex: {{hook: decompose}}\nconcavity: 0.1\n")
     assert load_robot(file).meshes == LinkMeshes({"hook": "decompose"}, 0.1)
     assert names(Hand.assemble([Mount(file)])) == {"hook": 2}
+    file.write_text(file.read_text() + "decompose_time_limit: 300\n")
+    assert load_robot(file).meshes == LinkMeshes({"hook": "decompose"}, 0.1, 300.0)
     two = [Mount(file, prefix="a/"), Mount(file, prefix="b/", meshes=LinkMeshes("hull"))]
     hand = Hand.assemble(two)
     assert names(hand) == {"a/hook": 2, "b/hook": 1}
@@ -177,7 +181,8 @@ def test_a_robot_file_and_a_mount_may_choose(urdf, tmp_path):
     assert names(again) == names(hand)
 
 
-def scene(urdf: Path, **hand: object):
+def scene(urdf: Path, **hand: Any):
+    more = {key: hand.pop(key) for key in ("object",) if key in hand}
     content = {
         "hand": {"urdf": urdf.name, "fingers": {"finger": {"joints": ["slide"]}}, **hand},
         "object": {
@@ -186,6 +191,7 @@ def scene(urdf: Path, **hand: object):
             "pose": {"position": list(NOTCH)},
         },
         "friction": 0.5,
+        **more,
     }
     file = urdf.parent / "scene.yaml"
     file.write_text(yaml.safe_dump(content))
@@ -204,7 +210,7 @@ def test_a_scene_may_choose(urdf):
     [
         ({"convex": "soup"}, r"scene.yaml:\d+: hand.convex: .*'hull' or 'decompose'"),
         ({"convex": {"hook": "soup"}}, r"hand.convex.*'hull' or 'decompose'"),
-        ({"concavity": 2}, r"hand.concavity: found 2; needs a finite number from 0.01 to 1"),
+        ({"concavity": 2}, r"hand.concavity: found 2; needs a finite number >= 0.01, at most 1"),
         (
             {"convex": {"base": "decompose"}},
             r"scene.yaml:\d+: hand.convex: unknown link with a collision mesh 'base'; known: hook",
@@ -214,6 +220,21 @@ def test_a_scene_may_choose(urdf):
 def test_bad_choices_in_a_scene_are_located(urdf, choice, message):
     with pytest.raises(SceneError, match=message):
         scene(urdf, **choice)
+
+
+def test_a_scene_may_set_the_time_of_a_cut(urdf, monkeypatch):
+    monkeypatch.setattr(decomposition, "run_coacd", never)
+    choice = {"convex": "decompose", "decompose_time_limit": 0.2}
+    message = r"hook\.stl of link 'hook' is not cut into convex pieces after 0\.2 s; simplify"
+    with pytest.raises(SceneError, match=rf"scene\.yaml:\d+: hand.*{message}"):
+        scene(urdf, **choice)
+    shape = {"type": "mesh", "path": "hook.stl", "scale": 0.001, **choice}
+    body = {"shape": shape, "mass": 0.1}
+    with pytest.raises(SceneError, match=r"scene\.yaml:\d+: object\.shape.*after 0\.2 s; simplify"):
+        scene(urdf, convex="hull", object=body)
+    for value in (0, -1, 1e7, True):
+        with pytest.raises(SceneError, match=r"decompose_time_limit: found .*; needs"):
+            scene(urdf, decompose_time_limit=value)
 
 
 def test_bad_choices_are_named(urdf, tmp_path):

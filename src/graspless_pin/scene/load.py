@@ -244,7 +244,11 @@ class _Builder:
             ("robot",),
         )
         pose = self._pose((*where, "base_pose"), entry.base_pose)
-        given = {"convex": entry.convex, "concavity": entry.concavity}
+        given = {
+            "convex": entry.convex,
+            "concavity": entry.concavity,
+            "decompose_time_limit": entry.decompose_time_limit,
+        }
         own = {name: value for name, value in given.items() if value is not None}
         meshes = replace(found.meshes, **own) if own else None
         return Mount(found, pose, prefix, fingers, meshes=meshes)
@@ -310,6 +314,7 @@ class _Builder:
                     entry.scale,
                     convex=entry.convex,
                     concavity=entry.concavity,
+                    decompose_time_limit=entry.decompose_time_limit,
                 )
             case _:
                 return HalfSpace()

@@ -54,6 +54,11 @@ LinkConvex = Annotated[
         "as in the robot file, else hull",
     ),
 ]
+DecomposeTimeLimit = Annotated[
+    float,
+    Field(gt=0.0, le=1e6, description="s that the cut of each mesh may take"),
+    BeforeValidator(no_truth_value),
+]
 Concavity = Annotated[
     float,
     Field(ge=0.01, le=1.0, description="coarseness of the cut"),
@@ -136,6 +141,7 @@ class MeshEntry(Entry):
         default="hull", description="decompose: cut a non-convex mesh into convex pieces, cached"
     )
     concavity: Concavity = 0.02
+    decompose_time_limit: DecomposeTimeLimit = 60.0
 
 
 class HalfSpaceEntry(Entry):
@@ -177,6 +183,7 @@ class MountEntry(Entry):
     fingers: ByName[FingerEntry] | None = None
     convex: LinkConvex = None
     concavity: Concavity | None = None
+    decompose_time_limit: DecomposeTimeLimit | None = None
 
     @model_validator(mode="after")
     def _one_source(self) -> MountEntry:
@@ -204,6 +211,7 @@ class HandEntry(Entry):
     fingers: ByName[FingerEntry] | None = None
     convex: LinkConvex = None
     concavity: Concavity | None = None
+    decompose_time_limit: DecomposeTimeLimit | None = None
     mounts: Annotated[list[PrefixedMountEntry], Field(max_length=16)] = []
     q: ByName[Finite] = Field(default={}, description="rad or m by joint name")
     control: ModeName | ByName[ModeName] | None = Field(
@@ -231,7 +239,14 @@ class HandEntry(Entry):
         if len(given) != 1:
             found = " and ".join(given) or "none of them"
             raise ValueError(f"found {found}; needs exactly one of 'robot', 'urdf' and 'mounts'")
-        single = {"package_dirs", "base_pose", "fingers", "convex", "concavity"}
+        single = {
+            "package_dirs",
+            "base_pose",
+            "fingers",
+            "convex",
+            "concavity",
+            "decompose_time_limit",
+        }
         of_one = sorted(single & self.model_fields_set)
         if self.mounts and of_one:
             raise ValueError(
@@ -252,6 +267,7 @@ class HandEntry(Entry):
             fingers=self.fingers,
             convex=self.convex,
             concavity=self.concavity,
+            decompose_time_limit=self.decompose_time_limit,
         )
         return [("", single)]
 

@@ -1,6 +1,7 @@
 """Non-convex meshes as several convex pieces, remembered on disk.
 
-CoACD cuts a mesh until each piece is nearly convex. That takes seconds, so its pieces are kept in
+CoACD cuts a mesh until each piece is nearly convex, in a process of its own that is ended when its
+time is up: for some small or open meshes it would take minutes. Its pieces are kept in
 ``$XDG_CACHE_HOME/graspless_pin/convex`` (by default below ``~/.cache``), named after the mesh's
 triangles and the way it was cut: a changed file is another mesh. The folder can be deleted at any
 time.
@@ -14,10 +15,13 @@ import io
 import os
 import tempfile
 import threading
+import time
 import warnings
 import zipfile
 import zlib
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +31,15 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from scipy.spatial import QhullError
 
-from graspless_pin.errors import ArgumentError, GrasplessPinWarning, MeshError
+from graspless_pin.child_process import ChildProcess
+from graspless_pin.errors import (
+    ArgumentError,
+    CrashError,
+    GrasplessPinWarning,
+    MeshError,
+    OverrunError,
+)
+from graspless_pin.geometry.bodies.coacd_call import ITERATIONS, SEED, run_coacd
 from graspless_pin.geometry.bodies.polytopes import hull_of
 
 Array = NDArray[np.float64]
@@ -35,40 +47,61 @@ Array = NDArray[np.float64]
 DEFAULT_CONCAVITY = 0.02
 """Deepest hollow that a piece may fill, as a share of half the mesh's largest extent."""
 
+DEFAULT_TIME_LIMIT = 60.0
+"""Seconds that the cut of one mesh may take."""
+LONGEST_TIME_LIMIT = 1e6
+
 _CONVEX = 1.0 - 1e-6  # share of its hull that a mesh fills if it is convex
-_SEED = 0
-_ITERATIONS = 60  # of the search for each cut: more take longer and save few pieces
 _PATIENCE = 1.0  # s without a sign of life
 _UNREADABLE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error)
 
 
-def check_concavity(concavity: float) -> None:
-    """Refuse a concavity that CoACD does not take.
+@dataclass(frozen=True)
+class Cut:
+    """How a mesh is cut.
 
-    Raises:
-        ArgumentError: It is not a number from 0.01 to 1.
+    Attributes:
+        concavity: Deepest hollow that a piece may fill, as a share of half the mesh's largest
+            extent; CoACD takes 0.01 to 1.
+        time_limit: Seconds that the cut of one mesh may take, at most 1e6.
     """
-    is_number = isinstance(concavity, (int, float, np.floating)) and not isinstance(concavity, bool)
-    if not is_number or not 0.01 <= concavity <= 1.0:
-        raise ArgumentError("concavity", f"needs 0.01 to 1, got {concavity!r}")
+
+    concavity: float = DEFAULT_CONCAVITY
+    time_limit: float = DEFAULT_TIME_LIMIT
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            ArgumentError: One is outside its range; named as scenes and robot files name it.
+        """
+        if not _is_number(self.concavity) or not 0.01 <= self.concavity <= 1.0:
+            raise ArgumentError("concavity", f"needs 0.01 to 1, got {self.concavity!r}")
+        if not _is_number(self.time_limit) or not 0.0 < self.time_limit <= LONGEST_TIME_LIMIT:
+            raise ArgumentError(
+                "decompose_time_limit",
+                f"needs seconds above 0, at most {LONGEST_TIME_LIMIT:g}, got {self.time_limit!r}",
+            )
 
 
-def convex_pieces(
-    mesh: trimesh.Trimesh, label: str, concavity: float = DEFAULT_CONCAVITY
-) -> tuple[Array, ...]:
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float, np.floating)) and not isinstance(value, bool)
+
+
+def convex_pieces(mesh: trimesh.Trimesh, label: str, cut: Cut = Cut()) -> tuple[Array, ...]:
     """Cut a mesh into convex pieces, or look up how it was cut before.
 
     Args:
         mesh: Triangle mesh.
         label: What messages call it.
-        concavity: Deepest hollow that a piece may fill, as a share of half the mesh's largest
-            extent; CoACD takes 0.01 to 1.
+        cut: How it is cut.
 
     Returns:
         Corners (V, 3) of each piece's convex hull; one piece if the mesh is convex. Read-only.
 
     Raises:
-        MeshError: The mesh encloses no volume, or CoACD finds no piece.
+        MeshError: The mesh encloses no volume, or CoACD finds no piece, takes longer than the time
+            limit or crashes.
 
     Warns:
         GrasplessPinWarning: The mesh is not watertight, or the pieces cannot be kept on disk.
@@ -88,13 +121,12 @@ def convex_pieces(
             GrasplessPinWarning,
             stacklevel=4,
         )
-    file = _cache_folder() / f"{_key(vertices, faces, concavity)}.npz"
+    file = _cache_folder() / f"{_key(vertices, faces, cut.concavity)}.npz"
     known = _read(file)
     if known is not None:
         return known
-    pieces = _with_sign_of_life(
-        f"cutting {label} into convex pieces", lambda: _cut(mesh, label, concavity)
-    )
+    with _sign_of_life(f"cutting {label} into convex pieces, for {cut.time_limit:g} s at most"):
+        pieces = _cut(mesh, label, cut)
     _write(file, pieces)
     return pieces
 
@@ -105,29 +137,43 @@ def _is_convex(mesh: trimesh.Trimesh) -> bool:
     return abs(mesh.volume) >= _CONVEX * mesh.convex_hull.volume
 
 
-def _cut(mesh: trimesh.Trimesh, label: str, concavity: float) -> tuple[Array, ...]:
-    import coacd  # a large library that most scenes do not need
-
-    coacd.set_log_level("error")
+def _cut(mesh: trimesh.Trimesh, label: str, cut: Cut) -> tuple[Array, ...]:
     pieces: list[Array] = []
-    for part in _parts(mesh):
-        if _is_convex(part):
-            cut = [(part.vertices, part.faces)]
-        else:
-            solid = coacd.Mesh(part.vertices, np.asarray(part.faces, dtype=np.int32))
-            cut = coacd.run_coacd(
-                solid, threshold=concavity, mcts_iterations=_ITERATIONS, seed=_SEED
-            )
-        for corners, _ in cut:
-            try:
-                pieces.append(hull_of(np.array(corners, dtype=np.float64)).vertices)
-            except (QhullError, ValueError):
-                continue  # a sliver without volume touches nothing that its neighbours do not
+    for corners in _corners(mesh, label, cut):
+        try:
+            pieces.append(hull_of(corners).vertices)
+        except (QhullError, ValueError):
+            continue  # a sliver without volume touches nothing that its neighbours do not
     if not pieces:
         raise MeshError(
             f"{label} cannot be cut into convex pieces; repair it, or use its convex hull"
         )
     return _read_only(pieces)
+
+
+def _corners(mesh: trimesh.Trimesh, label: str, cut: Cut) -> Iterator[Array]:
+    """Corners of the pieces of all parts."""
+    end = time.monotonic() + cut.time_limit
+    with ChildProcess() as child:
+        for part in _parts(mesh):
+            if _is_convex(part):
+                yield np.array(part.vertices, dtype=np.float64)
+                continue
+            arguments = np.array(part.vertices), np.array(part.faces), cut.concavity
+            left = max(end - time.monotonic(), 0.0)
+            try:
+                yield from child.call(run_coacd, *arguments, limit=left)
+            except OverrunError:
+                raise MeshError(
+                    f"{label} is not cut into convex pieces after {cut.time_limit:g} s; simplify "
+                    "or repair it, raise 'concavity' or 'decompose_time_limit', or use its convex "
+                    "hull"
+                ) from None
+            except CrashError as error:
+                raise MeshError(
+                    f"{label} cannot be cut into convex pieces: {error}; repair it, or use its "
+                    "convex hull"
+                ) from None
 
 
 def _parts(mesh: trimesh.Trimesh) -> list[trimesh.Trimesh]:
@@ -148,32 +194,29 @@ def _inverted(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
     return trimesh.Trimesh(mesh.vertices, mesh.faces[:, ::-1], process=False)
 
 
-def _with_sign_of_life(message: str, work: Callable[[], tuple[Array, ...]]) -> tuple[Array, ...]:
-    """Run slow work in a thread, with a moving bar on a terminal's standard error."""
-    results: list[tuple[Array, ...]] = []
-    errors: list[Exception] = []
+@contextmanager
+def _sign_of_life(message: str) -> Iterator[None]:
+    """Tell on standard error what slow work goes on; on a terminal with a moving bar."""
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    progress = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
 
-    def run() -> None:
-        try:
-            results.append(work())
-        except Exception as error:  # raised again below
-            errors.append(error)
-
-    # A daemon, so that an interrupt does not wait for it.
-    thread = threading.Thread(target=run, daemon=True)
-    thread.start()
-    thread.join(_PATIENCE)
-    if thread.is_alive():
-        console = Console(stderr=True)
-        columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-        with Progress(
-            *columns, console=console, transient=True, disable=not console.is_terminal
-        ) as progress:
+    def tell() -> None:
+        if console.is_terminal:
             progress.add_task(message, total=None)
-            thread.join()
-    if errors:
-        raise errors[0]
-    return results[0]
+            progress.start()
+        else:
+            console.print(message, markup=False, highlight=False, soft_wrap=True)
+
+    timer = threading.Timer(_PATIENCE, tell)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+        timer.join()
+        progress.stop()
 
 
 def _cache_folder() -> Path:
@@ -185,7 +228,7 @@ def _cache_folder() -> Path:
 
 def _key(vertices: Array, faces: NDArray[np.int32], concavity: float) -> str:
     version = importlib.metadata.version("coacd")
-    way = f"coacd {version} {concavity!r} {_ITERATIONS} {_SEED} {len(vertices)}"
+    way = f"coacd {version} {concavity!r} {ITERATIONS} {SEED} {len(vertices)}"
     digest = hashlib.sha256(way.encode())
     digest.update(vertices.tobytes())
     digest.update(faces.tobytes())

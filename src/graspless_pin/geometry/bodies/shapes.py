@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from graspless_pin.errors import ArgumentError, MeshError
 from graspless_pin.geometry.bodies.decomposition import (
     DEFAULT_CONCAVITY,
-    check_concavity,
+    DEFAULT_TIME_LIMIT,
+    Cut,
     convex_pieces,
 )
 from graspless_pin.geometry.bodies.meshes import file_state, hull_points, scaled_mesh
@@ -122,12 +123,14 @@ class MeshShape:
             keeps them (see `decomposition`).
         concavity: For ``decompose``: deepest hollow that is filled all the same, as a share of half
             the largest extent, 0.01 to 1.
+        decompose_time_limit: Seconds that the cut may take, at most 1e6.
     """
 
     path: Path
     scale: float | tuple[float, float, float] = 1.0
     convex: Literal["hull", "decompose"] = "hull"
     concavity: float = DEFAULT_CONCAVITY
+    decompose_time_limit: float = DEFAULT_TIME_LIMIT
 
     def __post_init__(self) -> None:
         """Check the numbers; the file is read when its geometry is asked for.
@@ -143,7 +146,7 @@ class MeshShape:
             object.__setattr__(self, "scale", _lengths("scale", self.scale))
         if self.convex not in ("hull", "decompose"):
             raise ArgumentError("convex", f"needs 'hull' or 'decompose', got {self.convex!r}")
-        check_concavity(self.concavity)
+        Cut(self.concavity, self.decompose_time_limit)
 
 
 Shape = Box | Sphere | Cylinder | Capsule | Cone | HalfSpace | MeshShape
@@ -200,7 +203,7 @@ def _decomposed(shape: MeshShape, _state: tuple[str, int, int]) -> tuple[Any, ..
     """Cut a mesh; the same geometries again for an object that has only been moved."""
     mesh = scaled_mesh(shape.path, shape.scale)
     label = f"mesh file '{shape.path}'"
-    pieces = convex_pieces(mesh, label, shape.concavity)
+    pieces = convex_pieces(mesh, label, Cut(shape.concavity, shape.decompose_time_limit))
     return tuple(convex_geometry(piece, label) for piece in pieces)
 
 

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from graspless_pin.errors import ArgumentError, MeshError
 from graspless_pin.geometry.bodies.decomposition import (
     DEFAULT_CONCAVITY,
-    check_concavity,
+    DEFAULT_TIME_LIMIT,
+    Cut,
     convex_pieces,
 )
 from graspless_pin.geometry.bodies.mesh_files import check_mesh_file
@@ -64,10 +65,12 @@ class LinkMeshes:
             for all links, or words by link, the others being hulls.
         concavity: For ``decompose``: deepest hollow that is filled all the same, as a share of half
             a mesh's largest extent, 0.01 to 1.
+        decompose_time_limit: Seconds that the cut of each mesh may take, at most 1e6.
     """
 
     convex: str | Mapping[str, str] = "hull"
     concavity: float = DEFAULT_CONCAVITY
+    decompose_time_limit: float = DEFAULT_TIME_LIMIT
 
     def __post_init__(self) -> None:
         """Check the words and the number.
@@ -81,10 +84,13 @@ class LinkMeshes:
             if word not in ("hull", "decompose"):
                 argument = f"convex[{link!r}]" if by_link else "convex"
                 raise ArgumentError(argument, f"needs 'hull' or 'decompose', got {word!r}")
-        check_concavity(self.concavity)
+        self._cut()
 
-    def cuts(self, links: Collection[str], prefix: str = "") -> dict[str, float]:
-        """Return which links' meshes are cut, and the concavity of the cut.
+    def _cut(self) -> Cut:
+        return Cut(self.concavity, self.decompose_time_limit)
+
+    def cuts(self, links: Collection[str], prefix: str = "") -> dict[str, Cut]:
+        """Return which links' meshes are cut, and how.
 
         Args:
             links: All links that have a mesh, with the prefix.
@@ -94,25 +100,25 @@ class LinkMeshes:
             ArgumentError: If a named link is not among them.
         """
         if not isinstance(self.convex, Mapping):
-            return dict.fromkeys(links if self.convex == "decompose" else (), self.concavity)
+            return dict.fromkeys(links if self.convex == "decompose" else (), self._cut())
         for link in self.convex:
             if prefix + link not in links:
                 known = ", ".join(name.removeprefix(prefix) for name in links) or "none"
                 message = f"unknown link with a collision mesh {link!r}; known: {known}"
                 raise ArgumentError("convex", message)
         named = [prefix + link for link, word in self.convex.items() if word == "decompose"]
-        return dict.fromkeys(named, self.concavity)
+        return dict.fromkeys(named, self._cut())
 
 
 def link_geometries(
-    model: Any, item: Any, cuts: Mapping[str, float] = MappingProxyType({})
+    model: Any, item: Any, cuts: Mapping[str, Cut] = MappingProxyType({})
 ) -> tuple[LinkGeometry, ...]:
     """Take one of Pinocchio's geometry objects over.
 
     Args:
         model: ``pinocchio.Model``.
         item: ``pinocchio.GeometryObject``.
-        cuts: Concavity by link whose meshes are cut into convex pieces; others become hulls.
+        cuts: How the meshes of some links are cut into convex pieces; others become hulls.
 
     Returns:
         A primitive or a convex hull, or the pieces.
@@ -128,13 +134,13 @@ def link_geometries(
     shapes = [item.geometry]
     if isinstance(item.geometry, coal.BVHModelBase):
         what = f"the collision mesh {item.meshPath} of link {link!r}"
-        concavity = cuts.get(link)
+        cut = cuts.get(link)
         points = [np.array(item.geometry.vertices())]
         if is_flat(points[0]):
             raise MeshError(f"{what} has no volume; give it a thickness or use a box")
         warn_of_scale(what, points[0], 'needs scale="0.001 0.001 0.001" in the URDF')
-        if concavity is not None:
-            points = convex_pieces(link_triangles(item.geometry), what, concavity)
+        if cut is not None:
+            points = convex_pieces(link_triangles(item.geometry), what, cut)
         shapes = [convex_geometry(corners, what) for corners in points]
     joint, T = int(item.parentJoint), np.array(item.placement.homogeneous)
     return tuple(LinkGeometry(link, joint, shape, T) for shape in shapes)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.errors import ArgumentError, RobotError
+from graspless_pin.geometry.bodies.decomposition import Cut
 from graspless_pin.geometry.hand.coupling import JointCoupling
 from graspless_pin.geometry.hand.effort_limits import expand_overrides, spread_names
 from graspless_pin.geometry.hand.finger_discovery import discover_hands
@@ -108,7 +109,7 @@ def join_mounts(mounts: Sequence[Mount], *, with_shapes: bool = True) -> JoinedM
         for robot, document, prefix in zip(robots, documents, prefixes, strict=True)
         for coupling in _couplings(robot, document, prefix)
     ]
-    cuts: dict[str, float] = {}
+    cuts: dict[str, Cut] = {}
     for mount, robot, document in zip(mounts, robots, documents, strict=True):
         cuts |= _cuts(mount, robot, document) if with_shapes else {}
     tree = build_tree(
@@ -131,8 +132,8 @@ def _couplings(robot: RobotDescription, document: UrdfDocument, prefix: str) -> 
     return couplings
 
 
-def _cuts(mount: Mount, robot: RobotDescription, document: UrdfDocument) -> dict[str, float]:
-    """Return the concavity by link of one robot whose meshes are cut."""
+def _cuts(mount: Mount, robot: RobotDescription, document: UrdfDocument) -> dict[str, Cut]:
+    """Return how the meshes of some links of one robot are cut."""
     links = dict.fromkeys(link for link, _ in document.meshes)
     if mount.meshes is not None:
         return mount.meshes.cuts(links, mount.prefix)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from graspless_pin.compiled import rigid_bodies
 from graspless_pin.errors import ArgumentError, RobotError
 from graspless_pin.geometry.bodies.collision import BodyShapes
+from graspless_pin.geometry.bodies.decomposition import Cut
 from graspless_pin.geometry.hand.coupling import Coupling, JointCoupling, resolve_couplings
 from graspless_pin.geometry.hand.link_shapes import LinkGeometry, link_geometries, load_link_mesh
 from graspless_pin.geometry.hand.urdf import UNBOUNDED, UrdfDocument
@@ -209,7 +210,7 @@ def build_tree(
     couplings: Iterable[JointCoupling] = (),
     *,
     with_shapes: bool = True,
-    cuts: Mapping[str, float] = MappingProxyType({}),
+    cuts: Mapping[str, Cut] = MappingProxyType({}),
 ) -> KinematicTree:
     """Build one tree of several URDFs, each fixed to the world at its pose.
 
@@ -217,7 +218,7 @@ def build_tree(
         parts: (document, (4, 4) ``T_world_base``) of each; names must differ between documents.
         couplings: Couplings that replace the documents' own for the same joints.
         with_shapes: Whether to read meshes and keep the collision shapes.
-        cuts: Concavity by link whose meshes are cut into convex pieces; others become hulls.
+        cuts: How the meshes of some links are cut into convex pieces; others become hulls.
 
     Returns:
         The tree.
