@@ -16,6 +16,8 @@ LARGEST_FRICTION = 1e4
 """A coefficient of friction; its cone is flat to a ten-thousandth."""
 LARGEST_REGULARIZATION = 1e9
 """The weight epsilon of the forces in an objective."""
+LONGEST_TIME = 1e6
+"""A time limit, s: eleven days."""
 LARGEST_LOAD_OVER_LIMIT = 1e12
 """The load over the largest normal force; beyond, no double holds both."""
 MOST_CONE_EDGES = 360

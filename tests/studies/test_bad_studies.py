@@ -57,6 +57,11 @@ LOADING = {
     ),
     "many steps of one value": ("to: 0.6", "to: 0.2", ": from 0.2 to 0.2 is one value, not 3"),
     "half a range": (", to: 0.6", "", ": needs either 'values', or both 'from' and 'to'"),
+    "no time": (
+        "algorithm: margin",
+        "sample_time_limit: 0",
+        ":7: compute.sample_time_limit: found 0; needs a finite number > 0, at most 1e+06",
+    ),
     "values and a range": (RANGE, "{values: [1], from: 0, to: 1}", ": found values and a range;"),
     "no values": (VALUES, "values: []", ":5: vary.slope.values: found []; needs a list of at"),
     "log scale from zero": (

@@ -12,6 +12,7 @@ from graspless_pin.magnitudes import (
     LARGEST_FRICTION,
     LARGEST_LENGTH,
     LARGEST_REGULARIZATION,
+    LONGEST_TIME,
     SMALLEST,
     SMALLEST_LENGTH,
 )
@@ -46,6 +47,8 @@ Friction = Annotated[float, Field(ge=0.0, le=LARGEST_FRICTION, allow_inf_nan=Fal
 Regularization = Annotated[
     float, Field(ge=0.0, le=LARGEST_REGULARIZATION, allow_inf_nan=False), _NUMBER
 ]
+Seconds = Annotated[float, Field(gt=0.0, le=LONGEST_TIME), _NUMBER]
+"""A time limit."""
 Whole = Annotated[int, Field(ge=0, le=2**63 - 1), _NUMBER]
 Count = Annotated[int, Field(ge=1, le=10_000_000), _NUMBER]
 Name = Annotated[str, Field(max_length=200)]

@@ -183,6 +183,8 @@ def _bounds(node: Node) -> str:
     least, most = node.get("minimum"), node.get("maximum")
     if most is None:
         return "" if least is None else f" >= {least:g}"
+    if least is None:
+        return f" > {node['exclusiveMinimum']:g}, at most {most:g}"
     if "exclusiveMinimum" in node:
         return f" > 0, from {least:g} to {most:g}"
     if least == -most:

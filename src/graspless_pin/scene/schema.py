@@ -30,6 +30,7 @@ from graspless_pin.intake.fields import (
     NotNegative,
     Positive,
     Regularization,
+    Seconds,
     Signed,
     no_truth_value,
 )
@@ -54,11 +55,7 @@ LinkConvex = Annotated[
         "as in the robot file, else hull",
     ),
 ]
-DecomposeTimeLimit = Annotated[
-    float,
-    Field(gt=0.0, le=1e6, description="s that the cut of each mesh may take"),
-    BeforeValidator(no_truth_value),
-]
+DecomposeTimeLimit = Annotated[Seconds, Field(description="s that the cut of each mesh may take")]
 Concavity = Annotated[
     float,
     Field(ge=0.01, le=1.0, description="coarseness of the cut"),

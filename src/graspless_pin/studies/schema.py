@@ -14,8 +14,8 @@ from graspless_pin.intake.fields import (
     FilePath,
     Name,
     NotNegative,
-    Positive,
     Regularization,
+    Seconds,
     Signed,
     Whole,
 )
@@ -148,10 +148,8 @@ class ComputeEntry(Entry):
     solver: Name | None = None
     regularization: Regularization | None = None
     node_limit: Count | None = Field(default=None, description="of each search over modes")
-    sample_time_limit: Positive | None = Field(
-        default=None,
-        le=1e6,
-        description="s, of all that is computed for a sample, its scene included",
+    sample_time_limit: Seconds | None = Field(
+        default=None, description="s, of all that is computed for a sample, its scene included"
     )
     force_bounds: bool = Field(default=False, description="the range of the margin, eq. (32)")
     disturbance_margin: bool = Field(

@@ -41,6 +41,7 @@ from graspless_pin.errors import (
 )
 from graspless_pin.geometry.bodies.coacd_call import ITERATIONS, SEED, run_coacd
 from graspless_pin.geometry.bodies.polytopes import hull_of
+from graspless_pin.magnitudes import LONGEST_TIME
 
 Array = NDArray[np.float64]
 
@@ -49,7 +50,6 @@ DEFAULT_CONCAVITY = 0.02
 
 DEFAULT_TIME_LIMIT = 60.0
 """Seconds that the cut of one mesh may take."""
-LONGEST_TIME_LIMIT = 1e6
 
 _CONVEX = 1.0 - 1e-6  # share of its hull that a mesh fills if it is convex
 _PATIENCE = 1.0  # s without a sign of life
@@ -77,10 +77,10 @@ class Cut:
         """
         if not _is_number(self.concavity) or not 0.01 <= self.concavity <= 1.0:
             raise ArgumentError("concavity", f"needs 0.01 to 1, got {self.concavity!r}")
-        if not _is_number(self.time_limit) or not 0.0 < self.time_limit <= LONGEST_TIME_LIMIT:
+        if not _is_number(self.time_limit) or not 0.0 < self.time_limit <= LONGEST_TIME:
             raise ArgumentError(
                 "decompose_time_limit",
-                f"needs seconds above 0, at most {LONGEST_TIME_LIMIT:g}, got {self.time_limit!r}",
+                f"needs seconds above 0, at most {LONGEST_TIME:g}, got {self.time_limit!r}",
             )
 
 

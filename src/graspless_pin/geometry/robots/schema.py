@@ -10,13 +10,19 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from graspless_pin.errors import RobotError, TextError
-from graspless_pin.geometry.bodies.decomposition import (
-    DEFAULT_CONCAVITY,
-    DEFAULT_TIME_LIMIT,
-    LONGEST_TIME_LIMIT,
-)
+from graspless_pin.geometry.bodies.decomposition import DEFAULT_CONCAVITY, DEFAULT_TIME_LIMIT
 from graspless_pin.geometry.hand.coupling import JointCoupling
-from graspless_pin.intake.fields import ByName, Few, FilePath, Finite, Many, Name, Number, Signed
+from graspless_pin.intake.fields import (
+    ByName,
+    Few,
+    FilePath,
+    Finite,
+    Many,
+    Name,
+    Number,
+    Seconds,
+    Signed,
+)
 from graspless_pin.intake.files import FileKind, read_text
 from graspless_pin.intake.yaml_text import parse_yaml
 
@@ -95,7 +101,7 @@ class RobotFile(_Entry):
     effort_limits: ByName[EffortEntry] = {}
     convex: Convex | ByName[Convex] = "hull"
     concavity: Number = Field(default=DEFAULT_CONCAVITY, ge=0.01, le=1.0)
-    decompose_time_limit: Number = Field(default=DEFAULT_TIME_LIMIT, gt=0.0, le=LONGEST_TIME_LIMIT)
+    decompose_time_limit: Seconds = DEFAULT_TIME_LIMIT
 
     @model_validator(mode="after")
     def _one_source(self) -> RobotFile:
