@@ -2,8 +2,8 @@
 
 It reads the arrays of a `QuasistaticProblem` as the exact rationals that they are and states
 equations (18) to (45) anew; it shares no other code with the package. Irrational numbers (the
-directions of the cones' faces, the length of a sliding velocity) are rounded at 2^-96. Powers of
-two bring forces and lengths near 1, which changes no digit.
+directions of the cones' faces, the length of a sliding velocity) are rounded at 2^-96. Forces are
+counted in loads and lengths in the arrangement's own, each rounded to few digits as a unit may be.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
+from scipy.optimize import nnls
 from tests.oracles.exact_programs import Infeasible, Optimum, Rows, solve
 
 from graspless_pin import QuasistaticProblem
@@ -27,6 +28,8 @@ Mode = tuple[Signs | None, ...]
 Vector = list[Fraction]
 
 _DIGITS = 96
+_ROUNDED_UP = Fraction(1, 10**25)
+_CLOSE = Fraction(1, 10**7)
 _FREE: tuple[None, None] = (None, None)
 
 
@@ -66,7 +69,7 @@ class ExactScene:
         question: What is asked.
         slack: How far every row of the forces may be missed, in units of the load; below zero,
             inequalities must hold with as much room.
-        still: Velocities up to this share of the largest sliding component count as zero.
+        still: Velocities up to this share of the largest component count as zero.
     """
 
     problem: QuasistaticProblem
@@ -75,32 +78,37 @@ class ExactScene:
     still: Fraction = Fraction(0)
     programs: int = 0
     _forces: dict[tuple[Any, ...], Optimum | None] = field(default_factory=dict)
-    _speeds: dict[Mode, Fraction] = field(default_factory=dict)
+    _speeds: dict[Mode, _Motions] = field(default_factory=dict)
 
     @cached_property
     def load(self) -> Fraction:
-        """The larger of |force| and |moment| / length of the wrench, near enough, N.
+        """The larger of the wrench's |force| and |moment about the contacts' centre| / length, N.
 
-        Without a wrench the required margin, and without that the least normal-force limit.
+        Without a wrench the least normal-force limit.
         """
-        force, moment = np.split(np.abs(self.problem.external_wrench), 2)
-        load = max(_exact(force.max()), _exact(moment.max()) / self.length)
-        if load == 0 and self.question.algorithm == "torque":
-            load = _exact(self.question.margin)
+        force, moment = (_vector(part) for part in np.split(self.problem.external_wrench, 2))
+        moment = [a - b for a, b in zip(moment, _cross(self._center, force), strict=True)]
+        load = max(_size(force), _size(moment) / self.length)
         return load or _exact(self.problem.max_normal_force.min())
 
     @cached_property
     def length(self) -> Fraction:
-        """The largest distance of a contact from the reference point, near enough, m."""
-        return _exact(np.abs(self.problem.positions).max()) or Fraction(1)
+        """The largest distance of a contact from the contacts' centre, m; 1 if there is none."""
+        return max(_size(arm) for arm in self._arms) or Fraction(1)
 
     @cached_property
     def levers(self) -> Vector:
-        """(L,) the largest torque of a unit force, near enough, m or 1; 1 for a joint of none."""
-        jacobian = self.problem.jacobian
-        return [
-            _exact(np.abs(jacobian[:, j]).max()) or Fraction(1) for j in range(jacobian.shape[1])
+        """(L,) the largest torque of a unit force at one contact, m or 1.
+
+        At least 1e-12 of the longest; the length where all are zero.
+        """
+        blocks = self.problem.jacobian.reshape(len(self._arms), 3, -1)
+        levers = [
+            max(_size(_vector(block[:, joint])) for block in blocks)
+            for joint in range(blocks.shape[2])
         ]
+        longest = max(levers, default=Fraction(0))
+        return [max(lever, longest / 10**12) or self.length for lever in levers]
 
     @cached_property
     def candidates(self) -> tuple[int, ...]:
@@ -114,15 +122,14 @@ class ExactScene:
             if self._has_cone[contact] or (self._slides[contact] and constrained)
         )
 
-    def optimum(self, threshold: Fraction | int = 0) -> Best | None:
+    def optimum(self, threshold: Fraction | float = 0) -> Best | None:
         """Return the optimum over all modes whose virtual motion is fast enough.
 
         Branch and bound over the contacts, each bound the exact optimum of the forces that what
         is decided leaves.
 
         Args:
-            threshold: Least share of the largest sliding component that a required component
-                must have; at 0 any motion counts.
+            threshold: See `admits`.
 
         Returns:
             None where nothing is feasible.
@@ -172,19 +179,34 @@ class ExactScene:
         for chosen in itertools.product(*ways):
             yield self._mode(dict(zip(self.candidates, chosen, strict=True)))
 
-    def admits(self, mode: Mode, threshold: Fraction | int = 0) -> bool:
-        """Whether a virtual motion stands behind a mode, (22), (29), (30)."""
-        speed = self.speed(mode)
-        return speed >= threshold if threshold else speed > 0
+    def admits(self, mode: Mode, threshold: Fraction | float = 0) -> bool:
+        """Whether a virtual motion stands behind a mode, (22), (29), (30).
 
-    def speed(self, mode: Mode) -> Fraction:
-        """Return how clearly the clearest motion of a mode slides, 0 if there is no motion.
-
-        Of all motions whose sliding components at all contacts are at most 1, the largest least
-        required component: ``s u`` under strict and exact, ``s1 u1 + s2 u2`` under nonzero.
+        Args:
+            mode: The mode.
+            threshold: How fast each required component must be, as a share of the length of all
+                contact velocities; at 0 any motion counts.
         """
+        motions = self._motions(mode)
+        if not threshold:
+            return motions.slowest > 0
+        motions.refine(until=Fraction(threshold))
+        return motions.slowest >= threshold
+
+    def speed(self, mode: Mode) -> Fraction | float:
+        """Return how fast the fastest motion of a mode is where it is slowest; 0 without one.
+
+        The slowest required sliding (``s u`` under strict and exact, ``s1 u1 + s2 u2`` under
+        nonzero) over the length of all contact velocities, to seven digits at best and never too
+        large; inf if none is required.
+        """
+        motions = self._motions(mode)
+        motions.refine()
+        return motions.slowest
+
+    def _motions(self, mode: Mode) -> _Motions:
         if mode not in self._speeds:
-            self._speeds[mode] = self._fastest(mode)
+            self._speeds[mode] = self._stated(mode)
         return self._speeds[mode]
 
     def miss(self, forces: Any) -> Fraction:
@@ -200,20 +222,20 @@ class ExactScene:
             # Frames are orthonormal to rounding only, which large forces would multiply.
             n, first, second = self._frames[contact]
             duals = [_cross(first, second), _cross(second, n), _cross(n, first)]
-            volume = _dot(n, duals[0]) * self._force
+            volume = _dot(n, duals[0]) * self.load
             x += [_dot(dual, force) / volume for dual in duals[: len(self._local[contact])]]
         worst = Fraction(0)
         for contact, force in enumerate(given):
             # What no coordinate carries: the kinetic friction's other directions.
-            share = x[self._columns[contact][0]] * self._force
+            share = x[self._columns[contact][0]] * self.load
             if len(self._local[contact]) == 1:
                 apart = [f - share * d for f, d in zip(force, self._local[contact][0], strict=True)]
-                worst = max(worst, *(abs(entry) / self._force for entry in apart))
+                worst = max(worst, *(abs(entry) / self.load for entry in apart))
         x.append(Fraction(0))
         for row, side, equal in self._statement(with_goal=False):
             room = side - _dot(row, x)
             worst = max(worst, abs(room) if equal else -room)
-        return worst * self._force / self.load
+        return worst
 
     # -- the forces ------------------------------------------------------------------------
 
@@ -258,25 +280,28 @@ class ExactScene:
         return [list(range(at, at + len(own))) for at, own in zip(start, self._local, strict=False)]
 
     @cached_property
-    def _force(self) -> Fraction:
-        return _near_power(self.load)
+    def _center(self) -> Vector:
+        places = [_vector(row) for row in self.problem.positions]
+        return [_coarse(sum(axis, Fraction()) / len(places)) for axis in zip(*places, strict=True)]
 
     @cached_property
-    def _size(self) -> Fraction:
-        """A length near the contacts' distances from one another, m."""
-        first = self.problem.positions[0]
-        return _near_power(_exact(np.abs(self.problem.positions - first).max()) or self.length)
+    def _arms(self) -> list[Vector]:
+        """(M, 3) positions about the contacts' centre, so that a far reference costs no digits."""
+        return [
+            [a - b for a, b in zip(_vector(row), self._center, strict=True)]
+            for row in self.problem.positions
+        ]
 
     @cached_property
     def _torques(self) -> Vector:
         """(L,) sizes of torques, N m."""
-        return [_near_power(self._force * lever) for lever in self.levers]
+        return [_coarse(self.load * lever) for lever in self.levers]
 
     @cached_property
     def _goal_size(self) -> Fraction:
         """What a unit of the last variable is: N, N m or 1."""
         if self.question.algorithm == "margin":
-            return self._force
+            return self.load
         return Fraction(1) if self.question.by_limits else max(self._torques, default=Fraction(1))
 
     def _statement(self, *, with_goal: bool) -> list[tuple[Vector, Fraction, bool]]:
@@ -285,7 +310,7 @@ class ExactScene:
         Args:
             with_goal: Whether to ask for the goal, too; else for the constraints alone.
         """
-        problem, question, force = self.problem, self.question, self._force
+        problem, question, force = self.problem, self.question, self.load
         size = self._columns[-1][-1] + 2
         rows: list[tuple[Vector, Fraction, bool]] = []
         is_margin = question.algorithm == "margin"
@@ -298,21 +323,19 @@ class ExactScene:
                 row[column] += entry
             rows.append((row, side, equal))
 
-        places = [_vector(row) for row in problem.positions]
+        arms = self._arms
         columns = [
             (column, contact, direction)
             for contact, own in enumerate(self._columns)
             for column, direction in zip(own, self._local[contact], strict=True)
         ]
         pull, twist = _vector(problem.external_wrench[:3]), _vector(problem.external_wrench[3:])
-        # Moments about the first contact, so that a far reference point costs no digits.
-        twist = [a - b for a, b in zip(twist, _cross(places[0], pull), strict=True)]
-        arms = [[a - b for a, b in zip(place, places[0], strict=True)] for place in places]
+        twist = [a - b for a, b in zip(twist, _cross(self._center, pull), strict=True)]
         for axis in range(3):
             add({c: d[axis] for c, _, d in columns}, -pull[axis] / force, equal=True)
         for axis in range(3):
-            turned = {c: _cross(arms[at], d)[axis] / self._size for c, at, d in columns}
-            add(turned, -twist[axis] / (force * self._size), equal=True)
+            turned = {c: _cross(arms[at], d)[axis] / self.length for c, at, d in columns}
+            add(turned, -twist[axis] / (force * self.length), equal=True)
         for contact, own in enumerate(self._columns):
             limit = _exact(problem.max_normal_force[contact]) / force
             add({own[0]: Fraction(1), size - 1: room}, limit - keeps)
@@ -348,7 +371,7 @@ class ExactScene:
 
     @cached_property
     def _rows(self) -> Rows:
-        slack = self.slack * self.load / self._force
+        slack = self.slack
         equations, others = [], []
         for row, side, equal in self._statement(with_goal=True):
             if equal and slack <= 0:
@@ -411,7 +434,7 @@ class ExactScene:
         """(M, 3) forces of coordinates, N."""
         return tuple(
             tuple(
-                self._force
+                self.load
                 * sum((x[c] * d[axis] for c, d in zip(own, local, strict=True)), Fraction())
                 for axis in range(3)
             )
@@ -449,15 +472,14 @@ class ExactScene:
 
     @cached_property
     def _velocities(self) -> list[list[Vector]]:
-        """(M, 3, 6 + L) velocities along n, t1, t2 of motions [V about contact 0; joint rates]."""
+        """(M, 3, 6 + L) velocities along n, t1, t2 of motions [V about the centre; rates]."""
         problem = self.problem
-        places = [_vector(row) for row in problem.positions]
         blocks = []
         for contact, frame in enumerate(self._frames):
-            arm = [(a - b) / self._size for a, b in zip(places[contact], places[0], strict=True)]
+            arm = [entry / self.length for entry in self._arms[contact]]
             own = problem.jacobian[3 * contact : 3 * contact + 3]
             rates = [
-                [_exact(entry) / _near_power(lever) for entry in own[:, joint]]
+                [_exact(entry) / lever for entry in own[:, joint]]
                 for joint, lever in enumerate(self.levers)
             ]
             # The velocity of the point is v + w x arm, so along an axis w counts arm x axis.
@@ -469,25 +491,15 @@ class ExactScene:
             )
         return blocks
 
-    @cached_property
-    def _at_most_one(self) -> Rows:
-        """No sliding component is larger than 1; nor is the required speed."""
-        size = len(self._velocities[0][0]) + 1
-        rows: list[tuple[Vector, Fraction]] = [
-            ([sign * entry for entry in row] + [Fraction(0)], Fraction(1))
-            for block in self._velocities
-            for row in block[1:]
-            for sign in (1, -1)
-        ]
-        rows.append(([Fraction(0)] * (size - 1) + [Fraction(1)], Fraction(1)))
-        return Rows.of([], rows)
-
-    def _fastest(self, mode: Mode) -> Fraction:
+    def _stated(self, mode: Mode) -> _Motions:
         nothing, one = Fraction(0), Fraction(1)
         equations: list[tuple[Vector, Fraction]] = []
         others: list[tuple[Vector, Fraction]] = []
 
+        still: list[Vector] = []
+
         def vanish(row: Vector) -> None:
+            still.append(row)
             if self.still:
                 others.extend(([sign * e for e in row] + [nothing], self.still) for sign in (1, -1))
             else:
@@ -509,14 +521,118 @@ class ExactScene:
                     others.append(([*row, one], nothing))
                 else:
                     vanish(tangent)
-        if not others:
-            return one
-        rows = Rows.of(equations, others).joined(self._at_most_one)
-        self.programs += 1
-        answer = solve(rows, [*[nothing] * (len(self._velocities[0][0])), -one])
+        velocities = [row for block in self._velocities for row in block]
+        return _Motions(velocities, still, equations, others)
+
+
+class _Motions:
+    """The motions of one mode, and how fast the fastest is where it is slowest.
+
+    Contact velocities of length 1 lie in a cube; its program bounds the speed from above, and the
+    motion found, brought to length 1, from below: within a factor of the root of the number of
+    components. Closer, floats propose the best velocities: the plane that touches the ball there
+    bounds the speed from above, and a rational motion next to them from below.
+
+    Attributes:
+        slowest: The required speed that a motion of length 1 surely has.
+        bound: What none exceeds.
+    """
+
+    def __init__(
+        self,
+        velocities: list[Vector],
+        still: list[Vector],
+        equations: list[tuple[Vector, Fraction]],
+        others: list[tuple[Vector, Fraction]],
+    ) -> None:
+        """Take rows of the motion, and rows a^T x = or <= b of the motion and the speed.
+
+        Args:
+            velocities: (3M, 6 + L).
+            still: Those of them that vanish.
+            equations: What says so.
+            others: What the speed says of the motion, first of all.
+        """
+        self.slowest: float | Fraction = Fraction(0)
+        self.bound: float | Fraction = Fraction(1)
+        self._velocities, self._still = velocities, still
+        size = len(velocities[0])
+        self._asked = [row for row, side in others if not side]
+        if not self._asked:
+            self.slowest = self.bound = math.inf
+            return
+        box: list[tuple[Vector, Fraction]] = [
+            ([sign * entry for entry in row] + [Fraction(0)], Fraction(1))
+            for row in velocities
+            for sign in (1, -1)
+        ]
+        box.append(([Fraction(0)] * size + [Fraction(1)], Fraction(1)))
+        self._rows = Rows.of(equations, others + box)
+        self._cost = [*[Fraction(0)] * size, Fraction(-1)]
+        self._bound_by(self._rows)
+
+    def refine(self, until: Fraction | None = None) -> None:
+        """Narrow what is known, or only to one side of a speed."""
+        if self.slowest >= self.bound * (1 - _CLOSE):
+            return
+        if until is not None and not self.slowest < until <= self.bound:
+            return
+        proposed = self._proposed()
+        if proposed is None:
+            return
+        nothing = Fraction(0)
+        touching = [
+            sum((n * v[j] for n, v in zip(proposed, self._velocities, strict=True)), Fraction())
+            for j in range(len(self._velocities[0]))
+        ]
+        reach = _root(_dot(proposed, proposed)) + _ROUNDED_UP
+        self._bound_by(self._rows.joined(Rows.of([], [([*touching, nothing], reach)])))
+        near = [
+            ([sign * entry for entry in row] + [nothing], sign * n + _CLOSE / 100)
+            for row, n in zip(self._velocities, proposed, strict=True)
+            for sign in (1, -1)
+        ]
+        self._bound_by(self._rows.joined(Rows.of([], near)), above=False)
+
+    def _bound_by(self, rows: Rows, *, above: bool = True) -> None:
+        """Solve a program; it holds all motions of length 1 if it bounds the speed from above."""
+        answer = solve(rows, self._cost)
         if isinstance(answer, Infeasible):
-            return nothing
-        return -answer.value
+            if above:
+                self.bound = Fraction(0)
+            return
+        *motion, speed = answer.x
+        if above:
+            self.bound = min(self.bound, speed)
+        u = [_dot(row, motion) for row in self._velocities]
+        largest = max(abs(entry) for entry in u)
+        if speed and largest:
+            length = _root(sum(((e / largest) ** 2 for e in u), Fraction())) + _ROUNDED_UP
+            self.slowest = max(self.slowest, speed / (largest * length))
+
+    def _proposed(self) -> Vector | None:
+        """(3M,) velocities of length 1 that are likely to slide fastest where they are slowest.
+
+        The shortest combination of the required rows, by nonnegative least squares.
+        """
+        velocities = np.array(self._velocities, dtype=float)
+        left, values, right = np.linalg.svd(velocities, full_matrices=False)
+        rank = int((values > 1e-12 * values.max()).sum())
+        back = right[:rank].T / values[:rank]
+        basis = np.eye(rank)
+        if self._still:
+            _, sizes, rest = np.linalg.svd(np.array(self._still, dtype=float) @ back)
+            basis = rest[int((sizes > 1e-10).sum()) :].T
+        asked = np.array(self._asked, dtype=float)
+        moving = -asked[:, :-1] @ back @ basis
+        system = np.vstack([moving.T, asked[:, -1]])
+        try:
+            weights, _ = nnls(system, np.eye(len(system))[-1])
+        except RuntimeError:  # too many iterations
+            return None
+        u = left[:, :rank] @ basis @ (moving.T @ weights)
+        size = float(np.linalg.norm(u))
+        return _vector(u / size) if size > 0.0 else None
 
 
 def _exact(value: Any) -> Fraction:
@@ -539,9 +655,20 @@ def _cross(a: Sequence[Fraction], b: Sequence[Fraction]) -> Vector:
     ]
 
 
-def _near_power(value: Fraction) -> Fraction:
-    """The power of two next below a positive number."""
-    return Fraction(2) ** (math.frexp(float(value))[1] - 1)
+def _coarse(value: Fraction, digits: int = 12) -> Fraction:
+    """A value near another one, to so many binary digits."""
+    if not value:
+        return value
+    power = Fraction(2) ** (math.frexp(float(value))[1] - digits)
+    return round(value / power) * power
+
+
+def _size(vector: Sequence[Fraction]) -> Fraction:
+    """The length of a vector, near enough for a unit."""
+    largest = max(abs(entry) for entry in vector)
+    if not largest:
+        return largest
+    return _coarse(largest * _root(sum(((e / largest) ** 2 for e in vector), Fraction())))
 
 
 def _rounded(value: Fraction) -> Fraction:

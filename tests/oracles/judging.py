@@ -1,8 +1,7 @@
 """Hold what the package answers on a scene of any scale against the exact optimum.
 
 What is judged is the statement, not the way to it: whether forces exist, the value, the forces
-themselves, the mode's virtual motion and the proven bound. The unit is the load: the larger of
-|force| and |moment| / length of the wrench, or the forces that the question asks for without one.
+themselves, the mode's virtual motion and the proven bound. The unit is the load (docs/limits.md).
 """
 
 from __future__ import annotations
@@ -28,7 +27,9 @@ from graspless_pin.errors import ArgumentError
 TOLERANCE = Fraction(1, 10**6)
 """What is asked: forces of the load, or of the value where that is larger."""
 THRESHOLD = Fraction(1, 10**6)
-"""The share of the largest sliding component at which a virtual motion counts."""
+"""The share of all contact velocities at which a virtual sliding counts (docs/rules.md)."""
+STILL = Fraction(1, 10**8)
+"""The share up to which a velocity along a normal is rounding."""
 ROUNDING = Fraction(1, 10**12)
 """Of the load: what the arrays' own rounding may cost a degenerate scene its exact balance."""
 
@@ -123,15 +124,16 @@ class _Comparison:
             return Verdict(Outcome.WRONG, f"{fault}; {self._told(exact)}", found=found)
         if self._agrees(exact, exact):
             return Verdict(Outcome.AGREE, "", self._error(exact), found)
-        motions = [scene.optimum(THRESHOLD * factor) for factor in (Fraction(1, 10), 10)]
-        if self._agrees(*motions):
+        # What the arrays' rounding takes from coplanar contacts and degenerate balances.
+        for still in (Fraction(0), ROUNDING, STILL):
+            meant = self._with(ROUNDING, still).optimum(THRESHOLD)
+            if self._agrees(meant, meant):
+                return Verdict(Outcome.AGREE, "", self._error(meant), meant is not None)
+        slow = self._with(ROUNDING, 10 * STILL).optimum(THRESHOLD / 10)
+        if self._agrees(slow, scene.optimum(THRESHOLD * 10)):
             return Verdict(Outcome.THRESHOLD, self._told(exact), found=found)
-        nearly = self._with(slack=ROUNDING)
-        meant = nearly.optimum(THRESHOLD)
-        if self._agrees(meant, meant):
-            return Verdict(Outcome.AGREE, "", self._error(meant), meant is not None)
-        loose = self._with(slack=TOLERANCE).optimum(THRESHOLD / 10)
-        tight = self._with(slack=-TOLERANCE).optimum(THRESHOLD * 10)
+        loose = self._with(TOLERANCE, 10 * STILL).optimum(THRESHOLD / 10)
+        tight = self._with(-TOLERANCE).optimum(THRESHOLD * 10)
         if self._agrees(loose, tight):
             return Verdict(Outcome.TOLERANCE, self._told(exact), found=found)
         return Verdict(Outcome.WRONG, self._told(exact), self._error(exact), found)
@@ -199,8 +201,8 @@ class _Comparison:
         exact = "infeasible" if best is None else f"{float(best.value):.9g}"
         return f"answer {own}, exact {exact}, {spread(self.scene)}"
 
-    def _with(self, slack: Fraction) -> ExactScene:
-        return ExactScene(self.scene.problem, self.scene.question, slack)
+    def _with(self, slack: Fraction, still: Fraction = Fraction(0)) -> ExactScene:
+        return ExactScene(self.scene.problem, self.scene.question, slack, still)
 
     def _fault(self) -> str:
         """What the solution says of itself that is not so; empty if nothing."""
