@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 import trimesh
 
-from graspless_pin import load_scene
+from graspless_pin import Hand, load_scene
 from graspless_pin.errors import GrasplessPinError, MeshError, RobotError, SceneError
-from graspless_pin.geometry.bodies.meshes import load_mesh
+from graspless_pin.geometry.bodies.meshes import hull_points, load_mesh
 from graspless_pin.geometry.hand.urdf import read_urdf
 from graspless_pin.geometry.robots.audit import audit_urdf
 from graspless_pin.geometry.robots.files import load_robot
@@ -113,11 +113,11 @@ URDF = (
 )
 
 
-def read_link(path: Path) -> None:
-    """Read a mesh as a robot's link, through Pinocchio."""
+def read_link(path: Path) -> Hand:
+    """Read a mesh as a robot's link."""
     urdf = path.with_suffix(".urdf")
     urdf.write_text(URDF.format(path), encoding="utf-8")
-    read_urdf(urdf)
+    return Hand.from_urdf(urdf)
 
 
 def test_colours_of_an_obj_are_not_looked_for(tmp_path):
@@ -126,40 +126,67 @@ def test_colours_of_an_obj_are_not_looked_for(tmp_path):
     for name in ("pipe.mtl", "/dev/zero", "missing.mtl"):
         file.write_text(OBJ.format(name), encoding="utf-8")
         assert len(load_mesh(file).faces) == 4
-
-
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("pipe.mtl", "names 'pipe.mtl', which is no regular file"),
-        ("/dev/zero", "only files beside it are opened"),
-        ("../other.mtl", "only files beside it are opened"),
-        ("C:\\other.mtl", "only files beside it are opened"),
-    ],
-)
-@pytest.mark.parametrize(("ending", "text"), [(".obj", OBJ), (".gltf", GLTF)])
-def test_other_readers_get_no_special_files_either(tmp_path, name, message, ending, text):
-    make_pipe(tmp_path / "pipe.mtl")
-    file = tmp_path / f"mesh{ending}"
-    file.write_text(text.format(name.replace("\\", "/")), encoding="utf-8")
-    with pytest.raises(MeshError, match=message):
-        read_link(file)
+        assert len(read_link(file).collision_bodies()) == 1
 
 
 def test_a_mesh_of_a_link_has_a_known_format(tmp_path):
     file = tmp_path / "mesh.blend"
     file.write_bytes(b"BLENDER")
-    with pytest.raises(MeshError, match=r"unknown ending .\.blend.; use one of \.stl"):
+    with pytest.raises(MeshError, match=r"unknown ending '.blend'; use one of \.stl"):
         read_link(file)
 
 
+PLY = """\
+ply
+format ascii 1.0
+element vertex 4
+property float x
+property float y
+property float z
+element face 4
+property list uchar int vertex_indices
+end_header
+0 0 0
+1 0 0
+0 1 0
+0 0 {}
+3 0 2 1
+3 0 1 3
+3 0 3 2
+3 1 2 {}
+"""
+
+
+@pytest.mark.parametrize(
+    ("height", "corner", "message"),
+    [
+        (1, 4, "faces of vertices that it does not have"),
+        (1, 2_000_000_000, "faces of vertices that it does not have|cannot be read"),
+        (1, -1, "faces of vertices that it does not have"),
+        ("nan", 3, "vertices that are not finite"),
+        ("inf", 3, "vertices that are not finite"),
+        (1e30, 3, r"vertices beyond ±1e\+12"),
+        (0, 3, "lie in one plane|has no volume"),
+    ],
+)
+def test_broken_meshes_are_named(tmp_path, height, corner, message):
+    """Readers of meshes in C++ crash on some of these."""
+    file = tmp_path / "mesh.ply"
+    file.write_text(PLY.format(height, corner), encoding="utf-8")
+    with pytest.raises(MeshError, match=message):
+        hull_points(file, 1.0)
+    with pytest.raises(MeshError, match=f"link 'l'.*({message})"):
+        read_link(file)
+
+
+@pytest.mark.parametrize("read", [load_mesh, read_link])
 @pytest.mark.parametrize("name", ["pipe.bin", "/dev/zero", "../other.bin"])
-def test_buffers_of_a_gltf(tmp_path, name):
+def test_buffers_of_a_gltf(tmp_path, name, read):
     make_pipe(tmp_path / "pipe.bin")
     file = tmp_path / "mesh.gltf"
     file.write_text(GLTF.format(name), encoding="utf-8")
     with pytest.raises(MeshError, match=r"only files beside it|no regular file"):
-        load_mesh(file)
+        read(file)
 
 
 def test_a_gltf_of_several_files(tmp_path):

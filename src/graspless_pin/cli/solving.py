@@ -103,7 +103,7 @@ def _verified(file: Path) -> Verification:
         document = read_document(file)
         try:
             return verify_document(document)
-        except ValueError as error:
+        except (ValueError, ArithmeticError) as error:
             raise SceneError(f"{file}: {error}") from error
 
 

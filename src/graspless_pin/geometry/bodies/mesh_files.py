@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
-import re
 from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import unquote
@@ -13,13 +11,11 @@ import trimesh
 from trimesh.resolvers import Resolver
 
 from graspless_pin.errors import MeshError, TextError
-from graspless_pin.intake.files import FileKind, check_file, is_file, read_bytes
+from graspless_pin.intake.files import FileKind, is_file, read_bytes
 from graspless_pin.intake.xml_text import check_xml
 
 MESH_FORMATS = (".stl", ".obj", ".dae", ".glb", ".gltf", ".ply", ".off")
 MESH = FileKind("mesh file", 64, MeshError)
-_NAMING = (".obj", ".dae", ".glb", ".gltf")  # formats that name other files or are XML
-_LIBRARY = re.compile(rb"^[ \t]*mtllib[ \t]+([^\r\n]+)", re.MULTILINE)
 
 
 def unknown_format(path: Path) -> MeshError:
@@ -42,34 +38,10 @@ def parse_mesh(path: Path) -> Any:
     if ending == ".dae":
         _check_dae(path, content)
     resolver = _Beside(path) if ending == ".gltf" else None
-    return trimesh.load_mesh(io.BytesIO(content), file_type=ending[1:], resolver=resolver)
-
-
-def check_mesh_file(path: Path) -> None:
-    """Check a mesh file that another library will open by its path, and the files that it names.
-
-    Raises:
-        MeshError: If one is no regular file or too large, is not beside the mesh, or XML breaks
-            its bounds.
-    """
-    ending = path.suffix.lower()
-    if ending not in MESH_FORMATS:
-        raise unknown_format(path)
-    check_file(path, MESH)
-    if ending not in _NAMING:
-        return
-    content = read_bytes(path, MESH)
-    if ending == ".dae":
-        _check_dae(path, content)
-        return
-    if ending == ".obj":
-        names = [name.decode("utf-8", "replace").strip() for name in _LIBRARY.findall(content)]
-    else:
-        names = _addresses(content[max(content.find(b"{"), 0) :])
-    for name in names:
-        file = _beside(path, name)
-        if is_file(file):  # a missing library of colours is nobody's loss
-            check_file(file, MESH)
+    # Unprocessed: what is wrong with vertices is not to be left out before anybody sees it.
+    return trimesh.load_mesh(
+        io.BytesIO(content), file_type=ending[1:], resolver=resolver, process=False
+    )
 
 
 class _Beside(Resolver):
@@ -109,17 +81,6 @@ def _is_missing(file: Path) -> bool:
         return not file.exists()
     except OSError:
         return True
-
-
-def _addresses(content: bytes) -> list[str]:
-    """Return the files that the JSON of a glTF names; none if it cannot be read."""
-    try:
-        tree, _ = json.JSONDecoder().raw_decode(content.decode("utf-8", "replace"))
-        items = [*tree.get("buffers", []), *tree.get("images", [])]
-        found = [item.get("uri") for item in items]
-    except (ValueError, AttributeError, TypeError, RecursionError):
-        return []
-    return [uri for uri in found if isinstance(uri, str) and not uri.startswith("data:")]
 
 
 def _check_dae(path: Path, content: bytes) -> None:

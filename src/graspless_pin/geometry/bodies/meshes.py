@@ -29,8 +29,8 @@ def load_mesh(path: Path) -> trimesh.Trimesh:
     """Read all parts of a mesh file as one mesh, in the file's units.
 
     Raises:
-        MeshError: The file is missing, of an unknown format, unreadable, without faces or has
-            vertices that are not finite.
+        MeshError: The file is missing, of an unknown format, unreadable or without faces, names
+            vertices that it does not have, or has some that are not finite.
     """
     file_state(path)
     if path.suffix.lower() not in MESH_FORMATS:
@@ -43,13 +43,20 @@ def load_mesh(path: Path) -> trimesh.Trimesh:
         raise MeshError(
             f"mesh file '{path}' cannot be read as {path.suffix[1:].upper()}: {error}"
         ) from error
-    if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0:
+    if not isinstance(mesh, trimesh.Trimesh) or len(mesh.faces) == 0 or len(mesh.vertices) == 0:
         raise MeshError(f"mesh file '{path}' has no faces; export it as a triangle mesh")
+    # Not all readers behind trimesh look.
+    if mesh.faces.min() < 0 or mesh.faces.max() >= len(mesh.vertices):
+        raise MeshError(f"mesh file '{path}' has faces of vertices that it does not have")
     if not np.isfinite(mesh.vertices).all():
         raise MeshError(f"mesh file '{path}' has vertices that are not finite numbers")
-    if not np.abs(mesh.vertices).max() <= LARGEST_LENGTH:
-        raise MeshError(f"mesh file '{path}' has vertices beyond ±{LARGEST_LENGTH:g}")
+    _check_extent(path, mesh)
     return mesh
+
+
+def _check_extent(path: Path, mesh: trimesh.Trimesh) -> None:
+    if not np.abs(mesh.vertices).max() <= LARGEST_LENGTH:
+        raise MeshError(f"mesh file '{path}' has vertices beyond ±{LARGEST_LENGTH:g} m")
 
 
 def scaled_mesh(path: Path, scale: Scale) -> trimesh.Trimesh:
@@ -89,6 +96,7 @@ def file_state(path: Path) -> tuple[str, int, int]:
 def _scaled_mesh(path: Path, scale: Scale, _state: tuple[str, int, int]) -> trimesh.Trimesh:
     mesh = load_mesh(path)
     mesh.apply_scale(np.broadcast_to(np.asarray(scale, dtype=float), 3))
+    _check_extent(path, mesh)
     # Colours and normals per corner keep corners apart that are one.
     mesh.merge_vertices(merge_tex=True, merge_norm=True)
     return mesh

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
@@ -20,9 +18,9 @@ from graspless_pin.geometry.bodies.decomposition import (
     Cut,
     convex_pieces,
 )
-from graspless_pin.geometry.bodies.mesh_files import check_mesh_file
-from graspless_pin.geometry.bodies.meshes import warn_of_scale
+from graspless_pin.geometry.bodies.meshes import scaled_mesh, warn_of_scale
 from graspless_pin.geometry.bodies.shapes import convex_geometry
+from graspless_pin.geometry.hand.urdf_links import LinkMesh
 from graspless_pin.geometry.pickling import remake
 
 FLATNESS = 1e-7
@@ -111,7 +109,10 @@ class LinkMeshes:
 
 
 def link_geometries(
-    model: Any, item: Any, cuts: Mapping[str, Cut] = MappingProxyType({})
+    model: Any,
+    item: Any,
+    cuts: Mapping[str, Cut] = MappingProxyType({}),
+    mesh: tuple[LinkMesh, str] | None = None,
 ) -> tuple[LinkGeometry, ...]:
     """Take one of Pinocchio's geometry objects over.
 
@@ -119,12 +120,14 @@ def link_geometries(
         model: ``pinocchio.Model``.
         item: ``pinocchio.GeometryObject``.
         cuts: How the meshes of some links are cut into convex pieces; others become hulls.
+        mesh: The mesh that the object stands for, and the URDF's name for messages; None: it is
+            a primitive.
 
     Returns:
         A primitive or a convex hull, or the pieces.
 
     Raises:
-        MeshError: If a mesh has no volume or cannot be cut.
+        MeshError: If a mesh cannot be read, has no volume or cannot be cut.
 
     Warns:
         MeshScaleWarning: A mesh is larger than 5 m or smaller than 1 mm.
@@ -132,47 +135,36 @@ def link_geometries(
     """
     link = model.frames[item.parentFrame].name
     shapes = [item.geometry]
-    if isinstance(item.geometry, coal.BVHModelBase):
-        what = f"the collision mesh {item.meshPath} of link {link!r}"
+    if mesh is not None:
+        what = f"the collision mesh {mesh[0].file} of link {link!r}"
         cut = cuts.get(link)
-        points = [np.array(item.geometry.vertices())]
+        surface = load_link_mesh(mesh[0], mesh[1])
+        points = [np.array(surface.vertices, dtype=np.float64)]
         if is_flat(points[0]):
             raise MeshError(f"{what} has no volume; give it a thickness or use a box")
         warn_of_scale(what, points[0], 'needs scale="0.001 0.001 0.001" in the URDF')
         if cut is not None:
-            points = convex_pieces(link_triangles(item.geometry), what, cut)
+            points = convex_pieces(surface, what, cut)
         shapes = [convex_geometry(corners, what) for corners in points]
     joint, T = int(item.parentJoint), np.array(item.placement.homogeneous)
     return tuple(LinkGeometry(link, joint, shape, T) for shape in shapes)
 
 
-def link_triangles(mesh: Any) -> trimesh.Trimesh:
-    """Return a triangle soup of coal's as a mesh whose triangles share their corners."""
-    corners = [mesh.tri_indices(index) for index in range(mesh.num_tris)]
-    faces = [[corner[0], corner[1], corner[2]] for corner in corners]
-    return trimesh.Trimesh(np.array(mesh.vertices()), faces)
-
-
-def load_link_mesh(file: Path, label: str, link: str) -> Any:
-    """Read a link's collision mesh in the file's own units.
+def load_link_mesh(mesh: LinkMesh, label: str) -> trimesh.Trimesh:
+    """Read a link's collision mesh in metres; do not change what is returned.
 
     Args:
-        file: The mesh file.
+        mesh: The mesh.
         label: The URDF, for the message.
-        link: The link, for the message.
 
     Raises:
         MeshError: If it cannot be read.
     """
     try:
-        check_mesh_file(file)
-        return coal.MeshLoader().load(str(file), np.ones(3))
+        return scaled_mesh(mesh.file, mesh.scale)
     except MeshError as error:
-        raise MeshError(f"{label}: the collision mesh of link {link!r}: {error}") from None
-    except Exception as error:  # coal raises its own C++ exceptions as plain ones
         raise MeshError(
-            f"{label}: the collision mesh {file} of link {link!r} cannot be read; "
-            "export it again as STL, OBJ or DAE"
+            f"{label}: the collision mesh {mesh.file} of link {mesh.link!r}: {error}"
         ) from error
 
 

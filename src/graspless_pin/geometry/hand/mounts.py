@@ -134,7 +134,7 @@ def _couplings(robot: RobotDescription, document: UrdfDocument, prefix: str) -> 
 
 def _cuts(mount: Mount, robot: RobotDescription, document: UrdfDocument) -> dict[str, Cut]:
     """Return how the meshes of some links of one robot are cut."""
-    links = dict.fromkeys(link for link, _ in document.meshes)
+    links = dict.fromkeys(mesh.link for mesh in document.meshes)
     if mount.meshes is not None:
         return mount.meshes.cuts(links, mount.prefix)
     try:

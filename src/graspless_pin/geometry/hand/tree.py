@@ -17,7 +17,7 @@ from graspless_pin.errors import ArgumentError, RobotError
 from graspless_pin.geometry.bodies.collision import BodyShapes
 from graspless_pin.geometry.bodies.decomposition import Cut
 from graspless_pin.geometry.hand.coupling import Coupling, JointCoupling, resolve_couplings
-from graspless_pin.geometry.hand.link_shapes import LinkGeometry, link_geometries, load_link_mesh
+from graspless_pin.geometry.hand.link_shapes import LinkGeometry, link_geometries
 from graspless_pin.geometry.hand.urdf import UNBOUNDED, UrdfDocument
 from graspless_pin.geometry.hand.urdf_visuals import LinkVisual
 from graspless_pin.geometry.hand.work_space import Kinematics, WorkSpace
@@ -236,6 +236,9 @@ def build_tree(
         model, geometry_model = pin.appendModel(
             model, part, geometry_model, part_geometry, 0, pin.SE3(np.array(T_world_base))
         )
+    meshes = {
+        mesh.name: (mesh, document.label) for document, _ in parts for mesh in document.meshes
+    }
     joint_names = tuple(model.names)[1:]
     follows = {item.joint: item for document, _ in parts for item in document.mimics}
     follows |= {item.joint: item for item in couplings}
@@ -254,7 +257,7 @@ def build_tree(
         geometries=tuple(
             shape
             for item in geometry_model.geometryObjects
-            for shape in link_geometries(model, item, cuts)
+            for shape in link_geometries(model, item, cuts, meshes.get(item.name))
         ),
         coupling=resolve_couplings(joint_names, follows.values()),
         lower=np.where(lower <= -UNBOUNDED, -np.inf, lower),
@@ -273,9 +276,7 @@ def _load(document: UrdfDocument, *, with_shapes: bool) -> tuple[Any, Any]:
                 model, document.text, pin.GeometryType.COLLISION
             )
     except Exception as error:  # coal raises its own C++ exceptions as plain ones
-        for link, file in document.meshes:
-            load_link_mesh(file, document.label, link)  # names the mesh, if it is one
-        # What else was found wrong went to standard error.
+        # What was found wrong went to standard error.
         raise RobotError(f"{document.label}: Pinocchio cannot load this URDF ({error})") from error
     for index, frame in enumerate(model.frames):
         if index > 0 and frame.type != pin.FrameType.BODY:

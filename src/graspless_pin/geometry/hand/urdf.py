@@ -8,12 +8,18 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from graspless_pin.errors import RobotError, TextError
 from graspless_pin.geometry.hand.coupling import JointCoupling
-from graspless_pin.geometry.hand.urdf_links import check_link, check_origin, number, numbers
+from graspless_pin.geometry.hand.urdf_links import (
+    LinkMesh,
+    check_link,
+    check_origin,
+    number,
+    numbers,
+)
 from graspless_pin.geometry.hand.urdf_visuals import LinkVisual, read_visuals
 from graspless_pin.intake.files import FileKind, read_bytes
 from graspless_pin.intake.xml_text import parse_xml
@@ -35,7 +41,7 @@ FREE_TYPES = ("floating", "planar")
 
 @dataclass(frozen=True)
 class UrdfDocument:
-    """A checked URDF with prefixed names and absolute mesh paths.
+    """A checked URDF with prefixed names, and boxes where its collision meshes are.
 
     Attributes:
         label: The file, for messages.
@@ -43,7 +49,7 @@ class UrdfDocument:
         root: The root link.
         joints: The movable joints, in file order.
         mimics: The couplings, in file order; their leaders need not exist.
-        meshes: The collision meshes as (link, file), in file order.
+        meshes: The collision meshes, in file order.
         visuals: How the links look.
     """
 
@@ -52,7 +58,7 @@ class UrdfDocument:
     root: str
     joints: tuple[str, ...]
     mimics: tuple[JointCoupling, ...]
-    meshes: tuple[tuple[str, Path], ...]
+    meshes: tuple[LinkMesh, ...]
     visuals: tuple[LinkVisual, ...] = ()
 
 
@@ -105,7 +111,7 @@ def read_urdf(
             for collision in link.findall("collision"):
                 link.remove(collision)
     meshes = [
-        (link.get("name", ""), mesh)
+        replace(mesh, link=prefix + mesh.link)
         for link in root.findall("link")
         for mesh in check_link(path, link, package_dirs)
     ]
@@ -116,7 +122,7 @@ def read_urdf(
         root=prefix + top,
         joints=tuple(prefix + joint for joint in joints),
         mimics=tuple(m.prefixed(prefix) for m in mimics if m is not None and m.joint in joints),
-        meshes=tuple((prefix + link, file) for link, file in meshes),
+        meshes=tuple(meshes),
         visuals=read_visuals(path, root, package_dirs) if with_meshes else (),
     )
 

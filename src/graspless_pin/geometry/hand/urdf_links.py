@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from graspless_pin.errors import MeshError, RobotError
-from graspless_pin.geometry.bodies.mesh_files import check_mesh_file
 from graspless_pin.intake.files import is_file
 from graspless_pin.magnitudes import LARGEST_LENGTH
 
@@ -19,8 +19,33 @@ _DIMENSIONS = {
 }
 
 
-def check_link(path: Path, link: ET.Element, package_dirs: Sequence[Path]) -> list[Path]:
-    """Check one link's collision shapes and mass, and write absolute mesh paths into it.
+@dataclass(frozen=True)
+class LinkMesh:
+    """A mesh among the collision shapes of a link.
+
+    Attributes:
+        link: The link.
+        index: Its place among the link's collision shapes.
+        file: The mesh file.
+        scale: Metres per unit of the file along x, y, z.
+    """
+
+    link: str
+    index: int
+    file: Path
+    scale: tuple[float, float, float]
+
+    @property
+    def name(self) -> str:
+        """What Pinocchio calls the shape."""
+        return f"{self.link}_{self.index}"
+
+
+def check_link(path: Path, link: ET.Element, package_dirs: Sequence[Path]) -> list[LinkMesh]:
+    """Check one link's collision shapes and mass, and put boxes where its meshes are.
+
+    Pinocchio's reader of meshes opens what files name and crashes on some that are broken; it gets
+    boxes, which `link_shapes` replaces.
 
     Args:
         path: The URDF file.
@@ -28,24 +53,26 @@ def check_link(path: Path, link: ET.Element, package_dirs: Sequence[Path]) -> li
         package_dirs: Where ``package://`` addresses are looked up.
 
     Returns:
-        The meshes of its collision shapes.
+        The meshes among its collision shapes.
 
     Raises:
         RobotError: If a shape, pose or mass is malformed.
         MeshError: If a mesh cannot be found.
     """
     where = f"{path}: link {link.get('name')!r}"
-    meshes: list[Path] = []
-    for collision in link.findall("collision"):
+    meshes: list[LinkMesh] = []
+    for index, collision in enumerate(link.findall("collision")):
         check_origin(where, collision)
         shape = collision.find("geometry/*")
         if shape is None:
             raise RobotError(f"{where} has a <collision> without a shape in its <geometry>")
         if shape.tag == "mesh":
-            scale = numbers(where, "mesh scale", shape.get("scale", "1 1 1"), 3)
-            if not all(scale):
+            x, y, z = numbers(where, "mesh scale", shape.get("scale", "1 1 1"), 3)
+            if not (x and y and z):
                 raise RobotError(f"{where} has a mesh scale of {shape.get('scale')!r}")
-            meshes.append(_resolve_mesh(path, where, shape, package_dirs))
+            file = _resolve_mesh(path, where, shape, package_dirs)
+            meshes.append(LinkMesh(link.get("name", ""), index, file, (x, y, z)))
+            shape.tag, shape.attrib = "box", {"size": "1 1 1"}
         elif shape.tag in _DIMENSIONS:
             for key, count in _DIMENSIONS[shape.tag]:
                 what = f"{shape.tag} {key}"
@@ -107,7 +134,7 @@ def _check_mass(where: str, link: ET.Element) -> None:
 
 
 def _resolve_mesh(path: Path, where: str, mesh: ET.Element, package_dirs: Sequence[Path]) -> Path:
-    """Write the absolute path of a mesh into its element and return it."""
+    """Return the file of a mesh."""
     written = mesh.get("filename", "")
     found, candidates = find_mesh(path, written, package_dirs)
     if found is None:
@@ -121,8 +148,6 @@ def _resolve_mesh(path: Path, where: str, mesh: ET.Element, package_dirs: Sequen
             f"{where} needs the collision mesh {written!r}, which is missing "
             f"(looked for {looked}){hint}"
         )
-    check_mesh_file(found)
-    mesh.set("filename", str(found))
     return found
 
 

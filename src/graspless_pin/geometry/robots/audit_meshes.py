@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -12,11 +13,13 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from graspless_pin.errors import MeshError
+from graspless_pin.errors import MeshError, RobotError
+from graspless_pin.geometry.bodies.mesh_files import MESH
 from graspless_pin.geometry.bodies.meshes import LARGEST_MESH, SMALLEST_MESH
-from graspless_pin.geometry.hand.link_shapes import is_flat, link_triangles, load_link_mesh
-from graspless_pin.geometry.hand.urdf_links import find_mesh
+from graspless_pin.geometry.hand.link_shapes import is_flat, load_link_mesh
+from graspless_pin.geometry.hand.urdf_links import LinkMesh, find_mesh, numbers
 from graspless_pin.geometry.robots.files import RobotDescription
+from graspless_pin.intake.files import read_bytes
 
 _HOLLOW = 2.0  # hull over mesh in volume: below, cutting a link rarely changes what it touches
 _DAE_UNIT = re.compile(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']+)[\"']")
@@ -102,13 +105,13 @@ def _audit_mesh(
     if use == "visual":
         return
     try:
-        loaded = load_link_mesh(file, str(robot.urdf_path), link)
-        vertices = np.array(loaded.vertices())
-        scale = np.array([float(word) for word in mesh.get("scale", "1 1 1").split()])
-    except (MeshError, ValueError) as error:
+        x, y, z = numbers(where, "scale", mesh.get("scale", "1 1 1"), 3)
+        loaded = load_link_mesh(LinkMesh(link, 0, file, (x, y, z)), str(robot.urdf_path))
+        vertices = np.array(loaded.vertices)
+    except (MeshError, RobotError) as error:
         yield Finding(FindingKind.UNUSABLE_MESH, where, str(error), "export the mesh again as STL")
         return
-    extent = float(np.ptp(vertices * scale, axis=0).max())
+    extent = float(np.ptp(vertices, axis=0).max())
     if not SMALLEST_MESH <= extent <= LARGEST_MESH:
         yield Finding(
             FindingKind.MESH_SCALE,
@@ -124,15 +127,25 @@ def _audit_mesh(
             "give it a thickness or use a box",
         )
     elif not _is_cut(robot, link):
-        yield from _audit_hollows(where, link, file.name, link_triangles(loaded))
-    unit = _DAE_UNIT.search(file.read_bytes()) if file.suffix.lower() == ".dae" else None
-    if unit is not None and float(unit.group(1)) != 1.0:
+        yield from _audit_hollows(where, link, file.name, loaded)
+    unit = _unit(file)
+    if unit != 1.0:
         yield Finding(
             FindingKind.MESH_UNIT,
             where,
-            f"{file.name} says that its unit is {float(unit.group(1)):g} m, which is not applied",
+            f"{file.name} says that its unit is {unit:g} m, which is not applied",
             "write it into the mesh's scale in the URDF unless the figures are metres already",
         )
+
+
+def _unit(file: Path) -> float:
+    """Return the unit that a DAE states, m; 1 for what states none."""
+    if file.suffix.lower() != ".dae":
+        return 1.0
+    found = _DAE_UNIT.search(read_bytes(file, MESH))
+    with suppress(ValueError):
+        return 1.0 if found is None else float(found[1])
+    return 1.0
 
 
 def _is_cut(robot: RobotDescription, link: str) -> bool:
