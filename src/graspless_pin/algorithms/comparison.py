@@ -8,6 +8,7 @@ from itertools import product
 
 from tabulate import tabulate
 
+from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.torque import maximize_margin, minimize_torque
 from graspless_pin.modes.enumeration import enumerate_modes
 from graspless_pin.modes.rules import Rules, SignRule, SlidingRule, StaticFriction, choice
@@ -55,7 +56,12 @@ class RuleComparison:
 
 
 def compare_rules(
-    problem: QuasistaticProblem, algorithm: str = "margin", *, margin: float = 0.1
+    problem: QuasistaticProblem,
+    algorithm: str = "margin",
+    *,
+    margin: float = 0.1,
+    node_limit: int | None = None,
+    time_limit: float | None = None,
 ) -> RuleComparison:
     """Solve a problem under each of the six rule pairs and plain Coulomb friction.
 
@@ -65,15 +71,18 @@ def compare_rules(
         problem: Contacts, wrench, joints and limits.
         algorithm: ``margin`` (Algorithm 1) or ``torque`` (Algorithm 2).
         margin: Required margin e_0 of Algorithm 2, N.
+        node_limit: Limit of each of the searches over modes; None: none.
+        time_limit: Seconds for all of them; None: no limit.
 
     Raises:
         ArgumentError: If the algorithm is not known or the margin is negative.
     """
+    limits = Limits.parse(node_limit, time_limit)
     chosen = choice(Algorithm, "algorithm", algorithm)
     readings = [Rules(sign, sliding) for sign, sliding in product(SignRule, SlidingRule)]
     readings.append(Rules(static_friction=StaticFriction.COULOMB))
     return RuleComparison(
-        chosen, {rules: _solve(problem, chosen, margin, rules) for rules in readings}
+        chosen, {rules: _solve(problem, chosen, margin, rules, limits) for rules in readings}
     )
 
 
@@ -108,9 +117,12 @@ def solve_each_mode(
 
 
 def _solve(
-    problem: QuasistaticProblem, algorithm: Algorithm, margin: float, rules: Rules
+    problem: QuasistaticProblem,
+    algorithm: Algorithm,
+    margin: float,
+    rules: Rules,
+    limits: Limits,
 ) -> TorqueSolution:
-    options = rules.options()
     if algorithm is Algorithm.MARGIN:
-        return maximize_margin(problem, **options)
-    return minimize_torque(problem, margin, **options)
+        return maximize_margin(problem, **rules.options(), **limits.left)
+    return minimize_torque(problem, margin, **rules.options(), **limits.left)

@@ -15,6 +15,7 @@ import numpy as np
 from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.curve_pieces import STRAIGHT, WIDTH, Piece, first_open, joined, lower
 from graspless_pin.algorithms.formulation import Formulation
+from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.search import SearchResult, SearchState
 from graspless_pin.modes.enumeration import mode_of, requirements_of, sign_pairs
 from graspless_pin.modes.kinematics import Requirement
@@ -39,13 +40,13 @@ class CurveSearch:
         formulation: The scaled program with the margin as a variable.
         rules: The reading of the virtual-sliding constraint.
         solver: Solver of the programs.
-        node_limit: Limit of each of the searches over modes; None: none.
+        limits: Of the searches over modes.
     """
 
     formulation: Formulation
     rules: Rules
     solver: str
-    node_limit: int | None
+    limits: Limits
 
     def run(self) -> tuple[Status, list[Piece]]:
         """Return the status and the pieces from margin zero to the largest."""
@@ -97,7 +98,7 @@ class CurveSearch:
         """Search all modes for a value below the cutoff."""
         aim = replace(self.formulation, program=program, cutoff=cutoff)
         state = SearchState(aim, self.rules, self.solver)
-        return branch_and_bound(state, node_limit=self.node_limit)
+        return branch_and_bound(state, **self.limits.left)
 
     def _curve(self, mode: SlidingMode | None, end: float | None) -> list[Piece]:
         """One mode's whole curve, from margin zero to its own largest.

@@ -10,6 +10,7 @@ from scipy.stats import norm, qmc
 
 from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.formulation import Formulation, shared_parts
+from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.search import SearchState
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.modes.rules import Rules, SlidingMode, StaticFriction
@@ -30,11 +31,13 @@ class DisturbanceMargin:
     """The largest balanced disturbance in each direction.
 
     Attributes:
-        status: OPTIMAL, or why not even the undisturbed object is balanced.
+        status: OPTIMAL, LIMIT_REACHED where a limit ended the search, or why not even the
+            undisturbed object is balanced.
         directions: (K, 6) unit directions [force; moment / characteristic length].
         magnitudes: (K,) N: the largest t such that along direction d every disturbance
             s [d_f; characteristic_length * d_m] with 0 <= s <= t is balanced in some feasible
-            mode. Finite, since normal-force limits are; NaN where the status is not OPTIMAL.
+            mode. Finite, since normal-force limits are; NaN where the search did not come to its
+            proof.
         characteristic_length: m; what makes a moment comparable to a force.
         problem: The problem.
     """
@@ -47,7 +50,7 @@ class DisturbanceMargin:
 
     @property
     def found(self) -> bool:
-        """Whether the undisturbed object is balanced."""
+        """Whether the undisturbed object is balanced and all directions are proven."""
         return self.status is Status.OPTIMAL
 
     @property
@@ -91,6 +94,8 @@ def disturbance_margin(
     sliding_rule: str = "exempt",
     static_friction: str = "virtual_sliding",
     solver: str = "piqp",
+    node_limit: int | None = None,
+    time_limit: float | None = None,
 ) -> DisturbanceMargin:
     """Find the largest disturbance that the contacts can still balance in each direction.
 
@@ -112,15 +117,21 @@ def disturbance_margin(
         sliding_rule: See `maximize_margin`.
         static_friction: See `maximize_margin`.
         solver: See `maximize_margin`.
+        node_limit: Limit of each of the searches over modes; None: none.
+        time_limit: Seconds for all of them; None: no limit.
 
     Raises:
-        ArgumentError: If a shape is wrong, a direction is zero or the length is not positive.
+        ArgumentError: If a shape is wrong, a direction is zero, the length is not positive or an
+            option is not known.
     """
     coordinates, kinematics = shared_parts(problem)
     rows = force_rows(problem, coordinates)
     rules = Rules.parse(sign_rule, sliding_rule, static_friction)
     check_solver(solver)
-    length = coordinates.length_scale if characteristic_length is None else characteristic_length
+    limits = Limits.parse(node_limit, time_limit)
+    length = characteristic_length
+    if length is None:
+        length = float(np.linalg.norm(problem.positions, axis=1).max()) or 1.0
     if not (np.isfinite(length) and length > 0.0):
         raise ArgumentError("characteristic_length", f"is {length}; it must be positive")
     held = None
@@ -135,25 +146,29 @@ def disturbance_margin(
         program = disturbance_program(rows, coordinates, scale * unit, held)
         formulation = Formulation(problem, coordinates, program, kinematics)
         if index == 0:
-            status = _undisturbed(formulation, rules, solver)
+            status = _undisturbed(formulation, rules, solver, limits)
         if status is Status.OPTIMAL:
-            status, magnitudes[index] = _largest(formulation, rules, solver)
+            status, magnitudes[index] = _largest(formulation, rules, solver, limits)
+        if status in (Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT):
+            break
         if status is not Status.OPTIMAL:
             magnitudes[:] = np.nan
             break
     return DisturbanceMargin(status, units, read_only(magnitudes), float(length), problem)
 
 
-def _undisturbed(formulation: Formulation, rules: Rules, solver: str) -> Status:
+def _undisturbed(formulation: Formulation, rules: Rules, solver: str, limits: Limits) -> Status:
     """Whether some mode balances the object as it is; the direction does not matter."""
     program = formulation.program
     ub = program.ub.copy()
     ub[-1] = 0.0
     still = replace(formulation, program=program.bounded(program.lb, ub))
-    return branch_and_bound(SearchState(still, rules, solver)).status
+    return branch_and_bound(SearchState(still, rules, solver), **limits.left).status
 
 
-def _largest(formulation: Formulation, rules: Rules, solver: str) -> tuple[Status, float]:
+def _largest(
+    formulation: Formulation, rules: Rules, solver: str, limits: Limits
+) -> tuple[Status, float]:
     """The end (N) of the balanced multiples of one disturbance that are connected with zero.
 
     Each mode balances one interval of multiples. This walks down from the farthest balanced
@@ -165,8 +180,10 @@ def _largest(formulation: Formulation, rules: Rules, solver: str) -> tuple[Statu
         ub = program.ub.copy()
         ub[-1] = begin - _STEP
         nearer = replace(formulation, program=program.bounded(program.lb, ub))
-        result = branch_and_bound(SearchState(nearer, rules, solver))
+        result = branch_and_bound(SearchState(nearer, rules, solver), **limits.left)
         best, mode = result.state.best, result.state.mode
+        if limits.passed or result.status in (Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT):
+            return Status.LIMIT_REACHED, np.nan
         if result.status is not Status.OPTIMAL or best is None or mode is None:
             # Zero was found to be balanced: a search that denies it has no answer to give.
             return Status.UNVERIFIED, np.nan

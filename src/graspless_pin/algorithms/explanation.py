@@ -263,7 +263,9 @@ def _helped(problem: QuasistaticProblem, x: FloatArray) -> tuple[str, Quasistati
 def _other_friction(solution: TorqueSolution) -> Iterator[Suggestion]:
     """A common factor on friction; below 1 where kinetic friction is more than can be pushed."""
     problem = solution.problem
-    least = smallest_factor(problem, _objective(solution, solution.required_margin), solution.rules)
+    least, _ = smallest_factor(
+        problem, _objective(solution, solution.required_margin), solution.rules
+    )
     if not np.isfinite(least):
         return
 

@@ -9,9 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 from tabulate import tabulate
 
 from graspless_pin.algorithms.force_extremes import ForceExtremes
+from graspless_pin.algorithms.limits import Limits
 from graspless_pin.modes.rules import Rules
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray, finite_array, read_only, real_number
+from graspless_pin.problem.checks import FloatArray, finite_array, read_only
 from graspless_pin.solution import Status
 from graspless_pin.solution.records import FOUND
 from graspless_pin.solution.table import paragraph, table_html
@@ -101,6 +102,7 @@ def contact_force_bounds(
     sliding_rule: str = "exempt",
     static_friction: str = "virtual_sliding",
     solver: str = "piqp",
+    node_limit: int | None = None,
     time_limit: float | None = None,
 ) -> ContactForceBounds:
     """Bound the contact forces that given motor torques can end up with, eq. (32).
@@ -116,6 +118,7 @@ def contact_force_bounds(
         sliding_rule: See `maximize_margin`.
         static_friction: See `maximize_margin`.
         solver: See `maximize_margin`.
+        node_limit: Limit of each of the searches over modes; None: none.
         time_limit: Stop after so many seconds and return what was reached, with LIMIT_REACHED, or
             NOT_FOUND_IN_LIMIT if there was no time to hold the torques at all. None: no limit.
 
@@ -123,11 +126,10 @@ def contact_force_bounds(
         ArgumentError: If the torques have the wrong shape, an option is not known or the time
             limit is negative.
     """
-    if time_limit is not None:
-        time_limit = real_number("time_limit", time_limit, 0.0, finite=False)
+    limits = Limits.parse(node_limit, time_limit)
     given = finite_array("torques", torques, (problem.joint_count,))
     rules = Rules.parse(sign_rule, sliding_rule, static_friction)
-    search = ForceExtremes(problem, given, rules, check_solver(solver), time_limit)
+    search = ForceExtremes(problem, given, rules, check_solver(solver), limits)
     status = search.feasibility()
     count = problem.contact_count
     lower, upper = np.full((count, 3), np.nan), np.full((count, 3), np.nan)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.formulation import Formulation, shared_parts
+from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.search import SearchResult, SearchState
 from graspless_pin.modes.rules import Rules, SlidingMode, StaticFriction
 from graspless_pin.problem import QuasistaticProblem
@@ -58,10 +58,10 @@ class ForceExtremes:
         torques: FloatArray,
         rules: Rules,
         solver: str,
-        time_limit: float | None,
+        limits: Limits,
     ) -> None:
-        """Take the torques (L,), N m, and the seconds after which every search ends."""
-        self.deadline = np.inf if time_limit is None else time.monotonic() + time_limit
+        """Take the torques (L,), N m, and the limits of all searches."""
+        self.limits = limits
         self.problem, self.rules, self.solver = problem, rules, solver
         self.coordinates, self.kinematics = shared_parts(problem)
         self.rows: ForceRows = force_rows(problem, self.coordinates)
@@ -76,7 +76,7 @@ class ForceExtremes:
     @property
     def time_is_over(self) -> bool:
         """Whether the time limit has passed."""
-        return time.monotonic() > self.deadline
+        return self.limits.passed
 
     def feasibility(self) -> Status:
         """Whether some mode holds the torques."""
@@ -238,9 +238,10 @@ class ForceExtremes:
             self.problem, self.coordinates, program, self.kinematics, cutoff, layers=layers
         )
         state = SearchState(formulation, self.rules, self.solver)
-        time_left = self.deadline - time.monotonic()
-        result = branch_and_bound(state, node_limit=node_limit, time_limit=time_left)
-        ended = self.time_is_over and result.status in _ENDED_EARLY
+        left = self.limits.left
+        own = left["node_limit"] if node_limit is None else node_limit
+        result = branch_and_bound(state, node_limit=own, time_limit=left["time_limit"])
+        ended = result.status in _ENDED_EARLY and (self.time_is_over or node_limit is None)
         self.proven = self.proven and not (state.unproven or ended)
         # The other programs have other rows, or a force among their variables and more.
         if state.best is not None and program.A is self.set.A:

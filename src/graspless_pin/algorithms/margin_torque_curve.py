@@ -16,11 +16,12 @@ from numpy.typing import ArrayLike
 
 from graspless_pin.algorithms.curve_search import CurveSearch
 from graspless_pin.algorithms.formulation import Formulation, shared_parts
+from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.torque import TorqueScale
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.modes.rules import Rules, SlidingMode, choice
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray, finite_array, read_only, whole_number
+from graspless_pin.problem.checks import FloatArray, finite_array, read_only
 from graspless_pin.problem.joint_units import units_text
 from graspless_pin.programs.force_programs import torque_unit
 from graspless_pin.programs.tradeoff_program import tradeoff_program
@@ -121,6 +122,7 @@ def margin_torque_curve(
     static_friction: str = "virtual_sliding",
     solver: str = "piqp",
     node_limit: int | None = None,
+    time_limit: float | None = None,
 ) -> MarginTorqueCurve:
     """Find Algorithm 2's optimum for every required margin, up to Algorithm 1's.
 
@@ -136,21 +138,21 @@ def margin_torque_curve(
         sliding_rule: See `maximize_margin`.
         static_friction: See `maximize_margin`.
         solver: See `maximize_margin`.
-        node_limit: Limit of each of the searches over modes.
+        node_limit: Limit of each of the searches over modes; None: none.
+        time_limit: Seconds for all of them; None: no limit.
 
     Raises:
         ArgumentError: If an option is not known.
         SolverUnavailableError: If the solver is not installed.
     """
-    if node_limit is not None:
-        node_limit = whole_number("node_limit", node_limit, 1)
+    limits = Limits.parse(node_limit, time_limit)
     rules = Rules.parse(sign_rule, sliding_rule, static_friction)
     torque_scale = choice(TorqueScale, "scale", scale)
     by_limits = torque_scale is TorqueScale.LIMITS
     coordinates, kinematics = shared_parts(problem)
     program = tradeoff_program(problem, coordinates, by_limits=by_limits)
     formulation = Formulation(problem, coordinates, program, kinematics)
-    search = CurveSearch(formulation, rules, check_solver(solver), node_limit)
+    search = CurveSearch(formulation, rules, check_solver(solver), limits)
     status, pieces = search.run()
     units = coordinates.force_scale, torque_unit(problem, coordinates, by_limits=by_limits)
     return MarginTorqueCurve(

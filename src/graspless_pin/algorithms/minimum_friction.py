@@ -8,10 +8,11 @@ from typing import Unpack
 import numpy as np
 
 from graspless_pin.algorithms.formulation import Objective
+from graspless_pin.algorithms.limits import NO_LIMITS, Limits
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.modes.rules import RuleOptions, Rules
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.solution import Algorithm
+from graspless_pin.solution import Algorithm, Status
 
 _LARGEST = 16.0
 _SCAN = 48
@@ -24,10 +25,13 @@ class MinimumFriction:
 
     Attributes:
         factor: Smallest factor with which the scene is feasible (at margin zero); 0 if it needs no
-            friction, NaN if no factor up to 16 does.
+            friction, NaN if no factor up to 16 does. Where a limit ended a search, the smallest
+            that was seen to be enough.
+        proven: Whether all searches came to their end.
     """
 
     factor: float
+    proven: bool = True
 
     @property
     def found(self) -> bool:
@@ -36,7 +40,11 @@ class MinimumFriction:
 
 
 def minimum_friction(
-    problem: QuasistaticProblem, **options: Unpack[RuleOptions]
+    problem: QuasistaticProblem,
+    *,
+    node_limit: int | None = None,
+    time_limit: float | None = None,
+    **options: Unpack[RuleOptions],
 ) -> MinimumFriction:
     """Find the smallest common factor on all friction coefficients that keeps a scene feasible.
 
@@ -46,28 +54,47 @@ def minimum_friction(
 
     Args:
         problem: Contacts, wrench, joints and limits.
+        node_limit: Limit of each of the searches over modes; None: none.
+        time_limit: Seconds for all of them; None: no limit.
         options: ``sign_rule``, ``sliding_rule``, ``static_friction`` of `maximize_margin`.
+
+    Raises:
+        ArgumentError: If an option is not known.
     """
     objective = Objective(Algorithm.MARGIN, 0.0, by_limits=False, regularization=0.0)
-    return MinimumFriction(smallest_factor(problem, objective, Rules.parse(**options)))
+    limits = Limits.parse(node_limit, time_limit)
+    factor, proven = smallest_factor(problem, objective, Rules.parse(**options), limits)
+    return MinimumFriction(factor, proven)
 
 
-def smallest_factor(problem: QuasistaticProblem, objective: Objective, rules: Rules) -> float:
+def smallest_factor(
+    problem: QuasistaticProblem, objective: Objective, rules: Rules, limits: Limits = NO_LIMITS
+) -> tuple[float, bool]:
     """Return the smallest common factor on friction with which an objective is feasible, or NaN.
+
+    It also says whether all searches came to their end: one that did not counts as infeasible.
 
     Args:
         problem: Contacts, wrench, joints and limits.
         objective: What has to be feasible. With a required margin the factor 0 is left out: there
             a contact has no cone to keep a margin in.
         rules: The reading of the virtual-sliding constraint.
+        limits: Of the searches.
     """
+    proven = True
 
     def feasible(factor: float) -> bool:
+        nonlocal proven
+        if limits.passed:
+            proven = False
+            return False
         scaled = problem.with_changes(friction=factor * problem.friction)
-        return solve_problem(scaled, objective, rules).found
+        solution = solve_problem(scaled, objective, rules, **limits.left)
+        proven = proven and solution.status is not Status.NOT_FOUND_IN_LIMIT
+        return solution.found
 
     if objective.margin == 0.0 and feasible(0.0):
-        return 0.0
+        return 0.0, proven
     tried = [1.0, _LARGEST]
     if problem.is_sliding.any():
         # The factor 1 is among them: what is feasible as it is must not be missed.
@@ -78,8 +105,8 @@ def smallest_factor(problem: QuasistaticProblem, objective: Objective, rules: Ru
             break
         low = top
     else:
-        return np.nan
+        return np.nan, proven
     while top - low > _RELATIVE * top:
         middle = 0.5 * (low + top)
         low, top = (low, middle) if feasible(middle) else (middle, top)
-    return top
+    return top, proven

@@ -51,7 +51,11 @@ class MarginSensitivity:
 
 
 def margin_sensitivity(
-    problem: QuasistaticProblem, **options: Unpack[RuleOptions]
+    problem: QuasistaticProblem,
+    *,
+    node_limit: int | None = None,
+    time_limit: float | None = None,
+    **options: Unpack[RuleOptions],
 ) -> MarginSensitivity:
     """Differentiate the largest margin by its data.
 
@@ -59,12 +63,14 @@ def margin_sensitivity(
 
     Args:
         problem: Contacts, wrench, joints and limits.
+        node_limit: See `maximize_margin`; with a limit the derivatives are those of the best found.
+        time_limit: See `maximize_margin`.
         options: ``sign_rule``, ``sliding_rule``, ``static_friction`` of `maximize_margin`.
 
     Raises:
         NoSolutionError: If no margin is feasible.
     """
-    solution = maximize_margin(problem, **options)
+    solution = maximize_margin(problem, node_limit=node_limit, time_limit=time_limit, **options)
     if not solution.found:
         raise NoSolutionError(f"There is no margin to differentiate ({solution.status.message}).")
     # The search's own multipliers: friction that happens to vanish is not held at zero in them.

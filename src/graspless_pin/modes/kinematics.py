@@ -390,8 +390,8 @@ def _shortest(
 def _evened(moving: FloatArray, strict: FloatArray, found: _Sliding) -> _Sliding:
     """The motion that slides equally in all rows that take part, where that is faster."""
     part = found.weights > _IN_CONFLICT * found.weights.max()
-    motion: FloatArray = np.linalg.lstsq(moving[part], strict[part], rcond=None)[0]
-    other = _speed(moving, strict, motion, found.weights)
+    solved = np.linalg.lstsq(moving[part], strict[part], rcond=None)[0]
+    other = _speed(moving, strict, solved.astype(np.float64), found.weights)
     return other if other.slowest > found.slowest else found
 
 

@@ -1,0 +1,80 @@
+"""Every analysis that searches can be limited, and says what it did not come to."""
+
+import numpy as np
+import pytest
+from scenes import scene
+
+from graspless_pin import (
+    Status,
+    compare_rules,
+    contact_force_bounds,
+    disturbance_margin,
+    margin_sensitivity,
+    margin_torque_curve,
+    maximize_margin,
+    minimize_torque,
+    minimum_friction,
+)
+from graspless_pin.errors import ArgumentError
+
+NO_TIME = {"time_limit": 0.0}
+ONE_NODE = {"node_limit": 1}
+ENDED = (Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT)
+
+
+@pytest.mark.parametrize("limit", [NO_TIME, ONE_NODE])
+def test_force_bounds_say_what_is_not_proven(limit):
+    problem = scene("rest")
+    bounds = contact_force_bounds(problem, minimize_torque(problem).torques, **limit)
+    assert bounds.status in ENDED
+    assert not bounds.proven.all()
+
+
+def test_disturbances_that_were_not_proven_are_no_number():
+    problem = scene("rest")
+    full = disturbance_margin(problem, directions=np.eye(6))
+    assert full.found
+    limited = disturbance_margin(problem, directions=np.eye(6), node_limit=2)
+    known = np.isfinite(limited.magnitudes)
+    np.testing.assert_allclose(limited.magnitudes[known], full.magnitudes[known], rtol=1e-6)
+    assert limited.found == known.all()
+    over = disturbance_margin(problem, directions=np.eye(6), **NO_TIME)
+    assert over.status in ENDED
+    assert np.isnan(over.magnitudes).all()
+
+
+def test_the_least_friction_says_whether_it_is_proven():
+    problem = scene("rest")
+    full = minimum_friction(problem)
+    assert full.proven
+    limited = minimum_friction(problem, **NO_TIME)
+    assert not limited.proven
+    assert np.isnan(limited.factor)
+
+
+def test_a_curve_that_was_limited_says_so():
+    problem = scene("rest")
+    assert margin_torque_curve(problem, **ONE_NODE).status in ENDED
+    assert margin_torque_curve(problem, **NO_TIME).status is not Status.OPTIMAL
+
+
+def test_rules_are_compared_within_limits():
+    comparison = compare_rules(scene("rest"), "torque", **ONE_NODE)
+    statuses = {solution.status for solution in comparison.solutions.values()}
+    assert statuses & set(ENDED)
+
+
+def test_the_sensitivity_takes_limits():
+    problem = scene("sphere")
+    limited = margin_sensitivity(problem, node_limit=1000, time_limit=60.0)
+    np.testing.assert_allclose(limited.friction, margin_sensitivity(problem).friction)
+
+
+@pytest.mark.parametrize(
+    "analysis",
+    [disturbance_margin, minimum_friction, margin_torque_curve, compare_rules, maximize_margin],
+)
+@pytest.mark.parametrize("limit", [{"node_limit": 0}, {"time_limit": -1.0}])
+def test_impossible_limits_are_refused(analysis, limit):
+    with pytest.raises(ArgumentError, match=next(iter(limit))):
+        analysis(scene("rest"), **limit)
