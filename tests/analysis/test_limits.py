@@ -1,8 +1,10 @@
 """Every analysis that searches can be limited, and says what it did not come to."""
 
+from typing import Any
+
 import numpy as np
 import pytest
-from scenes import scene
+from tests.core.scenes import scene
 
 from graspless_pin import (
     Status,
@@ -17,8 +19,8 @@ from graspless_pin import (
 )
 from graspless_pin.errors import ArgumentError
 
-NO_TIME = {"time_limit": 0.0}
-ONE_NODE = {"node_limit": 1}
+NO_TIME: dict[str, Any] = {"time_limit": 0.0}
+ONE_NODE: dict[str, Any] = {"node_limit": 1}
 ENDED = (Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT)
 
 
