@@ -335,3 +335,11 @@ def test_units_are_known_where_nothing_is_found(tmp_path):
     table = run(Study.from_data(weak), tmp_path / "out.csv")
     assert not table["found"].any()
     assert [name for name in table.columns if "torque" in name] == ["max_torque_N"]
+
+
+def test_the_time_of_a_search_can_be_limited(tmp_path):
+    vary = {"friction": {"values": [0.3]}}
+    for limit, ended in ((1e-9, True), (60.0, False)):
+        made = study(vary, compute={"time_limit": limit, "algorithm": "torque", "margin": 0.1})
+        status = run(made, tmp_path / f"{limit}.csv")["status"][0]
+        assert (status in ("limit_reached", "not_found_in_limit")) == ended, status

@@ -84,7 +84,7 @@ def failure_row(number: int, why: Failure, error: str) -> Row:
 
 def _results(study: Study, number: int, scene: Scene) -> Row:
     compute = study.entry.compute
-    solution = scene.solve(None, node_limit=compute.node_limit)
+    solution = scene.solve(None, node_limit=compute.node_limit, time_limit=compute.time_limit)
     if study.record is not None:
         try:
             study.record(number, scene, solution)
@@ -127,7 +127,9 @@ def _analyses(study: Study, solution: TorqueSolution) -> Row:
     compute, problem, rules = study.entry.compute, solution.problem, solution.rules.options()
     row: Row = {}
     if compute.force_bounds and solution.found:
-        bounds = contact_force_bounds(problem, solution.torques, **rules)
+        bounds = contact_force_bounds(
+            problem, solution.torques, time_limit=compute.time_limit, **rules
+        )
         # A column has no room to say that a margin was only reached.
         if bounds.status is Status.OPTIMAL:
             row |= {

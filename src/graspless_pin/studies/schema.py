@@ -148,6 +148,7 @@ class ComputeEntry(Entry):
     solver: Name | None = None
     regularization: Regularization | None = None
     node_limit: Count | None = Field(default=None, description="of each search over modes")
+    time_limit: Seconds | None = Field(default=None, description="s, of each search over modes")
     sample_time_limit: Seconds | None = Field(
         default=None, description="s, of all that is computed for a sample, its scene included"
     )
@@ -166,6 +167,7 @@ class ComputeEntry(Entry):
         """The options that go into the scene's ``solve`` section."""
         beside = {
             "node_limit",
+            "time_limit",
             "sample_time_limit",
             "force_bounds",
             "disturbance_margin",

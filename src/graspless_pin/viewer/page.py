@@ -145,10 +145,10 @@ class Viewer:
 
     def stop(self) -> None:
         """Close the page. Doing so again does nothing."""
-        if self._stopped.is_set():
-            return
-        self._stopped.set()
         with self._changed:
+            if self._stopped.is_set():
+                return
+            self._stopped.set()
             self._changed.notify()
         self._solving.kill()
         self._worker.join()
