@@ -10,8 +10,9 @@ export PIP_BUILD_CONSTRAINT := $(PIP_CONSTRAINT)
 
 SCALES ?= --count 2000 --jobs 2
 TAMPERING ?= 1000
+FUZZ ?= --count 2000 --seed 1
 
-.PHONY: install run test lint types docs bench scales tampering clean
+.PHONY: install run test lint types docs bench scales tampering fuzz clean
 
 install: $(STAMP)
 
@@ -51,6 +52,9 @@ scales: install
 
 tampering: install
 	$(BIN)/python tests/verify/tampering.py $(TAMPERING)
+
+fuzz: install
+	$(BIN)/python tests/fuzzing/fuzz.py $(FUZZ)
 
 clean:
 	rm -rf $(VENV) site out

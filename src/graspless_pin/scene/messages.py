@@ -189,8 +189,6 @@ def _bounds(node: Node) -> str:
         return f" > 0, from {least:g} to {most:g}"
     if least == -most:
         return f" within ±{most:g}"
-    if least is not None and 0.0 < least < 1.0:
-        return f" from {least:g} to {most:g}"
     return f" >= {least:g}, at most {most:g}"
 
 
