@@ -310,3 +310,36 @@ def test_bounds_of_json(tmp_path, text, message):
     file.write_text(text, encoding="utf-8")
     with pytest.raises(SceneError, match=f"solution.json: .*{message}"):
         read_document(file)
+
+
+def test_normals_that_are_none_are_nothing_to_tell(tmp_path, caplog, capfd):
+    """Trimesh logs them with a traceback and reads on; only vertices and faces count."""
+    text = str(trimesh.creation.box((1, 2, 3)).export(file_type="stl_ascii"))
+    file = tmp_path / "mesh.stl"
+    file.write_text(text.replace("facet normal", "facet normal x", 1), encoding="utf-8")
+    assert load_mesh(file).volume == pytest.approx(6.0)
+    assert caplog.text == "" and capfd.readouterr().err == ""
+
+
+def test_a_mesh_that_can_be_read_in_part_only(tmp_path, monkeypatch):
+    def load_in_part(*_: object, **__: object) -> trimesh.Trimesh:
+        trimesh.util.log.warning("PLY failed to populate: vertex")
+        return trimesh.creation.box((1, 1, 1))
+
+    monkeypatch.setattr(trimesh, "load_mesh", load_in_part)
+    file = tmp_path / "mesh.ply"
+    file.write_text("ply", encoding="utf-8")
+    with pytest.raises(MeshError, match=r"in part only \(PLY failed to populate: vertex\)"):
+        load_mesh(file)
+
+
+def test_odd_looks_of_links_are_nothing_to_tell(tmp_path, capfd):
+    """Pinocchio's reader would complain of them on standard error."""
+    file = tmp_path / "hand.urdf"
+    file.write_text(
+        '<robot name="r"><link name="l"><visual><geometry><cloud/></geometry></visual>'
+        "<visual/></link></robot>",
+        encoding="utf-8",
+    )
+    assert audit_urdf(file).loads
+    assert capfd.readouterr().err == ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import logging
 from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import unquote
@@ -15,6 +16,7 @@ from graspless_pin.intake.files import FileKind, is_file, read_bytes
 from graspless_pin.intake.xml_text import check_xml
 
 MESH_FORMATS = (".stl", ".obj", ".dae", ".glb", ".gltf", ".ply", ".off")
+_IN_PART = ("failed to populate", "placeholder zeros")  # what trimesh logs and goes on with
 MESH = FileKind("mesh file", 64, MeshError)
 
 
@@ -39,9 +41,30 @@ def parse_mesh(path: Path) -> Any:
         _check_dae(path, content)
     resolver = _Beside(path) if ending == ".gltf" else None
     # Unprocessed: what is wrong with vertices is not to be left out before anybody sees it.
-    return trimesh.load_mesh(
-        io.BytesIO(content), file_type=ending[1:], resolver=resolver, process=False
-    )
+    heard = _Heard()
+    trimesh.util.log.addFilter(heard)
+    try:
+        mesh = trimesh.load_mesh(
+            io.BytesIO(content), file_type=ending[1:], resolver=resolver, process=False
+        )
+    finally:
+        trimesh.util.log.removeFilter(heard)
+    for message in heard.messages:
+        if any(words in message for words in _IN_PART):
+            raise MeshError(f"mesh file '{path}' can be read in part only ({message})")
+    return mesh
+
+
+class _Heard(logging.Filter):
+    """Keeps what trimesh would log: normals and colours do not matter, missing vertices do."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.messages: list[str] = []
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        self.messages.append(record.getMessage())
+        return False
 
 
 class _Beside(Resolver):

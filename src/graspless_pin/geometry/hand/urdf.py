@@ -116,6 +116,10 @@ def read_urdf(
         for mesh in check_link(path, link, package_dirs)
     ]
     _add_prefix(root, prefix)
+    visuals = read_visuals(path, root, package_dirs) if with_meshes else ()
+    for link in root.findall("link"):
+        for visual in link.findall("visual"):
+            link.remove(visual)  # Pinocchio's reader complains of odd ones on standard error
     return UrdfDocument(
         label=str(path),
         text=ET.tostring(root, encoding="unicode"),
@@ -123,7 +127,7 @@ def read_urdf(
         joints=tuple(prefix + joint for joint in joints),
         mimics=tuple(m.prefixed(prefix) for m in mimics if m is not None and m.joint in joints),
         meshes=tuple(meshes),
-        visuals=read_visuals(path, root, package_dirs) if with_meshes else (),
+        visuals=visuals,
     )
 
 
