@@ -340,6 +340,11 @@ def test_units_are_known_where_nothing_is_found(tmp_path):
 def test_the_time_of_a_search_can_be_limited(tmp_path):
     vary = {"friction": {"values": [0.3]}}
     for limit, ended in ((1e-9, True), (60.0, False)):
-        made = study(vary, compute={"time_limit": limit, "algorithm": "torque", "margin": 0.1})
-        status = run(made, tmp_path / f"{limit}.csv")["status"][0]
-        assert (status in ("limit_reached", "not_found_in_limit")) == ended, status
+        analyses = {"minimum_friction": True, "force_bounds": True, "disturbance_margin": True}
+        compute = {"time_limit": limit, "algorithm": "torque", "margin": 0.1, **analyses}
+        row = run(study(vary, compute=compute), tmp_path / f"{limit}.csv").iloc[0]
+        assert (row["status"] in ("limit_reached", "not_found_in_limit")) == ended, row["status"]
+        # What was not proven is empty.
+        columns = ("minimum_friction_factor", "smallest_margin_N", "disturbance_N")
+        for name in columns:
+            assert bool(pd.isna(row.get(name))) == ended, name

@@ -123,23 +123,25 @@ def _suffix(unit: JointUnit) -> str:
 
 
 def _analyses(study: Study, solution: TorqueSolution) -> Row:
-    """What is computed beside the torques."""
+    """What is computed beside the torques; a column has no room for what is not proven."""
     compute, problem, rules = study.entry.compute, solution.problem, solution.rules.options()
+    limits: dict[str, Any] = {
+        "node_limit": compute.node_limit,
+        "time_limit": compute.time_limit,
+    }
     row: Row = {}
     if compute.force_bounds and solution.found:
-        bounds = contact_force_bounds(
-            problem, solution.torques, time_limit=compute.time_limit, **rules
-        )
-        # A column has no room to say that a margin was only reached.
+        bounds = contact_force_bounds(problem, solution.torques, **limits, **rules)
         if bounds.status is Status.OPTIMAL:
             row |= {
                 "smallest_margin_N": float(bounds.smallest_margin),
                 "largest_margin_N": float(bounds.largest_margin),
             }
     if compute.disturbance_margin and solution.found:
-        held = disturbance_margin(problem, solution.torques, **rules)
+        held = disturbance_margin(problem, solution.torques, **limits, **rules)
         if held.found:
             row["disturbance_N"] = float(held.magnitudes[held.worst])
     if compute.minimum_friction:
-        row["minimum_friction_factor"] = float(minimum_friction(problem, **rules).factor)
+        least = minimum_friction(problem, **limits, **rules)
+        row["minimum_friction_factor"] = float(least.factor) if least.proven else None
     return row
