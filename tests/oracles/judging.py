@@ -30,8 +30,12 @@ THRESHOLD = Fraction(1, 10**6)
 """The share of all contact velocities at which a virtual sliding counts (docs/rules.md)."""
 STILL = Fraction(1, 10**8)
 """The share up to which a velocity along a normal is rounding."""
+_FACTORS = (Fraction(1, 10), 10)
 ROUNDING = Fraction(1, 10**12)
 """Of the load: what the arrays' own rounding may cost a degenerate scene its exact balance."""
+
+
+_ROUNDED = (Fraction(0), ROUNDING, STILL)
 
 
 class Outcome(StrEnum):
@@ -122,21 +126,54 @@ class _Comparison:
             )
         if solution.found and (fault := self._fault()):
             return Verdict(Outcome.WRONG, f"{fault}; {self._told(exact)}", found=found)
-        if self._agrees(exact, exact):
-            return Verdict(Outcome.AGREE, "", self._error(exact), found)
-        # What the arrays' rounding takes from coplanar contacts and degenerate balances.
-        for still in (Fraction(0), ROUNDING, STILL):
-            meant = self._with(ROUNDING, still).optimum(THRESHOLD)
-            if self._agrees(meant, meant):
-                return Verdict(Outcome.AGREE, "", self._error(meant), meant is not None)
-        slow = self._with(ROUNDING, 10 * STILL).optimum(THRESHOLD / 10)
+        # What the arrays' rounding takes from coplanar contacts and degenerate balances counts not.
+        for meant in (scene, *(self._with(ROUNDING, still) for still in _ROUNDED)):
+            best = meant.optimum(THRESHOLD)
+            if self._agrees(best, best):
+                return self._agreed(meant, best)
+        slow = self._with(ROUNDING, STILL).optimum(THRESHOLD / 10)
         if self._agrees(slow, scene.optimum(THRESHOLD * 10)):
             return Verdict(Outcome.THRESHOLD, self._told(exact), found=found)
-        loose = self._with(TOLERANCE, 10 * STILL).optimum(THRESHOLD / 10)
+        loose = self._with(TOLERANCE, STILL).optimum(THRESHOLD / 10)
         tight = self._with(-TOLERANCE).optimum(THRESHOLD * 10)
         if self._agrees(loose, tight):
             return Verdict(Outcome.TOLERANCE, self._told(exact), found=found)
         return Verdict(Outcome.WRONG, self._told(exact), self._error(exact), found)
+
+    def _agreed(self, scene: ExactScene, best: Best | None) -> Verdict:
+        """Look at what an answer that agrees says of the threshold."""
+        others = [scene.optimum(THRESHOLD * factor) for factor in _FACTORS]
+        told = self.solution.certificate.threshold_optima
+        apart = max(self._apart(best, other) for other in others)
+        if told is None:
+            if apart > 3 * TOLERANCE:
+                missing = ", ".join(
+                    "none" if o is None else f"{float(o.value):.9g}" for o in others
+                )
+                fault = f"does not say that it hangs on the threshold ({missing})"
+                return Verdict(
+                    Outcome.WRONG, f"{fault}; {self._told(best)}", found=best is not None
+                )
+            return Verdict(Outcome.AGREE, "", self._error(best), best is not None)
+        for figure, other in zip(told, others, strict=True):
+            value = None if np.isnan(figure) else Best(Fraction(figure), (), None)
+            if self._apart(value, other) > 3 * TOLERANCE:
+                fault = f"says {figure:.9g} of another threshold"
+                return Verdict(
+                    Outcome.WRONG, f"{fault}; {self._told(other)}", found=best is not None
+                )
+        if apart < TOLERANCE / 3:
+            fault = "says that it hangs on the threshold"
+            return Verdict(Outcome.WRONG, f"{fault}; {self._told(best)}", found=best is not None)
+        return Verdict(Outcome.THRESHOLD, "as it says", self._error(best), best is not None)
+
+    def _apart(self, one: Best | None, other: Best | None) -> float:
+        """How far two optima differ, in loads or of themselves; inf if one is none."""
+        if one is None or other is None:
+            return 0.0 if one is other else np.inf
+        return float(
+            abs(one.value - other.value) / max(self._unit, abs(one.value), abs(other.value))
+        )
 
     @property
     def _value(self) -> Fraction:
@@ -230,7 +267,9 @@ class _Comparison:
             (int(signs[0]), int(signs[1])) if chosen else None
             for chosen, signs in zip(mode.selection, mode.signs, strict=True)
         )
-        if not scene.admits(plain, THRESHOLD / 10):
+        # A motion that a hair of rounding takes away still counts, and so does a slower one here.
+        roundings = (self.scene, self._with(ROUNDING, ROUNDING), self._with(ROUNDING, STILL))
+        if not any(one.admits(plain, THRESHOLD / 10) for one in roundings):
             return f"mode {mode} has only a motion of speed {float(scene.speed(plain)):.2g}"
         friction = np.einsum("lij,li->lj", problem.tangents, forces)
         least = float(TOLERANCE * scene.load)

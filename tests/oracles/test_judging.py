@@ -95,6 +95,25 @@ def test_an_answer_that_hangs_on_the_threshold_is_told(turn, outcome):
     assert compare(problem, question, answer).outcome == outcome
 
 
+@pytest.mark.parametrize(
+    ("turn", "outcome"),
+    [(6e-8, Outcome.AGREE), (6e-7, Outcome.THRESHOLD), (6e-6, Outcome.THRESHOLD),
+     (1e-4, Outcome.AGREE)],
+)  # fmt: skip
+def test_the_package_says_where_it_hangs_on_the_threshold(turn, outcome):
+    problem, question = four_points(turn), Question("margin")
+    solution = ask(problem, question)
+    assert solution.found is (turn > 3e-6)
+    assert compare(problem, question, solution).outcome == outcome
+    told = solution.certificate.threshold_optima
+    forgeries: list[tuple[float, float] | None] = [(0.5, 0.5)]
+    forgeries.append((solution.certificate.bound,) * 2 if told is None else None)
+    for forgery in forgeries:
+        certificate = replace(solution.certificate, threshold_optima=forgery)
+        forged_one = replace(solution, certificate=certificate)
+        assert compare(problem, question, forged_one).outcome == Outcome.WRONG
+
+
 def test_scenes_are_of_every_scale_and_limit():
     cases = [scale_case(seed) for seed in range(400)]
     again = scale_case(7)
