@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry.bodies.collision import CollisionBody
 from graspless_pin.geometry.contact.finding import ContactPoint, find_contacts
+from graspless_pin.geometry.contact.merging import _covers
 
 FLOOR = coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
 
@@ -163,6 +164,38 @@ def test_an_edge_in_the_very_corner_is_held_by_both_plates_and_a_side() -> None:
         assert len(held) == 2
         assert np.allclose([c.position[[0, 2]] for c in held], 0.0, atol=1e-6)
     assert np.count_nonzero(normals @ [0, -1, 0] > 0.99) == 3
+
+
+@pytest.mark.parametrize(("width", "held"), [(0.01, 2), (0.0115, 4), (0.03, 4)])
+def test_a_ledge_in_a_corner_holds_an_edge_if_it_is_no_mere_lip(width: float, held: int) -> None:
+    """A floor that goes on in front of the wall by a tenth of its size is one; less is a seam."""
+    floor = slab("angle", (-0.1, width), (-0.1, 0.1), (-0.02, 0.0))
+    wall = slab("angle", (-0.02, 0.0), (-0.1, 0.1), (-0.02, 0.3))
+    turn = Rotation.from_euler("y", -30, degrees=True)
+    prism = CollisionBody("prism", wedge(), place((0, 0, 0), turn))
+    contacts = find_contacts(prism, [], [floor, wall])
+    assert len(contacts) == held
+
+
+@pytest.mark.parametrize("lean", [-10.0, 0.0, 1.0, 3.0, 5.0])
+def test_a_wall_that_leans_over_a_little_still_makes_a_corner(lean: float) -> None:
+    floor = slab("angle", (-0.1, 0.1), (-0.1, 0.1), (-0.02, 0.0))
+    side = slab("angle", (-0.2, 0.3), (0.05, 0.07), (0.0, 0.3))
+    leaning = place((0, 0, 0), Rotation.from_euler("y", lean, degrees=True))
+    wall = moved(slab("angle", (-0.05, 0.0), (-0.1, 0.1), (0.0, 0.3)), leaning)
+    turn = Rotation.from_euler("y", -30, degrees=True)
+    prism = CollisionBody("prism", wedge(), place((0, 0, 0), turn))
+    contacts = find_contacts(prism, [], [floor, wall, side])
+    assert len(contacts) == 7
+    assert sum(contact.normal[2] > 0.99 for contact in contacts) == 2
+
+
+@pytest.mark.parametrize("lean", [10.0, 20.0, 45.0, 90.0])
+def test_below_a_piece_that_leans_over_it_a_floor_is_covered(lean: float) -> None:
+    floor = slab("thing", (-0.1, 0.1), (-0.1, 0.1), (-0.02, 0.0))
+    leaning = place((0, 0, 0), Rotation.from_euler("y", lean, degrees=True))
+    over = moved(slab("thing", (-0.1, 0.0), (-0.1, 0.1), (-0.1, 0.1)), leaning)
+    assert _covers(over, floor, np.zeros(3), np.array([0.0, 0.0, 1.0]))
 
 
 def wedge() -> coal.CollisionGeometry:

@@ -298,6 +298,29 @@ def test_at_a_hair_of_a_gap_the_overlap_is_never_taken_for_a_deeper_one(
         assert found >= gap - 1e-4
 
 
+@pytest.mark.parametrize(
+    ("first", "second", "seed", "gap"),
+    [
+        ("cylinder", "cylinder", 168, -1e-5),
+        ("cylinder", "cylinder", 175, -1e-5),
+        ("cylinder", "cone", 131, -1e-4),
+        ("cone", "cone", 150, -1e-4),
+    ],
+)
+def test_rims_that_overlap_are_asked_for_again_until_the_direction_is_right(
+    first: str, second: str, seed: int, gap: float
+) -> None:
+    one, two = touching(first, second, seed)
+    for _ in range(3):
+        contacts = find_contacts(one, [], [two])
+        found = min(contact.distance for contact in contacts)
+        moved = two.T_world_geometry.copy()
+        moved[:3, 3] += (found - gap) * contacts[0].normal
+        two = CollisionBody("two", two.geometry, moved)
+    # From here the bodies are at the gap, up to what moving along another normal makes of it.
+    assert min(contact.distance for contact in find_contacts(one, [], [two])) >= gap - 1e-9
+
+
 def test_concentric_bodies_overlap_too_deep_and_nothing_else() -> None:
     for one, two in itertools.product(SHAPES, repeat=2):
         with pytest.raises(SceneError, match=r"support 'two' and object 'one' overlap by"):

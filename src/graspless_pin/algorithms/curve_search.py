@@ -8,7 +8,7 @@ below a straight piece of the envelope anywhere, or proves that there is none.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -41,12 +41,14 @@ class CurveSearch:
         rules: The reading of the virtual-sliding constraint.
         solver: Solver of the programs.
         limits: Of the searches over modes.
+        unanswered: Programs of single modes that no solver answered.
     """
 
     formulation: Formulation
     rules: Rules
     solver: str
     limits: Limits
+    unanswered: list[Program] = field(default_factory=list)
 
     def run(self) -> tuple[Status, list[Piece]]:
         """Return the status and the pieces from margin zero to the largest."""
@@ -74,6 +76,7 @@ class CurveSearch:
                 pieces[index] = piece._replace(closed=True)
             else:
                 pieces = [part for old in pieces for part in lower(old, curve)]
+        limited = limited or bool(self.unanswered)
         return Status.LIMIT_REACHED if limited else Status.OPTIMAL, joined(pieces)
 
     def _found_below(self, piece: Piece, begin: float) -> tuple[list[Piece], bool]:
@@ -150,7 +153,10 @@ class CurveSearch:
         lb, ub = program.lb, program.ub
         if mode is not None:
             lb, ub = replace(self.formulation, program=program).bounds_of(mode)
-        return solve(program.bounded(lb, ub), self.solver)
+        answer = solve(program.bounded(lb, ub), self.solver)
+        if answer.outcome is Outcome.FAILED:
+            self.unanswered.append(program)
+        return answer
 
     def _extended(self, mode: SlidingMode | None) -> SlidingMode | None:
         """A feasible mode that allows all that this one allows, and as much more as it may."""

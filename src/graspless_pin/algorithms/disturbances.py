@@ -190,21 +190,25 @@ def _largest(
         end = -best.value
         if end < begin - 2.0 * _STEP:
             largest = end
-        begin = _first(formulation, mode, rules, solver, end)
+        first = _first(formulation, mode, rules, solver)
+        if first is None:
+            return Status.UNVERIFIED, np.nan
+        begin = min(first, end)
     return Status.OPTIMAL, formulation.coordinates.force_scale * largest
 
 
-def _first(
-    formulation: Formulation, mode: SlidingMode, rules: Rules, solver: str, end: float
-) -> float:
-    """The smallest multiple that a mode balances; it balances all from there to ``end``."""
+def _first(formulation: Formulation, mode: SlidingMode, rules: Rules, solver: str) -> float | None:
+    """The smallest multiple that a mode balances, None where no solver tells.
+
+    The mode balances all from there to its largest one.
+    """
     program = formulation.program
     least = replace(formulation, program=with_objective(program, -program.c))
     lb, ub = program.lb, program.ub
     if rules.static_friction is not StaticFriction.COULOMB:
         lb, ub = formulation.bounds_of(mode)
     answer = least.solve(lb, ub, solver, cutoff=np.inf)
-    return min(answer.value, end) if answer.outcome is Outcome.SOLVED else end
+    return None if answer.outcome is Outcome.FAILED else answer.value
 
 
 def _unit_directions(directions: ArrayLike | None) -> FloatArray:

@@ -170,7 +170,8 @@ class ForceExtremes:
         if answer.outcome is Outcome.SOLVED and answer.value > -_IS_RAY:
             return False
         if self.rules.static_friction is StaticFriction.COULOMB:
-            return True
+            self.proven = self.proven and answer.outcome is Outcome.SOLVED
+            return self.proven
         if any(self._in_mode(alone, mode) < -_IS_RAY for mode in self.growing):
             return True
         # Three searches take turns with ever more nodes. The rays of all modes alone tell soonest

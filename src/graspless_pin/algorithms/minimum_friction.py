@@ -16,6 +16,7 @@ from graspless_pin.solution import Algorithm, Status
 
 _LARGEST = 16.0
 _SCAN = 48
+_UNDECIDED = (Status.NOT_FOUND_IN_LIMIT, Status.UNVERIFIED)
 _RELATIVE = 1e-7
 
 
@@ -27,7 +28,7 @@ class MinimumFriction:
         factor: Smallest factor with which the scene is feasible (at margin zero); 0 if it needs no
             friction, NaN if no factor up to 16 does. Where a limit ended a search, the smallest
             that was seen to be enough.
-        proven: Whether all searches came to their end.
+        proven: Whether all searches came to their end, with answers of solvers that were proven.
     """
 
     factor: float
@@ -90,7 +91,7 @@ def smallest_factor(
             return False
         scaled = problem.with_changes(friction=factor * problem.friction)
         solution = solve_problem(scaled, objective, rules, **limits.left)
-        proven = proven and solution.status is not Status.NOT_FOUND_IN_LIMIT
+        proven = proven and solution.status not in _UNDECIDED
         return solution.found
 
     if objective.margin == 0.0 and feasible(0.0):

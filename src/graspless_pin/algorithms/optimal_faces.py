@@ -253,4 +253,8 @@ def _positive_together(rows: FloatArray) -> NDArray[np.bool_]:
         bounds=[(-_FARTHEST, _FARTHEST)] * size + [(0.0, 1.0)] * count,
         method="highs",
     )
-    return answer.x[size:] > 0.5 if answer.status == 0 else np.zeros(count, dtype=bool)
+    if answer.status != 0 or not np.isfinite(answer.x).all():
+        return np.zeros(count, dtype=bool)
+    # What is said to be positive must be so, and nothing may be negative.
+    reached = rows @ answer.x[:size]
+    return (reached > 0.5) & (reached.min() > -0.5)

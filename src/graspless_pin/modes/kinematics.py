@@ -327,12 +327,7 @@ class VirtualKinematics:
             for position, component in np.argwhere(share > 0.0)
         )
         # The rest of the combination is carried by rows that vanish: a basic solution names few.
-        rest = -(weights @ moving)
-        try:
-            halves, _ = nnls(np.hstack([still.T, -still.T]), rest)
-            reactions = halves[: len(still)] - halves[len(still) :]
-        except RuntimeError:
-            reactions = np.linalg.lstsq(still.T, rest)[0]
+        reactions = _reactions(still, -(weights @ moving), self.threshold)
         owners, places = list(contacts), [0] * len(contacts)
         if rule is SignRule.EXACT:
             zeros = np.flatnonzero(signs.ravel() == 0)
@@ -347,6 +342,19 @@ class VirtualKinematics:
                 combination[owner, place] = reaction
         others = tuple(sorted(carrying - {contact for contact, _, _ in items}))
         return Conflict(items, others, read_only(combination))
+
+
+def _reactions(still: FloatArray, rest: FloatArray, threshold: float) -> FloatArray:
+    """Weights of rows that vanish which make up for the rest of a combination, few if possible."""
+    try:
+        halves, _ = nnls(np.hstack([still.T, -still.T]), rest)
+        if np.isfinite(halves).all():
+            reactions: FloatArray = halves[: len(still)] - halves[len(still) :]
+            if np.linalg.norm(reactions @ still - rest) < threshold:
+                return reactions
+    except RuntimeError:
+        pass
+    return np.linalg.lstsq(still.T, rest)[0]
 
 
 def _shortest(
@@ -365,10 +373,10 @@ def _shortest(
         target = np.zeros(len(system))
         target[-1] = worth
         try:
-            weights = scale * nnls(system * scale, target)[0]
+            weights = scale * np.maximum(nnls(system * scale, target)[0], 0.0)
         except RuntimeError:  # too many iterations, seen on degenerate rows
             break
-        total = float(weights @ strict)
+        total = float(weights @ strict) if np.isfinite(weights).all() else 0.0
         if total <= 0.0:
             continue
         found = _judged(moving, strict, weights / total)
@@ -403,16 +411,14 @@ def _judged(moving: FloatArray, strict: FloatArray, weights: FloatArray) -> _Sli
 def _speed(
     moving: FloatArray, strict: FloatArray, motion: FloatArray, weights: FloatArray
 ) -> _Sliding:
-    """How fast a motion slides where it is slowest."""
+    """How fast a motion slides where it is slowest; not at all if it slides a wrong way."""
     size = float(np.linalg.norm(motion))
-    if size == 0.0:
+    if not 0.0 < size < np.inf:
         return _Sliding(motion, 0.0, weights)
     along = moving @ motion / size
     needed = strict > 0.0
-    slowest = float(along[needed].min())
-    if (along[~needed] < -RANK_TOLERANCE).any():
-        slowest = 0.0
-    return _Sliding(motion, slowest, weights)
+    wrong = (along[~needed] < -RANK_TOLERANCE).any()
+    return _Sliding(motion, 0.0 if wrong else float(along[needed].min()), weights)
 
 
 def _by_linear_program(moving: FloatArray, strict: FloatArray, threshold: float) -> _Sliding:
@@ -431,13 +437,13 @@ def _by_linear_program(moving: FloatArray, strict: FloatArray, threshold: float)
         )
     if answer.x[-1] > 0.5:
         motion = answer.x[:-1]
-        along = moving @ motion / np.linalg.norm(motion)
-        if along[strict > 0.0].min() >= threshold:
-            return _Sliding(motion, float(along[strict > 0.0].min()), np.zeros(rows))
+        found = _speed(moving, strict, motion, np.zeros(rows))
+        if found.slowest >= threshold:
+            return found
     weights = np.maximum(-answer.ineqlin.marginals, 0.0)
     total = float(weights @ strict)
     found = _judged(moving, strict, weights / total) if total > 0.0 else None
-    if found is None or np.linalg.norm(found.motion) >= threshold:
+    if found is None or not np.linalg.norm(found.motion) < threshold:
         raise UndecidedMotionError("No solver decided whether a virtual motion exists.")
     return found._replace(slowest=min(found.slowest, float(np.linalg.norm(found.motion))))
 

@@ -12,7 +12,7 @@ from enum import Enum
 
 import numpy as np
 
-from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.checks import FloatArray, all_finite
 from graspless_pin.programs.polish import polished
 from graspless_pin.programs.program import Program, elastic, elastic_multipliers
 
@@ -30,7 +30,7 @@ _SHRUNK_BY = (1e3, 1e6)
 Multipliers = tuple[FloatArray, FloatArray, FloatArray]
 """A solution x with multipliers of the equalities and of the rows, as a solver left them."""
 Backend = Callable[[Program], Multipliers | None]
-"""A solver: what it found, or None if that is nothing finite."""
+"""A solver: what it found, or None if that is nothing."""
 
 
 class Outcome(Enum):
@@ -106,7 +106,7 @@ def _tried(
     program: Program, near: Program, factor: float, backend: Backend, name: str, cutoff: float
 ) -> Answer:
     """Ask a solver for a program shrunk by a factor, and hold its answer against the program."""
-    raw = backend(near if factor == 1.0 else near.shrunk(factor))
+    raw = _asked(backend, near if factor == 1.0 else near.shrunk(factor))
     if raw is None:
         return failed(-np.inf)
     found = raw if factor == 1.0 else (factor * raw[0], raw[1], raw[2])
@@ -125,6 +125,12 @@ def _tried(
             if proof > _INFEASIBLE:
                 return _infeasible(np.inf, proof, *multipliers, name)
     return failed(bound)
+
+
+def _asked(backend: Backend, program: Program) -> Multipliers | None:
+    """What a solver found, if that is finite."""
+    raw = backend(program)
+    return None if raw is None or not all_finite(raw) else raw
 
 
 def proven(program: Program, found: Multipliers, name: str, cutoff: float) -> Answer:
@@ -169,7 +175,7 @@ def _elastic_multipliers(
 ) -> tuple[FloatArray, FloatArray] | None:
     """Multipliers that prove the smallest common violation of all rows, by the elastic program."""
     relaxed = elastic(program)
-    raw = backend(relaxed)
+    raw = _asked(backend, relaxed)
     if raw is None:
         return None
     found = raw, polished(relaxed, raw) or raw

@@ -14,7 +14,7 @@ from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.program import Program
 
 _RANK = 1e-11
-_CORRECTIONS = 3
+_CORRECTIONS = 2
 _ROUNDS = 4
 Found = tuple[FloatArray, FloatArray, FloatArray]
 
@@ -47,7 +47,7 @@ def polished(program: Program, found: Found) -> Found | None:
             return None
         nearer, turned = solved
         # Multipliers of one sign only: those that would need the other have no part.
-        wrong = active & (turned * weights < 0.0)
+        wrong = active & (np.sign(turned) * np.sign(weights) < 0.0)
         wrong[:count] = False
         if not wrong.any():
             return nearer, turned[:count], turned[count:]

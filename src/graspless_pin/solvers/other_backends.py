@@ -10,7 +10,6 @@ import qpsolvers
 import scipy.sparse
 from proxsuite import proxqp  # pyright: ignore[reportMissingImports] - compiled, path hook
 
-from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.answers import Backend, Multipliers
 from graspless_pin.programs.program import Program, restored
 from graspless_pin.solvers.piqp_engines import SOLVER_TOLERANCE
@@ -26,7 +25,7 @@ _OPTIONS: dict[str, dict[str, Any]] = {
 _SPARSE = ("highs", "clarabel", "osqp", "scs")
 
 
-def by_proxqp(program: Program) -> Multipliers | None:
+def by_proxqp(program: Program) -> Multipliers:
     """ProxQP's object interface: its one-shot call takes feasible LPs for infeasible."""
     reduced, kept = program.without_fixed()
     n, m = reduced.A.shape[1], len(reduced.A)
@@ -46,7 +45,7 @@ def by_proxqp(program: Program) -> Multipliers | None:
     engine.init(np.diag(reduced.P), reduced.c, reduced.A, reduced.b, rows, low, high)
     engine.solve()
     x, y, z = (np.array(part) for part in (engine.results.x, engine.results.y, engine.results.z))
-    return (restored(x, kept), y, z[: len(reduced.G)]) if _finite(x, y, z) else None
+    return restored(x, kept), y, z[: len(reduced.G)]
 
 
 def by_qpsolvers(name: str) -> Backend:
@@ -73,17 +72,13 @@ def by_qpsolvers(name: str) -> Backend:
                 solution = qpsolvers.solve_problem(quadratic, name, **_OPTIONS.get(name, {}))
         except (qpsolvers.SolverError, qpsolvers.ProblemError, qpsolvers.ParamError):
             return None
-        if solution.x is None or not _finite(solution.x):
+        if solution.x is None:
             return None
         y = np.zeros(len(reduced.A)) if solution.y is None or not has_equalities else solution.y
         z = np.zeros(len(reduced.G))
         if solution.z is not None and has_rows and len(solution.z) == len(rows):
             z[up] += solution.z[: up.sum()]
             z[down] -= solution.z[up.sum() :]
-        return (restored(solution.x, kept), np.asarray(y), z) if _finite(y, z) else None
+        return restored(solution.x, kept), np.asarray(y), z
 
     return backend
-
-
-def _finite(*arrays: FloatArray) -> bool:
-    return all(np.isfinite(array).all() for array in arrays)

@@ -1,0 +1,240 @@
+"""Parts of the searches: what counts as equal, what a failed node leaves, how nodes are split."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+from scenes import random_problem, scene, structured_arguments
+
+from graspless_pin import QuasistaticProblem, Status, maximize_margin
+from graspless_pin.algorithms import branch_and_bound as searching
+from graspless_pin.algorithms.branch_and_bound import _Node, _resolving, branch_and_bound
+from graspless_pin.algorithms.formulation import formulate
+from graspless_pin.algorithms.friction_modes import ModeReader
+from graspless_pin.algorithms.search import SearchState, closeness
+from graspless_pin.algorithms.torque import margin_objective
+from graspless_pin.compiled import contact_frames
+from graspless_pin.modes.consequences import Decisions
+from graspless_pin.modes.kinematics import Conflict, Requirement
+from graspless_pin.modes.nearest_motions import NearestMotions
+from graspless_pin.modes.rules import Rules, SignRule
+from graspless_pin.programs.answers import failed
+from graspless_pin.solvers import Outcome
+
+RULES = Rules.parse()
+SPLIT = [
+    QuasistaticProblem(**structured_arguments(seed, kind, 4))
+    for kind, seed in (("slab", 2), ("slab", 4), ("slab", 9), ("planar", 0))
+]
+"""Problems in which the relaxation's friction has no motion behind it."""
+
+
+def state_of(problem: QuasistaticProblem) -> SearchState:
+    return SearchState(formulate(problem, margin_objective()), RULES, "piqp")
+
+
+def test_values_count_as_equal_where_they_are_so_to_a_tenth_of_a_gap():
+    assert closeness(0.0) == closeness(-0.5) == closeness(1.0) == 2e-8
+    assert closeness(50.0) == closeness(-50.0) == pytest.approx(1e-6)
+    assert closeness(np.inf) == 2e-8
+
+
+@pytest.mark.parametrize("value", [-0.3, -1.0, -40.0])
+def test_a_search_is_closed_where_no_node_can_be_better(value):
+    state = state_of(scene("rest"))
+    assert not state.closed(-1e9)
+    answer = state.relax()
+    state.best = answer.moved(answer.x, value, 0.0)
+    size = max(1.0, abs(value))
+    assert state.closed(value + 1e-3)
+    assert state.closed(value - 1.9e-8 * size)
+    for below in (2.1e-8, 1e-7, 1e-5):
+        assert not state.closed(value - below * size)
+
+
+def test_an_answer_whose_forbidden_friction_costs_something_is_not_the_modes_own():
+    problem = SPLIT[0]
+    best = maximize_margin(problem)
+    state = state_of(problem)
+    relaxed = state.relax()
+    assert relaxed.value < -best.margin / problem.scales.force - 1e-3
+    # The relaxation's friction is not all of this mode's: its own program is solved instead.
+    assert not state.accept(relaxed, best.mode)
+    assert state.best is not None
+    assert -state.best.value * problem.scales.force == pytest.approx(best.margin, abs=1e-6)
+    assert (state.formulation.program.residual(state.best.x)) <= 1e-7
+
+
+@pytest.mark.parametrize("index", range(len(SPLIT)))
+def test_what_a_failed_node_may_hold_stays_in_the_bound(index, monkeypatch):
+    """Whichever node no solver answers, the bound holds for the optimum that may be in it."""
+    problem = SPLIT[index]
+    best = maximize_margin(problem)
+    honest = SearchState.solve
+    assert best.found
+    for number in range(1, best.certificate.force_programs + 3):
+        calls = iter(range(10**6))
+
+        def solve(state, lb, ub, number=number, calls=calls):
+            if next(calls) == number:
+                state.unproven = True
+                return failed(-np.inf)
+            return honest(state, lb, ub)
+
+        monkeypatch.setattr(SearchState, "solve", solve)
+        # A guess would find the best mode before the search does.
+        monkeypatch.setattr(searching, "_guess", lambda *_: None)
+        result = branch_and_bound(state_of(problem))
+        bound = result.state.bound * result.state.formulation.unit
+        assert bound >= best.margin - 1e-6
+        failed_there = next(calls) > number
+        assert (result.status is Status.OPTIMAL) == (not failed_there)
+        if result.state.best is not None:
+            assert -result.state.best.value * problem.scales.force <= best.margin + 1e-6
+
+
+def admitted(decisions: Decisions, mode: tuple[tuple[int, int] | None, ...]) -> bool:
+    """Whether a mode agrees with decisions."""
+    for contact, signs in enumerate(mode):
+        if signs is None:
+            if decisions.selected[contact]:
+                return False
+            continue
+        if decisions.released[contact]:
+            return False
+        known = decisions.signs[contact]
+        if any(k not in (0, s) for k, s in zip(known, signs, strict=True)):
+            return False
+    return True
+
+
+PAIRS = list(product((-1, 1), repeat=2))
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_children_of_a_node_share_no_mode_and_lose_none(seed):
+    """Each mode but those of the conflict is in one child and in no other."""
+    rng = np.random.default_rng(seed)
+    problem = random_problem(seed, 4)
+    state = state_of(problem)
+    program = state.formulation.program
+    root = _Node(program.lb, program.ub, {}, Decisions.none(4), 0)
+    node = root
+    if seed % 2:
+        chosen = Decisions.none(4).sign(int(rng.integers(4)), 1, int(rng.choice((-1, 1))))
+        assert chosen is not None
+        node = _Node(program.lb, program.ub, {}, chosen, 0)
+    contacts = rng.permutation(4)
+    count = int(rng.integers(1, 4))
+    items = [(int(c), int(k)) for c in contacts[:count] for k in range(2) if k == 0 or c % 2]
+    signs = tuple((c, k, int(rng.choice((-1, 1)))) for c, k in items)
+    also = tuple(sorted(int(c) for c in contacts[count : count + seed % 3]))
+    conflict = Conflict(signs, also, None)
+    x = rng.normal(size=len(program.c))
+    children = [child.decisions for child in _resolving(state, node, conflict, x)]
+    for mode in product((None, *PAIRS), repeat=4):
+        if not admitted(node.decisions, mode):
+            continue
+        excluded = all(mode[c] is not None for c in also)
+        for c, k, sign in signs:
+            pair = mode[c]
+            excluded = excluded and pair is not None and pair[k] == sign
+        holding = sum(admitted(child, mode) for child in children)
+        assert holding == (0 if excluded else 1)
+
+
+@pytest.mark.parametrize(("size", "is_friction"), [(0.9e-8, False), (1.1e-8, True), (1e-6, True)])
+def test_the_least_friction_that_counts(size, is_friction):
+    state = state_of(scene("rest"))
+    reader: ModeReader = state.reader
+    x = np.zeros(len(state.formulation.program.c))
+    column = state.formulation.cone_columns[0][1, 0]
+    x[column] = -size
+    friction = reader._friction(x)
+    assert isinstance(friction, dict)
+    contact = state.formulation.cone_contacts[1]
+    assert friction[contact] == ((-1, 0) if is_friction else (0, 0))
+    assert all(pair == (0, 0) for other, pair in friction.items() if other != contact)
+    assert reader.describe(x).selection[contact] == is_friction
+
+
+def slider(turned: float) -> QuasistaticProblem:
+    """A block on a floor and a wall whose first tangents are turned from the one way it slides."""
+    points = [[0.1, 0.1, -0.1], [-0.1, 0.1, -0.1], [0, -0.05, -0.1], [0.1, -0.1, -0.1]]
+    points.append([-0.1, -0.1, -0.1])
+    normals = np.array([[0, 0, 1.0]] * 3 + [[0, 1.0, 0]] * 2)
+    first = np.array([1.0, 0.0, 0.0])
+    c, s = np.cos(turned), np.sin(turned)
+    tangents = []
+    for normal in normals:
+        other = np.cross(normal, first)
+        tangents.append(np.column_stack([c * first + s * other, -s * first + c * other]))
+    return QuasistaticProblem(
+        points, normals, [6, -5, -10, -0.5, -0.6, 0], friction=0.5, tangents=tangents, cone_edges=8
+    )
+
+
+def share_of(turned: float) -> float:
+    """How fast the block slides along its second tangents, over all contact velocities.
+
+    All five contacts move along x alike.
+    """
+    return float(np.sin(turned) / np.sqrt(5.0))
+
+
+@pytest.mark.parametrize(
+    ("times", "counts"), [(0.99, False), (1.005, True), (1.1, True), (0.5, False), (30.0, True)]
+)
+def test_a_sliding_counts_from_a_millionth_of_the_motion_on(times, counts):
+    """The same in a search for a motion, in its nearest ones, and for a given motion."""
+    turned = float(np.arcsin(1e-6 * times * np.sqrt(5.0)))
+    assert share_of(turned) == pytest.approx(1e-6 * times)
+    state = state_of(slider(turned))
+    kinematics = state.formulation.kinematics
+    asked = [Requirement(contact, (1, -1)) for contact in range(5)]
+    assert kinematics.feasible(asked, SignRule.STRICT) == counts
+    assert (kinematics.witness(asked, SignRule.STRICT) is not None) == counts
+    along = np.array([[0.0, np.cos(turned), -np.sin(turned)]] * 5)
+    assert kinematics.counts(along, asked, SignRule.STRICT) == counts
+
+
+@pytest.mark.parametrize(("times", "seen"), [(0.9, False), (1.1, True), (9.0, False), (11.0, True)])
+def test_a_sliding_that_is_clear_needs_no_search(times, seen):
+    """Ten times the threshold is clear; between them a search has to tell."""
+    clearly = 10.0 if times > 5.0 else 1.0
+    turned = float(np.arcsin(1e-6 * times * np.sqrt(5.0)))
+    kinematics = state_of(slider(turned)).formulation.kinematics
+    nearest = kinematics.nearest if clearly == 10.0 else NearestMotions(kinematics.rows, 1e-6)
+    signs = np.array([1.0, -1.0] * 5)
+    assert (nearest.glimpse((0, 1, 2, 3, 4), signs) is not None) == seen
+
+
+@pytest.mark.parametrize(("tilt", "shared"), [(1e-9, True), (5e-9, True), (1e-7, False)])
+def test_normals_that_differ_by_rounding_share_a_motion(tilt, shared):
+    """Four corners on one plane, one normal of which is off."""
+    corners = [[0.1, 0.1, 0.0], [-0.1, 0.1, 0.0], [-0.1, -0.1, 0.0], [0.1, -0.1, 0.0]]
+    normals = np.array([[0.0, 0.0, 1.0]] * 4)
+    normals[0] = np.array([tilt, 0.7 * tilt, 1.0])
+    problem = QuasistaticProblem(corners, normals, [0, 0, -1, 0, 0, 0], friction=0.5)
+    kinematics = state_of(problem).formulation.kinematics
+    assert kinematics.touching_basis((0, 1, 2, 3)).shape[1] == (3 if shared else 2)
+
+
+def test_outcomes_are_told_apart():
+    assert {one.value for one in Outcome} == {"solved", "infeasible", "failed"}
+
+
+@pytest.mark.parametrize("form_of", ["compiled", "numpy"])
+def test_a_lever_of_no_length_has_the_scale_of_a_very_short_one(form_of, request):
+    if form_of == "numpy":
+        request.getfixturevalue("without_loops")
+    elif contact_frames is None:
+        pytest.skip("the loops are not compiled")
+    jacobian = np.zeros((3, 4))
+    jacobian[0] = [0.2, 0.2 * 3e-12, 0.2 * 1e-15, 0.0]
+    problem = QuasistaticProblem(
+        [[0.1, 0.0, 0.0]], [[0.0, 0.0, 1.0]], [0, 0, -5.0, 0, 0, 0], jacobian=jacobian, friction=0.5
+    )
+    scales = problem.scales
+    assert scales.force == 5.0
+    np.testing.assert_allclose(scales.joints, [1.0, 3e-12, 1e-12, 1e-12], rtol=1e-12)
