@@ -108,7 +108,7 @@ def admitted(decisions: Decisions, mode: tuple[tuple[int, int] | None, ...]) -> 
     return True
 
 
-PAIRS = list(product((-1, 1), repeat=2))
+PAIRS: list[tuple[int, int]] = [(a, b) for a in (-1, 1) for b in (-1, 1)]
 
 
 @pytest.mark.parametrize("seed", range(12))

@@ -27,7 +27,7 @@ from graspless_pin.algorithms.search import (
 from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.modes.consequences import Decisions
 from graspless_pin.modes.enumeration import sign_pairs
-from graspless_pin.modes.kinematics import Conflict
+from graspless_pin.modes.kinematics import Conflict, Requirement
 from graspless_pin.modes.rules import SignRule, SlidingMode, StaticFriction
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solution import Status
@@ -86,10 +86,10 @@ def _searched(state: SearchState, node_limit: int | None, deadline: float) -> Se
     queue = _Queue()
     count = state.formulation.problem.contact_count
     root = _Node(program.lb, program.ub, {}, Decisions.none(count), 0)
-    if not state.closed(answer.bound):
-        queue.add(answer.bound, _children(state, root, answer))
+    children = None if state.closed(answer.bound) else _children(state, root, answer)
     # The lowest bound of the nodes that were left without being split: no optimum lies below it.
-    left = np.inf if queue.nodes else answer.bound
+    left = answer.bound if children is None else np.inf
+    queue.add(answer.bound, children or [])
     while queue.nodes:
         bound, _, _, node = heapq.heappop(queue.nodes)
         state.raise_bound(min(bound, left))
@@ -109,9 +109,9 @@ def _searched(state: SearchState, node_limit: int | None, deadline: float) -> Se
             left = min(left, answer.bound)
             continue
         children = _children(state, node, answer)
-        if not children:
+        if children is None:
             left = min(left, answer.bound)
-        queue.add(answer.bound, children)
+        queue.add(answer.bound, children or [])
     state.raise_bound(left)
     return finished(state)
 
@@ -161,21 +161,25 @@ def _guess(state: SearchState, answer: Answer) -> None:
         answer = guess
 
 
-def _children(state: SearchState, node: _Node, answer: Answer) -> list[_Node]:
-    """Keep the node's optimum if a mode admits it; otherwise split the node."""
+def _children(state: SearchState, node: _Node, answer: Answer) -> list[_Node] | None:
+    """Keep the node's optimum if a mode admits it; otherwise split the node.
+
+    None where nothing in the node is better than what was kept, or it cannot be split; no children
+    where it holds no mode.
+    """
     verdict = state.reader.read(answer.x, node.decided)
     state.modes_examined += 1
     if not isinstance(verdict, SlidingMode) and state.modes_examined % _GUESS_EVERY == 1:
         _guess(state, answer)
         if state.closed(answer.bound):
-            return []
+            return None
     if isinstance(verdict, Conflict):
         return _resolving(state, node, verdict, answer.x)
     if isinstance(verdict, Opposition):
         ways = [_turned(state, node, verdict.contact, verdict.component, way) for way in (1, -1)]
         return [child for child in ways if child is not None]
     if isinstance(verdict, SlidingMode) and state.accept(answer, verdict):
-        return []
+        return None
     return _deciding(state, node, answer)
 
 
@@ -264,8 +268,11 @@ def _signed(node: _Node, columns: NDArray[np.int_], sign: int) -> _Node:
     return _Node(lb, ub, node.decided, node.decisions, node.depth + 1)
 
 
-def _deciding(state: SearchState, node: _Node, answer: Answer) -> list[_Node]:
-    """Children that fix the mode of the undecided contact with the most friction, one each."""
+def _deciding(state: SearchState, node: _Node, answer: Answer) -> list[_Node] | None:
+    """Children that fix the mode of the undecided contact with the most friction, one each.
+
+    Where all are decided, none if no motion is behind what is; else None.
+    """
     formulation = state.formulation
     size: dict[int, float] = {}
     for contact in formulation.cone_contacts:
@@ -274,7 +281,10 @@ def _deciding(state: SearchState, node: _Node, answer: Answer) -> list[_Node]:
         if contact not in node.decided and not released:
             size[contact] = float(np.abs(answer.x[columns]).sum())
     if not size:
-        return []
+        decided = [Requirement(contact, pair) for contact, pair in node.decided.items()]
+        state.reader.kinematic_programs += 1
+        moves = formulation.kinematics.feasible(decided, state.rules.sign)
+        return None if moves else []
     contact = max(size, key=lambda candidate: size[candidate])
     columns = formulation.friction_columns(contact)
     children = [_presuming(node, node.decisions.release(contact))]

@@ -23,6 +23,9 @@ from graspless_pin.solvers import Answer, Outcome
 MOST_LEAVES = 1000
 """Proofs with more leaves are not written."""
 _CLOSE = 1e-7
+_CORRECTIONS = 2
+_SHORT = 0.1
+"""Combinations shorter than this share of the threshold are not brought nearer to zero."""
 _THIN = 1e-9
 """Multipliers below this share of the largest are left out where the proof does without them."""
 
@@ -210,7 +213,29 @@ class ModeProver:
     def _excluded(self, wanted: list[Requirement], rule: SignRule) -> FloatArray | None:
         """A combination that excludes every motion with what is wanted; None: there is none."""
         verdict = self.formulation.kinematics.solve(wanted, rule)
-        return verdict.combination if isinstance(verdict, Conflict) else None
+        if not isinstance(verdict, Conflict) or verdict.combination is None:
+            return None
+        return self._sharpened(verdict.combination, wanted, rule)
+
+    def _sharpened(
+        self, combination: FloatArray, wanted: list[Requirement], rule: SignRule
+    ) -> FloatArray:
+        """A combination whose part that any motion can see is as short as rounding lets it be."""
+        kinematics = self.formulation.kinematics
+        seen, v = kinematics.seen, combination
+        still = np.zeros(v.shape, dtype=bool)
+        for contact, signs in wanted:
+            still[contact, 0] = True
+            still[contact, 1:] = [rule is SignRule.EXACT and not sign for sign in signs]
+        # First by what takes part already, so that conflicts stay small.
+        for places in (still & (v != 0.0), still):
+            for _ in range(_CORRECTIONS):
+                visible = np.einsum("mk,mkd->d", v, seen)
+                if np.linalg.norm(visible) < _SHORT * kinematics.threshold:
+                    return v
+                v = v.copy()
+                v[places] -= np.linalg.lstsq(seen[places].T, visible)[0]
+        return v
 
     def _reading(self, part: ModePart, wanted: list[Requirement]) -> SignRule:
         """How a sign of 0 is read: under `exact` as an open one, unless no sign is open."""
@@ -227,7 +252,7 @@ class ModeProver:
         importance = importance[[one.contact for one in known]]
         verdict = self.formulation.kinematics.solve(known, rule, importance)
         if isinstance(verdict, Conflict) and verdict.combination is not None:
-            v = verdict.combination
+            v = self._sharpened(verdict.combination, known, rule)
             return self._items_split(part, self._items(part, [v], None, size), (v,), None)
         if self.rules.sign is SignRule.STRICT:
             found = self._by_opened(part, known, size)

@@ -314,7 +314,9 @@ class VirtualKinematics:
     ) -> Conflict:
         """Name the requirements whose combination all but vanishes."""
         moving, strict = _signed_rows(self.seen[list(contacts), 1:], signs, rule)
-        weights = np.where(weights > _IN_CONFLICT * weights.max(), weights, 0.0)
+        # Rows that must be positive stay whatever the others weigh.
+        most = np.where(strict > 0.0, (weights * strict).max(), weights.max())
+        weights = np.where(weights > _IN_CONFLICT * most, weights, 0.0)
         weights /= float(weights @ strict)
         # Each weighted row stands for one component, or for both of a contact (their sum).
         share = np.zeros((len(contacts), 2))
@@ -354,7 +356,7 @@ def _reactions(still: FloatArray, rest: FloatArray, threshold: float) -> FloatAr
                 return reactions
     except RuntimeError:
         pass
-    return np.linalg.lstsq(still.T, rest)[0]
+    return np.linalg.lstsq(still.T, rest)[0].astype(np.float64)
 
 
 def _shortest(
