@@ -107,7 +107,8 @@ def test_the_package_says_where_it_hangs_on_the_threshold(turn, outcome):
     assert compare(problem, question, solution).outcome == outcome
     told = solution.certificate.threshold_optima
     forgeries: list[tuple[float, float] | None] = [(0.5, 0.5)]
-    forgeries.append((solution.certificate.bound,) * 2 if told is None else None)
+    bound = solution.certificate.bound
+    forgeries.append((bound, bound) if told is None else None)
     for forgery in forgeries:
         certificate = replace(solution.certificate, threshold_optima=forgery)
         forged_one = replace(solution, certificate=certificate)

@@ -146,7 +146,7 @@ def test_contacts_that_follow_their_links(name, algorithm):
     unique = gradient.unique
     off = np.abs(gradient.values - expected) - 1e-4 * np.abs(expected) - 2e-4 * size
     assert (off <= errors)[unique].all()
-    assert (errors < 1e-4).all()
+    assert (errors < 5e-4).all()
     assert not gradient.gap_gradient.any()
     if name not in ("paper/cuboid_at_rest", "panda_slide_cuboid_up_slope"):
         assert unique.sum() >= 4

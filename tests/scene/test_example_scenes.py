@@ -11,7 +11,7 @@ from scene_tools import EXAMPLES
 from graspless_pin import load_scene
 from graspless_pin.errors import SceneError
 from graspless_pin.geometry.bodies.collision import CollisionBody
-from graspless_pin.geometry.bodies.meshes import load_mesh
+from graspless_pin.geometry.bodies.meshes import scaled_mesh
 from graspless_pin.geometry.bodies.shapes import MeshShape, Sphere, coal_geometry
 from graspless_pin.geometry.contact.finding import BodyKind, find_contacts
 from graspless_pin.geometry.poses import pose_matrix
@@ -181,7 +181,7 @@ def test_mug_hangs_on_friction_alone():
 def test_the_mugs_figures_are_the_meshs():
     scene = example("allegro_mug_against_wall")
     assert isinstance(scene.object.shape, MeshShape)
-    mug = load_mesh(scene.object.shape.path)
+    mug = scaled_mesh(scene.object.shape.path, 1.0)
     assert mug.is_watertight
     assert scene.object.mass == pytest.approx(mug.volume * 2300, rel=1e-2)  # kg/m^3, stoneware
     assert scene.object.center_of_mass == pytest.approx(mug.center_mass, abs=1e-4)
