@@ -113,7 +113,11 @@ class _Checker:
                 "contact points, normals, tangents, sliding, friction, Jacobian, external wrench, "
                 "limits, options and rules; poses, masses and names",
             ),
-            given("how it was found", "counters of the search, solver, versions, hashes, words"),
+            given(
+                "how it was found",
+                "counters of the search, solver, versions, hashes, words, and the optima with "
+                "another threshold of motions",
+            ),
         ]
 
     def _statements(self) -> list[Check]:
