@@ -12,7 +12,7 @@ SCALES ?= --count 2000 --jobs 2
 TAMPERING ?= 1000
 FUZZ ?= --count 2000 --seed 1
 
-.PHONY: install run test lint types docs bench scales tampering fuzz clean
+.PHONY: install run test lint types docs bench mutants scales tampering fuzz clean
 
 install: $(STAMP)
 
@@ -55,6 +55,9 @@ tampering: install
 
 fuzz: install
 	$(BIN)/python tests/fuzzing/fuzz.py $(FUZZ)
+
+mutants: install
+	$(BIN)/python -m mutation $(MUTANTS)
 
 clean:
 	rm -rf $(VENV) site out

@@ -1,0 +1,176 @@
+"""Where the code can be mutated, and a seeded sample of the mutants.
+
+The operators are those of Cosmic Ray, and one more that makes a tolerance a thousand times larger
+or smaller. A place is drawn first and then one of its mutants, so that an operator with many
+alternatives counts no more than others.
+
+Of the kept tools, mutmut leaves out constants of modules, properties and decorated functions, and
+Cosmic Ray's own runs start one test command for all mutants, on the files themselves: hence its
+operators, on copies, with the tests that run the line.
+"""
+
+from __future__ import annotations
+
+import ast
+import random
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import parso
+from cosmic_ray.ast import ast_nodes, get_ast
+from cosmic_ray.mutating import mutate_code
+from cosmic_ray.operators.operator import Operator
+from cosmic_ray.operators.provider import OperatorProvider
+
+from graspless_pin import compiled
+
+# These take arguments of their own.
+_LEFT_OUT = ("VariableReplacer", "VariableInserter")
+# Leaves that no operator changes; they are most of a tree.
+_UNTOUCHED = ("name", "string", "newline", "endmarker", "error_leaf", "fstring_string")
+_FACTORS = (1e3, 1e-3)
+_SMALL, _LARGE = 0.01, 1e4
+
+
+class ScaleNumber(Operator):
+    """Makes a tolerance or a far figure a thousand times larger or smaller."""
+
+    def mutation_positions(self, node):
+        """Return one position for each factor."""
+        if _is_tolerance(node):
+            for _ in _FACTORS:
+                yield node.start_pos, node.end_pos
+
+    def mutate(self, node, index):
+        """Return the number times the factor."""
+        value = float(node.value) * _FACTORS[index]
+        return parso.python.tree.Number(f" {value!r}", node.start_pos)
+
+    @classmethod
+    def examples(cls) -> tuple[()]:
+        """Return none."""
+        return ()
+
+
+class Mutant(NamedTuple):
+    """One mistake in one file.
+
+    Attributes:
+        path: The file, relative to the package.
+        line: Where.
+        last: The last line of what is replaced.
+        column: Where in the line.
+        operator: The operator's name.
+        occurrence: Which of the places in the file that it could change.
+    """
+
+    path: str
+    line: int
+    last: int
+    column: int
+    operator: str
+    occurrence: int
+
+    def __str__(self) -> str:
+        """Return what ``--only`` takes."""
+        return f"{self.path}:{self.line}:{self.column}:{self.operator}:{self.occurrence}"
+
+    def source(self, package: Path) -> str:
+        """Return the text of the file with the mistake in it."""
+        text = (package / self.path).read_text(encoding="utf-8")
+        changed = mutate_code(text, _OPERATORS[self.operator], self.occurrence)
+        if changed is None:
+            raise ValueError(f"{self}: there is no such place")
+        return changed
+
+
+def sample(package: Path, files: Sequence[str], count: int, seed: int) -> list[Mutant]:
+    """Return mutants drawn at random, at most one of each place.
+
+    Args:
+        package: Folder of the package.
+        files: Files in it.
+        count: How many.
+        seed: Of the random numbers.
+    """
+    places = [place for path in files for place in _places(package, path)]
+    drawn = random.Random(seed)  # noqa: S311 - no secret
+    drawn.shuffle(places)
+    return [drawn.choice(place) for place in places[:count]]
+
+
+def all_mutants(package: Path, path: str) -> list[Mutant]:
+    """Return every mutant of a file."""
+    return [mutant for place in _places(package, path) for mutant in place]
+
+
+def _operators() -> dict[str, Operator]:
+    provider = OperatorProvider()
+    known = {name: provider[name]() for name in provider if name not in _LEFT_OUT}
+    return {**known, "ScaleNumber": ScaleNumber()}
+
+
+_OPERATORS = _operators()
+
+
+def _places(package: Path, path: str) -> list[list[Mutant]]:
+    """The mutants of a file, place by place."""
+    text = (package / path).read_text(encoding="utf-8")
+    ignored = list(_ignored(ast.parse(text)))
+    counts = dict.fromkeys(_OPERATORS, -1)
+    places: dict[tuple[object, ...], list[Mutant]] = {}
+    for node in ast_nodes(get_ast(text)):
+        if node.type in _UNTOUCHED:
+            continue
+        coarse = _is_tolerance(node)
+        for name, operator in _OPERATORS.items():
+            for start, end in operator.mutation_positions(node):
+                counts[name] += 1
+                inside = any(low <= start and end <= high for low, high in ignored)
+                # One more or less is no likely mistake in a tolerance.
+                if inside or (coarse and name == "NumberReplacer"):
+                    continue
+                mutant = Mutant(path, start[0], end[0], start[1], name, counts[name])
+                places.setdefault((start, end), []).append(mutant)
+    return list(places.values())
+
+
+def _is_tolerance(node: parso.tree.NodeOrLeaf) -> bool:
+    if node.type != "number":
+        return False
+    try:
+        value = abs(float(node.value))
+    except ValueError:
+        return False
+    return 0.0 < value < _SMALL or value > _LARGE
+
+
+Span = tuple[tuple[int, int], tuple[int, int]]
+
+
+def _ignored(tree: ast.Module) -> Iterator[Span]:
+    """Places where a mutant does nothing, or which do not run without the compiled loops."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.arg | ast.AnnAssign) and node.annotation is not None:
+            yield _span(node.annotation)
+        elif isinstance(node, ast.FunctionDef) and node.returns is not None:
+            yield _span(node.returns)
+        elif isinstance(node, ast.keyword) and node.arg == "strict":
+            yield _span(node)  # of zip, which then looks for a mistake that is not there
+        elif isinstance(node, ast.If) and _asks_for_loops(node.test):
+            yield _span(node.test)
+            if any(isinstance(part, ast.IsNot) for part in ast.walk(node.test)):
+                yield _span(node.body[0])[0], _span(node.body[-1])[1]
+        elif isinstance(node, ast.stmt) and not hasattr(node, "body") and _asks_for_loops(node):
+            yield _span(node)
+
+
+def _asks_for_loops(node: ast.AST) -> bool:
+    names = (part.id for part in ast.walk(node) if isinstance(part, ast.Name))
+    return any(name in compiled.__all__ for name in names)
+
+
+def _span(node: ast.expr | ast.stmt | ast.keyword) -> Span:
+    end = node.end_lineno or node.lineno, node.end_col_offset or node.col_offset
+    return (node.lineno, node.col_offset), end
