@@ -147,7 +147,10 @@ def proven(program: Program, found: Multipliers, name: str, cutoff: float) -> An
     """
     x, y, z = found
     bound, value, residual = program.judged(x, y, z)
-    if bound > cutoff + _INFEASIBLE * max(1.0, abs(cutoff) if np.isfinite(cutoff) else 1.0):
+    if bound > cutoff + _INFEASIBLE * max(1.0, abs(cutoff) if np.isfinite(cutoff) else 1.0) and (
+        # Multipliers may be so large that their rounding is above the cutoff.
+        bound - cutoff > _ROUNDING * program.farthest * (np.abs(y).sum() + np.abs(z).sum())
+    ):
         return _infeasible(bound, max(program.infeasibility_bound(y, z), 0.0), y, z, name)
     if residual <= PRIMAL_TOLERANCE and abs(value - bound) <= _gap(program, value):
         return Answer(Outcome.SOLVED, x, y, z, value, bound, residual, 0.0, name)
