@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from collections.abc import Callable
 from typing import Any
@@ -10,6 +11,13 @@ import pytest
 
 from graspless_pin import compiled
 from graspless_pin.errors import GrasplessPinError
+
+# Whoever runs the tests in the background, or with nohup, ignores these, and so would every process
+# that a test starts and interrupts.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+if hasattr(signal, "SIGHUP"):
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 def leave_out_loops(patch: pytest.MonkeyPatch) -> None:
