@@ -11,9 +11,18 @@ from graspless_pin import (
     QuasistaticProblem,
     SlidingMode,
     assemble_joint_space,
+    compare_rules,
+    contact_force_bounds,
+    disturbance_margin,
     enumerate_modes,
+    explain,
+    margin_sensitivity,
+    margin_torque_curve,
     maximize_margin,
     minimize_torque,
+    minimum_friction,
+    optimum_gradients,
+    solve_each_mode,
 )
 from graspless_pin.errors import ArgumentError, NoSolutionError, SolverUnavailableError
 
@@ -287,3 +296,33 @@ def test_an_infeasible_solution_says_why_it_has_nothing(attribute):
         with pytest.raises(NoSolutionError) as caught:
             getattr(solution, attribute)
         assert solution.status.message in str(caught.value)
+
+
+OF_A_PROBLEM = {
+    "maximize_margin": maximize_margin,
+    "minimize_torque": minimize_torque,
+    "disturbance_margin": disturbance_margin,
+    "minimum_friction": minimum_friction,
+    "margin_torque_curve": margin_torque_curve,
+    "margin_sensitivity": margin_sensitivity,
+    "contact_force_bounds": lambda problem: contact_force_bounds(problem, [0.0]),
+    "compare_rules": compare_rules,
+    "solve_each_mode": lambda problem: next(solve_each_mode(problem)),
+    "enumerate_modes": enumerate_modes,
+}
+
+
+@pytest.mark.parametrize("ask", OF_A_PROBLEM.values(), ids=OF_A_PROBLEM)
+@pytest.mark.parametrize("value", [5, None, "sphere"])
+def test_something_else_than_a_problem(ask, value):
+    with pytest.raises(ArgumentError) as caught:
+        ask(value)
+    assert_refused(caught, "problem", [repr(value), "must be a QuasistaticProblem"])
+
+
+@pytest.mark.parametrize("ask", [explain, optimum_gradients])
+@pytest.mark.parametrize("value", [5, None, scene("sphere")], ids=["5", "None", "problem"])
+def test_something_else_than_a_solution(ask, value):
+    with pytest.raises(ArgumentError) as caught:
+        ask(value)
+    assert_refused(caught, "solution", [type(value).__name__, "what the algorithms return"])

@@ -14,7 +14,7 @@ from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.search import SearchState
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.modes.rules import Rules, SlidingMode, StaticFriction
-from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
 from graspless_pin.programs.analysis_programs import disturbance_program, with_objective
 from graspless_pin.programs.force_programs import force_rows
@@ -124,6 +124,7 @@ def disturbance_margin(
         ArgumentError: If a shape is wrong, a direction is zero, the length is not positive or an
             option is not known.
     """
+    checked_problem(problem)
     coordinates, kinematics = shared_parts(problem)
     rows = force_rows(problem, coordinates)
     rules = Rules.parse(sign_rule, sliding_rule, static_friction)

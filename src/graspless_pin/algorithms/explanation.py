@@ -21,7 +21,7 @@ from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.joint_units import JointUnit, units_text
 from graspless_pin.programs.analysis_programs import relief_program
 from graspless_pin.programs.force_programs import force_rows
-from graspless_pin.solution import Algorithm, Status, TorqueSolution
+from graspless_pin.solution import Algorithm, Status, TorqueSolution, checked_solution
 from graspless_pin.solvers import Outcome
 
 _ROOM = 1.0 + 1e-6
@@ -87,7 +87,11 @@ def explain(solution: TorqueSolution) -> Explanation:
 
     Returns:
         The cause and suggestions that were each solved and found feasible.
+
+    Raises:
+        ArgumentError: If it is no solution.
     """
+    checked_solution(solution)
     if solution.found:
         return Explanation("The problem is feasible.", (), ())
     if solution.status not in (Status.INFEASIBLE_FORCES, Status.INFEASIBLE_MODES):

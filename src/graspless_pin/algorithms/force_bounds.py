@@ -11,7 +11,7 @@ from tabulate import tabulate
 from graspless_pin.algorithms.force_extremes import ForceExtremes
 from graspless_pin.algorithms.limits import Limits
 from graspless_pin.modes.rules import Rules
-from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
 from graspless_pin.solution import Status
 from graspless_pin.solution.records import FOUND
@@ -127,6 +127,7 @@ def contact_force_bounds(
             limit is negative.
     """
     limits = Limits.parse(node_limit, time_limit)
+    checked_problem(problem)
     given = finite_array("torques", torques, (problem.joint_count,))
     rules = Rules.parse(sign_rule, sliding_rule, static_friction)
     search = ForceExtremes(problem, given, rules, check_solver(solver), limits)

@@ -19,7 +19,7 @@ from graspless_pin.algorithms.optimal_faces import Marginals, Optimum
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
-from graspless_pin.solution import Algorithm, TorqueSolution
+from graspless_pin.solution import Algorithm, TorqueSolution, checked_solution
 
 _SAME = 1e-6
 _ROUNDING = 1e-9
@@ -107,9 +107,7 @@ def optimum_gradients(solution: TorqueSolution) -> OptimumGradients:
         NoSolutionError: If nothing was found.
         ArgumentError: If it is no solution, or one with a regularisation.
     """
-    if not isinstance(solution, TorqueSolution):
-        kind = type(solution).__name__
-        raise ArgumentError("solution", f"is a {kind}; it must be what the algorithms return")
+    checked_solution(solution)
     if not solution.found:
         raise NoSolutionError(f"There is no optimum to differentiate ({solution.status.message}).")
     if not solution.multipliers.is_linear:

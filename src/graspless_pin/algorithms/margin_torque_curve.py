@@ -20,7 +20,7 @@ from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.torque import TorqueScale
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.modes.rules import Rules, SlidingMode, choice
-from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
 from graspless_pin.problem.joint_units import units_text
 from graspless_pin.programs.force_programs import torque_unit
@@ -145,6 +145,7 @@ def margin_torque_curve(
         ArgumentError: If an option is not known.
         SolverUnavailableError: If the solver is not installed.
     """
+    checked_problem(problem)
     limits = Limits.parse(node_limit, time_limit)
     rules = Rules.parse(sign_rule, sliding_rule, static_friction)
     torque_scale = choice(TorqueScale, "scale", scale)

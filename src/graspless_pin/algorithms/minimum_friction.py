@@ -11,7 +11,7 @@ from graspless_pin.algorithms.formulation import Objective
 from graspless_pin.algorithms.limits import NO_LIMITS, Limits
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.modes.rules import RuleOptions, Rules
-from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.solution import Algorithm, Status
 
 _LARGEST = 16.0
@@ -62,6 +62,7 @@ def minimum_friction(
     Raises:
         ArgumentError: If an option is not known.
     """
+    checked_problem(problem)
     objective = Objective(Algorithm.MARGIN, 0.0, by_limits=False, regularization=0.0)
     limits = Limits.parse(node_limit, time_limit)
     factor, proven = smallest_factor(problem, objective, Rules.parse(**options), limits)

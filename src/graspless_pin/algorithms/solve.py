@@ -22,7 +22,7 @@ from graspless_pin.modes.rules import (
     candidate_contacts,
     choice,
 )
-from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import real_number, whole_number
 from graspless_pin.programs.force_programs import force_reach
 from graspless_pin.solution import Certificate, ProofMultipliers, TorqueSolution
@@ -65,8 +65,7 @@ def solve_problem(
         time_limit: Limit of branch and bound, s.
         explain: Explains a solution that is not found, when asked for.
     """
-    if not isinstance(problem, QuasistaticProblem):
-        raise ArgumentError("problem", f"is {problem!r:.80}; it must be a QuasistaticProblem")
+    checked_problem(problem)
     if node_limit is not None:
         node_limit = whole_number("node_limit", node_limit, 1)
     if time_limit is not None:

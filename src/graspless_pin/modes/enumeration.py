@@ -15,7 +15,7 @@ from graspless_pin.modes.rules import (
     StaticFriction,
     candidate_contacts,
 )
-from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem import QuasistaticProblem, checked_problem
 
 
 def enumerate_modes(
@@ -44,6 +44,7 @@ def enumerate_modes(
     Raises:
         ArgumentError: If a rule is not known.
     """
+    checked_problem(problem)
     rules = Rules.parse(sign_rule, sliding_rule, StaticFriction.VIRTUAL_SLIDING)
     return feasible_modes(problem, VirtualKinematics(problem), rules, maximal=maximal)
 

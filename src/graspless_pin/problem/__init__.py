@@ -6,7 +6,7 @@ from graspless_pin.problem.fingers import (
     JointSpace,
     assemble_joint_space,
 )
-from graspless_pin.problem.quasistatic import QuasistaticProblem
+from graspless_pin.problem.quasistatic import QuasistaticProblem, checked_problem
 
 __all__ = [
     "ControlMode",
@@ -14,4 +14,5 @@ __all__ = [
     "JointSpace",
     "QuasistaticProblem",
     "assemble_joint_space",
+    "checked_problem",
 ]

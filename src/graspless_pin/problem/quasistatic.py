@@ -373,3 +373,14 @@ class QuasistaticProblem:
         sides = room_to_faces(local, self.friction, self.cone_edges)
         sides[~self.has_cone] = np.inf
         return float(np.minimum.reduce((normal, self.max_normal_force - normal, sides), axis=None))
+
+
+def checked_problem(problem: object) -> QuasistaticProblem:
+    """Return a problem.
+
+    Raises:
+        ArgumentError: If it is none.
+    """
+    if not isinstance(problem, QuasistaticProblem):
+        raise ArgumentError("problem", f"is {problem!r:.80}; it must be a QuasistaticProblem")
+    return problem

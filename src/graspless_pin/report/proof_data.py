@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -101,12 +102,12 @@ def read_multipliers(
     cones = np.flatnonzero(problem.has_cone).tolist()
     faces = np.zeros((len(cones), problem.cone_edges))
     if data["faces"] and len(data["faces"][0]) != 3:
-        faces[:] = data["faces"]
+        faces[:] = as_numbers(data["faces"])
     else:
         for contact, face, value in data["faces"]:
-            faces[cones.index(contact), face] = value
+            faces[cones.index(contact), face] = as_number(value)
     others = {
-        key: np.array(data[key], dtype=float)
+        key: as_numbers(data[key])
         for key in ConstraintMultipliers.__dataclass_fields__
         if key != "faces"
     }
@@ -114,6 +115,29 @@ def read_multipliers(
     return scaled_multipliers(
         problem, multipliers, algorithm=algorithm, by_limits=by_limits, margin=margin
     )
+
+
+def as_number(value: object) -> float:
+    """Return a number of a document.
+
+    Raises:
+        TypeError: If it is none; true and false are none.
+        ValueError: If it is not finite.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise TypeError(f"{value!r:.40} is no number")
+    if not math.isfinite(value):
+        raise ValueError(f"{value} is not finite")
+    return float(value)
+
+
+def as_numbers(values: Any) -> FloatArray:
+    """Return nested lists of numbers as an array; the errors are those of `as_number`."""
+
+    def plain(value: Any) -> Any:
+        return [plain(one) for one in value] if isinstance(value, list) else as_number(value)
+
+    return np.array(plain(values), dtype=np.float64)
 
 
 def _node(solution: TorqueSolution, node: ProofNode) -> dict[str, Any]:

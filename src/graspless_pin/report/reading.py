@@ -13,10 +13,10 @@ from graspless_pin.intake.files import FileKind, read_text
 from graspless_pin.intake.json_text import parse_json
 from graspless_pin.modes.rules import Rules, SlidingMode
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.problem.checks import FloatArray, read_only, real_number
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.report.document import FORMAT
-from graspless_pin.report.proof_data import read_multipliers
+from graspless_pin.report.proof_data import as_number, as_numbers, read_multipliers
 from graspless_pin.solution import Algorithm, Certificate, ProofMultipliers, Status, TorqueSolution
 from graspless_pin.solution.records import FOUND
 
@@ -80,7 +80,7 @@ def _check_format(document: dict[str, Any]) -> None:
 
 def document_origin(document: dict[str, Any]) -> FloatArray:
     """(3,) the point in world coordinates that the problem's positions are relative to, m."""
-    return np.array(document.get("object", {}).get("center_of_mass", [0.0, 0.0, 0.0]), dtype=float)
+    return as_numbers(document.get("object", {}).get("center_of_mass", [0.0, 0.0, 0.0]))
 
 
 def document_bodies(document: dict[str, Any]) -> tuple[str, ...] | None:
@@ -96,12 +96,12 @@ def _solution(document: dict[str, Any]) -> TorqueSolution:
     rules, figures, contacts = document["rules"], document["certificate"], document["contacts"]
     problem = _problem(document)
     by_limits, epsilon, own = _options(document)
-    required = float(document["required_margin"])
+    required = as_number(document["required_margin"])
     forces = mode = multipliers = None
     if all(c["selected"] is not None for c in contacts):
         mode = SlidingMode([c["selected"] for c in contacts], [c["signs"] for c in contacts])
     if status in FOUND:
-        forces = read_only(np.array([c["force"] for c in contacts], dtype=float).reshape(-1, 3))
+        forces = read_only(as_numbers([c["force"] for c in contacts]).reshape(-1, 3))
         pairs = [
             read_multipliers(
                 item, problem, algorithm=str(algorithm), by_limits=by_limits, margin=required
@@ -132,7 +132,7 @@ def _solution(document: dict[str, Any]) -> TorqueSolution:
 def _options(document: dict[str, Any]) -> tuple[bool, float, dict[str, Any]]:
     """Whether shares of the limits count, the regularisation, and the answer's own multipliers."""
     if "format" in document:
-        epsilon = float(document["regularization"])
+        epsilon = real_number("regularization", document["regularization"], 0.0)
         return document["scale"] == "limits", epsilon, document.get("multipliers", {})
     proof = document["certificate"]
     return proof.get("scale") == "limits", 0.0, proof.get("mode_multipliers", {})
@@ -150,22 +150,22 @@ def _problem(document: dict[str, Any]) -> QuasistaticProblem:
     contacts, joints = document["contacts"], document["joints"]
     rows = 3 * len(contacts)
     return QuasistaticProblem(
-        np.array([c["position"] for c in contacts], dtype=float) - document_origin(document),
-        [c["normal"] for c in contacts],
-        document["external_wrench"],
-        np.array([c["jacobian"] for c in contacts], dtype=float).reshape(rows, len(joints)),
-        friction=[c["friction"] for c in contacts],
-        tangents=np.array([c["tangents"] for c in contacts], dtype=float).transpose(0, 2, 1),
-        sliding=[c["sliding"] for c in contacts],
+        as_numbers([c["position"] for c in contacts]) - document_origin(document),
+        as_numbers([c["normal"] for c in contacts]),
+        as_numbers(document["external_wrench"]),
+        as_numbers([c["jacobian"] for c in contacts]).reshape(rows, len(joints)),
+        friction=as_numbers([c["friction"] for c in contacts]),
+        tangents=as_numbers([c["tangents"] for c in contacts]).transpose(0, 2, 1),
+        sliding=as_numbers([c["sliding"] for c in contacts]),
         torque_limits=(
-            [-np.inf if joint["lower"] is None else joint["lower"] for joint in joints],
-            [np.inf if joint["upper"] is None else joint["upper"] for joint in joints],
+            [-np.inf if joint["lower"] is None else as_number(joint["lower"]) for joint in joints],
+            [np.inf if joint["upper"] is None else as_number(joint["upper"]) for joint in joints],
         ),
-        max_normal_force=[c["max_normal_force"] for c in contacts],
+        max_normal_force=as_numbers([c["max_normal_force"] for c in contacts]),
         cone_edges=document["cone_edges"],
         joint_names=[joint["name"] for joint in joints],
         joint_units=[joint.get("unit", JointUnit.TORQUE) for joint in joints],
-        gravity_torques=[joint["torque_gravity"] for joint in joints],
+        gravity_torques=as_numbers([joint["torque_gravity"] for joint in joints]),
     )
 
 
@@ -175,5 +175,7 @@ def _figure(figures: dict[str, Any], item: Field[Any]) -> Any:
         return item.default
     value = figures[item.name]
     if item.name == "threshold_optima":
-        return value and tuple(np.nan if one is None else float(one) for one in value)
-    return np.nan if value is None else value
+        return value and tuple(np.nan if one is None else as_number(one) for one in value)
+    if item.name == "solver":
+        return value
+    return np.nan if value is None else type(value)(as_number(value))

@@ -6,6 +6,14 @@ from graspless_pin.solution.records import (
     ProofMultipliers,
     Status,
     TorqueSolution,
+    checked_solution,
 )
 
-__all__ = ["Algorithm", "Certificate", "ProofMultipliers", "Status", "TorqueSolution"]
+__all__ = [
+    "Algorithm",
+    "Certificate",
+    "ProofMultipliers",
+    "Status",
+    "TorqueSolution",
+    "checked_solution",
+]

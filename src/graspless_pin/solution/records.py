@@ -10,7 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from graspless_pin.errors import NoSolutionError
+from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.modes.rules import Rules, SlidingMode
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
@@ -236,3 +236,15 @@ class TorqueSolution:
                 f"There is no solution to read ({self.status.message}); check .found first."
             )
         return value
+
+
+def checked_solution(solution: object) -> TorqueSolution:
+    """Return a solution.
+
+    Raises:
+        ArgumentError: If it is none.
+    """
+    if not isinstance(solution, TorqueSolution):
+        kind = type(solution).__name__
+        raise ArgumentError("solution", f"is a {kind}; it must be what the algorithms return")
+    return solution
