@@ -8,11 +8,24 @@ from urllib.request import urlopen
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 COMMAND = "import typer; from graspless_pin.cli.viewing import view; typer.run(view)"
+# The kernel may give a signal of the whole process to any of its threads, as a busy one does.
+TO_ANOTHER_THREAD = """
+import signal, threading, time
+def strike():
+    time.sleep(2.0)
+    signal.pthread_kill(threading.get_ident(), signal.SIGINT)
+from graspless_pin.viewer.page import Viewer
+wait = Viewer.wait
+def waiting(viewer):
+    threading.Thread(target=strike).start()
+    wait(viewer)
+Viewer.wait = waiting
+"""
 
 
-def start(*arguments: str) -> subprocess.Popen[str]:
+def start(*arguments: str, before: str = "") -> subprocess.Popen[str]:
     return subprocess.Popen(  # noqa: S603 - our own interpreter and a fixed program
-        [sys.executable, "-c", COMMAND, *arguments],
+        [sys.executable, "-c", before + COMMAND, *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -35,6 +48,17 @@ def test_it_serves_a_page_until_it_is_interrupted():
             _, errors = process.communicate(timeout=60)
         finally:
             process.kill()  # one that does not end must not hold the whole run
+        assert process.returncode == 0
+        assert errors == ""
+
+
+def test_a_signal_that_another_thread_gets_ends_it_too():
+    scene = EXAMPLES / "paper" / "sphere_on_slope.yaml"
+    with start(str(scene), "--no-open", "--port", "0", before=TO_ANOTHER_THREAD) as process:
+        try:
+            _, errors = process.communicate(timeout=30)
+        finally:
+            process.kill()
         assert process.returncode == 0
         assert errors == ""
 

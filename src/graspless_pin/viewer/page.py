@@ -32,6 +32,7 @@ _ALGORITHMS = {
 }
 _OPEN_GROUPS = ("Load",)
 _RESULT_WIDTH = 330  # px
+_LISTEN_EVERY = 0.5  # s
 _BODIES = (Role.HAND, Role.OBJECT, Role.SUPPORT)
 _log = logging.getLogger(__name__)
 
@@ -141,7 +142,10 @@ class Viewer:
 
     def wait(self) -> None:
         """Wait until the page is stopped, from another thread or by the keyboard."""
-        self._stopped.wait()
+        # Not without end: Ctrl-C is answered by this thread, and nothing else wakes it where the
+        # kernel gave the signal to another one.
+        while not self._stopped.wait(_LISTEN_EVERY):
+            pass
 
     def stop(self) -> None:
         """Close the page. Doing so again does nothing."""
