@@ -30,6 +30,8 @@ THRESHOLD = Fraction(1, 10**6)
 """The share of all contact velocities at which a virtual sliding counts (docs/rules.md)."""
 STILL = Fraction(1, 10**8)
 """The share up to which a velocity along a normal is rounding."""
+RESOLVED = 1e8
+"""Loads up to which a limit may not keep the package from an answer."""
 _FACTORS = (Fraction(1, 10), 10)
 ROUNDING = Fraction(1, 10**12)
 """Of the load: what the arrays' own rounding may cost a degenerate scene its exact balance."""
@@ -89,7 +91,8 @@ def judge(case: Case) -> Verdict:
         solution = ask(problem, case.question)
     except ArgumentError as refusal:
         scene = ExactScene(problem, case.question)
-        return Verdict(Outcome.REFUSED, f"{spread(scene)}: {refusal}", found=bool(scene.optimum()))
+        told = f"{spread(scene)}: {refusal}"
+        return Verdict(unanswered(scene, Outcome.REFUSED), told, found=bool(scene.optimum()))
     return compare(problem, case.question, solution)
 
 
@@ -98,14 +101,24 @@ def compare(problem: QuasistaticProblem, question: Question, solution: TorqueSol
     return _Comparison(ExactScene(problem, question), solution).verdict()
 
 
+def unanswered(scene: ExactScene, outcome: Outcome) -> Outcome:
+    """Return an outcome without an answer, which is wrong where all limits are near the load."""
+    return outcome if _limit_sizes(scene).max() > RESOLVED else Outcome.WRONG
+
+
 def spread(scene: ExactScene) -> str:
-    """Say how many times the load the largest finite limit is, or the load the smallest."""
+    """Say how many times the load the smallest and the largest finite limit are."""
+    sizes = _limit_sizes(scene)
+    return f"limits {sizes.min():.2e} to {sizes.max():.2e} of the load"
+
+
+def _limit_sizes(scene: ExactScene) -> np.ndarray:
+    """Finite limits that are not zero, in loads."""
     problem = scene.problem
     levers = np.array([float(lever) for lever in scene.levers])
     torques = np.concatenate([problem.lower_torque / levers, problem.upper_torque / levers])
     sizes = np.abs(np.concatenate([problem.max_normal_force, torques])) / float(scene.load)
-    sizes = sizes[np.isfinite(sizes) & (sizes > 0.0)]
-    return f"limits {sizes.min():.0e} to {sizes.max():.0e} of the load"
+    return sizes[np.isfinite(sizes) & (sizes > 0.0)]
 
 
 @dataclass(eq=False)
@@ -121,9 +134,8 @@ class _Comparison:
         exact = scene.optimum(THRESHOLD)
         found = exact is not None
         if solution.status in (Status.UNVERIFIED, Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT):
-            return Verdict(
-                Outcome.UNVERIFIED, f"{solution.status.name}; {spread(scene)}", found=found
-            )
+            told = f"{solution.status.name}; {spread(scene)}"
+            return Verdict(unanswered(scene, Outcome.UNVERIFIED), told, found=found)
         if solution.found and (fault := self._fault()):
             return Verdict(Outcome.WRONG, f"{fault}; {self._told(exact)}", found=found)
         # What the arrays' rounding takes from coplanar contacts and degenerate balances counts not.

@@ -8,14 +8,17 @@ scenes are refused or unverified.
 from __future__ import annotations
 
 import argparse
+import faulthandler
 import multiprocessing
 import os
 import sys
+import tempfile
 import time
 import traceback
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from multiprocessing.connection import Connection, wait
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from tabulate import tabulate
@@ -52,28 +55,37 @@ def judged(seed: int) -> Judged:
 Judge = Callable[[int], Judged]
 
 
-def _work(seeds: Sequence[int], judge_one: Judge, out: Connection) -> None:
-    """Judge seeds one by one and send each line."""
+def _work(
+    seeds: Sequence[int], judge_one: Judge, out: Connection, limit: float, trace: Path
+) -> None:
+    """Judge seeds one by one and send each line; write where it is that one takes too long."""
     silent = os.open(os.devnull, os.O_WRONLY)
     for stream in (1, 2):  # solvers print from C
         os.dup2(silent, stream)
-    for seed in seeds:
-        out.send(judge_one(seed))
+    with trace.open("w") as where:
+        for seed in seeds:
+            # So that it can be told who takes so long.
+            where.truncate(0)
+            faulthandler.dump_traceback_later(0.8 * limit, file=where)
+            out.send(judge_one(seed))
     out.close()
 
 
 class _Worker:
     """A process and the seeds that it has not told of yet."""
 
-    def __init__(self, seeds: list[int], judge_one: Judge) -> None:
+    def __init__(self, seeds: list[int], judge_one: Judge, limit: float, trace: Path) -> None:
         self.seeds, self._judge = seeds, judge_one
+        self._limit, self._trace = limit, trace
         self._start()
 
     def _start(self) -> None:
         context = multiprocessing.get_context("spawn")
         self.inbox, outbox = context.Pipe(duplex=False)
         self._process: Any = context.Process(
-            target=_work, args=(self.seeds, self._judge, outbox), daemon=True
+            target=_work,
+            args=(self.seeds, self._judge, outbox, self._limit, self._trace),
+            daemon=True,
         )
         self._process.start()
         outbox.close()
@@ -93,7 +105,13 @@ class _Worker:
     def stop(self) -> Judged:
         """End a process that takes too long and go on after its seed."""
         self._process.kill()
-        return self._lost(f"no answer in {SEED_LIMIT:.0f} s")
+        where = " < ".join(line.strip() for line in self._trace.read_text().splitlines()[1:9])
+        return self._lost(f"no answer in {self._limit:.0f} s; it was in {where}")
+
+    @property
+    def is_late(self) -> bool:
+        """Whether a seed takes too long."""
+        return time.monotonic() - self.last > self._limit
 
     def _lost(self, why: str) -> Judged:
         seed = self.seeds.pop(0)
@@ -102,18 +120,22 @@ class _Worker:
         return Judged(seed, Outcome.WRONG, why, 0.0, found=False)
 
 
-def run(seeds: Sequence[int], jobs: int, judge_one: Judge = judged) -> Iterator[Judged]:
-    """Yield a line for each seed as workers finish them."""
-    workers = [
-        _Worker(list(seeds[first::jobs]), judge_one) for first in range(min(jobs, len(seeds)))
-    ]
-    while workers := [worker for worker in workers if worker.seeds]:
-        ready = wait([worker.inbox for worker in workers], timeout=1.0)
-        for worker in workers:
-            if worker.inbox in ready:
-                yield worker.line()
-            elif time.monotonic() - worker.last > SEED_LIMIT:
-                yield worker.stop()
+def run(
+    seeds: Sequence[int], jobs: int, judge_one: Judge = judged, limit: float = SEED_LIMIT
+) -> Iterator[Judged]:
+    """Yield a line for each seed as workers finish them; one may take ``limit`` seconds."""
+    with tempfile.TemporaryDirectory() as folder:
+        workers = [
+            _Worker(list(seeds[first::jobs]), judge_one, limit, Path(folder) / str(first))
+            for first in range(min(jobs, len(seeds)))
+        ]
+        while workers := [worker for worker in workers if worker.seeds]:
+            ready = wait([worker.inbox for worker in workers], timeout=1.0)
+            for worker in workers:
+                if worker.inbox in ready:
+                    yield worker.line()
+                elif worker.is_late:
+                    yield worker.stop()
 
 
 def summary(lines: Sequence[Judged]) -> str:
@@ -143,6 +165,8 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     chosen = parser.parse_args()
+    # Workers are as many as processors: threads of theirs would only wait for each other.
+    os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
     start, lines = time.monotonic(), []
     for line in run(range(chosen.first, chosen.first + chosen.count), chosen.jobs):
         lines.append(line)

@@ -1,12 +1,13 @@
 """The judge of answers: false answers are wrong, and a lost worker is one line."""
 
 import os
+import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from tests.oracles.exact_optimum import ExactScene, Question
-from tests.oracles.judging import Outcome, ask, compare
+from tests.oracles.judging import RESOLVED, Outcome, ask, compare
 from tests.oracles.scale_scenes import FAMILIES, scale_case
 from tests.oracles.scales import Judged, passes, run, summary
 from tests.oracles.test_exact_optimum import four_points
@@ -153,6 +154,44 @@ def _ends_at_three(seed: int) -> Judged:
     if seed == 3:
         os._exit(7)
     return Judged(seed, Outcome.AGREE, "", 1e-9, found=True)
+
+
+def _sleeps_at_three(seed: int) -> Judged:
+    if seed == 3:
+        time.sleep(60.0)
+    return Judged(seed, Outcome.AGREE, "", 1e-9, found=True)
+
+
+def test_a_scene_that_never_ends_says_where_it_was():
+    lines = list(run(range(1, 6), 1, _sleeps_at_three, limit=6.0))
+    assert [line.seed for line in lines if line.outcome == Outcome.WRONG] == [3]
+    assert "no answer in 6 s" in lines[2].detail and "_sleeps_at_three" in lines[2].detail
+    assert len(lines) == 5
+
+
+# At these seeds limits and forces beyond the load's 1e8 times are left unverified.
+@pytest.mark.parametrize("seed", [82, 154, 585, 694, 772, 947, 1462, 1557, 1845, 1847, 1877])
+def test_all_is_answered_where_limits_are_1e8_times_the_load(seed):
+    case = scale_case(seed)
+    force, _, joints = case.problem.scales
+    most = case.problem.max_normal_force, case.problem.upper_torque, case.problem.lower_torque
+    normal = np.minimum(most[0], RESOLVED * force)
+    upper = np.where(np.isfinite(most[1]), np.minimum(most[1], RESOLVED * joints), np.inf)
+    lower = np.where(np.isfinite(most[2]), np.maximum(most[2], -RESOLVED * joints), -np.inf)
+    problem = case.problem.with_changes(max_normal_force=normal, torque_limits=(lower, upper))
+    assert normal.max() > 0.99e8 * force or upper.max(initial=0.0) > 0.99e8 * joints.max()
+    verdict = compare(problem, case.question, ask(problem, case.question))
+    assert verdict.outcome == Outcome.AGREE, verdict
+
+
+def test_an_answer_that_is_missing_near_the_load_is_wrong():
+    problem = scale_case(3).problem
+    for factor, outcome in ((0.9e8, Outcome.WRONG), (1.1e8, Outcome.UNVERIFIED)):
+        limits = np.full(problem.contact_count, factor * problem.scales.force)
+        free = (np.full(problem.joint_count, -np.inf), np.full(problem.joint_count, np.inf))
+        changed = problem.with_changes(max_normal_force=limits, torque_limits=free)
+        solution = replace(ask(changed, scale_case(3).question), status=Status.UNVERIFIED)
+        assert compare(changed, scale_case(3).question, solution).outcome == outcome
 
 
 def test_a_lost_process_is_one_wrong_scene():
