@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.compiled import contact_frames
+from graspless_pin.derived import Derived
 from graspless_pin.modes.kinematics import VirtualKinematics
 from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.problem import QuasistaticProblem
@@ -126,21 +128,41 @@ _PER_PROBLEM = 8
 
 
 def shared_parts(problem: QuasistaticProblem) -> tuple[ForceCoordinates, VirtualKinematics]:
-    """Return coordinates and kinematics, made once for a problem and kept while it lives."""
-    parts = problem.scratch.get("parts")
-    if parts is None:
-        parts = force_coordinates(problem), VirtualKinematics(problem)
-        problem.scratch["parts"] = parts
-    return parts
+    """Return coordinates and kinematics, made once for a problem in use."""
+    return _PARTS.of(problem)
+
+
+class _Assembled(NamedTuple):
+    """What a `Formulation` has besides the problem and its kinematics."""
+
+    coordinates: ForceCoordinates
+    program: Program
+    cutoff: float
+    unit: float
+
+
+_PARTS: Derived[QuasistaticProblem, tuple[ForceCoordinates, VirtualKinematics]] = Derived(
+    lambda problem: (force_coordinates(problem), VirtualKinematics(problem))
+)
+_ASSEMBLED: Derived[QuasistaticProblem, dict[Objective, _Assembled]] = Derived(lambda _: {})
 
 
 def formulate(problem: QuasistaticProblem, objective: Objective) -> Formulation:
-    """Return Algorithm 1 or 2, assembled once for a problem and kept while the problem lives."""
-    known: dict[Objective, Formulation] = problem.scratch.setdefault("formulations", {})
-    found = known.get(objective) if known else None
-    if found is not None:
-        return found
-    coordinates, kinematics = shared_parts(problem)
+    """Return Algorithm 1 or 2, assembled once for a problem in use."""
+    known = _ASSEMBLED.of(problem)
+    made = known.get(objective)
+    if made is None:
+        made = _assembled(problem, objective)
+        if len(known) >= _PER_PROBLEM:
+            known.pop(next(iter(known)), None)
+        known[objective] = made
+    _, kinematics = shared_parts(problem)
+    coordinates, program, cutoff, unit = made
+    return Formulation(problem, coordinates, program, kinematics, cutoff, unit)
+
+
+def _assembled(problem: QuasistaticProblem, objective: Objective) -> _Assembled:
+    coordinates, _ = shared_parts(problem)
     if objective.margin > 0.0 and not problem.external_wrench.any():
         coordinates = force_coordinates(problem, objective.margin)
     cutoff = np.inf
@@ -162,8 +184,4 @@ def formulate(problem: QuasistaticProblem, objective: Objective) -> Formulation:
             by_limits=objective.by_limits,
         )
         unit = torque_unit(problem, coordinates, by_limits=objective.by_limits)
-    if len(known) >= _PER_PROBLEM:
-        known.pop(next(iter(known)))
-    found = Formulation(problem, coordinates, program, kinematics, cutoff, unit)
-    known[objective] = found
-    return found
+    return _Assembled(coordinates, program, cutoff, unit)

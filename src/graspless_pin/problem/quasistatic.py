@@ -72,7 +72,6 @@ class QuasistaticProblem:
         joint_units: L units of their torques.
         gravity_torques: (L,) torque g(q) that the motors bear besides the contacts: the motor's
             torque is J^T f + g(q).
-        scratch: What the algorithms assembled for this problem and reuse; no part of the data.
     """
 
     positions: FloatArray
@@ -89,7 +88,6 @@ class QuasistaticProblem:
     joint_names: tuple[str, ...]
     joint_units: tuple[JointUnit, ...]
     gravity_torques: FloatArray
-    scratch: dict[str, Any]
 
     def __init__(
         self,
@@ -136,7 +134,7 @@ class QuasistaticProblem:
             cone_edges=cone_edges, joint_names=joint_names, joint_units=joint_units,
             gravity_torques=gravity_torques,
         )  # fmt: skip
-        self.__dict__.update(values, scratch={})
+        self.__dict__.update(values)
 
     @classmethod
     def of_own_arrays(
@@ -222,13 +220,12 @@ class QuasistaticProblem:
             joint_names=joint_names,
             joint_units=joint_units,
             gravity_torques=gravity_torques,
-            scratch={},
         )
         return made
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the data alone: what was derived from it is derived again after unpickling."""
-        return {item.name: getattr(self, item.name) for item in fields(self)} | {"scratch": {}}
+        return {item.name: getattr(self, item.name) for item in fields(self)}
 
     def __repr__(self) -> str:
         """Return the sizes, not the arrays."""
@@ -249,7 +246,6 @@ class QuasistaticProblem:
         """
         own = {item.name: getattr(self, item.name) for item in fields(self)}
         limits = own.pop("lower_torque"), own.pop("upper_torque")
-        del own["scratch"]
         values: dict[str, Any] = {**own, "torque_limits": limits}
         unknown = sorted(set(changes) - set(values))
         if unknown:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.compiled import rigid_bodies
+from graspless_pin.derived import Derived
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
 from graspless_pin.geometry.hand.actuation import Actuation, plan_actuation
@@ -272,16 +272,10 @@ class Hand:
         """
         return tuple(self.placed_bodies)
 
-    @cached_property
+    @property
     def placed_bodies(self) -> PlacedBodies:
         """What `collision_bodies` returns, each made only when it is asked for."""
-        joints, placements = self.tree.shape_placements
-        T_world_joint = self._kinematics.T_world_joint
-        if rigid_bodies is None:
-            poses = T_world_joint.take(joints, axis=0) @ placements
-        else:
-            poses = rigid_bodies.placed(T_world_joint, joints, placements)
-        return PlacedBodies(self.tree.shapes, poses)
+        return _PLACED_BODIES.of(self)
 
     def contact_jacobian(self, links: Sequence[str], points: ArrayLike) -> NDArray[np.float64]:
         """Return the Jacobian of points that are fixed to links.
@@ -356,17 +350,15 @@ class Hand:
             + turning_velocities(twist[3:], arms)
         )
 
-    @cached_property
+    @property
     def _kinematics(self) -> Kinematics:
         """Joint poses and Jacobian columns at the configuration."""
-        return self.tree.kinematics(self.positions)
+        return _KINEMATICS.of(self)
 
     def _at(self, positions: NDArray[np.float64]) -> Hand:
         """Return this hand at (n,) read-only positions; nothing else is checked again."""
         moved = object.__new__(type(self))
         moved.__dict__.update(self.__dict__, positions=positions)
-        for derived in ("_kinematics", "placed_bodies"):
-            moved.__dict__.pop(derived, None)
         return moved
 
     def _joint_jacobians(self, links: Sequence[str], points: ArrayLike) -> NDArray[np.float64]:
@@ -381,6 +373,21 @@ class Hand:
             return [carriers[link] for link in links]
         except KeyError as error:
             raise unknown_name("links", "link", str(error.args[0]), self.link_names) from error
+
+
+def _placed(hand: Hand) -> PlacedBodies:
+    """Return the hand's shapes at the poses of their links."""
+    joints, placements = hand.tree.shape_placements
+    T_world_joint = _KINEMATICS.of(hand).T_world_joint
+    if rigid_bodies is None:
+        poses = T_world_joint.take(joints, axis=0) @ placements
+    else:
+        poses = rigid_bodies.placed(T_world_joint, joints, placements)
+    return PlacedBodies(hand.tree.shapes, poses)
+
+
+_KINEMATICS: Derived[Hand, Kinematics] = Derived(lambda hand: hand.tree.kinematics(hand.positions))
+_PLACED_BODIES: Derived[Hand, PlacedBodies] = Derived(_placed)
 
 
 def _points(links: Sequence[str], points: ArrayLike) -> NDArray[np.float64]:

@@ -1,0 +1,92 @@
+"""What is derived from records is kept for the last few only, and never keeps one alive."""
+
+import gc
+import weakref
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from random_scenes import general_scene
+from scenes import scene
+
+from graspless_pin import maximize_margin, minimize_torque
+from graspless_pin.algorithms.formulation import formulate, shared_parts
+from graspless_pin.algorithms.torque import margin_objective
+from graspless_pin.derived import MOST_KEPT, Derived
+from graspless_pin.problem.contact_map import contact_map
+
+
+class Source:
+    pass
+
+
+def test_a_value_is_made_once_while_its_source_is_among_the_last():
+    made = []
+    sources = [Source() for _ in range(MOST_KEPT + 1)]
+    derived = Derived(lambda source: made.append(source) or len(made))
+    first = [derived.of(source) for source in sources[:-1]]
+    assert [derived.of(source) for source in sources[:-1]] == first
+    assert made == sources[:-1]
+    derived.of(sources[-1])
+    assert len(derived) == MOST_KEPT
+    assert derived.of(sources[0]) == len(made) == MOST_KEPT + 2
+
+
+def test_a_source_that_is_gone_takes_its_value_along():
+    class Value:
+        pass
+
+    derived: Derived[Source, Value] = Derived(lambda _: Value())
+    source = Source()
+    value = weakref.ref(derived.of(source))
+    assert value() is not None
+    del source
+    assert value() is None
+    assert len(derived) == 0
+
+
+def test_another_source_at_the_same_address_gets_its_own_value():
+    derived: Derived[Source, int] = Derived(id)
+    for _ in range(100):
+        source = Source()
+        assert derived.of(source) == id(source)
+        derived._entries[id(source)] = (lambda: None, -1)  # type: ignore[assignment]
+        assert derived.of(source) == id(source)
+
+
+def test_threads_get_the_values_of_their_own_sources():
+    sources = [Source() for _ in range(3 * MOST_KEPT)]
+    derived: Derived[Source, int] = Derived(id)
+    with ThreadPoolExecutor(8) as pool:
+        found = list(pool.map(derived.of, sources * 200))
+    assert found == [id(source) for source in sources] * 200
+    assert len(derived) <= MOST_KEPT
+
+
+def test_a_problem_dies_with_its_last_holder_whatever_was_solved():
+    problem = general_scene(1, 5)
+    solutions = [maximize_margin(problem), minimize_torque(problem)]
+    kinematics = weakref.ref(shared_parts(problem)[1])
+    gone = weakref.ref(problem)
+    assert kinematics() is not None
+    del problem, solutions
+    gc.collect()
+    assert gone() is None
+    assert kinematics() is None
+
+
+def test_what_is_derived_is_shared_between_calls_on_one_problem():
+    problem = scene("rest")
+    assert contact_map(problem) is contact_map(problem)
+    once, again = (formulate(problem, margin_objective()) for _ in range(2))
+    assert once.program is again.program
+    assert once.kinematics is again.kinematics
+    other = problem.with_changes(friction=0.5)
+    assert formulate(other, margin_objective()).program is not once.program
+
+
+def test_an_answer_is_the_same_when_its_problem_was_pushed_out():
+    problem = scene("rest")
+    before = maximize_margin(problem)
+    for seed in range(MOST_KEPT + 1):
+        maximize_margin(general_scene(seed, 4))
+    np.testing.assert_array_equal(maximize_margin(problem).contact_forces, before.contact_forces)
