@@ -74,7 +74,7 @@ def _problem_timer(posed: Callable[[], Scene]) -> Timer:
 
 def _cpp_pass(scene: Scene, hand: Hand) -> tuple[Callable[[Any], None], int]:
     """What poses the hand, finds all collisions and their patches; and the number of pairs."""
-    model = hand.tree.model
+    model = hand.tree.pinocchio_model
     geometry = pin.GeometryModel()
     links = []
     for number, item in enumerate(hand.tree.geometries):

@@ -54,7 +54,7 @@ def sample_contacts(hand: Hand, rng, count=9):
 
 def rnea(hand: Hand, links, points, forces, gravity):
     """Torques of all joints that hold still while each point pushes with its force."""
-    model = hand.tree.model.copy()
+    model = hand.tree.pinocchio_model.copy()
     data = model.createData()
     q = hand.tree.configuration(hand.positions)
     pin.forwardKinematics(model, data, q)

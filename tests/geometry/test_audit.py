@@ -8,9 +8,9 @@ import trimesh
 from hand_tools import joint, link, write_urdf
 
 from graspless_pin.errors import GrasplessPinWarning, RobotError
-from graspless_pin.geometry.robots.audit import FindingKind, audit_urdf
+from graspless_pin.geometry.inspection.audit import FindingKind, audit_urdf
+from graspless_pin.geometry.inspection.listing import list_robots
 from graspless_pin.geometry.robots.files import robot_names
-from graspless_pin.geometry.robots.listing import list_robots
 
 BALL = '<sphere radius="0.01"/>'
 MESH = '<mesh filename="{}"/>'

@@ -11,9 +11,10 @@ from graspless_pin.errors import (
     PlaceholderEffortWarning,
     RobotError,
 )
-from graspless_pin.geometry.hand.coupling import JointCoupling, resolve_couplings
+from graspless_pin.geometry.hand.coupling import resolve_couplings
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.mounts import Mount
+from graspless_pin.geometry.robots.description import JointCoupling
 
 CHAIN = "".join(link(name, mass=0.1) for name in ("base", "a", "b", "c", "d"))
 for _name, _parent, _child in [

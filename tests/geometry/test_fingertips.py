@@ -24,9 +24,9 @@ from planar_fingers import (
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.shapes import Box
-from graspless_pin.geometry.hand.fingers import FingerSpec
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.posing.fingertips import place_fingertips
+from graspless_pin.geometry.robots.description import FingerSpec
 
 INTO_PLATE = (0.0, 1.0, 0.0)
 TIP_RADIUS = 0.012  # of the Allegro's fingertips

@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.hand.fingers import FingerSpec
 from graspless_pin.geometry.hand.levers import lever_base_pose
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.mounts import Mount
+from graspless_pin.geometry.robots.description import FingerSpec
 
 Q = np.sqrt(0.5)
 H, A = 0.05 * Q, 0.2 * Q

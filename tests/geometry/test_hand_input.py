@@ -7,9 +7,9 @@ import pytest
 from hand_tools import joint, link, write_urdf
 
 from graspless_pin.errors import ArgumentError, PlaceholderEffortWarning
-from graspless_pin.geometry.hand.fingers import FingerSpec
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.mounts import Mount
+from graspless_pin.geometry.robots.description import FingerSpec
 
 
 @pytest.fixture(scope="module")

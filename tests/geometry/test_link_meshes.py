@@ -25,11 +25,10 @@ from graspless_pin.errors import (
 )
 from graspless_pin.geometry.bodies import decomposition
 from graspless_pin.geometry.contact.finding import find_contacts
-from graspless_pin.geometry.hand.fingers import FingerSpec
-from graspless_pin.geometry.hand.link_shapes import LinkMeshes
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.posing.closing import close_fingers
+from graspless_pin.geometry.robots.description import FingerSpec, LinkMeshes
 from graspless_pin.geometry.robots.files import load_robot
 
 BAR = 0.02  # m, thickness of the two bars of the hook, each 0.08 m long

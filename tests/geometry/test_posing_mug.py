@@ -18,13 +18,13 @@ from graspless_pin.geometry.bodies.records import Support
 from graspless_pin.geometry.bodies.shapes import Box, HalfSpace, MeshShape, Sphere
 from graspless_pin.geometry.contact.distances import nearest_separation
 from graspless_pin.geometry.contact.finding import BodyKind, find_contacts
-from graspless_pin.geometry.hand.fingers import FingerSpec
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.poses import pose_matrix
 from graspless_pin.geometry.posing.closing import close_fingers
 from graspless_pin.geometry.posing.fingertips import place_fingertips
 from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
 from graspless_pin.geometry.posing.settling import settle
+from graspless_pin.geometry.robots.description import FingerSpec
 
 TIP = 0.008  # m, radius of the fingers here; the handle's opening is 0.022 m wide
 REACH = 0.15  # m that they slide

@@ -232,7 +232,7 @@ def test_a_pickled_hand_is_the_same_hand(name):
 
 def test_the_three_finger_hand_is_symmetric_and_flexes_inwards():
     hand = Hand.assemble([Mount("trihand")])
-    mass = sum(inertia.mass for inertia in hand.tree.model.inertias.tolist()[1:]) + 0.3
+    mass = sum(inertia.mass for inertia in hand.tree.pinocchio_model.inertias.tolist()[1:]) + 0.3
     assert 0.5 < mass < 0.7
     bent = hand.with_configuration(
         {f"finger_{k}_{joint}": 0.5 for k in (1, 2, 3) for joint in ("proximal", "distal")}

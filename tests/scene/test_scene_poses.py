@@ -66,7 +66,7 @@ def test_torques_of_a_wrap_are_rneas(wrapped):
     scene = wrapped.scene
     problem = scene.problem()
     forces = np.random.default_rng(2).uniform(-5, 5, problem.positions.shape)
-    model = scene.hand.tree.model.copy()
+    model = scene.hand.tree.pinocchio_model.copy()
     model.gravity.linear = scene.gravity
     data = model.createData()
     q = np.array([scene.hand.q[name] for name in model.names[1:]])

@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from graspless_pin.cli.outcome import FOUND, INFEASIBLE, plain_errors
-from graspless_pin.geometry.robots.audit import audit_urdf
-from graspless_pin.geometry.robots.listing import list_robots
+from graspless_pin.geometry.inspection.audit import audit_urdf
+from graspless_pin.geometry.inspection.listing import list_robots
 from graspless_pin.report.robots import audit_text, robot_text, robots_text
 
 

@@ -137,10 +137,11 @@ def _by_joints(
             hybrid += 1
     if scene.count_own_weight and actuators:
         weights = by.gravity_torques[:actuators] @ hand.actuation.from_joints.T
-        for link in range(1, len(columns.T_world_joint)):
-            inertia, T = hand.tree.model.inertias[link], columns.T_world_joint[link]
-            center = T[:3, :3] @ inertia.lever + T[:3, 3]
+        masses, centers = hand.tree.masses
+        for link in range(1, len(masses)):
+            T = columns.T_world_joint[link]
+            center = T[:3, :3] @ centers[link] + T[:3, 3]
             move = columns.velocity(link, center)
-            pull = -inertia.mass * np.outer(scene.gravity, weights)
+            pull = -masses[link] * np.outer(scene.gravity, weights)
             total += columns.by_lever_arms(link, center, move, pull)
     return total

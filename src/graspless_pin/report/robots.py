@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 from tabulate import tabulate
 
-from graspless_pin.geometry.robots.audit import AuditReport
-from graspless_pin.geometry.robots.listing import EffortRecord, RobotRecord
+from graspless_pin.geometry.inspection.audit import AuditReport
+from graspless_pin.geometry.inspection.listing import EffortRecord, RobotRecord
 
 
 def robots_text(robots: Sequence[RobotRecord]) -> str:

@@ -26,10 +26,10 @@ from graspless_pin.geometry.bodies.shapes import (
     Sphere,
     coal_geometries,
 )
-from graspless_pin.geometry.hand.fingers import FingerSpec
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.poses import pose_matrix
+from graspless_pin.geometry.robots.description import FingerSpec
 from graspless_pin.geometry.robots.files import describe_urdf, find_robot
 from graspless_pin.magnitudes import LARGEST_LOAD_OVER_LIMIT
 from graspless_pin.problem.checks import FloatArray

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 from graspless_pin.geometry.hand.configuration import joint_positions
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.robots.files import RobotDescription
+from graspless_pin.geometry.robots.description import RobotDescription
 from graspless_pin.scene.schema import HandEntry
 
 _MOST_HANDS = 16

@@ -99,7 +99,7 @@ class LinkDistances:
         self.links = tuple(item.link for item in self.shapes)
         self.joints = [item.joint for item in self.shapes]
         self._tree = hand.tree
-        self._data: Any = hand.tree.model.createData()
+        self._data: Any = hand.tree.pinocchio_model.createData()
         self._placements = [pin.SE3(np.array(item.T_joint_geometry)) for item in self.shapes]
         self._pieces = [(piece.geometry, _transform(piece.T_world_geometry)) for piece in pieces]
         self._centers, self._radii = _bounding_spheres(pieces)
@@ -107,7 +107,7 @@ class LinkDistances:
     def at(self, positions: Array) -> Array:
         """Return the (K,) signed distances with all joints at (n,) ``positions``, m."""
         tree = self._tree
-        pin.forwardKinematics(tree.model, self._data, tree.configuration(positions))
+        pin.forwardKinematics(tree.pinocchio_model, self._data, tree.configuration(positions))
         distances = np.empty(len(self.shapes))
         for index, (item, placement) in enumerate(zip(self.shapes, self._placements, strict=True)):
             pose = self._data.oMi[item.joint] * placement

@@ -8,7 +8,7 @@ are resolved or refused. The tests compare both on hands without chains.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,26 +17,7 @@ from numpy.typing import NDArray
 
 from graspless_pin.errors import DanglingMimicWarning, RobotError
 from graspless_pin.geometry.pickling import remake
-
-
-@dataclass(frozen=True)
-class JointCoupling:
-    """A coupled joint: ``q[joint] = sum(m * q[leader]) + offset`` (radians or metres).
-
-    Attributes:
-        joint: The joint that follows.
-        follows: Multiplier m by leader; a leader may itself follow others.
-        offset: Its position when all leaders stand at zero.
-    """
-
-    joint: str
-    follows: Mapping[str, float]
-    offset: float = 0.0
-
-    def prefixed(self, prefix: str) -> JointCoupling:
-        """Return the coupling with ``prefix`` before every joint's name."""
-        leaders = {prefix + leader: factor for leader, factor in self.follows.items()}
-        return JointCoupling(prefix + self.joint, leaders, self.offset)
+from graspless_pin.geometry.robots.description import JointCoupling
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from graspless_pin.errors import ArgumentError, PlaceholderEffortWarning
 from graspless_pin.geometry.hand.actuation import Actuation
-from graspless_pin.geometry.hand.fingers import FingerSpec, driving_joints
+from graspless_pin.geometry.hand.fingers import driving_joints
 from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
 from graspless_pin.geometry.hand.urdf import UNBOUNDED
+from graspless_pin.geometry.robots.description import FingerSpec
 
 PLACEHOLDER_EFFORT = 100.0
 """An effort (N m or N) from which on no finger's motor is believed."""
@@ -176,8 +177,8 @@ def resolve_effort_limits(
 
 def urdf_efforts(tree: KinematicTree) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the URDF's (lower, upper) efforts of the n movable joints, infinite if unbounded."""
-    lower = np.array(tree.model.lowerEffortLimit)
-    upper = np.array(tree.model.upperEffortLimit)
+    lower = np.array(tree.pinocchio_model.lowerEffortLimit)
+    upper = np.array(tree.pinocchio_model.upperEffortLimit)
     lower[lower <= -UNBOUNDED] = -np.inf
     upper[upper >= UNBOUNDED] = np.inf
     return lower, upper

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
 
-from graspless_pin.geometry.hand.fingers import FingerSpec
 from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
+from graspless_pin.geometry.robots.description import FingerSpec
 
 _TAIL = re.compile(r"([^a-z0-9]+|joint|link)$", re.IGNORECASE)
 

@@ -7,23 +7,8 @@ from dataclasses import dataclass
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
+from graspless_pin.geometry.robots.description import FingerSpec
 from graspless_pin.problem import ControlMode
-
-
-@dataclass(frozen=True)
-class FingerSpec:
-    """A finger.
-
-    Attributes:
-        joints: Its movable joints.
-        links: The links whose contacts count as the finger's; empty means every link that its
-            joints move.
-        tip: The link at its end, if one is named.
-    """
-
-    joints: tuple[str, ...]
-    links: tuple[str, ...] = ()
-    tip: str | None = None
 
 
 @dataclass(frozen=True)

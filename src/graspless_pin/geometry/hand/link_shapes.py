@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
@@ -11,10 +11,8 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from graspless_pin.errors import ArgumentError, MeshError
+from graspless_pin.errors import MeshError
 from graspless_pin.geometry.bodies.decomposition import (
-    DEFAULT_CONCAVITY,
-    DEFAULT_TIME_LIMIT,
     Cut,
     convex_pieces,
 )
@@ -50,62 +48,6 @@ class LinkGeometry:
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
         """Pickle by the fields."""
         return remake(self)
-
-
-@dataclass(frozen=True)
-class LinkMeshes:
-    """How the collision meshes of a robot's links are made convex.
-
-    A cut takes seconds for a mesh, minutes for a hand of fine ones, and is remembered on disk.
-
-    Attributes:
-        convex: ``hull`` fills all hollows; ``decompose`` cuts a mesh into convex pieces. One word
-            for all links, or words by link, the others being hulls.
-        concavity: For ``decompose``: deepest hollow that is filled all the same, as a share of half
-            a mesh's largest extent, 0.01 to 1.
-        decompose_time_limit: Seconds that the cut of each mesh may take, at most 1e6.
-    """
-
-    convex: str | Mapping[str, str] = "hull"
-    concavity: float = DEFAULT_CONCAVITY
-    decompose_time_limit: float = DEFAULT_TIME_LIMIT
-
-    def __post_init__(self) -> None:
-        """Check the words and the number.
-
-        Raises:
-            ArgumentError: One is not among those above.
-        """
-        by_link = isinstance(self.convex, Mapping)
-        words = dict(self.convex) if isinstance(self.convex, Mapping) else {"": self.convex}
-        for link, word in words.items():
-            if word not in ("hull", "decompose"):
-                argument = f"convex[{link!r}]" if by_link else "convex"
-                raise ArgumentError(argument, f"needs 'hull' or 'decompose', got {word!r}")
-        self._cut()
-
-    def _cut(self) -> Cut:
-        return Cut(self.concavity, self.decompose_time_limit)
-
-    def cuts(self, links: Collection[str], prefix: str = "") -> dict[str, Cut]:
-        """Return which links' meshes are cut, and how.
-
-        Args:
-            links: All links that have a mesh, with the prefix.
-            prefix: Before every link's name.
-
-        Raises:
-            ArgumentError: If a named link is not among them.
-        """
-        if not isinstance(self.convex, Mapping):
-            return dict.fromkeys(links if self.convex == "decompose" else (), self._cut())
-        for link in self.convex:
-            if prefix + link not in links:
-                known = ", ".join(name.removeprefix(prefix) for name in links) or "none"
-                message = f"unknown link with a collision mesh {link!r}; known: {known}"
-                raise ArgumentError("convex", message)
-        named = [prefix + link for link, word in self.convex.items() if word == "decompose"]
-        return dict.fromkeys(named, self._cut())
 
 
 def link_geometries(

@@ -26,13 +26,13 @@ from graspless_pin.geometry.hand.effort_limits import (
     expand_overrides,
     resolve_effort_limits,
 )
-from graspless_pin.geometry.hand.fingers import ControlPlan, FingerSpec, plan_control
-from graspless_pin.geometry.hand.link_shapes import LinkMeshes
+from graspless_pin.geometry.hand.fingers import ControlPlan, plan_control
 from graspless_pin.geometry.hand.mounts import Mount, join_mounts
 from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
 from graspless_pin.geometry.hand.work_space import Kinematics
 from graspless_pin.geometry.pickling import remake
 from graspless_pin.geometry.poses import turning_velocities
+from graspless_pin.geometry.robots.description import FingerSpec, LinkMeshes
 from graspless_pin.geometry.robots.files import describe_model, describe_urdf
 from graspless_pin.problem import ControlMode
 from graspless_pin.problem.checks import all_finite
@@ -260,7 +260,7 @@ class Hand:
             ArgumentError: If there is no such link.
         """
         joint = self._joints_of([link])[0]
-        frame = self.tree.model.frames[self.tree.link_frames[link]]
+        frame = self.tree.pinocchio_model.frames[self.tree.link_frames[link]]
         return self._kinematics.T_world_joint[joint] @ frame.placement.homogeneous
 
     def collision_bodies(self) -> tuple[CollisionBody, ...]:

@@ -11,15 +11,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.errors import ArgumentError, RobotError
 from graspless_pin.geometry.bodies.decomposition import Cut
-from graspless_pin.geometry.hand.coupling import JointCoupling
 from graspless_pin.geometry.hand.effort_limits import expand_overrides, spread_names
 from graspless_pin.geometry.hand.finger_discovery import discover_hands
-from graspless_pin.geometry.hand.fingers import FingerSpec, check_fingers, driving_joints
-from graspless_pin.geometry.hand.link_shapes import LinkMeshes
+from graspless_pin.geometry.hand.fingers import check_fingers, driving_joints
 from graspless_pin.geometry.hand.tree import KinematicTree, build_tree, unknown_name
 from graspless_pin.geometry.hand.urdf import UrdfDocument, read_urdf
 from graspless_pin.geometry.poses import as_pose
-from graspless_pin.geometry.robots.files import RobotDescription, find_robot
+from graspless_pin.geometry.robots.description import (
+    FingerSpec,
+    JointCoupling,
+    LinkMeshes,
+    RobotDescription,
+)
+from graspless_pin.geometry.robots.files import find_robot
 
 
 @dataclass(frozen=True, eq=False)

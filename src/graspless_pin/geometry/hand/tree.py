@@ -16,12 +16,14 @@ from graspless_pin.compiled import rigid_bodies
 from graspless_pin.errors import ArgumentError, RobotError
 from graspless_pin.geometry.bodies.collision import BodyShapes
 from graspless_pin.geometry.bodies.decomposition import Cut
-from graspless_pin.geometry.hand.coupling import Coupling, JointCoupling, resolve_couplings
+from graspless_pin.geometry.hand.coupling import Coupling, resolve_couplings
 from graspless_pin.geometry.hand.link_shapes import LinkGeometry, link_geometries
 from graspless_pin.geometry.hand.urdf import UNBOUNDED, UrdfDocument
 from graspless_pin.geometry.hand.urdf_visuals import LinkVisual
 from graspless_pin.geometry.hand.work_space import Kinematics, WorkSpace
 from graspless_pin.geometry.pickling import remake
+from graspless_pin.geometry.robots.description import JointCoupling
+from graspless_pin.problem.checks import read_only
 
 FloatArray = NDArray[np.float64]
 
@@ -47,7 +49,7 @@ class KinematicTree:
     joint i + 1 and velocity coordinate i.
 
     Attributes:
-        model: ``pinocchio.Model`` with coupled joints independent.
+        pinocchio_model: ``pinocchio.Model`` with coupled joints independent.
         joint_names: (n) movable joints in model order.
         link_frames: Frame index by link name.
         geometries: Collision shapes in model order.
@@ -57,7 +59,7 @@ class KinematicTree:
         visuals: How the links look; only drawing asks.
     """
 
-    model: Any
+    pinocchio_model: Any
     joint_names: tuple[str, ...]
     link_frames: Mapping[str, int]
     geometries: tuple[LinkGeometry, ...]
@@ -84,11 +86,11 @@ class KinematicTree:
     def joint_kinds(self) -> tuple[str, ...]:
         """``revolute``, ``continuous`` or ``prismatic`` for each of the n movable joints."""
         kinds = []
-        for joint in range(1, self.model.njoints):
-            if self.model.nqs[joint] == 2:
+        for joint in range(1, self.pinocchio_model.njoints):
+            if self.pinocchio_model.nqs[joint] == 2:
                 kinds.append("continuous")
             else:
-                name = self.model.joints[joint].shortname()
+                name = self.pinocchio_model.joints[joint].shortname()
                 kinds.append("prismatic" if name.startswith("JointModelP") else "revolute")
         return tuple(kinds)
 
@@ -103,13 +105,13 @@ class KinematicTree:
     @cached_property
     def link_joints(self) -> Mapping[str, int]:
         """Pinocchio index of the joint that carries each link, 0 for the base."""
-        frames = self.model.frames
+        frames = self.pinocchio_model.frames
         return {link: int(frames[index].parentJoint) for link, index in self.link_frames.items()}
 
     @cached_property
     def parent_links(self) -> Mapping[str, str | None]:
         """The link at the other end of the joint above each link, None for a root link."""
-        frames = self.model.frames
+        frames = self.pinocchio_model.frames
         parents: dict[str, str | None] = {}
         for link, index in self.link_frames.items():
             above = frames[frames[index].parentFrame]  # the frame of the joint, or the universe
@@ -120,11 +122,21 @@ class KinematicTree:
     @cached_property
     def supports(self) -> NDArray[np.bool_]:
         """(n + 1, n) whether joint j moves what is attached to Pinocchio joint i."""
-        mask = np.zeros((self.model.njoints, self.model.nv), dtype=bool)
-        for joint in range(1, self.model.njoints):
-            mask[joint] = mask[self.model.parents[joint]]
+        mask = np.zeros((self.pinocchio_model.njoints, self.pinocchio_model.nv), dtype=bool)
+        for joint in range(1, self.pinocchio_model.njoints):
+            mask[joint] = mask[self.pinocchio_model.parents[joint]]
             mask[joint, joint - 1] = True
         return mask
+
+    @cached_property
+    def masses(self) -> tuple[FloatArray, FloatArray]:
+        """(n + 1,) mass that each Pinocchio joint carries, kg, and (n + 1, 3) its centre, m.
+
+        The centres are in the joints' frames; the first entry is what the base carries.
+        """
+        inertias = self.pinocchio_model.inertias.tolist()
+        centers = np.array([inertia.lever for inertia in inertias]).reshape(-1, 3)
+        return read_only(np.array([inertia.mass for inertia in inertias])), read_only(centers)
 
     @cached_property
     def shape_placements(self) -> tuple[NDArray[np.intp], FloatArray]:
@@ -150,7 +162,7 @@ class KinematicTree:
         starts, angles = self._starts
         if not len(angles):
             return positions
-        q = np.empty(self.model.nq)
+        q = np.empty(self.pinocchio_model.nq)
         q[starts] = positions
         q[starts[angles]] = np.cos(positions[angles])
         q[starts[angles] + 1] = np.sin(positions[angles])
@@ -192,8 +204,8 @@ class KinematicTree:
     @cached_property
     def _starts(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Where each joint starts in q, and which joints are continuous."""
-        starts = np.array(self.model.idx_qs, dtype=np.intp)[1:]
-        return starts, np.flatnonzero(np.array(self.model.nqs)[1:] == 2)
+        starts = np.array(self.pinocchio_model.idx_qs, dtype=np.intp)[1:]
+        return starts, np.flatnonzero(np.array(self.pinocchio_model.nqs)[1:] == 2)
 
     @cached_property
     def _moves(self) -> FloatArray:
@@ -202,7 +214,7 @@ class KinematicTree:
 
     @cached_property
     def _work_space(self) -> WorkSpace:
-        return WorkSpace(self.model)
+        return WorkSpace(self.pinocchio_model)
 
 
 def build_tree(
@@ -247,7 +259,7 @@ def build_tree(
     lower = np.where(single, model.lowerPositionLimit[starts], -np.inf)
     upper = np.where(single, model.upperPositionLimit[starts], np.inf)
     return KinematicTree(
-        model=model,
+        pinocchio_model=model,
         joint_names=joint_names,
         link_frames={
             frame.name: index

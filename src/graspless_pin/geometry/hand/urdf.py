@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from graspless_pin.errors import RobotError, TextError
-from graspless_pin.geometry.hand.coupling import JointCoupling
 from graspless_pin.geometry.hand.urdf_links import (
     LinkMesh,
     check_link,
@@ -21,6 +20,7 @@ from graspless_pin.geometry.hand.urdf_links import (
     numbers,
 )
 from graspless_pin.geometry.hand.urdf_visuals import LinkVisual, read_visuals
+from graspless_pin.geometry.robots.description import JointCoupling
 from graspless_pin.intake.files import FileKind, read_bytes
 from graspless_pin.intake.xml_text import parse_xml
 

@@ -99,7 +99,7 @@ def joints_at_limit(hand: Hand, finger: str) -> tuple[str, ...]:
 
 def is_prismatic(tree: KinematicTree, joint: int) -> bool:
     """Return whether movable joint ``joint`` slides rather than turns."""
-    kind = tree.model.joints[joint + 1].shortname()
+    kind = tree.pinocchio_model.joints[joint + 1].shortname()
     return kind.startswith("JointModelP")
 
 
@@ -114,8 +114,8 @@ def flexion_rates(hand: Hand, finger: str) -> dict[int, float]:
     columns = driving_columns(hand, finger)
     if not columns:
         return {}
-    data = tree.model.createData()
-    J = pin.computeJointJacobians(tree.model, data, tree.configuration(hand.positions))
+    data = tree.pinocchio_model.createData()
+    J = pin.computeJointJacobians(tree.pinocchio_model, data, tree.configuration(hand.positions))
     J = J.reshape(6, -1)  # the binding drops the dimension of a single joint
     joints = {column: tree.coupling.leaders[column] for column in columns}
     last = max(columns, key=lambda column: int(tree.supports[joints[column] + 1].sum()))

@@ -178,7 +178,7 @@ def _reaches(distances: LinkDistances, hand: Hand) -> Array:
     That is the length of the chain from the joint to the far side of the shape, whatever the
     posture, and 1 for a prismatic joint.
     """
-    model = hand.tree.model
+    model = hand.tree.pinocchio_model
     reach = np.zeros((len(distances.shapes), len(hand.joint_names)))
     for row, item in zip(reach, distances.shapes, strict=True):
         solid = bounded_set(item)

@@ -92,7 +92,7 @@ def unwanted_overlaps(
 
 def _pairs(hand: Hand, bodies: Sequence[CollisionBody]) -> Iterator[tuple[int, int]]:
     """Shapes that may meet: not rigidly joined or neighbours, unless of two robots."""
-    parents = [int(parent) for parent in hand.tree.model.parents]
+    parents = [int(parent) for parent in hand.tree.pinocchio_model.parents]
     for i, j in sorted(near_pairs(bodies, bodies, 0.0)):
         if i >= j:
             continue

@@ -52,7 +52,7 @@ class Tip:
         self.point = point
         self.normal = normal
         self._tree = hand.tree
-        self._data: Any = hand.tree.model.createData()
+        self._data: Any = hand.tree.pinocchio_model.createData()
         self._shapes = [item for item in hand.tree.geometries if item.link == self.link]
         self._distances = LinkDistances(hand, {*spec.links, self.link}, target.collision_bodies())
 
@@ -66,7 +66,9 @@ class Tip:
             (3,) the point, world, and (3, a) its velocity per rate of the independent joints.
         """
         tree = self._tree
-        J = pin.computeJointJacobians(tree.model, self._data, tree.configuration(positions))
+        J = pin.computeJointJacobians(
+            tree.pinocchio_model, self._data, tree.configuration(positions)
+        )
         joint = self._shapes[0].joint
         T_world_joint = np.array(self._data.oMi[joint].homogeneous)
         touch, fixed = max(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,52 +13,12 @@ from example_robot_data import (  # pyright: ignore[reportMissingImports]
 )
 
 from graspless_pin.errors import ArgumentError, RobotError
-from graspless_pin.geometry.hand.coupling import JointCoupling
-from graspless_pin.geometry.hand.fingers import FingerSpec
-from graspless_pin.geometry.hand.link_shapes import LinkMeshes
+from graspless_pin.geometry.robots.description import FingerSpec, LinkMeshes, RobotDescription
 from graspless_pin.geometry.robots.schema import read_robot_file
 from graspless_pin.intake.files import is_file
 
 _PACKAGE_ROBOTS = Path(__file__).resolve().parents[2] / "robots"
 _SOURCE_ROBOTS = Path(__file__).resolve().parents[4] / "robots"
-
-
-@dataclass(frozen=True)
-class RobotDescription:
-    """A hand before it is mounted: a URDF and what the URDF does not say.
-
-    Attributes:
-        name: Its name, for messages and tables.
-        urdf_path: The URDF.
-        package_dirs: Where the URDF's ``package://`` addresses are looked up.
-        root_link: The link that is mounted, with all that hangs on it; None is the URDF's root.
-        palms: The links that carry fingers; empty: found from the tree.
-        fingers: Fingers by name; empty: the branches below the palms.
-        couplings: Coupled joints, instead of the URDF's mimic joints of these names.
-        tendons: Moment arm by joint, m, by tendon.
-        effort_limits: Limit by finger, joint or tendon (N m, or N for a prismatic joint or a
-            tendon): a symmetric one, or (lower, upper).
-        effort_sources: Where each of these limits comes from.
-        effort_unknown: What is known by finger, joint or tendon whose real limit is not.
-        meshes: How the collision meshes of its links are made convex.
-        file: The robot file, if there is one.
-        model: The model of example-robot-data, if it is one.
-    """
-
-    name: str
-    urdf_path: Path
-    package_dirs: tuple[Path, ...] = ()
-    root_link: str | None = None
-    palms: tuple[str, ...] = ()
-    fingers: Mapping[str, FingerSpec] = field(default_factory=dict)
-    couplings: tuple[JointCoupling, ...] = ()
-    tendons: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    effort_limits: Mapping[str, float | tuple[float, float]] = field(default_factory=dict)
-    effort_sources: Mapping[str, str] = field(default_factory=dict)
-    effort_unknown: Mapping[str, str] = field(default_factory=dict)
-    meshes: LinkMeshes = field(default_factory=LinkMeshes)
-    file: Path | None = None
-    model: str | None = None
 
 
 def describe_urdf(path: str | Path, package_dirs: Sequence[str | Path] = ()) -> RobotDescription:

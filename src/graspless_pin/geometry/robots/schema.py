@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from graspless_pin.errors import RobotError, TextError
 from graspless_pin.geometry.bodies.decomposition import DEFAULT_CONCAVITY, DEFAULT_TIME_LIMIT
-from graspless_pin.geometry.hand.coupling import JointCoupling
+from graspless_pin.geometry.robots.description import JointCoupling
 from graspless_pin.intake.fields import (
     ByName,
     Few,

@@ -15,9 +15,10 @@ from graspless_pin.geometry.hand.coupling import dangling_couplings
 from graspless_pin.geometry.hand.effort_limits import is_placeholder
 from graspless_pin.geometry.hand.mounts import JoinedMounts, Mount, join_mounts
 from graspless_pin.geometry.hand.urdf import URDF, keep_below, parse_robot, read_urdf
-from graspless_pin.geometry.robots.audit_meshes import Finding, FindingKind, audit_meshes
-from graspless_pin.geometry.robots.files import RobotDescription, find_robot
-from graspless_pin.geometry.robots.listing import describe_efforts
+from graspless_pin.geometry.inspection.audit_meshes import Finding, FindingKind, audit_meshes
+from graspless_pin.geometry.inspection.listing import describe_efforts
+from graspless_pin.geometry.robots.description import RobotDescription
+from graspless_pin.geometry.robots.files import find_robot
 from graspless_pin.intake.files import check_file
 
 _MESH_FAILURES = (FindingKind.MISSING_MESH, FindingKind.UNUSABLE_MESH)

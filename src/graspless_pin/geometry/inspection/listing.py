@@ -9,10 +9,10 @@ from pathlib import Path
 
 from graspless_pin.errors import DanglingMimicWarning, MeshError, RobotError
 from graspless_pin.geometry.hand.effort_limits import is_placeholder, spread_names, urdf_efforts
-from graspless_pin.geometry.hand.fingers import FingerSpec
 from graspless_pin.geometry.hand.mounts import JoinedMounts, Mount, join_mounts
 from graspless_pin.geometry.hand.tree import KinematicTree
-from graspless_pin.geometry.robots.files import RobotDescription, find_robot, robot_names
+from graspless_pin.geometry.robots.description import FingerSpec, RobotDescription
+from graspless_pin.geometry.robots.files import find_robot, robot_names
 
 
 @dataclass(frozen=True)

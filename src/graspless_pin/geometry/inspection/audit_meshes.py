@@ -18,7 +18,7 @@ from graspless_pin.geometry.bodies.mesh_files import MESH
 from graspless_pin.geometry.bodies.meshes import LARGEST_MESH, SMALLEST_MESH
 from graspless_pin.geometry.hand.link_shapes import is_flat, load_link_mesh
 from graspless_pin.geometry.hand.urdf_links import LinkMesh, find_mesh, numbers
-from graspless_pin.geometry.robots.files import RobotDescription
+from graspless_pin.geometry.robots.description import RobotDescription
 from graspless_pin.intake.files import read_bytes
 
 _HOLLOW = 2.0  # hull over mesh in volume: below, cutting a link rarely changes what it touches

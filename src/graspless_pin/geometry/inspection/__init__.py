@@ -1,0 +1,1 @@
+"""What is known about robots before they are used: listings and audits of their files."""

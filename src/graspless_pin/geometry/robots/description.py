@@ -1,0 +1,140 @@
+"""What a robot file says of a robot besides its URDF: fingers, couplings, meshes, limits."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.bodies.decomposition import DEFAULT_CONCAVITY, DEFAULT_TIME_LIMIT, Cut
+
+
+@dataclass(frozen=True)
+class FingerSpec:
+    """A finger.
+
+    Attributes:
+        joints: Its movable joints.
+        links: The links whose contacts count as the finger's; empty means every link that its
+            joints move.
+        tip: The link at its end, if one is named.
+    """
+
+    joints: tuple[str, ...]
+    links: tuple[str, ...] = ()
+    tip: str | None = None
+
+
+@dataclass(frozen=True)
+class JointCoupling:
+    """A coupled joint: ``q[joint] = sum(m * q[leader]) + offset`` (radians or metres).
+
+    Attributes:
+        joint: The joint that follows.
+        follows: Multiplier m by leader; a leader may itself follow others.
+        offset: Its position when all leaders stand at zero.
+    """
+
+    joint: str
+    follows: Mapping[str, float]
+    offset: float = 0.0
+
+    def prefixed(self, prefix: str) -> JointCoupling:
+        """Return the coupling with ``prefix`` before every joint's name."""
+        leaders = {prefix + leader: factor for leader, factor in self.follows.items()}
+        return JointCoupling(prefix + self.joint, leaders, self.offset)
+
+
+@dataclass(frozen=True)
+class LinkMeshes:
+    """How the collision meshes of a robot's links are made convex.
+
+    A cut takes seconds for a mesh, minutes for a hand of fine ones, and is remembered on disk.
+
+    Attributes:
+        convex: ``hull`` fills all hollows; ``decompose`` cuts a mesh into convex pieces. One word
+            for all links, or words by link, the others being hulls.
+        concavity: For ``decompose``: deepest hollow that is filled all the same, as a share of half
+            a mesh's largest extent, 0.01 to 1.
+        decompose_time_limit: Seconds that the cut of each mesh may take, at most 1e6.
+    """
+
+    convex: str | Mapping[str, str] = "hull"
+    concavity: float = DEFAULT_CONCAVITY
+    decompose_time_limit: float = DEFAULT_TIME_LIMIT
+
+    def __post_init__(self) -> None:
+        """Check the words and the number.
+
+        Raises:
+            ArgumentError: One is not among those above.
+        """
+        by_link = isinstance(self.convex, Mapping)
+        words = dict(self.convex) if isinstance(self.convex, Mapping) else {"": self.convex}
+        for link, word in words.items():
+            if word not in ("hull", "decompose"):
+                argument = f"convex[{link!r}]" if by_link else "convex"
+                raise ArgumentError(argument, f"needs 'hull' or 'decompose', got {word!r}")
+        self._cut()
+
+    def _cut(self) -> Cut:
+        return Cut(self.concavity, self.decompose_time_limit)
+
+    def cuts(self, links: Collection[str], prefix: str = "") -> dict[str, Cut]:
+        """Return which links' meshes are cut, and how.
+
+        Args:
+            links: All links that have a mesh, with the prefix.
+            prefix: Before every link's name.
+
+        Raises:
+            ArgumentError: If a named link is not among them.
+        """
+        if not isinstance(self.convex, Mapping):
+            return dict.fromkeys(links if self.convex == "decompose" else (), self._cut())
+        for link in self.convex:
+            if prefix + link not in links:
+                known = ", ".join(name.removeprefix(prefix) for name in links) or "none"
+                message = f"unknown link with a collision mesh {link!r}; known: {known}"
+                raise ArgumentError("convex", message)
+        named = [prefix + link for link, word in self.convex.items() if word == "decompose"]
+        return dict.fromkeys(named, self._cut())
+
+
+@dataclass(frozen=True)
+class RobotDescription:
+    """A hand before it is mounted: a URDF and what the URDF does not say.
+
+    Attributes:
+        name: Its name, for messages and tables.
+        urdf_path: The URDF.
+        package_dirs: Where the URDF's ``package://`` addresses are looked up.
+        root_link: The link that is mounted, with all that hangs on it; None is the URDF's root.
+        palms: The links that carry fingers; empty: found from the tree.
+        fingers: Fingers by name; empty: the branches below the palms.
+        couplings: Coupled joints, instead of the URDF's mimic joints of these names.
+        tendons: Moment arm by joint, m, by tendon.
+        effort_limits: Limit by finger, joint or tendon (N m, or N for a prismatic joint or a
+            tendon): a symmetric one, or (lower, upper).
+        effort_sources: Where each of these limits comes from.
+        effort_unknown: What is known by finger, joint or tendon whose real limit is not.
+        meshes: How the collision meshes of its links are made convex.
+        file: The robot file, if there is one.
+        model: The model of example-robot-data, if it is one.
+    """
+
+    name: str
+    urdf_path: Path
+    package_dirs: tuple[Path, ...] = ()
+    root_link: str | None = None
+    palms: tuple[str, ...] = ()
+    fingers: Mapping[str, FingerSpec] = field(default_factory=dict)
+    couplings: tuple[JointCoupling, ...] = ()
+    tendons: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    effort_limits: Mapping[str, float | tuple[float, float]] = field(default_factory=dict)
+    effort_sources: Mapping[str, str] = field(default_factory=dict)
+    effort_unknown: Mapping[str, str] = field(default_factory=dict)
+    meshes: LinkMeshes = field(default_factory=LinkMeshes)
+    file: Path | None = None
+    model: str | None = None
