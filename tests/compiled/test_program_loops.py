@@ -193,8 +193,8 @@ def test_motions_are_held_alike(name, seed, kind, by_numpy) -> None:
     held = kinematics.nearest._held(contacts, near)
     signs = np.sign(held.sliding).astype(np.int8)
     signs *= rng.choice([1, -1, 0], len(signs), p=[0.96, 0.03, 0.01])
-    ours = kinematics.nearest.behind(contacts, signs.reshape(-1, 2), near)
-    theirs = by_numpy(lambda: kinematics.nearest.behind(contacts, signs.reshape(-1, 2), near))
+    ours = kinematics.nearest.witness_near(contacts, signs.reshape(-1, 2), near)
+    theirs = by_numpy(lambda: kinematics.nearest.witness_near(contacts, signs.reshape(-1, 2), near))
     assert (ours is None) == (theirs is None)
     if ours is not None:
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-8 * float(np.linalg.norm(near)))

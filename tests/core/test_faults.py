@@ -26,9 +26,10 @@ from graspless_pin.algorithms import curve_search, force_extremes, formulation, 
 from graspless_pin.algorithms.torque import margin_objective, torque_objective
 from graspless_pin.algorithms.warm_start import reaches_margin, solve_from
 from graspless_pin.errors import UndecidedMotionError
-from graspless_pin.modes import kinematics
-from graspless_pin.modes.kinematics import Requirement, VirtualKinematics, Witness
+from graspless_pin.modes import conflicts, fastest_sliding
+from graspless_pin.modes.kinematics import VirtualKinematics
 from graspless_pin.modes.rules import Rules, SignRule
+from graspless_pin.modes.verdicts import Requirement, Witness
 from graspless_pin.programs.answers import Answer, failed
 from graspless_pin.programs.program import Program
 from graspless_pin.solvers import Outcome, solve, solving
@@ -397,8 +398,8 @@ def wrong_squares() -> dict[str, Callable[..., Any]]:
     }
 
 
-NNLS = kinematics.nnls
-LINPROG = kinematics.linprog
+NNLS = fastest_sliding.nnls
+LINPROG = fastest_sliding.linprog
 WRONG_SQUARES = wrong_squares()
 
 
@@ -485,7 +486,8 @@ def test_right_routines_decide_all_questions():
 
 @pytest.mark.parametrize("how", list(WRONG_SQUARES))
 def test_no_wrong_least_squares_become_a_verdict(how, monkeypatch):
-    monkeypatch.setattr(kinematics, "nnls", WRONG_SQUARES[how])
+    for module in (conflicts, fastest_sliding):
+        monkeypatch.setattr(module, "nnls", WRONG_SQUARES[how])
     # The linear program decides instead, but not where its motion is one at the border of its box.
     assert assert_no_wrong_verdicts() >= 0.7 * len(questions())
 
@@ -493,8 +495,9 @@ def test_no_wrong_least_squares_become_a_verdict(how, monkeypatch):
 @pytest.mark.parametrize("how", list(WRONG_PROGRAMS))
 @pytest.mark.parametrize("squares", ["gives up", "zeros"])
 def test_no_wrong_linear_program_becomes_a_verdict(how, squares, monkeypatch):
-    monkeypatch.setattr(kinematics, "nnls", WRONG_SQUARES[squares])
-    monkeypatch.setattr(kinematics, "linprog", WRONG_PROGRAMS[how])
+    for module in (conflicts, fastest_sliding):
+        monkeypatch.setattr(module, "nnls", WRONG_SQUARES[squares])
+    monkeypatch.setattr(fastest_sliding, "linprog", WRONG_PROGRAMS[how])
     decided = assert_no_wrong_verdicts()
     assert decided > 0 or how != "right"
 
@@ -502,7 +505,8 @@ def test_no_wrong_linear_program_becomes_a_verdict(how, squares, monkeypatch):
 @pytest.mark.parametrize("how", [*WRONG_SQUARES])
 @pytest.mark.parametrize("name", list(PROBLEMS))
 def test_no_wrong_routine_becomes_an_optimum(name, how, monkeypatch):
-    monkeypatch.setattr(kinematics, "nnls", WRONG_SQUARES[how])
+    for module in (conflicts, fastest_sliding):
+        monkeypatch.setattr(module, "nnls", WRONG_SQUARES[how])
     for search in SEARCHES:
         found = maximize_margin(fresh(name), search=search)
         assert_right(found, honest(name, "margin"), "margin")

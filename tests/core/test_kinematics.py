@@ -21,9 +21,10 @@ from graspless_pin import (
 from graspless_pin.algorithms.torque import margin_objective
 from graspless_pin.algorithms.warm_start import reaches_margin, solve_from
 from graspless_pin.errors import GrasplessPinError, UndecidedMotionError
-from graspless_pin.modes.kinematics import Conflict, Requirement, VirtualKinematics, Witness
+from graspless_pin.modes.kinematics import VirtualKinematics
 from graspless_pin.modes.nearest_motions import NearestMotions
 from graspless_pin.modes.rules import Rules, SignRule
+from graspless_pin.modes.verdicts import Conflict, Requirement, Witness
 
 ANY_SIGNS = {
     SignRule.STRICT: st.sampled_from(list(product((-1, 1), repeat=2))),
@@ -190,7 +191,8 @@ def test_least_squares_that_give_up_change_no_answer(name, monkeypatch):
     def gives_up(*_):
         raise RuntimeError("Maximum number of iterations reached")
 
-    monkeypatch.setattr("graspless_pin.modes.kinematics.nnls", gives_up)
+    for module in ("conflicts", "fastest_sliding"):
+        monkeypatch.setattr(f"graspless_pin.modes.{module}.nnls", gives_up)
     solution = maximize_margin(scene(name), sliding_rule="constrained")
     assert solution.status is expected.status
     if expected.found:
@@ -199,7 +201,7 @@ def test_least_squares_that_give_up_change_no_answer(name, monkeypatch):
 
 @pytest.fixture
 def undecided(monkeypatch):
-    """No solver decides on any virtual motion, and none is seen at a glimpse."""
+    """No solver decides on any virtual motion, and none is guessed."""
 
     def gives_up(*_, **__):
         raise RuntimeError("Maximum number of iterations reached")
@@ -207,9 +209,10 @@ def undecided(monkeypatch):
     def fails(*_, **__):
         return SimpleNamespace(status=4, message="numerical difficulties")
 
-    monkeypatch.setattr("graspless_pin.modes.kinematics.nnls", gives_up)
-    monkeypatch.setattr("graspless_pin.modes.kinematics.linprog", fails)
-    monkeypatch.setattr(NearestMotions, "glimpse", lambda *_: None)
+    for module in ("conflicts", "fastest_sliding"):
+        monkeypatch.setattr(f"graspless_pin.modes.{module}.nnls", gives_up)
+    monkeypatch.setattr("graspless_pin.modes.fastest_sliding.linprog", fails)
+    monkeypatch.setattr(NearestMotions, "guessed_witness", lambda *_: None)
 
 
 @pytest.mark.usefixtures("undecided")

@@ -16,8 +16,9 @@ from graspless_pin import (
 from graspless_pin.algorithms.torque import margin_objective
 from graspless_pin.algorithms.warm_start import solve_from
 from graspless_pin.modes.enumeration import requirements_of
-from graspless_pin.modes.kinematics import THRESHOLD, Conflict, VirtualKinematics, Witness
+from graspless_pin.modes.kinematics import THRESHOLD, VirtualKinematics
 from graspless_pin.modes.rules import Rules, SignRule, SlidingMode
+from graspless_pin.modes.verdicts import Conflict, Witness
 
 LINED_UP, TURNED = 0.030667, 0.270491
 """Margins with tangents along the only motion, and with tangents that it slides along both of."""

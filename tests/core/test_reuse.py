@@ -20,9 +20,9 @@ from graspless_pin import (
 from graspless_pin.algorithms.formulation import Formulation, Objective, formulate
 from graspless_pin.algorithms.friction_modes import ModeReader
 from graspless_pin.modes.enumeration import requirements_of
-from graspless_pin.modes.kinematics import Requirement
 from graspless_pin.modes.nearest_motions import NearestMotions
 from graspless_pin.modes.rules import Rules, SignRule
+from graspless_pin.modes.verdicts import Requirement
 from graspless_pin.programs.force_programs import force_coordinates, force_rows
 from graspless_pin.solution import Algorithm
 from graspless_pin.solvers import piqp_engines
@@ -88,14 +88,14 @@ def test_a_joint_that_no_contact_knows_changes_nothing():
 
 @settings(max_examples=60, deadline=None)
 @given(SEEDS, st.integers(3, 9), st.booleans())
-def test_signs_that_are_seen_at_a_glimpse_are_feasible_under_every_rule(seed, contacts, slope):
+def test_signs_of_a_guessed_witness_are_feasible_under_every_rule(seed, contacts, slope):
     problem = (slope_scene if slope else general_scene)(seed, contacts)
     kinematics = formulation(problem).kinematics
     rng = np.random.default_rng(seed)
     for _ in range(5):
         chosen = tuple(np.flatnonzero(rng.random(contacts) < 0.6).tolist())
         wanted = rng.choice([-1.0, 0.0, 1.0], 2 * len(chosen), p=[0.4, 0.2, 0.4])
-        found = kinematics.nearest.glimpse(chosen, wanted)
+        found = kinematics.nearest.guessed_witness(chosen, wanted)
         if found is None:
             continue
         signs, _ = found
@@ -118,11 +118,11 @@ def test_a_motion_is_behind_signs_only_if_they_are_feasible(seed, contacts, slop
     pairs = signs.reshape(-1, 2).tolist()
     requirements = [Requirement(c, (a, b)) for c, (a, b) in zip(chosen, pairs, strict=True)]
     near = [rng.normal(size=kinematics.rows.shape[2]), np.zeros(kinematics.rows.shape[2])]
-    found = kinematics.nearest.glimpse(chosen, signs.astype(float))
+    found = kinematics.nearest.guessed_witness(chosen, signs.astype(float))
     if found is not None:
         near.append(found[1] + 1e-4 * rng.normal(size=len(found[1])))
     for start in near:
-        motion = kinematics.nearest.behind(chosen, signs.reshape(-1, 2), start)
+        motion = kinematics.nearest.witness_near(chosen, signs.reshape(-1, 2), start)
         if motion is None:
             continue
         for rule in SignRule:
@@ -140,11 +140,11 @@ def test_a_remembered_motion_serves_again_where_little_changed():
     rng = np.random.default_rng(0)
     for _ in range(20):
         signs = rng.choice(np.array([-1, 1], dtype=np.int8), 2 * len(fingers))
-        found = kinematics.nearest.glimpse(fingers, signs.astype(float))
+        found = kinematics.nearest.guessed_witness(fingers, signs.astype(float))
         assert found is not None
         near = found[1] * (1.0 + 1e-3 * rng.normal(size=len(found[1])))
-        assert kinematics.nearest.behind(fingers, signs.reshape(-1, 2), near) is not None
-        assert kinematics.nearest.behind(fingers, -signs.reshape(-1, 2), near) is None
+        assert kinematics.nearest.witness_near(fingers, signs.reshape(-1, 2), near) is not None
+        assert kinematics.nearest.witness_near(fingers, -signs.reshape(-1, 2), near) is None
 
 
 def test_a_mode_still_admits_traces_of_friction_but_no_more():
@@ -154,7 +154,7 @@ def test_a_mode_still_admits_traces_of_friction_but_no_more():
     signs = np.ones((6, 2), dtype=np.int8)
     selection = np.isin(np.arange(6), fingers)
     mode = SlidingMode(selection, np.where(selection[:, None], signs, 0))
-    found = shared.kinematics.nearest.glimpse(tuple(fingers), np.ones(2 * len(fingers)))
+    found = shared.kinematics.nearest.guessed_witness(tuple(fingers), np.ones(2 * len(fingers)))
     assert found is not None
     columns = shared.cone_columns[0][np.isin(shared.cone_index, fingers)]
     x = np.zeros(len(shared.program.c))
@@ -173,7 +173,7 @@ def test_a_mode_still_admits_traces_of_friction_but_no_more():
     assert reader.still_admitted(against, mode) is None
 
 
-def test_a_glimpse_mostly_suffices_where_every_fingertip_can_move():
+def test_a_guessed_witness_mostly_suffices_where_every_fingertip_can_move():
     """With three or more joints a finger any signs have a motion behind them."""
     problem = general_scene(4, 6, joints=(3, 4))
     kinematics = formulation(problem).kinematics
@@ -181,7 +181,7 @@ def test_a_glimpse_mostly_suffices_where_every_fingertip_can_move():
     rng = np.random.default_rng(0)
     for _ in range(20):
         wanted = rng.choice([-1.0, 1.0], 2 * len(fingers))
-        assert kinematics.nearest.glimpse(fingers, wanted) is not None
+        assert kinematics.nearest.guessed_witness(fingers, wanted) is not None
 
 
 @settings(max_examples=40, deadline=None)
@@ -256,6 +256,6 @@ def test_a_motion_that_leaves_a_contact_is_behind_nothing():
     rows[:, 1:, 2] = 1.0
     nearest = NearestMotions(rows, 1e-5)
     signs = np.ones((2, 2), dtype=np.int8)
-    assert nearest.behind((0, 1), signs, np.array([0.0, 1.0, 0.01])) is None
-    assert nearest.behind((0, 1), signs, np.array([0.0, 0.0, 0.01])) is not None
-    assert nearest.behind((0,), signs[:1], np.array([0.0, 1.0, 0.01])) is not None
+    assert nearest.witness_near((0, 1), signs, np.array([0.0, 1.0, 0.01])) is None
+    assert nearest.witness_near((0, 1), signs, np.array([0.0, 0.0, 0.01])) is not None
+    assert nearest.witness_near((0,), signs[:1], np.array([0.0, 1.0, 0.01])) is not None

@@ -14,10 +14,10 @@ from graspless_pin.algorithms.friction_modes import ModeReader
 from graspless_pin.algorithms.search import SearchState, closeness
 from graspless_pin.algorithms.torque import margin_objective
 from graspless_pin.compiled import contact_frames
-from graspless_pin.modes.consequences import Decisions
-from graspless_pin.modes.kinematics import Conflict, Requirement
 from graspless_pin.modes.nearest_motions import NearestMotions
+from graspless_pin.modes.propagation import Decisions
 from graspless_pin.modes.rules import Rules, SignRule
+from graspless_pin.modes.verdicts import Conflict, Requirement
 from graspless_pin.programs.answers import failed
 from graspless_pin.solvers import Outcome
 
@@ -206,7 +206,7 @@ def test_a_sliding_that_is_clear_needs_no_search(times, seen):
     kinematics = state_of(slider(turned)).formulation.kinematics
     nearest = kinematics.nearest if clearly == 10.0 else NearestMotions(kinematics.rows, 1e-6)
     signs = np.array([1.0, -1.0] * 5)
-    assert (nearest.glimpse((0, 1, 2, 3, 4), signs) is not None) == seen
+    assert (nearest.guessed_witness((0, 1, 2, 3, 4), signs) is not None) == seen
 
 
 @pytest.mark.parametrize(("tilt", "shared"), [(1e-9, True), (5e-9, True), (1e-7, False)])

@@ -25,9 +25,9 @@ from graspless_pin.algorithms.search import (
     undecided,
 )
 from graspless_pin.errors import UndecidedMotionError
-from graspless_pin.modes.consequences import Decisions
 from graspless_pin.modes.enumeration import sign_pairs
 from graspless_pin.modes.kinematics import Conflict, Requirement
+from graspless_pin.modes.propagation import Decisions
 from graspless_pin.modes.rules import SignRule, SlidingMode, StaticFriction
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solution import Status
@@ -243,7 +243,7 @@ def _drawn(state: SearchState, node: _Node) -> _Node | None:
     problem = state.formulation.problem
     few_motions = 6 + problem.joint_count <= problem.contact_count
     foresee = few_motions and state.nodes >= _FORESEE_FROM
-    decisions = state.consequences.draw(node.decisions, foresee=foresee)
+    decisions = state.consequences.propagate(node.decisions, probe=foresee)
     if decisions is None:
         return None
     lb, ub = node.lb.copy(), node.ub.copy()

@@ -180,7 +180,7 @@ class ModeReader:
         if admitted is not x and np.abs(admitted - x).max() > NO_FRICTION:
             return None
         nearest = self.formulation.kinematics.nearest
-        motion = nearest.behind(mode.contacts, mode.own_signs, self.motion)
+        motion = nearest.witness_near(mode.contacts, mode.own_signs, self.motion)
         if motion is None:
             return None
         self.kinematic_programs += 1
@@ -198,7 +198,7 @@ class ModeReader:
 
     def _glimpse(self, contacts: tuple[int, ...], signs: FloatArray) -> FloatArray | None:
         """The signs completed by a motion that is found without a search, None if none is."""
-        found = self.formulation.kinematics.nearest.glimpse(contacts, signs, self.motion)
+        found = self.formulation.kinematics.nearest.guessed_witness(contacts, signs, self.motion)
         if found is None:
             return None
         self.kinematic_programs += 1

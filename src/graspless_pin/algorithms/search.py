@@ -10,8 +10,8 @@ import numpy as np
 from graspless_pin.algorithms.formulation import Formulation
 from graspless_pin.algorithms.friction_modes import ModeReader
 from graspless_pin.derived import Derived
-from graspless_pin.modes.consequences import Consequences
 from graspless_pin.modes.kinematics import Conflict, Requirement
+from graspless_pin.modes.propagation import Propagation
 from graspless_pin.modes.rules import Rules, SlidingMode
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
@@ -21,7 +21,7 @@ from graspless_pin.solvers import PRIMAL_TOLERANCE, Answer, Outcome
 CLOSED = 2e-8
 """Values closer than this, in scaled units or relative to them, count as equal."""
 
-_CONSEQUENCES: Derived[QuasistaticProblem, dict[tuple[Rules, float], Consequences]] = Derived(
+_CONSEQUENCES: Derived[QuasistaticProblem, dict[tuple[Rules, float], Propagation]] = Derived(
     lambda _: {}
 )
 
@@ -72,14 +72,14 @@ class SearchState:
         self.reader = ModeReader(self.formulation, self.rules)
 
     @cached_property
-    def consequences(self) -> Consequences:
+    def consequences(self) -> Propagation:
         """What follows from decisions, shared by all searches of the problem."""
         problem = self.formulation.problem
         kinematics = self.formulation.kinematics
         known = _CONSEQUENCES.of(problem)
         key = self.rules, kinematics.threshold
         if key not in known:
-            known[key] = Consequences(problem, kinematics, self.rules)
+            known[key] = Propagation(problem, kinematics, self.rules)
         return known[key]
 
     @property

@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 
-from graspless_pin.modes.kinematics import Requirement, VirtualKinematics
+from graspless_pin.modes.kinematics import VirtualKinematics
 from graspless_pin.modes.rules import (
     Rules,
     SignRule,
@@ -15,6 +15,7 @@ from graspless_pin.modes.rules import (
     StaticFriction,
     candidate_contacts,
 )
+from graspless_pin.modes.verdicts import Requirement
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 
 

@@ -19,7 +19,7 @@ MOST_KEPT = 4096
 
 CLEARLY = 10.0
 """How many times faster than the threshold a sliding is that needs no search."""
-_GLIMPSES = 4
+_GUESSES = 4
 # Stands in for ranks where the answer is checked: of squared rows of unit size, far above their
 # rounding and far below what a motion needs.
 _DAMPING = 1e-12
@@ -62,7 +62,7 @@ class NearestMotions:
         self._clear = clear
         self._known: dict[tuple[int, ...], FloatArray] = {}
 
-    def glimpse(
+    def guessed_witness(
         self, contacts: tuple[int, ...], signs: FloatArray, near: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray] | None:
         """Look for a witness without a search: near a motion, then nearest to wanted slidings.
@@ -85,7 +85,7 @@ class NearestMotions:
                 return full, seen.motion
         nearest = self._motions(contacts)
         wanted = signs
-        for _ in range(_GLIMPSES):
+        for _ in range(_GUESSES):
             seen = self._split(nearest @ wanted)
             full = seen.completed(signs)
             if self._slides(seen, full):
@@ -93,7 +93,7 @@ class NearestMotions:
             wanted = full * np.maximum(seen.sliding * full, 1.0)
         return None
 
-    def behind(
+    def witness_near(
         self, contacts: tuple[int, ...], signs: NDArray[np.int8], near: FloatArray
     ) -> FloatArray | None:
         """Return a motion near another one, if it slides with signs none of which is open.

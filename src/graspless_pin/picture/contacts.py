@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from graspless_pin.modes.enumeration import requirements_of
-from graspless_pin.modes.kinematics import VirtualKinematics, Witness
+from graspless_pin.modes.kinematics import VirtualKinematics
 from graspless_pin.modes.rules import StaticFriction
+from graspless_pin.modes.verdicts import Witness
 from graspless_pin.picture.looking import look_across, up_against
 from graspless_pin.picture.records import Mesh, Picture, Role
 from graspless_pin.picture.solids import Surface, arrow, ball, pyramid

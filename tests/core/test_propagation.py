@@ -6,8 +6,8 @@ from random_scenes import slope_scene
 from scenes import scene
 
 from graspless_pin import QuasistaticProblem, SlidingMode, enumerate_modes
-from graspless_pin.modes.consequences import Consequences, Decisions
 from graspless_pin.modes.kinematics import VirtualKinematics
+from graspless_pin.modes.propagation import Decisions, Propagation
 from graspless_pin.modes.rules import Rules
 
 
@@ -40,8 +40,8 @@ def agree(decisions: Decisions, mode: SlidingMode) -> bool:
 def some_decisions(rng: np.random.Generator, mode: SlidingMode) -> Decisions:
     """Decisions that agree with a mode, with any signs for contacts that it does not select."""
     chosen = mode.selection
-    drawn = rng.choice([-1, 1], mode.signs.shape)
-    signs = np.where(chosen[:, None], mode.signs, drawn)
+    propagated = rng.choice([-1, 1], mode.signs.shape)
+    signs = np.where(chosen[:, None], mode.signs, propagated)
     keep = rng.random(4)
     return Decisions(
         chosen & (rng.random(len(chosen)) < keep[0]),
@@ -57,15 +57,15 @@ CASES += [("stiff", "exact"), ("slope-5", "exact")]
 @pytest.mark.parametrize(("name", "sign"), CASES)
 def test_no_maximal_mode_is_lost(name, sign):
     problem, rng = PROBLEMS[name](), np.random.default_rng(7)
-    consequences = Consequences(problem, VirtualKinematics(problem), Rules.parse(sign))
+    propagation = Propagation(problem, VirtualKinematics(problem), Rules.parse(sign))
     modes = list(enumerate_modes(problem, sign_rule=sign, maximal=True))
     narrowed = 0
     for index in rng.integers(len(modes), size=150):
         decisions = some_decisions(rng, modes[index])
-        foresee = bool(rng.integers(2))
-        drawn = consequences.draw(decisions, foresee=foresee)
-        assert drawn is not None
+        probe = bool(rng.integers(2))
+        propagated = propagation.propagate(decisions, probe=probe)
+        assert propagated is not None
         agreeing = [mode for mode in modes if agree(decisions, mode)]
-        assert all(agree(drawn, mode) for mode in agreeing)
-        narrowed += drawn.key != decisions.key
+        assert all(agree(propagated, mode) for mode in agreeing)
+        narrowed += propagated.key != decisions.key
     assert narrowed > 10 or sign == "exact"

@@ -9,8 +9,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.modes.kinematics import Requirement, VirtualKinematics
+from graspless_pin.modes.kinematics import VirtualKinematics
 from graspless_pin.modes.rules import Rules, SignRule, SlidingRule
+from graspless_pin.modes.verdicts import Requirement
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 
@@ -75,8 +76,8 @@ class Decisions:
         return self.selected.tobytes(), self.released.tobytes(), self.signs.tobytes()
 
 
-class Consequences:
-    """Draws conclusions from decisions, for one problem under one reading of the rules.
+class Propagation:
+    """Propagates decisions to all contacts, for one problem under one reading of the rules.
 
     Only maximal modes are kept in view: a larger mode allows every force of a smaller one.
     """
@@ -95,12 +96,12 @@ class Consequences:
         self._bases: dict[bytes, FloatArray] = {}
         self._ways: dict[tuple[bytes, bytes, int], NDArray[np.bool_]] = {}
 
-    def draw(self, decisions: Decisions, *, foresee: bool) -> Decisions | None:
+    def propagate(self, decisions: Decisions, *, probe: bool) -> Decisions | None:
         """Return decisions with what follows from them, None if no mode is left.
 
         Args:
             decisions: What is presumed.
-            foresee: Whether to look also at each contact that might still be selected.
+            probe: Whether to presume, in turn, each contact that might still be selected.
         """
         if self._rule is SignRule.STRICT:
             closed = self._close(decisions)
@@ -121,9 +122,9 @@ class Consequences:
         signs, released = decisions.signs.copy(), decisions.released
         signs[decisions.selected] = _only(ways, signs[decisions.selected])
         decisions = Decisions(decisions.selected, released, signs)
-        return self._foresee(decisions, known) if foresee else decisions
+        return self._probe(decisions, known) if probe else decisions
 
-    def _foresee(self, decisions: Decisions, known: NDArray[np.int8]) -> Decisions:
+    def _probe(self, decisions: Decisions, known: NDArray[np.int8]) -> Decisions:
         """Add the signs that contacts would have if they were selected, release the impossible."""
         signs, released = decisions.signs.copy(), decisions.released.copy()
         undecided = self._cones & ~decisions.selected & ~released

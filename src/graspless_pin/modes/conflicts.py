@@ -1,0 +1,78 @@
+"""From a combination of contact velocities that all but vanishes to the conflict it proves."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from graspless_pin.modes.fastest_sliding import TAKES_PART, signed_rows
+from graspless_pin.modes.rules import SignRule
+from graspless_pin.modes.verdicts import Conflict
+from graspless_pin.problem.checks import FloatArray, read_only
+
+
+def conflict_of(
+    seen: FloatArray,
+    contacts: tuple[int, ...],
+    signs: NDArray[np.int_],
+    rule: SignRule,
+    still: FloatArray,
+    weights: FloatArray,
+    threshold: float,
+) -> Conflict:
+    """Name the requirements whose combination all but vanishes.
+
+    Args:
+        seen: (M, 3, r) contact velocities of all motions along n, t1, t2.
+        contacts: s selected contacts.
+        signs: (s, 2) their required signs.
+        rule: How a zero sign is read.
+        still: (k, r) rows that vanish on the selected contacts.
+        weights: Of the required rows, see `signed_rows`.
+        threshold: The slowest sliding that counts.
+    """
+    moving, strict = signed_rows(seen[list(contacts), 1:], signs, rule)
+    # Rows that must be positive stay whatever the others weigh.
+    most = np.where(strict > 0.0, (weights * strict).max(), weights.max())
+    weights = np.where(weights > TAKES_PART * most, weights, 0.0)
+    weights /= float(weights @ strict)
+    # Each weighted row stands for one component, or for both of a contact (their sum).
+    share = np.zeros((len(contacts), 2))
+    given = np.argwhere(signs != 0)
+    np.add.at(share, tuple(given.T), weights[: len(given)])
+    both = np.flatnonzero((signs != 0).all(axis=1))
+    share[both] += weights[len(given) :, None] if len(weights) > len(given) else 0.0
+    items = tuple(
+        (contacts[position], int(component), int(signs[position, component]))
+        for position, component in np.argwhere(share > 0.0)
+    )
+    # The rest of the combination is carried by rows that vanish: a basic solution names few.
+    reactions = _reactions(still, -(weights @ moving), threshold)
+    owners, places = list(contacts), [0] * len(contacts)
+    if rule is SignRule.EXACT:
+        zeros = np.flatnonzero(signs.ravel() == 0)
+        owners += [contacts[index // 2] for index in zeros]
+        places += [int(1 + index % 2) for index in zeros]
+    largest = max(1.0, np.abs(reactions).max(initial=0.0))
+    combination, carrying = np.zeros(seen.shape[:2]), set[int]()
+    combination[list(contacts), 1:] = signs * share
+    for owner, place, reaction in zip(owners, places, reactions, strict=True):
+        if abs(reaction) > TAKES_PART * largest:
+            carrying.add(owner)
+            combination[owner, place] = reaction
+    others = tuple(sorted(carrying - {contact for contact, _, _ in items}))
+    return Conflict(items, others, read_only(combination))
+
+
+def _reactions(still: FloatArray, rest: FloatArray, threshold: float) -> FloatArray:
+    """Weights of rows that vanish which make up for the rest of a combination, few if possible."""
+    try:
+        halves, _ = nnls(np.hstack([still.T, -still.T]), rest)
+        if np.isfinite(halves).all():
+            reactions: FloatArray = halves[: len(still)] - halves[len(still) :]
+            if np.linalg.norm(reactions @ still - rest) < threshold:
+                return reactions
+    except RuntimeError:
+        pass
+    return np.linalg.lstsq(still.T, rest)[0].astype(np.float64)

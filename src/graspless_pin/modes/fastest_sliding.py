@@ -1,0 +1,162 @@
+"""The motion whose slowest sliding is fastest, or weights that prove that none is fast enough."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linprog, nnls
+
+from graspless_pin.errors import UndecidedMotionError
+from graspless_pin.modes.nearest_motions import CLEARLY, RANK_TOLERANCE
+from graspless_pin.modes.rules import SignRule
+from graspless_pin.problem.checks import FloatArray
+
+TAKES_PART = 1e-9
+"""Weights below this share of the largest one count as none."""
+_TIE = 1.001
+"""A motion that is this close to the threshold, and that no solver brings to it, does not count."""
+_LARGEST_MOTION = 1e6
+# What the sum of the weights is worth beside the velocities: less where more digits are needed.
+_WORTH = (1.0, 1e-3, 1e-5)
+
+
+class Sliding(NamedTuple):
+    """The motion that slides fastest where it is slowest, in coordinates of contact velocities.
+
+    Attributes:
+        motion: (r,) the motion; zero where nothing has to slide.
+        slowest: The slowest required sliding over the length of the motion.
+        weights: (k,) weights of the rows whose combination is the motion, of sum 1.
+    """
+
+    motion: FloatArray
+    slowest: float
+    weights: FloatArray
+
+
+def fastest_sliding(
+    moving: FloatArray, strict: FloatArray, scale: FloatArray, threshold: float
+) -> Sliding:
+    """Return the motion that slides fastest where it is slowest.
+
+    Args:
+        moving: (k, r) rows of the required sliding.
+        strict: (k,) 1 for rows that must be positive, 0 for those that must not be negative.
+        scale: (k,) how early each row is to be taken where several choices prove a conflict.
+        threshold: The slowest sliding that counts; where none is as fast, the weights prove it.
+
+    Raises:
+        UndecidedMotionError: If no solver decides.
+    """
+    found = _shortest(moving, strict, scale, threshold)
+    return _by_linear_program(moving, strict, threshold) if found is None else found
+
+
+def _shortest(
+    moving: FloatArray, strict: FloatArray, scale: FloatArray, threshold: float
+) -> Sliding | None:
+    """Return the shortest combination of rows by nonnegative least squares; None where that fails.
+
+    The answer is checked: a wrong one has been seen on degenerate rows. A short combination proves
+    itself, and so does a motion that slides as fast as the threshold in all rows.
+    """
+    best = None
+    for worth in _WORTH:
+        system = np.empty((moving.shape[1] + 1, len(moving)))
+        system[:-1] = moving.T
+        system[-1] = worth * strict
+        target = np.zeros(len(system))
+        target[-1] = worth
+        try:
+            weights = scale * np.maximum(nnls(system * scale, target)[0], 0.0)
+        except RuntimeError:  # too many iterations, seen on degenerate rows
+            break
+        total = float(weights @ strict) if np.isfinite(weights).all() else 0.0
+        if total <= 0.0:
+            continue
+        found = _judged(moving, strict, weights / total)
+        size = float(np.linalg.norm(found.motion))
+        if size < threshold:
+            return found._replace(slowest=min(found.slowest, size))
+        if found.slowest < threshold:
+            even = _evened(moving, strict, found)
+            if even.slowest < threshold and size < _TIE * threshold:
+                return found
+            found = even
+        if best is None or found.slowest > best.slowest:
+            best = found
+        if best.slowest >= CLEARLY * threshold:
+            return best
+    return None if best is None or best.slowest < threshold else best
+
+
+def _evened(moving: FloatArray, strict: FloatArray, found: Sliding) -> Sliding:
+    """The motion that slides equally in all rows that take part, where that is faster."""
+    part = found.weights > TAKES_PART * found.weights.max()
+    solved = np.linalg.lstsq(moving[part], strict[part], rcond=None)[0]
+    other = _speed(moving, strict, solved.astype(np.float64), found.weights)
+    return other if other.slowest > found.slowest else found
+
+
+def _judged(moving: FloatArray, strict: FloatArray, weights: FloatArray) -> Sliding:
+    """What a combination of rows is worth as a motion."""
+    return _speed(moving, strict, weights @ moving, weights)
+
+
+def _speed(
+    moving: FloatArray, strict: FloatArray, motion: FloatArray, weights: FloatArray
+) -> Sliding:
+    """How fast a motion slides where it is slowest; not at all if it slides a wrong way."""
+    size = float(np.linalg.norm(motion))
+    if not 0.0 < size < np.inf:
+        return Sliding(motion, 0.0, weights)
+    along = moving @ motion / size
+    needed = strict > 0.0
+    wrong = (along[~needed] < -RANK_TOLERANCE).any()
+    return Sliding(motion, 0.0 if wrong else float(along[needed].min()), weights)
+
+
+def _by_linear_program(moving: FloatArray, strict: FloatArray, threshold: float) -> Sliding:
+    """Decide by a linear program: the largest t <= 1 with moving y >= strict t, y bounded."""
+    rows, size = moving.shape
+    answer = linprog(
+        np.append(np.zeros(size), -1.0),
+        A_ub=np.hstack([-moving, strict[:, None]]),
+        b_ub=np.zeros(rows),
+        bounds=[(-_LARGEST_MOTION, _LARGEST_MOTION)] * size + [(0.0, 1.0)],
+        method="highs",
+    )
+    if answer.status != 0:
+        raise UndecidedMotionError(
+            f"No solver decided whether a virtual motion exists: {answer.message}"
+        )
+    if answer.x[-1] > 0.5:
+        motion = answer.x[:-1]
+        found = _speed(moving, strict, motion, np.zeros(rows))
+        if found.slowest >= threshold:
+            return found
+    weights = np.maximum(-answer.ineqlin.marginals, 0.0)
+    total = float(weights @ strict)
+    found = _judged(moving, strict, weights / total) if total > 0.0 else None
+    if found is None or not np.linalg.norm(found.motion) < threshold:
+        raise UndecidedMotionError("No solver decided whether a virtual motion exists.")
+    return found._replace(slowest=min(found.slowest, float(np.linalg.norm(found.motion))))
+
+
+def signed_rows(
+    tangential: FloatArray, signs: NDArray[np.int_], rule: SignRule
+) -> tuple[FloatArray, FloatArray]:
+    """Rows that must be positive (strictness 1) or not negative (0): signed components first.
+
+    Under ``nonzero`` the components of a contact need only be nonnegative each and positive
+    together, so a strict row for their sum follows for each contact with two signs.
+    """
+    signed = signs[:, :, None] * tangential
+    nonzero = signs != 0
+    rows = signed[nonzero]
+    if rule is not SignRule.NONZERO:
+        return rows, np.ones(len(rows))
+    sums = signed[nonzero.all(axis=1)].sum(axis=1)
+    return np.vstack([rows, sums]), np.repeat([0.0, 1.0], [len(rows), len(sums)])
