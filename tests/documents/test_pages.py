@@ -15,9 +15,9 @@ from shown_output import difference
 from typer.testing import CliRunner
 
 from graspless_pin.cli.commands import app
-from graspless_pin.geometry.robots.schema import RobotFile
+from graspless_pin.geometry.robots.robot_schema import RobotFile
 from graspless_pin.scene import scene_json_schema
-from graspless_pin.studies.schema import StudyEntry
+from graspless_pin.studies.study_schema import StudyEntry
 
 KINDS = {"", "python", "console", "yaml", "xml", "text"}
 PATH = re.compile(r"`((?:examples|docs|robots|src|tests|benchmarks)/[\w./-]*)`")

@@ -8,9 +8,9 @@ from typing import Annotated, Any
 import pytest
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
-from graspless_pin.geometry.robots import schema as robot_schema
-from graspless_pin.scene import schema as scene_schema
-from graspless_pin.studies import schema as study_schema
+from graspless_pin.geometry.robots import robot_schema
+from graspless_pin.scene import body_schema, hand_schema, scene_schema
+from graspless_pin.studies import study_schema
 
 
 def fields_of(module: ModuleType) -> Iterator[Any]:
@@ -43,7 +43,7 @@ def truths(node: dict[str, Any]) -> Iterator[Any]:
 
 NUMBERS = [
     field
-    for module in (scene_schema, study_schema, robot_schema)
+    for module in (body_schema, hand_schema, scene_schema, study_schema, robot_schema)
     for field in fields_of(module)
     if list(truths(field.values[0].json_schema()))
 ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, TypeVar
 
-from pydantic import BeforeValidator, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 from pydantic_core import PydanticCustomError
 
 from graspless_pin.magnitudes import (
@@ -57,3 +57,9 @@ Description = Annotated[str, Field(max_length=20_000)]
 Few = Annotated[list[_Item], Field(max_length=100)]
 Many = Annotated[list[_Item], Field(max_length=1000)]
 ByName = Annotated[dict[Name, _Item], Field(max_length=1000)]
+
+
+class Entry(BaseModel):
+    """A part of a file; unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)

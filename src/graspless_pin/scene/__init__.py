@@ -4,7 +4,7 @@ from graspless_pin.scene.load import load_scene
 from graspless_pin.scene.poses import close_fingers, fingertip_contact, settle
 from graspless_pin.scene.records import SceneContacts
 from graspless_pin.scene.scene import Scene
-from graspless_pin.scene.schema import scene_json_schema
+from graspless_pin.scene.scene_schema import scene_json_schema
 
 __all__ = [
     "Scene",

@@ -2,46 +2,28 @@
 
 from __future__ import annotations
 
-import re
 import reprlib
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, TypeVar
 
 import numpy as np
 from pydantic import ValidationError
 
-from graspless_pin.errors import ArgumentError, GrasplessPinError, SceneError
+from graspless_pin.errors import SceneError
 from graspless_pin.geometry.bodies.materials import Materials
-from graspless_pin.geometry.bodies.records import ManipulatedObject, Support
-from graspless_pin.geometry.bodies.shapes import (
-    Box,
-    Capsule,
-    Cone,
-    Cylinder,
-    HalfSpace,
-    MeshShape,
-    Shape,
-    Sphere,
-    coal_geometries,
-)
+from graspless_pin.geometry.bodies.records import ManipulatedObject
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.hand.mounts import Mount
-from graspless_pin.geometry.poses import pose_matrix
-from graspless_pin.geometry.robots.description import FingerSpec
-from graspless_pin.geometry.robots.files import describe_urdf, find_robot
 from graspless_pin.magnitudes import LARGEST_LOAD_OVER_LIMIT
-from graspless_pin.problem.checks import FloatArray
-from graspless_pin.scene import schema
+from graspless_pin.scene.body_building import build_object, build_support, twist_of
+from graspless_pin.scene.hand_building import build_hand
+from graspless_pin.scene.locating import Locator
 from graspless_pin.scene.material_pairs import warn_of_unused_materials
-from graspless_pin.scene.messages import explain, key_text
+from graspless_pin.scene.messages import explain
 from graspless_pin.scene.parts import SceneParts
 from graspless_pin.scene.records import GivenContact, HandMotion, Motion
 from graspless_pin.scene.scene import Scene
+from graspless_pin.scene.scene_schema import MotionEntry, SceneEntry
 from graspless_pin.scene.yaml_source import Location, YamlSource
-
-_Made = TypeVar("_Made")
 
 
 def load_scene(path: str | Path) -> Scene:
@@ -78,7 +60,7 @@ def build_scene(source: YamlSource, parts: SceneParts | None = None) -> Scene:
             "keys object, friction, hand, supports, ..."
         )
     try:
-        entry = schema.SceneEntry.model_validate(source.data)
+        entry = SceneEntry.model_validate(source.data)
     except ValidationError as error:
         raise SceneError(explain(source, error)) from None
     return _Builder(source, parts or SceneParts()).scene(entry)
@@ -90,12 +72,15 @@ class _Builder:
     def __init__(self, source: YamlSource, parts: SceneParts) -> None:
         self._source = source
         self._parts = parts
-        self._folder = source.path.resolve().parent
+        self._file = Locator(source)
 
-    def scene(self, entry: schema.SceneEntry) -> Scene:
-        hand = None if entry.hand is None else self._hand(entry.hand)
+    def scene(self, entry: SceneEntry) -> Scene:
+        hand = None
+        if entry.hand is not None:
+            hand = build_hand(self._file, self._parts, entry.hand)
         supports = tuple(
-            self._support(("supports", index), item) for index, item in enumerate(entry.supports)
+            build_support(self._file, ("supports", index), item)
+            for index, item in enumerate(entry.supports)
         )
         links = () if hand is None else hand.link_names
         bodies = [*(support.name for support in supports), *links]
@@ -105,10 +90,10 @@ class _Builder:
             known = ["default", "hand", "supports", *bodies]
             for key in friction:
                 if key not in known:
-                    raise self._error(
+                    raise self._file.error(
                         ("friction", key), f"names no body; known: {', '.join(known)}"
                     )
-        made = self._object(entry.object)
+        made = build_object(self._file, entry.object)
         self._check_weight(entry, made)
         weight = entry.hand is None or entry.hand.count_own_weight
         return Scene(
@@ -133,19 +118,19 @@ class _Builder:
             solve_options=entry.solve.model_dump(),
         )
 
-    def _check_weight(self, entry: schema.SceneEntry, made: ManipulatedObject) -> None:
+    def _check_weight(self, entry: SceneEntry, made: ManipulatedObject) -> None:
         """Refuse an object whose weight no double holds beside the force that must bear it."""
         weight = made.mass * float(np.linalg.norm(entry.gravity))
         most = LARGEST_LOAD_OVER_LIMIT * entry.max_normal_force
         if weight > most:
-            raise self._error(
+            raise self._file.error(
                 ("max_normal_force",),
                 f"is {entry.max_normal_force:g} N, and the object weighs {weight:g} N; it may "
                 f"weigh at most {LARGEST_LOAD_OVER_LIMIT:g} times as much, {most:g} N",
             )
 
-    def _materials(self, entry: schema.SceneEntry) -> Materials:
-        table = self._at((), lambda: Materials.from_table(entry.materials))
+    def _materials(self, entry: SceneEntry) -> Materials:
+        table = self._file.at((), lambda: Materials.from_table(entry.materials))
         named: list[tuple[Location, str | None]] = [(("object", "material"), entry.object.material)]
         if entry.hand is not None:
             named.append((("hand", "material"), entry.hand.material))
@@ -154,180 +139,29 @@ class _Builder:
         ]
         for location, name in named:
             if name is not None:
-                self._at(location, lambda name=name: table.check([name]))
+                self._file.at(location, lambda name=name: table.check([name]))
         warn_of_unused_materials(self._source, entry, table)
         return table
 
-    def _error(self, location: Location, message: str) -> SceneError:
-        return SceneError(f"{self._source.where(location)}: {key_text(location)}: {message}")
-
-    def _at(self, location: Location, make: Callable[[], _Made], also: Location = ()) -> _Made:
-        """Make something of one part of the file; an error names that part.
-
-        Args:
-            location: The part.
-            make: Makes it.
-            also: Deeper part to name where the error is about no argument but a file or name.
-        """
-        try:
-            return make()
-        except SceneError:
-            raise
-        except ArgumentError as error:
-            inner = (*location, *_keys(error.argument))
-            if self._source.has(inner):
-                message = str(error).removeprefix(f"{error.argument}: ")
-                raise self._error(inner, message) from error
-            raise self._error(location, str(error)) from error
-        except GrasplessPinError as error:
-            raise self._error((*location, *also), str(error)) from error
-        except OSError as error:
-            message = f"a file cannot be read ({error}); check it"
-            raise self._error((*location, *also), message) from error
-
-    def _check_names(self, entry: schema.SceneEntry, links: Sequence[str]) -> None:
+    def _check_names(self, entry: SceneEntry, links: Sequence[str]) -> None:
         """Refuse a body that is called like another one: contacts are told by these names."""
         taken = set(links)
         bodies: list[tuple[Location, str]] = [(("object", "name"), entry.object.name)]
         bodies += [(("supports", i, "name"), item.name) for i, item in enumerate(entry.supports)]
         for location, name in bodies:
             if name in taken:
-                raise self._error(location, f"{name!r} names another body too; names must differ")
+                raise self._file.error(
+                    location, f"{name!r} names another body too; names must differ"
+                )
             taken.add(name)
 
-    def _path(self, text: str) -> Path:
-        path = Path(text)
-        return path if path.is_absolute() else self._folder / path
-
-    def _hand(self, entry: schema.HandEntry) -> Hand:
-        return self._at(("hand",), lambda: self._parts.hand(entry, lambda: self._assembled(entry)))
-
-    def _assembled(self, entry: schema.HandEntry) -> Hand:
-        mounts = []
-        for index, (prefix, item) in enumerate(entry.mount_entries()):
-            where: Location = ("hand", "mounts", index) if entry.mounts else ("hand",)
-            mounts.append(self._mount(where, prefix, item))
-        source: Location = ("mounts",)
-        if not entry.mounts:
-            source = ("robot",) if entry.urdf is None else ("urdf",)
-        return self._at(
-            ("hand",),
-            lambda: Hand.assemble(
-                mounts, q=entry.q, control=entry.control, effort_limits=entry.effort_limits
-            ),
-            source,
-        )
-
-    def _mount(self, where: Location, prefix: str, entry: schema.MountEntry) -> Mount:
-        robot = entry.robot
-        if entry.urdf is not None:
-            robot = self._path(entry.urdf)
-        elif robot is not None and robot.endswith((".yaml", ".yml")):
-            robot = self._path(robot)
-        fingers = None
-        if entry.fingers is not None:
-            fingers = {
-                name: FingerSpec(tuple(item.joints), tuple(item.links), item.tip)
-                for name, item in entry.fingers.items()
-            }
-        assert robot is not None  # noqa: S101 - the schema asks for one of the two
-        source = robot
-        folders = [self._path(folder) for folder in entry.package_dirs]
-        found = self._at(
-            where,
-            lambda: self._parts.robot(
-                ("urdf" if entry.urdf else "robot", str(source), *map(str, folders)),
-                lambda: (
-                    describe_urdf(source, folders) if entry.urdf else find_robot(source, folders)
-                ),
-            ),
-            ("robot",),
-        )
-        pose = self._pose((*where, "base_pose"), entry.base_pose)
-        given = {
-            "convex": entry.convex,
-            "concavity": entry.concavity,
-            "decompose_time_limit": entry.decompose_time_limit,
-        }
-        own = {name: value for name, value in given.items() if value is not None}
-        meshes = replace(found.meshes, **own) if own else None
-        return Mount(found, pose, prefix, fingers, meshes=meshes)
-
-    def _object(self, entry: schema.ObjectEntry) -> ManipulatedObject:
-        shape = self._at(("object", "shape"), lambda: self._shape(entry.shape))
-        self._at(("object", "shape"), lambda: coal_geometries(shape), ("path",))
-        return self._at(
-            ("object",),
-            lambda: ManipulatedObject.from_shape(
-                entry.name,
-                shape,
-                self._pose(("object", "pose"), entry.pose),
-                mass=entry.mass,
-                density=entry.density,
-                center_of_mass=entry.center_of_mass,
-                material=entry.material,
-            ),
-        )
-
-    def _support(self, where: Location, entry: schema.SupportEntry) -> Support:
-        pose = self._pose((*where, "pose"), entry.pose)
-        support = self._at(
-            where,
-            lambda: Support(
-                entry.name,
-                self._shape(entry.shape),
-                pose,
-                friction=entry.friction,
-                velocity=_twist(entry.velocity),
-                material=entry.material,
-            ),
-        )
-        self._at((*where, "shape"), support.collision_bodies, ("path",))
-        return support
-
-    def _pose(self, where: Location, entry: schema.PoseEntry) -> FloatArray:
-        rotations = {"rpy": entry.rpy, "quaternion": entry.quaternion, "matrix": entry.matrix}
-        form = next((name for name, value in rotations.items() if value is not None), None)
-        if form is None:
-            return pose_matrix(entry.position)
-        try:
-            return pose_matrix(entry.position, rotations[form])
-        except ArgumentError as error:
-            message = str(error).removeprefix(f"{error.argument}: ")
-            raise self._error((*where, form), message) from error
-
-    def _shape(self, entry: Any) -> Shape:
-        match entry:
-            case schema.BoxEntry():
-                return Box(entry.size)
-            case schema.SphereEntry():
-                return Sphere(entry.radius)
-            case schema.CylinderEntry():
-                return Cylinder(entry.radius, entry.length)
-            case schema.CapsuleEntry():
-                return Capsule(entry.radius, entry.length)
-            case schema.ConeEntry():
-                return Cone(entry.radius, entry.length)
-            case schema.MeshEntry():
-                return MeshShape(
-                    self._path(entry.path),
-                    entry.scale,
-                    convex=entry.convex,
-                    concavity=entry.concavity,
-                    decompose_time_limit=entry.decompose_time_limit,
-                )
-            case _:
-                return HalfSpace()
-
-    def _contacts(
-        self, entry: schema.SceneEntry, bodies: list[str]
-    ) -> tuple[GivenContact, ...] | None:
+    def _contacts(self, entry: SceneEntry, bodies: list[str]) -> tuple[GivenContact, ...] | None:
         if entry.contacts is None:
             return None
         contacts: list[GivenContact] = []
         for index, item in enumerate(entry.contacts):
             if item.body not in bodies:
-                raise self._error(
+                raise self._file.error(
                     ("contacts", index, "body"),
                     f"{item.body!r} is no hand link or support; known: "
                     f"{', '.join(bodies) or 'none'}",
@@ -336,29 +170,18 @@ class _Builder:
             contacts.append(GivenContact(item.body, np.array(item.position), normal))
         return tuple(contacts)
 
-    def _motion(self, entry: schema.MotionEntry | None, hand: Hand | None) -> Motion | None:
+    def _motion(self, entry: MotionEntry | None, hand: Hand | None) -> Motion | None:
         if entry is None:
             return None
         own = None
         if entry.hand is not None:
             if hand is None:
-                raise self._error(("motion", "hand"), "the scene has no hand that could move")
-            own = HandMotion(_twist(entry.hand.base_twist), dict(entry.hand.joint_velocities))
-            self._at(
+                raise self._file.error(("motion", "hand"), "the scene has no hand that could move")
+            own = HandMotion(twist_of(entry.hand.base_twist), dict(entry.hand.joint_velocities))
+            self._file.at(
                 ("motion", "hand"),
                 lambda: hand.point_velocities(
                     (), np.zeros((0, 3)), own.joint_velocities, own.base_twist
                 ),
             )
-        return Motion(_twist(entry.object_twist), own)
-
-
-def _twist(entry: schema.TwistEntry) -> FloatArray:
-    return np.array([*entry.linear, *entry.angular])
-
-
-def _keys(argument: str) -> tuple[str, ...]:
-    """Split an argument's name such as ``q['joint_1.0']`` into keys of the file."""
-    return tuple(
-        quoted or plain for quoted, plain in re.findall(r"\['(.*?)'\]|([^.\[\]]+)", argument)
-    )
+        return Motion(twist_of(entry.object_twist), own)

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from graspless_pin.errors import UnusedMaterialWarning
 from graspless_pin.geometry.bodies.materials import Materials
 from graspless_pin.scene.messages import key_text
-from graspless_pin.scene.schema import SceneEntry
+from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.scene.yaml_source import Location, YamlSource
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from graspless_pin.scene.schema import SceneEntry
+from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.scene.yaml_source import Location, YamlSource
 
 _MOST_EXAMINED = 60

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from graspless_pin.geometry.hand.configuration import joint_positions
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.robots.description import RobotDescription
-from graspless_pin.scene.schema import HandEntry
+from graspless_pin.scene.hand_schema import HandEntry
 
 _MOST_HANDS = 16
 _NOT_OF_THE_HAND = {"q", "material", "count_own_weight", "hybrid_force_limit"}

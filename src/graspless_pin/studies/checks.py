@@ -8,7 +8,7 @@ from pydantic import ValidationError
 from graspless_pin.errors import GrasplessPinError, StudyError
 from graspless_pin.scene.messages import explain, key_text
 from graspless_pin.scene.parts import SceneParts
-from graspless_pin.scene.schema import SceneEntry
+from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.solvers import check_solver
 from graspless_pin.studies.keys import Tree
 from graspless_pin.studies.study import Sample, Study

@@ -21,11 +21,11 @@ from graspless_pin.scene.material_pairs import materials_in_words, other_materia
 from graspless_pin.scene.messages import explain, key_text
 from graspless_pin.scene.parts import SceneParts
 from graspless_pin.scene.scene import Scene
-from graspless_pin.scene.schema import SceneEntry
+from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.scene.yaml_source import Location, YamlSource
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.studies.keys import Tree, copied
-from graspless_pin.studies.schema import StudyEntry
+from graspless_pin.studies.study_schema import StudyEntry
 from graspless_pin.studies.variables import Variable, make_variable
 
 MOST_SAMPLES = 10_000_000

@@ -11,7 +11,7 @@ import numpy as np
 from graspless_pin.errors import StudyError
 from graspless_pin.scene.yaml_source import Location
 from graspless_pin.studies.keys import Tree, check_bodies, move, place_key, put, turn
-from graspless_pin.studies.schema import VariableEntry
+from graspless_pin.studies.study_schema import VariableEntry
 from graspless_pin.studies.units import ANY, UNITS, Unit, kinds_of, si_unit
 
 

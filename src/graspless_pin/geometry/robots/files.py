@@ -14,7 +14,7 @@ from example_robot_data import (  # pyright: ignore[reportMissingImports]
 
 from graspless_pin.errors import ArgumentError, RobotError
 from graspless_pin.geometry.robots.description import FingerSpec, LinkMeshes, RobotDescription
-from graspless_pin.geometry.robots.schema import read_robot_file
+from graspless_pin.geometry.robots.robot_schema import read_robot_file
 from graspless_pin.intake.files import is_file
 
 _PACKAGE_ROBOTS = Path(__file__).resolve().parents[2] / "robots"

@@ -10,8 +10,10 @@ from graspless_pin.intake.fields import (
     ByName,
     Count,
     Description,
+    Entry,
     Few,
     FilePath,
+    Finite,
     Name,
     NotNegative,
     Regularization,
@@ -19,7 +21,7 @@ from graspless_pin.intake.fields import (
     Signed,
     Whole,
 )
-from graspless_pin.scene.schema import Direction, Entry, Finite, Vector
+from graspless_pin.scene.body_schema import Direction, Vector
 
 
 def _listed(value: Any) -> Any:

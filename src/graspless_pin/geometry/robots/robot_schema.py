@@ -7,13 +7,14 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from graspless_pin.errors import RobotError, TextError
 from graspless_pin.geometry.bodies.decomposition import DEFAULT_CONCAVITY, DEFAULT_TIME_LIMIT
 from graspless_pin.geometry.robots.description import JointCoupling
 from graspless_pin.intake.fields import (
     ByName,
+    Entry,
     Few,
     FilePath,
     Finite,
@@ -30,19 +31,15 @@ Convex = Literal["hull", "decompose"]
 Source = Annotated[str, Field(max_length=2000)]
 
 
-class _Entry(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class FingerEntry(_Entry):
-    """A finger; without links, all that its joints move."""
+class FingerEntry(Entry):
+    """A finger: its joints, and the links whose contacts are its own (default: all it moves)."""
 
     joints: Many[Name] = Field(min_length=1)
     links: Many[Name] = []
     tip: Name | None = None
 
 
-class EffortEntry(_Entry):
+class EffortEntry(Entry):
     """A limit and where it comes from, or what is known while the real limit is not."""
 
     limit: Signed | tuple[Signed, Signed] | None = None
@@ -60,7 +57,7 @@ class EffortEntry(_Entry):
         return self
 
 
-class CouplingEntry(_Entry):
+class CouplingEntry(Entry):
     """A coupled joint: it follows one joint with a multiplier, or several by name."""
 
     follows: Name | ByName[Finite] = Field(min_length=1)
@@ -81,13 +78,13 @@ class CouplingEntry(_Entry):
         return JointCoupling(joint, follows, self.offset)
 
 
-class TendonEntry(_Entry):
+class TendonEntry(Entry):
     """A tendon: torque on each joint per newton of tension, that is its moment arm in metres."""
 
     moment_arms: ByName[Finite] = Field(min_length=1)
 
 
-class RobotFile(_Entry):
+class RobotFile(Entry):
     """A robot file."""
 
     name: Name = Field(min_length=1)

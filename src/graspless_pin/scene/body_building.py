@@ -1,0 +1,127 @@
+"""From entries of a scene file to poses, shapes, the object and its supports."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.bodies.records import ManipulatedObject, Support
+from graspless_pin.geometry.bodies.shapes import (
+    Box,
+    Capsule,
+    Cone,
+    Cylinder,
+    HalfSpace,
+    MeshShape,
+    Shape,
+    Sphere,
+    coal_geometries,
+)
+from graspless_pin.geometry.poses import pose_matrix
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.scene.body_schema import (
+    BoxEntry,
+    CapsuleEntry,
+    ConeEntry,
+    CylinderEntry,
+    MeshEntry,
+    ObjectEntry,
+    PoseEntry,
+    SphereEntry,
+    SupportEntry,
+    TwistEntry,
+)
+from graspless_pin.scene.locating import Locator
+from graspless_pin.scene.yaml_source import Location
+
+
+def build_object(file: Locator, entry: ObjectEntry) -> ManipulatedObject:
+    """Return the object of a scene file.
+
+    Raises:
+        SceneError: Naming the part of the file.
+    """
+    shape = file.at(("object", "shape"), lambda: _shape(file, entry.shape))
+    file.at(("object", "shape"), lambda: coal_geometries(shape), ("path",))
+    return file.at(
+        ("object",),
+        lambda: ManipulatedObject.from_shape(
+            entry.name,
+            shape,
+            build_pose(file, ("object", "pose"), entry.pose),
+            mass=entry.mass,
+            density=entry.density,
+            center_of_mass=entry.center_of_mass,
+            material=entry.material,
+        ),
+    )
+
+
+def build_support(file: Locator, where: Location, entry: SupportEntry) -> Support:
+    """Return the support at a location of a scene file.
+
+    Raises:
+        SceneError: Naming the part of the file.
+    """
+    pose = build_pose(file, (*where, "pose"), entry.pose)
+    support = file.at(
+        where,
+        lambda: Support(
+            entry.name,
+            _shape(file, entry.shape),
+            pose,
+            friction=entry.friction,
+            velocity=twist_of(entry.velocity),
+            material=entry.material,
+        ),
+    )
+    file.at((*where, "shape"), support.collision_bodies, ("path",))
+    return support
+
+
+def build_pose(file: Locator, where: Location, entry: PoseEntry) -> FloatArray:
+    """Return the (4, 4) pose at a location of a scene file.
+
+    Raises:
+        SceneError: Naming the part of the file.
+    """
+    rotations = {"rpy": entry.rpy, "quaternion": entry.quaternion, "matrix": entry.matrix}
+    form = next((name for name, value in rotations.items() if value is not None), None)
+    if form is None:
+        return pose_matrix(entry.position)
+    try:
+        return pose_matrix(entry.position, rotations[form])
+    except ArgumentError as error:
+        message = str(error).removeprefix(f"{error.argument}: ")
+        raise file.error((*where, form), message) from error
+
+
+def _shape(file: Locator, entry: Any) -> Shape:
+    match entry:
+        case BoxEntry():
+            return Box(entry.size)
+        case SphereEntry():
+            return Sphere(entry.radius)
+        case CylinderEntry():
+            return Cylinder(entry.radius, entry.length)
+        case CapsuleEntry():
+            return Capsule(entry.radius, entry.length)
+        case ConeEntry():
+            return Cone(entry.radius, entry.length)
+        case MeshEntry():
+            return MeshShape(
+                file.path(entry.path),
+                entry.scale,
+                convex=entry.convex,
+                concavity=entry.concavity,
+                decompose_time_limit=entry.decompose_time_limit,
+            )
+        case _:
+            return HalfSpace()
+
+
+def twist_of(entry: TwistEntry) -> FloatArray:
+    """Return the (6,) twist [v; omega] of an entry, m/s and rad/s."""
+    return np.array([*entry.linear, *entry.angular])

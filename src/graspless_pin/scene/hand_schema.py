@@ -1,0 +1,133 @@
+"""What may stand in a scene file for the hand: robots, how they are mounted and controlled."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from graspless_pin.geometry.robots.robot_schema import Convex, FingerEntry
+from graspless_pin.intake.fields import (
+    ByName,
+    Entry,
+    Few,
+    FilePath,
+    Finite,
+    Name,
+    NotNegative,
+    Positive,
+    Signed,
+)
+from graspless_pin.scene.body_schema import Concavity, DecomposeTimeLimit, PoseEntry
+
+LinkConvex = Annotated[
+    Convex | ByName[Convex] | None,
+    Field(
+        description="how the links' collision meshes are made convex, for all or by link; default: "
+        "as in the robot file, else hull",
+    ),
+]
+
+
+class MountEntry(Entry):
+    """One robot fixed to the world; one of ``robot`` or ``urdf``."""
+
+    robot: FilePath | None = Field(
+        default=None,
+        description="a robot file of this package or by path, or an example-robot-data model",
+    )
+    urdf: FilePath | None = Field(
+        default=None, description="path of a URDF, relative to the scene file"
+    )
+    package_dirs: Few[FilePath] = []
+    base_pose: PoseEntry = PoseEntry()
+    fingers: ByName[FingerEntry] | None = None
+    convex: LinkConvex = None
+    concavity: Concavity | None = None
+    decompose_time_limit: DecomposeTimeLimit | None = None
+
+    @model_validator(mode="after")
+    def _one_source(self) -> MountEntry:
+        if (self.robot is None) == (self.urdf is None):
+            raise ValueError("needs either 'robot' (a name or robot file) or 'urdf' (a path)")
+        return self
+
+
+class PrefixedMountEntry(MountEntry):
+    """One of several robots: the prefix goes before the names of its joints, links, fingers."""
+
+    prefix: Name
+
+
+ModeName = Literal["force", "position", "hybrid"]
+
+
+class HandEntry(Entry):
+    """The hand: one robot, or several under ``mounts``."""
+
+    robot: FilePath | None = None
+    urdf: FilePath | None = None
+    package_dirs: Few[FilePath] = []
+    base_pose: PoseEntry = PoseEntry()
+    fingers: ByName[FingerEntry] | None = None
+    convex: LinkConvex = None
+    concavity: Concavity | None = None
+    decompose_time_limit: DecomposeTimeLimit | None = None
+    mounts: Annotated[list[PrefixedMountEntry], Field(max_length=16)] = []
+    q: ByName[Finite] = Field(default={}, description="rad or m by joint name")
+    control: ModeName | ByName[ModeName] | None = Field(
+        default=None,
+        description="one mode for all joints, or modes by finger or joint; default: force, and "
+        "position for the joints of an arm that carries the hand",
+    )
+    effort_limits: ByName[NotNegative | tuple[Signed, Signed]] = Field(
+        default={},
+        description="N m, or N for linear joints, by joint or finger; a number means -x to x",
+    )
+    hybrid_force_limit: Positive | None = Field(
+        default=None,
+        description="largest commanded force of a hybrid finger, N; default max_normal_force",
+    )
+    material: Name | None = Field(default=None, description="of all its links")
+    count_own_weight: bool = Field(
+        default=True, description="whether g(q), the links' own weight, counts against the limits"
+    )
+
+    @model_validator(mode="after")
+    def _one_source(self) -> HandEntry:
+        given = [name for name in ("robot", "urdf") if getattr(self, name) is not None]
+        given += ["mounts"] if self.mounts else []
+        if len(given) != 1:
+            found = " and ".join(given) or "none of them"
+            raise ValueError(f"found {found}; needs exactly one of 'robot', 'urdf' and 'mounts'")
+        single = {
+            "package_dirs",
+            "base_pose",
+            "fingers",
+            "convex",
+            "concavity",
+            "decompose_time_limit",
+        }
+        of_one = sorted(single & self.model_fields_set)
+        if self.mounts and of_one:
+            raise ValueError(
+                f"found mounts and {' and '.join(of_one)}; with several robots each entry of "
+                "'mounts' has its own"
+            )
+        return self
+
+    def mount_entries(self) -> list[tuple[str, MountEntry]]:
+        """The robots with their prefixes."""
+        if self.mounts:
+            return [(mount.prefix, mount) for mount in self.mounts]
+        single = MountEntry(
+            robot=self.robot,
+            urdf=self.urdf,
+            package_dirs=self.package_dirs,
+            base_pose=self.base_pose,
+            fingers=self.fingers,
+            convex=self.convex,
+            concavity=self.concavity,
+            decompose_time_limit=self.decompose_time_limit,
+        )
+        return [("", single)]
