@@ -8,14 +8,14 @@ import numpy as np
 import piqp
 
 from graspless_pin import QuasistaticProblem
-from graspless_pin.algorithms.formulation import Objective, formulate
+from graspless_pin.algorithms.formulation import formulate
+from graspless_pin.programs.objectives import Margin
 from graspless_pin.programs.program import Program
-from graspless_pin.solution import Algorithm
 
 
 def relaxed_program(problem: QuasistaticProblem) -> Program:
     """The relaxed LP of Algorithm 1 in forces, as the package states it."""
-    objective = Objective(Algorithm.MARGIN, margin=0.0, by_limits=False, regularization=0.0)
+    objective = Margin()
     return formulate(problem, objective).program
 
 

@@ -175,5 +175,5 @@ def test_a_sliding_contact_without_friction_has_a_derivative_too():
 
 def test_an_infeasible_problem_has_none():
     lifted = scene("sphere").with_changes(external_wrench=[0, 0, 99, 0, 0, 0])
-    with pytest.raises(NoSolutionError, match="no margin to differentiate"):
+    with pytest.raises(NoSolutionError, match="no optimum to differentiate"):
         margin_sensitivity(lifted)

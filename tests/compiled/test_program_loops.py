@@ -11,14 +11,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from graspless_pin import QuasistaticProblem, compiled, load_scene, maximize_margin
-from graspless_pin.algorithms.formulation import Formulation, Objective, formulate
+from graspless_pin.algorithms.formulation import Formulation, formulate
 from graspless_pin.errors import GrasplessPinError
 from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.problem.contact_map import contact_map
 from graspless_pin.programs import carried_optimum
 from graspless_pin.programs.carried_optimum import carried, optimum_of
+from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.programs.program import Program
-from graspless_pin.solution import Algorithm
 from graspless_pin.solvers import Outcome, solve
 
 pytestmark = pytest.mark.skipif(
@@ -30,7 +30,7 @@ NAMES = (
     "paper/cuboid_at_rest", "paper/cuboid_sliding_up", "paper/sphere_on_slope",
     "allegro_box_on_slope", "trihand_push_box", "two_hands_slide_crate",
 )  # fmt: skip
-MARGIN = Objective(Algorithm.MARGIN, margin=0.0, by_limits=False, regularization=0.0)
+MARGIN = Margin()
 PROGRAM = ("P", "c", "A", "b", "G", "l", "u", "lb", "ub", "box")
 
 
@@ -62,7 +62,7 @@ def same(ours, theirs, what: str = "") -> None:
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("name", NAMES)
 def test_programs_are_alike(name, seed, regularization, by_numpy) -> None:
-    objective = Objective(Algorithm.MARGIN, 0.0, by_limits=False, regularization=regularization)
+    objective = Margin(regularization)
     ours = assembled(name, seed, objective)
     theirs = by_numpy(lambda: assembled(name, seed, objective))
     for field in PROGRAM:

@@ -80,9 +80,31 @@ def optimum_in_mode(
         margin: e_0 of (45).
         by_limits: Whether (45) counts each torque as a share of its joint's own limit.
     """
+    below, b_ub, equal, b_eq, bounds = constraints_in_mode(
+        problem, mode, margin, by_limits=by_limits
+    )
+    cost = np.zeros(len(bounds))
+    cost[-1] = -1.0 if margin is None else 1.0
+    result = linprog(cost, below, b_ub, equal, b_eq, bounds)
+    assert result.status in (0, 2), result.message
+    return None if result.status == 2 else float(result.x[-1])
+
+
+def constraints_in_mode(
+    problem: QuasistaticProblem,
+    mode: Mode | None,
+    margin: float | None,
+    *,
+    by_limits: bool = False,
+    shares: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, list[tuple[float | None, float | None]]]:
+    """A_ub, b_ub, A_eq, b_eq and bounds of (44) or (45) in k, the motors' torques, and e or t.
+
+    ``shares``: (M,) what each contact's margin counts; None: 1 each.
+    """
+    own = np.ones(problem.contact_count) if shares is None else shares
     m, joints, weights = problem.contact_count, problem.joint_count, problem.C.shape[1]
-    # Unknowns: k, tau, and last e (44) or tau_max (45). tau is the motors' torque.
-    force, size = problem.C, weights + joints + 1
+    force = problem.C
     e_column, e_0 = (1.0, 0.0) if margin is None else (0.0, margin)
 
     def rows(k=None, tau=None, last=None):
@@ -111,11 +133,13 @@ def optimum_in_mode(
                     below.append(sign * row)
                     b_ub.append(np.zeros(1))
     normal = problem.N.T @ force
-    one = np.ones((m, 1))
+    one = own[:, None]
     below += [rows(-normal, last=e_column * one), rows(normal, last=e_column * one)]
     b_ub += [np.full(m, -e_0), problem.max_normal_force - e_0]
     kept = np.eye(weights) - problem.D_star
-    below.append(rows(kept @ problem.H.T @ force, last=e_column * kept.sum(axis=1, keepdims=True)))
+    owner = np.abs(force).reshape(m, 3, weights).sum(axis=1).argmax(axis=0)
+    of_faces = own[owner][:, None]
+    below.append(rows(kept @ problem.H.T @ force, last=e_column * kept @ of_faces))
     b_ub.append(-e_0 * kept.sum(axis=1))
     if margin is not None:
         unit = np.ones((joints, 2))
@@ -128,13 +152,7 @@ def optimum_in_mode(
     bounds = [(0.0, None)] * weights
     bounds += list(zip(problem.lower_torque, problem.upper_torque, strict=True))
     bounds += [(0.0, None)]
-    cost = np.zeros(size)
-    cost[-1] = -1.0 if margin is None else 1.0
-    result = linprog(
-        cost, np.vstack(below), np.concatenate(b_ub), np.vstack(equal), np.concatenate(b_eq), bounds
-    )  # fmt: skip
-    assert result.status in (0, 2), result.message
-    return None if result.status == 2 else float(result.x[-1])
+    return np.vstack(below), np.concatenate(b_ub), np.vstack(equal), np.concatenate(b_eq), bounds
 
 
 def best_over(

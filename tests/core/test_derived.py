@@ -10,9 +10,9 @@ from scenes import scene
 
 from graspless_pin import maximize_margin, minimize_torque
 from graspless_pin.algorithms.formulation import formulate, shared_parts
-from graspless_pin.algorithms.torque import margin_objective
 from graspless_pin.derived import MOST_KEPT, Derived
 from graspless_pin.problem.contact_map import contact_map
+from graspless_pin.programs.objectives import Margin
 
 
 class Source:
@@ -77,11 +77,11 @@ def test_a_problem_dies_with_its_last_holder_whatever_was_solved():
 def test_what_is_derived_is_shared_between_calls_on_one_problem():
     problem = scene("rest")
     assert contact_map(problem) is contact_map(problem)
-    once, again = (formulate(problem, margin_objective()) for _ in range(2))
+    once, again = (formulate(problem, Margin()) for _ in range(2))
     assert once.program is again.program
     assert once.kinematics is again.kinematics
     other = problem.with_changes(friction=0.5)
-    assert formulate(other, margin_objective()).program is not once.program
+    assert formulate(other, Margin()).program is not once.program
 
 
 def test_an_answer_is_the_same_when_its_problem_was_pushed_out():

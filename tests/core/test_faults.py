@@ -23,7 +23,7 @@ from graspless_pin import (
     minimum_friction,
 )
 from graspless_pin.algorithms import curve_search, force_extremes, formulation, optimal_faces
-from graspless_pin.algorithms.torque import margin_objective, torque_objective
+from graspless_pin.algorithms.torque import torque_objective
 from graspless_pin.algorithms.warm_start import reaches_margin, solve_from
 from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.modes import conflicts, fastest_sliding
@@ -31,6 +31,7 @@ from graspless_pin.modes.kinematics import VirtualKinematics
 from graspless_pin.modes.rules import Rules, SignRule
 from graspless_pin.modes.verdicts import Requirement, Witness
 from graspless_pin.programs.answers import Answer, failed
+from graspless_pin.programs.objectives import Margin
 from graspless_pin.programs.program import Program
 from graspless_pin.solvers import Outcome, solve, solving
 from graspless_pin.solvers.other_backends import by_qpsolvers
@@ -160,7 +161,7 @@ def test_no_lie_of_all_solvers_becomes_an_answer(name, lying):
 
 @pytest.mark.parametrize("name", ["up", "small"])
 def test_no_lie_becomes_an_answer_of_a_warm_search(name, lying):
-    objective = margin_objective()
+    objective = Margin()
     for _ in range(2):
         found, left = solve_from(fresh(name), objective, RULES)
         assert_right(found, honest(name, "margin"), "margin")
@@ -543,7 +544,7 @@ def test_torques_of_a_carried_optimum_are_checked():
     """A start that belongs to another problem changes no answer."""
     for name, other in product(PROBLEMS, repeat=2):
         for objective, what, figure in (
-            (margin_objective(), "margin", "margin"),
+            (Margin(), "margin", "margin"),
             (torque_objective(0.01), "torque", "max_torque"),
         ):
             _, left = solve_from(fresh(other), objective, RULES)

@@ -14,9 +14,10 @@ from scenes import (
 )
 
 from graspless_pin import QuasistaticProblem, Status, maximize_margin, minimize_torque
-from graspless_pin.algorithms.torque import margin_objective, torque_objective
+from graspless_pin.algorithms.torque import torque_objective
 from graspless_pin.algorithms.warm_start import solve_from
 from graspless_pin.modes.rules import Rules
+from graspless_pin.programs.objectives import Margin
 
 PLACEHOLDERS = (1e7, 1e8, 1e12, np.inf)
 DECADES = st.integers(-9, 9).map(lambda power: 10.0**power)
@@ -189,7 +190,7 @@ def test_other_units_change_no_warm_search(question, force, length):
     problem = QuasistaticProblem(**arguments)
     scaled = changed(problem, force, length)
     objective, other = (
-        margin_objective() if which == "margin" else torque_objective(0.05 * factor, which)
+        Margin() if which == "margin" else torque_objective(0.05 * factor, which)
         for factor in (1.0, force)
     )
     cold, start = solve_from(problem, objective, rules)

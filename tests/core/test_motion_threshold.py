@@ -13,12 +13,12 @@ from graspless_pin import (
     maximize_margin,
     minimize_torque,
 )
-from graspless_pin.algorithms.torque import margin_objective
 from graspless_pin.algorithms.warm_start import solve_from
 from graspless_pin.modes.enumeration import requirements_of
 from graspless_pin.modes.kinematics import THRESHOLD, VirtualKinematics
 from graspless_pin.modes.rules import Rules, SignRule, SlidingMode
 from graspless_pin.modes.verdicts import Conflict, Witness
+from graspless_pin.programs.objectives import Margin
 
 LINED_UP, TURNED = 0.030667, 0.270491
 """Margins with tangents along the only motion, and with tangents that it slides along both of."""
@@ -64,7 +64,7 @@ def test_all_searches_go_by_one_rule(turn):
     alone = maximize_margin(problem, mode=mode)
     expected = Status.OPTIMAL_IN_MODE if counts else Status.INFEASIBLE_MODE
     assert alone.status is expected
-    objective, rules = margin_objective(), Rules.parse()
+    objective, rules = Margin(), Rules.parse()
     _, start = solve_from(slider(1e-2), objective, rules)
     warm, _ = solve_from(problem, objective, rules, start)
     assert warm.margin == pytest.approx(auto.margin, abs=1e-6)

@@ -17,21 +17,21 @@ from graspless_pin import (
     maximize_margin,
     minimize_torque,
 )
-from graspless_pin.algorithms.formulation import Formulation, Objective, formulate
+from graspless_pin.algorithms.formulation import Formulation, formulate
 from graspless_pin.algorithms.friction_modes import ModeReader
 from graspless_pin.modes.enumeration import requirements_of
 from graspless_pin.modes.nearest_motions import NearestMotions
 from graspless_pin.modes.rules import Rules, SignRule
 from graspless_pin.modes.verdicts import Requirement
-from graspless_pin.programs.force_programs import force_coordinates, force_rows
-from graspless_pin.solution import Algorithm
+from graspless_pin.programs.forces import force_coordinates, force_rows
+from graspless_pin.programs.objectives import Margin
 from graspless_pin.solvers import piqp_engines
 
 SEEDS = st.integers(0, 100_000)
 
 
 def formulation(problem: QuasistaticProblem) -> Formulation:
-    return formulate(problem, Objective(Algorithm.MARGIN, 0.0, by_limits=False, regularization=0.0))
+    return formulate(problem, Margin())
 
 
 def same_structure() -> list[QuasistaticProblem]:
@@ -198,7 +198,7 @@ def test_a_proposed_mode_has_a_motion_behind_it(seed, contacts, slope):
 
 def test_solving_another_problem_leaves_an_earlier_program_as_it_was():
     problem = scene("rest")
-    kept = formulate(problem, Objective(Algorithm.MARGIN, 0.0, by_limits=False, regularization=0.1))
+    kept = formulate(problem, Margin(0.1))
     before = kept.program.P.copy()
     # More programs of one structure than solvers are kept for it: one is told the others' numbers.
     for epsilon in (0.1, 0.2, 0.3, 0.4):

@@ -12,13 +12,13 @@ from graspless_pin.algorithms.branch_and_bound import _Node, _resolving, branch_
 from graspless_pin.algorithms.formulation import formulate
 from graspless_pin.algorithms.friction_modes import ModeReader
 from graspless_pin.algorithms.search import SearchState, closeness
-from graspless_pin.algorithms.torque import margin_objective
 from graspless_pin.compiled import contact_frames
 from graspless_pin.modes.nearest_motions import NearestMotions
 from graspless_pin.modes.propagation import Decisions
 from graspless_pin.modes.rules import Rules, SignRule
 from graspless_pin.modes.verdicts import Conflict, Requirement
 from graspless_pin.programs.answers import failed
+from graspless_pin.programs.objectives import Margin
 from graspless_pin.solvers import Outcome
 
 RULES = Rules.parse()
@@ -30,7 +30,7 @@ SPLIT = [
 
 
 def state_of(problem: QuasistaticProblem) -> SearchState:
-    return SearchState(formulate(problem, margin_objective()), RULES, "piqp")
+    return SearchState(formulate(problem, Margin()), RULES, "piqp")
 
 
 def test_values_count_as_equal_where_they_are_so_to_a_tenth_of_a_gap():

@@ -253,5 +253,5 @@ def test_a_solution_knows_what_was_optimised(margin):
             scene("rest"), margin, scale="limits", regularization=1e-3, mode=mode
         )
         assert solution.found == (margin < 1.0)
-        assert solution.by_limits and solution.regularization == 1e-3
+        assert solution.objective.by_limits and solution.regularization == 1e-3
         assert solution.given_mode == mode

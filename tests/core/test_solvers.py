@@ -232,8 +232,8 @@ def test_without_any_checked_answer_the_status_says_so(monkeypatch, how, search)
         if solution.found:
             assert how in MENDED
             assert solution.status is Status.OPTIMAL
-            expected = {"margin": 2.3001, "torque": 1.5554}[solution.algorithm]
-            assert getattr(solution, OPTIMA[solution.algorithm]) == pytest.approx(
+            expected = {"margin": 2.3001, "torque": 1.5554}[solution.objective.name]
+            assert getattr(solution, OPTIMA[solution.objective.name]) == pytest.approx(
                 expected, abs=1e-4
             )
             assert_holds(solution)

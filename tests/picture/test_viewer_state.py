@@ -8,8 +8,8 @@ import pytest
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.picture import Role
+from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import load_scene
-from graspless_pin.solution import Algorithm
 from graspless_pin.viewer import (
     Settings,
     changed_scene,

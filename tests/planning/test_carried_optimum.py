@@ -13,15 +13,16 @@ from scenes import assert_holds  # pyright: ignore[reportMissingImports] - tests
 from graspless_pin import maximize_margin
 from graspless_pin.algorithms.formulation import formulate
 from graspless_pin.algorithms.solve import solve_problem
-from graspless_pin.algorithms.torque import margin_objective, torque_objective
+from graspless_pin.algorithms.torque import torque_objective
 from graspless_pin.algorithms.warm_start import Experience, solve_from
 from graspless_pin.modes.rules import Rules
 from graspless_pin.programs.carried_optimum import carried, optimum_of
+from graspless_pin.programs.objectives import Margin
 from graspless_pin.solvers import Outcome, solve
 
 SEEDS = st.integers(0, 10_000)
 STRICT = Rules.parse()
-OBJECTIVES = {"margin": margin_objective(), "torque": torque_objective(0.01)}
+OBJECTIVES = {"margin": Margin(), "torque": torque_objective(0.01)}
 
 
 def moved(problem, size, seed):
@@ -105,7 +106,7 @@ def test_the_bounds_of_a_mode_are_carried_over():
             continue
         programs = []
         for one in (problem, moved(problem, 1e-5, seed)):
-            shared = formulate(one, margin_objective())
+            shared = formulate(one, Margin())
             programs.append(shared.bounded(*shared.bounds_of(best.mode), np.inf))
         near = optimum_of(programs[0], solve(programs[0]))
         assert near is not None
@@ -136,7 +137,7 @@ def test_nothing_is_carried_over_to_a_program_of_another_size_or_a_quadratic_one
     assert near is not None
     other = relaxations(1, 7, 1e-6, OBJECTIVES["margin"])[0]
     assert carried(other, near, np.inf) is None
-    quadratic = relaxations(1, 6, 1e-6, margin_objective(1e-3))[0]
+    quadratic = relaxations(1, 6, 1e-6, Margin(1e-3))[0]
     assert carried(quadratic, near, np.inf) is None
     assert optimum_of(quadratic, solve(quadratic)) is None
 

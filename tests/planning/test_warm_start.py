@@ -11,9 +11,10 @@ from random_scenes import (  # pyright: ignore[reportMissingImports] - tests/cor
 from scenes import random_problem  # pyright: ignore[reportMissingImports] - tests/core, by conftest
 
 from graspless_pin import SlidingMode, maximize_margin, minimize_torque
-from graspless_pin.algorithms.torque import margin_objective, torque_objective
+from graspless_pin.algorithms.torque import torque_objective
 from graspless_pin.algorithms.warm_start import Experience, reaches_margin, solve_from
 from graspless_pin.modes.rules import Rules
+from graspless_pin.programs.objectives import Margin
 
 FAMILIES = {
     "general": lambda seed: general_scene(seed, 5, joints=(1, 3), cone_edges=5),
@@ -42,7 +43,7 @@ def test_the_answer_does_not_depend_on_the_start(family):
         if cold.found:
             starts.append(Experience(cold.mode))
         for start in starts:
-            warm, _ = solve_from(problem, margin_objective(), STRICT, start)
+            warm, _ = solve_from(problem, Margin(), STRICT, start)
             assert warm.status is cold.status
             other, _ = solve_from(problem, torque_objective(0.01), STRICT, start)
             assert other.status is least.status

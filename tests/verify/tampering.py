@@ -39,7 +39,6 @@ from graspless_pin import (
     maximize_margin,
     minimize_torque,
 )
-from graspless_pin.algorithms.solution_proof import objective_of
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.errors import GrasplessPinError
 from graspless_pin.modes.enumeration import requirements_of
@@ -172,11 +171,11 @@ def _truth(claimed: TorqueSolution) -> TorqueSolution:
              problem.friction, problem.tangents, problem.sliding, problem.lower_torque,
              problem.upper_torque, problem.max_normal_force, problem.gravity_torques]  # fmt: skip
     key = repr([part.tobytes() for part in parts]) + repr(
-        (problem.cone_edges, objective_of(claimed), claimed.rules, claimed.given_mode)
+        (problem.cone_edges, claimed.objective, claimed.rules, claimed.given_mode)
     )
     if key not in _known:
         _known[key] = solve_problem(
-            problem, objective_of(claimed), claimed.rules, mode=claimed.given_mode
+            problem, claimed.objective, claimed.rules, mode=claimed.given_mode
         )
     return _known[key]
 
@@ -283,7 +282,7 @@ def _value(solution: TorqueSolution) -> float:
     ) / problem.scales.force**2  # fmt: skip
     if solution.algorithm == "margin":
         return curved - solution.margin
-    if not solution.by_limits:
+    if not solution.objective.by_limits:
         return curved + solution.max_torque
     with np.errstate(divide="ignore", invalid="ignore"):
         sides = np.where(solution.torques > 0.0, problem.upper_torque, problem.lower_torque)
@@ -295,7 +294,7 @@ def _unit(solution: TorqueSolution) -> float:
     problem = solution.problem
     if solution.algorithm == "margin":
         return problem.scales.force
-    if not solution.by_limits:
+    if not solution.objective.by_limits:
         return float(problem.scales.joints.max(initial=0.0)) or problem.scales.force
     limits = np.concatenate([problem.upper_torque, -problem.lower_torque])
     counts = np.isfinite(limits) & (limits > 0.0)

@@ -14,7 +14,8 @@ from graspless_pin.modes.enumeration import enumerate_modes
 from graspless_pin.modes.rules import Rules, SignRule, SlidingRule, StaticFriction, choice
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.joint_units import units_text
-from graspless_pin.solution import Algorithm, TorqueSolution
+from graspless_pin.programs.objectives import Algorithm
+from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.table import table_html
 
 

@@ -20,8 +20,8 @@ from graspless_pin.algorithms.search import SearchResult, SearchState
 from graspless_pin.modes.enumeration import mode_of, requirements_of, sign_pairs
 from graspless_pin.modes.kinematics import Requirement
 from graspless_pin.modes.rules import Rules, SlidingMode, StaticFriction, candidate_contacts
+from graspless_pin.programs.analysis_objectives import aimed
 from graspless_pin.programs.program import Program
-from graspless_pin.programs.tradeoff_program import aimed
 from graspless_pin.solution import Status
 from graspless_pin.solvers import Answer, Outcome, solve
 
@@ -58,7 +58,7 @@ class CurveSearch:
             return largest.status, []
         is_coulomb = self.rules.static_friction is StaticFriction.COULOMB
         first = None if is_coulomb else self._extended(largest.state.mode)
-        pieces = self._curve(first, max(float(best.x[-1]), 0.0))
+        pieces = self._curve(first, max(self._margin(best), 0.0))
         if not pieces:
             return Status.UNVERIFIED, []
         limited = largest.status not in _PROVEN
@@ -84,7 +84,7 @@ class CurveSearch:
         if piece.b - begin <= WIDTH:
             return [], True
         target = self._toward(piece, begin)
-        line = float(target.c[-2:] @ (piece.t_a, piece.a))
+        line = self._line(target, piece)
         found = self._below(target, line - TOLERANCE)
         curve: list[Piece] = []
         if found.state.best is not None:
@@ -114,7 +114,7 @@ class CurveSearch:
             last = self._in_mode(mode, aimed(self.formulation.program, 0.0, -1.0))
             if last.outcome is not Outcome.SOLVED:
                 return []
-            end = float(last.x[-1])
+            end = self._margin(last)
         begin, finish = self._point(mode, 0.0), self._point(mode, max(end, 0.0))
         if begin is None or finish is None:
             return []
@@ -135,9 +135,9 @@ class CurveSearch:
         if piece.b - piece.a > 2.0 * WIDTH:
             target = self._toward(piece, piece.a)
             answer = self._in_mode(piece.mode, target)
-            line = float(target.c[-2:] @ (piece.t_a, piece.a))
+            line = self._line(target, piece)
             if answer.outcome is Outcome.SOLVED and answer.value < line - STRAIGHT:
-                return float(answer.x[-1]), float(answer.x[-2])
+                return self._margin(answer), self._torque(answer)
         return piece.a, piece.t_a
 
     def _point(self, mode: SlidingMode | None, margin: float) -> tuple[float, float] | None:
@@ -146,8 +146,19 @@ class CurveSearch:
             at = max(e, 0.0)
             answer = self._in_mode(mode, aimed(self.formulation.program, 1.0, 0.0, at, at))
             if answer.outcome is Outcome.SOLVED:
-                return at, float(answer.x[-2])
+                return at, self._torque(answer)
         return None
+
+    def _torque(self, answer: Answer) -> float:
+        return float(answer.x[self.formulation.program.column("largest")])
+
+    def _margin(self, answer: Answer) -> float:
+        return float(answer.x[self.formulation.program.column("margin")])
+
+    def _line(self, target: Program, piece: Piece) -> float:
+        """The value of the target's objective along a piece."""
+        t, e = target.column("largest"), target.column("margin")
+        return float(target.c[t] * piece.t_a + target.c[e] * piece.a)
 
     def _in_mode(self, mode: SlidingMode | None, program: Program) -> Answer:
         lb, ub = program.lb, program.ub

@@ -9,15 +9,14 @@ from numpy.typing import ArrayLike
 from scipy.stats import norm, qmc
 
 from graspless_pin.algorithms.branch_and_bound import branch_and_bound
-from graspless_pin.algorithms.formulation import Formulation, shared_parts
+from graspless_pin.algorithms.formulation import Formulation, formulated
 from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.search import SearchState
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.modes.rules import Rules, SlidingMode, StaticFriction
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
-from graspless_pin.programs.analysis_programs import disturbance_program, with_objective
-from graspless_pin.programs.force_programs import force_rows
+from graspless_pin.programs.analysis_objectives import Disturbance
 from graspless_pin.solution import Status
 from graspless_pin.solvers import Outcome, check_solver
 
@@ -125,8 +124,6 @@ def disturbance_margin(
             option is not known.
     """
     checked_problem(problem)
-    coordinates, kinematics = shared_parts(problem)
-    rows = force_rows(problem, coordinates)
     rules = Rules.parse(sign_rule, sliding_rule, static_friction)
     check_solver(solver)
     limits = Limits.parse(node_limit, time_limit)
@@ -137,15 +134,13 @@ def disturbance_margin(
         raise ArgumentError("characteristic_length", f"is {length}; it must be positive")
     held = None
     if torques is not None:
-        given = finite_array("torques", torques, (problem.joint_count,))
-        held = (given - problem.gravity_torques) / coordinates.joint_scale
+        held = finite_array("torques", torques, (problem.joint_count,))
     units = _unit_directions(directions)
     scale = np.repeat([1.0, length], 3)
     magnitudes = np.full(len(units), np.nan)
     status = Status.OPTIMAL
     for index, unit in enumerate(units):
-        program = disturbance_program(rows, coordinates, scale * unit, held)
-        formulation = Formulation(problem, coordinates, program, kinematics)
+        formulation = formulated(problem, Disturbance(scale * unit, held))
         if index == 0:
             status = _undisturbed(formulation, rules, solver, limits)
         if status is Status.OPTIMAL:
@@ -204,7 +199,7 @@ def _first(formulation: Formulation, mode: SlidingMode, rules: Rules, solver: st
     The mode balances all from there to its largest one.
     """
     program = formulation.program
-    least = replace(formulation, program=with_objective(program, -program.c))
+    least = replace(formulation, program=replace(program, c=-program.c))
     lb, ub = program.lb, program.ub
     if rules.static_friction is not StaticFriction.COULOMB:
         lb, ub = formulation.bounds_of(mode)

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from graspless_pin.algorithms.branch_and_bound import branch_and_bound
-from graspless_pin.algorithms.formulation import Formulation, Objective, formulate, shared_parts
+from graspless_pin.algorithms.formulation import formulate, formulated
 from graspless_pin.algorithms.minimum_friction import smallest_factor
 from graspless_pin.algorithms.search import SearchState
 from graspless_pin.algorithms.solve import solve_problem
@@ -19,9 +20,10 @@ from graspless_pin.modes.rules import Rules, SignRule, SlidingRule, StaticFricti
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.joint_units import JointUnit, units_text
-from graspless_pin.programs.analysis_programs import relief_program
-from graspless_pin.programs.force_programs import force_rows
-from graspless_pin.solution import Algorithm, Status, TorqueSolution, checked_solution
+from graspless_pin.programs.analysis_objectives import Elastic
+from graspless_pin.programs.forces import ForceCoordinates
+from graspless_pin.programs.objectives import Margin
+from graspless_pin.solution import Status, TorqueSolution, checked_solution
 from graspless_pin.solvers import Outcome
 
 _ROOM = 1.0 + 1e-6
@@ -126,17 +128,13 @@ def explain(solution: TorqueSolution) -> Explanation:
 def _solved(
     problem: QuasistaticProblem, solution: TorqueSolution, rules: Rules, margin: float
 ) -> TorqueSolution:
-    return solve_problem(problem, _objective(solution, margin), rules)
-
-
-def _objective(solution: TorqueSolution, margin: float) -> Objective:
-    return Objective(solution.algorithm, margin, by_limits=False, regularization=0.0)
+    return solve_problem(problem, solution.objective.with_figure("required_margin", margin), rules)
 
 
 def _conflicting_contacts(solution: TorqueSolution) -> tuple[int, ...]:
     """Contacts in the conflict of the relaxation's optimum."""
     problem = solution.problem
-    formulation = formulate(problem, _objective(solution, solution.required_margin))
+    formulation = formulate(problem, solution.objective)
     state = SearchState(formulation, solution.rules, "piqp")
     answer = state.relax()
     if answer.outcome is not Outcome.SOLVED:
@@ -172,14 +170,9 @@ def _weaker_rules(solution: TorqueSolution) -> list[Suggestion]:
 
 def _smaller_margin(solution: TorqueSolution) -> list[Suggestion]:
     """The largest margin that is feasible, where one is."""
-    if solution.algorithm is Algorithm.MARGIN or solution.required_margin == 0.0:
+    if solution.required_margin == 0.0:
         return []
-    best = _solved(
-        solution.problem,
-        replace(solution, algorithm=Algorithm.MARGIN),
-        solution.rules,
-        0.0,
-    )
+    best = solve_problem(solution.problem, Margin(), solution.rules)
     if not best.found:
         return []
     margin = max(0.0, -_rounded_up(-best.margin / _ROOM))
@@ -193,12 +186,15 @@ def _combined(solution: TorqueSolution) -> list[Suggestion]:
     """Single changes beside another one, and all changes at once as the last resort."""
     coulomb = replace(solution.rules, static_friction=StaticFriction.COULOMB)
     beside = []
+    no_margin = None
     if solution.required_margin > 0.0:
-        no_margin = replace(solution, required_margin=0.0)
+        no_margin = replace(
+            solution, objective=solution.objective.with_figure("required_margin", 0.0)
+        )
         beside.append(("with no required margin", no_margin))
     beside.append(("with static_friction='coulomb'", replace(solution, rules=coulomb)))
-    if solution.required_margin > 0.0:
-        neither = replace(solution, required_margin=0.0, rules=coulomb)
+    if no_margin is not None:
+        neither = replace(no_margin, rules=coulomb)
         beside.append(("with no required margin and static_friction='coulomb'", neither))
     for words, weaker in beside:
         found = [replace(item, text=f"{words}, {item.text}") for item in _reliefs(weaker)]
@@ -210,23 +206,22 @@ def _combined(solution: TorqueSolution) -> list[Suggestion]:
 def _reliefs(solution: TorqueSolution) -> Iterator[Suggestion]:
     """The smallest widening of each kind of limit that helps alone."""
     problem = solution.problem
-    coordinates, _ = shared_parts(problem)
     joints = range(problem.joint_count)
-    alone = [(joint, x) for joint in joints if (x := _relief(solution, joint=joint)) is not None]
-    for joint, x in sorted(alone, key=lambda item: item[1][-1])[:3]:
-        torque = float(problem.jacobian[:, joint] @ coordinates.forces(x).ravel())
+    alone = [(one, relief) for one in joints if (relief := _relief(solution, joint=one))]
+    for joint, relief in sorted(alone, key=lambda item: item[1].amount)[:3]:
+        torque = float(problem.jacobian[:, joint] @ relief.forces.ravel())
         yield from _wider_joint(solution, joint, torque + problem.gravity_torques[joint])
-    if not alone and joints and (x := _relief(solution, joint=-1)) is not None:
-        more = _rounded_up(x[-1] * coordinates.torque_scale * _ROOM)
+    if not alone and joints and (relief := _relief(solution, joint=-1)):
+        more = _rounded_up(relief.amount * relief.coordinates.torque_scale * _ROOM)
         text = f"every torque limit would have to be larger by {_in_units(problem, more)}"
         yield from _if_feasible(text, _wider(problem, more), solution)
-    if (x := _relief(solution, normal=True)) is not None:
-        more = _rounded_up(x[-1] * coordinates.force_scale * _ROOM)
+    if relief := _relief(solution, normal=True):
+        more = _rounded_up(relief.amount * relief.coordinates.force_scale * _ROOM)
         changed = problem.with_changes(max_normal_force=problem.max_normal_force + more)
         text = f"every normal-force limit would have to be larger by {more:.{_DIGITS}g} N"
         yield from _if_feasible(text, changed, solution)
-    if (x := _relief(solution, wrench=True)) is not None:
-        text, changed = _helped(problem, x)
+    if relief := _relief(solution, wrench=True):
+        text, changed = _helped(problem, relief.forces)
         yield from _if_feasible(text, changed, solution)
     yield from _other_friction(solution)
 
@@ -234,13 +229,12 @@ def _reliefs(solution: TorqueSolution) -> Iterator[Suggestion]:
 def _everything(solution: TorqueSolution) -> Iterator[Suggestion]:
     """All limits widened and an outside help in the balance, at once."""
     problem = solution.problem
-    x = _relief(solution, joint=-1, normal=True, wrench=True)
-    if x is None:
+    relief = _relief(solution, joint=-1, normal=True, wrench=True)
+    if relief is None:
         return
-    coordinates, _ = shared_parts(problem)
-    text, changed = _helped(problem, x)
-    normal = _rounded_up(x[-1] * coordinates.force_scale * _ROOM)
-    torque = _rounded_up(x[-1] * coordinates.torque_scale * _ROOM)
+    text, changed = _helped(problem, relief.forces)
+    normal = _rounded_up(relief.amount * relief.coordinates.force_scale * _ROOM)
+    torque = _rounded_up(relief.amount * relief.coordinates.torque_scale * _ROOM)
     changed = _wider(changed, torque).with_changes(
         max_normal_force=problem.max_normal_force + normal
     )
@@ -251,10 +245,9 @@ def _everything(solution: TorqueSolution) -> Iterator[Suggestion]:
     yield from _if_feasible(text, changed, solution)
 
 
-def _helped(problem: QuasistaticProblem, x: FloatArray) -> tuple[str, QuasistaticProblem]:
+def _helped(problem: QuasistaticProblem, forces: FloatArray) -> tuple[str, QuasistaticProblem]:
     """A wrench from outside that closes the balance of given forces."""
-    coordinates, _ = shared_parts(problem)
-    help_ = -(problem.W @ coordinates.forces(x).ravel() + problem.external_wrench)
+    help_ = -(problem.W @ forces.ravel() + problem.external_wrench)
     changed = problem.with_changes(external_wrench=problem.external_wrench + help_)
     force, moment = np.round(help_[:3], 4) + 0.0, np.round(help_[3:], 5) + 0.0
     text = (
@@ -267,9 +260,7 @@ def _helped(problem: QuasistaticProblem, x: FloatArray) -> tuple[str, Quasistati
 def _other_friction(solution: TorqueSolution) -> Iterator[Suggestion]:
     """A common factor on friction; below 1 where kinetic friction is more than can be pushed."""
     problem = solution.problem
-    least, _ = smallest_factor(
-        problem, _objective(solution, solution.required_margin), solution.rules
-    )
+    least, _ = smallest_factor(problem, solution.objective, solution.rules)
     if not np.isfinite(least):
         return
 
@@ -293,26 +284,32 @@ def _other_friction(solution: TorqueSolution) -> Iterator[Suggestion]:
     yield from _if_feasible(text, scaled(factor), solution)
 
 
+class _Relief(NamedTuple):
+    """How much some limits give, scaled, and the forces that it makes room for, N."""
+
+    amount: float
+    forces: FloatArray
+    coordinates: ForceCoordinates
+
+
 def _relief(
     solution: TorqueSolution,
     *,
     joint: int | None = None,
     normal: bool = False,
     wrench: bool = False,
-) -> FloatArray | None:
-    """Forces with the smallest relief of one kind, which stands last; None if it does not help."""
-    problem = solution.problem
-    coordinates, kinematics = shared_parts(problem)
-    margin = solution.required_margin / coordinates.force_scale
-    rows = force_rows(problem, coordinates)
-    program = relief_program(rows, coordinates, margin, joint=joint, normal=normal, wrench=wrench)
-    formulation = Formulation(problem, coordinates, program, kinematics)
+) -> _Relief | None:
+    """The smallest relief of one kind; None if it does not help."""
+    objective = Elastic(solution.required_margin, joint, normal, wrench)
+    formulation = formulated(solution.problem, objective)
     state = SearchState(formulation, solution.rules, "piqp")
     # What was found before a motion could not be decided on helps all the same.
     with suppress(UndecidedMotionError):
         branch_and_bound(state)
-    best = state.best
-    return None if best is None or best.x[-1] <= 0.0 else best.x
+    best, coordinates = state.best, formulation.coordinates
+    if best is None or best.value <= 0.0:
+        return None
+    return _Relief(best.value, coordinates.forces(best.x), coordinates)
 
 
 def _wider_joint(solution: TorqueSolution, joint: int, torque: float) -> Iterator[Suggestion]:

@@ -9,20 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.algorithms.branch_and_bound import branch_and_bound
-from graspless_pin.algorithms.formulation import Formulation, shared_parts
+from graspless_pin.algorithms.formulation import Formulation, formulated
 from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.search import SearchResult, SearchState
 from graspless_pin.modes.rules import Rules, SlidingMode, StaticFriction
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.programs.analysis_programs import (
-    force_set_program,
-    held_margin_program,
-    ray_program,
-    with_objective,
+from graspless_pin.programs.analysis_objectives import (
+    ForceBesideRay,
+    ForceSet,
+    FreeRays,
+    HeldMargin,
 )
-from graspless_pin.programs.force_programs import ForceRows, force_rows
-from graspless_pin.programs.program import FARTHEST, Program
+from graspless_pin.programs.forces import force_rows
+from graspless_pin.programs.program import FARTHEST
 from graspless_pin.solution import Status
 from graspless_pin.solvers import Outcome, solve
 
@@ -63,11 +63,12 @@ class ForceExtremes:
         """Take the torques (L,), N m, and the limits of all searches."""
         self.limits = limits
         self.problem, self.rules, self.solver = problem, rules, solver
-        self.coordinates, self.kinematics = shared_parts(problem)
-        self.rows: ForceRows = force_rows(problem, self.coordinates)
-        self.torque = (torques - problem.gravity_torques) / self.coordinates.joint_scale
-        reach = min(_FARTHEST * float(self.rows.limit.max()), FARTHEST)
-        self.set = force_set_program(self.rows, self.coordinates, self.torque, reach)
+        self.torques = torques
+        limit = float(problem.max_normal_force.max()) / problem.scales.force
+        self.set = formulated(problem, ForceSet(torques, min(_FARTHEST * limit, FARTHEST)))
+        self.rays = formulated(problem, FreeRays())
+        self.coordinates = self.set.coordinates
+        self.rows = force_rows(problem, self.coordinates)
         self.has_rays = self._has_rays()
         self.growing: list[SlidingMode] = []
         self.reached: list[FloatArray] = []
@@ -104,7 +105,7 @@ class ForceExtremes:
             c = -functional / scale
             if self.has_rays and self._grows(c):
                 return Extreme(np.inf, proven=True)
-            result = self._search(with_objective(self.set, c), cutoff=-above / scale)
+            result = self._search(_with_costs(self.set, c), cutoff=-above / scale)
             if result.state.best is not None:
                 value = -scale * result.state.best.value
             elif above == -np.inf:
@@ -144,8 +145,8 @@ class ForceExtremes:
         """Largest margin over all modes, with the normal-force limit counted."""
         self.proven = not self.time_is_over
         if self.proven:
-            program = held_margin_program(self.rows, self.coordinates, self.torque)
-            best = self._search(program).state.best
+            held = formulated(self.problem, HeldMargin(self.torques))
+            best = self._search(held).state.best
             if best is not None:
                 self.reached.append(best.x[:-1])
                 if self.proven:
@@ -165,8 +166,8 @@ class ForceExtremes:
 
     def _grows(self, c: FloatArray) -> bool:
         """Whether some mode holds a force and a ray along which -c grows."""
-        alone = self._ray_alone(c)
-        answer = solve(alone, self.solver)
+        alone = _with_costs(self.rays, c)
+        answer = solve(alone.program, self.solver)
         if answer.outcome is Outcome.SOLVED and answer.value > -_IS_RAY:
             return False
         if self.rules.static_friction is StaticFriction.COULOMB:
@@ -177,9 +178,10 @@ class ForceExtremes:
         # Three searches take turns with ever more nodes. The rays of all modes alone tell soonest
         # that there is none; the modes of rays and of far forces mostly have the other too; forces
         # beside rays have the last word.
-        far = with_objective(self.set, c)
-        beside = ray_program(self.set, self.rows, self.coordinates)
-        pair = with_objective(beside, np.concatenate([np.zeros(len(c)), c]))
+        far = _with_costs(self.set, c)
+        beside = ForceBesideRay(self.set.objective)
+        pair = formulated(self.problem, beside, layers=(0, self.rows.size))
+        pair = _with_costs(pair, np.concatenate([np.zeros(len(c)), c]))
         for limit in _NODES:
             if self.time_is_over:
                 self.proven = False
@@ -192,7 +194,7 @@ class ForceExtremes:
             force, _ = self._try(far, limit)
             if force is not None and self._in_mode(alone, force) < -_IS_RAY:
                 return self._keep(force)
-            both, over = self._try(pair, limit, layers=(0, self.rows.size))
+            both, over = self._try(pair, limit)
             if both is not None:
                 return self._keep(both)
             if over:
@@ -203,48 +205,42 @@ class ForceExtremes:
         self.growing.append(mode)
         return True
 
-    def _try(
-        self, program: Program, limit: int | None, *, layers: tuple[int, ...] = (0,)
-    ) -> tuple[SlidingMode | None, bool]:
+    def _try(self, formulation: Formulation, limit: int | None) -> tuple[SlidingMode | None, bool]:
         """The best mode within so many nodes if its objective is negative; whether that is all."""
-        result = self._search(program, layers=layers, node_limit=limit)
+        result = self._search(formulation, node_limit=limit)
         best, over = result.state.best, limit is None or result.state.nodes < limit
         return (None if best is None or best.value > -_IS_RAY else result.state.mode), over
 
-    def _in_mode(self, program: Program, mode: SlidingMode) -> float:
+    def _in_mode(self, formulation: Formulation, mode: SlidingMode) -> float:
         """Optimum of a program of one set of forces in one mode, inf where it has none."""
-        formulation = Formulation(self.problem, self.coordinates, program, self.kinematics)
         answer = formulation.solve(*formulation.bounds_of(mode), self.solver, cutoff=np.inf)
         return answer.value if answer.outcome is Outcome.SOLVED else np.inf
 
     def _has_rays(self) -> bool:
         """Whether the force set without modes is unbounded."""
-        answer = solve(self._ray_alone(-self.rows.normal.sum(axis=0)), self.solver)
+        far = _with_costs(self.rays, -self.rows.normal.sum(axis=0))
+        answer = solve(far.program, self.solver)
         return answer.outcome is not Outcome.SOLVED or answer.value < -_IS_RAY
-
-    def _ray_alone(self, c: FloatArray) -> Program:
-        still = np.zeros_like(self.torque)
-        ray = force_set_program(self.rows, self.coordinates, still, 1.0)
-        return with_objective(replace(ray, b=np.zeros(len(ray.b))), c)
 
     def _search(
         self,
-        program: Program,
+        formulation: Formulation,
         *,
-        layers: tuple[int, ...] = (0,),
         cutoff: float = np.inf,
         node_limit: int | None = None,
     ) -> SearchResult:
-        formulation = Formulation(
-            self.problem, self.coordinates, program, self.kinematics, cutoff, layers=layers
-        )
-        state = SearchState(formulation, self.rules, self.solver)
+        state = SearchState(replace(formulation, cutoff=cutoff), self.rules, self.solver)
         left = self.limits.left
         own = left["node_limit"] if node_limit is None else node_limit
         result = branch_and_bound(state, node_limit=own, time_limit=left["time_limit"])
         ended = result.status in _ENDED_EARLY and (self.time_is_over or node_limit is None)
         self.proven = self.proven and not (state.unproven or ended)
         # The other programs have other rows, or a force among their variables and more.
-        if state.best is not None and program.A is self.set.A:
+        if state.best is not None and formulation.objective is self.set.objective:
             self.reached.append(state.best.x)
         return result
+
+
+def _with_costs(formulation: Formulation, c: FloatArray) -> Formulation:
+    """Return a formulation with other costs, (n,)."""
+    return replace(formulation, program=replace(formulation.program, c=c))

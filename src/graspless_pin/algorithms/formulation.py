@@ -15,33 +15,12 @@ from graspless_pin.modes.kinematics import VirtualKinematics
 from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.programs.force_programs import (
-    ForceCoordinates,
-    force_coordinates,
-    margin_program,
-    torque_program,
-    torque_unit,
-)
+from graspless_pin.programs.assembly import assembled, built
+from graspless_pin.programs.blocks import Block
+from graspless_pin.programs.forces import ForceCoordinates, force_coordinates
+from graspless_pin.programs.objectives import Objective
 from graspless_pin.programs.program import Program
-from graspless_pin.solution import Algorithm
 from graspless_pin.solvers import Answer, solve
-
-
-@dataclass(frozen=True)
-class Objective:
-    """What is optimised.
-
-    Attributes:
-        algorithm: Algorithm 1 or 2.
-        margin: Required margin e_0, N (Algorithm 2).
-        by_limits: Whether Algorithm 2 counts torques as shares of each joint's limit.
-        regularization: The epsilon of the regularised QP.
-    """
-
-    algorithm: Algorithm
-    margin: float
-    by_limits: bool
-    regularization: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,15 +29,17 @@ class Formulation:
 
     Attributes:
         problem: The problem.
+        objective: What is optimised.
         coordinates: Force coordinates and scales.
         program: The relaxation; every mode differs from it in bounds only.
         kinematics: The virtual motions.
         cutoff: A larger objective value is as bad as infeasible.
-        unit: Factor from the program's objective to a quantity with a unit.
+        unit: Factor from the program's value to the objective's; negative if it is maximised.
         layers: First columns of each set of forces in the program; one mode rules them all.
     """
 
     problem: QuasistaticProblem
+    objective: Objective
     coordinates: ForceCoordinates
     program: Program
     kinematics: VirtualKinematics
@@ -83,6 +64,14 @@ class Formulation:
         if self.layers == (0,):
             return columns[None]
         return np.array(self.layers)[:, None, None] + columns
+
+    @cached_property
+    def blocks(self) -> tuple[tuple[Block, ...], tuple[Block, ...]]:
+        """What the program's rows mean, and its columns with bounds."""
+        program = self.program
+        if not program.blocks:
+            program = built(self.objective, self.problem, self.coordinates)
+        return program.blocks, program.bounded_blocks
 
     def friction_columns(self, contact: int) -> NDArray[np.int_]:
         """(layers, 2) columns of one contact's friction components."""
@@ -137,7 +126,6 @@ class _Assembled(NamedTuple):
 
     coordinates: ForceCoordinates
     program: Program
-    cutoff: float
     unit: float
 
 
@@ -148,7 +136,7 @@ _ASSEMBLED: Derived[QuasistaticProblem, dict[Objective, _Assembled]] = Derived(l
 
 
 def formulate(problem: QuasistaticProblem, objective: Objective) -> Formulation:
-    """Return Algorithm 1 or 2, assembled once for a problem in use."""
+    """Return the program of an objective, assembled once for a problem in use."""
     known = _ASSEMBLED.of(problem)
     made = known.get(objective)
     if made is None:
@@ -156,32 +144,39 @@ def formulate(problem: QuasistaticProblem, objective: Objective) -> Formulation:
         if len(known) >= _PER_PROBLEM:
             known.pop(next(iter(known)), None)
         known[objective] = made
+    return _formulation(problem, objective, made)
+
+
+def formulated(
+    problem: QuasistaticProblem, objective: Objective, *, layers: tuple[int, ...] = (0,)
+) -> Formulation:
+    """Return the program of an objective, assembled anew; `formulate` keeps it.
+
+    Args:
+        problem: The problem.
+        objective: What is optimised.
+        layers: See `Formulation`.
+    """
+    return _formulation(problem, objective, _assembled(problem, objective), layers)
+
+
+def _formulation(
+    problem: QuasistaticProblem,
+    objective: Objective,
+    made: _Assembled,
+    layers: tuple[int, ...] = (0,),
+) -> Formulation:
     _, kinematics = shared_parts(problem)
-    coordinates, program, cutoff, unit = made
-    return Formulation(problem, coordinates, program, kinematics, cutoff, unit)
+    coordinates, program, unit = made
+    return Formulation(
+        problem, objective, coordinates, program, kinematics, objective.cutoff, unit, layers
+    )
 
 
 def _assembled(problem: QuasistaticProblem, objective: Objective) -> _Assembled:
     coordinates, _ = shared_parts(problem)
-    if objective.margin > 0.0 and not problem.external_wrench.any():
-        coordinates = force_coordinates(problem, objective.margin)
-    cutoff = np.inf
-    if objective.algorithm is Algorithm.MARGIN:
-        program = margin_program(problem, coordinates, objective.regularization)
-        unit = -coordinates.force_scale
-        if objective.regularization == 0.0:
-            cutoff = 0.0
-        else:
-            lb = program.lb.copy()
-            lb[-1] = 0.0
-            program = program.bounded(lb, program.ub)
-    else:
-        program = torque_program(
-            problem,
-            coordinates,
-            objective.margin,
-            objective.regularization,
-            by_limits=objective.by_limits,
-        )
-        unit = torque_unit(problem, coordinates, by_limits=objective.by_limits)
-    return _Assembled(coordinates, program, cutoff, unit)
+    if objective.required_margin > 0.0 and not problem.external_wrench.any():
+        coordinates = force_coordinates(problem, objective.required_margin)
+    unit = objective.unit(problem, coordinates)
+    program = assembled(objective, problem, coordinates)
+    return _Assembled(coordinates, program, -unit if objective.maximizes else unit)

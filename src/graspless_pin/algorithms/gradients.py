@@ -15,11 +15,12 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.algorithms.optimal_faces import Marginals, Optimum
+from graspless_pin.algorithms.optimal_faces import OptimalPoint, Optimum
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
-from graspless_pin.solution import Algorithm, TorqueSolution, checked_solution
+from graspless_pin.programs.objectives import Algorithm
+from graspless_pin.solution import TorqueSolution, checked_solution
 
 _SAME = 1e-6
 _ROUNDING = 1e-9
@@ -67,7 +68,7 @@ class OptimumGradients:
             multipliers agree on an entry. Where they do not, the optimum has or may have a kink:
             forces or multipliers are not unique, or a sign of the mode is about to change.
         solution: The solution that they belong to.
-        marginals: The forces and multipliers behind them.
+        point: The forces and multipliers behind them.
         alternatives: Two more points of the affine hulls of all optimal forces and multipliers:
             what differs there, of a function linear in each, is not unique.
     """
@@ -75,8 +76,8 @@ class OptimumGradients:
     values: Gradients
     unique: Mapping[str, NDArray[np.bool_]]
     solution: TorqueSolution
-    marginals: Marginals
-    alternatives: tuple[Marginals, ...]
+    point: OptimalPoint
+    alternatives: tuple[OptimalPoint, ...]
 
     @property
     def degenerate(self) -> bool:
@@ -110,13 +111,19 @@ def optimum_gradients(solution: TorqueSolution) -> OptimumGradients:
     checked_solution(solution)
     if not solution.found:
         raise NoSolutionError(f"There is no optimum to differentiate ({solution.status.message}).")
-    if not solution.multipliers.is_linear:
+    if solution.algorithm is None:
+        raise ArgumentError(
+            "solution",
+            f"is of the objective '{solution.objective.name}'; gradients are those of Algorithms "
+            "1 and 2",
+        )
+    if solution.regularization > 0.0:
         raise ArgumentError(
             "solution", "has a regularisation; gradients need the optimum of the bare program"
         )
     optimum = Optimum(solution)
-    marginals, alternatives = optimum.marginals(), optimum.alternatives()
-    values = gradients_at(solution, marginals)
+    point, alternatives = optimum.point(), optimum.alternatives()
+    values = gradients_at(solution, point)
     others = [gradients_at(solution, other) for other in alternatives]
     unique = {
         item.name: agreeing(
@@ -128,7 +135,7 @@ def optimum_gradients(solution: TorqueSolution) -> OptimumGradients:
         values,
         MappingProxyType(unique),
         solution,
-        marginals,
+        point,
         alternatives,
     )
 
@@ -142,43 +149,45 @@ def agreeing(values: FloatArray, *others: FloatArray) -> NDArray[np.bool_]:
     return same
 
 
-def force_costs(problem: QuasistaticProblem, marginals: Marginals) -> FloatArray:
+def force_costs(problem: QuasistaticProblem, at: OptimalPoint) -> FloatArray:
     """Return (M, 3) c = W^T y + J kappa: what a change of each contact's force costs."""
-    y = marginals.wrench
-    through_joints = (problem.jacobian @ marginals.torque).reshape(-1, 3)
+    y = at.multipliers["balance"]
+    through_joints = (problem.jacobian @ at.torque).reshape(-1, 3)
     return y[:3] + np.cross(y[3:], problem.positions) + through_joints
 
 
-def gradients_at(solution: TorqueSolution, at: Marginals) -> Gradients:
+def gradients_at(solution: TorqueSolution, at: OptimalPoint) -> Gradients:
     """Return the derivatives that one choice of optimal forces and multipliers gives."""
     problem, f = solution.problem, at.forces
     # The margin is maximised: minus the optimum of the minimisation.
     sign = -1.0 if solution.algorithm is Algorithm.MARGIN else 1.0
     cost = force_costs(problem, at)
-    upper, lower = -at.upper, at.lower
-    if solution.multipliers.by_limits:
-        upper = upper - at.share_upper * at.level
-        lower = lower + at.share_lower * at.level
+    found, normal_upper = at.multipliers, at.of_contacts("normal_upper")
+    upper, lower = -found["torque_upper"], found["torque_lower"]
+    if solution.objective.by_limits:
+        upper = upper - found["share_upper"] * at.value
+        lower = lower + found["share_lower"] * at.value
     margin = 0.0
     if solution.algorithm is Algorithm.TORQUE:
-        margin = float(at.faces.sum() + at.normal_upper.sum() + at.normal_lower.sum())
+        bare = at.of_contacts("normal_lower")[~problem.has_cone]
+        margin = float(found["faces"].sum() + normal_upper.sum() + bare.sum())
     values = {
-        "positions": np.cross(f, at.wrench[3:]),
+        "positions": np.cross(f, found["balance"][3:]),
         "normals": np.cross(np.cross(f, cost), problem.normals),
         "spins": np.einsum("mi,mi->m", cost, np.cross(problem.normals, f)),
         "friction": _by_friction(problem, at, cost),
-        "external_wrench": at.wrench,
+        "external_wrench": found["balance"],
         "jacobian": np.outer(f.ravel(), at.torque),
         "gravity_torques": at.torque,
         "upper_torque": upper,
         "lower_torque": lower,
-        "max_normal_force": -at.normal_upper,
+        "max_normal_force": -normal_upper,
         "required_margin": np.array([margin]),
     }
     return Gradients(**{name: read_only(sign * value) for name, value in values.items()})
 
 
-def _by_friction(problem: QuasistaticProblem, at: Marginals, cost: FloatArray) -> FloatArray:
+def _by_friction(problem: QuasistaticProblem, at: OptimalPoint, cost: FloatArray) -> FloatArray:
     """(M,) a wider cone turns its faces; kinetic friction grows against the sliding."""
     r = problem.cone_edges
     angles = 2.0 * np.pi * (np.arange(r) + 0.5) / r
@@ -189,7 +198,7 @@ def _by_friction(problem: QuasistaticProblem, at: Marginals, cost: FloatArray) -
     length = np.sqrt(1.0 + slope**2)
     # h = (-s, cos, sin) / sqrt(1 + s^2), s = mu cos(pi / r)
     turned = -local[:, :1] - (slope / length**2)[:, None] * (around - slope[:, None] * local[:, :1])
-    by_cone = np.cos(np.pi / r) / length * np.einsum("mk,mk->m", at.faces, turned)
+    by_cone = np.cos(np.pi / r) / length * np.einsum("mk,mk->m", at.multipliers["faces"], turned)
     slide = problem.is_sliding
     speed = np.linalg.norm(problem.sliding, axis=1)
     unit = problem.sliding / np.where(slide, speed, 1.0)[:, None]

@@ -15,16 +15,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from graspless_pin.algorithms.curve_search import CurveSearch
-from graspless_pin.algorithms.formulation import Formulation, shared_parts
+from graspless_pin.algorithms.formulation import formulated
 from graspless_pin.algorithms.limits import Limits
-from graspless_pin.algorithms.torque import TorqueScale
+from graspless_pin.algorithms.torque import TorqueScale, torque_objective
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.modes.rules import Rules, SlidingMode, choice
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
 from graspless_pin.problem.joint_units import units_text
-from graspless_pin.programs.force_programs import torque_unit
-from graspless_pin.programs.tradeoff_program import tradeoff_program
+from graspless_pin.programs.analysis_objectives import Tradeoff
 from graspless_pin.solution import Status
 from graspless_pin.solvers import check_solver
 
@@ -149,13 +148,10 @@ def margin_torque_curve(
     limits = Limits.parse(node_limit, time_limit)
     rules = Rules.parse(sign_rule, sliding_rule, static_friction)
     torque_scale = choice(TorqueScale, "scale", scale)
-    by_limits = torque_scale is TorqueScale.LIMITS
-    coordinates, kinematics = shared_parts(problem)
-    program = tradeoff_program(problem, coordinates, by_limits=by_limits)
-    formulation = Formulation(problem, coordinates, program, kinematics)
+    formulation = formulated(problem, Tradeoff(torque_objective(0.0, torque_scale)))
     search = CurveSearch(formulation, rules, check_solver(solver), limits)
     status, pieces = search.run()
-    units = coordinates.force_scale, torque_unit(problem, coordinates, by_limits=by_limits)
+    units = formulation.coordinates.force_scale, formulation.unit
     return MarginTorqueCurve(
         status,
         read_only(units[0] * np.array([[p.a, p.b] for p in pieces]).reshape(-1, 2)),

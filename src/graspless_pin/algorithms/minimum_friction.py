@@ -7,12 +7,12 @@ from typing import Unpack
 
 import numpy as np
 
-from graspless_pin.algorithms.formulation import Objective
 from graspless_pin.algorithms.limits import NO_LIMITS, Limits
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.modes.rules import RuleOptions, Rules
 from graspless_pin.problem import QuasistaticProblem, checked_problem
-from graspless_pin.solution import Algorithm, Status
+from graspless_pin.programs.objectives import Margin, Objective
+from graspless_pin.solution import Status
 
 _LARGEST = 16.0
 _SCAN = 48
@@ -63,9 +63,8 @@ def minimum_friction(
         ArgumentError: If an option is not known.
     """
     checked_problem(problem)
-    objective = Objective(Algorithm.MARGIN, 0.0, by_limits=False, regularization=0.0)
     limits = Limits.parse(node_limit, time_limit)
-    factor, proven = smallest_factor(problem, objective, Rules.parse(**options), limits)
+    factor, proven = smallest_factor(problem, Margin(), Rules.parse(**options), limits)
     return MinimumFriction(factor, proven)
 
 
@@ -95,7 +94,7 @@ def smallest_factor(
         proven = proven and solution.status not in _UNDECIDED
         return solution.found
 
-    if objective.margin == 0.0 and feasible(0.0):
+    if objective.required_margin == 0.0 and feasible(0.0):
         return 0.0, proven
     tried = [1.0, _LARGEST]
     if problem.is_sliding.any():

@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 from scipy.linalg import null_space
 from scipy.optimize import linprog
 
-from graspless_pin.algorithms.formulation import Formulation, Objective, formulate
+from graspless_pin.algorithms.formulation import Formulation, formulate
 from graspless_pin.algorithms.friction_modes import NO_FRICTION
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.programs.force_programs import ShareRows, share_rows
-from graspless_pin.solution import Algorithm, TorqueSolution
+from graspless_pin.programs.marginals import Marginals, marginals
+from graspless_pin.solution import TorqueSolution
 
 _HELD = 1e-7
 """Reduced costs above this hold a variable at its bound."""
@@ -34,37 +34,32 @@ _SAMPLES = 2
 
 
 @dataclass(frozen=True, eq=False)
-class Marginals:
-    """Optimal forces and multipliers, in SI units; multipliers are those of a minimisation.
+class OptimalPoint:
+    """Optimal forces and multipliers of a minimisation, in the problem's units.
 
     Attributes:
         forces: (M, 3) contact forces f, N.
-        level: t of Algorithm 2, N m or a share of the limits; -e of Algorithm 1, N.
-        wrench: (6,) y of the balance W f + w_ext = 0.
-        faces: (M, r) of the cones' side faces, zero where there is no cone.
-        normal_upper: (M,) of n^T f + e <= f_n,max.
-        normal_lower: (M,) of e <= n^T f where there is no cone.
-        upper: (L,) of the upper limits.
-        lower: (L,) of the lower limits.
-        share_upper: (L,) of J^T f + g <= t, or t times the upper limit.
-        share_lower: (L,) of -(J^T f + g) <= t, or t times minus the lower limit.
+        value: The objective.
+        multipliers: By the names of their blocks, which `programs.objectives` tells.
     """
 
     forces: FloatArray
-    level: float
-    wrench: FloatArray
-    faces: FloatArray
-    normal_upper: FloatArray
-    normal_lower: FloatArray
-    upper: FloatArray
-    lower: FloatArray
-    share_upper: FloatArray
-    share_lower: FloatArray
+    value: float
+    multipliers: Marginals
+
+    def of_contacts(self, name: str) -> FloatArray:
+        """(M,) multipliers, zero where the program has no such block."""
+        return self.multipliers.get(name, np.zeros(len(self.forces)))
+
+    def of_joints(self, name: str) -> FloatArray:
+        """(L,) multipliers, zero where the program has no such block."""
+        return self.multipliers.get(name, np.zeros_like(self.multipliers["torque_upper"]))
 
     @property
     def torque(self) -> FloatArray:
         """(L,) kappa, the multiplier of each joint's torque."""
-        return self.upper - self.lower + self.share_upper - self.share_lower
+        limits = self.multipliers["torque_upper"] - self.multipliers["torque_lower"]
+        return limits + self.of_joints("share_upper") - self.of_joints("share_lower")
 
 
 class _Point(NamedTuple):
@@ -85,23 +80,21 @@ class Optimum:
 
     def __init__(self, solution: TorqueSolution) -> None:
         """Read the program's variables and multipliers from the solution."""
-        proof = solution.multipliers
         self.solution = solution
-        self._objective = Objective(
-            solution.algorithm, solution.required_margin, proof.by_limits, regularization=0.0
-        )
-        self._formulation: Formulation = formulate(solution.problem, self._objective)
+        self._formulation: Formulation = formulate(solution.problem, solution.objective)
         program = self._formulation.program
         # The search's own multipliers: friction that happens to vanish is not held at zero in them.
-        y, z = proof.mode
+        y, z = solution.proof.mode
         reduced = program.c + y @ program.A + z @ program.G
-        self._own = _Point(self._variables(), y, z, reduced)
+        own = self._formulation.coordinates.scaled(solution.contact_forces)
+        x = np.concatenate([own, solution.proof.added])
+        self._own = _Point(x, y, z, reduced)
 
-    def marginals(self) -> Marginals:
+    def point(self) -> OptimalPoint:
         """Return the solution's own forces and multipliers."""
         return self._in_units(self._own)
 
-    def alternatives(self) -> tuple[Marginals, ...]:
+    def alternatives(self) -> tuple[OptimalPoint, ...]:
         """Return other points of the affine hulls of all optimal forces and all multipliers.
 
         What is linear in both and the same there is the same for all of them: the points are
@@ -139,28 +132,6 @@ class Optimum:
         edges[contacts] = weak
         return edges
 
-    def _variables(self) -> FloatArray:
-        """The program's variables at the solution, scaled."""
-        solution, coordinates = self.solution, self._formulation.coordinates
-        basis, force = coordinates.basis, coordinates.force_scale
-        scaled = basis.T @ solution.contact_forces.ravel() / ((basis**2).sum(axis=0) * force)
-        if solution.algorithm is Algorithm.MARGIN:
-            return np.append(scaled, solution.margin / force)
-        unit = self._formulation.unit
-        if not self._objective.by_limits:
-            return np.append(scaled, solution.max_torque / unit)
-        torques, problem = solution.torques, solution.problem
-        above, below = (side.counts for side in self._shares)
-        up = torques[above] / problem.upper_torque[above]
-        down = torques[below] / problem.lower_torque[below]
-        return np.append(scaled, np.concatenate([up, down, [0.0]]).max() / unit)
-
-    @cached_property
-    def _shares(self) -> tuple[ShareRows, ShareRows]:
-        """The rows of the torques that count upwards and downwards in Algorithm 2."""
-        coordinates = self._formulation.coordinates
-        return share_rows(self.solution.problem, coordinates, by_limits=self._objective.by_limits)
-
     @cached_property
     def _active(self) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
         """Rows of G and bounds that have a multiplier."""
@@ -195,49 +166,15 @@ class Optimum:
         of_costs[:, bounds] = -dual[:, first + len(rows) :]
         return dual[:, :first], of_rows, of_costs
 
-    def _in_units(self, point: _Point) -> Marginals:
+    def _in_units(self, point: _Point) -> OptimalPoint:
         """Forces and multipliers in SI units; the solution's own signs tell the rows' sides."""
-        x, y, z, reduced = point
-        problem, coordinates = self.solution.problem, self._formulation.coordinates
-        force = coordinates.force_scale
-        count, joints, edges = problem.contact_count, problem.joint_count, problem.cone_edges
-        cone, bare = problem.has_cone, ~problem.has_cone
-        up, down = np.where(self._own.z > 0.0, z, 0.0), np.where(self._own.z < 0.0, -z, 0.0)
-        faces, rest = np.split(up, [int(cone.sum()) * edges])
-        by_contact = np.zeros((count, edges))
-        by_contact[cone] = faces.reshape(-1, edges)
-        normal_upper, normal_lower = np.zeros(count), np.zeros(count)
-        share_upper, share_lower = np.zeros(joints), np.zeros(joints)
-        if self._objective.algorithm is Algorithm.MARGIN:
-            unit, level = force, -force * float(x[-1])
-            normal_upper = rest[:count]
-            normal_lower[bare] = rest[count : count + int(bare.sum())]
-        else:
-            unit = self._formulation.unit
-            level = unit * float(x[-1])
-            # Here the limits of the normal forces are bounds.
-            own = self._own.reduced[coordinates.normal]
-            costs = reduced[coordinates.normal]
-            normal_upper = np.where(own < 0.0, -costs, 0.0)
-            normal_lower[bare] = np.where(own > 0.0, costs, 0.0)[bare]
-            above, below = self._shares
-            first, second = int(above.counts.sum()), int(below.counts.sum())
-            share_upper[above.counts] = above.weight * rest[:first]
-            share_lower[below.counts] = below.weight * rest[first : first + second]
-        weight = np.repeat([1.0, 1.0 / coordinates.length_scale], 3)
-        per_force, per_torque = unit / force, unit / coordinates.joint_scale
-        return Marginals(
-            forces=coordinates.forces(x),
-            level=level,
-            wrench=per_force * weight * y,
-            faces=per_force * by_contact,
-            normal_upper=per_force * normal_upper,
-            normal_lower=per_force * normal_lower,
-            upper=per_torque * up[len(z) - joints :],
-            lower=per_torque * down[len(z) - joints :],
-            share_upper=share_upper,
-            share_lower=share_lower,
+        formulation, (x, y, z, reduced) = self._formulation, point
+        own = np.concatenate([self._own.y, self._own.z]), self._own.reduced
+        found = marginals(
+            formulation.blocks, (np.concatenate([y, z]), reduced), abs(formulation.unit), own
         )
+        value = formulation.unit * formulation.program.value(x)
+        return OptimalPoint(formulation.coordinates.forces(x), value, found)
 
 
 def _positive_together(rows: FloatArray) -> NDArray[np.bool_]:

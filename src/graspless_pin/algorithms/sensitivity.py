@@ -1,22 +1,16 @@
-"""How the largest margin changes with the data, from the multipliers of its program."""
+"""How the largest margin changes with the data: a view of the gradients of its optimum."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Unpack
 
-import numpy as np
-
-from graspless_pin.algorithms.formulation import shared_parts
+from graspless_pin.algorithms.gradients import OptimumGradients, optimum_gradients
 from graspless_pin.algorithms.torque import maximize_margin
-from graspless_pin.errors import NoSolutionError
 from graspless_pin.modes.rules import RuleOptions
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray, read_only
-from graspless_pin.programs.force_programs import force_coordinates, margin_program
+from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solution import TorqueSolution
-
-_STEP = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,27 +21,49 @@ class MarginSensitivity:
     one-sided derivatives.
 
     Attributes:
-        friction: (M,) N per unit of each friction coefficient.
-        external_wrench: (6,) N per N of force and per N m of moment.
-        load: N per unit of a common factor on the external wrench; over the mass where the wrench
-            is the object's weight.
-        upper_torque: (L,) N per N m of each upper limit.
-        lower_torque: (L,) N per N m of each lower limit.
-        max_normal_force: (M,) N per N of each normal-force limit.
-        solution: The solution that they belong to.
+        gradients: By all that the problem is made of, with where they are not unique.
     """
 
-    friction: FloatArray
-    external_wrench: FloatArray
-    load: float
-    upper_torque: FloatArray
-    lower_torque: FloatArray
-    max_normal_force: FloatArray
-    solution: TorqueSolution
+    gradients: OptimumGradients
+
+    @property
+    def solution(self) -> TorqueSolution:
+        """The solution that the derivatives belong to."""
+        return self.gradients.solution
+
+    @property
+    def friction(self) -> FloatArray:
+        """(M,) N per unit of each friction coefficient."""
+        return self.gradients.values.friction
+
+    @property
+    def external_wrench(self) -> FloatArray:
+        """(6,) N per N of force and per N m of moment."""
+        return self.gradients.values.external_wrench
+
+    @property
+    def load(self) -> float:
+        """N per unit of a common factor on the external wrench."""
+        return self.gradients.load
+
+    @property
+    def upper_torque(self) -> FloatArray:
+        """(L,) N per N m of each upper limit."""
+        return self.gradients.values.upper_torque
+
+    @property
+    def lower_torque(self) -> FloatArray:
+        """(L,) N per N m of each lower limit."""
+        return self.gradients.values.lower_torque
+
+    @property
+    def max_normal_force(self) -> FloatArray:
+        """(M,) N per N of each normal-force limit."""
+        return self.gradients.values.max_normal_force
 
     def per_mass(self, mass: float) -> float:
         """Return N per kilogram where the external wrench is the weight of this mass (kg)."""
-        return self.load / mass
+        return self.gradients.per_mass(mass)
 
 
 def margin_sensitivity(
@@ -59,8 +75,6 @@ def margin_sensitivity(
 ) -> MarginSensitivity:
     """Differentiate the largest margin by its data.
 
-    The derivative of an optimum is that of its Lagrangian at fixed forces and multipliers.
-
     Args:
         problem: Contacts, wrench, joints and limits.
         node_limit: See `maximize_margin`; with a limit the derivatives are those of the best found.
@@ -71,60 +85,4 @@ def margin_sensitivity(
         NoSolutionError: If no margin is feasible.
     """
     solution = maximize_margin(problem, node_limit=node_limit, time_limit=time_limit, **options)
-    if not solution.found:
-        raise NoSolutionError(f"There is no margin to differentiate ({solution.status.message}).")
-    # The search's own multipliers: friction that happens to vanish is not held at zero in them.
-    y, z = solution.multipliers.mode
-    coordinates, _ = shared_parts(problem)
-    basis, force = coordinates.basis, coordinates.force_scale
-    per_torque = force / coordinates.joint_scale
-    scaled = basis.T @ solution.contact_forces.ravel() / ((basis**2).sum(axis=0) * force)
-    x = np.append(scaled, solution.margin / force)
-    # Lagrangian: c x + y (A x - b) + up (G x - u) + down (l - G x); the margin is -F times it.
-    up, down = np.maximum(z, 0.0), np.maximum(-z, 0.0)
-    joints, cones = problem.joint_count, int(problem.has_cone.sum()) * problem.cone_edges
-    weight = np.repeat([1.0, 1.0 / coordinates.length_scale], 3)
-    wrench = -weight * y
-    friction = np.array(
-        [
-            -force * _by_friction(problem, contact, x, y, up - down)
-            for contact in range(problem.contact_count)
-        ]
-    )
-    limits = slice(cones, cones + problem.contact_count)
-    tail = slice(len(z) - joints, len(z))
-    return MarginSensitivity(
-        friction=read_only(friction),
-        external_wrench=read_only(wrench),
-        load=float(wrench @ problem.external_wrench),
-        upper_torque=read_only(per_torque * up[tail]),
-        lower_torque=read_only(-per_torque * down[tail]),
-        max_normal_force=read_only(up[limits]),
-        solution=solution,
-    )
-
-
-def _by_friction(
-    problem: QuasistaticProblem,
-    contact: int,
-    x: FloatArray,
-    y: FloatArray,
-    z: FloatArray,
-) -> float:
-    """Derivative of the Lagrangian by one coefficient, by differences of its rows.
-
-    Central ones, but for a sliding contact without friction: its rows are linear in the
-    coefficient, which cannot be negative. A frictionless contact at rest has no cone to widen.
-    """
-    mu = float(problem.friction[contact])
-    if mu == 0.0 and not problem.is_sliding[contact]:
-        return 0.0
-    step = _STEP * (mu or 1.0)
-    values, ends = [], (mu + step, max(mu - step, 0.0))
-    for end in ends:
-        friction = problem.friction.copy()
-        friction[contact] = end
-        moved = problem.with_changes(friction=friction)
-        other = margin_program(moved, force_coordinates(moved), 0.0)
-        values.append(float(y @ (other.A @ x) + z @ (other.G @ x)))
-    return (values[0] - values[1]) / (ends[0] - ends[1])
+    return MarginSensitivity(optimum_gradients(solution))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from graspless_pin.algorithms.formulation import Formulation, Objective, formulate
+from graspless_pin.algorithms.formulation import Formulation, formulate
 from graspless_pin.algorithms.mode_parts import ModePart
 from graspless_pin.algorithms.mode_proof import BoundLeaf, ModeProof, ModeProver
 from graspless_pin.errors import UndecidedMotionError
@@ -46,16 +46,6 @@ class SolutionProof:
     in_mode: tuple[FloatArray, FloatArray] | None = None
 
 
-def objective_of(solution: TorqueSolution) -> Objective:
-    """Return what a solution optimises."""
-    return Objective(
-        solution.algorithm,
-        solution.required_margin,
-        by_limits=solution.by_limits,
-        regularization=solution.regularization,
-    )
-
-
 def prove_solution(solution: TorqueSolution) -> SolutionProof:
     """Return the whole proof of a solution.
 
@@ -67,7 +57,7 @@ def prove_solution(solution: TorqueSolution) -> SolutionProof:
     """
     if solution.status in _OPEN:
         return SolutionProof(ModeProof((), solution.status.message))
-    formulation = formulate(solution.problem, objective_of(solution))
+    formulation = formulate(solution.problem, solution.objective)
     prover = ModeProver(
         formulation,
         solution.rules,
@@ -102,7 +92,7 @@ def _of_found(
     motion = _motion(formulation, solution, solution.mode) if has_modes else None
     if not np.isfinite(prover.target):
         return SolutionProof(ModeProof((), "the search ended without a bound"), motion)
-    known = solution.multipliers.mode if given else solution.multipliers.relaxation
+    known = solution.proof.mode if given else solution.proof.relaxation
     tree = prover.prove(root, known)
     in_mode = None
     if not tree.complete and has_modes:

@@ -9,7 +9,7 @@ import numpy as np
 
 from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.exhaustive import search_exhaustively
-from graspless_pin.algorithms.formulation import Formulation, Objective, formulate
+from graspless_pin.algorithms.formulation import Formulation, formulate
 from graspless_pin.algorithms.search import SearchResult, SearchState, in_mode, undecided
 from graspless_pin.algorithms.threshold import threshold_optima
 from graspless_pin.errors import ArgumentError, UndecidedMotionError
@@ -24,7 +24,8 @@ from graspless_pin.modes.rules import (
 )
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import real_number, whole_number
-from graspless_pin.programs.force_programs import force_reach
+from graspless_pin.programs.forces import force_reach
+from graspless_pin.programs.objectives import Objective
 from graspless_pin.solution import Certificate, ProofMultipliers, TorqueSolution
 from graspless_pin.solvers import check_solver
 
@@ -56,7 +57,7 @@ def solve_problem(
 
     Args:
         problem: Contacts, wrench, joints and limits.
-        objective: Algorithm 1 or 2 with its figures.
+        objective: What is optimised.
         rules: The reading of the virtual-sliding constraint.
         solver: The solver to ask first.
         search: How the modes are searched.
@@ -87,7 +88,7 @@ def solve_problem(
 
     result = searched(formulate(problem, objective))
     optima = threshold_optima(result, searched)
-    return solution_of(result, objective, rules, explain, given_mode=mode, optima=optima)
+    return solution_of(result, rules, explain, given_mode=mode, optima=optima)
 
 
 def _checked_mode(
@@ -124,7 +125,6 @@ def _checked_mode(
 
 def solution_of(
     result: SearchResult,
-    objective: Objective,
     rules: Rules,
     explain: Explain | None,
     *,
@@ -135,7 +135,6 @@ def solution_of(
 
     Args:
         result: How it ended.
-        objective: What was optimised.
         rules: The reading of the virtual-sliding constraint.
         explain: Explains a solution that is not found, when asked for.
         given_mode: The mode that alone was asked for.
@@ -161,20 +160,16 @@ def solution_of(
     forces = multipliers = None
     if best is not None:
         first = state.relaxation or best
-        multipliers = ProofMultipliers(
-            (first.y, first.z), (best.y, best.z), objective.by_limits, formulation.program.is_linear
-        )
+        added = best.x[formulation.coordinates.layout.size :].copy()
+        multipliers = ProofMultipliers((first.y, first.z), (best.y, best.z), added)
         forces = formulation.coordinates.forces(best.x)
         forces.setflags(write=False)
     return TorqueSolution(
         status=result.status,
-        algorithm=objective.algorithm,
-        required_margin=objective.margin,
+        objective=formulation.objective,
         rules=rules,
         certificate=certificate,
         problem=formulation.problem,
-        by_limits=objective.by_limits,
-        regularization=objective.regularization,
         given_mode=given_mode,
         _forces=forces,
         _mode=state.mode if best is not None else None,

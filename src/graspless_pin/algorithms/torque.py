@@ -5,12 +5,11 @@ from __future__ import annotations
 from enum import StrEnum
 
 from graspless_pin.algorithms.explanation import explain
-from graspless_pin.algorithms.formulation import Objective
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.modes.rules import Rules, SlidingMode, choice
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import real_number
-from graspless_pin.solution import Algorithm, TorqueSolution
+from graspless_pin.programs.objectives import Margin, Torque, TorqueShare
+from graspless_pin.solution import TorqueSolution
 
 
 class TorqueScale(StrEnum):
@@ -22,28 +21,14 @@ class TorqueScale(StrEnum):
     """The largest share of any joint's own limit."""
 
 
-def margin_objective(regularization: float = 0.0) -> Objective:
-    """Return what Algorithm 1 optimises; see `maximize_margin`.
-
-    Raises:
-        ArgumentError: If the regularisation is negative.
-    """
-    epsilon = real_number("regularization", regularization, 0.0)
-    return Objective(Algorithm.MARGIN, 0.0, by_limits=False, regularization=epsilon)
-
-
-def torque_objective(
-    margin: float, scale: str = "absolute", regularization: float = 0.0
-) -> Objective:
+def torque_objective(margin: float, scale: str = "absolute", regularization: float = 0.0) -> Torque:
     """Return what Algorithm 2 optimises; see `minimize_torque`.
 
     Raises:
         ArgumentError: If a figure is negative or the scale is not known.
     """
-    required = real_number("margin", margin, 0.0)
     by_limits = choice(TorqueScale, "scale", scale) is TorqueScale.LIMITS
-    epsilon = real_number("regularization", regularization, 0.0)
-    return Objective(Algorithm.TORQUE, required, by_limits, epsilon)
+    return (TorqueShare if by_limits else Torque)(margin, regularization)
 
 
 def maximize_margin(
@@ -84,7 +69,7 @@ def maximize_margin(
         ArgumentError: If an option is not known.
         SolverUnavailableError: If the solver is not installed.
     """
-    objective = margin_objective(regularization)
+    objective = Margin(regularization)
     rules = Rules.parse(sign_rule, sliding_rule, static_friction)
     return solve_problem(
         problem,

@@ -15,7 +15,7 @@ import numpy as np
 
 from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.explanation import explain
-from graspless_pin.algorithms.formulation import Formulation, Objective, formulate
+from graspless_pin.algorithms.formulation import Formulation, formulate
 from graspless_pin.algorithms.search import (
     SearchResult,
     SearchState,
@@ -25,12 +25,12 @@ from graspless_pin.algorithms.search import (
 )
 from graspless_pin.algorithms.solve import solution_of
 from graspless_pin.algorithms.threshold import threshold_optima
-from graspless_pin.algorithms.torque import margin_objective
 from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.modes.rules import Rules, SlidingMode, SlidingRule, candidate_contacts
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, real_number
 from graspless_pin.programs.carried_optimum import Optimum, carried, optimum_of
+from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.solvers import Answer, Outcome
 
@@ -69,7 +69,7 @@ def solve_from(
 
     Args:
         problem: Contacts, wrench, joints and limits.
-        objective: Algorithm 1 or 2 with its figures.
+        objective: What is optimised.
         rules: The reading of the virtual-sliding constraint.
         start: What a similar problem with the same contacts left behind.
         solver: The solver to ask first.
@@ -90,7 +90,7 @@ def solve_from(
     except UndecidedMotionError:
         result = undecided(state)
     optima = threshold_optima(result, cold)
-    return solution_of(result, objective, rules, explain, optima=optima), state.experience()
+    return solution_of(result, rules, explain, optima=optima), state.experience()
 
 
 def reaches_margin(
@@ -126,7 +126,7 @@ def reaches_margin(
         ArgumentError: If the margin is negative.
     """
     required = real_number("margin", margin, 0.0)
-    full = formulate(problem, margin_objective())
+    full = formulate(problem, Margin())
     goal = required / full.coordinates.force_scale
     state = _WarmState(replace(full, cutoff=-goal), rules, solver, start=start)
     try:

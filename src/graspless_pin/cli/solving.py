@@ -12,11 +12,11 @@ import typer
 from graspless_pin.cli.outcome import FOUND, INFEASIBLE, NOT_PROVEN, plain_errors
 from graspless_pin.errors import SceneError
 from graspless_pin.modes.rules import SignRule, SlidingRule, StaticFriction
+from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.report import scene_solution_text, solution_document, write_document
 from graspless_pin.report.reading import read_document
 from graspless_pin.report.verify import Verification, verify_document
 from graspless_pin.scene import load_scene, scene_json_schema
-from graspless_pin.solution import Algorithm
 
 
 class Scale(StrEnum):

@@ -13,7 +13,7 @@ from graspless_pin.algorithms.gradients import (
     gradients_at,
     optimum_gradients,
 )
-from graspless_pin.algorithms.optimal_faces import Marginals
+from graspless_pin.algorithms.optimal_faces import OptimalPoint
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.modes.rules import choice
@@ -91,8 +91,8 @@ def configuration_gradient(
     contacts = moving_contacts(scene, columns, way)
     coupling = scene.hand.tree.coupling
     values, *others = [
-        _by_joints(scene, scene.hand, data, marginals, columns, contacts) @ coupling.S
-        for marginals in (data.marginals, *data.alternatives)
+        _by_joints(scene, scene.hand, data, point, columns, contacts) @ coupling.S
+        for point in (data.point, *data.alternatives)
     ]
     points = scene.contacts.points
     return ConfigurationGradient(
@@ -110,12 +110,12 @@ def _by_joints(
     scene: Scene,
     hand: Hand,
     data: OptimumGradients,
-    marginals: Marginals,
+    point: OptimalPoint,
     columns: JointColumns,
     contacts: MovingContacts,
 ) -> FloatArray:
     """(n,) by all movable joints, couplings not yet counted."""
-    by = gradients_at(data.solution, marginals)
+    by = gradients_at(data.solution, point)
     normals = data.solution.problem.normals
     actuators = len(hand.actuation.names)
     # J = J_all F: what an entry of the actuators' Jacobian counts, the joints' entries count.

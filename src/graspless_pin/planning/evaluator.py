@@ -21,9 +21,10 @@ from graspless_pin.planning.evaluation import Evaluation, StateStatus
 from graspless_pin.planning.options import SolveOptions
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array, real_number
+from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
 from graspless_pin.scene.records import Motion
-from graspless_pin.solution import Algorithm, Status
+from graspless_pin.solution import Status
 
 _MOST_KEPT = 256
 _UNDECIDED = (Status.NOT_FOUND_IN_LIMIT, Status.UNVERIFIED)
@@ -103,7 +104,7 @@ class Evaluator:
         self._experiences: dict[tuple[Any, ...], Experience] = {}
 
     @property
-    def algorithm(self) -> Algorithm:
+    def algorithm(self) -> Algorithm | None:
         """What `evaluate` solves: Algorithm 1 or 2."""
         return self._options.objective.algorithm
 
@@ -315,6 +316,8 @@ class Evaluator:
         self._experiences[key] = experience
 
 
-def _structure(scene: Scene, problem: QuasistaticProblem, algorithm: Algorithm) -> tuple[Any, ...]:
+def _structure(
+    scene: Scene, problem: QuasistaticProblem, algorithm: Algorithm | None
+) -> tuple[Any, ...]:
     """What must be alike for the experience of one state to serve in another."""
     return algorithm, scene.contacts.bodies, problem.is_sliding.tobytes()

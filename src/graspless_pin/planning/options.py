@@ -6,11 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from graspless_pin.algorithms.formulation import Objective
-from graspless_pin.algorithms.torque import margin_objective, torque_objective
+from graspless_pin.algorithms.torque import torque_objective
 from graspless_pin.modes.rules import Rules, choice
 from graspless_pin.problem.checks import real_number, whole_number
-from graspless_pin.solution import Algorithm
+from graspless_pin.programs.objectives import Algorithm, Margin, Objective
 from graspless_pin.solvers import check_solver
 
 _RULES = ("sign_rule", "sliding_rule", "static_friction")
@@ -47,7 +46,7 @@ class SolveOptions:
         options = {**own, **{name: value for name, value in given.items() if value is not None}}
         margin = real_number("required_margin", options.get("margin", 0.1), 0.0)
         epsilon = options.get("regularization", 0.0)
-        objective = margin_objective(epsilon)
+        objective: Objective = Margin(epsilon)
         if choice(Algorithm, "algorithm", options.get("algorithm", "margin")) is Algorithm.TORQUE:
             objective = torque_objective(margin, options.get("scale", "absolute"), epsilon)
         nodes, seconds = options.get("node_limit"), options.get("time_limit")
@@ -71,4 +70,4 @@ class SolveOptions:
             ArgumentError: If it is negative or not finite.
         """
         epsilon = real_number("regularization", regularization, 0.0)
-        return replace(self, objective=replace(self.objective, regularization=epsilon))
+        return replace(self, objective=self.objective.with_figure("regularization", epsilon))

@@ -56,10 +56,8 @@ class ConeRows:
         faces: (k, n) the first k of them, less their last column.
         normal: (M, n) the next M, likewise.
         reach: (2, n) bounds of forces inside cones, each in limits of its contact's normal force.
-        low: Zeros, one for each row of -n^T f.
-        below: (s,) -inf.
         free: (2, n + 1) -inf and inf.
-        last: (2, n + 1) minus and plus one for the last variable, else zero.
+        minus_last: (n + 1,) minus one for the last variable, else zero.
         flat: (n + 1,) zeros.
     """
 
@@ -67,10 +65,8 @@ class ConeRows:
     faces: FloatArray
     normal: FloatArray
     reach: FloatArray
-    low: FloatArray
-    below: FloatArray
     free: FloatArray
-    last: FloatArray
+    minus_last: FloatArray
     flat: FloatArray
 
 
@@ -127,8 +123,8 @@ def _cone_rows(mask: bytes, friction: bytes, edges: int) -> ConeRows:
     reach[1, layout.normal] = 1.0
     reach[1, columns[:, 1:]] = coefficients[:, None]
     reach[0, columns[:, 1:]] = -coefficients[:, None]
-    last = np.zeros((2, size + 1))
-    last[:, -1] = -1.0, 1.0
+    minus_last = np.zeros(size + 1)
+    minus_last[-1] = -1.0
     free = np.full((2, size + 1), np.inf)
     free[0] = -np.inf
     read_only(sides)
@@ -137,9 +133,7 @@ def _cone_rows(mask: bytes, friction: bytes, edges: int) -> ConeRows:
         faces=sides[: len(cones) * edges, :-1],
         normal=sides[len(cones) * edges : len(cones) * edges + count, :-1],
         reach=read_only(reach),
-        low=read_only(np.zeros(len(low))),
-        below=read_only(np.full(len(sides), -np.inf)),
         free=read_only(free),
-        last=read_only(last),
+        minus_last=read_only(minus_last),
         flat=read_only(np.zeros(size + 1)),
     )

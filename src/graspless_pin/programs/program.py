@@ -12,6 +12,7 @@ from scipy.sparse import csr_array
 
 from graspless_pin.compiled import linear_programs
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.programs.blocks import Block
 
 FARTHEST = 1e8
 """Bounds are proven for variables up to this size: double precision resolves no more."""
@@ -41,6 +42,8 @@ class Program:
         ub: (n,) upper bounds to be imposed, inf where there is none.
         box: (2, n) finite bounds that are implied by the constraints: for proofs, not imposed.
         whole_box: (2, n) where those of `box` hold of the nearer solutions only, bounds of all.
+        blocks: What its rows mean, in their order; empty: not told.
+        bounded_blocks: What its columns with bounds mean.
     """
 
     P: FloatArray
@@ -54,6 +57,8 @@ class Program:
     ub: FloatArray
     box: FloatArray
     whole_box: FloatArray | None = None
+    blocks: tuple[Block, ...] = ()
+    bounded_blocks: tuple[Block, ...] = ()
 
     @classmethod
     def of_rows(
@@ -64,7 +69,7 @@ class Program:
         high: FloatArray,
         *,
         linear: bool,
-        **others: FloatArray | None,
+        **others: Any,
     ) -> Program:
         """Return a program whose A and G are the first ``count`` rows of one array and the rest.
 
@@ -74,7 +79,7 @@ class Program:
             low: (m + k,) their lower sides: b, then l; kept.
             high: (m + k,) their upper sides: b, then u; kept.
             linear: Whether P is zero.
-            others: P, c, lb, ub, box and, if there is one, whole_box.
+            others: P, c, lb, ub, box and other attributes.
         """
         program = object.__new__(cls)  # a third of the constructor's time
         program.__dict__.update(
@@ -89,6 +94,11 @@ class Program:
             is_linear=linear,
         )
         return program
+
+    def column(self, name: str) -> int:
+        """Return the index of an added column by its name."""
+        index = next(one.index for one in self.bounded_blocks if one.name == name)
+        return int(np.arange(len(self.c))[index][0])
 
     def bounded(self, lb: FloatArray, ub: FloatArray, cutoff: float = np.inf) -> Program:
         """Return the same program with other bounds; matrices and what is known of them shared.

@@ -18,7 +18,7 @@ import numpy as np
 from graspless_pin.algorithms.solution_proof import SolutionProof, prove_solution
 from graspless_pin.drafts import draft_of
 from graspless_pin.errors import SceneError
-from graspless_pin.programs.force_programs import force_coordinates
+from graspless_pin.programs.forces import force_coordinates
 from graspless_pin.report.proof_data import multipliers_data, proof_data
 from graspless_pin.report.provenance import provenance
 from graspless_pin.scene import Scene
@@ -54,7 +54,7 @@ def solution_document(solution: TorqueSolution, scene: Scene | None = None) -> d
         "found": found,
         "algorithm": str(solution.algorithm),
         "required_margin": solution.required_margin,
-        "scale": "limits" if solution.by_limits else "absolute",
+        "scale": "limits" if solution.objective.by_limits else "absolute",
         "regularization": solution.regularization,
         "margin": solution.margin if found else None,
         "max_torque": solution.max_torque if found else None,
@@ -74,7 +74,7 @@ def solution_document(solution: TorqueSolution, scene: Scene | None = None) -> d
     document["contacts"] = _contacts(solution, scene)
     document["certificate"] = _certificate(solution, proof)
     if found:
-        document["multipliers"] = multipliers_data(solution, *solution.multipliers.mode)
+        document["multipliers"] = multipliers_data(solution, *solution.proof.mode)
     elif solution.explanation:
         document["explanation"] = solution.explanation
     document["proof"] = proof_data(solution, proof)

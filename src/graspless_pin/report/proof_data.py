@@ -17,11 +17,10 @@ from graspless_pin.algorithms.mode_proof import (
 from graspless_pin.algorithms.solution_proof import SolutionProof
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.programs.multipliers import (
-    ConstraintMultipliers,
-    constraint_multipliers,
-    scaled_multipliers,
-)
+from graspless_pin.programs.assembly import built
+from graspless_pin.programs.forces import force_coordinates
+from graspless_pin.programs.marginals import scaled_weights
+from graspless_pin.programs.objectives import Objective
 from graspless_pin.solution import TorqueSolution
 
 
@@ -56,65 +55,55 @@ def multipliers_data(solution: TorqueSolution, y: FloatArray, z: FloatArray) -> 
 
     Args:
         solution: The solution.
-        y: (6,) of the scaled balance.
+        y: Of the scaled equalities.
         z: Of the scaled rows.
 
     Returns:
-        The fields of `ConstraintMultipliers`; those of cone faces as ``[contact, face, value]``.
+        By the names of their blocks; those of cone faces as ``[contact, face, value]``.
     """
-    found = constraint_multipliers(
-        solution.problem,
-        y,
-        z,
-        algorithm=str(solution.algorithm),
-        by_limits=solution.by_limits,
-        margin=solution.required_margin,
-    )
-    data = dict(vars(found))
-    cones = np.flatnonzero(solution.problem.has_cone)
-    data["faces"] = [
-        [int(cones[cone]), int(face), float(found.faces[cone, face])]
-        for cone, face in np.argwhere(found.faces)
-    ]
+    found = solution.named(y, z)
+    data: dict[str, Any] = {name: np.zeros(size) for name, size in _sizes(solution).items()}
+    data |= found
+    data["faces"] = _entries(found["faces"])
     return data
 
 
+def _sizes(solution: TorqueSolution) -> dict[str, int]:
+    """Multipliers that every document has, of both algorithms."""
+    contacts, joints = solution.problem.contact_count, solution.problem.joint_count
+    return {
+        "normal_upper": contacts, "normal_lower": contacts,
+        "share_upper": joints, "share_lower": joints,
+    }  # fmt: skip
+
+
 def read_multipliers(
-    data: dict[str, Any],
-    problem: QuasistaticProblem,
-    *,
-    algorithm: str,
-    by_limits: bool,
-    margin: float,
+    data: dict[str, Any], problem: QuasistaticProblem, objective: Objective
 ) -> tuple[FloatArray, FloatArray]:
     """Return the multipliers (y, z) of a scaled program from those in a document.
 
     Args:
         data: As `multipliers_data` gives them; rows of all faces (version 0.1) are read, too.
         problem: The problem.
-        algorithm: ``margin`` or ``torque``.
-        by_limits: Whether Algorithm 2 counted shares of the limits.
-        margin: Required margin of Algorithm 2, N.
+        objective: What was optimised.
 
     Raises:
         KeyError, TypeError, ValueError, IndexError: If they are none.
     """
-    cones = np.flatnonzero(problem.has_cone).tolist()
-    faces = np.zeros((len(cones), problem.cone_edges))
+    coordinates = force_coordinates(problem, objective.required_margin)
+    program = built(objective, problem, coordinates)
+    faces = np.zeros((problem.contact_count, problem.cone_edges))
     if data["faces"] and len(data["faces"][0]) != 3:
-        faces[:] = as_numbers(data["faces"])
+        faces[problem.has_cone] = as_numbers(data["faces"])
     else:
+        cones = np.flatnonzero(problem.has_cone).tolist()
         for contact, face, value in data["faces"]:
-            faces[cones.index(contact), face] = as_number(value)
-    others = {
-        key: as_numbers(data[key])
-        for key in ConstraintMultipliers.__dataclass_fields__
-        if key != "faces"
-    }
-    multipliers = ConstraintMultipliers(faces=faces, **others)
-    return scaled_multipliers(
-        problem, multipliers, algorithm=algorithm, by_limits=by_limits, margin=margin
-    )
+            faces[cones[cones.index(contact)], face] = as_number(value)
+    unit = objective.unit(problem, coordinates)
+    others = {name: as_numbers(values) for name, values in data.items() if name != "faces"}
+    weights = scaled_weights(program.blocks, {**others, "faces": faces}, unit)
+    count = len(program.b)
+    return weights[:count], weights[count:]
 
 
 def as_number(value: object) -> float:

@@ -81,7 +81,7 @@ def solve_command(solution: TorqueSolution, scene_file: Path) -> str | None:
     if solution.algorithm == "torque":
         words += ["--margin", f"{solution.required_margin!r}"]
         if solution.found:
-            words += ["--scale", "limits" if solution.multipliers.by_limits else "absolute"]
+            words += ["--scale", "limits" if solution.objective.by_limits else "absolute"]
     for option, value in solution.rules.options().items():
         words += [f"--{option.replace('_', '-')}", str(value)]
     return shlex.join(words)

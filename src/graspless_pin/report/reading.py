@@ -15,9 +15,12 @@ from graspless_pin.modes.rules import Rules, SlidingMode
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only, real_number
 from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.programs.assembly import built
+from graspless_pin.programs.forces import force_coordinates
+from graspless_pin.programs.objectives import Algorithm, Margin, Objective, Torque, TorqueShare
 from graspless_pin.report.document import FORMAT
 from graspless_pin.report.proof_data import as_number, as_numbers, read_multipliers
-from graspless_pin.solution import Algorithm, Certificate, ProofMultipliers, Status, TorqueSolution
+from graspless_pin.solution import Certificate, ProofMultipliers, Status, TorqueSolution
 from graspless_pin.solution.records import FOUND
 
 DOCUMENT = FileKind("JSON document", 32, SceneError)
@@ -92,35 +95,26 @@ def document_bodies(document: dict[str, Any]) -> tuple[str, ...] | None:
 
 
 def _solution(document: dict[str, Any]) -> TorqueSolution:
-    status, algorithm = Status[document["status"].upper()], Algorithm(document["algorithm"])
+    status = Status[document["status"].upper()]
     rules, figures, contacts = document["rules"], document["certificate"], document["contacts"]
     problem = _problem(document)
-    by_limits, epsilon, own = _options(document)
-    required = as_number(document["required_margin"])
+    objective, own = _objective(document)
     forces = mode = multipliers = None
     if all(c["selected"] is not None for c in contacts):
         mode = SlidingMode([c["selected"] for c in contacts], [c["signs"] for c in contacts])
     if status in FOUND:
         forces = read_only(as_numbers([c["force"] for c in contacts]).reshape(-1, 3))
-        pairs = [
-            read_multipliers(
-                item, problem, algorithm=str(algorithm), by_limits=by_limits, margin=required
-            )
-            for item in (own, _relaxed(document) or own)
-        ]
-        multipliers = ProofMultipliers(
-            pairs[1], pairs[0], by_limits=by_limits, is_linear=epsilon == 0.0
+        in_mode, relaxed = (
+            read_multipliers(item, problem, objective) for item in (own, _relaxed(document) or own)
         )
+        multipliers = ProofMultipliers(relaxed, in_mode, _added(problem, objective, forces))
     explanation = document.get("explanation", "")
     return TorqueSolution(
         status,
-        algorithm,
-        required,
+        objective,
         Rules.parse(rules["sign_rule"], rules["sliding_rule"], rules["static_friction"]),
         Certificate(**{item.name: _figure(figures, item) for item in fields(Certificate)}),
         problem,
-        by_limits,
-        epsilon,
         mode if status in _IN_MODE else None,
         _forces=forces,
         _mode=mode,
@@ -129,13 +123,37 @@ def _solution(document: dict[str, Any]) -> TorqueSolution:
     )
 
 
-def _options(document: dict[str, Any]) -> tuple[bool, float, dict[str, Any]]:
-    """Whether shares of the limits count, the regularisation, and the answer's own multipliers."""
+def _objective(document: dict[str, Any]) -> tuple[Objective, dict[str, Any]]:
+    """What was optimised, and the answer's own multipliers."""
     if "format" in document:
-        epsilon = real_number("regularization", document["regularization"], 0.0)
-        return document["scale"] == "limits", epsilon, document.get("multipliers", {})
-    proof = document["certificate"]
-    return proof.get("scale") == "limits", 0.0, proof.get("mode_multipliers", {})
+        epsilon, scale = (
+            real_number("regularization", document["regularization"], 0.0),
+            document["scale"],
+        )
+        own = document.get("multipliers", {})
+    else:
+        proof = document["certificate"]
+        epsilon, scale = 0.0, proof.get("scale", "absolute")
+        own = proof.get("mode_multipliers", {})
+    required = as_number(document["required_margin"])
+    if Algorithm(document["algorithm"]) is Algorithm.MARGIN:
+        return Margin(epsilon), own
+    return (TorqueShare if scale == "limits" else Torque)(required, epsilon), own
+
+
+def _added(problem: QuasistaticProblem, objective: Objective, forces: FloatArray) -> FloatArray:
+    """(1,) the best value of the one column that an objective adds, at given forces, scaled."""
+    coordinates = force_coordinates(problem, objective.required_margin)
+    program = built(objective, problem, coordinates)
+    high, coefficients = program.sides[1], program.rows[:, -1]
+    rest = program.rows[:, :-1] @ coordinates.scaled(forces)
+    # What is minimised is as small as the rows allow, what is maximised as large.
+    rows = coefficients * program.c[-1] < 0.0
+    values = (high - rest)[rows] / coefficients[rows]
+    value = np.maximum(values.max(initial=-np.inf), program.lb[-1])
+    if program.c[-1] < 0.0:
+        value = np.minimum(values.min(initial=np.inf), program.ub[-1])
+    return np.array([value])
 
 
 def _relaxed(document: dict[str, Any]) -> dict[str, Any] | None:

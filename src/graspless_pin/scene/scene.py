@@ -37,6 +37,7 @@ from graspless_pin.modes.rules import choice
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.cones import projected_tangents
+from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene.friction import FrictionTable
 from graspless_pin.scene.joints import (
     JointColumns,
@@ -45,7 +46,7 @@ from graspless_pin.scene.joints import (
     without_joints,
 )
 from graspless_pin.scene.records import GivenContact, Motion, SceneContacts, given_arrays
-from graspless_pin.solution import Algorithm, TorqueSolution
+from graspless_pin.solution import TorqueSolution
 
 _Made = TypeVar("_Made")
 

@@ -1,7 +1,6 @@
 """What the algorithms return."""
 
 from graspless_pin.solution.records import (
-    Algorithm,
     Certificate,
     ProofMultipliers,
     Status,
@@ -9,11 +8,4 @@ from graspless_pin.solution.records import (
     checked_solution,
 )
 
-__all__ = [
-    "Algorithm",
-    "Certificate",
-    "ProofMultipliers",
-    "Status",
-    "TorqueSolution",
-    "checked_solution",
-]
+__all__ = ["Certificate", "ProofMultipliers", "Status", "TorqueSolution", "checked_solution"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import Enum, StrEnum
+from enum import Enum
 from functools import cached_property
 from typing import TypeVar
 
@@ -15,18 +15,13 @@ from graspless_pin.modes.rules import Rules, SlidingMode
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.programs.assembly import built
+from graspless_pin.programs.forces import force_coordinates
+from graspless_pin.programs.marginals import Marginals, marginals
+from graspless_pin.programs.objectives import Algorithm, Objective
 from graspless_pin.solution.table import solution_html, solution_text
 
 _Value = TypeVar("_Value")
-
-
-class Algorithm(StrEnum):
-    """Which of the paper's programs was solved."""
-
-    MARGIN = "margin"
-    """Algorithm 1 (44): the largest margin."""
-    TORQUE = "torque"
-    """Algorithm 2 (45): the smallest largest torque at a required margin."""
 
 
 class Status(Enum):
@@ -109,14 +104,12 @@ class ProofMultipliers:
     Attributes:
         relaxation: (y, z) of the program without modes: they bound every mode.
         mode: (y, z) of the program in which the solution was found.
-        by_limits: Whether Algorithm 2 counted torques as shares of the limits.
-        is_linear: Whether there was no regularisation.
+        added: Values of the columns that the objective adds to the forces', scaled.
     """
 
     relaxation: tuple[FloatArray, FloatArray]
     mode: tuple[FloatArray, FloatArray]
-    by_limits: bool
-    is_linear: bool
+    added: FloatArray
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -128,24 +121,18 @@ class TorqueSolution:
 
     Attributes:
         status: What is known.
-        algorithm: Which program was solved.
-        required_margin: e_0 of Algorithm 2, N; 0 for Algorithm 1.
+        objective: What was optimised.
         rules: The reading of the virtual-sliding constraint.
         certificate: The proof.
         problem: The problem that was solved.
-        by_limits: Whether Algorithm 2 counted torques as shares of the limits.
-        regularization: The epsilon of the QP; 0: the bare LP.
         given_mode: The mode that alone was asked for; None: all modes were.
     """
 
     status: Status
-    algorithm: Algorithm
-    required_margin: float
+    objective: Objective
     rules: Rules
     certificate: Certificate
     problem: QuasistaticProblem
-    by_limits: bool = False
-    regularization: float = 0.0
     given_mode: SlidingMode | None = None
     _forces: FloatArray | None = None
     _mode: SlidingMode | None = None
@@ -168,9 +155,43 @@ class TorqueSolution:
         return str(self._explain(self))
 
     @property
-    def multipliers(self) -> ProofMultipliers:
-        """The multipliers behind the certificate."""
+    def algorithm(self) -> Algorithm | None:
+        """Which of the paper's programs was solved; None for another objective."""
+        return self.objective.algorithm
+
+    @property
+    def required_margin(self) -> float:
+        """e_0 of Algorithm 2, N; 0 for Algorithm 1."""
+        return self.objective.required_margin
+
+    @property
+    def regularization(self) -> float:
+        """The epsilon of the QP; 0: the bare LP."""
+        return self.objective.regularization
+
+    @property
+    def proof(self) -> ProofMultipliers:
+        """The scaled multipliers behind the certificate."""
         return self._read(self._multipliers)
+
+    @cached_property
+    def multipliers(self) -> Marginals:
+        """Multipliers of the minimisation by the names of its blocks, in the problem's units."""
+        y, z = self.proof.mode
+        return self.named(y, z)
+
+    def named(self, y: FloatArray, z: FloatArray) -> Marginals:
+        """Return multipliers of the rows of the solution's program by name, in SI units.
+
+        Args:
+            y: (m,) of its equalities, scaled.
+            z: (k,) of its other rows.
+        """
+        coordinates = force_coordinates(self.problem, self.required_margin)
+        program = built(self.objective, self.problem, coordinates)
+        unit = self.objective.unit(self.problem, coordinates)
+        weights = np.concatenate([y, z])
+        return marginals((program.blocks, ()), (weights, np.zeros(0)), unit)
 
     @property
     def contact_forces(self) -> FloatArray:
@@ -220,7 +241,7 @@ class TorqueSolution:
         if self.found:
             found = f", margin={self.margin:.6g}, max_torque={self.max_torque:.6g}"
         size = f"{self.problem.contact_count} contacts, {self.problem.joint_count} joints"
-        return f"<TorqueSolution {self.algorithm}: {self.status.name}{found}, {size}>"
+        return f"<TorqueSolution {self.objective.name}: {self.status.name}{found}, {size}>"
 
     def __str__(self) -> str:
         """Return a readable table."""

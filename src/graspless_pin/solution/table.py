@@ -199,7 +199,7 @@ def certificate_text(solution: TorqueSolution) -> str:
     problem, lines = solution.problem, []
     unit = "N" if solution.algorithm == "margin" or not solution.found else solution.max_torque_unit
     if solution.found:
-        if solution.algorithm == "torque" and solution.multipliers.by_limits:
+        if solution.objective.by_limits:
             unit = "of the limit"
         lines.append(
             f"certificate: primal residual {proof.primal_residual:.1e}, duality gap "

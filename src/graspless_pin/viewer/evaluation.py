@@ -11,8 +11,9 @@ from graspless_pin.child_process import ChildProcess
 from graspless_pin.errors import CrashError, GrasplessPinError, GrasplessPinWarning
 from graspless_pin.picture import Picture, draw_bodies, draw_scene
 from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
-from graspless_pin.solution import Algorithm, TorqueSolution
+from graspless_pin.solution import TorqueSolution
 from graspless_pin.viewer.controls import changed_scene
 
 _DEFAULT_MARGIN = 0.1

@@ -14,8 +14,8 @@ from typing import Any
 
 from graspless_pin.errors import ArgumentError, CrashError, GrasplessPinError
 from graspless_pin.picture import Role
+from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
-from graspless_pin.solution import Algorithm
 from graspless_pin.viewer.controls import Control, controls_of
 from graspless_pin.viewer.evaluation import Evaluation, SceneProcess, Settings, initial_settings
 from graspless_pin.viewer.gate import Gate, gated, is_switch, number_between, one_of

@@ -9,7 +9,8 @@ import numpy as np
 
 from graspless_pin.picture import DARK, LIGHT, Role
 from graspless_pin.problem.joint_units import units_text
-from graspless_pin.solution import Algorithm, TorqueSolution
+from graspless_pin.programs.objectives import Algorithm
+from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.table import limit_shares
 from graspless_pin.viewer.evaluation import Evaluation
 

@@ -1,0 +1,270 @@
+"""Objectives of the analyses: trade-off, force sets of given torques (32), disturbances, relief."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.programs.builder import ProgramBuilder
+from graspless_pin.programs.forces import ForceCoordinates, ForceRows
+from graspless_pin.programs.objectives import Objective, Torque, add_largest
+from graspless_pin.programs.program import FARTHEST, Program
+
+
+@dataclass(frozen=True)
+class Tradeoff(Objective):
+    """Algorithms 1 and 2 as one program: t and e/F >= 0 as variables, t minimised; see `aimed`.
+
+    Attributes:
+        base: What the torques are measured by.
+    """
+
+    base: Torque
+    name = "tradeoff"
+
+    def build(self, program: ProgramBuilder) -> None:
+        """Add t and e/F."""
+        forces = program.forces
+        add_largest(program, self.base.sides(forces))
+        e = program.columns(
+            "margin",
+            low=0.0,
+            box=(0.0, 0.5 * float(forces.limit.min())),
+            unit=forces.coordinates.force_scale,
+        )
+        program.balance()
+        program.cones(e)
+        program.normal_limits(e)
+        program.torque_limits()
+
+    def unit(self, problem: QuasistaticProblem, coordinates: ForceCoordinates) -> float:
+        """Return the unit of t."""
+        return self.base.unit(problem, coordinates)
+
+
+def aimed(
+    program: Program, torque: float, margin: float, low: float = 0.0, high: float = np.inf
+) -> Program:
+    """Return the trade-off with the objective torque * t + margin * e / F, low <= e / F <= high."""
+    c, lb, ub = np.zeros_like(program.c), program.lb.copy(), program.ub.copy()
+    t, e = program.column("largest"), program.column("margin")
+    c[t], c[e], lb[e], ub[e] = torque, margin, low, high
+    return replace(program, c=c, lb=lb, ub=ub)
+
+
+@dataclass(frozen=True, eq=False)
+class ForceSet(Objective):
+    """The force set (32) of given torques, which has no normal-force limit; no cost yet.
+
+    Attributes:
+        torques: (L,) motors' torques, N m.
+        reach: Largest normal force that is looked at, over F.
+    """
+
+    torques: FloatArray
+    reach: float
+    name = "force set"
+
+    def build(self, program: ProgramBuilder) -> None:
+        """Add the balance, the torques and the cones."""
+        program.look_within(program.forces.cone_box(self.reach))
+        program.balance()
+        program.held_torques(contact_torques(program.forces, self.torques))
+        program.cones(0.0)
+        program.bound_normals(0.0, self.reach)
+
+
+@dataclass(frozen=True)
+class FreeRays(Objective):
+    """Directions of forces that make no wrench and no torques and stay in the cones; no cost yet.
+
+    Their normal components are at most 1.
+    """
+
+    name = "free rays"
+
+    def build(self, program: ProgramBuilder) -> None:
+        """Add the balance and the torques of nothing, and the cones."""
+        forces = program.forces
+        program.look_within(forces.cone_box(1.0))
+        program.equal("balance", forces.balance, np.zeros(6))
+        program.equal("held", forces.torque, np.zeros(len(forces.torque)))
+        program.cones(0.0)
+        program.bound_normals(0.0, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class ForceBesideRay(Objective):
+    """A force set beside its own rays: x in the set, and d so that x + s d is for every s >= 0.
+
+    The columns of d are those of x over again.
+
+    Attributes:
+        base: The force set.
+    """
+
+    base: Objective
+    name = "force beside a ray"
+
+    def build(self, program: ProgramBuilder) -> None:
+        """Add the force set and the columns and rows of the rays."""
+        self.base.build(program)
+        forces, size = program.forces, program.forces.size
+        low, high = np.full((2, size), [[-np.inf], [np.inf]])
+        low[forces.coordinates.normal], high[forces.coordinates.normal] = 0.0, 1.0
+        box = forces.cone_box(1.0)
+        ray = program.columns("ray", size, low=low, high=high, box=(box[0], box[1]))
+        program.equal("ray balance", None, np.zeros(6), {ray: forces.balance})
+        program.equal("ray held", None, np.zeros(len(forces.torque)), {ray: forces.torque})
+        program.rows("ray faces", None, np.zeros(len(forces.faces)), {ray: forces.faces})
+
+
+@dataclass(frozen=True, eq=False)
+class HeldMargin(Objective):
+    """Algorithm 1 with the motors' torques given: the margin of either sign.
+
+    Attributes:
+        torques: (L,) N m.
+    """
+
+    torques: FloatArray
+    name = "margin of held torques"
+    maximizes = True
+
+    def build(self, program: ProgramBuilder) -> None:
+        """Add e/F; the forces stay in their cones whatever it is beyond the normal-force limit."""
+        forces = program.forces
+        largest = float(forces.limit.max())
+        most = min(1e3 * largest, FARTHEST)
+        program.look_within(forces.cone_box(most))
+        unit = forces.coordinates.force_scale
+        e = program.columns("margin", box=(-most, largest), cost=-1.0, unit=unit)
+        program.balance()
+        program.held_torques(contact_torques(forces, self.torques))
+        program.cones(e)
+        program.normal_limits(e)
+        program.rows("inside", forces.faces, np.zeros(len(forces.faces)), unit=unit)
+        program.bound_normals(0.0, np.inf)
+
+    def unit(self, problem: QuasistaticProblem, coordinates: ForceCoordinates) -> float:
+        """Return F, N."""
+        return coordinates.force_scale
+
+
+@dataclass(frozen=True, eq=False)
+class Disturbance(Objective):
+    """The largest multiple s of a disturbance wrench that the contacts still balance.
+
+    W f = -(w_ext + s direction), forces inside cones and normal-force limits.
+
+    Attributes:
+        direction: (6,) wrench per newton of disturbance.
+        torques: (L,) motors' torques that stay, N m; None: any within their limits.
+    """
+
+    direction: FloatArray
+    torques: FloatArray | None
+    name = "disturbance"
+    maximizes = True
+
+    def build(self, program: ProgramBuilder) -> None:
+        """Add s over F."""
+        forces = program.forces
+        push = forces.weight * self.direction
+        largest = int(np.argmax(np.abs(push)))
+        most = []
+        for box in forces.boxes:
+            far = np.abs(forces.balance[largest]) @ np.abs(box).max(axis=0)
+            far += abs(forces.wrench[largest])
+            most.append(float(far / abs(push[largest])) + 1.0)
+        s = program.columns(
+            "multiple",
+            low=0.0,
+            box=(0.0, most[0]),
+            whole_box=(0.0, most[-1]),
+            cost=-1.0,
+            unit=forces.coordinates.force_scale,
+        )
+        program.balance({s: push})
+        if self.torques is None:
+            program.torque_limits()
+        else:
+            program.held_torques(contact_torques(forces, self.torques))
+        program.cones(0.0)
+        program.bound_normals(0.0, forces.limit)
+
+    def unit(self, problem: QuasistaticProblem, coordinates: ForceCoordinates) -> float:
+        """Return F, N."""
+        return coordinates.force_scale
+
+
+@dataclass(frozen=True)
+class Elastic(Objective):
+    """The smallest change s >= 0 of some limits that makes a required margin feasible.
+
+    It is given to one joint's limits (in its joint scale) or to all joints' (in the torque scale),
+    to all normal-force limits (in F), and as an outside help in the balance (in F, the largest
+    component of a wrench with moments over the length scale).
+
+    Attributes:
+        required_margin: N.
+        joint: The joint whose limits give way; -1: those of all joints, by the same amount.
+        normal: Whether the normal-force limits give way.
+        wrench: Whether the balance is helped.
+    """
+
+    required_margin: float
+    joint: int | None = None
+    normal: bool = False
+    wrench: bool = False
+    name = "elastic"
+
+    def build(self, program: ProgramBuilder) -> None:
+        """Add s, and rows that give way by it."""
+        forces = program.forces
+        margin = self.required_margin / forces.coordinates.force_scale
+        most = _at_hand(forces, margin)
+        if self.normal:
+            program.look_within(forces.cone_box(float(forces.limit.max()) + most))
+        s = program.columns("relief", low=0.0, box=(0.0, most), cost=1.0)
+        up, down = self._given(forces)
+        program.cones(margin)
+        program.rows("torque_upper", forces.torque, forces.upper, {s: -up})
+        program.rows("torque_lower", -forces.torque, -forces.lower, {s: -down})
+        program.rows("normal_upper", forces.normal, forces.limit - margin, {s: -float(self.normal)})
+        for name, sign in (("balance_upper", 1.0), ("balance_lower", -1.0)):
+            program.rows(
+                name, sign * forces.balance, sign * forces.wrench, {s: -float(self.wrench)}
+            )
+        program.bound_normals(np.where(forces.bare, margin, -np.inf), np.inf)
+
+    def _given(self, forces: ForceRows) -> tuple[FloatArray, FloatArray]:
+        """(L,) by how much the upper and the lower torque limits give way."""
+        coordinates = forces.coordinates
+        given = np.zeros(len(forces.torque))
+        if self.joint == -1:
+            given[:] = coordinates.torque_scale / coordinates.joint_scale
+        elif self.joint is not None:
+            given[self.joint] = 1.0
+        # A limit of zero beside a nonzero one is a direction that cannot be pushed: it stays.
+        problem = forces.problem
+        zero_low, zero_high = problem.lower_torque == 0.0, problem.upper_torque == 0.0
+        return given * ~(zero_high & ~zero_low), given * ~(zero_low & ~zero_high)
+
+
+def _at_hand(forces: ForceRows, margin: float) -> float:
+    """Ten times everything at hand, scaled: as much as any limit may have to give."""
+    finite = np.concatenate([forces.lower, forces.upper])
+    most = 10.0 * (
+        2.0 + margin + float(np.abs(forces.boxes[-1]).sum() + np.abs(forces.wrench).sum())
+    )
+    most += float(np.abs(finite[np.isfinite(finite)]).max(initial=0.0))
+    return most + float(np.abs(forces.torque).sum())
+
+
+def contact_torques(forces: ForceRows, torques: FloatArray) -> FloatArray:
+    """Return (L,) torques that the contacts make beside gravity, over the joint scale."""
+    return (torques - forces.problem.gravity_torques) / forces.coordinates.joint_scale

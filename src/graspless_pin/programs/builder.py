@@ -1,0 +1,274 @@
+"""Build a program on contact forces: named columns, named blocks of rows, and an objective.
+
+An objective (see `objectives`) calls the methods it needs, in any order. The balance, the cones,
+the limits of normal forces and of torques are at hand, in scaled units: forces over F, moments over
+F times the length scale, torques over each joint's scale.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.programs.blocks import Block, Columns, Sign, Terms
+from graspless_pin.programs.forces import ForceRows
+from graspless_pin.programs.program import Program
+
+Ends = tuple[ArrayLike, ArrayLike]
+"""Lower and upper bounds: a number each, or one for each column."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Rows of one block before they are stacked."""
+
+    block: Block
+    forces: FloatArray | None
+    terms: Terms
+    low: ArrayLike
+    high: ArrayLike
+    count: int
+
+
+class ProgramBuilder:
+    """A program on the forces of a problem, built block by block.
+
+    Attributes:
+        forces: The constraints of the problem, scaled.
+    """
+
+    def __init__(self, forces: ForceRows) -> None:
+        """Begin with the forces alone: no rows, no bounds, no objective."""
+        self.forces = forces
+        size = forces.size
+        self._bounds = [_ends((-np.inf, np.inf), size)]
+        self._boxes = [[box] for box in forces.boxes]
+        self._linear: list[FloatArray] = [np.zeros(size)]
+        self._curved: list[FloatArray] = [np.zeros(size)]
+        self._size = size
+        self._equalities: list[_Rows] = []
+        self._rows: list[_Rows] = []
+        self._bounded: list[Block] = []
+
+    def columns(
+        self,
+        name: str,
+        count: int = 1,
+        *,
+        box: Ends,
+        whole_box: Ends | None = None,
+        low: ArrayLike = -np.inf,
+        high: ArrayLike = np.inf,
+        cost: float = 0.0,
+        curvature: float = 0.0,
+        unit: float | FloatArray = 1.0,
+    ) -> Columns:
+        """Add columns.
+
+        Args:
+            name: What they are.
+            count: How many.
+            box: Finite lower and upper bounds that the constraints imply, for proofs.
+            whole_box: The same for all forces where `ForceRows.boxes` has a second box; None: the
+                same as for the first.
+            low: Lower bounds to be imposed.
+            high: Upper bounds to be imposed.
+            cost: Coefficient of each in the objective, which is minimised.
+            curvature: Coefficient of half the square of each in the objective, at least 0.
+            unit: What one of each is in the problem's units.
+        """
+        added = Columns(self._size, count)
+        self._size += count
+        self._bounds.append(_ends((low, high), count))
+        for parts, ends in zip(self._boxes, (box, whole_box or box), strict=False):
+            parts.append(_ends(ends, count))
+        self._linear.append(np.full(count, cost))
+        self._curved.append(np.full(count, curvature))
+        self._bounded.append(Block(name, added.index, unit, Sign.EITHER, (count,)))
+        return added
+
+    def equal(
+        self,
+        name: str,
+        forces: FloatArray | None,
+        side: FloatArray,
+        terms: Terms | None = None,
+        *,
+        unit: float | FloatArray = 1.0,
+    ) -> None:
+        """Add equalities ``forces @ x + terms = side``; the arguments are those of `rows`."""
+        count = len(side)
+        block = Block(name, slice(0), unit, Sign.ANY, (count,))
+        self._equalities.append(_Rows(block, forces, terms or {}, side, side, count))
+
+    def rows(
+        self,
+        name: str,
+        forces: FloatArray | None,
+        high: ArrayLike,
+        terms: Terms | None = None,
+        *,
+        low: ArrayLike | None = None,
+        unit: float | FloatArray = 1.0,
+        shape: tuple[int, ...] | None = None,
+        places: NDArray[np.int_] | None = None,
+    ) -> None:
+        """Add rows ``low <= forces @ x + terms <= high``.
+
+        Args:
+            name: What they are.
+            forces: (k, n) coefficients of the forces; None: they have no part in it.
+            high: (k,) upper sides.
+            terms: Coefficients of added columns.
+            low: (k,) lower sides; None: there are none.
+            unit: What one of each scaled row is in the problem's units.
+            shape: Shape of the multipliers by contact or joint; None: (k,).
+            places: (k,) flat places there; None: all.
+        """
+        count = len(forces) if forces is not None else len(np.atleast_1d(high))
+        sign = Sign.UPPER if low is None else Sign.EITHER
+        block = Block(name, slice(0), unit, sign, shape or (count,), places)
+        self._rows.append(
+            _Rows(block, forces, terms or {}, -np.inf if low is None else low, high, count)
+        )
+
+    def balance(self, terms: Terms | None = None) -> None:
+        """Add W f + w_ext = 0 (19), with what added columns contribute: block ``balance``."""
+        forces = self.forces
+        unit = forces.coordinates.force_scale / forces.weight
+        self.equal("balance", forces.balance, forces.wrench, terms, unit=unit)
+
+    def cones(self, margin: Columns | float, weights: FloatArray | None = None) -> None:
+        """Keep the forces a margin away from the sides of their cones (42): block ``faces``.
+
+        Args:
+            margin: A column, or the margin over F.
+            weights: (M,) what a contact's margin counts; None: 1 each.
+        """
+        forces, edges = self.forces, self.forces.problem.cone_edges
+        cones = forces.coordinates.layout.cones
+        level = np.ones(len(forces.faces)) if weights is None else weights[cones].repeat(edges)
+        places = (cones[:, None] * edges + np.arange(edges)).ravel()
+        shape = len(forces.normal), edges
+        terms, side = _kept(margin, level)
+        self.rows(
+            "faces", forces.faces, side, terms,
+            unit=forces.coordinates.force_scale, shape=shape, places=places,
+        )  # fmt: skip
+
+    def normal_limits(self, margin: Columns | float, weights: FloatArray | None = None) -> None:
+        """Keep normal forces a margin away from both ends (36).
+
+        With a column: blocks ``normal_upper`` and, where there is no cone, ``normal_lower``; with a
+        number: bounds of the columns, named ``normal``.
+
+        Args:
+            margin: A column, or the margin over F.
+            weights: (M,) what a contact's margin counts; None: 1 each.
+        """
+        forces = self.forces
+        level = np.ones(len(forces.normal)) if weights is None else weights
+        if not isinstance(margin, Columns):
+            low = np.where(forces.bare, margin * level, -np.inf)
+            self.bound_normals(low, forces.limit - margin * level)
+            return
+        unit, count = forces.coordinates.force_scale, len(level)
+        self.rows("normal_upper", forces.normal, forces.limit, {margin: level}, unit=unit)
+        bare = np.flatnonzero(forces.bare)
+        self.rows(
+            "normal_lower", -forces.normal[bare], np.zeros(len(bare)), {margin: level[bare]},
+            unit=unit, shape=(count,), places=bare,
+        )  # fmt: skip
+
+    def bound_normals(self, low: ArrayLike, high: ArrayLike) -> None:
+        """Bound the normal forces: bounds named ``normal``.
+
+        Args:
+            low: (M,) over F.
+            high: (M,) over F.
+        """
+        columns = self.forces.coordinates.normal
+        self._bounds[0][:, columns] = _ends((low, high), len(columns))
+        unit = self.forces.coordinates.force_scale
+        self._bounded.append(Block("normal", columns, unit, Sign.EITHER, (len(columns),)))
+
+    def torque_limits(self) -> None:
+        """Keep the motors' torques J^T f + g within their limits: block ``torque``."""
+        forces = self.forces
+        self.rows(
+            "torque", forces.torque, forces.upper,
+            low=forces.lower, unit=forces.coordinates.joint_scale,
+        )  # fmt: skip
+
+    def held_torques(self, torque: FloatArray) -> None:
+        """Hold J^T f at given values (32): block ``held``.
+
+        Args:
+            torque: (L,) torques that the contacts make, over the joint scale.
+        """
+        forces = self.forces
+        self.equal("held", forces.torque, torque, unit=forces.coordinates.joint_scale)
+
+    def curve(self, epsilon: float) -> None:
+        """Add the regularisation (epsilon / 2) |f / F|^2 to the objective."""
+        if epsilon > 0.0:
+            self._curved[0] = self.forces.coordinates.curvature(epsilon)
+
+    def look_within(self, box: FloatArray) -> None:
+        """Have proofs look at forces in another (2, n) box than `ForceRows.boxes`.
+
+        Call it before columns are added.
+        """
+        self._boxes = [[box]]
+
+    def program(self) -> Program:
+        """Return the program."""
+        parts = [*self._equalities, *self._rows]
+        total = sum(part.count for part in parts)
+        rows = np.zeros((total, self._size), order="F")
+        low, high, blocks, first = np.empty(total), np.empty(total), [], 0
+        for part in parts:
+            where = slice(first, first + part.count)
+            if part.forces is not None:
+                rows[where, : self.forces.size] = part.forces
+            for columns, values in part.terms.items():
+                wide = np.asarray(values)
+                rows[where, columns.index] = wide[:, None] if wide.ndim == 1 else wide
+            low[where], high[where] = part.low, part.high
+            old = part.block
+            blocks.append(Block(old.name, where, old.unit, old.sign, old.shape, old.places))
+            first += part.count
+        boxes = [np.concatenate(box, axis=1) for box in self._boxes]
+        bounds, curved = np.concatenate(self._bounds, axis=1), np.concatenate(self._curved)
+        return Program.of_rows(
+            rows,
+            sum(part.count for part in self._equalities),
+            low,
+            high,
+            linear=not curved.any(),
+            P=curved,
+            c=np.concatenate(self._linear),
+            lb=bounds[0],
+            ub=bounds[1],
+            box=boxes[0],
+            whole_box=boxes[-1] if len(boxes) > 1 else None,
+            blocks=tuple(blocks),
+            bounded_blocks=tuple(self._bounded),
+        )
+
+
+def _ends(ends: Ends, count: int) -> FloatArray:
+    """(2, count) lower and upper bounds."""
+    both = np.empty((2, count))
+    both[0], both[1] = ends
+    return both
+
+
+def _kept(margin: Columns | float, level: FloatArray) -> tuple[Terms, FloatArray]:
+    """Terms and upper sides of rows that keep a margin."""
+    if isinstance(margin, Columns):
+        return {margin: level}, np.zeros(len(level))
+    return {}, -margin * level

@@ -1,0 +1,214 @@
+"""Contact forces as variables of programs: coordinates, and the constraints that all modes share.
+
+The unknown is not the edge weights k of (44) and (45) but the force itself, in contact
+coordinates: x_l = (n^T f, t1^T f, t2^T f) / F where there is a friction cone, and n^T f / F alone
+where the direction is known (actual sliding, no friction). F is the load, see `problem.scales`.
+Then C k with k >= 0 becomes H^T f <= 0, (27) fixes variables at zero and (31) bounds them, so all
+modes of a problem differ in bounds only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspless_pin.compiled import contact_frames
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.problem.contact_map import contact_map
+from graspless_pin.programs.force_layout import ForceLayout, cone_rows, layout_of
+from graspless_pin.programs.program import FARTHEST
+
+
+@dataclass(frozen=True, eq=False)
+class ForceCoordinates:
+    """The map from scaled contact coordinates to forces.
+
+    Attributes:
+        directions: (M, 3, 3) rows n, t1, t2 of each contact; the first is the force per newton of
+            normal force where there is no cone.
+        layout: Where the coordinates stand.
+        force_scale: F, the load, N.
+        joint_scale: (L,) torques that the load makes on each joint, N m, for the torque rows.
+        length_scale: Size of the contact arrangement, m, for the moment rows.
+    """
+
+    directions: FloatArray
+    layout: ForceLayout
+    force_scale: float
+    joint_scale: FloatArray
+    length_scale: float
+
+    @cached_property
+    def torque_scale(self) -> float:
+        """The largest joint scale, N m: the unit of Algorithm 2's largest torque."""
+        return float(np.maximum.reduce(self.joint_scale, initial=0.0)) or self.force_scale
+
+    @cached_property
+    def basis(self) -> FloatArray:
+        """(3M, n) with f = F basis x."""
+        layout = self.layout
+        basis = np.zeros((3 * len(layout.normal), layout.size))
+        basis.put(layout.places, self.directions.reshape(-1, 3)[layout.axes])
+        return read_only(basis)
+
+    @property
+    def normal(self) -> NDArray[np.int_]:
+        """(M,) column of each contact's normal coordinate."""
+        return self.layout.normal
+
+    @property
+    def tangent(self) -> NDArray[np.int_]:
+        """(M, 2) columns of t1 and t2; -1 where there is no cone."""
+        return self.layout.tangent
+
+    def curvature(self, epsilon: float) -> FloatArray:
+        """Return the (n,) diagonal of the quadratic term (epsilon / 2) |f / F|^2."""
+        return epsilon * (self.basis**2).sum(axis=0)
+
+    def scaled(self, forces: FloatArray) -> FloatArray:
+        """Return the (n,) coordinates of (M, 3) contact forces, N."""
+        return self.basis.T @ forces.ravel() / ((self.basis**2).sum(axis=0) * self.force_scale)
+
+    def forces(self, x: FloatArray) -> FloatArray:
+        """Return the (M, 3) contact forces of a program's solution, N."""
+        layout, count = self.layout, len(self.directions)
+        if contact_frames is not None:
+            return contact_frames.forces(x, layout.axes, self.directions, self.force_scale)
+        local = np.zeros(3 * count)
+        local[layout.axes] = x[: layout.size]
+        local *= self.force_scale
+        return (local.reshape(count, 1, 3) @ self.directions).reshape(count, 3)
+
+
+def force_coordinates(problem: QuasistaticProblem, margin: float = 0.0) -> ForceCoordinates:
+    """Choose coordinates for a problem, scaled by its load.
+
+    Args:
+        problem: The problem.
+        margin: Required margin, N: the scale of a problem without a load.
+    """
+    layout, scales = layout_of(problem), problem.scales
+    if margin > 0.0 and not problem.external_wrench.any():
+        scales = scales.without_load(margin)
+    force, length, joints = scales
+    return ForceCoordinates(_directions(problem, layout), layout, force, joints, length)
+
+
+def _directions(problem: QuasistaticProblem, layout: ForceLayout) -> FloatArray:
+    """(M, 3, 3) see `ForceCoordinates`."""
+    if contact_frames is not None:
+        return contact_frames.force_directions(
+            problem.normals, problem.tangents, problem.friction, problem.sliding, problem.has_cone
+        )
+    directions = problem.frames.swapaxes(1, 2)
+    if len(layout.cones) < problem.contact_count:
+        directions = directions.copy()
+        np.copyto(directions[:, 0], problem.kinetic_directions, where=layout.bare[:, None])
+    return directions
+
+
+@dataclass(frozen=True, eq=False)
+class ForceRows:
+    """The constraints on scaled contact coordinates x that programs are made of.
+
+    Attributes:
+        problem: The problem.
+        coordinates: Its force coordinates.
+        faces: (k, n) side faces of the cones: faces x <= -e (42).
+        normal: (M, n) picks n^T f / F.
+        limit: (M,) f_n,max / F.
+        balance: (6, n) W f / F, moment rows over the length scale.
+        wrench: (6,) right-hand side of the balance (19).
+        weight: (6,) scale of each balance row: 1, or 1 over the length scale.
+        torque: (L, n) J^T f / joint scale (18).
+        lower: (L,) lower torque limits less gravity, over the joint scale.
+        upper: (L,) upper torque limits less gravity, over the joint scale.
+        gravity: (L,) g / joint scale.
+        boxes: Bounds (2, n) of forces inside cones, 0 <= n^T f <= limit and |t^T f| <= mu limit:
+            those that proofs look at, and where these are fewer, those of all forces.
+    """
+
+    problem: QuasistaticProblem
+    coordinates: ForceCoordinates
+    faces: FloatArray
+    normal: FloatArray
+    limit: FloatArray
+    balance: FloatArray
+    wrench: FloatArray
+    weight: FloatArray
+    torque: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    gravity: FloatArray
+    boxes: tuple[FloatArray, ...]
+
+    @property
+    def size(self) -> int:
+        """n, the number of force coordinates."""
+        return self.coordinates.layout.size
+
+    @property
+    def bare(self) -> NDArray[np.bool_]:
+        """(M,) contacts without a cone: there the side faces do not imply n^T f >= e."""
+        return self.coordinates.layout.bare
+
+    def cone_box(self, reach: float) -> FloatArray:
+        """Return (2, n) bounds of forces inside cones with normal components up to ``reach``."""
+        return reach * cone_rows(self.problem).reach
+
+
+def force_rows(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> ForceRows:
+    """Assemble the constraints of a problem in its force coordinates."""
+    shared = cone_rows(problem)
+    force, joints = coordinates.force_scale, coordinates.joint_scale
+    limit = problem.max_normal_force / force
+    weight = np.ones(6)
+    weight[3:] = 1.0 / coordinates.length_scale
+    effects = _effects(problem, coordinates)
+    return ForceRows(
+        problem=problem,
+        coordinates=coordinates,
+        faces=shared.faces,
+        normal=shared.normal,
+        limit=limit,
+        balance=(effects[:, :6] * weight).T,
+        wrench=-weight * problem.external_wrench / force,
+        weight=weight,
+        torque=(effects[:, 6:] * (force / joints)).T,
+        lower=(problem.lower_torque - problem.gravity_torques) / joints,
+        upper=(problem.upper_torque - problem.gravity_torques) / joints,
+        gravity=problem.gravity_torques / joints,
+        boxes=force_boxes(problem, coordinates),
+    )
+
+
+def _effects(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> FloatArray:
+    """(n, 6 + L) wrench and joint torques of a unit of each coordinate: [W, J]^T basis."""
+    layout, local = coordinates.layout, contact_map(problem)
+    effects: FloatArray = local.reshape(-1, local.shape[2])[layout.axes]
+    if len(layout.cones) < len(local):
+        bare = layout.bare
+        kinetic = problem.kinetic_directions[bare, None] @ problem.frames[bare]
+        effects[layout.normal[bare]] = (kinetic @ local[bare])[:, 0]
+    return effects
+
+
+def force_boxes(
+    problem: QuasistaticProblem, coordinates: ForceCoordinates
+) -> tuple[FloatArray, ...]:
+    """Return the `ForceRows.boxes` of a problem."""
+    limit = problem.max_normal_force / coordinates.force_scale
+    owner, reach = coordinates.layout.owner, cone_rows(problem).reach
+    whole = reach * limit[owner]
+    if limit.max() <= FARTHEST:
+        return (whole,)
+    return reach * np.minimum(limit, FARTHEST)[owner], whole
+
+
+def force_reach(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> float:
+    """Return the largest normal force up to which bounds are proven, N."""
+    return min(max(problem.max_normal_force.tolist()), FARTHEST * coordinates.force_scale)

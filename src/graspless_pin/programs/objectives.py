@@ -1,0 +1,251 @@
+"""What is optimised: the paper's Algorithms 1 and 2, and the base class of any other objective.
+
+An objective says its columns, its blocks, its unit and its sense; everything else (searches,
+checks, proofs, multipliers, gradients) goes by the names of its blocks. See `docs/objectives.md`
+for one of your own.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, fields, is_dataclass, replace
+from enum import StrEnum
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray, real_number
+from graspless_pin.programs.blocks import Columns
+from graspless_pin.programs.builder import ProgramBuilder
+from graspless_pin.programs.forces import ForceCoordinates, ForceRows
+from graspless_pin.programs.program import FARTHEST
+
+
+class Algorithm(StrEnum):
+    """Which of the paper's programs was solved."""
+
+    MARGIN = "margin"
+    """Algorithm 1 (44): the largest margin."""
+    TORQUE = "torque"
+    """Algorithm 2 (45): the smallest largest torque at a required margin."""
+
+
+class Objective(ABC):
+    """What is optimised over all contact forces that a sliding mode admits.
+
+    Subclasses are frozen dataclasses whose fields are the figures of the objective; two with equal
+    figures are equal.
+
+    Attributes:
+        name: What it is called in reports and documents.
+        maximizes: Whether its value is to be as large as possible; the program then minimises minus
+            its value.
+        algorithm: Which of the paper's programs it is, if any.
+        required_margin: Margin that the forces keep, N.
+        regularization: The epsilon of (epsilon / 2) |f / F|^2 in the program.
+        by_limits: Whether torques count as shares of the joints' limits.
+    """
+
+    name: ClassVar[str]
+    maximizes: ClassVar[bool] = False
+    algorithm: ClassVar[Algorithm | None] = None
+    by_limits: ClassVar[bool] = False
+    required_margin: float = 0.0
+    regularization: float = 0.0
+
+    @abstractmethod
+    def build(self, program: ProgramBuilder) -> None:
+        """Add the columns, blocks and costs of the objective to a program on the forces."""
+
+    def unit(self, problem: QuasistaticProblem, coordinates: ForceCoordinates) -> float:
+        """Return what one of the program's value is in the objective's own unit; positive."""
+        return 1.0
+
+    @property
+    def cutoff(self) -> float:
+        """A value of the program from which on there is no solution."""
+        return np.inf
+
+    def with_figure(self, name: str, value: float) -> Objective:
+        """Return the objective with another figure; itself if it has none of that name."""
+        if is_dataclass(self) and any(one.name == name for one in fields(self)):
+            return replace(self, **{name: value})
+        return self
+
+
+@dataclass(frozen=True)
+class Margin(Objective):
+    """Algorithm 1 (44): the largest margin e; the program minimises -e/F + (eps/2) |f/F|^2.
+
+    Without a regularisation e may become negative: then it says by how much the cones would have to
+    be widened, and its dual proves that no force set exists.
+    """
+
+    name = "margin"
+    maximizes = True
+    algorithm = Algorithm.MARGIN
+    regularization: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the figures."""
+        _check(self)
+
+    def build(self, program: ProgramBuilder) -> None:
+        """Add e/F, and keep all forces that far inside their cones and limits."""
+        least, epsilon = float(program.forces.limit.min()), self.regularization
+        # The boxes speak of forces inside their cones, that is of e >= 0: what they prove, they
+        # prove of those, and a proven bound above zero on -e proves that there are none.
+        e = program.columns(
+            "margin",
+            box=(0.0, 0.5 * min(least, FARTHEST)),
+            whole_box=(0.0, 0.5 * least),
+            low=0.0 if epsilon > 0.0 else -np.inf,
+            cost=-1.0,
+            unit=program.forces.coordinates.force_scale,
+        )
+        program.balance()
+        program.cones(e)
+        program.normal_limits(e)
+        program.torque_limits()
+        program.curve(epsilon)
+
+    def unit(self, problem: QuasistaticProblem, coordinates: ForceCoordinates) -> float:
+        """Return F, N."""
+        return coordinates.force_scale
+
+    @property
+    def cutoff(self) -> float:
+        """A value of the program from which on there is no solution: the margin is negative."""
+        return 0.0 if self.regularization == 0.0 else np.inf
+
+
+def _check(objective: Objective) -> None:
+    """Refuse figures that are not numbers from 0 on."""
+    for name, told in (("required_margin", "margin"), ("regularization", "regularization")):
+        object.__setattr__(objective, name, real_number(told, getattr(objective, name), 0.0))
+
+
+class Side(NamedTuple):
+    """Rows that say which torque, upwards or downwards, t is the largest of.
+
+    Attributes:
+        sign: 1 upwards, -1 downwards.
+        joints: (k,) joints that have such a row.
+        unit: (k,) torque that one of the row is, N m.
+        level: (k,) what t is multiplied by.
+    """
+
+    sign: float
+    joints: NDArray[np.int_]
+    unit: FloatArray
+    level: FloatArray
+
+
+def _torque_sides(forces: ForceRows, unit: float) -> tuple[Side, Side]:
+    """Rows of t >= |J^T f + g|, with t in a unit (N m)."""
+    count = len(forces.torque)
+    one, every = np.ones(count), np.arange(count)
+    return Side(1.0, every, unit * one, one), Side(-1.0, every, unit * one, one)
+
+
+def _share_sides(forces: ForceRows, unit: float) -> tuple[Side, ...]:
+    """Rows of t >= (J^T f + g) / limit; no entry of them is above 1.
+
+    A limit of zero, or one on the wrong side of zero, stays a hard row and has no share.
+    """
+    problem, sides = forces.problem, []
+    for sign, limit in ((1.0, problem.upper_torque), (-1.0, -problem.lower_torque)):
+        joints = np.flatnonzero(np.isfinite(limit) & (limit > 0.0))
+        shares = forces.coordinates.joint_scale[joints] / limit[joints] / unit
+        size = np.maximum(shares, 1.0)
+        sides.append(Side(sign, joints, unit * size * limit[joints], 1.0 / size))
+    return tuple(sides)
+
+
+def add_largest(program: ProgramBuilder, sides: tuple[Side, ...]) -> Columns:
+    """Add t, the largest of all torques or shares: blocks ``share_upper``, ``share_lower``."""
+    forces = program.forces
+    scale, count = forces.coordinates.joint_scale, len(forces.torque)
+    highest = []
+    for box in forces.boxes:
+        most = (np.abs(forces.torque) @ box[1] + np.abs(forces.gravity)) * scale
+        levels = [most[joints] / (unit * level) for _, joints, unit, level in sides]
+        highest.append(float(np.concatenate(levels).max(initial=0.0)) + 1.0)
+    t = program.columns(
+        "largest", low=0.0, box=(0.0, highest[0]), whole_box=(0.0, highest[-1]), cost=1.0
+    )
+    for (sign, joints, unit, level), name in zip(
+        sides, ("share_upper", "share_lower"), strict=True
+    ):
+        factor = sign * scale[joints] / unit
+        program.rows(
+            name,
+            factor[:, None] * forces.torque[joints],
+            -factor * forces.gravity[joints],
+            {t: -level},
+            unit=unit,
+            shape=(count,),
+            places=joints,
+        )
+    return t
+
+
+@dataclass(frozen=True)
+class Torque(Objective):
+    """Algorithm 2 (45): the smallest largest |torque| of all motors at a required margin.
+
+    The program minimises t + (eps/2) |f/F|^2 with t over the largest torque that the load makes on
+    any joint. The motors' torques J^T f + g obey their limits.
+    """
+
+    name = "torque"
+    algorithm = Algorithm.TORQUE
+    required_margin: float = 0.1
+    regularization: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the figures."""
+        _check(self)
+
+    def build(self, program: ProgramBuilder) -> None:
+        """Add t, the rows of the torques below it, and the required margin."""
+        forces = program.forces
+        sides = self.sides(forces)
+        e = self.required_margin / forces.coordinates.force_scale
+        add_largest(program, sides)
+        program.balance()
+        program.cones(e)
+        program.normal_limits(e)
+        program.torque_limits()
+        program.curve(self.regularization)
+
+    def sides(self, forces: ForceRows) -> tuple[Side, ...]:
+        """Return the rows that say which torque is the largest."""
+        return _torque_sides(forces, self.unit(forces.problem, forces.coordinates))
+
+    def unit(self, problem: QuasistaticProblem, coordinates: ForceCoordinates) -> float:
+        """Return the torque scale, N m."""
+        return coordinates.torque_scale
+
+
+@dataclass(frozen=True)
+class TorqueShare(Torque):
+    """Algorithm 2 with each torque as a share of its joint's own limit."""
+
+    by_limits = True
+
+    def sides(self, forces: ForceRows) -> tuple[Side, ...]:
+        """Return the rows that say which share is the largest."""
+        return _share_sides(forces, self.unit(forces.problem, forces.coordinates))
+
+    def unit(self, problem: QuasistaticProblem, coordinates: ForceCoordinates) -> float:
+        """Return the largest share of any joint's limit that the load's torque is, at most 1.
+
+        So limits far above the load cost no digits.
+        """
+        limits = np.concatenate([problem.upper_torque, -problem.lower_torque])
+        counts = np.isfinite(limits) & (limits > 0.0)
+        shares = np.tile(coordinates.joint_scale, 2)[counts] / limits[counts]
+        return min(float(shares.max(initial=0.0)), 1.0) or 1.0
