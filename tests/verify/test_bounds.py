@@ -7,7 +7,7 @@ import pytest
 from scenes import scene  # pyright: ignore[reportMissingImports] - tests/core, by conftest
 from verified_documents import documented
 
-from graspless_pin import maximize_margin, minimize_torque
+from graspless_pin import QuasistaticProblem, maximize_margin, minimize_torque
 from graspless_pin.report.verify.bounds import Multipliers, proven_bound, read_multipliers
 from graspless_pin.report.verify.figures import read_forces, read_problem
 
@@ -49,3 +49,43 @@ def test_no_multipliers_prove_more_than_the_optimum(make):
         m = read_multipliers(made_up(own, rng), problem, "made up")
         assert proven_bound(problem, m, free, 50.0) <= best + 1e-6 * problem.unit
         assert proven_bound(problem, m, free, 50.0, objective=False) <= 0.0
+
+
+def turning(seed: int) -> QuasistaticProblem:
+    """A joint that turns with the object about one axis: its torque is what the load makes.
+
+    All figures are such that the torque is exactly that, and so are both of its limits.
+    """
+    rng = np.random.default_rng(seed)
+    points = rng.integers(-(2**25), 2**25, size=(4, 3)) / 2.0**28
+    axis = np.array([0.0, 3.0, 5.0])
+    frames = np.eye(3)[[[2, 0, 1], [2, 0, 1], [1, 2, 0], [1, 2, 0]]]
+    forces = rng.integers(2**14, 2**15, size=(4, 1)) / 2.0**10 * frames[:, 0]
+    wrench = -np.concatenate([forces.sum(axis=0), np.cross(points, forces).sum(axis=0)])
+    torque = float(-axis @ wrench[3:])
+    return QuasistaticProblem(
+        points, frames[:, 0], wrench, np.cross(axis, points).reshape(-1, 1), friction=0.0,
+        tangents=frames[:, 1:].transpose(0, 2, 1), torque_limits=(torque, torque),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_multipliers_that_cancel_prove_nothing_by_their_rounding(seed):
+    """The torque follows from the balance: multipliers of both, however large, cancel exactly."""
+    found = maximize_margin(turning(seed), static_friction="coulomb")
+    assert found.found
+    problem = read_problem(documented(found))
+    everywhere = np.ones((problem.count, 2, 2), dtype=bool)
+    rng = np.random.default_rng(seed)
+    for sign in (1.0, -1.0):
+        size = float(rng.integers(2**48, 2**49)) * 2.0**20
+        none = {key: np.zeros(n).tolist() for key, n in (
+            ("balance", 6), ("normal_upper", 4), ("normal_lower", 4), ("torque_upper", 1),
+            ("torque_lower", 1), ("share_upper", 1), ("share_lower", 1),
+        )}  # fmt: skip
+        balance = [0.0, 0.0, 0.0, 0.0, -3.0 * sign * size, -5.0 * sign * size]
+        side = "torque_upper" if sign > 0.0 else "torque_lower"
+        m = read_multipliers(
+            {**none, "faces": [], "balance": balance, side: [size]}, problem, "made up"
+        )
+        assert proven_bound(problem, m, everywhere, 50.0, objective=False) <= 0.0

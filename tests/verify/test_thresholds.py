@@ -1,0 +1,263 @@
+"""Each check of forces and figures passes at half its tolerance and fails at twice it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import scene  # pyright: ignore[reportMissingImports] - tests/core, by conftest
+from verified_documents import SCALES, changed, documented, scaled
+
+from graspless_pin import QuasistaticProblem, maximize_margin, minimize_torque
+from graspless_pin.report.verify import verify_document
+from graspless_pin.report.verify.figures import Forces, Problem, read_forces, read_problem
+from graspless_pin.report.verify.forces import force_checks, residual
+
+ONE = np.eye(6)
+
+
+def answer(document) -> tuple[Problem, Forces]:
+    problem = read_problem(document)
+    return problem, read_forces([c["force"] for c in document["contacts"]], problem, "forces")
+
+
+def pushed(problem: Problem, forces: Forces, size: float) -> Problem:
+    return replace(problem, w=problem.w + size * problem.force * ONE[1])
+
+
+def turned(problem: Problem, forces: Forces, size: float) -> Problem:
+    return replace(problem, w=problem.w + size * problem.force * problem.length * ONE[4])
+
+
+def wider(problem: Problem, forces: Forces, size: float) -> Problem:
+    """Friction that is so small that one contact is outside its cone by so much."""
+    contact = int(np.argmax([(problem.faces(c) @ forces.local[c]).max() for c in range(6)]))
+    low, high = 0.0, float(problem.mu[contact])
+    for _ in range(80):
+        middle = (low + high) / 2.0
+        mu = problem.mu.copy()
+        mu[contact] = middle
+        outside = Forces(replace(problem, mu=mu), forces.f).outside
+        low, high = (low, middle) if outside < size * problem.force else (middle, high)
+    mu = problem.mu.copy()
+    mu[contact] = low
+    return replace(problem, mu=mu)
+
+
+def lower(problem: Problem, forces: Forces, size: float) -> Problem:
+    limit = problem.limit.copy()
+    limit[2] = forces.local[2, 0] - size * problem.force
+    return replace(problem, limit=limit)
+
+
+def weaker(problem: Problem, forces: Forces, size: float) -> Problem:
+    upper = problem.upper.copy()
+    upper[1] = forces.torques[1] - size * problem.joint_scale[1]
+    return replace(problem, upper=upper)
+
+
+def stronger(problem: Problem, forces: Forces, size: float) -> Problem:
+    low = problem.lower.copy()
+    low[0] = forces.torques[0] + size * problem.joint_scale[0]
+    return replace(problem, lower=low)
+
+
+def asked(problem: Problem, forces: Forces, size: float) -> Problem:
+    return replace(problem, e0=forces.margin + size * problem.force)
+
+
+def slid(problem: Problem, forces: Forces, size: float) -> Problem:
+    """Kinetic friction that is smaller by so much at one contact."""
+    mu = problem.mu.copy()
+    mu[2] -= size * problem.force / forces.local[2, 0]
+    return replace(problem, mu=mu)
+
+
+SPOILT = {
+    "balance of forces": ("rest", pushed),
+    "balance of moments": ("rest", turned),
+    "inside friction cones": ("rest", wider),
+    "normal forces within 0 and limit": ("rest", lower),
+    "torques within limits": ("rest", weaker),
+    "torques within limits, below": ("rest", stronger),
+    "required margin": ("rest", asked),
+    "kinetic friction against sliding": ("up", slid),
+}
+
+
+@pytest.mark.parametrize("name", SPOILT)
+@pytest.mark.parametrize(("force", "length"), SCALES)
+def test_forces_meet_each_constraint_to_a_millionth_of_the_load(name, force, length):
+    which, spoil = SPOILT[name]
+    solution = minimize_torque(scaled(scene(which), force, length), 0.05 * force)
+    problem, forces = answer(documented(solution))
+    assert all(check.passed for check in force_checks(problem, forces))
+    assert residual(problem, forces) < 1e-7
+    checked = name.split(",")[0]
+    for size, passes in ((0.5e-6, True), (2e-6, False), (1e-2, False)):
+        # Where the required margin is spoilt, cones and limits are not, and the other way round.
+        spoilt = spoil(replace(problem, e0=0.0), forces, size)
+        changed_forces = Forces(spoilt, forces.f)
+        found = {check.name: check.passed for check in force_checks(spoilt, changed_forces)}
+        assert found[checked] is passes, (size, found)
+        # What is outside a cone or a limit leaves no margin either.
+        failing = {key for key, good in found.items() if not good}
+        assert failing <= {checked, "required margin"}
+        axis = 2**-0.5 if checked.startswith("kinetic") else 1.0
+        assert residual(spoilt, changed_forces) == pytest.approx(axis * size, rel=1e-3)
+
+
+@pytest.mark.parametrize("pull", [1e-3, 2e-6])
+def test_a_contact_does_not_pull(pull):
+    problem, forces = answer(documented(minimize_torque(scene("up"))))
+    pulling = forces.f.copy()
+    pulling[3] = -pull * problem.force * problem.directions[3]
+    found = {c.name: c.passed for c in force_checks(problem, Forces(problem, pulling))}
+    assert not found["normal forces within 0 and limit"]
+    assert found["kinetic friction against sliding"]
+
+
+def test_each_stated_figure_is_right_to_a_billionth():
+    document = documented(minimize_torque(scene("rest")))
+    problem, forces = answer(document)
+    sizes = {
+        ("margin",): max(problem.force, np.abs(forces.f).max()),
+        ("max_torque",): problem.joint_scale.max(),
+        ("joints", 1, "torque"): problem.joint_scale[1],
+        ("joints", 1, "torque_contact"): problem.joint_scale[1],
+    }
+    for path, size in sizes.items():
+        value = document
+        for key in path:
+            value = value[key]
+        for off, passes in ((0.5e-9, True), (1e-8, False)):
+            for sign in (1.0, -1.0):
+                false = changed(document, *path, to=value + sign * off * size)
+                assert verify_document(false).passed is passes, (path, off)
+
+
+def names_that_fail(document):
+    return [check.name for check in verify_document(document).checks if check.passed is False]
+
+
+@pytest.mark.parametrize("key", ["force", "length"])
+def test_scales_are_right_to_a_billionth(key):
+    document = documented(minimize_torque(scene("rest")))
+    for off, failing in ((0.5e-9, []), (-0.5e-9, []), (2e-9, [f"{key} scale"])):
+        stated = document["scales"][key] * (1.0 + off)
+        assert names_that_fail(changed(document, "scales", key, to=stated)) == failing
+
+
+def test_the_reach_is_1e8_loads_or_the_largest_limit():
+    problem = scene("rest").with_changes(max_normal_force=[1e10] + [50.0] * 5)
+    document = documented(maximize_margin(problem))
+    reach = 1e8 * document["scales"]["force"]
+    assert document["certificate"]["force_reach"] == pytest.approx(reach, rel=1e-12)
+    for stated, failing in (
+        (reach * (1.0 - 1e-10), []),
+        (reach * (1.0 - 1e-8), ["reach of the proof"]),
+        (reach / 10.0, ["reach of the proof"]),
+    ):
+        false = changed(document, "certificate", "force_reach", to=stated)
+        assert names_that_fail(false)[:1] == failing
+
+
+def test_a_bound_that_is_off_by_a_few_millionths_is_refused():
+    """Of an answer that is not proven optimal the bound is the whole claim."""
+    solution = minimize_torque(scene("rest"), node_limit=2)
+    document = documented(solution)
+    assert document["status"] == "limit_reached"
+    problem = read_problem(document)
+    bound, gap = document["certificate"]["bound"], document["certificate"]["gap"]
+    size = max(problem.unit, abs(document["max_torque"]))
+    for off, failing in ((5e-7, []), (3e-6, ["bound over all modes"]), (-3e-6, [])):
+        false = changed(document, "certificate", "bound", to=bound + off * size)
+        false["certificate"]["gap"] = gap - off * size
+        assert names_that_fail(false) == failing
+
+
+def test_a_bound_beyond_the_value_closes_no_gap():
+    """Even where the document holds no proof of it, bound and value of an optimum agree."""
+    for solution, sign in (
+        (minimize_torque(scene("rest")), 1.0),
+        (maximize_margin(scene("up")), -1.0),
+    ):
+        document = documented(solution)
+        document["proof"] |= {"complete": False, "missing": "too long", "mode_multipliers": None}
+        assert names_that_fail(document) == []
+        problem = read_problem(document)
+        for off, failing in ((5e-7, []), (3e-6, ["gap is closed"]), (0.1, ["gap is closed"])):
+            for way in (1.0, -1.0):
+                false = changed(
+                    document, "certificate", "bound", to=document["certificate"]["bound"]
+                )
+                false["certificate"]["bound"] += sign * way * off * problem.unit
+                false["certificate"]["gap"] -= way * off * problem.unit
+                assert names_that_fail(false) == failing
+
+
+def test_tangents_are_orthonormal_and_sliding_is_tangential():
+    document = documented(maximize_margin(scene("up")))
+    name = "orthonormal frames, tangential sliding"
+    for off, fails in ((1e-6, False), (1e-5, True)):
+        tangents = np.array(document["contacts"][0]["tangents"])
+        longer = changed(document, "contacts", 0, "tangents", to=((1.0 + off) * tangents).tolist())
+        assert (name in names_that_fail(longer)) is fails
+        sliding = np.array(document["contacts"][2]["sliding"])
+        normal = np.array(document["contacts"][2]["normal"])
+        lifted = sliding + off * np.linalg.norm(sliding) * normal
+        false = changed(document, "contacts", 2, "sliding", to=lifted.tolist())
+        assert (name in names_that_fail(false)) is fails
+
+
+BAD = {
+    "friction must not be negative": (["contacts", 1, "friction"], -1e-3),
+    "max_normal_force must be positive": (["contacts", 1, "max_normal_force"], 0.0),
+    "lower must not be above upper": (["joints", 1, "lower"], 11.0),
+    "required_margin must not be negative": (["required_margin"], -1e-3),
+    "regularization must not be negative": (["regularization"], -1e-3),
+    "torque_gravity must be a number": (["joints", 1, "torque_gravity"], None),
+    "cone_edges is 2; it must be a whole number, 3 to 4096": (["cone_edges"], 2),
+    "a sign of contact 1 is -2; it must be a whole number, -1 to 1": (
+        ["contacts", 1, "signs"], [-2, 1]
+    ),
+    "format version is not 2": (["format"], 1),
+    "friction of contact 1 is 1e+61; it must be a number up to 1e+60": (
+        ["contacts", 1, "friction"], 1e61
+    ),
+    "required_margin is list; it must be a number": (["required_margin"], [0.1]),
+    "max_torque_unit is 'lbf'; it must be one of N m, N": (["max_torque_unit"], "lbf"),
+    "contacts is of 0 entries; it must be a list of 1 to 4096": (["contacts"], []),
+    "joint's upper is a huge whole number": (["joints", 0, "upper"], 10**40 * 10**40),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("message", BAD)
+def test_what_cannot_be_is_refused_by_name(message):
+    path, value = BAD[message]
+    document = changed(documented(minimize_torque(scene("rest"))), *path, to=value)
+    with pytest.raises(ValueError, match=r"must|version") as caught:
+        verify_document(document)
+    assert message in str(caught.value)
+
+
+def test_figures_of_zero_size_are_read_as_zero():
+    """A subnormal friction or limit is no number to compute with."""
+    document = documented(minimize_torque(scene("rest")))
+    assert read_problem(changed(document, "contacts", 0, "friction", to=1e-70)).mu[0] == 0.0
+    assert read_problem(changed(document, "contacts", 0, "friction", to=1e-59)).mu[0] == 1e-59
+
+
+@pytest.mark.parametrize(("lever", "unit"), [(0.5, "N"), (2.0, "N m")])
+def test_the_unit_is_that_of_the_largest_torque(lever, unit):
+    """Two joints press with the same force; the larger figure is of one kind or of the other."""
+    jacobian = np.zeros((6, 2))
+    jacobian[1, 0], jacobian[4, 1] = -lever, 1.0
+    problem = QuasistaticProblem(
+        [[0, -0.05, 0], [0, 0.05, 0]], [[0, 1, 0], [0, -1, 0]], [0, 0, -1.0, 0, 0, 0], jacobian,
+        friction=0.5, joint_units=["N m", "N"],
+    )  # fmt: skip
+    document = documented(minimize_torque(problem))
+    assert document["max_torque_unit"] == unit
+    assert verify_document(document).proven
+    other = {"N": "N m", "N m": "N"}[unit]
+    assert names_that_fail(changed(document, "max_torque_unit", to=other)) == ["its unit as stated"]
