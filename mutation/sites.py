@@ -15,13 +15,13 @@ import ast
 import random
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-import parso
 from cosmic_ray.ast import ast_nodes, get_ast
 from cosmic_ray.mutating import mutate_code
-from cosmic_ray.operators.operator import Operator
 from cosmic_ray.operators.provider import OperatorProvider
+from parso.python.tree import Number
+from parso.tree import NodeOrLeaf
 
 from graspless_pin import compiled
 
@@ -32,25 +32,26 @@ _UNTOUCHED = ("name", "string", "newline", "endmarker", "error_leaf", "fstring_s
 _FACTORS = (1e3, 1e-3)
 _SMALL, _LARGE = 0.01, 1e4
 
+Span = tuple[tuple[int, int], tuple[int, int]]
+"""Line and column of the first character and of the one behind the last."""
 
-class ScaleNumber(Operator):
-    """Makes a tolerance or a far figure a thousand times larger or smaller."""
 
-    def mutation_positions(self, node):
+class ScaleNumber:
+    """Makes a tolerance or a far figure a thousand times larger or smaller.
+
+    It has the methods of Cosmic Ray's operators.
+    """
+
+    def mutation_positions(self, node: NodeOrLeaf) -> Iterator[Span]:
         """Return one position for each factor."""
         if _is_tolerance(node):
             for _ in _FACTORS:
                 yield node.start_pos, node.end_pos
 
-    def mutate(self, node, index):
+    def mutate(self, node: Number, index: int) -> Number:
         """Return the number times the factor."""
         value = float(node.value) * _FACTORS[index]
-        return parso.python.tree.Number(f" {value!r}", node.start_pos)
-
-    @classmethod
-    def examples(cls) -> tuple[()]:
-        """Return none."""
-        return ()
+        return Number(f" {value!r}", node.start_pos)
 
 
 class Mutant(NamedTuple):
@@ -105,8 +106,8 @@ def all_mutants(package: Path, path: str) -> list[Mutant]:
     return [mutant for place in _places(package, path) for mutant in place]
 
 
-def _operators() -> dict[str, Operator]:
-    provider = OperatorProvider()
+def _operators() -> dict[str, Any]:
+    provider: Any = OperatorProvider()
     known = {name: provider[name]() for name in provider if name not in _LEFT_OUT}
     return {**known, "ScaleNumber": ScaleNumber()}
 
@@ -136,17 +137,14 @@ def _places(package: Path, path: str) -> list[list[Mutant]]:
     return list(places.values())
 
 
-def _is_tolerance(node: parso.tree.NodeOrLeaf) -> bool:
-    if node.type != "number":
+def _is_tolerance(node: NodeOrLeaf) -> bool:
+    if not isinstance(node, Number):
         return False
     try:
         value = abs(float(node.value))
     except ValueError:
         return False
     return 0.0 < value < _SMALL or value > _LARGE
-
-
-Span = tuple[tuple[int, int], tuple[int, int]]
 
 
 def _ignored(tree: ast.Module) -> Iterator[Span]:

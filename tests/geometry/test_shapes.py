@@ -18,6 +18,7 @@ from graspless_pin.geometry.bodies.shapes import (
     Shape,
     Sphere,
     coal_geometry,
+    convex_geometry,
     shape_extent,
 )
 
@@ -154,3 +155,17 @@ def test_xml_entities_in_a_mesh_are_refused(tmp_path: Path) -> None:
     path.write_text('<?xml version="1.0"?><!DOCTYPE x [<!ENTITY e SYSTEM "other.txt">]><x>&e;</x>')
     with pytest.raises(MeshError, match="declares XML entities"):
         coal_geometry(MeshShape(path))
+
+
+@pytest.mark.parametrize("tilted", [False, True])
+@pytest.mark.parametrize("thickness", [1e-5, 1e-7, 1e-9, 1e-15])
+def test_hulls_that_are_next_to_flat_are_refused(thickness: float, tilted: bool) -> None:
+    """Over thinner ones coal ends the process."""
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, thickness)])
+    if tilted:
+        corners = corners @ trimesh.transformations.euler_matrix(0.3, 0.5, 0.7)[:3, :3].T
+    if thickness > 1e-6:
+        assert convex_geometry(corners).num_points == 8
+        return
+    with pytest.raises(MeshError, match=r"the mesh is next to flat: \S+ m thick and 1.* m wide"):
+        convex_geometry(corners)

@@ -22,6 +22,8 @@ from graspless_pin.geometry.bodies.meshes import file_state, hull_points, scaled
 from graspless_pin.magnitudes import LARGEST_LENGTH, SMALLEST_LENGTH
 
 _RANGE = f"from {SMALLEST_LENGTH:g} to {LARGEST_LENGTH:g} m"
+_THINNEST = 1e-6
+"""Thickness of a hull over its width; coal crashes from about 1e-7 on."""
 
 
 @dataclass(frozen=True)
@@ -215,8 +217,9 @@ def convex_geometry(points: NDArray[np.float64], label: str = "the mesh") -> Any
         label: What messages call them.
 
     Raises:
-        MeshError: coal cannot use their hull.
+        MeshError: coal cannot use their hull, or would crash over it since it is next to flat.
     """
+    _check_thickness(points, label)
     corners: Any = coal.StdVec_Vec3s()
     for point in points:
         corners.append(point)
@@ -229,6 +232,23 @@ def convex_geometry(points: NDArray[np.float64], label: str = "the mesh") -> Any
         except (RuntimeError, ValueError) as failure:
             error = failure
     raise MeshError(f"{label} has no usable convex hull; simplify it ({error})") from error
+
+
+def _check_thickness(points: NDArray[np.float64], label: str) -> None:
+    """Refuse what is so thin that coal ends the process over it.
+
+    Raises:
+        MeshError: If it is.
+    """
+    centered = points - points.mean(axis=0)
+    across = np.linalg.svd(centered, full_matrices=False)[2]
+    size = float(np.ptp(centered, axis=0).max())
+    thickness = float(np.ptp(centered @ across[-1]))
+    if thickness < _THINNEST * size:
+        raise MeshError(
+            f"{label} is next to flat: {thickness:.3g} m thick and {size:.3g} m wide; give it a "
+            f"thickness of at least {_THINNEST:g} of its width"
+        )
 
 
 def shape_extent(shape: Shape) -> NDArray[np.float64]:

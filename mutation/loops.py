@@ -1,0 +1,208 @@
+"""Mistakes in the compiled loops, made by hand: ``python -m mutation.loops``.
+
+Each is compiled in a copy of the project and tried with the tests that hold the loops against the
+numpy beside their callers.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import queue
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from mutation.children import COPIED
+
+ROOT = Path(__file__).parents[1]
+LOOPS = Path("src", "graspless_pin", "compiled")
+TESTS = "tests/compiled"
+_SUFFIX = str(sysconfig.get_config_var("EXT_SUFFIX"))
+# As hatch_build.py does, but for the optimisation, which only costs time here.
+_FLAGS = ("-shared", "-fPIC", "-O1", "-ffp-contract=off", "-w")
+_SECONDS = 300.0
+
+
+class Mistake(NamedTuple):
+    """A text of a loop that stands there once, and what takes its place."""
+
+    loops: str
+    text: str
+    wrong: str
+
+    def __str__(self) -> str:
+        """Return it as a line."""
+        return f"{self.loops}.pyx: {self.text!r} -> {self.wrong!r}"
+
+    def source(self, folder: Path) -> str:
+        """Return the loops with the mistake in them.
+
+        Raises:
+            ValueError: If the text does not stand there once.
+        """
+        right = (folder / f"{self.loops}.pyx").read_text(encoding="utf-8")
+        if right.count(self.text) != 1:
+            raise ValueError(f"{self}: the text stands there {right.count(self.text)} times")
+        return right.replace(self.text, self.wrong)
+
+
+FRAMES, SEARCH, PROGRAMS = "contact_frames", "contact_search", "linear_programs"
+BODIES, ARRAYS = "rigid_bodies", "small_arrays"
+MISTAKES = tuple(
+    Mistake(*one)
+    for one in (
+        (FRAMES, "axes[6 + i] = data(t)[6 * contact + 2 * i + 1]",
+         "axes[6 + i] = data(t)[6 * contact + 2 * i]"),
+        (FRAMES, "share = data(mu)[contact] / speed", "share = data(mu)[contact]"),
+        (FRAMES, "(size[k] if k < 6 else -size[k])", "size[k]"),
+        (FRAMES, "G[s * i + i] += damping * (1.0 + trace)", "G[s * i + i] += damping"),
+        (FRAMES, "x[j] -= a[i] * row[j]", "x[j] += a[i] * row[j]"),
+        (FRAMES, "if not (slide > 0.0 and slide * slide >= least * size):",
+         "if not (slide * slide >= least * size):"),
+        (FRAMES, "sign[2 * contact + k % 2] >= 0.0:", "sign[2 * contact + k % 2] > 0.0:"),
+        (FRAMES, "data(limit)[contact] - along)", "data(limit)[contact])"),
+        (FRAMES, "along / sqrt(1.0 + data(slope)[contact] ** 2)", "along"),
+        (FRAMES, "arm[1] = f[4] - (center[2] * f[0] - center[0] * f[2])", "arm[1] = f[4]"),
+        (FRAMES, "length = turn / pull if pull > 0.0 and turn > 0.0 else 1.0", "length = 1.0"),
+        (FRAMES, "max(lever[k], least_lever * longest)", "lever[k]"),
+        (SEARCH, "fabs(local[i]) > half[i] + others.reaches[k] + tolerance",
+         "fabs(local[i]) > half[i] + tolerance"),
+        (SEARCH, "if face[0] == NULL or over > height[0]:", "if face[0] == NULL:"),
+        (SEARCH, "if dot(one, foot) - one[3] > _ON_FACE:", "if dot(one, foot) - one[3] > 1.0:"),
+        (SEARCH, "surface[i] - 0.5 * height * normal[i]", "surface[i] - height * normal[i]"),
+        (SEARCH, "and times[others.bodies[k]] == 1", "and times[others.bodies[k]] >= 1"),
+        (SEARCH, "if height - radius < -max_penetration or not on_face:", "if not on_face:"),
+        (SEARCH, "offset += normal[i] * T_plane[4 * i + 3]", "offset += 0.0"),
+        (PROGRAMS, "effect[3 + k] / length_scale", "effect[3 + k]"),
+        (PROGRAMS, "(data(highest)[k] - data(weight)[k])", "(data(highest)[k] + data(weight)[k])"),
+        (PROGRAMS, "data(box)[n], data(box)[2 * n + 1] = 0.0, least / 2.0",
+         "data(box)[n], data(box)[2 * n + 1] = 0.0, least"),
+        (PROGRAMS, "side = data(upper)[i] if w[i] > 0.0 else data(lower)[i]",
+         "side = data(upper)[i]"),
+        (PROGRAMS, "bound += slope * min(data(implied)[n + j], data(most)[j])",
+         "bound += slope * data(implied)[n + j]"),
+        (PROGRAMS, "return bound, value, residual if isfinite(total) else INFINITY",
+         "return bound, value, residual"),
+        (PROGRAMS, "w[i] -= b[i]", "w[i] += b[i]"),
+        (BODIES, "column[5 * n + j] * p[0] - column[3 * n + j] * p[2]",
+         "column[5 * n + j] * p[0] + column[3 * n + j] * p[2]"),
+        (BODIES, "dot(v + 3, v + 3) * longest", "dot(v + 3, v + 3)"),
+        (BODIES, "states.append(ROLLS if sqrt(dot(roll, roll)) > fastest_turn else STICKS)",
+         "states.append(STICKS)"),
+        (BODIES, "if not fabs(product - (i == j)) <= _RIGIDITY:",
+         "if fabs(product - (i == j)) > _RIGIDITY:"),
+        (ARRAYS, "t[i] = a[i] - along * n[i]", "t[i] = a[i]"),
+        (ARRAYS, "if not fabs(data(array)[k]) <= most:", "if fabs(data(array)[k]) > most:"),
+        (ARRAYS, "(not strictly and data(before)[k] == data(after)[k])",
+         "data(before)[k] == data(after)[k]"),
+    )
+)  # fmt: skip
+"""Each is a mistake that a person could make; what a test does not notice is told."""
+
+
+def compiled(copy: Path, loops: str) -> None:
+    """Compile one file of loops of a copy in place.
+
+    Raises:
+        subprocess.CalledProcessError: If it does not compile.
+    """
+    source, code = copy / LOOPS / f"{loops}.pyx", copy / f"{loops}.c"
+    command = [sys.executable, "-m", "cython", "-3", str(source), "-o", str(code)]
+    _run([*command, "-I", str(copy / "src")], copy)
+    places = (sysconfig.get_path("include"), np.get_include())
+    numpy = "-DNPY_NO_DEPRECATED_API=NPY_2_0_API_VERSION"
+    library = copy / LOOPS / f"{loops}{_SUFFIX}"
+    library.unlink(missing_ok=True)
+    _run(["cc", *_FLAGS, numpy, *(f"-I{one}" for one in places), str(code), "-o", str(library)],
+         copy)  # fmt: skip
+
+
+def noticed(copy: Path) -> str:
+    """Return the test of a copy that fails, "time" if they take too long, empty if none does."""
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "--tb=no", "-p", "no:cacheprovider"]
+    environment = {**os.environ, "PYTHONPATH": str(copy / "src"), "PYTHONDONTWRITEBYTECODE": "1"}
+    try:
+        ended = subprocess.run(  # noqa: S603 - our own interpreter
+            [*command, TESTS], cwd=copy, env=environment, capture_output=True, text=True,
+            timeout=_SECONDS, check=False,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        return "time"
+    if ended.returncode == 0:
+        return ""
+    failed = [line for line in ended.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
+    return failed[0].split(" - ")[0] if failed else f"exit code {ended.returncode}"
+
+
+def _run(command: list[str], folder: Path) -> None:
+    subprocess.run(command, cwd=folder, check=True, capture_output=True)  # noqa: S603 - our own
+
+
+def _copy(folder: Path) -> Path:
+    """A copy with compiled loops."""
+    for name in COPIED:
+        source = ROOT / name
+        if source.is_dir():
+            ignored = shutil.ignore_patterns("__pycache__")
+            shutil.copytree(source, folder / name, ignore=ignored)
+        else:
+            shutil.copy(source, folder / name)
+    return folder
+
+
+def main() -> int:
+    """Print a line for each mistake and the score; return 1 if one was not noticed."""
+    parser = argparse.ArgumentParser(prog="python -m mutation.loops", description=__doc__)
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--only", default="", help="text that the mistakes have in their line")
+    given = parser.parse_args()
+    os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1", CI="true")
+    start = time.monotonic()
+    mistakes = [one for one in MISTAKES if given.only in str(one)]
+    copies: queue.SimpleQueue[Path] = queue.SimpleQueue()
+    with tempfile.TemporaryDirectory(prefix="loops-") as folder:
+        for number in range(given.jobs):
+            copies.put(_copy(Path(folder, str(number))))
+
+        def attempt(mistake: Mistake) -> str:
+            copy = copies.get()
+            source = copy / LOOPS / f"{mistake.loops}.pyx"
+            right, library = source.read_text(encoding="utf-8"), source.with_suffix(_SUFFIX)
+            kept = library.read_bytes()
+            try:
+                source.write_text(mistake.source(copy / LOOPS), encoding="utf-8")
+                compiled(copy, mistake.loops)
+                by = noticed(copy)
+            finally:
+                source.write_text(right, encoding="utf-8")
+                library.unlink(missing_ok=True)
+                library.write_bytes(kept)
+                copies.put(copy)
+            print(
+                f"{time.monotonic() - start:6.0f} s {by or 'SURVIVED':70.70} {mistake}", flush=True
+            )
+            return by
+
+        first = copies.get()
+        if by := noticed(first):
+            print(f"without any mistake: {by}")
+            return 1
+        copies.put(first)
+        with ThreadPoolExecutor(given.jobs) as pool:
+            found = list(pool.map(attempt, mistakes))
+    left = found.count("")
+    print(f"{len(found) - left} of {len(found)} mistakes in the loops were noticed")
+    return 1 if left else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,126 @@
+"""The mutants of `make mutants`: where they are made, with which tests they are tried, and how."""
+
+import subprocess
+import sys
+from importlib.util import module_from_spec
+
+import pytest
+from mutation.children import Mutated
+from mutation.choice import Choice
+from mutation.loops import LOOPS, MISTAKES, ROOT
+from mutation.sites import all_mutants, sample
+
+from mutation import test_map
+
+MODULE = '''"""A module."""
+
+from __future__ import annotations
+
+_SLACK = 1e-9
+
+
+def near(one: float, other: float) -> bool:
+    return abs(one - other) < _SLACK
+
+
+def far(one: float) -> float:
+    if one is not None:
+        return one + 2
+    return 0.5
+'''
+
+
+@pytest.fixture
+def package(tmp_path):
+    """A package of one module."""
+    (tmp_path / "module.py").write_text(MODULE, encoding="utf-8")
+    return tmp_path
+
+
+def test_each_mutant_is_one_change_that_compiles(package):
+    mutants = all_mutants(package, "module.py")
+    sources = [mutant.source(package) for mutant in mutants]
+    assert MODULE not in sources
+    for mutant, source in zip(mutants, sources, strict=True):
+        compile(source, "module.py", "exec")
+        changed = [
+            a for a, b in zip(MODULE.splitlines(), source.splitlines(), strict=False) if a != b
+        ]
+        assert changed[:1] == [MODULE.splitlines()[mutant.line - 1]]
+    slacks = [float(source.split("_SLACK = ")[1].split()[0]) for source in sources]
+    assert sorted({slack for slack in slacks if slack != 1e-9}) == pytest.approx([1e-12, 1e-6])
+    # Annotations are not run.
+    assert all("-> float" in source for source in sources)
+
+
+def test_the_sample_is_the_same_every_time_and_has_no_place_twice(package):
+    first, again = (sample(package, ["module.py"], 6, seed=1) for _ in range(2))
+    assert first == again and len(first) == 6
+    assert len({(one.line, one.column, one.last) for one in first}) == 6
+    assert sample(package, ["module.py"], 6, seed=2) != first
+
+
+def ran(node: str, seconds: float, *lines: int) -> test_map.Test:
+    return test_map.Test(node, seconds, {"module.py": sum(1 << line for line in lines)})
+
+
+def test_mutants_are_tried_with_tests_that_run_their_line(package):
+    near = ran("tests/a.py::near", 1.0, 8, 9)
+    far = ran("tests/a.py::far", 1.0, 12, 13, 14)
+    slow = ran("tests/b.py::slow", 9.0, 8, 9, 12, 13, 14)
+    choice = Choice(package, [near, far, slow])
+    for mutant in all_mutants(package, "module.py"):
+        tests = choice.tests_of(mutant, seconds=5.0)
+        # The tolerance is used in line 9.
+        assert tests == ([near] if mutant.line in (5, 9) else [far] if mutant.line < 15 else [])
+        assert slow in choice.tests_of(mutant, seconds=10.0) or mutant.line == 15
+
+
+def test_a_module_is_imported_from_its_mutated_text(tmp_path):
+    finder = Mutated(tmp_path, "problem/checks.py", "VALUE = 7\n")
+    spec = finder.find_spec("graspless_pin.problem.checks")
+    assert spec is not None and spec.loader is not None
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    assert module.VALUE == 7
+    assert finder.find_spec("graspless_pin.problem.scales") is None
+    folder = Mutated(tmp_path, "problem/__init__.py", "VALUE = 8\n")
+    assert folder.find_spec("graspless_pin.problem") is not None
+
+
+CHILDREN = """
+import os, signal, time
+from mutation.children import in_children
+
+def run(job):
+    if job == "crash":
+        os.kill(os.getpid(), signal.SIGKILL)
+    while job == "endless":
+        time.process_time()
+    if job == "error":
+        raise RuntimeError(job)
+    return 3 if job == "three" else 0
+
+jobs = ["fine", "three", "crash", "endless", "error"]
+for job, ended in in_children(jobs, run, lambda _: 1.0, at_once=2):
+    print(job, ended.code, ended.seconds > 0.5)
+"""
+
+
+def test_children_end_with_their_code_their_time_or_a_crash():
+    # In a process of its own: this one may have threads, which a fork does not bear.
+    told = subprocess.run(  # noqa: S603 - our own interpreter and a fixed program
+        [sys.executable, "-c", CHILDREN], cwd=ROOT, capture_output=True, text=True, timeout=60
+    )
+    assert sorted(told.stdout.splitlines()) == [
+        "crash None False", "endless None True", "error 70 False", "fine 0 False", "three 3 False",
+    ], told.stderr  # fmt: skip
+
+
+def test_every_mistake_in_the_loops_has_its_place():
+    """What was renamed since has to be renamed there, too."""
+    assert len(MISTAKES) >= 30
+    assert len(set(MISTAKES)) == len(MISTAKES)
+    for mistake in MISTAKES:
+        right = (ROOT / LOOPS / f"{mistake.loops}.pyx").read_text(encoding="utf-8")
+        assert mistake.source(ROOT / LOOPS) != right
