@@ -14,6 +14,8 @@ from mutation.test_map import Test
 
 # Each further file takes time to be imported.
 _FILES = 6
+_OF_DEFINITIONS = ("tests/core/test_records.py",)
+"""Tests that look at definitions themselves, which run when a module is loaded."""
 
 
 class Choice:
@@ -46,7 +48,7 @@ class Choice:
             return -near / (0.05 + min(test.seconds for test in group)) ** 0.5
 
         ordered = sorted(groups.values(), key=order)
-        chosen, files, left = [], set[str](), seconds
+        chosen, files, left = self._of_definitions(mutant), set[str](), seconds
         for test in chain.from_iterable(zip_longest(*ordered)):
             if test is None or test.seconds > left:
                 continue
@@ -55,6 +57,11 @@ class Choice:
                 files.add(test.file)
                 left -= test.seconds
         return chosen
+
+    def _of_definitions(self, mutant: Mutant) -> list[Test]:
+        if _inside(self._package / mutant.path, mutant.line)[0]:
+            return []
+        return [test for test in self._tests if test.file in _OF_DEFINITIONS]
 
     def _lines(self, mutant: Mutant) -> dict[str, int]:
         """Lines that run what is changed: its own, or, outside functions, those that use it."""

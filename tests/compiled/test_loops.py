@@ -202,6 +202,56 @@ def test_strides_and_types_do_not_matter() -> None:
     np.testing.assert_allclose(moved_point, T[:3, :3] @ point + T[:3, 3], atol=1e-15)
 
 
+@needs_loops
+@pytest.mark.parametrize("far", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("slip", [0.1, 3e-3, 3e-4, 1e-6])
+def test_turning_is_weighed_by_the_longest_arm(far, slip, by_numpy) -> None:
+    """A contact near the axis of a turning object moves at a share of the fastest speed."""
+    positions = np.array([[far, 0.0, 0.0], [0.0, slip * far, 0.0]])
+    normals = np.array([[0.0, 0.0, 1.0]] * 2)
+    touching = ContactArrays(("body",) * 2, (BodyKind.SUPPORT,) * 2, positions, normals, (0.0,) * 2)
+
+    def classified():
+        twist = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+        return motion.classify_motion(touching, twist, np.zeros(3), None, None)
+
+    slides = motion.ContactMotion.SLIDING
+    assert classified().states == by_numpy(classified).states
+    assert classified().states[0] is slides
+    assert (classified().states[1] is slides) == (slip > motion.SPEED_TOLERANCE)
+
+
+@needs_loops
+@pytest.mark.parametrize("place", [(0, 0), (1, 2), (2, 2), (0, 3), (2, 3)])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_what_is_no_number_passes_no_check(place, bad) -> None:
+    assert compiled.rigid_bodies is not None and compiled.small_arrays is not None
+    pose = np.eye(4)
+    assert compiled.rigid_bodies.is_rigid(pose)
+    pose[place] = bad
+    assert not compiled.rigid_bodies.is_rigid(pose)
+    assert not compiled.small_arrays.all_within((pose,), 1e30)
+    assert not compiled.small_arrays.all_finite((pose,))
+    assert compiled.small_arrays.all_within((np.eye(4),), 1.0)
+    assert not compiled.small_arrays.all_within((np.eye(4),), 0.9)
+
+
+@needs_loops
+@pytest.mark.parametrize(("first", "second"), [(0, 1), (0, 2), (1, 2)])
+@pytest.mark.parametrize(("angle", "rigid"), [(5e-7, True), (2e-6, False), (0.1, False)])
+def test_columns_that_are_not_at_right_angles(
+    first, second, angle, rigid, outcome, by_numpy
+) -> None:
+    pose = np.eye(4)
+    pose[first, second], pose[second, second] = np.sin(angle), np.cos(angle)
+
+    def judged():
+        return np.array(poses.as_pose("T", pose))
+
+    ours, theirs = outcome(judged), by_numpy(judged)
+    assert isinstance(ours, tuple) is isinstance(theirs, tuple) is not rigid
+
+
 ONES = np.ones((2, 3))
 POSES = np.repeat(np.eye(4)[None], 2, axis=0)
 

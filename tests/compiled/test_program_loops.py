@@ -15,6 +15,7 @@ from graspless_pin.algorithms.formulation import Formulation, formulate
 from graspless_pin.errors import GrasplessPinError
 from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.problem.contact_map import contact_map
+from graspless_pin.problem.scales import scales_of
 from graspless_pin.programs import carried_optimum
 from graspless_pin.programs.carried_optimum import carried, optimum_of
 from graspless_pin.programs.objectives import Margin, Objective
@@ -297,3 +298,27 @@ def test_the_arguments_fit_otherwise() -> None:
     assert compiled.linear_programs.refined(*endless) is None
     vanishing = refined_arguments(rows=np.zeros((2, 4)))
     assert compiled.linear_programs.refined(*vanishing) is None
+
+
+@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("force", [0.0, 1.0, 50.0])
+@pytest.mark.parametrize("turn", [0.0, 1.0, 50.0])
+@pytest.mark.parametrize("count", [1, 3])
+def test_scales_are_alike(seed, force, turn, count, by_numpy) -> None:
+    """Of loads that are mostly a force, mostly a moment, neither, and at one point."""
+    rng = np.random.default_rng(seed)
+    positions, jacobian = rng.normal(size=(count, 3)), rng.normal(size=(3 * count, 3))
+    jacobian[:, 1] *= rng.choice([0.0, 1e-14, 1.0])
+    wrench = rng.normal(size=6) * np.repeat([force, turn], 3)
+    limits = rng.uniform(1.0, 5.0, count)
+    for levers in (jacobian, 0.0 * jacobian):
+        ours, theirs = (
+            one(lambda j=levers: scales_of(positions, wrench, j, limits))
+            for one in (lambda call: call(), by_numpy)
+        )
+        for mine, other in zip(ours, theirs, strict=True):
+            same(mine, other)
+    if count == 1 and force and turn:
+        moment = wrench[3:] - np.cross(positions[0], wrench[:3])
+        size = np.linalg.norm(moment) / np.linalg.norm(wrench[:3])
+        assert ours.length == pytest.approx(size)

@@ -261,3 +261,52 @@ def test_the_unit_is_that_of_the_largest_torque(lever, unit):
     assert verify_document(document).proven
     other = {"N": "N m", "N m": "N"}[unit]
     assert names_that_fail(changed(document, "max_torque_unit", to=other)) == ["its unit as stated"]
+
+
+BAD_ENTRIES = {
+    "an axis that is none": ([[0, 3, 1.0]], "0 to 2"),
+    "a contact that is none": ([[6, 0, 1.0]], "0 to 5"),
+    "two figures": ([[0, 1]], "of 2 entries; it must be a list of 3"),
+    "four figures": ([[0, 1, 1.0, 1.0]], "of 4 entries; it must be a list of 3"),
+    "too many entries": ([[0, 1, 1.0]] * 19, "of 19 entries; it must be a list of 0 to 18"),
+}
+
+
+@pytest.mark.parametrize(("entries", "message"), BAD_ENTRIES.values(), ids=BAD_ENTRIES)
+def test_entries_of_a_combination_that_are_none(entries, message):
+    document = documented(minimize_torque(scene("rest")))
+    leaf = {"kind": "kinematic", "combination": entries}
+    with pytest.raises(ValueError, match=message):
+        verify_document(changed(document, "proof", "nodes", to=[leaf]))
+
+
+@pytest.mark.parametrize("entry", [[0, 0], [0, 0, 1.0, 1.0], [6, 0, 1.0], [0, 6, 1.0]])
+def test_entries_of_multipliers_that_are_none(entry):
+    document = documented(minimize_torque(scene("rest")))
+    with pytest.raises(ValueError, match=r"a (face|contact) of multipliers is|must be a list of 3"):
+        verify_document(changed(document, "multipliers", "faces", to=[entry]))
+
+
+@pytest.mark.parametrize(
+    ("make", "unit"),
+    [
+        (lambda: maximize_margin(scene("up")), "N"),
+        (lambda: minimize_torque(scene("rest")), "N m, N"),
+        (lambda: minimize_torque(scene("rest"), scale="limits"), ""),
+    ],
+)
+def test_the_gap_has_its_unit(make, unit):
+    (check,) = [
+        one for one in verify_document(documented(make())).checks if one.name == "gap as stated"
+    ]
+    words = check.detail.split("found ")[1].split(maxsplit=1)[1:]
+    assert " ".join(words) == unit
+
+
+def test_an_open_answer_states_no_infeasibility():
+    document = documented(minimize_torque(scene("rest"), time_limit=0.0))
+    assert names_that_fail(document) == []
+    false = changed(document, "certificate", "infeasibility", to=1e-3)
+    assert names_that_fail(false) == ["states no infeasibility"]
+    nothing = changed(document, "certificate", "infeasibility", to=-1e-3)
+    assert names_that_fail(nothing) == []

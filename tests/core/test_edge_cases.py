@@ -1,0 +1,244 @@
+"""Cases at the edge of what the core is asked for, each with its answer known by hand."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scenes import scene, structured_arguments
+
+from graspless_pin import (
+    QuasistaticProblem,
+    contact_force_bounds,
+    enumerate_modes,
+    explain,
+    margin_torque_curve,
+    maximize_margin,
+    minimize_torque,
+)
+from graspless_pin.algorithms.branch_and_bound import branch_and_bound
+from graspless_pin.algorithms.curve_search import CurveSearch
+from graspless_pin.algorithms.formulation import formulate
+from graspless_pin.algorithms.limits import NO_LIMITS
+from graspless_pin.algorithms.search import SearchResult, SearchState
+from graspless_pin.algorithms.threshold import threshold_optima
+from graspless_pin.errors import ArgumentError
+from graspless_pin.magnitudes import LARGEST, LARGEST_REGULARIZATION
+from graspless_pin.modes.rules import Rules
+from graspless_pin.problem.checks import real_number
+from graspless_pin.programs.answers import checked_answer
+from graspless_pin.programs.objectives import Margin
+from graspless_pin.programs.polish import polished
+from graspless_pin.programs.program import Program
+from graspless_pin.solvers import Outcome, solve
+
+NONE = np.zeros(0)
+
+
+def pinch(limit: float = 10.0, friction: float = 0.0, **options: Any) -> QuasistaticProblem:
+    """Two opposite contacts on a weightless object, the first by a joint on a lever of 0.5 m."""
+    jacobian = np.zeros((6, 1))
+    jacobian[1, 0] = -0.5
+    return QuasistaticProblem(
+        [[0, -0.05, 0], [0, 0.05, 0]], [[0, 1, 0], [0, -1, 0]], np.zeros(6), jacobian,
+        friction=friction, max_normal_force=limit, torque_limits=(-np.inf, np.inf), **options,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("limit", [1e-6, 10.0, 4e5])
+def test_without_friction_the_largest_margin_is_half_the_limit(limit):
+    """It presses half as hard as it may: as far from no force as from the limit."""
+    solution = maximize_margin(pinch(limit))
+    assert solution.status.name == "OPTIMAL"
+    assert solution.margin == pytest.approx(limit / 2.0, rel=1e-6)
+    assert solution.certificate.bound == pytest.approx(limit / 2.0, rel=1e-6)
+    curve = margin_torque_curve(pinch(limit))
+    assert curve.found and curve.largest_margin == pytest.approx(limit / 2.0, rel=1e-6)
+    assert curve.torque_at(limit / 4.0) == pytest.approx(limit / 8.0, rel=1e-5)
+
+
+@pytest.mark.parametrize(("margin", "reach"), [(0.1, 1e7), (3.0, 3e8), (50.0, 1e9)])
+def test_without_a_load_the_required_margin_is_the_scale(margin, reach):
+    solution = minimize_torque(pinch(1e9, 0.5), margin)
+    assert solution.found
+    assert solution.certificate.force_reach == pytest.approx(reach)
+    assert maximize_margin(pinch(1e9, 0.5)).certificate.force_reach == 1e9
+
+
+def test_only_the_external_force_is_held_against_the_smallest_limit():
+    """A moment may be of any size: it depends on the reference point."""
+    positions, normals = [[0, 0, 0]], [[0, 0, 1.0]]
+    for wrench in ([0, 0, -1.0, 1e14, 1e14, 1e14], [1e11, 1e11, 1e11, 0, 0, 0]):
+        QuasistaticProblem(positions, normals, wrench, friction=0.5, max_normal_force=1.0)
+    for axis in range(3):
+        wrench = np.zeros(6)
+        wrench[axis] = 1.1e12
+        with pytest.raises(ArgumentError, match="max_normal_force"):
+            QuasistaticProblem(positions, normals, wrench, friction=0.5, max_normal_force=1.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "most"), [("regularization", LARGEST_REGULARIZATION), ("margin", LARGEST)]
+)
+def test_the_largest_number_is_taken(name, most):
+    assert real_number(name, most, 0.0) == most
+    with pytest.raises(ArgumentError, match=name):
+        real_number(name, np.nextafter(most, np.inf), 0.0)
+    assert real_number(name, np.nextafter(most, np.inf), 0.0, finite=False) > most
+
+
+def line(cost: float, lb: float, ub: float) -> Program:
+    """Minimise a cost times x between bounds."""
+    return Program(
+        np.zeros(1), np.array([cost]), np.zeros((0, 1)), NONE, np.zeros((0, 1)), NONE, NONE,
+        np.array([lb]), np.array([ub]), np.array([[lb], [ub]]),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("cost", [-0.3, -1e-3, -5.0, 0.3, 1e-3, 5.0])
+def test_a_variable_is_brought_to_the_bound_that_its_cost_pushes_it_to(cost):
+    """An answer a hair away from the bound, as interior points leave it."""
+    end = 1.0 if cost < 0.0 else -1.0
+    found = polished(line(cost, -1.0, 1.0), (np.array([end * (1.0 - 1e-6)]), NONE, NONE))
+    assert found is not None and found[0] == pytest.approx([end], abs=1e-15)
+
+
+def test_no_answer_proves_no_bound():
+    for one in (line(1.0, 0.0, 1.0), line(-1.0, 0.0, 1e5)):
+        answer = checked_answer(one, lambda _: None, "", np.inf)
+        assert answer.outcome is Outcome.FAILED
+        assert answer.bound == -np.inf and answer.value == np.inf
+
+
+def test_a_kept_solver_is_told_of_each_bound_that_changed():
+    """One of the two alone, there and back again."""
+    program = formulate(pinch(10.0, 0.5), Margin()).program
+    free = solve(program)
+    normal = int(np.argmax(np.isclose(free.x, free.x[0])))
+    assert free.outcome is Outcome.SOLVED
+    lb, ub = program.lb.copy(), program.ub.copy()
+    ub[normal] = 0.4 * free.x[normal]
+    less = solve(program.bounded(program.lb, ub))
+    assert less.outcome is Outcome.SOLVED and less.value > free.value + 1e-3
+    lb[normal] = 1.2 * free.x[normal]
+    more = solve(program.bounded(lb, program.ub))
+    assert more.outcome is Outcome.SOLVED and more.value > free.value + 1e-3
+    for one, known in ((program, free), (program.bounded(program.lb, ub), less),
+                       (program.bounded(lb, program.ub), more)):  # fmt: skip
+        for _ in range(2):
+            assert solve(one).value == pytest.approx(known.value, abs=1e-7)
+
+
+def test_components_that_vary_by_a_millionth_of_the_load_are_determined():
+    problem = scene("up")
+    bounds = contact_force_bounds(problem, maximize_margin(problem).torques)
+    load = problem.scales.force
+    for width, open_ in ((0.9e-6, False), (1.1e-6, True), (1e-4, True), (0.0, False)):
+        one = replace(bounds, upper=bounds.lower + width * load)
+        assert one.indeterminate.all() == open_ and one.indeterminate.any() == open_
+
+
+class Threshold:
+    """A search that ended near the threshold, and others with optima that are given."""
+
+    def __init__(self, own: float | None) -> None:
+        formulation = formulate(scene("rest"), Margin())
+        state = SearchState(formulation, Rules.parse(), "piqp")
+        result = branch_and_bound(state)
+        formulation.kinematics.undecided_near = True
+        assert state.best is not None
+        state.best = None if own is None else replace(state.best, value=own)
+        self.result: SearchResult = result
+        self.unit = formulation.unit
+
+    def optima(self, slow: float | None, fast: float | None):
+        answers = iter([slow, fast])
+
+        def search(_formulation):
+            value = next(answers)
+            best = None if value is None else SimpleNamespace(value=value)
+            return SimpleNamespace(state=SimpleNamespace(best=best))
+
+        return threshold_optima(self.result, search)  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.parametrize("own", [-0.2, -1.0, -500.0])
+def test_an_answer_hangs_on_the_threshold_where_others_differ_by_a_millionth(own):
+    size = max(1.0, abs(own))
+    near = Threshold(own)
+    assert near.optima(own, own) is None
+    assert near.optima(own - 0.9e-6 * size, own + 0.9e-6 * size) is None
+    for slow, fast in ((own - 1.1e-6 * size, own), (own, own + 1.1e-6 * size)):
+        told = near.optima(slow, fast)
+        assert told == (near.unit * slow, near.unit * fast)
+    told = near.optima(own, None)
+    assert told is not None and told[0] == near.unit * own and np.isnan(told[1])
+    told = Threshold(None).optima(own, None)
+    assert told is not None and told[0] == near.unit * own and np.isnan(told[1])
+    assert Threshold(None).optima(None, None) is None
+
+
+@pytest.mark.parametrize("seed", [2, 4, 9])
+def test_a_mode_is_extended_as_far_as_any_is(seed):
+    """A curve of a mode that leaves out a contact would hide what lies below."""
+    problem = QuasistaticProblem(**structured_arguments(seed, "slab", 4))
+    search = CurveSearch(
+        formulate(problem, Margin()), Rules.parse(), "piqp", NO_LIMITS
+    )  # fmt: skip
+    modes = list(enumerate_modes(problem))
+    maximal = list(enumerate_modes(problem, maximal=True))
+    assert len(maximal) < len(modes)
+    for mode in modes:
+        extended = search._extended(mode)
+        assert extended is not None and extended in maximal
+        assert (extended.signs[mode.selection] == mode.signs[mode.selection]).all()
+
+
+def heavy(limit: float = 0.5, **options: Any) -> QuasistaticProblem:
+    """Two fingers pinch a weight of 10 N with joints that only close, too weakly."""
+    jacobian = np.zeros((6, 2))
+    jacobian[1, 0], jacobian[4, 1] = -0.1, 0.1
+    return QuasistaticProblem(
+        [[0, -0.05, 0], [0, 0.05, 0]], [[0, 1, 0], [0, -1, 0]], [0, 0, -10.0, 0, 0, 0], jacobian,
+        friction=0.5, torque_limits=([-limit, -limit], [0.0, 0.0]), **options,
+    )  # fmt: skip
+
+
+def suggestion(problem: QuasistaticProblem, words: str):
+    solution = maximize_margin(problem, static_friction="coulomb")
+    assert not solution.found
+    return next(one for one in explain(solution).suggestions if words in one.text)
+
+
+def test_a_limit_of_zero_on_one_side_stays():
+    """Each needs at least 10 N, that is 1 N m."""
+    found = suggestion(heavy(), "every torque limit")
+    assert found.problem.upper_torque.tolist() == [0.0, 0.0]
+    more = float(found.text.split("larger by ")[1].split()[0])
+    np.testing.assert_allclose(found.problem.lower_torque, -0.5 - more)
+    assert 0.5 <= more < 0.6
+    mirrored = heavy().with_changes(
+        jacobian=-heavy().jacobian, torque_limits=([0.0, 0.0], [0.5, 0.5])
+    )
+    found = suggestion(mirrored, "every torque limit")
+    assert found.problem.lower_torque.tolist() == [0.0, 0.0]
+    np.testing.assert_allclose(found.problem.upper_torque, 0.5 + more)
+
+
+def test_a_limit_of_nothing_on_both_sides_opens_on_both():
+    still = heavy().with_changes(torque_limits=(0.0, 0.0))
+    found = suggestion(still, "every torque limit")
+    assert (found.problem.upper_torque > 0.9).all() and (found.problem.lower_torque < -0.9).all()
+
+
+@pytest.mark.parametrize("limit", [2.0, 5.0, 8.0])
+def test_larger_normal_forces_are_suggested_as_small_as_may_be(limit):
+    problem = heavy(5.0, max_normal_force=limit)
+    found = suggestion(problem, "every normal-force limit")
+    more = float(found.text.split("larger by ")[1].split()[0])
+    np.testing.assert_allclose(found.problem.max_normal_force, limit + more)
+    assert maximize_margin(found.problem, static_friction="coulomb").found
+    # The least normal force is the weight's half over what of friction is along the weight.
+    least = problem.with_changes(max_normal_force=limit + 0.98 * more)
+    assert not maximize_margin(least, static_friction="coulomb").found
