@@ -16,8 +16,9 @@ if TYPE_CHECKING:
     from graspless_pin.algorithms.gradients import optimum_gradients
     from graspless_pin.algorithms.margin_torque_curve import margin_torque_curve
     from graspless_pin.algorithms.minimum_friction import minimum_friction
+    from graspless_pin.algorithms.options import SolveOptions
     from graspless_pin.algorithms.sensitivity import margin_sensitivity
-    from graspless_pin.algorithms.torque import maximize_margin, minimize_torque
+    from graspless_pin.algorithms.torque import maximize_margin, minimize_torque, optimize
     from graspless_pin.errors import GrasplessPinError
     from graspless_pin.geometry.hand.model import Hand
     from graspless_pin.modes.enumeration import enumerate_modes
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
         assemble_joint_space,
     )
     from graspless_pin.problem.wrenches import force_first, moment_first
+    from graspless_pin.programs.builder import ProgramBuilder
+    from graspless_pin.programs.objectives import Margin, Objective, Torque, TorqueShare
     from graspless_pin.scene import Scene, close_fingers, fingertip_contact, load_scene, settle
     from graspless_pin.solution import Status, TorqueSolution
     from graspless_pin.studies import load_study, read_results, run_study
@@ -42,10 +45,16 @@ __all__ = [
     "GrasplessPinError",
     "Hand",
     "JointSpace",
+    "Margin",
+    "Objective",
+    "ProgramBuilder",
     "QuasistaticProblem",
     "Scene",
     "SlidingMode",
+    "SolveOptions",
     "Status",
+    "Torque",
+    "TorqueShare",
     "TorqueSolution",
     "Waypoint",
     "assemble_joint_space",
@@ -66,6 +75,7 @@ __all__ = [
     "minimize_torque",
     "minimum_friction",
     "moment_first",
+    "optimize",
     "optimum_gradients",
     "read_results",
     "run_study",
@@ -82,10 +92,16 @@ _SOURCES = {
     "GrasplessPinError": "errors",
     "Hand": "geometry.hand.model",
     "JointSpace": "problem",
+    "Margin": "programs.objectives",
+    "Objective": "programs.objectives",
+    "ProgramBuilder": "programs.builder",
     "QuasistaticProblem": "problem",
     "Scene": "scene",
     "SlidingMode": "modes.rules",
+    "SolveOptions": "algorithms.options",
     "Status": "solution",
+    "Torque": "programs.objectives",
+    "TorqueShare": "programs.objectives",
     "TorqueSolution": "solution",
     "Waypoint": "planning",
     "assemble_joint_space": "problem",
@@ -106,6 +122,7 @@ _SOURCES = {
     "minimize_torque": "algorithms.torque",
     "minimum_friction": "algorithms.minimum_friction",
     "moment_first": "problem.wrenches",
+    "optimize": "algorithms.torque",
     "optimum_gradients": "algorithms.gradients",
     "read_results": "studies",
     "run_study": "studies",

@@ -18,9 +18,9 @@ from graspless_pin import (
     minimize_torque,
 )
 from graspless_pin.algorithms import force_extremes
-from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.force_bounds import ContactForceBounds
 from graspless_pin.algorithms.search import undecided
+from graspless_pin.algorithms.searching import search_modes
 from graspless_pin.errors import ArgumentError
 
 TIGHT = 1e-5
@@ -138,9 +138,9 @@ def test_a_search_without_an_answer_leaves_the_rest(monkeypatch, torques, comple
     def search(*arguments, **options):
         if next(calls) == failing:
             return undecided(arguments[0])
-        return branch_and_bound(*arguments, **options)
+        return search_modes(*arguments, **options)
 
-    monkeypatch.setattr(force_extremes, "branch_and_bound", search)
+    monkeypatch.setattr(force_extremes, "search_modes", search)
     bounds = contact_force_bounds(scene("rest"), torques)
     assert bounds.status is Status.LIMIT_REACHED
     assert bounds.proven.sum() >= bounds.proven.size - 1
@@ -148,10 +148,10 @@ def test_a_search_without_an_answer_leaves_the_rest(monkeypatch, torques, comple
 
 
 def test_torques_whose_modes_no_solver_decides_on(monkeypatch, torques):
-    def search(state, **_):
+    def search(state, *_):
         return undecided(state)
 
-    monkeypatch.setattr(force_extremes, "branch_and_bound", search)
+    monkeypatch.setattr(force_extremes, "search_modes", search)
     bounds = contact_force_bounds(scene("rest"), torques)
     assert bounds.status is Status.UNVERIFIED and not bounds.found
     assert np.isnan(bounds.lower).all() and not bounds.proven.any()

@@ -20,7 +20,7 @@ from graspless_pin import (
 from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.curve_search import CurveSearch
 from graspless_pin.algorithms.formulation import formulate
-from graspless_pin.algorithms.limits import NO_LIMITS
+from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.search import SearchResult, SearchState
 from graspless_pin.algorithms.threshold import threshold_optima
 from graspless_pin.errors import ArgumentError
@@ -184,7 +184,7 @@ def test_a_mode_is_extended_as_far_as_any_is(seed):
     """A curve of a mode that leaves out a contact would hide what lies below."""
     problem = QuasistaticProblem(**structured_arguments(seed, "slab", 4))
     search = CurveSearch(
-        formulate(problem, Margin()), Rules.parse(), "piqp", NO_LIMITS
+        formulate(problem, Margin()), SolveOptions(Rules.parse())
     )  # fmt: skip
     modes = list(enumerate_modes(problem))
     maximal = list(enumerate_modes(problem, maximal=True))

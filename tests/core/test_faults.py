@@ -23,6 +23,7 @@ from graspless_pin import (
     minimum_friction,
 )
 from graspless_pin.algorithms import curve_search, force_extremes, formulation, optimal_faces
+from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.torque import torque_objective
 from graspless_pin.algorithms.warm_start import reaches_margin, solve_from
 from graspless_pin.errors import UndecidedMotionError
@@ -163,14 +164,14 @@ def test_no_lie_of_all_solvers_becomes_an_answer(name, lying):
 def test_no_lie_becomes_an_answer_of_a_warm_search(name, lying):
     objective = Margin()
     for _ in range(2):
-        found, left = solve_from(fresh(name), objective, RULES)
+        found, left = solve_from(fresh(name), objective, SolveOptions(RULES))
         assert_right(found, honest(name, "margin"), "margin")
-        again, _ = solve_from(fresh(name), objective, RULES, left)
+        again, _ = solve_from(fresh(name), objective, SolveOptions(RULES), left)
         assert_right(again, honest(name, "margin"), "margin")
     best = honest(name, "margin")
     for required in (0.5, 2.0):  # reached, and not
         goal = required * max(best.margin, 1e-3) if best.found else required
-        reached, _ = reaches_margin(fresh(name), goal, RULES)
+        reached, _ = reaches_margin(fresh(name), goal, SolveOptions(RULES))
         assert reached in (None, best.found and required < 1.0)
 
 
@@ -547,7 +548,7 @@ def test_torques_of_a_carried_optimum_are_checked():
             (Margin(), "margin", "margin"),
             (torque_objective(0.01), "torque", "max_torque"),
         ):
-            _, left = solve_from(fresh(other), objective, RULES)
-            found, _ = solve_from(fresh(name), objective, RULES, left)
+            _, left = solve_from(fresh(other), objective, SolveOptions(RULES))
+            found, _ = solve_from(fresh(name), objective, SolveOptions(RULES), left)
             assert found.status is honest(name, what).status
             assert_right(found, honest(name, what), figure)

@@ -18,11 +18,12 @@ from graspless_pin import (
     maximize_margin,
     minimize_torque,
 )
+from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.warm_start import reaches_margin, solve_from
 from graspless_pin.errors import GrasplessPinError, UndecidedMotionError
 from graspless_pin.modes.kinematics import VirtualKinematics
 from graspless_pin.modes.nearest_motions import NearestMotions
-from graspless_pin.modes.rules import Rules, SignRule
+from graspless_pin.modes.rules import SignRule
 from graspless_pin.modes.verdicts import Conflict, Requirement, Witness
 from graspless_pin.programs.objectives import Margin
 
@@ -228,8 +229,8 @@ def test_an_undecided_motion_is_a_status(algorithm, search):
 def test_an_undecided_motion_leaves_a_margin_undecided():
     problem = scene("rest")
     objective = Margin()
-    assert solve_from(problem, objective, Rules.parse())[0].status is Status.UNVERIFIED
-    assert reaches_margin(problem, 0.01, Rules.parse())[0] is None
+    assert solve_from(problem, objective, SolveOptions())[0].status is Status.UNVERIFIED
+    assert reaches_margin(problem, 0.01, SolveOptions())[0] is None
 
 
 @pytest.mark.usefixtures("undecided")

@@ -14,6 +14,7 @@ from scenes import (
 )
 
 from graspless_pin import QuasistaticProblem, Status, maximize_margin, minimize_torque
+from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.torque import torque_objective
 from graspless_pin.algorithms.warm_start import solve_from
 from graspless_pin.modes.rules import Rules
@@ -193,8 +194,8 @@ def test_other_units_change_no_warm_search(question, force, length):
         Margin() if which == "margin" else torque_objective(0.05 * factor, which)
         for factor in (1.0, force)
     )
-    cold, start = solve_from(problem, objective, rules)
-    warm, _ = solve_from(scaled, other, rules, start)
+    cold, start = solve_from(problem, objective, SolveOptions(rules))
+    warm, _ = solve_from(scaled, other, SolveOptions(rules), start)
     assert_alike(cold, warm, which, force, length)
 
 

@@ -13,6 +13,7 @@ from graspless_pin import (
     maximize_margin,
     minimize_torque,
 )
+from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.warm_start import solve_from
 from graspless_pin.modes.enumeration import requirements_of
 from graspless_pin.modes.kinematics import THRESHOLD, VirtualKinematics
@@ -65,8 +66,8 @@ def test_all_searches_go_by_one_rule(turn):
     expected = Status.OPTIMAL_IN_MODE if counts else Status.INFEASIBLE_MODE
     assert alone.status is expected
     objective, rules = Margin(), Rules.parse()
-    _, start = solve_from(slider(1e-2), objective, rules)
-    warm, _ = solve_from(problem, objective, rules, start)
+    _, start = solve_from(slider(1e-2), objective, SolveOptions(rules))
+    warm, _ = solve_from(problem, objective, SolveOptions(rules), start)
     assert warm.margin == pytest.approx(auto.margin, abs=1e-6)
 
 

@@ -12,6 +12,7 @@ from scenes import assert_holds  # pyright: ignore[reportMissingImports] - tests
 
 from graspless_pin import maximize_margin
 from graspless_pin.algorithms.formulation import formulate
+from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.torque import torque_objective
 from graspless_pin.algorithms.warm_start import Experience, solve_from
@@ -152,8 +153,8 @@ def test_along_a_path_each_answer_is_that_of_a_fresh_search(algorithm):
         left = Experience()
         for step in range(6):
             state = moved(problem, 0.02 * step, seed)
-            warm, left = solve_from(state, objective, STRICT, left)
-            cold, _ = solve_from(state, objective, STRICT)
+            warm, left = solve_from(state, objective, SolveOptions(STRICT), left)
+            cold, _ = solve_from(state, objective, SolveOptions(STRICT))
             assert warm.status is cold.status
             if cold.found:
                 found += 1
@@ -162,6 +163,6 @@ def test_along_a_path_each_answer_is_that_of_a_fresh_search(algorithm):
                 assert getattr(warm, figure) == pytest.approx(expected, abs=1e-5)
                 assert warm.certificate.gap <= 1e-5
                 assert_holds(warm)
-                in_mode = solve_problem(state, objective, STRICT, mode=warm.mode)
+                in_mode = solve_problem(state, objective, SolveOptions(STRICT), mode=warm.mode)
                 assert in_mode.found  # so there is a motion behind the mode
     assert found >= 15

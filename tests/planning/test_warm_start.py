@@ -11,6 +11,7 @@ from random_scenes import (  # pyright: ignore[reportMissingImports] - tests/cor
 from scenes import random_problem  # pyright: ignore[reportMissingImports] - tests/core, by conftest
 
 from graspless_pin import SlidingMode, maximize_margin, minimize_torque
+from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.torque import torque_objective
 from graspless_pin.algorithms.warm_start import Experience, reaches_margin, solve_from
 from graspless_pin.modes.rules import Rules
@@ -43,9 +44,9 @@ def test_the_answer_does_not_depend_on_the_start(family):
         if cold.found:
             starts.append(Experience(cold.mode))
         for start in starts:
-            warm, _ = solve_from(problem, Margin(), STRICT, start)
+            warm, _ = solve_from(problem, Margin(), SolveOptions(STRICT), start)
             assert warm.status is cold.status
-            other, _ = solve_from(problem, torque_objective(0.01), STRICT, start)
+            other, _ = solve_from(problem, torque_objective(0.01), SolveOptions(STRICT), start)
             assert other.status is least.status
             if cold.found:
                 assert warm.margin == pytest.approx(cold.margin, abs=1e-5)
@@ -63,20 +64,22 @@ def test_a_margin_is_reached_up_to_the_largest(family):
         problem = FAMILIES[family](seed)
         best = maximize_margin(problem)
         if not best.found:
-            assert reaches_margin(problem, 0.0, STRICT)[0] is False
+            assert reaches_margin(problem, 0.0, SolveOptions(STRICT))[0] is False
             continue
         for mode in (None, some_mode(problem, seed), best.mode):
             start = Experience(mode)
             for share in (0.0, 0.5, 0.999):
-                reached, left = reaches_margin(problem, share * best.margin, STRICT, start)
+                reached, left = reaches_margin(
+                    problem, share * best.margin, SolveOptions(STRICT), start
+                )
                 assert reached
                 assert left.mode is not None
                 # The mode is a proof: it can be checked by itself.
                 again = maximize_margin(problem, mode=left.mode)
                 assert again.margin >= share * best.margin - 1e-5
             above = best.margin + 1e-4 * max(1.0, best.margin)
-            assert reaches_margin(problem, above, STRICT, start)[0] is False
-        early, _ = reaches_margin(problem, 0.9 * best.margin, STRICT, time_limit=0.0)
+            assert reaches_margin(problem, above, SolveOptions(STRICT), start)[0] is False
+        early, _ = reaches_margin(problem, 0.9 * best.margin, SolveOptions(time_limit=0.0))
         counts[early] += 1
     # Without time for a search it is either proven at once or undecided, never refuted.
     assert counts[True] >= 5

@@ -39,6 +39,7 @@ from graspless_pin import (
     maximize_margin,
     minimize_torque,
 )
+from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.errors import GrasplessPinError
 from graspless_pin.modes.enumeration import requirements_of
@@ -175,7 +176,7 @@ def _truth(claimed: TorqueSolution) -> TorqueSolution:
     )
     if key not in _known:
         _known[key] = solve_problem(
-            problem, claimed.objective, claimed.rules, mode=claimed.given_mode
+            problem, claimed.objective, SolveOptions(claimed.rules), mode=claimed.given_mode
         )
     return _known[key]
 

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
+from typing import Unpack
 
 from tabulate import tabulate
 
+from graspless_pin.algorithms.explanation import explain
 from graspless_pin.algorithms.limits import Limits
-from graspless_pin.algorithms.torque import maximize_margin, minimize_torque
+from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
+from graspless_pin.algorithms.solve import solve_problem
+from graspless_pin.algorithms.torque import paper_objective
 from graspless_pin.modes.enumeration import enumerate_modes
-from graspless_pin.modes.rules import Rules, SignRule, SlidingRule, StaticFriction, choice
+from graspless_pin.modes.rules import Rules, SignRule, SlidingRule, StaticFriction
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.joint_units import units_text
 from graspless_pin.programs.objectives import Algorithm
@@ -61,8 +65,7 @@ def compare_rules(
     algorithm: str = "margin",
     *,
     margin: float = 0.1,
-    node_limit: int | None = None,
-    time_limit: float | None = None,
+    **options: Unpack[SolveKeywords],
 ) -> RuleComparison:
     """Solve a problem under each of the six rule pairs and plain Coulomb friction.
 
@@ -72,19 +75,22 @@ def compare_rules(
         problem: Contacts, wrench, joints and limits.
         algorithm: ``margin`` (Algorithm 1) or ``torque`` (Algorithm 2).
         margin: Required margin e_0 of Algorithm 2, N.
-        node_limit: Limit of each of the searches over modes; None: none.
-        time_limit: Seconds for all of them; None: no limit.
+        options: See `SolveOptions.parse`; the rules are the compared ones.
 
     Raises:
-        ArgumentError: If the algorithm is not known or the margin is negative.
+        ArgumentError: If an option is not known or the margin is negative.
     """
-    limits = Limits.parse(node_limit, time_limit)
-    chosen = choice(Algorithm, "algorithm", algorithm)
+    how, objective = SolveOptions.parse(**options), paper_objective(algorithm, margin)
+    limits = Limits.of(how)
     readings = [Rules(sign, sliding) for sign, sliding in product(SignRule, SlidingRule)]
     readings.append(Rules(static_friction=StaticFriction.COULOMB))
-    return RuleComparison(
-        chosen, {rules: _solve(problem, chosen, margin, rules, limits) for rules in readings}
-    )
+    found = {
+        rules: solve_problem(
+            problem, objective, limits.within(replace(how, rules=rules)), explain=explain
+        )
+        for rules in readings
+    }
+    return RuleComparison(Algorithm(algorithm), found)
 
 
 def solve_each_mode(
@@ -92,8 +98,7 @@ def solve_each_mode(
     algorithm: str = "margin",
     *,
     margin: float = 0.1,
-    sign_rule: str = "strict",
-    sliding_rule: str = "exempt",
+    **options: Unpack[SolveKeywords],
 ) -> Iterator[TorqueSolution]:
     """Yield the solution of each feasible maximal mode, found or not, in the order of listing.
 
@@ -101,29 +106,13 @@ def solve_each_mode(
         problem: Contacts, wrench, joints and limits.
         algorithm: ``margin`` (Algorithm 1) or ``torque`` (Algorithm 2).
         margin: Required margin e_0 of Algorithm 2, N.
-        sign_rule: See `maximize_margin`.
-        sliding_rule: See `maximize_margin`.
+        options: See `SolveOptions.parse`; ``coulomb`` has no modes and counts as the rule without.
 
     Raises:
         ArgumentError: If an option is not known.
     """
-    chosen = choice(Algorithm, "algorithm", algorithm)
-    modes = enumerate_modes(problem, sign_rule=sign_rule, sliding_rule=sliding_rule, maximal=True)
-    for mode in modes:
-        rules = Rules.parse(sign_rule, sliding_rule, StaticFriction.VIRTUAL_SLIDING).options()
-        if chosen is Algorithm.MARGIN:
-            yield maximize_margin(problem, mode=mode, **rules)
-        else:
-            yield minimize_torque(problem, margin, mode=mode, **rules)
-
-
-def _solve(
-    problem: QuasistaticProblem,
-    algorithm: Algorithm,
-    margin: float,
-    rules: Rules,
-    limits: Limits,
-) -> TorqueSolution:
-    if algorithm is Algorithm.MARGIN:
-        return maximize_margin(problem, **rules.options(), **limits.left)
-    return minimize_torque(problem, margin, **rules.options(), **limits.left)
+    options["static_friction"] = StaticFriction.VIRTUAL_SLIDING
+    how, objective = SolveOptions.parse(**options), paper_objective(algorithm, margin)
+    signs, sliding = how.rules.sign, how.rules.sliding
+    for mode in enumerate_modes(problem, sign_rule=signs, sliding_rule=sliding, maximal=True):
+        yield solve_problem(problem, objective, how, mode=mode, explain=explain)

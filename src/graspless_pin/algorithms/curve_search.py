@@ -12,14 +12,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.curve_pieces import STRAIGHT, WIDTH, Piece, first_open, joined, lower
 from graspless_pin.algorithms.formulation import Formulation
 from graspless_pin.algorithms.limits import Limits
+from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.search import SearchResult, SearchState
+from graspless_pin.algorithms.searching import search_modes
 from graspless_pin.modes.enumeration import mode_of, requirements_of, sign_pairs
 from graspless_pin.modes.kinematics import Requirement
-from graspless_pin.modes.rules import Rules, SlidingMode, StaticFriction, candidate_contacts
+from graspless_pin.modes.rules import SlidingMode, StaticFriction, candidate_contacts
 from graspless_pin.programs.analysis_objectives import aimed
 from graspless_pin.programs.program import Program
 from graspless_pin.solution import Status
@@ -38,15 +39,13 @@ class CurveSearch:
 
     Attributes:
         formulation: The scaled program with the margin as a variable.
-        rules: The reading of the virtual-sliding constraint.
-        solver: Solver of the programs.
+        options: How the modes are searched.
         limits: Of the searches over modes.
         unanswered: Programs of single modes that no solver answered.
     """
 
     formulation: Formulation
-    rules: Rules
-    solver: str
+    options: SolveOptions
     limits: Limits
     unanswered: list[Program] = field(default_factory=list)
 
@@ -56,7 +55,7 @@ class CurveSearch:
         best = largest.state.best
         if best is None:
             return largest.status, []
-        is_coulomb = self.rules.static_friction is StaticFriction.COULOMB
+        is_coulomb = self.options.rules.static_friction is StaticFriction.COULOMB
         first = None if is_coulomb else self._extended(largest.state.mode)
         pieces = self._curve(first, max(self._margin(best), 0.0))
         if not pieces:
@@ -100,8 +99,8 @@ class CurveSearch:
     def _below(self, program: Program, cutoff: float) -> SearchResult:
         """Search all modes for a value below the cutoff."""
         aim = replace(self.formulation, program=program, cutoff=cutoff)
-        state = SearchState(aim, self.rules, self.solver)
-        return branch_and_bound(state, **self.limits.left)
+        state = SearchState(aim, self.options.rules, self.options.solver)
+        return search_modes(state, self.options, self.limits)
 
     def _curve(self, mode: SlidingMode | None, end: float | None) -> list[Piece]:
         """One mode's whole curve, from margin zero to its own largest.
@@ -164,7 +163,7 @@ class CurveSearch:
         lb, ub = program.lb, program.ub
         if mode is not None:
             lb, ub = replace(self.formulation, program=program).bounds_of(mode)
-        answer = solve(program.bounded(lb, ub), self.solver)
+        answer = solve(program.bounded(lb, ub), self.options.solver)
         if answer.outcome is Outcome.FAILED:
             self.unanswered.append(program)
         return answer
@@ -175,15 +174,15 @@ class CurveSearch:
             return None
         problem, kinematics = self.formulation.problem, self.formulation.kinematics
         chosen = {item.contact: item for item in requirements_of(mode)}
-        for contact in np.flatnonzero(candidate_contacts(problem, self.rules)).tolist():
+        for contact in np.flatnonzero(candidate_contacts(problem, self.options.rules)).tolist():
             signs = chosen[contact].signs if contact in chosen else (0, 0)
             if 0 not in signs:
                 continue
-            for pair in sign_pairs(self.rules.sign):
+            for pair in sign_pairs(self.options.rules.sign):
                 if 0 in pair or any(s not in (0, p) for s, p in zip(signs, pair, strict=True)):
                     continue
                 trial = chosen | {contact: Requirement(contact, pair)}
-                if kinematics.feasible(tuple(trial.values()), self.rules.sign):
+                if kinematics.feasible(tuple(trial.values()), self.options.rules.sign):
                     chosen = trial
                     break
         return mode_of(problem, tuple(chosen[contact] for contact in sorted(chosen)))

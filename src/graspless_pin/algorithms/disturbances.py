@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.stats import norm, qmc
 
-from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.formulation import Formulation, formulated
 from graspless_pin.algorithms.limits import Limits
+from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
 from graspless_pin.algorithms.search import SearchState
+from graspless_pin.algorithms.searching import search_modes
 from graspless_pin.errors import ArgumentError, NoSolutionError
-from graspless_pin.modes.rules import Rules, SlidingMode, StaticFriction
+from graspless_pin.modes.rules import SlidingMode, StaticFriction
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
 from graspless_pin.programs.analysis_objectives import Disturbance
 from graspless_pin.solution import Status
-from graspless_pin.solvers import Outcome, check_solver
+from graspless_pin.solvers import Outcome
 
 _SAMPLES = 64
 _STEP = 1e-6
@@ -89,12 +91,7 @@ def disturbance_margin(
     directions: ArrayLike | None = None,
     *,
     characteristic_length: float | None = None,
-    sign_rule: str = "strict",
-    sliding_rule: str = "exempt",
-    static_friction: str = "virtual_sliding",
-    solver: str = "piqp",
-    node_limit: int | None = None,
-    time_limit: float | None = None,
+    **options: Unpack[SolveKeywords],
 ) -> DisturbanceMargin:
     """Find the largest disturbance that the contacts can still balance in each direction.
 
@@ -112,21 +109,15 @@ def disturbance_margin(
             along all six axes and 64 quasi-uniform directions (a Sobol sequence, the same every
             time).
         characteristic_length: m; None: the largest distance of a contact from the reference point.
-        sign_rule: See `maximize_margin`, as for the other options.
-        sliding_rule: See `maximize_margin`.
-        static_friction: See `maximize_margin`.
-        solver: See `maximize_margin`.
-        node_limit: Limit of each of the searches over modes; None: none.
-        time_limit: Seconds for all of them; None: no limit.
+        options: See `SolveOptions.parse`.
 
     Raises:
         ArgumentError: If a shape is wrong, a direction is zero, the length is not positive or an
             option is not known.
     """
     checked_problem(problem)
-    rules = Rules.parse(sign_rule, sliding_rule, static_friction)
-    check_solver(solver)
-    limits = Limits.parse(node_limit, time_limit)
+    how = SolveOptions.parse(**options)
+    limits = Limits.of(how)
     length = characteristic_length
     if length is None:
         length = float(np.linalg.norm(problem.positions, axis=1).max()) or 1.0
@@ -142,9 +133,9 @@ def disturbance_margin(
     for index, unit in enumerate(units):
         formulation = formulated(problem, Disturbance(scale * unit, held))
         if index == 0:
-            status = _undisturbed(formulation, rules, solver, limits)
+            status = _undisturbed(formulation, how, limits)
         if status is Status.OPTIMAL:
-            status, magnitudes[index] = _largest(formulation, rules, solver, limits)
+            status, magnitudes[index] = _largest(formulation, how, limits)
         if status in (Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT):
             break
         if status is not Status.OPTIMAL:
@@ -153,18 +144,16 @@ def disturbance_margin(
     return DisturbanceMargin(status, units, read_only(magnitudes), float(length), problem)
 
 
-def _undisturbed(formulation: Formulation, rules: Rules, solver: str, limits: Limits) -> Status:
+def _undisturbed(formulation: Formulation, how: SolveOptions, limits: Limits) -> Status:
     """Whether some mode balances the object as it is; the direction does not matter."""
     program = formulation.program
     ub = program.ub.copy()
     ub[-1] = 0.0
     still = replace(formulation, program=program.bounded(program.lb, ub))
-    return branch_and_bound(SearchState(still, rules, solver), **limits.left).status
+    return search_modes(SearchState(still, how.rules, how.solver), how, limits).status
 
 
-def _largest(
-    formulation: Formulation, rules: Rules, solver: str, limits: Limits
-) -> tuple[Status, float]:
+def _largest(formulation: Formulation, how: SolveOptions, limits: Limits) -> tuple[Status, float]:
     """The end (N) of the balanced multiples of one disturbance that are connected with zero.
 
     Each mode balances one interval of multiples. This walks down from the farthest balanced
@@ -176,7 +165,7 @@ def _largest(
         ub = program.ub.copy()
         ub[-1] = begin - _STEP
         nearer = replace(formulation, program=program.bounded(program.lb, ub))
-        result = branch_and_bound(SearchState(nearer, rules, solver), **limits.left)
+        result = search_modes(SearchState(nearer, how.rules, how.solver), how, limits)
         best, mode = result.state.best, result.state.mode
         if limits.passed or result.status in (Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT):
             return Status.LIMIT_REACHED, np.nan
@@ -186,14 +175,14 @@ def _largest(
         end = -best.value
         if end < begin - 2.0 * _STEP:
             largest = end
-        first = _first(formulation, mode, rules, solver)
+        first = _first(formulation, mode, how)
         if first is None:
             return Status.UNVERIFIED, np.nan
         begin = min(first, end)
     return Status.OPTIMAL, formulation.coordinates.force_scale * largest
 
 
-def _first(formulation: Formulation, mode: SlidingMode, rules: Rules, solver: str) -> float | None:
+def _first(formulation: Formulation, mode: SlidingMode, how: SolveOptions) -> float | None:
     """The smallest multiple that a mode balances, None where no solver tells.
 
     The mode balances all from there to its largest one.
@@ -201,9 +190,9 @@ def _first(formulation: Formulation, mode: SlidingMode, rules: Rules, solver: st
     program = formulation.program
     least = replace(formulation, program=replace(program, c=-program.c))
     lb, ub = program.lb, program.ub
-    if rules.static_friction is not StaticFriction.COULOMB:
+    if how.rules.static_friction is not StaticFriction.COULOMB:
         lb, ub = formulation.bounds_of(mode)
-    answer = least.solve(lb, ub, solver, cutoff=np.inf)
+    answer = least.solve(lb, ub, how.solver, cutoff=np.inf)
     return None if answer.outcome is Outcome.FAILED else answer.value
 
 

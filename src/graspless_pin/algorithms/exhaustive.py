@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 
 from graspless_pin.algorithms.search import SearchResult, SearchState, finished
@@ -11,12 +13,20 @@ from graspless_pin.solution import Status
 from graspless_pin.solvers import Outcome
 
 
-def search_exhaustively(state: SearchState) -> SearchResult:
+def search_exhaustively(
+    state: SearchState, *, node_limit: int | None = None, time_limit: float | None = None
+) -> SearchResult:
     """Find the optimum over all feasible modes by solving every maximal one.
 
     The relaxation's optimum is the answer whenever a feasible mode admits its friction; otherwise
     the maximal modes are solved one by one, since a smaller mode allows no other force.
+
+    Args:
+        state: The search to run.
+        node_limit: Stop after so many modes; None: no limit.
+        time_limit: Stop after so many seconds; None: no limit.
     """
+    deadline = np.inf if time_limit is None else time.monotonic() + time_limit
     answer = state.relax()
     state.nodes = 1
     if answer.outcome is Outcome.INFEASIBLE:
@@ -34,6 +44,8 @@ def search_exhaustively(state: SearchState) -> SearchResult:
     for listed in feasible_modes(
         state.formulation.problem, state.formulation.kinematics, state.rules, maximal=True
     ):
+        if (node_limit is not None and state.nodes >= node_limit) or time.monotonic() > deadline:
+            return finished(state, interrupted=True)
         state.nodes += 1
         state.modes_examined += 1
         answer = state.solve(*state.formulation.bounds_of(listed))

@@ -12,6 +12,7 @@ import numpy as np
 from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.formulation import formulate, formulated
 from graspless_pin.algorithms.minimum_friction import smallest_factor
+from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.search import SearchState
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.errors import UndecidedMotionError
@@ -128,7 +129,8 @@ def explain(solution: TorqueSolution) -> Explanation:
 def _solved(
     problem: QuasistaticProblem, solution: TorqueSolution, rules: Rules, margin: float
 ) -> TorqueSolution:
-    return solve_problem(problem, solution.objective.with_figure("required_margin", margin), rules)
+    objective = solution.objective.with_figure("required_margin", margin)
+    return solve_problem(problem, objective, SolveOptions(rules))
 
 
 def _conflicting_contacts(solution: TorqueSolution) -> tuple[int, ...]:
@@ -172,7 +174,7 @@ def _smaller_margin(solution: TorqueSolution) -> list[Suggestion]:
     """The largest margin that is feasible, where one is."""
     if solution.required_margin == 0.0:
         return []
-    best = solve_problem(solution.problem, Margin(), solution.rules)
+    best = solve_problem(solution.problem, Margin(), SolveOptions(solution.rules))
     if not best.found:
         return []
     margin = max(0.0, -_rounded_up(-best.margin / _ROOM))
@@ -260,7 +262,7 @@ def _helped(problem: QuasistaticProblem, forces: FloatArray) -> tuple[str, Quasi
 def _other_friction(solution: TorqueSolution) -> Iterator[Suggestion]:
     """A common factor on friction; below 1 where kinetic friction is more than can be pushed."""
     problem = solution.problem
-    least, _ = smallest_factor(problem, solution.objective, solution.rules)
+    least, _ = smallest_factor(problem, solution.objective, SolveOptions(solution.rules))
     if not np.isfinite(least):
         return
 

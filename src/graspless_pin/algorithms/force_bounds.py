@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from tabulate import tabulate
 
 from graspless_pin.algorithms.force_extremes import ForceExtremes
-from graspless_pin.algorithms.limits import Limits
-from graspless_pin.modes.rules import Rules
+from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
 from graspless_pin.solution import Status
 from graspless_pin.solution.records import FOUND
 from graspless_pin.solution.table import paragraph, table_html
-from graspless_pin.solvers import check_solver
 
 _DETERMINATE = 1e-6
 _HEADERS = ["#", "f_n [N]", "f_t1 [N]", "f_t2 [N]"]
@@ -97,13 +96,7 @@ class ContactForceBounds:
 def contact_force_bounds(
     problem: QuasistaticProblem,
     torques: ArrayLike,
-    *,
-    sign_rule: str = "strict",
-    sliding_rule: str = "exempt",
-    static_friction: str = "virtual_sliding",
-    solver: str = "piqp",
-    node_limit: int | None = None,
-    time_limit: float | None = None,
+    **options: Unpack[SolveKeywords],
 ) -> ContactForceBounds:
     """Bound the contact forces that given motor torques can end up with, eq. (32).
 
@@ -114,23 +107,17 @@ def contact_force_bounds(
     Args:
         problem: Contacts, wrench and joints.
         torques: (L,) motor torques J^T f + g, N m; for example `TorqueSolution.torques`.
-        sign_rule: See `maximize_margin`, as for the other options.
-        sliding_rule: See `maximize_margin`.
-        static_friction: See `maximize_margin`.
-        solver: See `maximize_margin`.
-        node_limit: Limit of each of the searches over modes; None: none.
-        time_limit: Stop after so many seconds and return what was reached, with LIMIT_REACHED, or
-            NOT_FOUND_IN_LIMIT if there was no time to hold the torques at all. None: no limit.
+        options: See `SolveOptions.parse`. A limit returns what was reached, with LIMIT_REACHED, or
+            NOT_FOUND_IN_LIMIT if there was no time to hold the torques at all.
 
     Raises:
         ArgumentError: If the torques have the wrong shape, an option is not known or the time
             limit is negative.
     """
-    limits = Limits.parse(node_limit, time_limit)
+    how = SolveOptions.parse(**options)
     checked_problem(problem)
     given = finite_array("torques", torques, (problem.joint_count,))
-    rules = Rules.parse(sign_rule, sliding_rule, static_friction)
-    search = ForceExtremes(problem, given, rules, check_solver(solver), limits)
+    search = ForceExtremes(problem, given, how)
     status = search.feasibility()
     count = problem.contact_count
     lower, upper = np.full((count, 3), np.nan), np.full((count, 3), np.nan)

@@ -8,11 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.formulation import Formulation, formulated
 from graspless_pin.algorithms.limits import Limits
+from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.search import SearchResult, SearchState
-from graspless_pin.modes.rules import Rules, SlidingMode, StaticFriction
+from graspless_pin.algorithms.searching import search_modes
+from graspless_pin.modes.rules import SlidingMode, StaticFriction
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.analysis_objectives import (
@@ -56,13 +57,11 @@ class ForceExtremes:
         self,
         problem: QuasistaticProblem,
         torques: FloatArray,
-        rules: Rules,
-        solver: str,
-        limits: Limits,
+        options: SolveOptions,
     ) -> None:
-        """Take the torques (L,), N m, and the limits of all searches."""
-        self.limits = limits
-        self.problem, self.rules, self.solver = problem, rules, solver
+        """Take the torques (L,), N m, and how to search; the time of all searches begins."""
+        self.limits, self.options = Limits.of(options), options
+        self.problem, self.rules, self.solver = problem, options.rules, options.solver
         self.torques = torques
         limit = float(problem.max_normal_force.max()) / problem.scales.force
         self.set = formulated(problem, ForceSet(torques, min(_FARTHEST * limit, FARTHEST)))
@@ -230,9 +229,8 @@ class ForceExtremes:
         node_limit: int | None = None,
     ) -> SearchResult:
         state = SearchState(replace(formulation, cutoff=cutoff), self.rules, self.solver)
-        left = self.limits.left
-        own = left["node_limit"] if node_limit is None else node_limit
-        result = branch_and_bound(state, node_limit=own, time_limit=left["time_limit"])
+        own = self.limits if node_limit is None else replace(self.limits, node_limit=node_limit)
+        result = search_modes(state, self.options, own)
         ended = result.status in _ENDED_EARLY and (self.time_is_over or node_limit is None)
         self.proven = self.proven and not (state.unproven or ended)
         # The other programs have other rows, or a force among their variables and more.

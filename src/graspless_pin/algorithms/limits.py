@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self, TypedDict
 
 import numpy as np
 
-from graspless_pin.problem.checks import real_number, whole_number
+from graspless_pin.algorithms.options import SolveOptions
 
 
 class LimitOptions(TypedDict):
@@ -31,29 +31,22 @@ class Limits:
     deadline: float
 
     @classmethod
-    def parse(cls, node_limit: int | None, time_limit: float | None) -> Self:
-        """Return limits that begin now.
-
-        Raises:
-            ArgumentError: If there is less than one node, or the time is negative.
-        """
-        if node_limit is not None:
-            node_limit = whole_number("node_limit", node_limit, 1)
-        if time_limit is None:
-            return cls(node_limit, np.inf)
-        seconds = real_number("time_limit", time_limit, 0.0, finite=False)
-        return cls(node_limit, time.monotonic() + seconds)
+    def of(cls, options: SolveOptions) -> Self:
+        """Return the limits of options; their time begins now."""
+        seconds = np.inf if options.time_limit is None else options.time_limit
+        return cls(options.node_limit, time.monotonic() + seconds)
 
     @property
     def passed(self) -> bool:
         """Whether the time is over."""
         return time.monotonic() > self.deadline
 
+    def within(self, options: SolveOptions) -> SolveOptions:
+        """Return options with the time that is left."""
+        return replace(options, time_limit=self.left["time_limit"])
+
     @property
     def left(self) -> LimitOptions:
         """What is left for the next search."""
         seconds = None if np.isinf(self.deadline) else max(self.deadline - time.monotonic(), 0.0)
         return {"node_limit": self.node_limit, "time_limit": seconds}
-
-
-NO_LIMITS = Limits(None, np.inf)

@@ -10,6 +10,7 @@ a mode ends it may jump up. `curve_search` finds it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,15 +18,15 @@ from numpy.typing import ArrayLike
 from graspless_pin.algorithms.curve_search import CurveSearch
 from graspless_pin.algorithms.formulation import formulated
 from graspless_pin.algorithms.limits import Limits
+from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
 from graspless_pin.algorithms.torque import TorqueScale, torque_objective
 from graspless_pin.errors import ArgumentError, NoSolutionError
-from graspless_pin.modes.rules import Rules, SlidingMode, choice
+from graspless_pin.modes.rules import SlidingMode, choice
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
 from graspless_pin.problem.joint_units import units_text
 from graspless_pin.programs.analysis_objectives import Tradeoff
 from graspless_pin.solution import Status
-from graspless_pin.solvers import check_solver
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,12 +117,7 @@ def margin_torque_curve(
     problem: QuasistaticProblem,
     *,
     scale: str = "absolute",
-    sign_rule: str = "strict",
-    sliding_rule: str = "exempt",
-    static_friction: str = "virtual_sliding",
-    solver: str = "piqp",
-    node_limit: int | None = None,
-    time_limit: float | None = None,
+    **options: Unpack[SolveKeywords],
 ) -> MarginTorqueCurve:
     """Find Algorithm 2's optimum for every required margin, up to Algorithm 1's.
 
@@ -133,23 +129,17 @@ def margin_torque_curve(
     Args:
         problem: Contacts, wrench, joints and limits.
         scale: See `minimize_torque`.
-        sign_rule: See `maximize_margin`, as for the other options.
-        sliding_rule: See `maximize_margin`.
-        static_friction: See `maximize_margin`.
-        solver: See `maximize_margin`.
-        node_limit: Limit of each of the searches over modes; None: none.
-        time_limit: Seconds for all of them; None: no limit.
+        options: See `SolveOptions.parse`.
 
     Raises:
         ArgumentError: If an option is not known.
         SolverUnavailableError: If the solver is not installed.
     """
     checked_problem(problem)
-    limits = Limits.parse(node_limit, time_limit)
-    rules = Rules.parse(sign_rule, sliding_rule, static_friction)
+    how = SolveOptions.parse(**options)
     torque_scale = choice(TorqueScale, "scale", scale)
     formulation = formulated(problem, Tradeoff(torque_objective(0.0, torque_scale)))
-    search = CurveSearch(formulation, rules, check_solver(solver), limits)
+    search = CurveSearch(formulation, how, Limits.of(how))
     status, pieces = search.run()
     units = formulation.coordinates.force_scale, formulation.unit
     return MarginTorqueCurve(

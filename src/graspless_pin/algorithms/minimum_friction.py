@@ -7,9 +7,9 @@ from typing import Unpack
 
 import numpy as np
 
-from graspless_pin.algorithms.limits import NO_LIMITS, Limits
+from graspless_pin.algorithms.limits import Limits
+from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
 from graspless_pin.algorithms.solve import solve_problem
-from graspless_pin.modes.rules import RuleOptions, Rules
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.solution import Status
@@ -41,11 +41,7 @@ class MinimumFriction:
 
 
 def minimum_friction(
-    problem: QuasistaticProblem,
-    *,
-    node_limit: int | None = None,
-    time_limit: float | None = None,
-    **options: Unpack[RuleOptions],
+    problem: QuasistaticProblem, **options: Unpack[SolveKeywords]
 ) -> MinimumFriction:
     """Find the smallest common factor on all friction coefficients that keeps a scene feasible.
 
@@ -55,21 +51,18 @@ def minimum_friction(
 
     Args:
         problem: Contacts, wrench, joints and limits.
-        node_limit: Limit of each of the searches over modes; None: none.
-        time_limit: Seconds for all of them; None: no limit.
-        options: ``sign_rule``, ``sliding_rule``, ``static_friction`` of `maximize_margin`.
+        options: See `SolveOptions.parse`.
 
     Raises:
         ArgumentError: If an option is not known.
     """
     checked_problem(problem)
-    limits = Limits.parse(node_limit, time_limit)
-    factor, proven = smallest_factor(problem, Margin(), Rules.parse(**options), limits)
+    factor, proven = smallest_factor(problem, Margin(), SolveOptions.parse(**options))
     return MinimumFriction(factor, proven)
 
 
 def smallest_factor(
-    problem: QuasistaticProblem, objective: Objective, rules: Rules, limits: Limits = NO_LIMITS
+    problem: QuasistaticProblem, objective: Objective, options: SolveOptions
 ) -> tuple[float, bool]:
     """Return the smallest common factor on friction with which an objective is feasible, or NaN.
 
@@ -79,10 +72,9 @@ def smallest_factor(
         problem: Contacts, wrench, joints and limits.
         objective: What has to be feasible. With a required margin the factor 0 is left out: there
             a contact has no cone to keep a margin in.
-        rules: The reading of the virtual-sliding constraint.
-        limits: Of the searches.
+        options: How the problems are solved.
     """
-    proven = True
+    proven, limits = True, Limits.of(options)
 
     def feasible(factor: float) -> bool:
         nonlocal proven
@@ -90,7 +82,7 @@ def smallest_factor(
             proven = False
             return False
         scaled = problem.with_changes(friction=factor * problem.friction)
-        solution = solve_problem(scaled, objective, rules, **limits.left)
+        solution = solve_problem(scaled, objective, limits.within(options))
         proven = proven and solution.status not in _UNDECIDED
         return solution.found
 

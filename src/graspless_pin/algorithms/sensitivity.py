@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Unpack
 
 from graspless_pin.algorithms.gradients import OptimumGradients, optimum_gradients
+from graspless_pin.algorithms.options import SolveKeywords
 from graspless_pin.algorithms.torque import maximize_margin
-from graspless_pin.modes.rules import RuleOptions
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solution import TorqueSolution
@@ -67,22 +67,15 @@ class MarginSensitivity:
 
 
 def margin_sensitivity(
-    problem: QuasistaticProblem,
-    *,
-    node_limit: int | None = None,
-    time_limit: float | None = None,
-    **options: Unpack[RuleOptions],
+    problem: QuasistaticProblem, **options: Unpack[SolveKeywords]
 ) -> MarginSensitivity:
     """Differentiate the largest margin by its data.
 
     Args:
         problem: Contacts, wrench, joints and limits.
-        node_limit: See `maximize_margin`; with a limit the derivatives are those of the best found.
-        time_limit: See `maximize_margin`.
-        options: ``sign_rule``, ``sliding_rule``, ``static_friction`` of `maximize_margin`.
+        options: See `SolveOptions.parse`; with a limit the derivatives are those of the best found.
 
     Raises:
         NoSolutionError: If no margin is feasible.
     """
-    solution = maximize_margin(problem, node_limit=node_limit, time_limit=time_limit, **options)
-    return MarginSensitivity(optimum_gradients(solution))
+    return MarginSensitivity(optimum_gradients(maximize_margin(problem, **options)))

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from enum import StrEnum
 
 import numpy as np
 
-from graspless_pin.algorithms.branch_and_bound import branch_and_bound
-from graspless_pin.algorithms.exhaustive import search_exhaustively
 from graspless_pin.algorithms.formulation import Formulation, formulate
+from graspless_pin.algorithms.limits import Limits
+from graspless_pin.algorithms.options import DEFAULT_OPTIONS, SolveOptions
 from graspless_pin.algorithms.search import SearchResult, SearchState, in_mode, undecided
+from graspless_pin.algorithms.searching import search_modes
 from graspless_pin.algorithms.threshold import threshold_optima
 from graspless_pin.errors import ArgumentError, UndecidedMotionError
 from graspless_pin.modes.enumeration import requirements_of
@@ -20,75 +20,53 @@ from graspless_pin.modes.rules import (
     SignRule,
     SlidingMode,
     candidate_contacts,
-    choice,
 )
 from graspless_pin.problem import QuasistaticProblem, checked_problem
-from graspless_pin.problem.checks import real_number, whole_number
 from graspless_pin.programs.forces import force_reach
 from graspless_pin.programs.objectives import Objective
 from graspless_pin.solution import Certificate, ProofMultipliers, TorqueSolution
-from graspless_pin.solvers import check_solver
 
 Explain = Callable[[TorqueSolution], object]
-
-
-class Search(StrEnum):
-    """How the modes are searched."""
-
-    AUTO = "auto"
-    """Branch and bound on conflicts from the relaxation."""
-    ENUMERATE = "enumerate"
-    """The relaxation, then every maximal mode."""
 
 
 def solve_problem(
     problem: QuasistaticProblem,
     objective: Objective,
-    rules: Rules,
+    options: SolveOptions = DEFAULT_OPTIONS,
     *,
-    solver: str = "piqp",
-    search: str = "auto",
     mode: SlidingMode | None = None,
-    node_limit: int | None = None,
-    time_limit: float | None = None,
     explain: Explain | None = None,
 ) -> TorqueSolution:
-    """Solve a problem; the options are those of `maximize_margin`.
+    """Solve a problem for an objective.
 
     Args:
         problem: Contacts, wrench, joints and limits.
         objective: What is optimised.
-        rules: The reading of the virtual-sliding constraint.
-        solver: The solver to ask first.
-        search: How the modes are searched.
+        options: How.
         mode: Solve this (B, S) only.
-        node_limit: Limit of branch and bound.
-        time_limit: Limit of branch and bound, s.
         explain: Explains a solution that is not found, when asked for.
+
+    Raises:
+        ArgumentError: If an argument is none of its kind, or the mode not one of the problem.
     """
     checked_problem(problem)
-    if node_limit is not None:
-        node_limit = whole_number("node_limit", node_limit, 1)
-    if time_limit is not None:
-        time_limit = real_number("time_limit", time_limit, 0.0, finite=False)
-    check_solver(solver)
-    how = choice(Search, "search", search)
-    requirements = None if mode is None else _checked_mode(problem, rules, mode)
+    if not isinstance(objective, Objective):
+        raise ArgumentError("objective", f"is {objective!r:.80}; it must be an Objective")
+    limits = Limits.of(options)
+    requirements = None if mode is None else _checked_mode(problem, options.rules, mode)
 
     def searched(formulation: Formulation) -> SearchResult:
-        state = SearchState(formulation, rules, solver)
+        state = SearchState(formulation, options.rules, options.solver)
+        if mode is None or requirements is None:
+            return search_modes(state, options, limits)
         try:
-            if mode is not None and requirements is not None:
-                return in_mode(state, mode, requirements)
-            if how is Search.ENUMERATE:
-                return search_exhaustively(state)
-            return branch_and_bound(state, node_limit=node_limit, time_limit=time_limit)
+            return in_mode(state, mode, requirements)
         except UndecidedMotionError:
             return undecided(state)
 
     result = searched(formulate(problem, objective))
     optima = threshold_optima(result, searched)
-    return solution_of(result, rules, explain, given_mode=mode, optima=optima)
+    return solution_of(result, options.rules, explain, given_mode=mode, optima=optima)
 
 
 def _checked_mode(

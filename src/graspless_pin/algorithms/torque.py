@@ -1,14 +1,16 @@
-"""Algorithms 1 and 2 of the paper: which joint torques, and how robust."""
+"""Algorithms 1 and 2 of the paper, and any other objective: which joint torques, how robust."""
 
 from __future__ import annotations
 
 from enum import StrEnum
+from typing import Unpack
 
 from graspless_pin.algorithms.explanation import explain
+from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
 from graspless_pin.algorithms.solve import solve_problem
-from graspless_pin.modes.rules import Rules, SlidingMode, choice
+from graspless_pin.modes.rules import SlidingMode, choice
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.programs.objectives import Margin, Torque, TorqueShare
+from graspless_pin.programs.objectives import Algorithm, Margin, Objective, Torque, TorqueShare
 from graspless_pin.solution import TorqueSolution
 
 
@@ -31,18 +33,44 @@ def torque_objective(margin: float, scale: str = "absolute", regularization: flo
     return (TorqueShare if by_limits else Torque)(margin, regularization)
 
 
+def paper_objective(
+    algorithm: str, margin: float = 0.1, scale: str = "absolute", regularization: float = 0.0
+) -> Objective:
+    """Return what one of the paper's algorithms optimises.
+
+    Args:
+        algorithm: ``margin`` or ``torque``.
+        margin: Required margin of Algorithm 2, N.
+        scale: Of Algorithm 2.
+        regularization: Of either.
+
+    Raises:
+        ArgumentError: If a figure is negative, or the algorithm or the scale is not known.
+    """
+    if choice(Algorithm, "algorithm", algorithm) is Algorithm.MARGIN:
+        return Margin(regularization)
+    return torque_objective(margin, scale, regularization)
+
+
+def objective_and_options(
+    *,
+    algorithm: str = "margin",
+    margin: float = 0.1,
+    scale: str = "absolute",
+    regularization: float = 0.0,
+    **options: Unpack[SolveKeywords],
+) -> tuple[Objective, SolveOptions]:
+    """Return what a scene, a study or an evaluator asks for by name; see `paper_objective`."""
+    objective = paper_objective(algorithm, margin, scale, regularization)
+    return objective, SolveOptions.parse(**options)
+
+
 def maximize_margin(
     problem: QuasistaticProblem,
     *,
-    sign_rule: str = "strict",
-    sliding_rule: str = "exempt",
-    static_friction: str = "virtual_sliding",
-    solver: str = "piqp",
     regularization: float = 0.0,
-    search: str = "auto",
     mode: SlidingMode | None = None,
-    node_limit: int | None = None,
-    time_limit: float | None = None,
+    **options: Unpack[SolveKeywords],
 ) -> TorqueSolution:
     """Algorithm 1 (44): the joint torques with the largest margin e over all feasible (B, S).
 
@@ -50,17 +78,10 @@ def maximize_margin(
 
     Args:
         problem: Contacts, wrench, joints and limits.
-        sign_rule: ``strict``, ``exact`` or ``nonzero``: see `SignRule`.
-        sliding_rule: ``exempt`` or ``constrained``: see `SlidingRule`.
-        static_friction: ``virtual_sliding``, or ``coulomb`` to drop (22), (27) and (31).
-        solver: Any solver of `available_solvers`; another one is asked where its answer fails
-            the check.
         regularization: Epsilon >= 0 of the QP that minimises -e/F + (epsilon/2) |f/F|^2 with F the
             load: the external force, or the moment over the contacts' size.
-        search: ``auto`` (branch and bound) or ``enumerate`` (all maximal modes).
         mode: Solve this (B, S) only.
-        node_limit: Stop ``auto`` after so many nodes and return the best found with its gap.
-        time_limit: Likewise after so many seconds.
+        options: See `SolveOptions.parse`.
 
     Returns:
         A solution; ``found`` is False where nothing is feasible.
@@ -69,19 +90,7 @@ def maximize_margin(
         ArgumentError: If an option is not known.
         SolverUnavailableError: If the solver is not installed.
     """
-    objective = Margin(regularization)
-    rules = Rules.parse(sign_rule, sliding_rule, static_friction)
-    return solve_problem(
-        problem,
-        objective,
-        rules,
-        solver=solver,
-        search=search,
-        mode=mode,
-        node_limit=node_limit,
-        time_limit=time_limit,
-        explain=explain,
-    )
+    return optimize(problem, Margin(regularization), mode=mode, **options)
 
 
 def minimize_torque(
@@ -89,15 +98,9 @@ def minimize_torque(
     margin: float = 0.1,
     *,
     scale: str = "absolute",
-    sign_rule: str = "strict",
-    sliding_rule: str = "exempt",
-    static_friction: str = "virtual_sliding",
-    solver: str = "piqp",
     regularization: float = 0.0,
-    search: str = "auto",
     mode: SlidingMode | None = None,
-    node_limit: int | None = None,
-    time_limit: float | None = None,
+    **options: Unpack[SolveKeywords],
 ) -> TorqueSolution:
     """Algorithm 2 (45): the smallest largest torque for a margin e_0 over all feasible (B, S).
 
@@ -109,17 +112,11 @@ def minimize_torque(
         margin: Required margin e_0 >= 0, N.
         scale: ``absolute`` minimises max |torque|; ``limits`` the largest share of any joint's
             own limit.
-        sign_rule: See `maximize_margin`, as for all other options.
-        sliding_rule: See `maximize_margin`.
-        static_friction: See `maximize_margin`.
-        solver: See `maximize_margin`.
         regularization: Epsilon >= 0 of the QP that minimises t + (epsilon/2) |f/F|^2, t the largest
             torque over what the load makes on the longest lever (or the largest share over that
             torque's, at most 1).
-        search: See `maximize_margin`.
-        mode: See `maximize_margin`.
-        node_limit: See `maximize_margin`.
-        time_limit: See `maximize_margin`.
+        mode: Solve this (B, S) only.
+        options: See `SolveOptions.parse`.
 
     Returns:
         A solution; ``found`` is False where nothing is feasible.
@@ -129,15 +126,30 @@ def minimize_torque(
         SolverUnavailableError: If the solver is not installed.
     """
     objective = torque_objective(margin, scale, regularization)
-    rules = Rules.parse(sign_rule, sliding_rule, static_friction)
-    return solve_problem(
-        problem,
-        objective,
-        rules,
-        solver=solver,
-        search=search,
-        mode=mode,
-        node_limit=node_limit,
-        time_limit=time_limit,
-        explain=explain,
-    )
+    return optimize(problem, objective, mode=mode, **options)
+
+
+def optimize(
+    problem: QuasistaticProblem,
+    objective: Objective,
+    *,
+    mode: SlidingMode | None = None,
+    **options: Unpack[SolveKeywords],
+) -> TorqueSolution:
+    """Find the best contact forces for an objective over all feasible (B, S).
+
+    Args:
+        problem: Contacts, wrench, joints and limits.
+        objective: What is optimised: one of the paper's, or one of your own.
+        mode: Solve this (B, S) only.
+        options: See `SolveOptions.parse`.
+
+    Returns:
+        A solution; ``found`` is False where nothing is feasible.
+
+    Raises:
+        ArgumentError: If an argument is none of its kind or an option is not known.
+        SolverUnavailableError: If the solver is not installed.
+    """
+    how = SolveOptions.parse(**options)
+    return solve_problem(problem, objective, how, mode=mode, explain=explain)

@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.explanation import explain
 from graspless_pin.algorithms.formulation import Formulation, formulate
+from graspless_pin.algorithms.limits import Limits
+from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.search import (
     SearchResult,
     SearchState,
@@ -23,10 +24,11 @@ from graspless_pin.algorithms.search import (
     finished,
     undecided,
 )
+from graspless_pin.algorithms.searching import search_modes
 from graspless_pin.algorithms.solve import solution_of
 from graspless_pin.algorithms.threshold import threshold_optima
 from graspless_pin.errors import UndecidedMotionError
-from graspless_pin.modes.rules import Rules, SlidingMode, SlidingRule, candidate_contacts
+from graspless_pin.modes.rules import SlidingMode, SlidingRule, candidate_contacts
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, real_number
 from graspless_pin.programs.carried_optimum import Optimum, carried, optimum_of
@@ -58,35 +60,28 @@ NO_EXPERIENCE = Experience()
 def solve_from(
     problem: QuasistaticProblem,
     objective: Objective,
-    rules: Rules,
+    options: SolveOptions,
     start: Experience = NO_EXPERIENCE,
-    *,
-    solver: str = "piqp",
-    node_limit: int | None = None,
-    time_limit: float | None = None,
 ) -> tuple[TorqueSolution, Experience]:
     """Solve a problem as `solve_problem` does, trying first what was best before.
 
     Args:
         problem: Contacts, wrench, joints and limits.
         objective: What is optimised.
-        rules: The reading of the virtual-sliding constraint.
+        options: How the problem is solved.
         start: What a similar problem with the same contacts left behind.
-        solver: The solver to ask first.
-        node_limit: Limit of branch and bound.
-        time_limit: Limit of branch and bound, s.
 
     Returns:
         The solution, and what it leaves behind.
     """
-    state = _WarmState(formulate(problem, objective), rules, solver, start=start)
+    rules, limits = options.rules, Limits.of(options)
+    state = _WarmState(formulate(problem, objective), rules, options.solver, start=start)
 
     def cold(formulation: Formulation) -> SearchResult:
-        other = SearchState(formulation, rules, solver)
-        return branch_and_bound(other, node_limit=node_limit, time_limit=time_limit)
+        return search_modes(SearchState(formulation, rules, options.solver), options, limits)
 
     try:
-        result = _search(state, node_limit=node_limit, time_limit=time_limit)
+        result = _search(state, options, limits)
     except UndecidedMotionError:
         result = undecided(state)
     optima = threshold_optima(result, cold)
@@ -96,12 +91,8 @@ def solve_from(
 def reaches_margin(
     problem: QuasistaticProblem,
     margin: float,
-    rules: Rules,
+    options: SolveOptions,
     start: Experience = NO_EXPERIENCE,
-    *,
-    solver: str = "piqp",
-    node_limit: int | None = None,
-    time_limit: float | None = None,
 ) -> tuple[bool | None, Experience]:
     """Decide whether any feasible mode reaches a margin, with the first proof either way.
 
@@ -112,11 +103,8 @@ def reaches_margin(
     Args:
         problem: Contacts, wrench, joints and limits.
         margin: The margin to reach, N.
-        rules: The reading of the virtual-sliding constraint.
+        options: How the problem is solved.
         start: What a similar problem with the same contacts left behind.
-        solver: The solver to ask first.
-        node_limit: Limit of branch and bound.
-        time_limit: Limit of branch and bound, s.
 
     Returns:
         Whether it is reached, None if a limit ended the search before a proof; and what that leaves
@@ -128,23 +116,19 @@ def reaches_margin(
     required = real_number("margin", margin, 0.0)
     full = formulate(problem, Margin())
     goal = required / full.coordinates.force_scale
-    state = _WarmState(replace(full, cutoff=-goal), rules, solver, start=start)
+    cut = replace(full, cutoff=-goal)
+    state = _WarmState(cut, options.rules, options.solver, start=start)
     try:
-        return _reaches(state, full, goal, node_limit=node_limit, time_limit=time_limit)
+        return _reaches(state, full, goal, options)
     except UndecidedMotionError:
         return None, state.experience()
 
 
 def _reaches(
-    state: _WarmState,
-    full: Formulation,
-    goal: float,
-    *,
-    node_limit: int | None,
-    time_limit: float | None,
+    state: _WarmState, full: Formulation, goal: float, options: SolveOptions
 ) -> tuple[bool | None, Experience]:
     """Decide whether a scaled margin is reached; see `reaches_margin`."""
-    relaxation = state.relax()
+    limits, relaxation = Limits.of(options), state.relax()
     if relaxation.outcome is Outcome.INFEASIBLE:
         return False, state.experience()
     if relaxation.outcome is Outcome.SOLVED:
@@ -155,9 +139,7 @@ def _reaches(
     ub = full.program.ub.copy()
     ub[-1] = goal
     capped = replace(full, program=full.program.bounded(full.program.lb, ub), cutoff=-goal)
-    result = branch_and_bound(
-        SearchState(capped, state.rules, state.solver), node_limit=node_limit, time_limit=time_limit
-    )
+    result = search_modes(SearchState(capped, state.rules, state.solver), options, limits)
     if result.state.best is not None:
         return True, replace(state.experience(), mode=result.state.mode, in_mode=None)
     open_still = result.status in (Status.NOT_FOUND_IN_LIMIT, Status.UNVERIFIED)
@@ -223,7 +205,7 @@ class _WarmState(SearchState):
         )
 
 
-def _search(state: _WarmState, *, node_limit: int | None, time_limit: float | None) -> SearchResult:
+def _search(state: _WarmState, options: SolveOptions, limits: Limits) -> SearchResult:
     relaxation = state.relax()
     if state.start.mode is not None and relaxation.outcome is Outcome.SOLVED:
         for attempt in (_read_mode, _try_mode):
@@ -231,7 +213,7 @@ def _search(state: _WarmState, *, node_limit: int | None, time_limit: float | No
             if state.closed(relaxation.bound):
                 state.nodes = state.modes_examined = 1
                 return finished(state)
-    return branch_and_bound(state, node_limit=node_limit, time_limit=time_limit)
+    return search_modes(state, options, limits)
 
 
 def _read_mode(state: _WarmState) -> None:

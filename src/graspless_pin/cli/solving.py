@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from graspless_pin.algorithms.options import Search
+from graspless_pin.algorithms.torque import TorqueScale
 from graspless_pin.cli.outcome import FOUND, INFEASIBLE, NOT_PROVEN, plain_errors
 from graspless_pin.errors import SceneError
 from graspless_pin.modes.rules import SignRule, SlidingRule, StaticFriction
@@ -17,13 +18,6 @@ from graspless_pin.report import scene_solution_text, solution_document, write_d
 from graspless_pin.report.reading import read_document
 from graspless_pin.report.verify import Verification, verify_document
 from graspless_pin.scene import load_scene, scene_json_schema
-
-
-class Scale(StrEnum):
-    """What Algorithm 2 minimises."""
-
-    ABSOLUTE = "absolute"
-    LIMITS = "limits"
 
 
 def solve(
@@ -47,8 +41,14 @@ def solve(
     static_friction: Annotated[
         StaticFriction | None, typer.Option(help="coulomb drops the virtual-sliding rule.")
     ] = None,
-    scale: Annotated[Scale | None, typer.Option(help="What Algorithm 2 minimises.")] = None,
+    scale: Annotated[TorqueScale | None, typer.Option(help="What Algorithm 2 minimises.")] = None,
     solver: Annotated[str | None, typer.Option(help="piqp, proxqp, highs, clarabel, ...")] = None,
+    regularization: Annotated[
+        float | None, typer.Option(help="Epsilon of the regularised program.")
+    ] = None,
+    search: Annotated[Search | None, typer.Option(help="How the modes are searched.")] = None,
+    node_limit: Annotated[int | None, typer.Option(help="Most nodes of the search.")] = None,
+    time_limit: Annotated[float | None, typer.Option(help="Most seconds of the search.")] = None,
 ) -> None:
     """Solve a scene: which joint torques, and how robust.
 
@@ -63,6 +63,10 @@ def solve(
             "static_friction": static_friction,
             "scale": scale,
             "solver": solver,
+            "regularization": regularization,
+            "search": search,
+            "node_limit": node_limit,
+            "time_limit": time_limit,
         }
         options = {name: value for name, value in given.items() if value is not None}
         solution = loaded.solve(algorithm, **options)

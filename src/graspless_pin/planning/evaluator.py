@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from copy import copy
-from typing import Any
+from typing import Any, Unpack
 
 from numpy.typing import ArrayLike
 
+from graspless_pin.algorithms.options import SolveKeywords
+from graspless_pin.algorithms.torque import objective_and_options
 from graspless_pin.algorithms.warm_start import (
     NO_EXPERIENCE,
     Experience,
@@ -18,7 +20,6 @@ from graspless_pin.geometry.bodies.materials import Materials
 from graspless_pin.modes.rules import Rules
 from graspless_pin.planning.configurations import Configuration, Configurations
 from graspless_pin.planning.evaluation import Evaluation, StateStatus
-from graspless_pin.planning.options import SolveOptions
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array, real_number
 from graspless_pin.programs.objectives import Algorithm
@@ -47,6 +48,7 @@ class Evaluator:
 
     Attributes:
         scene: The scene that the states are of.
+        required_margin: Margin that Algorithm 2 and `is_feasible` ask for, N.
     """
 
     def __init__(
@@ -56,13 +58,8 @@ class Evaluator:
         algorithm: str | None = None,
         required_margin: float | None = None,
         scale: str | None = None,
-        sign_rule: str | None = None,
-        sliding_rule: str | None = None,
-        static_friction: str | None = None,
-        solver: str | None = None,
         regularization: float | None = None,
-        node_limit: int | None = None,
-        time_limit: float | None = None,
+        **options: Unpack[SolveKeywords],
     ) -> None:
         """Take the scene and the options of all solves; what is not given is the scene's own.
 
@@ -71,14 +68,9 @@ class Evaluator:
             algorithm: ``margin`` (Algorithm 1) or ``torque`` (Algorithm 2).
             required_margin: See the attributes.
             scale: See `minimize_torque`.
-            sign_rule: See `maximize_margin`, as for all that follow.
-            sliding_rule: See `maximize_margin`.
-            static_friction: See `maximize_margin`.
-            solver: See `maximize_margin`.
             regularization: See `maximize_margin`; positive: torques change continuously from
                 state to state as long as the contacts do.
-            node_limit: See `maximize_margin`.
-            time_limit: See `maximize_margin`.
+            options: See `SolveOptions.parse`.
 
         Raises:
             ArgumentError: If an option is not known or a figure out of range.
@@ -90,28 +82,21 @@ class Evaluator:
             "algorithm": algorithm,
             "margin": required_margin,
             "scale": scale,
-            "sign_rule": sign_rule,
-            "sliding_rule": sliding_rule,
-            "static_friction": static_friction,
-            "solver": solver,
             "regularization": regularization,
-            "node_limit": node_limit,
-            "time_limit": time_limit,
+            **options,
         }
+        told = {name: value for name, value in given.items() if value is not None}
+        chosen = {**scene.solve_options, **told}
+        self.required_margin = real_number("required_margin", chosen.get("margin", 0.1), 0.0)
         self.scene = scene
-        self._options = SolveOptions.of(scene.solve_options, given)
+        self._objective, self._options = objective_and_options(**chosen)
         self._configurations = Configurations(scene.hand)
         self._experiences: dict[tuple[Any, ...], Experience] = {}
 
     @property
     def algorithm(self) -> Algorithm | None:
         """What `evaluate` solves: Algorithm 1 or 2."""
-        return self._options.objective.algorithm
-
-    @property
-    def required_margin(self) -> float:
-        """Margin that Algorithm 2 and `is_feasible` ask for, N."""
-        return self._options.required_margin
+        return self._objective.algorithm
 
     @property
     def rules(self) -> Rules:
@@ -150,7 +135,8 @@ class Evaluator:
             ArgumentError: If it is negative or not finite.
         """
         other = copy(self)
-        other._options = self._options.with_regularization(regularization)
+        epsilon = real_number("regularization", regularization, 0.0)
+        other._objective = self._objective.with_figure("regularization", epsilon)
         other._experiences = {}
         return other
 
@@ -186,10 +172,9 @@ class Evaluator:
         key = _structure(scene, problem, self.algorithm)
         solution, experience = solve_from(
             problem,
-            self._options.objective,
-            self.rules,
+            self._objective,
+            self._options,
             self._experiences.get(key, NO_EXPERIENCE),
-            **self._options.search,
         )
         self._learn(key, experience)
         if solution.found:
@@ -234,9 +219,8 @@ class Evaluator:
         reached, experience = reaches_margin(
             problem,
             required,
-            self.rules,
+            self._options,
             self._experiences.get(key, NO_EXPERIENCE),
-            **self._options.search,
         )
         self._learn(key, experience)
         return bool(reached)

@@ -17,7 +17,7 @@ import numpy as np
 
 from graspless_pin.algorithms.solution_proof import SolutionProof, prove_solution
 from graspless_pin.drafts import draft_of
-from graspless_pin.errors import SceneError
+from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.programs.forces import force_coordinates
 from graspless_pin.report.proof_data import multipliers_data, proof_data
 from graspless_pin.report.provenance import provenance
@@ -44,7 +44,15 @@ def solution_document(solution: TorqueSolution, scene: Scene | None = None) -> d
         (N), ``max_torque`` with its unit, ``scales``, ``gravity``, ``object``, ``hand``,
         ``joints``, ``contacts``, ``certificate``, ``multipliers``, ``proof`` and ``provenance``.
         Poses are (4, 4) rows of T_world_object, T_world_base.
+
+    Raises:
+        ArgumentError: If it is a solution of another objective.
     """
+    if solution.algorithm is None:
+        raise ArgumentError(
+            "solution",
+            f"is of the objective '{solution.objective.name}'; documents are of Algorithms 1 and 2",
+        )
     found, proof = solution.found, prove_solution(solution)
     coordinates = force_coordinates(solution.problem, solution.required_margin)
     document: dict[str, Any] = {

@@ -11,7 +11,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from graspless_pin.algorithms.torque import maximize_margin, minimize_torque
+from graspless_pin.algorithms.explanation import explain
+from graspless_pin.algorithms.solve import solve_problem
+from graspless_pin.algorithms.torque import objective_and_options
 from graspless_pin.errors import (
     ArgumentError,
     SceneError,
@@ -33,7 +35,6 @@ from graspless_pin.geometry.contact.motion import (
 from graspless_pin.geometry.contact.records import BodyKind, ContactArrays
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.pickling import remake
-from graspless_pin.modes.rules import choice
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.cones import projected_tangents
@@ -229,25 +230,23 @@ class Scene:
             ArgumentError: If an option is not known or not one of this algorithm.
             SceneError: See `contacts`; or if the scene's own solver is not installed.
         """
-        merged = {**self.solve_options, **options}
-        own = merged.pop("algorithm", "margin")
-        chosen = choice(Algorithm, "algorithm", algorithm or own)
-        if chosen is Algorithm.MARGIN:
-            for name in ("margin", "scale"):
-                if name in options:
-                    raise ArgumentError(
-                        name,
-                        "is an option of Algorithm 2 and would change nothing here; ask for the "
-                        "algorithm 'torque' or leave it out",
-                    )
-                merged.pop(name, None)
-        run = maximize_margin if chosen is Algorithm.MARGIN else minimize_torque
+        mode = options.pop("mode", None)
+        chosen = {**self.solve_options, **options}
+        chosen["algorithm"] = algorithm or chosen.get("algorithm", "margin")
         try:
-            return run(self.problem(), **merged)
+            objective, how = objective_and_options(**chosen)
         except SolverUnavailableError as error:
             if "solver" in options:
                 raise
             raise SceneError(f"{self._label()}: solve.{error}") from error
+        if objective.algorithm is Algorithm.MARGIN:
+            for name in {"margin", "scale"} & set(options):
+                raise ArgumentError(
+                    name,
+                    "is an option of Algorithm 2 and would change nothing here; ask for the "
+                    "algorithm 'torque' or leave it out",
+                )
+        return solve_problem(self.problem(), objective, how, mode=mode, explain=explain)
 
     def _label(self) -> str:
         return self.name if self.path is None else str(self.path)

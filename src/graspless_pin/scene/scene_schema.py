@@ -33,6 +33,7 @@ from graspless_pin.scene.body_schema import Direction, ObjectEntry, SupportEntry
 from graspless_pin.scene.hand_schema import HandEntry
 
 ConeEdges = Annotated[int, Field(ge=3, le=MOST_CONE_EDGES), BeforeValidator(no_truth_value)]
+NodeLimit = Annotated[int, Field(ge=1), BeforeValidator(no_truth_value)]
 PatchPoints = Annotated[int, Field(ge=3, le=64), BeforeValidator(no_truth_value)]
 
 
@@ -69,6 +70,9 @@ class SolveEntry(Entry):
     static_friction: Literal["virtual_sliding", "coulomb"] = "virtual_sliding"
     solver: Name = "piqp"
     regularization: Regularization = 0.0
+    search: Literal["auto", "enumerate"] = "auto"
+    node_limit: NodeLimit | None = Field(default=None, description="nodes of the search; no limit")
+    time_limit: NotNegative | None = Field(default=None, description="s; no limit")
 
 
 class SceneEntry(Entry):

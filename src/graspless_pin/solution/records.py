@@ -16,9 +16,10 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.programs.assembly import built
-from graspless_pin.programs.forces import force_coordinates
+from graspless_pin.programs.forces import ForceCoordinates, force_coordinates
 from graspless_pin.programs.marginals import Marginals, marginals
 from graspless_pin.programs.objectives import Algorithm, Objective
+from graspless_pin.programs.program import Program
 from graspless_pin.solution.table import solution_html, solution_text
 
 _Value = TypeVar("_Value")
@@ -175,6 +176,13 @@ class TorqueSolution:
         return self._read(self._multipliers)
 
     @cached_property
+    def value(self) -> float:
+        """The objective's value in its own unit; with a regularisation, that of both together."""
+        coordinates, program, unit = self._program
+        x = np.concatenate([coordinates.scaled(self.contact_forces), self.proof.added])
+        return (-unit if self.objective.maximizes else unit) * program.value(x)
+
+    @cached_property
     def multipliers(self) -> Marginals:
         """Multipliers of the minimisation by the names of its blocks, in the problem's units."""
         y, z = self.proof.mode
@@ -187,11 +195,16 @@ class TorqueSolution:
             y: (m,) of its equalities, scaled.
             z: (k,) of its other rows.
         """
-        coordinates = force_coordinates(self.problem, self.required_margin)
-        program = built(self.objective, self.problem, coordinates)
-        unit = self.objective.unit(self.problem, coordinates)
+        _, program, unit = self._program
         weights = np.concatenate([y, z])
         return marginals((program.blocks, ()), (weights, np.zeros(0)), unit)
+
+    @property
+    def _program(self) -> tuple[ForceCoordinates, Program, float]:
+        """The scaled program without modes, made anew, and the unit of its value."""
+        coordinates = force_coordinates(self.problem, self.required_margin)
+        program = built(self.objective, self.problem, coordinates)
+        return coordinates, program, self.objective.unit(self.problem, coordinates)
 
     @property
     def contact_forces(self) -> FloatArray:

@@ -69,10 +69,11 @@ def paragraph(text: str) -> str:
 
 def headline(solution: TorqueSolution) -> str:
     """Return one or two lines: what was solved and the two figures that matter."""
-    if solution.algorithm == "margin":
-        what = "Algorithm 1, largest margin"
-    else:
-        what = f"Algorithm 2, smallest torque at margin {solution.required_margin:g} N"
+    margin = f"at margin {solution.required_margin:g} N"
+    what = {
+        "margin": "Algorithm 1, largest margin",
+        "torque": f"Algorithm 2, smallest torque {margin}",
+    }.get(solution.algorithm or "", f"{solution.objective.name} {margin}")
     return (
         f"{what}: {solution.status.message}\n"
         f"margin e = {_figure(solution.margin)} N, "
@@ -197,7 +198,11 @@ def certificate_text(solution: TorqueSolution) -> str:
     """Return the certificate in a few lines."""
     proof = solution.certificate
     problem, lines = solution.problem, []
-    unit = "N" if solution.algorithm == "margin" or not solution.found else solution.max_torque_unit
+    unit = "N"
+    if solution.algorithm is None:
+        unit = "of its own unit"
+    elif solution.found and solution.algorithm == "torque":
+        unit = solution.max_torque_unit
     if solution.found:
         if solution.objective.by_limits:
             unit = "of the limit"

@@ -1,0 +1,92 @@
+"""The options of every solve and every analysis: rules, solver, search and limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Self, TypedDict
+
+from graspless_pin.modes.rules import Rules, SignRule, SlidingRule, StaticFriction, choice
+from graspless_pin.problem.checks import real_number, whole_number
+from graspless_pin.solvers import check_solver
+
+
+class Search(StrEnum):
+    """How the modes are searched."""
+
+    AUTO = "auto"
+    """Branch and bound on conflicts from the relaxation."""
+    ENUMERATE = "enumerate"
+    """The relaxation, then every maximal mode."""
+
+
+class SolveKeywords(TypedDict, total=False):
+    """The options by name, as functions take them; see `SolveOptions.parse`."""
+
+    sign_rule: str
+    sliding_rule: str
+    static_friction: str
+    solver: str
+    search: str
+    node_limit: int | None
+    time_limit: float | None
+
+
+@dataclass(frozen=True)
+class SolveOptions:
+    """How problems are solved.
+
+    Attributes:
+        rules: The reading of the virtual-sliding constraint.
+        solver: The solver to ask first; others are asked where its answer fails the check.
+        search: How the modes are searched.
+        node_limit: Nodes of each search over modes; None: any number.
+        time_limit: Seconds for all searches of one call; None: no limit.
+    """
+
+    rules: Rules = field(default_factory=Rules)
+    solver: str = "piqp"
+    search: Search = Search.AUTO
+    node_limit: int | None = None
+    time_limit: float | None = None
+
+    @classmethod
+    def parse(
+        cls,
+        *,
+        sign_rule: str = SignRule.STRICT,
+        sliding_rule: str = SlidingRule.EXEMPT,
+        static_friction: str = StaticFriction.VIRTUAL_SLIDING,
+        solver: str = "piqp",
+        search: str = Search.AUTO,
+        node_limit: int | None = None,
+        time_limit: float | None = None,
+    ) -> Self:
+        """Return checked options.
+
+        Args:
+            sign_rule: ``strict``, ``exact`` or ``nonzero``: see `SignRule`.
+            sliding_rule: ``exempt`` or ``constrained``: see `SlidingRule`.
+            static_friction: ``virtual_sliding``, or ``coulomb`` to drop (22), (27) and (31).
+            solver: Any solver of `available_solvers`.
+            search: ``auto`` (branch and bound) or ``enumerate`` (all maximal modes).
+            node_limit: Stop each search after so many nodes and return the best found with its
+                gap.
+            time_limit: Likewise after so many seconds in all.
+
+        Raises:
+            ArgumentError: If an option is not known or a figure out of range.
+            SolverUnavailableError: If the solver is not installed.
+        """
+        return cls(
+            Rules.parse(sign_rule, sliding_rule, static_friction),
+            check_solver(solver),
+            choice(Search, "search", search),
+            None if node_limit is None else whole_number("node_limit", node_limit, 1),
+            None
+            if time_limit is None
+            else real_number("time_limit", time_limit, 0.0, finite=False),
+        )
+
+
+DEFAULT_OPTIONS = SolveOptions()
