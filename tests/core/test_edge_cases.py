@@ -20,6 +20,7 @@ from graspless_pin import (
 from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.curve_search import CurveSearch
 from graspless_pin.algorithms.formulation import formulate
+from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.search import SearchResult, SearchState
 from graspless_pin.algorithms.threshold import threshold_optima
@@ -183,9 +184,8 @@ def test_an_answer_hangs_on_the_threshold_where_others_differ_by_a_millionth(own
 def test_a_mode_is_extended_as_far_as_any_is(seed):
     """A curve of a mode that leaves out a contact would hide what lies below."""
     problem = QuasistaticProblem(**structured_arguments(seed, "slab", 4))
-    search = CurveSearch(
-        formulate(problem, Margin()), SolveOptions(Rules.parse())
-    )  # fmt: skip
+    options = SolveOptions()
+    search = CurveSearch(formulate(problem, Margin()), options, Limits.of(options))
     modes = list(enumerate_modes(problem))
     maximal = list(enumerate_modes(problem, maximal=True))
     assert len(maximal) < len(modes)
