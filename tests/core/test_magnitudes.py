@@ -15,6 +15,7 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.shapes import Box, Sphere
 from graspless_pin.geometry.poses import as_pose, pose_matrix
 from graspless_pin.problem.checks import LARGEST, all_within, real_array
+from graspless_pin.problem.own_arrays import problem_of_own_arrays
 
 ARGUMENTS = {
     "positions": [[0, -0.05, 0], [0, 0.05, 0], [0, 0, -0.05]],
@@ -102,14 +103,14 @@ def test_own_arrays_have_the_same_bounds():
         "torque_limits": (made.lower_torque, made.upper_torque), "max_normal_force": 50.0,
         "cone_edges": 8, "joint_names": made.joint_names, "joint_units": made.joint_units,
     }  # fmt: skip
-    assert QuasistaticProblem.of_own_arrays(**own).contact_count == 3
+    assert problem_of_own_arrays(**own).contact_count == 3
     for name, value in (
         ("external_wrench", np.array([0, 0, -1e200, 0, 0, 0])),
         ("positions", np.full((3, 3), 1e31)),
         ("max_normal_force", 1e-20),
     ):
         with pytest.raises(ArgumentError, match=f"{name}: is "):
-            QuasistaticProblem.of_own_arrays(**{**own, name: value})
+            problem_of_own_arrays(**{**own, name: value})
 
 
 def test_masked_entries_are_no_numbers():

@@ -10,6 +10,7 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.problem.checks import all_finite, all_true, real_array
 from graspless_pin.problem.cones import default_tangents
 from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.problem.own_arrays import problem_of_own_arrays
 
 ANY = st.floats(allow_nan=True, allow_infinity=True)
 
@@ -34,7 +35,7 @@ def arguments() -> dict:
 
 
 def test_own_arrays_make_the_problem_of_the_constructor() -> None:
-    ours = QuasistaticProblem.of_own_arrays(**arguments())
+    ours = problem_of_own_arrays(**arguments())
     theirs = QuasistaticProblem(**arguments())
     assert ours.__dict__.keys() == theirs.__dict__.keys()
     for name, value in theirs.__dict__.items():
@@ -56,7 +57,7 @@ def test_a_number_that_is_none_is_named(name: str, bad: float) -> None:
     given[name] = np.array(given[name])
     given[name].flat[1] = bad
     with pytest.raises(ArgumentError, match=f"^{name}: "):
-        QuasistaticProblem.of_own_arrays(**given)
+        problem_of_own_arrays(**given)
 
 
 @pytest.mark.parametrize(
@@ -74,11 +75,11 @@ def test_limits_are_possible_ones(limits, fits: bool) -> None:
     given = arguments()
     given["torque_limits"] = tuple(np.array(side, dtype=float) for side in limits)
     if fits:
-        problem = QuasistaticProblem.of_own_arrays(**given)
+        problem = problem_of_own_arrays(**given)
         np.testing.assert_array_equal(problem.upper_torque, limits[1])
     else:
         with pytest.raises(ArgumentError, match="torque_limits"):
-            QuasistaticProblem.of_own_arrays(**given)
+            problem_of_own_arrays(**given)
 
 
 @given(st.lists(ANY, max_size=6), st.lists(ANY, max_size=6))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -13,13 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.compiled import contact_frames
 from graspless_pin.errors import ArgumentError
-from graspless_pin.problem.arguments import AT_REST, bears_load, checked_arguments
+from graspless_pin.problem.arguments import AT_REST, checked_arguments
 from graspless_pin.problem.checks import (
     FloatArray,
-    all_true,
-    all_within,
-    in_order,
-    make_read_only,
     read_only,
     real_array,
     squared_lengths,
@@ -38,12 +34,6 @@ from graspless_pin.problem.matrices import (
     wrench_map,
 )
 from graspless_pin.problem.scales import Scales, scales_of
-
-
-@lru_cache(maxsize=64)
-def _constant(count: int, value: float) -> FloatArray:
-    """(count,) read-only array of one value."""
-    return read_only(np.full(count, value))
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -135,93 +125,6 @@ class QuasistaticProblem:
             gravity_torques=gravity_torques,
         )  # fmt: skip
         self.__dict__.update(values)
-
-    @classmethod
-    def of_own_arrays(
-        cls,
-        positions: FloatArray,
-        normals: FloatArray,
-        external_wrench: FloatArray,
-        jacobian: FloatArray,
-        *,
-        friction: FloatArray,
-        tangents: FloatArray,
-        sliding: FloatArray,
-        torque_limits: tuple[FloatArray, FloatArray],
-        max_normal_force: float,
-        cone_edges: int,
-        joint_names: tuple[str, ...],
-        joint_units: tuple[JointUnit, ...],
-        gravity_torques: FloatArray,
-    ) -> QuasistaticProblem:
-        """Take arrays that the caller has made itself, which costs a sixth of the constructor.
-
-        They become read-only and are not copied. Shapes, orthonormal frames, tangential sliding and
-        distinct names are the caller's affair; whether the numbers are possible ones is checked.
-
-        Args:
-            positions: (M, 3) m.
-            normals: (M, 3) unit.
-            external_wrench: (6,) N and N m.
-            jacobian: (3M, L).
-            friction: (M,).
-            tangents: (M, 3, 2).
-            sliding: (M, 3) m/s.
-            torque_limits: (lower, upper), each (L,).
-            max_normal_force: One for all contacts, N.
-            cone_edges: As in the constructor.
-            joint_names: L distinct names.
-            joint_units: L units.
-            gravity_torques: (L,).
-
-        Raises:
-            ArgumentError: See the constructor.
-        """
-        lower, upper = torque_limits
-        if not (
-            len(positions) > 0
-            and all_within(
-                (positions, external_wrench, jacobian, friction, sliding, gravity_torques)
-            )
-            and min(friction.tolist()) >= 0.0
-            and bears_load(max_normal_force, external_wrench)
-            and max_normal_force < np.inf
-            and isinstance(cone_edges, int)
-            and cone_edges >= 3
-            # Where the lower is below the upper, neither is infinite on the wrong side.
-            and (
-                in_order((lower, upper), strictly=True)
-                or all_true((lower <= upper) & (lower < np.inf) & (upper > -np.inf))
-            )
-        ):
-            # The constructor finds what is wrong and names it.
-            return cls(positions, normals, external_wrench, jacobian, friction=friction,
-                       tangents=tangents, sliding=sliding, torque_limits=torque_limits,
-                       max_normal_force=max_normal_force, cone_edges=cone_edges,
-                       joint_names=joint_names, joint_units=joint_units,
-                       gravity_torques=gravity_torques)  # fmt: skip
-        make_read_only((
-            positions, normals, external_wrench, jacobian, friction, tangents, sliding, lower,
-            upper, gravity_torques,
-        ))  # fmt: skip
-        made = object.__new__(cls)
-        made.__dict__.update(
-            positions=positions,
-            normals=normals,
-            external_wrench=external_wrench,
-            jacobian=jacobian,
-            friction=friction,
-            tangents=tangents,
-            sliding=sliding,
-            lower_torque=lower,
-            upper_torque=upper,
-            max_normal_force=_constant(len(positions), max_normal_force),
-            cone_edges=cone_edges,
-            joint_names=joint_names,
-            joint_units=joint_units,
-            gravity_torques=gravity_torques,
-        )
-        return made
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the data alone: what was derived from it is derived again after unpickling."""

@@ -38,6 +38,7 @@ from graspless_pin.geometry.pickling import remake
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.cones import projected_tangents
+from graspless_pin.problem.own_arrays import problem_of_own_arrays
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene.friction import FrictionTable
 from graspless_pin.scene.joints import (
@@ -176,7 +177,7 @@ class Scene:
         touching = contacts.arrays
         joints = self._joints(touching)
         # Contacts that are given may be anything; those found are right by themselves.
-        made = QuasistaticProblem.of_own_arrays
+        made = problem_of_own_arrays
         return (made if self.given_contacts is None else QuasistaticProblem)(
             touching.positions - self.object.center_of_mass_world,
             touching.normals,

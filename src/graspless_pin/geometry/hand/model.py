@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspless_pin.compiled import rigid_bodies
 from graspless_pin.derived import Derived
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
-from graspless_pin.geometry.hand.actuation import Actuation, plan_actuation
+from graspless_pin.geometry.hand.actuation import Actuation
+from graspless_pin.geometry.hand.assembly import ControlModes, hand_fields
 from graspless_pin.geometry.hand.configuration import (
     independent_positions,
     independent_rates,
@@ -23,22 +23,22 @@ from graspless_pin.geometry.hand.configuration import (
 )
 from graspless_pin.geometry.hand.effort_limits import (
     EffortLimit,
-    expand_overrides,
-    resolve_effort_limits,
 )
-from graspless_pin.geometry.hand.fingers import ControlPlan, plan_control
-from graspless_pin.geometry.hand.mounts import Mount, join_mounts
-from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
-from graspless_pin.geometry.hand.work_space import Kinematics
+from graspless_pin.geometry.hand.fingers import ControlPlan
+from graspless_pin.geometry.hand.mounts import Mount
+from graspless_pin.geometry.hand.posed_links import (
+    PosedLinks,
+    checked_points,
+    joints_of,
+    posed_links,
+)
+from graspless_pin.geometry.hand.tree import KinematicTree
 from graspless_pin.geometry.pickling import remake
 from graspless_pin.geometry.poses import turning_velocities
 from graspless_pin.geometry.robots.description import FingerSpec, LinkMeshes
 from graspless_pin.geometry.robots.files import describe_model, describe_urdf
-from graspless_pin.problem import ControlMode
 from graspless_pin.problem.checks import all_finite
 from graspless_pin.problem.joint_units import JointUnit
-
-Control = ControlMode | str | Mapping[str, ControlMode | str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +98,7 @@ class Hand:
         T_world_base: ArrayLike | None = None,
         fingers: Mapping[str, FingerSpec] | None = None,
         q: Mapping[str, float] | None = None,
-        control: Control | None = None,
+        control: ControlModes | None = None,
         effort_limits: Mapping[str, EffortLimit] | None = None,
         meshes: LinkMeshes | None = None,
     ) -> Hand:
@@ -115,7 +115,7 @@ class Hand:
         T_world_base: ArrayLike | None = None,
         fingers: Mapping[str, FingerSpec] | None = None,
         q: Mapping[str, float] | None = None,
-        control: Control | None = None,
+        control: ControlModes | None = None,
         effort_limits: Mapping[str, EffortLimit] | None = None,
         meshes: LinkMeshes | None = None,
     ) -> Hand:
@@ -129,7 +129,7 @@ class Hand:
         mounts: Sequence[Mount],
         *,
         q: Mapping[str, float] | None = None,
-        control: Control | None = None,
+        control: ControlModes | None = None,
         effort_limits: Mapping[str, EffortLimit] | None = None,
     ) -> Hand:
         """Assemble a hand of one or several mounted robots.
@@ -157,28 +157,7 @@ class Hand:
                 like a placeholder or a robot file calls it unknown.
             DanglingMimicWarning: If a mimic joint follows a joint that does not exist.
         """
-        parts = join_mounts(mounts)
-        tree = parts.tree
-        given = expand_overrides(tree, parts.fingers, effort_limits or {}, parts.tendons)
-        plan = plan_control(tree, parts.fingers, control, arms=parts.arms, held=parts.held_joints)
-        actuation = plan_actuation(tree, plan, parts.tendons)
-        return cls(
-            tree=tree,
-            base_poses=parts.base_poses,
-            palms=parts.palms,
-            fingers=parts.fingers,
-            arms=parts.arms,
-            control=plan,
-            actuation=actuation,
-            effort_limits=resolve_effort_limits(
-                tree,
-                actuation,
-                parts.effort_limits | given,
-                parts.effort_unknown,
-                parts.held_joints,
-            ),
-            positions=joint_positions(tree, q or {}),
-        )
+        return cls(**hand_fields(mounts, q or {}, control, effort_limits or {}))
 
     def with_configuration(self, q: Mapping[str, float]) -> Hand:
         """Return this hand at another configuration; joints that ``q`` does not name stay.
@@ -242,7 +221,7 @@ class Hand:
         Raises:
             ArgumentError: If there is no such link.
         """
-        self._joints_of([link])
+        joints_of(self.tree, [link])
         return next((name for name, spec in self.fingers.items() if link in spec.links), None)
 
     def is_hybrid(self, link: str) -> bool:
@@ -259,9 +238,7 @@ class Hand:
         Raises:
             ArgumentError: If there is no such link.
         """
-        joint = self._joints_of([link])[0]
-        frame = self.tree.pinocchio_model.frames[self.tree.link_frames[link]]
-        return self._kinematics.T_world_joint[joint] @ frame.placement.homogeneous
+        return self._links.pose(link)
 
     def collision_bodies(self) -> tuple[CollisionBody, ...]:
         """Return the collision shapes at the hand's configuration, in model order.
@@ -275,7 +252,7 @@ class Hand:
     @property
     def placed_bodies(self) -> PlacedBodies:
         """What `collision_bodies` returns, each made only when it is asked for."""
-        return _PLACED_BODIES.of(self)
+        return self._links.bodies
 
     def contact_jacobian(self, links: Sequence[str], points: ArrayLike) -> NDArray[np.float64]:
         """Return the Jacobian of points that are fixed to links.
@@ -291,7 +268,7 @@ class Hand:
         Raises:
             ArgumentError: If a link is unknown or ``points`` does not have one row per link.
         """
-        jacobians = self._joint_jacobians(links, points)
+        jacobians = self._links.point_jacobians(links, points)
         columns = self.actuation.from_joints
         if not self.actuation.every_joint_alone:
             jacobians = jacobians @ columns
@@ -343,17 +320,17 @@ class Hand:
         twist = np.zeros(6) if base_twist is None else np.asarray(base_twist, dtype=np.float64)
         if twist.shape != (6,) or not np.isfinite(twist).all():
             raise ArgumentError("base_twist", f"needs 6 finite numbers, got {base_twist!r}")
-        arms = _points(links, points) - self.T_world_base[:3, 3]
+        arms = checked_points(links, points) - self.T_world_base[:3, 3]
         return (
-            self._joint_jacobians(links, points) @ (self.tree.coupling.S @ rates)
+            self._links.point_jacobians(links, points) @ (self.tree.coupling.S @ rates)
             + twist[:3]
             + turning_velocities(twist[3:], arms)
         )
 
     @property
-    def _kinematics(self) -> Kinematics:
-        """Joint poses and Jacobian columns at the configuration."""
-        return _KINEMATICS.of(self)
+    def _links(self) -> PosedLinks:
+        """The links at the configuration."""
+        return _LINKS.of(self)
 
     def _at(self, positions: NDArray[np.float64]) -> Hand:
         """Return this hand at (n,) read-only positions; nothing else is checked again."""
@@ -361,42 +338,5 @@ class Hand:
         moved.__dict__.update(self.__dict__, positions=positions)
         return moved
 
-    def _joint_jacobians(self, links: Sequence[str], points: ArrayLike) -> NDArray[np.float64]:
-        """Return (K, 3, n) Jacobians for all movable joints."""
-        positions = _points(links, points)
-        return self.tree.point_jacobians(self._kinematics.J, self._joints_of(links), positions)
 
-    def _joints_of(self, links: Sequence[str]) -> list[int]:
-        """Return the Pinocchio joint that carries each link."""
-        carriers = self.tree.link_joints
-        try:
-            return [carriers[link] for link in links]
-        except KeyError as error:
-            raise unknown_name("links", "link", str(error.args[0]), self.link_names) from error
-
-
-def _placed(hand: Hand) -> PlacedBodies:
-    """Return the hand's shapes at the poses of their links."""
-    joints, placements = hand.tree.shape_placements
-    T_world_joint = _KINEMATICS.of(hand).T_world_joint
-    if rigid_bodies is None:
-        poses = T_world_joint.take(joints, axis=0) @ placements
-    else:
-        poses = rigid_bodies.placed(T_world_joint, joints, placements)
-    return PlacedBodies(hand.tree.shapes, poses)
-
-
-_KINEMATICS: Derived[Hand, Kinematics] = Derived(lambda hand: hand.tree.kinematics(hand.positions))
-_PLACED_BODIES: Derived[Hand, PlacedBodies] = Derived(_placed)
-
-
-def _points(links: Sequence[str], points: ArrayLike) -> NDArray[np.float64]:
-    """Return ``points`` as (K, 3), one row per link."""
-    positions = np.asarray(points, dtype=np.float64)
-    if positions.shape != (len(links), 3):
-        raise ArgumentError(
-            "points", f"needs shape ({len(links)}, 3), one row per link, got {positions.shape}"
-        )
-    if not all_finite((positions,)):
-        raise ArgumentError("points", f"needs finite numbers, got {positions.tolist()}")
-    return positions
+_LINKS: Derived[Hand, PosedLinks] = Derived(lambda hand: posed_links(hand.tree, hand.positions))

@@ -1,0 +1,99 @@
+"""The links of a hand at one configuration: their poses, their shapes and points on them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspless_pin.compiled import rigid_bodies
+from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.bodies.collision import PlacedBodies
+from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
+from graspless_pin.geometry.hand.work_space import Kinematics
+from graspless_pin.problem.checks import all_finite
+
+
+@dataclass(frozen=True, eq=False)
+class PosedLinks:
+    """The links of a tree at one configuration.
+
+    Attributes:
+        tree: The tree.
+        kinematics: Its joint poses and Jacobian columns.
+    """
+
+    tree: KinematicTree
+    kinematics: Kinematics
+
+    def pose(self, link: str) -> NDArray[np.float64]:
+        """Return the (4, 4) pose ``T_world_link`` of a link's frame.
+
+        Raises:
+            ArgumentError: If there is no such link.
+        """
+        joint = joints_of(self.tree, [link])[0]
+        frame = self.tree.pinocchio_model.frames[self.tree.link_frames[link]]
+        return self.kinematics.T_world_joint[joint] @ frame.placement.homogeneous
+
+    @cached_property
+    def bodies(self) -> PlacedBodies:
+        """The collision shapes in model order, each made only when it is asked for."""
+        joints, placements = self.tree.shape_placements
+        T_world_joint = self.kinematics.T_world_joint
+        if rigid_bodies is None:
+            poses = T_world_joint.take(joints, axis=0) @ placements
+        else:
+            poses = rigid_bodies.placed(T_world_joint, joints, placements)
+        return PlacedBodies(self.tree.shapes, poses)
+
+    def point_jacobians(self, links: Sequence[str], points: ArrayLike) -> NDArray[np.float64]:
+        """Return (K, 3, n) velocities of points fixed to links per rate of each movable joint.
+
+        Args:
+            links: K link names.
+            points: (K, 3) where the points are now, world, metres.
+
+        Raises:
+            ArgumentError: If a link is unknown or ``points`` does not have one row per link.
+        """
+        positions = checked_points(links, points)
+        return self.tree.point_jacobians(self.kinematics.J, joints_of(self.tree, links), positions)
+
+
+def posed_links(tree: KinematicTree, positions: NDArray[np.float64]) -> PosedLinks:
+    """Return the links of a tree at (n,) joint positions."""
+    return PosedLinks(tree, tree.kinematics(positions))
+
+
+def joints_of(tree: KinematicTree, links: Sequence[str]) -> list[int]:
+    """Return the Pinocchio joint that carries each link.
+
+    Raises:
+        ArgumentError: If a link is unknown.
+    """
+    carriers = tree.link_joints
+    try:
+        return [carriers[link] for link in links]
+    except KeyError as error:
+        known = tuple(tree.link_frames)
+        raise unknown_name("links", "link", str(error.args[0]), known) from error
+
+
+def checked_points(links: Sequence[str], points: ArrayLike) -> NDArray[np.float64]:
+    """Return points as (K, 3), one row per link.
+
+    Raises:
+        ArgumentError: If the shape is another or a number is not finite.
+    """
+    positions = np.asarray(points, dtype=np.float64)
+    if positions.shape != (len(links), 3):
+        raise ArgumentError(
+            "points", f"needs shape ({len(links)}, 3), one row per link, got {positions.shape}"
+        )
+    if not all_finite((positions,)):
+        raise ArgumentError("points", f"needs finite numbers, got {positions.tolist()}")
+    return positions
