@@ -28,7 +28,7 @@ LOOPS = Path("src", "graspless_pin", "compiled")
 TESTS = (
     "tests/compiled",
     "tests/geometry/test_broad_phase.py",
-    "tests/geometry/test_lone_contacts.py",
+    "tests/geometry/test_closed_form_contacts.py",
 )
 _SUFFIX = str(sysconfig.get_config_var("EXT_SUFFIX"))
 # As hatch_build.py does, but for the optimisation, which only costs time here.

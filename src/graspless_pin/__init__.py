@@ -130,9 +130,13 @@ _SOURCES = {
     "solve_each_mode": "algorithms.comparison",
 }
 
+_RENAMED = {"picture": "graspless_pin.visualization"}
+
 
 def __getattr__(name: str) -> Any:
     """Load a public name from where it is defined."""
+    if name in _RENAMED:
+        raise AttributeError(f"{__name__}.{name} was renamed to {_RENAMED[name]}")
     if name not in _SOURCES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = globals()[name] = getattr(import_module(f"{__name__}.{_SOURCES[name]}"), name)

@@ -9,7 +9,7 @@ from weakref import ref
 _Source = TypeVar("_Source")
 _Value = TypeVar("_Value")
 
-MOST_KEPT = 8
+MOST_SOURCES = 8
 """Sources that a value is kept for."""
 
 
@@ -39,7 +39,7 @@ class Derived(Generic[_Source, _Value]):
             return entry[1]
         value = self._make(source)
         entries = {**self._entries, key: (ref(source, self._forget), value)}
-        if len(entries) > MOST_KEPT:
+        if len(entries) > MOST_SOURCES:
             del entries[next(iter(entries))]
         self._entries = entries
         return value

@@ -15,9 +15,9 @@ from PIL import Image
 from playwright.sync_api import Page, expect
 
 from graspless_pin import QuasistaticProblem, load_scene, maximize_margin
-from graspless_pin.picture import DARK, LIGHT, Palette, Role
 from graspless_pin.report import solution_document
 from graspless_pin.report.html import case_of_document, case_of_scene, report_html
+from graspless_pin.visualization import DARK, LIGHT, Palette, Role
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 WIDTH, HEIGHT = 1280, 800

@@ -19,9 +19,9 @@ from PIL import Image
 from playwright.sync_api import Locator, Page, expect
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.picture import DARK, LIGHT, Role
 from graspless_pin.scene import Scene, load_scene
 from graspless_pin.viewer import Viewer, changed_scene, view
+from graspless_pin.visualization import DARK, LIGHT, Role
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 PATIENCE = 20_000  # ms

@@ -17,9 +17,9 @@ from hypothesis.extra.numpy import arrays
 from graspless_pin import Scene, compiled, load_scene
 from graspless_pin.geometry import poses
 from graspless_pin.geometry.contact import motion
-from graspless_pin.geometry.contact.records import BodyKind, ContactArrays
+from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays
 from graspless_pin.problem import QuasistaticProblem, checks, cones
-from graspless_pin.scene.records import Motion
+from graspless_pin.scene.motion_and_contacts import Motion
 
 EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*.yaml"))
 ARRAYS = (

@@ -10,7 +10,7 @@ from scenes import scene
 
 from graspless_pin import maximize_margin, minimize_torque
 from graspless_pin.algorithms.formulation import formulate, shared_parts
-from graspless_pin.derived import MOST_KEPT, Derived
+from graspless_pin.derived import MOST_SOURCES, Derived
 from graspless_pin.problem.contact_map import contact_map
 from graspless_pin.programs.objectives import Margin
 
@@ -21,14 +21,14 @@ class Source:
 
 def test_a_value_is_made_once_while_its_source_is_among_the_last():
     made = []
-    sources = [Source() for _ in range(MOST_KEPT + 1)]
+    sources = [Source() for _ in range(MOST_SOURCES + 1)]
     derived = Derived(lambda source: made.append(source) or len(made))
     first = [derived.of(source) for source in sources[:-1]]
     assert [derived.of(source) for source in sources[:-1]] == first
     assert made == sources[:-1]
     derived.of(sources[-1])
-    assert len(derived) == MOST_KEPT
-    assert derived.of(sources[0]) == len(made) == MOST_KEPT + 2
+    assert len(derived) == MOST_SOURCES
+    assert derived.of(sources[0]) == len(made) == MOST_SOURCES + 2
 
 
 def test_a_source_that_is_gone_takes_its_value_along():
@@ -54,12 +54,12 @@ def test_another_source_at_the_same_address_gets_its_own_value():
 
 
 def test_threads_get_the_values_of_their_own_sources():
-    sources = [Source() for _ in range(3 * MOST_KEPT)]
+    sources = [Source() for _ in range(3 * MOST_SOURCES)]
     derived: Derived[Source, int] = Derived(id)
     with ThreadPoolExecutor(8) as pool:
         found = list(pool.map(derived.of, sources * 200))
     assert found == [id(source) for source in sources] * 200
-    assert len(derived) <= MOST_KEPT
+    assert len(derived) <= MOST_SOURCES
 
 
 def test_a_problem_dies_with_its_last_holder_whatever_was_solved():
@@ -87,6 +87,6 @@ def test_what_is_derived_is_shared_between_calls_on_one_problem():
 def test_an_answer_is_the_same_when_its_problem_was_pushed_out():
     problem = scene("rest")
     before = maximize_margin(problem)
-    for seed in range(MOST_KEPT + 1):
+    for seed in range(MOST_SOURCES + 1):
         maximize_margin(general_scene(seed, 4))
     np.testing.assert_array_equal(maximize_margin(problem).contact_forces, before.contact_forces)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from graspless_pin.geometry.bodies.records import ManipulatedObject
+from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject
 from graspless_pin.geometry.bodies.shapes import Box, Shape, Sphere
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.mounts import Mount

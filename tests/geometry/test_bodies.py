@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 from graspless_pin.errors import ArgumentError, GrasplessPinWarning, MeshError
-from graspless_pin.geometry.bodies.records import ManipulatedObject, Support
+from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
 from graspless_pin.geometry.bodies.shapes import Box, Cone, HalfSpace, MeshShape, Shape
 
 BRICK = Box((0.1, 0.2, 0.3))

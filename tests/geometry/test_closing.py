@@ -22,7 +22,7 @@ from planar_fingers import (
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry.contact.distances import nearest_separation
 from graspless_pin.geometry.contact.finding import find_contacts
-from graspless_pin.geometry.posing.closing import close_fingers
+from graspless_pin.geometry.posing.closing import close_hand
 
 GAP = 1e-5
 
@@ -47,7 +47,7 @@ def lever_angle(height: float) -> float:
 @settings(max_examples=30, deadline=None)
 @given(height=st.floats(0.025, 0.13))
 def test_a_lever_closes_on_a_plate_at_the_angle_of_its_sine(height):
-    result = close_fingers(lever(), plate_above(height))
+    result = close_hand(lever(), plate_above(height))
     assert result.hand.q["hinge"] == pytest.approx(lever_angle(height), abs=GAP / 0.05)
     (finger,) = result.fingers
     assert (finger.touching, finger.at_limit) == (("tip",), ())
@@ -57,19 +57,19 @@ def test_a_lever_closes_on_a_plate_at_the_angle_of_its_sine(height):
 
 def test_a_lever_closes_downwards_on_a_plate_below():
     plate = plate_above(-0.12)  # its upper side is at y = -0.1
-    result = close_fingers(lever(), plate)
+    result = close_hand(lever(), plate)
     expected = -np.arcsin((0.1 - RADIUS) / np.hypot(0.15, RADIUS)) - np.arctan2(RADIUS, 0.15)
     assert result.hand.q["hinge"] == pytest.approx(expected, abs=1e-3)
 
 
 def test_a_smaller_gap_comes_closer():
     for gap in (1e-3, 1e-4, 1e-7):
-        (finger,) = close_fingers(lever(), plate_above(0.1), gap=gap).fingers
+        (finger,) = close_hand(lever(), plate_above(0.1), gap=gap).fingers
         assert 0.0 <= finger.distance <= gap
 
 
 def test_out_of_reach_ends_at_the_limit_with_the_distance():
-    result = close_fingers(lever(), plate_above(0.2))
+    result = close_hand(lever(), plate_above(0.2))
     (finger,) = result.fingers
     assert (finger.touching, finger.at_limit) == ((), ("hinge",))
     assert result.hand.q["hinge"] == 1.57
@@ -81,7 +81,7 @@ def test_out_of_reach_ends_at_the_limit_with_the_distance():
 
 
 def test_a_jaw_moves_by_the_known_distance_to_a_sphere(tmp_path):
-    result = close_fingers(jaws(tmp_path), ball(0.02, (0.0, 0.0, 0.0)))
+    result = close_hand(jaws(tmp_path), ball(0.02, (0.0, 0.0, 0.0)))
     # The pads start 0.05 m from the middle.
     assert result.hand.q["left_slide"] == pytest.approx(0.03, abs=GAP)
     assert result.hand.q["right_slide"] == pytest.approx(0.03, abs=GAP)
@@ -90,10 +90,10 @@ def test_a_jaw_moves_by_the_known_distance_to_a_sphere(tmp_path):
 
 @pytest.mark.parametrize(("offset", "first"), [(-0.01, "left"), (0.01, "right")])
 def test_coupled_jaws_stop_at_the_first_touch(tmp_path, offset, first):
-    result = close_fingers(jaws(tmp_path), ball(0.02, (offset, 0.0, 0.0)), fingers=[first])
+    result = close_hand(jaws(tmp_path), ball(0.02, (offset, 0.0, 0.0)), fingers=[first])
     assert result.touching == (first,)
     assert result.hand.q["left_slide"] == pytest.approx(0.02, abs=GAP)
-    both = close_fingers(jaws(tmp_path), ball(0.02, (offset, 0.0, 0.0)))
+    both = close_hand(jaws(tmp_path), ball(0.02, (offset, 0.0, 0.0)))
     assert both.touching == (first,)
     assert [finger.finger for finger in both.fingers] == ["left", "right"]
     assert max(finger.distance for finger in both.fingers) == pytest.approx(0.02, abs=2 * GAP)
@@ -104,11 +104,11 @@ def test_wrapping_freezes_the_first_joint_and_goes_on_with_the_second(tmp_path):
     hand = two_link_finger(tmp_path, second=-1.2)
     first = np.arcsin((height - RADIUS) / KNUCKLE)
     second = np.arcsin((height - RADIUS - UPPER * np.sin(first)) / LOWER) - first
-    stopped = close_fingers(hand, plate_above(height))
+    stopped = close_hand(hand, plate_above(height))
     assert stopped.touching == ("upper",)
     assert stopped.hand.q["first"] == pytest.approx(first, abs=1e-3)
     assert stopped.hand.q["second"] == pytest.approx(first - 1.2, abs=1e-3)
-    wrapped = close_fingers(hand, plate_above(height), wrap=True)
+    wrapped = close_hand(hand, plate_above(height), wrap=True)
     assert wrapped.touching == ("upper", "lower")
     assert wrapped.hand.q["first"] == stopped.hand.q["first"]
     assert wrapped.hand.q["second"] == pytest.approx(second, abs=1e-3)
@@ -117,7 +117,7 @@ def test_wrapping_freezes_the_first_joint_and_goes_on_with_the_second(tmp_path):
 def test_wrapping_keeps_joints_that_move_a_touching_link(tmp_path):
     # The lower link touches first, so that nothing is left to move.
     hand = two_link_finger(tmp_path, second=0.3)
-    plain, wrapped = (close_fingers(hand, plate_above(0.05), wrap=w) for w in (False, True))
+    plain, wrapped = (close_hand(hand, plate_above(0.05), wrap=w) for w in (False, True))
     assert wrapped.touching == ("lower",)
     assert wrapped.hand.q == plain.hand.q
 
@@ -125,19 +125,19 @@ def test_wrapping_keeps_joints_that_move_a_touching_link(tmp_path):
 def test_rates_turn_hold_and_weight_joints(tmp_path):
     hand = two_link_finger(tmp_path)
     plate = plate_above(0.06)
-    held = close_fingers(hand, plate, rates={"second": 0.0})
+    held = close_hand(hand, plate, rates={"second": 0.0})
     assert held.hand.q["second"] == 0.0
     assert held.hand.q["first"] == pytest.approx(np.arcsin(0.05 / (UPPER + LOWER)), abs=1e-3)
-    weighted = close_fingers(hand, plate, rates={"second": 2.0})
+    weighted = close_hand(hand, plate, rates={"second": 2.0})
     assert weighted.hand.q["second"] == pytest.approx(2.0 * weighted.hand.q["first"])
-    away = close_fingers(hand, plate, rates={"first": -1.0, "second": -1.0})
+    away = close_hand(hand, plate, rates={"first": -1.0, "second": -1.0})
     assert away.hand.q == {"first": -1.5, "second": -2.0}
     assert away.fingers[0].at_limit == ("first", "second")
 
 
 def test_only_named_fingers_move():
     hand = allegro(joint_12=1.2)
-    result = close_fingers(hand, ball(0.05, (0.0612, 0.0, 0.04)), fingers=["middle", "index"])
+    result = close_hand(hand, ball(0.05, (0.0612, 0.0, 0.04)), fingers=["middle", "index"])
     assert [finger.finger for finger in result.fingers] == ["middle", "index"]
     moved = {name for name in hand.joint_names if result.hand.q[name] != hand.q[name]}
     flexion = {"joint_1.0", "joint_2.0", "joint_3.0", "joint_5.0", "joint_6.0", "joint_7.0"}
@@ -152,8 +152,8 @@ def test_an_allegro_hand_wraps_a_sphere(radius, offset, height, opposition, cont
     # The front of the palm is at x = 0.0111; spread and opposition stay.
     hand = allegro(joint_12=opposition)
     target = ball(radius, (0.0111 + radius + 1e-5, offset, height))
-    plain = close_fingers(hand, target)
-    result = close_fingers(hand, target, wrap=True)
+    plain = close_hand(hand, target)
+    result = close_hand(hand, target, wrap=True)
     assert set(plain.touching) < set(result.touching)
     measured = gaps(result.hand, target)
     assert all(0.0 <= measured[link] <= GAP for link in result.touching)
@@ -174,8 +174,8 @@ def test_an_allegro_hand_wraps_a_sphere(radius, offset, height, opposition, cont
 def test_closing_twice_changes_nothing():
     hand = allegro(joint_12=1.2)
     target = ball(0.05, (0.0612, 0.01, 0.05))
-    once = close_fingers(hand, target, wrap=True)
-    twice = close_fingers(once.hand, target, wrap=True)
+    once = close_hand(hand, target, wrap=True)
+    twice = close_hand(once.hand, target, wrap=True)
     assert twice.hand.q == once.hand.q
     assert twice.touching == once.touching
 
@@ -189,7 +189,7 @@ def test_closing_twice_changes_nothing():
 )
 def test_no_finger_ends_in_the_object(x, y, z, wrap):
     target = ball(0.03, (x, y, z))
-    result = close_fingers(allegro(), target, fingers=["index", "middle", "ring"], wrap=wrap)
+    result = close_hand(allegro(), target, fingers=["index", "middle", "ring"], wrap=wrap)
     measured = gaps(result.hand, target)
     assert min(measured.values()) >= 0.0
     touching = {link for link, gap in measured.items() if gap <= GAP}
@@ -198,7 +198,7 @@ def test_no_finger_ends_in_the_object(x, y, z, wrap):
 
 def test_a_start_in_the_object_is_refused():
     with pytest.raises(SceneError, match=r"'tip' overlaps object 'plate' by 5\.00 mm"):
-        close_fingers(lever(), plate_above(0.015))
+        close_hand(lever(), plate_above(0.015))
 
 
 @pytest.mark.parametrize(
@@ -213,9 +213,9 @@ def test_a_start_in_the_object_is_refused():
 )
 def test_bad_arguments_are_named(options, message):
     with pytest.raises(ArgumentError, match=message):
-        close_fingers(lever(), plate_above(0.1), **options)
+        close_hand(lever(), plate_above(0.1), **options)
 
 
 def test_a_rate_for_a_mimic_joint_is_refused(tmp_path):
     with pytest.raises(ArgumentError, match="unknown joint of the closing fingers 'right_slide'"):
-        close_fingers(jaws(tmp_path), ball(0.02, (0, 0, 0)), rates={"right_slide": 1.0})
+        close_hand(jaws(tmp_path), ball(0.02, (0, 0, 0)), rates={"right_slide": 1.0})

@@ -15,13 +15,13 @@ from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import PlaceholderEffortWarning
 from graspless_pin.geometry.bodies.collision import CollisionBody
-from graspless_pin.geometry.bodies.records import ManipulatedObject
+from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject
 from graspless_pin.geometry.bodies.shapes import Box, Sphere
 from graspless_pin.geometry.contact.distances import separation
 from graspless_pin.geometry.contact.finding import find_contacts
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.mounts import Mount
-from graspless_pin.geometry.posing.closing import ClosingResult, close_fingers
+from graspless_pin.geometry.posing.closing import ClosingResult, close_hand
 from graspless_pin.geometry.posing.finger_joints import joint_ranges
 from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
 from graspless_pin.geometry.robots.files import robot_names
@@ -180,7 +180,7 @@ def closed(name: str, shape: str) -> tuple[ClosingResult, ManipulatedObject]:
     """Close; between coupled jaws the object yields to the first until the second touches too."""
     hand, grip = opened(name), GRIPS[name]
     target = placed(hand, grip, shape)
-    result = close_fingers(hand, target, fingers=grip.fingers, gap=GAP)
+    result = close_hand(hand, target, fingers=grip.fingers, gap=GAP)
     for _ in range(10):
         if result.all_touch:
             break
@@ -190,7 +190,7 @@ def closed(name: str, shape: str) -> tuple[ClosingResult, ManipulatedObject]:
         way = 0.5 * float(np.ptp([finger.distance for finger in result.fingers]))
         T = target.T_world_object
         target = body(target.shape, T[:3, 3] + way * push / np.linalg.norm(push), T[:3, :3])
-        result = close_fingers(hand, target, fingers=grip.fingers, gap=GAP)
+        result = close_hand(hand, target, fingers=grip.fingers, gap=GAP)
     return result, target
 
 
@@ -246,7 +246,7 @@ def test_fingers_close_until_they_touch(name, shape):
 def test_wrapping_goes_on_until_nothing_can_move(name):
     grip, hand = GRIPS[name], opened(name)
     target = placed(hand, grip, "sphere")
-    result = close_fingers(hand, target, fingers=grip.fingers, gap=GAP, wrap=True)
+    result = close_hand(hand, target, fingers=grip.fingers, gap=GAP, wrap=True)
     assert result.all_touch
     assert set(result.touching) >= set(closed(name, "sphere")[0].touching)
     (piece,) = target.collision_bodies()

@@ -10,7 +10,7 @@ import pytest
 
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry.bodies.collision import CollisionBody
-from graspless_pin.geometry.bodies.records import ManipulatedObject, Support
+from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
 from graspless_pin.geometry.bodies.shapes import (
     Box,
     Cylinder,

@@ -27,7 +27,7 @@ from graspless_pin.geometry.bodies import decomposition
 from graspless_pin.geometry.contact.finding import find_contacts
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.mounts import Mount
-from graspless_pin.geometry.posing.closing import close_fingers
+from graspless_pin.geometry.posing.closing import close_hand
 from graspless_pin.geometry.robots.description import FingerSpec, LinkMeshes
 from graspless_pin.geometry.robots.files import load_robot
 
@@ -138,9 +138,9 @@ def test_a_cut_hook_closes_on_a_ball_between_its_bars(urdf):
         target = ball(RADIUS, np.add(NOTCH, (0, 0, 0.001)))
         if way is None:  # the hull is in the way from the start on
             with pytest.raises(SceneError, match="'hook' overlaps object 'ball'"):
-                close_fingers(hand, target, rates={"slide": 1.0})
+                close_hand(hand, target, rates={"slide": 1.0})
         else:
-            result = close_fingers(hand, target, rates={"slide": 1.0})
+            result = close_hand(hand, target, rates={"slide": 1.0})
             assert result.hand.q["slide"] == pytest.approx(-0.04 + way, abs=2e-5)
             assert result.touching == ("hook",)
 

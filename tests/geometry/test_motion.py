@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from graspless_pin.errors import ArgumentError, SceneError
-from graspless_pin.geometry.bodies.records import Support
+from graspless_pin.geometry.bodies.object_and_supports import Support
 from graspless_pin.geometry.bodies.shapes import HalfSpace
 from graspless_pin.geometry.contact.finding import BodyKind, ContactPoint
 from graspless_pin.geometry.contact.motion import (

@@ -9,7 +9,7 @@ import pytest
 from planar_fingers import RADIUS, allegro, lever
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.bodies.records import Support
+from graspless_pin.geometry.bodies.object_and_supports import Support
 from graspless_pin.geometry.bodies.shapes import HalfSpace
 from graspless_pin.geometry.contact.finding import BodyKind
 from graspless_pin.geometry.hand.model import Hand

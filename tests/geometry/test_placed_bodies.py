@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, PlacedBodies
 from graspless_pin.geometry.bodies.polytopes import PARALLEL_ANGLE, Polytope, box_of
+from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays, ContactPoint
 from graspless_pin.geometry.contact.finding import find_contacts
-from graspless_pin.geometry.contact.records import BodyKind, ContactArrays, ContactPoint
 
 HALF = np.array([0.1, 0.2, 0.05])
 PART = st.floats(-0.4, 0.4)

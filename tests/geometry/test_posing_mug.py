@@ -14,16 +14,16 @@ from planar_fingers import body
 from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.bodies.records import Support
+from graspless_pin.geometry.bodies.object_and_supports import Support
 from graspless_pin.geometry.bodies.shapes import Box, HalfSpace, MeshShape, Sphere
 from graspless_pin.geometry.contact.distances import nearest_separation
 from graspless_pin.geometry.contact.finding import BodyKind, find_contacts
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.poses import pose_matrix
-from graspless_pin.geometry.posing.closing import close_fingers
+from graspless_pin.geometry.posing.closing import close_hand
 from graspless_pin.geometry.posing.fingertips import place_fingertips
 from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
-from graspless_pin.geometry.posing.settling import settle
+from graspless_pin.geometry.posing.settling import settle_object
 from graspless_pin.geometry.robots.description import FingerSpec
 
 TIP = 0.008  # m, radius of the fingers here; the handle's opening is 0.022 m wide
@@ -62,11 +62,11 @@ def slider(folder: Path, start: object, way: object, *, reach: float = REACH) ->
 
 def test_a_finger_goes_through_the_handles_opening(tmp_path, cut, hull):
     hand = slider(tmp_path, (OPENING, -0.07, 0.0), (0, 1, 0))
-    through = close_fingers(hand, body(cut), rates={"slide": 1.0})
+    through = close_hand(hand, body(cut), rates={"slide": 1.0})
     assert through.hand.q["slide"] == REACH
     assert through.fingers[0].at_limit == ("slide",)
     assert not through.all_touch
-    stopped = close_fingers(hand, body(hull), rates={"slide": 1.0})
+    stopped = close_hand(hand, body(hull), rates={"slide": 1.0})
     assert stopped.touching == ("tip",)
     assert stopped.hand.q["slide"] < 0.07
 
@@ -85,7 +85,7 @@ def test_a_finger_goes_through_the_handles_opening(tmp_path, cut, hull):
     ],
 )
 def test_a_finger_closes_on_the_surface_that_is_there(tmp_path, cut, start, way, distance):
-    result = close_fingers(slider(tmp_path, start, way), body(cut), rates={"slide": 1.0})
+    result = close_hand(slider(tmp_path, start, way), body(cut), rates={"slide": 1.0})
     assert result.touching == ("tip",)
     assert result.hand.q["slide"] == pytest.approx(distance, abs=LEAN)
     assert 0.0 <= result.fingers[0].distance <= 1e-5
@@ -119,7 +119,7 @@ def test_a_goal_on_a_seam_within_the_mug_is_refused(tmp_path, cut):
 @pytest.mark.parametrize("start", [0.3, 0.055, 0.048])
 def test_the_mug_settles_on_its_base(cut, start):
     mug = body(cut, (0.02, 0.01, start), Rotation.from_euler("z", 0.4).as_matrix(), name="mug")
-    settled = settle(mug, [FLOOR])
+    settled = settle_object(mug, [FLOOR])
     np.testing.assert_allclose(
         settled.T_world_object[:3, 3], [0.02, 0.01, 0.5 * HEIGHT], rtol=0, atol=3e-6
     )
@@ -130,16 +130,16 @@ def test_the_mug_settles_on_its_base(cut, start):
 def test_the_mug_settles_over_a_peg_with_its_hollow(cut, hull):
     upside_down = Rotation.from_euler("x", np.pi).as_matrix()
     peg = Support("peg", Box((0.01, 0.01, 0.15)), pose_matrix((0, 0, 0.075)))
-    over = settle(body(cut, (0, 0, 0.5), upside_down), [FLOOR, peg])
+    over = settle_object(body(cut, (0, 0, 0.5), upside_down), [FLOOR, peg])
     # The bottom's inner side, at the depth BOTTOM, comes to lie on the peg.
     assert over.T_world_object[2, 3] == pytest.approx(0.15 - 0.5 * HEIGHT + BOTTOM, abs=LEAN)
-    on_top = settle(body(hull, (0, 0, 0.5), upside_down), [FLOOR, peg])
+    on_top = settle_object(body(hull, (0, 0, 0.5), upside_down), [FLOOR, peg])
     assert on_top.T_world_object[2, 3] == pytest.approx(0.15 + 0.5 * HEIGHT, abs=1e-6)
 
 
 def test_a_ball_settles_in_the_mug(cut):
     mug = Support("mug", cut, pose_matrix((0, 0, 0.5 * HEIGHT)))
-    settled = settle(body(Sphere(0.01), (0.005, 0.0, 0.3)), [FLOOR, mug])
+    settled = settle_object(body(Sphere(0.01), (0.005, 0.0, 0.3)), [FLOOR, mug])
     assert settled.T_world_object[2, 3] == pytest.approx(BOTTOM + 0.01, abs=LEAN)
     distance = nearest_separation(mug.collision_bodies(), settled.collision_bodies()).distance
     assert abs(distance) < 1e-6

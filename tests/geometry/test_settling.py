@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from planar_fingers import ball, body
 
 from graspless_pin.errors import ArgumentError, SceneError
-from graspless_pin.geometry.bodies.records import Support
+from graspless_pin.geometry.bodies.object_and_supports import Support
 from graspless_pin.geometry.bodies.shapes import Box, Cylinder, HalfSpace
 from graspless_pin.geometry.contact.distances import nearest_separation
 from graspless_pin.geometry.poses import pose_matrix
-from graspless_pin.geometry.posing.settling import settle
+from graspless_pin.geometry.posing.settling import settle_object
 
 FLOOR = Support("floor", HalfSpace(), np.eye(4))
 WALL = Support("wall", HalfSpace(), pose_matrix((0.5, 0, 0), (0, -np.pi / 2, 0)))  # solid: x >= 0.5
@@ -30,7 +30,7 @@ def distance(target, support) -> float:
 
 @pytest.mark.parametrize("start", [0.3, 0.05, 0.02, -0.01])
 def test_a_ball_comes_to_rest_on_the_floor(start):
-    settled = settle(ball(0.05, (0.1, 0.2, start)), [FLOOR])
+    settled = settle_object(ball(0.05, (0.1, 0.2, start)), [FLOOR])
     np.testing.assert_allclose(
         settled.T_world_object, pose_matrix((0.1, 0.2, 0.05)), rtol=0, atol=1e-8
     )
@@ -43,7 +43,7 @@ def test_a_turned_box_touches_a_slope_with_its_lowest_corner(seed, angle):
     size = rng.uniform(0.02, 0.3, 3)
     T = random_pose(rng)
     target = body(Box(tuple(size)), T[:3, 3], T[:3, :3])
-    settled = settle(target, [slope(angle)])
+    settled = settle_object(target, [slope(angle)])
     signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, 8)
     corners = T[:3, :3] @ (0.5 * size[:, None] * signs) + T[:3, [3]]
     normal = np.array([np.sin(angle), 0.0, np.cos(angle)])
@@ -62,28 +62,28 @@ def test_a_settled_object_touches_and_a_little_further_overlaps(seed):
     target = body(shape, (0.0, 0.0, 1.0), T[:3, :3])
     block = Support("block", Box((0.3, 0.3, 0.3)), pose_matrix((0, 0, 0), random_pose(rng)[:3, :3]))
     way = np.array([0.05, -0.03, -1.0])
-    settled = settle(target, [block], way)
+    settled = settle_object(target, [block], way)
     shift = settled.T_world_object[:3, 3] - target.T_world_object[:3, 3]
     np.testing.assert_allclose(np.cross(shift, way), 0.0, atol=1e-12)
     assert abs(distance(settled, block)) < 1e-6
     further = body(shape, settled.T_world_object[:3, 3] + 1e-3 * way, T[:3, :3])
     assert distance(further, block) < 0.0
-    again = settle(settled, [block], way)
+    again = settle_object(settled, [block], way)
     np.testing.assert_allclose(again.T_world_object, settled.T_world_object, rtol=0, atol=1e-5)
 
 
 def test_the_first_of_several_supports_stops_it():
     step = Support("step", Box((0.2, 0.2, 0.1)), pose_matrix((0, 0, 0.05)))
-    settled = settle(body(Box((0.1, 0.1, 0.1)), (0.12, 0, 1.0)), [FLOOR, step])
+    settled = settle_object(body(Box((0.1, 0.1, 0.1)), (0.12, 0, 1.0)), [FLOOR, step])
     assert settled.T_world_object[2, 3] == pytest.approx(0.15, abs=1e-7)
-    beside = settle(body(Box((0.1, 0.1, 0.1)), (0.16, 0, 1.0)), [FLOOR, step])
+    beside = settle_object(body(Box((0.1, 0.1, 0.1)), (0.16, 0, 1.0)), [FLOOR, step])
     assert beside.T_world_object[2, 3] == pytest.approx(0.05, abs=1e-7)
 
 
 def test_two_directions_put_an_object_into_a_corner():
     target = body(Box((0.2, 0.2, 0.1)), (0.1, 0.3, 0.4))
-    down = settle(target, [FLOOR, WALL])
-    corner = settle(down, [FLOOR, WALL], (1, 0, 0))
+    down = settle_object(target, [FLOOR, WALL])
+    corner = settle_object(down, [FLOOR, WALL], (1, 0, 0))
     np.testing.assert_allclose(corner.T_world_object[:3, 3], [0.4, 0.3, 0.05], atol=1e-7)
     for support in (FLOOR, WALL):
         assert abs(distance(corner, support)) < 1e-7
@@ -96,37 +96,37 @@ def test_it_slides_along_a_slope_to_a_stop():
     stop = Support(
         "stop", Box((0.1, 1.0, 0.1)), pose_matrix(0.35 * down + 0.05 * up, (0, angle, 0))
     )
-    settled = settle(target, [slope(angle), stop], down)
+    settled = settle_object(target, [slope(angle), stop], down)
     np.testing.assert_allclose(settled.T_world_object[:3, 3], 0.25 * down + 0.05 * up, atol=1e-6)
 
 
 def test_a_vee_block_carries_a_ball():
     left = Support("left", HalfSpace(), pose_matrix((0, 0, 0), (0, np.pi / 4, 0)))
     right = Support("right", HalfSpace(), pose_matrix((0, 0, 0), (0, -np.pi / 4, 0)))
-    settled = settle(ball(0.05, (0.0, 0.0, 0.5)), [left, right])
+    settled = settle_object(ball(0.05, (0.0, 0.0, 0.5)), [left, right])
     assert settled.T_world_object[2, 3] == pytest.approx(0.05 * np.sqrt(2.0), abs=1e-7)
 
 
 def test_nothing_else_of_the_object_changes():
     target = ball(0.05, (0, 0, 1.0))
-    settled = settle(target, [FLOOR])
+    settled = settle_object(target, [FLOOR])
     assert (settled.name, settled.shape, settled.mass) == (target.name, target.shape, target.mass)
     assert target.T_world_object[2, 3] == 1.0
 
 
 def test_no_support_in_the_way_is_an_error():
     with pytest.raises(SceneError, match=r"meets no support in the direction .*'floor'"):
-        settle(ball(0.05, (0, 0, 1.0)), [FLOOR], (0, 0, 1))
+        settle_object(ball(0.05, (0, 0, 1.0)), [FLOOR], (0, 0, 1))
     with pytest.raises(SceneError, match="there is none"):
-        settle(ball(0.05, (0, 0, 1.0)), [])
+        settle_object(ball(0.05, (0, 0, 1.0)), [])
 
 
 def test_an_overlap_across_the_way_is_an_error():
     with pytest.raises(SceneError, match=r"overlaps support 'wall' by 10\.00 mm"):
-        settle(ball(0.05, (0.46, 0, 1.0)), [FLOOR, WALL])
+        settle_object(ball(0.05, (0.46, 0, 1.0)), [FLOOR, WALL])
 
 
 @pytest.mark.parametrize("direction", [(0, 0, 0), (0, 0, np.inf), (0, 1)])
 def test_a_bad_direction_is_named(direction):
     with pytest.raises(ArgumentError, match="direction: needs three finite numbers"):
-        settle(ball(0.05, (0, 0, 1.0)), [FLOOR], direction)
+        settle_object(ball(0.05, (0, 0, 1.0)), [FLOOR], direction)

@@ -19,9 +19,9 @@ from graspless_pin import (
     minimize_torque,
 )
 from graspless_pin.errors import ArgumentError, NoSolutionError
-from graspless_pin.picture import LIGHT, Role
 from graspless_pin.plots import friction_section, normal_force_ranges, torque_bars
 from graspless_pin.plots.cones import section_corners
+from graspless_pin.visualization import LIGHT, Role
 
 PAPER = Path(__file__).resolve().parents[2] / "examples" / "paper"
 BLOCK = {

@@ -6,8 +6,8 @@ import gzip
 import numpy as np
 from report_cases import SLIDING, solved
 
-from graspless_pin.picture import draw_scene
 from graspless_pin.report.html.model import model_data
+from graspless_pin.visualization import draw_scene
 
 
 def test_the_data_are_the_meshes():

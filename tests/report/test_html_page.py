@@ -22,10 +22,10 @@ from report_cases import (
 
 from graspless_pin import Status, contact_force_bounds, maximize_margin
 from graspless_pin.errors import ArgumentError, GrasplessPinError
-from graspless_pin.picture import Role
 from graspless_pin.report import solution_document
 from graspless_pin.report.html import case_of_document, case_of_scene, report_html
 from graspless_pin.report.html import page as page_module
+from graspless_pin.visualization import Role
 
 
 def number(text: str) -> float:

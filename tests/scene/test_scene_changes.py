@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 from graspless_pin import QuasistaticProblem, Scene, load_scene
 from graspless_pin.errors import ArgumentError, SceneError
-from graspless_pin.geometry.bodies.records import Support
+from graspless_pin.geometry.bodies.object_and_supports import Support
 from graspless_pin.geometry.bodies.shapes import Box, HalfSpace
 from graspless_pin.problem.cones import default_tangents, projected_tangents
-from graspless_pin.scene.records import GivenContact, Motion
+from graspless_pin.scene.motion_and_contacts import GivenContact, Motion
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 FILES = (

@@ -9,7 +9,7 @@ from scene_tools import ALLEGRO, BOX, content, loaded, unit
 
 from graspless_pin import load_scene
 from graspless_pin.errors import ArgumentError, SceneError
-from graspless_pin.geometry.contact.records import BodyKind
+from graspless_pin.geometry.contact.contact_points import BodyKind
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.scene import Scene, close_fingers, fingertip_contact, settle
 

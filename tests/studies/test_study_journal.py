@@ -12,9 +12,9 @@ from study_tools import FRICTION, Here, study
 
 from graspless_pin.errors import StudyError
 from graspless_pin.studies import run_study
-from graspless_pin.studies.journal import FORMAT, Journal
+from graspless_pin.studies.journal import JOURNAL_FORMAT, Journal
 
-IDENTITY = {"format": FORMAT, "fingerprint": "ab12", "versions": {"numpy": "2.4.0"}}
+IDENTITY = {"format": JOURNAL_FORMAT, "fingerprint": "ab12", "versions": {"numpy": "2.4.0"}}
 ROWS = [
     {"sample": 3, "status": "optimal", "found": True, "margin_N": 0.125, "contacts": 4},
     {"sample": 0, "status": "infeasible_forces", "found": False, "reason": "größer"},

@@ -20,11 +20,11 @@ from study_tools import FRICTION, SLOPE, Here, data, study, study_file
 
 from graspless_pin.errors import StudyError
 from graspless_pin.studies import (
-    evaluation,
     load_study,
     read_results,
     results_summary,
     run_study,
+    sample_evaluation,
 )
 from graspless_pin.studies.executors import dask_executor
 
@@ -167,7 +167,7 @@ TOLD = {
 def misbehaves(plan, samples):
     for sample in samples:
         FAULTS.get(sample[0], len)(plan if sample[0] in FAULTS else ())
-        yield from evaluation.evaluate_each(plan, [sample])
+        yield from sample_evaluation.evaluate_each(plan, [sample])
 
 
 def assert_bad_samples_are_rows(tmp_path, monkeypatch, **options):
@@ -229,7 +229,7 @@ def hangs_at_seven(plan, samples):
     for sample in samples:
         if sample[0] == 7:
             hangs(plan)
-        yield from evaluation.evaluate_each(plan, [sample])
+        yield from sample_evaluation.evaluate_each(plan, [sample])
 
 
 def test_processes_that_do_not_start_are_told(tmp_path, monkeypatch):

@@ -25,7 +25,7 @@ from graspless_pin.studies import (
     run_study,
     tables,
 )
-from graspless_pin.studies.journal import FORMAT, Journal
+from graspless_pin.studies.journal import JOURNAL_FORMAT, Journal
 
 LOW = {"values": [0.0, 0.3]}  # without friction nothing holds the cuboid on its slope
 
@@ -170,7 +170,7 @@ def test_a_finished_study_is_only_read(tmp_path):
     first = run(study(), file)
     before = file.stat().st_mtime_ns
     journal = tmp_path / "out.parquet.journal"
-    Journal(journal, {"format": FORMAT, "fingerprint": study().fingerprint}).close()
+    Journal(journal, {"format": JOURNAL_FORMAT, "fingerprint": study().fingerprint}).close()
     here = Here()
     pd.testing.assert_frame_equal(run(study(name="other name"), file, here), first)
     assert here.samples == [] and file.stat().st_mtime_ns == before

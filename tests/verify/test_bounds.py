@@ -8,7 +8,7 @@ from scenes import scene  # pyright: ignore[reportMissingImports] - tests/core, 
 from verified_documents import documented
 
 from graspless_pin import QuasistaticProblem, maximize_margin, minimize_torque
-from graspless_pin.report.verify.bounds import Multipliers, proven_bound, read_multipliers
+from graspless_pin.report.verify.bounds import StatedMultipliers, proven_bound, stated_multipliers
 from graspless_pin.report.verify.figures import read_forces, read_problem
 
 COULOMB = {
@@ -21,7 +21,7 @@ COULOMB = {
 }
 
 
-def made_up(own: Multipliers, rng: np.random.Generator) -> dict[str, Any]:
+def made_up(own: StatedMultipliers, rng: np.random.Generator) -> dict[str, Any]:
     """Multipliers like others, larger, or with any number in some places."""
     factor = rng.choice([1.0, 1.001, 2.0, 1e3, 1e12])
     made = {key: factor * value for key, value in vars(own).items()}
@@ -41,12 +41,12 @@ def test_no_multipliers_prove_more_than_the_optimum(make):
     problem = read_problem(document)
     forces = read_forces([c["force"] for c in document["contacts"]], problem, "forces")
     best, free = problem.objective(forces), np.ones((problem.count, 2, 2), dtype=bool)
-    own = read_multipliers(document["proof"]["nodes"][0]["multipliers"], problem, "own")
+    own = stated_multipliers(document["proof"]["nodes"][0]["multipliers"], problem, "own")
     assert proven_bound(problem, own, free, 50.0) == pytest.approx(best, rel=1e-6)
     assert proven_bound(problem, own, free, 50.0, objective=False) <= 0.0
     rng = np.random.default_rng(3)
     for _ in range(200):
-        m = read_multipliers(made_up(own, rng), problem, "made up")
+        m = stated_multipliers(made_up(own, rng), problem, "made up")
         assert proven_bound(problem, m, free, 50.0) <= best + 1e-6 * problem.unit
         assert proven_bound(problem, m, free, 50.0, objective=False) <= 0.0
 
@@ -85,7 +85,7 @@ def test_multipliers_that_cancel_prove_nothing_by_their_rounding(seed):
         )}  # fmt: skip
         balance = [0.0, 0.0, 0.0, 0.0, -3.0 * sign * size, -5.0 * sign * size]
         side = "torque_upper" if sign > 0.0 else "torque_lower"
-        m = read_multipliers(
+        m = stated_multipliers(
             {**none, "faces": [], "balance": balance, side: [size]}, problem, "made up"
         )
         assert proven_bound(problem, m, everywhere, 50.0, objective=False) <= 0.0

@@ -7,9 +7,9 @@ import typer
 
 from graspless_pin.cli.reporting import report
 from graspless_pin.cli.robots import inspect, robots
-from graspless_pin.cli.solving import schema, solve, verify
+from graspless_pin.cli.solving import schema, solve_scene, verify
 from graspless_pin.cli.studying import study
-from graspless_pin.cli.viewing import view
+from graspless_pin.cli.viewing import view_scene
 from graspless_pin.versions import compiled_loops, versions
 
 __all__ = ["app"]
@@ -47,5 +47,5 @@ def _options(
     pass
 
 
-for _command in (solve, verify, report, view, study, robots, inspect, schema):
-    app.command()(_command)
+for _command in (solve_scene, verify, report, view_scene, study, robots, inspect, schema):
+    app.command(_command.__name__.removesuffix("_scene"))(_command)

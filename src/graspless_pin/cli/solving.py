@@ -20,7 +20,7 @@ from graspless_pin.report.verify import Verification, verify_document
 from graspless_pin.scene import load_scene, scene_json_schema
 
 
-def solve(
+def solve_scene(
     scene: Annotated[Path, typer.Argument(help="Scene file (YAML).")],
     algorithm: Annotated[
         Algorithm | None,

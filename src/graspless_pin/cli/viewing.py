@@ -14,7 +14,7 @@ from graspless_pin.viewer.page import DEFAULT_PORT
 from graspless_pin.viewer.page import view as show
 
 
-def view(
+def view_scene(
     scene: Annotated[Path, typer.Argument(help="Scene file (YAML).")],
     host: Annotated[
         str, typer.Option(help="Address to listen at; the default is this machine only.")

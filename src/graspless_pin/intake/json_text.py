@@ -9,9 +9,9 @@ from typing import Any, NoReturn
 from graspless_pin.errors import TextError
 from graspless_pin.intake.text import bad_character
 
-DEEPEST = 50
+DEEPEST_JSON = 50
 """More levels of objects and lists than any document has."""
-LONGEST_NUMBER = 500
+LONGEST_JSON_NUMBER = 500
 """More digits than any number has."""
 
 
@@ -38,11 +38,11 @@ def parse_json(text: str) -> Any:
     return data
 
 
-_TOO_DEEP = f"is nested too deeply; at most {DEEPEST} levels are possible"
+_TOO_DEEP = f"is nested too deeply; at most {DEEPEST_JSON} levels are possible"
 
 
 def _whole(digits: str) -> int:
-    if len(digits) > LONGEST_NUMBER or not math.isfinite(float(digits)):
+    if len(digits) > LONGEST_JSON_NUMBER or not math.isfinite(float(digits)):
         raise TextError(f"has a whole number of {len(digits)} digits, which no double holds")
     return int(digits)
 
@@ -70,7 +70,7 @@ def _mapping(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 def _check(data: Any) -> None:
     """Check depth and text, level by level: no recursion, however deep."""
     level = [data]
-    for _ in range(DEEPEST + 1):
+    for _ in range(DEEPEST_JSON + 1):
         inner: list[Any] = []
         for item in level:
             if isinstance(item, str):

@@ -7,7 +7,7 @@ from xml.parsers import expat
 
 from graspless_pin.errors import TextError
 
-DEEPEST = 100
+DEEPEST_XML = 100
 """More levels than any file has; further ones cost stack in whatever reads them."""
 MOST_ELEMENTS = 200_000
 """More elements than any file has."""
@@ -30,8 +30,8 @@ def check_xml(content: bytes) -> None:
     def begin(*_: object) -> None:
         nonlocal depth, count
         depth, count = depth + 1, count + 1
-        if depth > DEEPEST:
-            raise TextError(f"is nested too deeply; at most {DEEPEST} levels are possible")
+        if depth > DEEPEST_XML:
+            raise TextError(f"is nested too deeply; at most {DEEPEST_XML} levels are possible")
         if count > MOST_ELEMENTS:
             raise TextError(f"has more than {MOST_ELEMENTS} elements, the most that is possible")
 

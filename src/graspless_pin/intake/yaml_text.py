@@ -15,9 +15,9 @@ Location = tuple[str | int, ...]
 
 MOST_ENTRIES = 30_000
 """More keys and items than any file has; anchors can multiply a few lines into billions."""
-DEEPEST = 50
+DEEPEST_YAML = 50
 """More levels of mappings and lists than any file has."""
-LONGEST_NUMBER = 500
+LONGEST_YAML_NUMBER = 500
 """More characters than any number has; thousands of digits take Python long."""
 
 
@@ -46,9 +46,9 @@ class _Loader(yaml.SafeLoader):
         return super().add_indent(column)
 
     def _check_depth(self) -> None:
-        if self.flow_level + len(self.indents) > DEEPEST:
+        if self.flow_level + len(self.indents) > DEEPEST_YAML:
             raise TextError(
-                f"is nested too deeply; at most {DEEPEST} levels are possible", self.line + 1
+                f"is nested too deeply; at most {DEEPEST_YAML} levels are possible", self.line + 1
             )
 
 
@@ -113,8 +113,8 @@ def _index(
             f"has more than {MOST_ENTRIES} entries; anchors that repeat anchors grow without bound",
             line,
         )
-    if len(location) > DEEPEST:
-        raise TextError(f"is nested too deeply; at most {DEEPEST} levels are possible", line)
+    if len(location) > DEEPEST_YAML:
+        raise TextError(f"is nested too deeply; at most {DEEPEST_YAML} levels are possible", line)
     above |= {id(node)}
     lines.setdefault(location, line)
     if isinstance(node, yaml.MappingNode):
@@ -142,10 +142,10 @@ def _check_scalar(node: yaml.Node, location: Location) -> None:
         return
     place = f"{'.'.join(map(str, location))}: " if location else ""
     line = node.start_mark.line + 1
-    if node.tag in _NUMBERS and len(node.value) > LONGEST_NUMBER:
+    if node.tag in _NUMBERS and len(node.value) > LONGEST_YAML_NUMBER:
         raise TextError(
             f"{place}found a number of {len(node.value)} characters; a number has at most "
-            f"{LONGEST_NUMBER}",
+            f"{LONGEST_YAML_NUMBER}",
             line,
         )
     code = bad_character(node.value)

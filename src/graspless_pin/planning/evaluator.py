@@ -24,7 +24,7 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array, real_number
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
-from graspless_pin.scene.records import Motion
+from graspless_pin.scene.motion_and_contacts import Motion
 from graspless_pin.solution import Status
 
 _MOST_KEPT = 256

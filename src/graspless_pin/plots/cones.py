@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.picture import LIGHT, Role
-from graspless_pin.picture.contacts import virtual_velocities
 from graspless_pin.plots.canvas import axes_for
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.table import contact_state, friction_use
+from graspless_pin.visualization import LIGHT, Role
+from graspless_pin.visualization.contacts import virtual_velocities
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

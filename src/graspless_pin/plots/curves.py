@@ -9,9 +9,9 @@ import numpy as np
 from graspless_pin.algorithms.disturbances import DisturbanceMargin
 from graspless_pin.algorithms.margin_torque_curve import MarginTorqueCurve
 from graspless_pin.errors import ArgumentError, NoSolutionError
-from graspless_pin.picture import LIGHT, Role
 from graspless_pin.plots.canvas import axes_for
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.visualization import LIGHT, Role
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

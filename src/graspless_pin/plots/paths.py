@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from graspless_pin.picture import LIGHT, Role
 from graspless_pin.planning import PathProfile
 from graspless_pin.plots.canvas import axes_for
 from graspless_pin.problem.joint_units import units_text
+from graspless_pin.visualization import LIGHT, Role
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,9 +8,9 @@ import numpy as np
 
 from graspless_pin.algorithms.force_bounds import ContactForceBounds
 from graspless_pin.errors import NoSolutionError
-from graspless_pin.picture import LIGHT, Role
 from graspless_pin.plots.canvas import axes_for
 from graspless_pin.solution import Status, TorqueSolution
+from graspless_pin.visualization import LIGHT, Role
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

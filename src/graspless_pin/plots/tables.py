@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.picture import LIGHT, Role
 from graspless_pin.plots.canvas import axes_for
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.visualization import LIGHT, Role
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

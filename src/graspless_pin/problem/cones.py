@@ -13,7 +13,6 @@ from graspless_pin.problem.checks import FloatArray, read_only
 
 _NEARLY_PARALLEL = 0.99
 
-Rows = list[float]
 """The rows x, y and z of [t1 t2], one after the other."""
 
 
@@ -46,8 +45,8 @@ def projected_tangents(normals: FloatArray, axes: Sequence[FloatArray]) -> Float
         return small_arrays.tangents(normals, axes)
     directions = [np.asarray(axis, dtype=np.float64).tolist() for axis in axes]
     # Plain floats: there are few contacts, and those of one patch share their normal.
-    known: dict[tuple[float, float, float], Rows] = {}
-    rows: Rows = []
+    known: dict[tuple[float, float, float], list[float]] = {}
+    rows: list[float] = []
     for x, y, z in normals.tolist():
         pair = known.get((x, y, z))
         if pair is None:
@@ -56,7 +55,7 @@ def projected_tangents(normals: FloatArray, axes: Sequence[FloatArray]) -> Float
     return np.array(rows, dtype=np.float64).reshape(-1, 3, 2)
 
 
-def _tangents(x: float, y: float, z: float, directions: list[list[float]]) -> Rows:
+def _tangents(x: float, y: float, z: float, directions: list[list[float]]) -> list[float]:
     """Rows of [t1 t2] for the normal (x, y, z)."""
     for a, b, c in directions:
         along = a * x + b * y + c * z

@@ -24,7 +24,7 @@ from graspless_pin.report.provenance import provenance
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
 
-FORMAT = 2
+DOCUMENT_FORMAT = 2
 """Version of the documents; those of version 0.1 have none."""
 _ROW = re.compile(r"\[[-+.\deE,\s]*\]")
 
@@ -56,7 +56,7 @@ def solution_document(solution: TorqueSolution, scene: Scene | None = None) -> d
     found, proof = solution.found, prove_solution(solution)
     coordinates = force_coordinates(solution.problem, solution.required_margin)
     document: dict[str, Any] = {
-        "format": FORMAT,
+        "format": DOCUMENT_FORMAT,
         "status": solution.status.name.lower(),
         "message": solution.status.message,
         "found": found,

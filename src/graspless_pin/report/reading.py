@@ -18,7 +18,7 @@ from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.programs.assembly import built
 from graspless_pin.programs.forces import force_coordinates
 from graspless_pin.programs.objectives import Algorithm, Margin, Objective, Torque, TorqueShare
-from graspless_pin.report.document import FORMAT
+from graspless_pin.report.document import DOCUMENT_FORMAT
 from graspless_pin.report.proof_data import as_number, as_numbers, read_multipliers
 from graspless_pin.solution import Certificate, ProofMultipliers, Status, TorqueSolution
 from graspless_pin.solution.records import FOUND
@@ -67,9 +67,10 @@ def read_solution(document: dict[str, Any]) -> TorqueSolution:
 def _check_format(document: dict[str, Any]) -> None:
     """Refuse formats of later versions, and what version 0.1 does not say enough of."""
     if "format" in document:
-        if document["format"] != FORMAT:
+        if document["format"] != DOCUMENT_FORMAT:
             raise ArgumentError(
-                "document", f"has the format {document['format']!r:.20}; {FORMAT} can be read"
+                "document",
+                f"has the format {document['format']!r:.20}; {DOCUMENT_FORMAT} can be read",
             )
         return
     proof = document.get("certificate")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.bodies.records import ManipulatedObject, Support
+from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
 from graspless_pin.geometry.bodies.shapes import (
     Box,
     Capsule,

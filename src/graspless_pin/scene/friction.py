@@ -8,8 +8,8 @@ import numpy as np
 
 from graspless_pin.errors import SceneError
 from graspless_pin.geometry.bodies.materials import Materials
-from graspless_pin.geometry.bodies.records import Support
-from graspless_pin.geometry.contact.records import ContactArrays
+from graspless_pin.geometry.bodies.object_and_supports import Support
+from graspless_pin.geometry.contact.contact_points import ContactArrays
 from graspless_pin.problem.checks import FloatArray, read_only
 
 

@@ -7,13 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from graspless_pin.errors import StateError, StateFault
-from graspless_pin.geometry.contact.records import ContactArrays
+from graspless_pin.geometry.contact.contact_points import ContactArrays
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.joint_units import JointUnit
 
 
-class JointColumns(NamedTuple):
+class ControlledJoints(NamedTuple):
     """L joints.
 
     Attributes:
@@ -31,13 +31,15 @@ class JointColumns(NamedTuple):
     units: tuple[JointUnit, ...]
 
 
-def without_joints(touching: ContactArrays) -> JointColumns:
+def without_joints(touching: ContactArrays) -> ControlledJoints:
     """Return what a scene without a hand has."""
     none = np.zeros(0)
-    return JointColumns(np.zeros((3 * len(touching), 0)), (none, none), none, (), ())
+    return ControlledJoints(np.zeros((3 * len(touching), 0)), (none, none), none, (), ())
 
 
-def joint_columns(hand: Hand, touching: ContactArrays, gravity: FloatArray | None) -> JointColumns:
+def joint_columns(
+    hand: Hand, touching: ContactArrays, gravity: FloatArray | None
+) -> ControlledJoints:
     """Return the force-controlled joints.
 
     Args:
@@ -54,12 +56,12 @@ def joint_columns(hand: Hand, touching: ContactArrays, gravity: FloatArray | Non
     weights = np.zeros(len(names))
     if gravity is not None and names:
         weights = hand.gravity_torques(gravity)
-    return JointColumns(jacobian, hand.effort_limits, weights, names, hand.effort_units)
+    return ControlledJoints(jacobian, hand.effort_limits, weights, names, hand.effort_units)
 
 
 def with_hybrid_fingers(
-    joints: JointColumns, hand: Hand, touching: ContactArrays, limit: float
-) -> JointColumns:
+    joints: ControlledJoints, hand: Hand, touching: ContactArrays, limit: float
+) -> ControlledJoints:
     """Append a column n for the one contact of each hybrid finger (Sec. II-A).
 
     Args:
@@ -91,7 +93,7 @@ def with_hybrid_fingers(
         names.append(name)
     lower, upper = joints.limits
     none = np.zeros(len(hybrid))
-    return JointColumns(
+    return ControlledJoints(
         np.hstack([joints.jacobian, columns]),
         (np.concatenate([lower, none]), np.concatenate([upper, none + limit])),
         np.concatenate([joints.gravity_torques, none]),

@@ -11,16 +11,16 @@ from pydantic import ValidationError
 
 from graspless_pin.errors import SceneError
 from graspless_pin.geometry.bodies.materials import Materials
-from graspless_pin.geometry.bodies.records import ManipulatedObject
+from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.magnitudes import LARGEST_LOAD_OVER_LIMIT
 from graspless_pin.scene.body_building import build_object, build_support, twist_of
 from graspless_pin.scene.hand_building import build_hand
 from graspless_pin.scene.locating import Locator
 from graspless_pin.scene.material_pairs import warn_of_unused_materials
-from graspless_pin.scene.messages import explain
+from graspless_pin.scene.messages import validation_text
+from graspless_pin.scene.motion_and_contacts import GivenContact, HandMotion, Motion
 from graspless_pin.scene.parts import SceneParts
-from graspless_pin.scene.records import GivenContact, HandMotion, Motion
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_schema import MotionEntry, SceneEntry
 from graspless_pin.scene.yaml_source import Location, YamlSource
@@ -62,7 +62,7 @@ def build_scene(source: YamlSource, parts: SceneParts | None = None) -> Scene:
     try:
         entry = SceneEntry.model_validate(source.data)
     except ValidationError as error:
-        raise SceneError(explain(source, error)) from None
+        raise SceneError(validation_text(source, error)) from None
     return _Builder(source, parts or SceneParts()).scene(entry)
 
 

@@ -17,7 +17,9 @@ Node = dict[str, Any]
 """A part of the JSON schema."""
 
 
-def explain(source: YamlSource, error: ValidationError, model: type[BaseModel] = SceneEntry) -> str:
+def validation_text(
+    source: YamlSource, error: ValidationError, model: type[BaseModel] = SceneEntry
+) -> str:
     """Return one line a mistake: file:line, key, what was found, what would do.
 
     Args:

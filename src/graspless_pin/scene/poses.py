@@ -9,11 +9,10 @@ from numpy.typing import ArrayLike
 
 from graspless_pin.errors import SceneError
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.posing.closing import ClosingResult
-from graspless_pin.geometry.posing.closing import close_fingers as close_hand
+from graspless_pin.geometry.posing.closing import ClosingResult, close_hand
 from graspless_pin.geometry.posing.fingertips import FingertipPlacement, place_fingertips
 from graspless_pin.geometry.posing.overlaps import Overlap, unwanted_overlaps
-from graspless_pin.geometry.posing.settling import settle as settle_object
+from graspless_pin.geometry.posing.settling import settle_object
 from graspless_pin.scene.scene import Scene
 
 

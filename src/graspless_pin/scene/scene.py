@@ -23,7 +23,8 @@ from graspless_pin.errors import (
 )
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
 from graspless_pin.geometry.bodies.materials import Materials
-from graspless_pin.geometry.bodies.records import ManipulatedObject, Support
+from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
+from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays
 from graspless_pin.geometry.contact.finding import contact_arrays
 from graspless_pin.geometry.contact.motion import (
     checked_twist,
@@ -32,7 +33,6 @@ from graspless_pin.geometry.contact.motion import (
     support_velocities,
     velocities_at,
 )
-from graspless_pin.geometry.contact.records import BodyKind, ContactArrays
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.pickling import remake
 from graspless_pin.problem import QuasistaticProblem
@@ -42,12 +42,17 @@ from graspless_pin.problem.own_arrays import problem_of_own_arrays
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene.friction import FrictionTable
 from graspless_pin.scene.joints import (
-    JointColumns,
+    ControlledJoints,
     joint_columns,
     with_hybrid_fingers,
     without_joints,
 )
-from graspless_pin.scene.records import GivenContact, Motion, SceneContacts, given_arrays
+from graspless_pin.scene.motion_and_contacts import (
+    GivenContact,
+    Motion,
+    SceneContacts,
+    given_arrays,
+)
 from graspless_pin.solution import TorqueSolution
 
 _Made = TypeVar("_Made")
@@ -194,7 +199,7 @@ class Scene:
             gravity_torques=joints.gravity_torques,
         )
 
-    def _joints(self, touching: ContactArrays) -> JointColumns:
+    def _joints(self, touching: ContactArrays) -> ControlledJoints:
         if self.hand is None:
             return without_joints(touching)
         gravity = self.gravity if self.count_own_weight else None

@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from graspless_pin.errors import GrasplessPinError, StudyError
-from graspless_pin.scene.messages import explain, key_text
+from graspless_pin.scene.messages import key_text, validation_text
 from graspless_pin.scene.parts import SceneParts
 from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.solvers import check_solver
@@ -40,7 +40,7 @@ def _check_values(study: Study, name: str, value: object, tree: Tree) -> None:
     try:
         SceneEntry.model_validate(tree)
     except ValidationError as error:
-        what = explain(study.scene.with_data(tree), error)
+        what = validation_text(study.scene.with_data(tree), error)
         key = "vary", name
         raise StudyError(
             f"{study.source.where(key)}: {key_text(key)}: at {value!r}: {what}"

@@ -10,7 +10,7 @@ from typing import Any
 
 from graspless_pin.errors import StudyError
 from graspless_pin.studies.study import Sample, Study
-from graspless_pin.studies.supervision import Children, Evaluation, compute_here
+from graspless_pin.studies.supervision import Children, EvaluateSamples, compute_here
 
 Samples = Sequence[tuple[int, Sample]]
 """Number and values of each sample."""
@@ -42,7 +42,7 @@ class LocalProcesses:
             self.close()
             raise
 
-    def submit(self, evaluation: Evaluation, study: Study, samples: Samples) -> Future[Any]:
+    def submit(self, evaluation: EvaluateSamples, study: Study, samples: Samples) -> Future[Any]:
         """Submit samples."""
         return self._threads.submit(self._children.compute, evaluation, study, samples)
 
@@ -65,7 +65,7 @@ class GivenExecutor:
         self.workers = workers
         self._executor = executor
 
-    def submit(self, evaluation: Evaluation, study: Study, samples: Samples) -> Future[Any]:
+    def submit(self, evaluation: EvaluateSamples, study: Study, samples: Samples) -> Future[Any]:
         """Submit samples."""
         return self._executor.submit(compute_here, evaluation, study, samples)
 

@@ -19,11 +19,11 @@ from pathlib import Path
 from typing import IO, Any
 
 from graspless_pin.errors import StudyError
-from graspless_pin.studies.evaluation import Row
+from graspless_pin.studies.sample_evaluation import Row
 
 _SYNC_EVERY = 2.0
 """Seconds between two times that the disk is waited for: a power failure costs no more."""
-FORMAT = 2
+JOURNAL_FORMAT = 2
 _WITHOUT_CHECKSUMS = 1
 _CHECKSUM_DIGITS = 8
 

@@ -15,10 +15,10 @@ from graspless_pin.drafts import remove_stale_drafts
 from graspless_pin.errors import StudyError
 from graspless_pin.problem.checks import whole_number
 from graspless_pin.studies.checks import check_study
-from graspless_pin.studies.evaluation import Failure, Row, evaluate_each
 from graspless_pin.studies.executors import GivenExecutor, LocalProcesses, usable_cores
-from graspless_pin.studies.journal import FORMAT, Journal, discard
+from graspless_pin.studies.journal import JOURNAL_FORMAT, Journal, discard
 from graspless_pin.studies.progress import notice, progress_bar
+from graspless_pin.studies.sample_evaluation import Failure, Row, evaluate_each
 from graspless_pin.studies.study import Study
 from graspless_pin.studies.tables import (
     KEY,
@@ -96,7 +96,7 @@ def run_study(
         _check_own(study, file)
     _check_folder(file)
     check_study(study)
-    identity = {"format": FORMAT, "fingerprint": study.fingerprint, "versions": versions()}
+    identity = {"format": JOURNAL_FORMAT, "fingerprint": study.fingerprint, "versions": versions()}
     journal = Journal(journal_file, identity, fresh=fresh, overwrite=overwrite)
     complete = False
     try:

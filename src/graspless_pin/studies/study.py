@@ -18,7 +18,7 @@ from graspless_pin.errors import SceneError, StudyError
 from graspless_pin.intake.files import FileKind, is_file, read_bytes
 from graspless_pin.scene.load import build_scene
 from graspless_pin.scene.material_pairs import materials_in_words, other_materials
-from graspless_pin.scene.messages import explain, key_text
+from graspless_pin.scene.messages import key_text, validation_text
 from graspless_pin.scene.parts import SceneParts
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_schema import SceneEntry
@@ -139,7 +139,7 @@ def _made(source: YamlSource, folder: Path) -> Study:
     try:
         entry = StudyEntry.model_validate(source.data)
     except ValidationError as error:
-        raise StudyError(explain(source, error, StudyEntry)) from None
+        raise StudyError(validation_text(source, error, StudyEntry)) from None
 
     def fail(location: tuple[str, ...], message: str) -> StudyError:
         return StudyError(f"{source.where(location)}: {key_text(location)}: {message}")
@@ -180,7 +180,7 @@ def _valid(scene: YamlSource) -> SceneEntry:
     try:
         return SceneEntry.model_validate(scene.data)
     except ValidationError as error:
-        raise SceneError(explain(scene, error)) from None
+        raise SceneError(validation_text(scene, error)) from None
 
 
 def _check_targets(variables: tuple[Variable, ...], options: Mapping[str, Any], fail: Any) -> None:

@@ -12,10 +12,10 @@ from functools import cache
 
 from graspless_pin.child_process import ChildProcess
 from graspless_pin.errors import CrashError, OverrunError, StudyError
-from graspless_pin.studies.evaluation import Failure, Row, failure_row
+from graspless_pin.studies.sample_evaluation import Failure, Row, failure_row
 from graspless_pin.studies.study import Sample, Study
 
-Evaluation = Callable[[Study, Sequence[tuple[int, Sample]]], Iterator[Row]]
+EvaluateSamples = Callable[[Study, Sequence[tuple[int, Sample]]], Iterator[Row]]
 """Yields the rows of samples, such as `evaluate_each`."""
 
 _ONE_THREAD = {
@@ -46,7 +46,7 @@ class Children:
         self._stopped = threading.Event()
 
     def compute(
-        self, evaluation: Evaluation, study: Study, samples: Sequence[tuple[int, Sample]]
+        self, evaluation: EvaluateSamples, study: Study, samples: Sequence[tuple[int, Sample]]
     ) -> tuple[list[Row], float]:
         """Compute samples in one process, which is replaced when it dies or has to be ended.
 
@@ -159,7 +159,7 @@ class Children:
 
 
 def compute_here(
-    evaluation: Evaluation, study: Study, samples: Sequence[tuple[int, Sample]]
+    evaluation: EvaluateSamples, study: Study, samples: Sequence[tuple[int, Sample]]
 ) -> tuple[list[Row], float]:
     """Compute samples as `Children.compute` does, beside the worker of an executor that calls this.
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from graspless_pin.drafts import draft_of
 from graspless_pin.errors import StudyError
 from graspless_pin.scene.messages import key_text
-from graspless_pin.studies.evaluation import LARGEST_TORQUE, Failure, Row
+from graspless_pin.studies.sample_evaluation import LARGEST_TORQUE, Failure, Row
 from graspless_pin.studies.study import Study
 from graspless_pin.versions import versions
 

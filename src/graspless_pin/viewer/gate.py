@@ -32,7 +32,7 @@ _CAMERA = {
 """Numbers in a message about the camera; 0: one that is no list."""
 _starting = threading.Lock()
 
-Check = Callable[[Any], bool]
+Admits = Callable[[Any], bool]
 """Whether a control can have a value."""
 
 
@@ -47,9 +47,9 @@ class Gate:
         """Make a gate for a server that listens at a host; nothing is a value of its page yet."""
         self.token = secrets.token_urlsafe(_TOKEN_BYTES)
         self._host = host.lower()
-        self._checks: dict[str, Check] = {}
+        self._checks: dict[str, Admits] = {}
 
-    def admit(self, control: Any, check: Check) -> None:
+    def admit(self, control: Any, check: Admits) -> None:
         """Let messages set a control of viser's to what passes a check."""
         self._checks[control._impl.uuid] = check
 
@@ -115,13 +115,13 @@ class Gate:
         return _address(name) is not None or name == socket.gethostname().lower()
 
 
-def number_between(low: float, high: float) -> Check:
+def number_between(low: float, high: float) -> Admits:
     """A check for numbers of a range; rounding may leave it by a little."""
     slack = 1e-9 * max(abs(low), abs(high)) if math.isfinite(high) else 0.0
     return lambda value: _is_number(value) and low - slack <= value <= high + slack
 
 
-def one_of(values: tuple[str, ...]) -> Check:
+def one_of(values: tuple[str, ...]) -> Admits:
     """A check for one of some texts."""
     return lambda value: isinstance(value, str) and value in values
 

@@ -1,4 +1,4 @@
-"""The page: viser draws what `evaluate` works out for the settings of its controls."""
+"""The page: viser draws what `answer_settings` works out for the settings of its controls."""
 
 from __future__ import annotations
 
@@ -13,14 +13,19 @@ from dataclasses import replace
 from typing import Any
 
 from graspless_pin.errors import ArgumentError, CrashError, GrasplessPinError
-from graspless_pin.picture import Role
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
 from graspless_pin.viewer.controls import Control, controls_of
-from graspless_pin.viewer.evaluation import Evaluation, SceneProcess, Settings, initial_settings
 from graspless_pin.viewer.gate import Gate, gated, is_switch, number_between, one_of
 from graspless_pin.viewer.panels import legend_html, result_html, torque_html
+from graspless_pin.viewer.scene_process import (
+    SceneProcess,
+    Settings,
+    SettingsAnswer,
+    initial_settings,
+)
 from graspless_pin.viewer.stage import HIDDEN_AT_FIRST, Stage
+from graspless_pin.visualization import Role
 
 DEFAULT_PORT = 8080
 
@@ -136,7 +141,7 @@ class Viewer:
         self._worker.start()
 
     @property
-    def evaluation(self) -> Evaluation:
+    def evaluation(self) -> SettingsAnswer:
         """What the page shows now."""
         return self._shown
 
@@ -274,9 +279,9 @@ class Viewer:
         """Say why settings are not shown; of what was shown before, the bodies stay."""
         before = self._shown
         bodies = replace(before.picture, meshes=before.picture.of(*_BODIES))
-        self._show(Evaluation(settings, before.scene, None, bodies, reason))
+        self._show(SettingsAnswer(settings, before.scene, None, bodies, reason))
 
-    def _show(self, result: Evaluation) -> None:
+    def _show(self, result: SettingsAnswer) -> None:
         """Bring meshes and readings up to date."""
         self._shown = result
         with self._server.atomic():

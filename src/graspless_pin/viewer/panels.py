@@ -7,12 +7,12 @@ from html import escape
 
 import numpy as np
 
-from graspless_pin.picture import DARK, LIGHT, Role
 from graspless_pin.problem.joint_units import units_text
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.table import limit_shares
-from graspless_pin.viewer.evaluation import Evaluation
+from graspless_pin.viewer.scene_process import SettingsAnswer
+from graspless_pin.visualization import DARK, LIGHT, Role
 
 _FULL = 0.999
 _DIGITS = 4
@@ -21,7 +21,7 @@ _TEXT = "font-size:13px;line-height:1.4;padding:0 14px 0 6px;overflow-wrap:anywh
 _MUTED = "opacity:0.75"
 
 
-def result_html(result: Evaluation, as_loaded: TorqueSolution | None, *, dark: bool) -> str:
+def result_html(result: SettingsAnswer, as_loaded: TorqueSolution | None, *, dark: bool) -> str:
     """Return margin and largest torque with their bars, or why there are no torques.
 
     Args:
@@ -63,7 +63,7 @@ def result_html(result: Evaluation, as_loaded: TorqueSolution | None, *, dark: b
     )
 
 
-def torque_html(result: Evaluation, *, dark: bool) -> str:
+def torque_html(result: SettingsAnswer, *, dark: bool) -> str:
     """Return one bar a joint between its limits, zero marked; nothing without a solution."""
     solution = result.solution
     if solution is None or not solution.found or not solution.problem.joint_count:

@@ -42,8 +42,7 @@ from graspless_pin.errors import (
 from graspless_pin.geometry.bodies.coacd_call import ITERATIONS, SEED, run_coacd
 from graspless_pin.geometry.bodies.polytopes import hull_of
 from graspless_pin.magnitudes import LONGEST_TIME
-
-Array = NDArray[np.float64]
+from graspless_pin.problem.checks import FloatArray
 
 DEFAULT_CONCAVITY = 0.02
 """Deepest hollow that a piece may fill, as a share of half the mesh's largest extent."""
@@ -88,7 +87,7 @@ def _is_number(value: object) -> bool:
     return isinstance(value, (int, float, np.floating)) and not isinstance(value, bool)
 
 
-def convex_pieces(mesh: trimesh.Trimesh, label: str, cut: Cut = Cut()) -> tuple[Array, ...]:
+def convex_pieces(mesh: trimesh.Trimesh, label: str, cut: Cut = Cut()) -> tuple[FloatArray, ...]:
     """Cut a mesh into convex pieces, or look up how it was cut before.
 
     Args:
@@ -137,8 +136,8 @@ def _is_convex(mesh: trimesh.Trimesh) -> bool:
     return abs(mesh.volume) >= _CONVEX * mesh.convex_hull.volume
 
 
-def _cut(mesh: trimesh.Trimesh, label: str, cut: Cut) -> tuple[Array, ...]:
-    pieces: list[Array] = []
+def _cut(mesh: trimesh.Trimesh, label: str, cut: Cut) -> tuple[FloatArray, ...]:
+    pieces: list[FloatArray] = []
     for corners in _corners(mesh, label, cut):
         try:
             pieces.append(hull_of(corners).vertices)
@@ -151,7 +150,7 @@ def _cut(mesh: trimesh.Trimesh, label: str, cut: Cut) -> tuple[Array, ...]:
     return _read_only(pieces)
 
 
-def _corners(mesh: trimesh.Trimesh, label: str, cut: Cut) -> Iterator[Array]:
+def _corners(mesh: trimesh.Trimesh, label: str, cut: Cut) -> Iterator[FloatArray]:
     """Corners of the pieces of all parts."""
     end = time.monotonic() + cut.time_limit
     with ChildProcess() as child:
@@ -226,7 +225,7 @@ def _cache_folder() -> Path:
     return base / "graspless_pin" / "convex"
 
 
-def _key(vertices: Array, faces: NDArray[np.int32], concavity: float) -> str:
+def _key(vertices: FloatArray, faces: NDArray[np.int32], concavity: float) -> str:
     version = importlib.metadata.version("coacd")
     way = f"coacd {version} {concavity!r} {ITERATIONS} {SEED} {len(vertices)}"
     digest = hashlib.sha256(way.encode())
@@ -235,7 +234,7 @@ def _key(vertices: Array, faces: NDArray[np.int32], concavity: float) -> str:
     return digest.hexdigest()
 
 
-def _read(file: Path) -> tuple[Array, ...] | None:
+def _read(file: Path) -> tuple[FloatArray, ...] | None:
     """Pieces in a file; None if there is none or it is damaged."""
     try:
         with np.load(io.BytesIO(file.read_bytes()), allow_pickle=False) as archive:
@@ -255,7 +254,7 @@ def _read(file: Path) -> tuple[Array, ...] | None:
     return _read_only(np.split(points, np.cumsum(counts)[:-1])) if sound else None
 
 
-def _write(file: Path, pieces: tuple[Array, ...]) -> None:
+def _write(file: Path, pieces: tuple[FloatArray, ...]) -> None:
     """Write pieces so that no other process ever sees half a file."""
     temporary = None
     try:
@@ -279,7 +278,7 @@ def _write(file: Path, pieces: tuple[Array, ...]) -> None:
         )
 
 
-def _read_only(pieces: list[Array]) -> tuple[Array, ...]:
+def _read_only(pieces: list[FloatArray]) -> tuple[FloatArray, ...]:
     for piece in pieces:
         piece.setflags(write=False)
     return tuple(pieces)

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 
 from graspless_pin.errors import ArgumentError, GrasplessPinWarning
 from graspless_pin.geometry.bodies.meshes import hull_points, scaled_mesh
@@ -22,8 +21,7 @@ from graspless_pin.geometry.bodies.shapes import (
     Shape,
     Sphere,
 )
-
-Array = NDArray[np.float64]
+from graspless_pin.problem.checks import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +34,7 @@ class MassProperties:
     """
 
     mass: float
-    center_of_mass: Array
+    center_of_mass: FloatArray
 
 
 def mass_properties(
@@ -70,7 +68,7 @@ def mass_properties(
     return MassProperties(value if density is None else density * volume, centroid)
 
 
-def volume_and_centroid(shape: Shape) -> tuple[float, Array]:
+def volume_and_centroid(shape: Shape) -> tuple[float, FloatArray]:
     """Volume (m^3) and centroid (3,) (m, in the shape's frame, read-only) of a shape.
 
     Raises:
@@ -101,7 +99,7 @@ def volume_and_centroid(shape: Shape) -> tuple[float, Array]:
     return volume, centroid
 
 
-def _of_mesh(shape: MeshShape) -> tuple[float, Array]:
+def _of_mesh(shape: MeshShape) -> tuple[float, FloatArray]:
     hull = trimesh.convex.convex_hull(hull_points(shape.path, shape.scale))
     mesh = scaled_mesh(shape.path, shape.scale)
     if mesh.is_watertight and mesh.is_winding_consistent and mesh.volume != 0.0:

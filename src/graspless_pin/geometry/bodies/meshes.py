@@ -8,16 +8,15 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 from scipy.spatial import QhullError
 
 from graspless_pin.errors import MeshError, MeshScaleWarning
 from graspless_pin.geometry.bodies.mesh_files import MESH_FORMATS, parse_mesh, unknown_format
 from graspless_pin.geometry.bodies.polytopes import hull_of
 from graspless_pin.magnitudes import LARGEST_LENGTH
+from graspless_pin.problem.checks import FloatArray
 
-Array = NDArray[np.float64]
-Scale = float | tuple[float, float, float]
+MeshScale = float | tuple[float, float, float]
 
 LARGEST_MESH = 5.0
 SMALLEST_MESH = 1e-3
@@ -59,7 +58,7 @@ def _check_extent(path: Path, mesh: trimesh.Trimesh) -> None:
         raise MeshError(f"mesh file '{path}' has vertices beyond ±{LARGEST_LENGTH:g} m")
 
 
-def scaled_mesh(path: Path, scale: Scale) -> trimesh.Trimesh:
+def scaled_mesh(path: Path, scale: MeshScale) -> trimesh.Trimesh:
     """Read a mesh file in metres.
 
     A file is read again only if it has changed; do not change what is returned.
@@ -93,7 +92,7 @@ def file_state(path: Path) -> tuple[str, int, int]:
 
 
 @lru_cache(maxsize=_REMEMBERED)
-def _scaled_mesh(path: Path, scale: Scale, _state: tuple[str, int, int]) -> trimesh.Trimesh:
+def _scaled_mesh(path: Path, scale: MeshScale, _state: tuple[str, int, int]) -> trimesh.Trimesh:
     mesh = load_mesh(path)
     mesh.apply_scale(np.broadcast_to(np.asarray(scale, dtype=float), 3))
     _check_extent(path, mesh)
@@ -102,7 +101,7 @@ def _scaled_mesh(path: Path, scale: Scale, _state: tuple[str, int, int]) -> trim
     return mesh
 
 
-def hull_points(path: Path, scale: Scale) -> Array:
+def hull_points(path: Path, scale: MeshScale) -> FloatArray:
     """Corners (V, 3) of the convex hull of a mesh file, m, read-only.
 
     Raises:
@@ -116,7 +115,7 @@ def hull_points(path: Path, scale: Scale) -> Array:
     return points
 
 
-def warn_of_scale(what: str, points: Array, remedy: str) -> None:
+def warn_of_scale(what: str, points: FloatArray, remedy: str) -> None:
     """Warn of a mesh whose size says that its unit is not the metre.
 
     Args:
@@ -137,7 +136,7 @@ def warn_of_scale(what: str, points: Array, remedy: str) -> None:
 
 
 @lru_cache(maxsize=_REMEMBERED)
-def _hull_points(path: Path, scale: Scale, state: tuple[str, int, int]) -> Array:
+def _hull_points(path: Path, scale: MeshScale, state: tuple[str, int, int]) -> FloatArray:
     vertices = np.array(_scaled_mesh(path, scale, state).vertices, dtype=float)
     try:
         points = hull_of(vertices).vertices

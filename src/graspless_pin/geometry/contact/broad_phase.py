@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
 from graspless_pin.geometry.contact.solids import Solids, solids_of
-
-Array = NDArray[np.float64]
+from graspless_pin.problem.checks import FloatArray
 
 _FEW = 4  # pairs at which a closer look costs less than a second look at their boxes
 
@@ -68,7 +66,7 @@ def near_solids(
     return [pair for pair, gap in zip(near, gaps, strict=True) if gap <= tolerance]
 
 
-def _sides(bodies: PlacedBodies, solids: Solids) -> Array:
+def _sides(bodies: PlacedBodies, solids: Solids) -> FloatArray:
     """(6 P, 4) sides of the boxes around bodies in the world, see `Solids.sides`."""
     sides = bodies.notes.get("sides")
     if sides is None:
@@ -81,7 +79,7 @@ def _sides(bodies: PlacedBodies, solids: Solids) -> Array:
     return sides
 
 
-def _centers(bodies: PlacedBodies, solids: Solids) -> Array:
+def _centers(bodies: PlacedBodies, solids: Solids) -> FloatArray:
     """(K, 4) centres [x, y, z, 1] of the boxes around bodies, world frame, m."""
     if solids.centered:
         return bodies.poses[:, :, 3]

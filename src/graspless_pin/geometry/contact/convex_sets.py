@@ -22,13 +22,11 @@ from typing import Any
 
 import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import QhullError
 
 from graspless_pin.errors import MeshError, SceneError
 from graspless_pin.geometry.bodies.polytopes import PARALLEL_ANGLE, Polytope, box_of, hull_of
-
-Array = NDArray[np.float64]
+from graspless_pin.problem.checks import FloatArray
 
 RIM_POINTS = 8
 """A rim stands for the inscribed regular polygon of so many points, the first on the x axis."""
@@ -51,10 +49,10 @@ class Plane:
         offset: Distance of the plane from the origin along the normal, m.
     """
 
-    normal: Array
+    normal: FloatArray
     offset: float
 
-    def faces_at(self, point: Array) -> tuple[Array, Array]:
+    def faces_at(self, point: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Outward normals (1, 3) of the faces and a point's (3,) heights (1,) over them, m."""
         return self.normal[None], np.array([self.normal @ point - self.offset])
 
@@ -78,7 +76,7 @@ class Revolved:
     constant_normals = None
 
     @cached_property
-    def center(self) -> Array:
+    def center(self) -> FloatArray:
         """(3,) centre of a sphere around the set, and of the box around it along its axes."""
         return np.zeros(3)
 
@@ -89,7 +87,7 @@ class Revolved:
         return math.hypot(disc, self.half_length) + self.swept_radius
 
     @cached_property
-    def half_extents(self) -> Array:
+    def half_extents(self) -> FloatArray:
         """(3,) half the edge lengths of that box, m."""
         disc = max(self.bottom_radius, self.top_radius)
         return np.array([disc, disc, self.half_length]) + self.swept_radius
@@ -99,14 +97,14 @@ class Revolved:
         """Whether nothing but the sweeping sphere is left."""
         return self.half_length == self.bottom_radius == self.top_radius == 0.0
 
-    def support_values(self, directions: Array) -> Array:
+    def support_values(self, directions: FloatArray) -> FloatArray:
         """Largest d . x over the set for each row d of ``directions`` (K, 3): (K,)."""
         along = self.half_length * directions[:, 2]
         across = np.hypot(directions[:, 0], directions[:, 1])
         discs = np.maximum(self.bottom_radius * across - along, self.top_radius * across + along)
         return discs + self.swept_radius * np.linalg.norm(directions, axis=1)
 
-    def feature(self, direction: Array) -> Array:
+    def feature(self, direction: FloatArray) -> FloatArray:
         """Rim, line ends or point that lies farthest along a unit direction.
 
         Args:
@@ -134,7 +132,7 @@ class Revolved:
             return np.stack([bottom, top]) + shift
         return (top if rise > 0 else bottom)[None] + shift
 
-    def normals_near(self, point: Array, direction: Array) -> Array:
+    def normals_near(self, point: FloatArray, direction: FloatArray) -> FloatArray:
         """Outward normals (K, 3) of the flat ends near a point and of the mantle in a direction."""
         normals = []
         if self.top_radius > 0 and self.half_length - point[2] <= _NEAR_FACE:
@@ -146,7 +144,7 @@ class Revolved:
             normals.append(self._mantle_normal(direction[0] / across, direction[1] / across))
         return np.array(normals).reshape(-1, 3)
 
-    def faces_at(self, point: Array) -> tuple[Array, Array]:
+    def faces_at(self, point: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Outward normals (K, 3) of the faces and a point's (3,) heights (K,) over them, m.
 
         Of the mantle, the tangent plane that is nearest to the point counts.

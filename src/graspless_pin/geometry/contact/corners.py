@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from graspless_pin.geometry.contact.polygons import (
     SAME,
@@ -13,20 +12,19 @@ from graspless_pin.geometry.contact.polygons import (
     planar_hull,
     reduce_polygon,
 )
-
-Array = NDArray[np.float64]
+from graspless_pin.problem.checks import FloatArray
 
 Groups = list[list[int]]
 """For each contact point the corners of the patch that it is the mean of."""
 
 
-def plane_basis(normal: Array) -> Array:
+def plane_basis(normal: FloatArray) -> FloatArray:
     """Two unit vectors (2, 3), read-only, that with the normal make a right-handed frame."""
     return _basis(*normal.tolist())
 
 
 @lru_cache(maxsize=256)
-def _basis(x: float, y: float, z: float) -> Array:
+def _basis(x: float, y: float, z: float) -> FloatArray:
     # The branch-free construction of Duff et al., which is smooth but at z = 0.
     sign = 1.0 if z >= 0.0 else -1.0
     a = -1.0 / (sign + z)
@@ -36,7 +34,7 @@ def _basis(x: float, y: float, z: float) -> Array:
     return basis
 
 
-def hull_order(points: Array, normal: Array, straight: float = SAME) -> list[int]:
+def hull_order(points: FloatArray, normal: FloatArray, straight: float = SAME) -> list[int]:
     """Return which of some points are extreme ones of their projection along a normal.
 
     Args:
@@ -53,12 +51,12 @@ def hull_order(points: Array, normal: Array, straight: float = SAME) -> list[int
 
 
 def corner_groups(
-    points: Array,
-    normal: Array,
+    points: FloatArray,
+    normal: FloatArray,
     *,
     object_first: bool,
-    T_second: Array,
-    T_object: Array,
+    T_second: FloatArray,
+    T_object: FloatArray,
     merge_distance: float,
     max_points: int,
 ) -> Groups:
@@ -89,12 +87,12 @@ def corner_groups(
     return groups
 
 
-def group_means(points: Array, groups: Groups) -> Array:
+def group_means(points: FloatArray, groups: Groups) -> FloatArray:
     """Return the mean of the points (K, 3) of each group."""
     return np.array([points[group].mean(axis=0) for group in groups])
 
 
-def _from_first_corner(points: Array, T: Array) -> list[int]:
+def _from_first_corner(points: FloatArray, T: FloatArray) -> list[int]:
     """Order of world points (K, 3) from the one that comes first in a body's geometry frame."""
     start = first_corner(((points - T[:3, 3]) @ T[:3, :3]).tolist())
     return [*range(start, len(points)), *range(start)]

@@ -9,15 +9,13 @@ from typing import Any
 import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]
-from numpy.typing import NDArray
 
 from graspless_pin.errors import SceneError
 from graspless_pin.geometry.bodies.collision import CollisionBody
 from graspless_pin.geometry.contact.convex_sets import Plane, Polytope, Revolved, convex_set
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.tree import LinkGeometry
-
-Array = NDArray[np.float64]
+from graspless_pin.problem.checks import FloatArray
 
 _REQUEST = coal.DistanceRequest()
 _REQUEST.gjk_tolerance = 1e-9
@@ -35,7 +33,7 @@ class Separation:
     """
 
     distance: float
-    normal: Array
+    normal: FloatArray
 
 
 def separation(first: CollisionBody, second: CollisionBody) -> Separation:
@@ -104,7 +102,7 @@ class LinkDistances:
         self._pieces = [(piece.geometry, _transform(piece.T_world_geometry)) for piece in pieces]
         self._centers, self._radii = _bounding_spheres(pieces)
 
-    def at(self, positions: Array) -> Array:
+    def at(self, positions: FloatArray) -> FloatArray:
         """Return the (K,) signed distances with all joints at (n,) ``positions``, m."""
         tree = self._tree
         pin.forwardKinematics(tree.pinocchio_model, self._data, tree.configuration(positions))
@@ -135,7 +133,7 @@ class LinkDistances:
         return nearest
 
 
-def _bounding_spheres(pieces: Sequence[CollisionBody]) -> tuple[Array, Array]:
+def _bounding_spheres(pieces: Sequence[CollisionBody]) -> tuple[FloatArray, FloatArray]:
     """World centres (P, 3) and radii (P,) of spheres around pieces; endless for a half-space."""
     centers, radii = np.zeros((len(pieces), 3)), np.full(len(pieces), np.inf)
     for index, piece in enumerate(pieces):
@@ -147,5 +145,5 @@ def _bounding_spheres(pieces: Sequence[CollisionBody]) -> tuple[Array, Array]:
     return centers, radii
 
 
-def _transform(T: Array) -> Any:
+def _transform(T: FloatArray) -> Any:
     return coal.Transform3s(np.array(T[:3, :3]), np.array(T[:3, 3]))

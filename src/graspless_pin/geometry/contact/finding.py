@@ -7,18 +7,21 @@ from collections.abc import Mapping, Sequence
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from graspless_pin.errors import ArgumentError, SceneError, StateError, StateFault
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
+from graspless_pin.geometry.contact.closed_form_contacts import (
+    ContactLimits,
+    ContactRows,
+    joined_rows,
+    near_and_closed_form,
+)
+from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays, ContactPoint
 from graspless_pin.geometry.contact.corners import corner_groups, group_means
-from graspless_pin.geometry.contact.lone_contacts import Limits, Rows, joined_rows, near_and_lone
 from graspless_pin.geometry.contact.merging import Touch, merge_touches
 from graspless_pin.geometry.contact.patches import find_patch
-from graspless_pin.geometry.contact.records import BodyKind, ContactArrays, ContactPoint
 from graspless_pin.geometry.contact.solids import Solids, solids_of
-
-Array = NDArray[np.float64]
+from graspless_pin.problem.checks import FloatArray
 
 _TOLERANCE = 1e-3  # m
 _MAX_PENETRATION = 5e-3  # m
@@ -104,7 +107,7 @@ def contact_arrays(
             f"object '{pieces.shapes.names[0]}' is a half-space; only a support can be one: "
             "give the object a box, sphere, cylinder, capsule, cone or mesh"
         )
-    pairs, found, left = near_and_lone(pieces, solids, bodies, others_solids, limits)
+    pairs, found, left = near_and_closed_form(pieces, solids, bodies, others_solids, limits)
     if left:
         touches = _touches(pieces, solids, bodies, others_solids, pairs, sorted(left), limits)
         found += _rows_of(touches, pieces, bodies, kind, limits)
@@ -122,9 +125,9 @@ def contact_arrays(
 @lru_cache(maxsize=64)
 def _limits(
     tolerance: float, max_penetration: float, merge_distance: float, max_points: int
-) -> Limits:
+) -> ContactLimits:
     """The limits, checked."""
-    limits = Limits(tolerance, max_penetration, merge_distance, max_points)
+    limits = ContactLimits(tolerance, max_penetration, merge_distance, max_points)
     for name, value in limits._asdict().items():
         if name != "max_points" and not 0.0 < value < math.inf:
             raise ArgumentError(name, f"needs a positive length in metres, got {value!r}")
@@ -140,7 +143,7 @@ def _touches(
     others: Solids,
     pairs: Sequence[tuple[int, int]],
     places: Sequence[int],
-    limits: Limits,
+    limits: ContactLimits,
 ) -> dict[str, list[tuple[int, Touch]]]:
     """Where the pairs at some places touch, by the body's name, with their places."""
     touches: dict[str, list[tuple[int, Touch]]] = {}
@@ -164,14 +167,14 @@ def _rows_of(
     pieces: PlacedBodies,
     bodies: PlacedBodies,
     kind: BodyKind,
-    limits: Limits,
-) -> list[Rows]:
+    limits: ContactLimits,
+) -> list[ContactRows]:
     """The contacts that stand for what was found, all of a body at the place of its first.
 
     Raises:
         StateError: Bodies overlap too deeply.
     """
-    found: list[Rows] = []
+    found: list[ContactRows] = []
     for name, placed in touches.items():
         merged = [touch for _, touch in placed]
         if len(merged) > 1:
@@ -189,11 +192,11 @@ def _rows_of(
         for touch in merged:
             points, gaps = _contacts_of(touch, limits)
             normals = np.repeat(touch.into_object[None], len(gaps), axis=0)
-            found.append(Rows([placed[0][0]] * len(gaps), points, normals, gaps))
+            found.append(ContactRows([placed[0][0]] * len(gaps), points, normals, gaps))
     return found
 
 
-def _contacts_of(touch: Touch, limits: Limits) -> tuple[Array, list[float]]:
+def _contacts_of(touch: Touch, limits: ContactLimits) -> tuple[FloatArray, list[float]]:
     """The contact points (K, 3) that stand for one patch, and their gaps."""
     points, gaps = touch.points, touch.gaps
     if len(points) == 1:

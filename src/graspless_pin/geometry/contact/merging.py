@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from graspless_pin.geometry.bodies.collision import CollisionBody
 from graspless_pin.geometry.bodies.polytopes import PARALLEL_ANGLE
@@ -24,8 +23,7 @@ from graspless_pin.geometry.contact.convex_sets import (
     convex_set,
 )
 from graspless_pin.geometry.contact.corners import hull_order
-
-Array = NDArray[np.float64]
+from graspless_pin.problem.checks import FloatArray
 
 _SAME_SURFACE = 1e-4  # m: how far pieces of one body may be off where they meet
 _COS_FLAT = math.cos(math.radians(45.0))  # what is steeper is a step or groove, not a seam
@@ -52,12 +50,12 @@ class Touch:
     object_piece: CollisionBody
     other_piece: CollisionBody
     object_first: bool
-    normal: Array
-    points: Array
+    normal: FloatArray
+    points: FloatArray
     gaps: list[float]
 
     @property
-    def into_object(self) -> Array:
+    def into_object(self) -> FloatArray:
         """(3,) unit normal into the object."""
         return -self.normal if self.object_first else self.normal
 
@@ -121,7 +119,9 @@ def _is_seam(
     )
 
 
-def _covers(piece: CollisionBody, own: CollisionBody, point: Array, outward: Array) -> bool:
+def _covers(
+    piece: CollisionBody, own: CollisionBody, point: FloatArray, outward: FloatArray
+) -> bool:
     """Whether a point of one piece is no contact point with another piece of the body there.
 
     That is, if the point lies inside the other piece, if the direction leads into that piece, or if
@@ -153,7 +153,7 @@ def _covers(piece: CollisionBody, own: CollisionBody, point: Array, outward: Arr
     return leanings[k] >= _COS_FLAT or not _passes(own, point, R @ here[k])
 
 
-def _rises(solid: ConvexSet, point: Array, direction: Array) -> bool:
+def _rises(solid: ConvexSet, point: FloatArray, direction: FloatArray) -> bool:
     """Whether a set has points higher along a direction than a point of its surface."""
     match solid:
         case Plane(normal=normal):
@@ -167,7 +167,7 @@ def _rises(solid: ConvexSet, point: Array, direction: Array) -> bool:
             return rise > _SAME_SURFACE + PARALLEL_ANGLE * 2.0 * radius
 
 
-def _passes(piece: CollisionBody, point: Array, normal: Array) -> bool:
+def _passes(piece: CollisionBody, point: FloatArray, normal: FloatArray) -> bool:
     """Whether a piece passes through a plane, and so makes a step with what lies behind that."""
     R, t = piece.T_world_geometry[:3, :3], piece.T_world_geometry[:3, 3]
     solid = convex_set(piece.name, piece.geometry)
@@ -255,7 +255,7 @@ def _leads_to(touch: Touch, nearer: Touch, pieces: Sequence[CollisionBody], side
     )
 
 
-def _height(piece: CollisionBody, point: Array) -> float:
+def _height(piece: CollisionBody, point: FloatArray) -> float:
     """Height (at most the distance) of a point over a piece, negative inside, m."""
     T = piece.T_world_geometry
     local = (point - T[:3, 3]) @ T[:3, :3]

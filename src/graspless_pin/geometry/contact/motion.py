@@ -8,16 +8,14 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from graspless_pin.compiled import rigid_bodies
 from graspless_pin.errors import ArgumentError, StateError, StateFault
-from graspless_pin.geometry.bodies.records import Support
-from graspless_pin.geometry.contact.records import BodyKind, ContactArrays, ContactPoint
+from graspless_pin.geometry.bodies.object_and_supports import Support
+from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays, ContactPoint
 from graspless_pin.geometry.poses import turning_velocities
-from graspless_pin.problem.checks import all_finite, make_read_only
-
-Array = NDArray[np.float64]
+from graspless_pin.problem.checks import FloatArray, all_finite, make_read_only
 
 SPEED_TOLERANCE = 1e-3
 """Speeds below this share of the fastest are zero: motions are typed in with a few digits."""
@@ -58,11 +56,11 @@ class ClassifiedMotion:
     """
 
     states: tuple[ContactMotion, ...]
-    sliding: Array
-    normal_speeds: Array
+    sliding: FloatArray
+    normal_speeds: FloatArray
 
 
-def twist_velocities(twist: ArrayLike, center: ArrayLike, points: ArrayLike) -> Array:
+def twist_velocities(twist: ArrayLike, center: ArrayLike, points: ArrayLike) -> FloatArray:
     """Velocities v + omega x (p - c) of a rigid body's points.
 
     Args:
@@ -81,14 +79,14 @@ def twist_velocities(twist: ArrayLike, center: ArrayLike, points: ArrayLike) -> 
     return velocities_at(motion, origin, np.asarray(points, dtype=float).reshape(-1, 3))
 
 
-def velocities_at(twist: Array, center: Array, points: Array) -> Array:
+def velocities_at(twist: FloatArray, center: FloatArray, points: FloatArray) -> FloatArray:
     """Do what `twist_velocities` does for arrays that need no check."""
     if rigid_bodies is not None:
         return rigid_bodies.twist_velocities(twist, center, points)
     return _velocities(twist, points - center)
 
 
-def checked_twist(name: str, twist: ArrayLike) -> Array:
+def checked_twist(name: str, twist: ArrayLike) -> FloatArray:
     """Return a twist (6,) as an array.
 
     Raises:
@@ -97,14 +95,14 @@ def checked_twist(name: str, twist: ArrayLike) -> Array:
     return _checked(name, twist, (6,))
 
 
-def _velocities(twist: Array, arms: Array) -> Array:
+def _velocities(twist: FloatArray, arms: FloatArray) -> FloatArray:
     """Velocities v + omega x r at the arms r (M, 3)."""
     return twist[:3] + turning_velocities(twist[3:], arms)
 
 
 def support_velocities(
     contacts: Sequence[ContactPoint], supports: Sequence[Support]
-) -> tuple[Array, Array]:
+) -> tuple[FloatArray, FloatArray]:
     """Velocities of the supports at the contacts.
 
     Args:
@@ -184,10 +182,10 @@ def classify_motion(
 
 def classified(
     touching: ContactArrays,
-    twist: Array,
-    center: Array,
-    others: Array,
-    turning: Array | None = None,
+    twist: FloatArray,
+    center: FloatArray,
+    others: FloatArray,
+    turning: FloatArray | None = None,
     speed_tolerance: float = SPEED_TOLERANCE,
 ) -> ClassifiedMotion:
     """Do what `classify_motion` does for arrays that need no check."""
@@ -199,14 +197,14 @@ def classified(
 
 
 def _motion_states(
-    points: Array,
-    normals: Array,
-    twist: Array,
-    center: Array,
-    others: Array,
-    turning: Array | None,
+    points: FloatArray,
+    normals: FloatArray,
+    twist: FloatArray,
+    center: FloatArray,
+    others: FloatArray,
+    turning: FloatArray | None,
     tolerance: float,
-) -> tuple[list[int], Array, Array]:
+) -> tuple[list[int], FloatArray, FloatArray]:
     """Numbers among `_STATES`, sliding velocities, and normal speeds; see `classify_motion`."""
     if rigid_bodies is not None:
         return rigid_bodies.motion_states(
@@ -241,7 +239,7 @@ def apply_motion(
     *,
     object_name: str = "object",
     speed_tolerance: float = SPEED_TOLERANCE,
-) -> tuple[tuple[ContactPoint, ...], Array]:
+) -> tuple[tuple[ContactPoint, ...], FloatArray]:
     """Drop the contacts that part and give the sliding velocities of the others.
 
     Args:
@@ -304,17 +302,17 @@ def contacts_that_stay(
     return [k for k, state in enumerate(motion.states) if state is not ContactMotion.SEPARATING]
 
 
-def _lengths(vectors: Array) -> list[float]:
+def _lengths(vectors: FloatArray) -> list[float]:
     """Lengths of the rows."""
     return np.sqrt((vectors * vectors).sum(axis=1)).tolist()
 
 
-def _longest(vectors: Array) -> float:
+def _longest(vectors: FloatArray) -> float:
     """Length of the longest row, 0 without any."""
     return math.sqrt((vectors * vectors).sum(axis=1).max(initial=0.0))
 
 
-def _checked(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
+def _checked(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     try:
         array = np.asarray(values, dtype=float)
     except (TypeError, ValueError) as error:

@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 
 import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
-from numpy.typing import NDArray
 
 from graspless_pin.errors import SceneError
 from graspless_pin.geometry.bodies.collision import CollisionBody
@@ -29,8 +28,7 @@ from graspless_pin.geometry.contact.polygons import (
     planar_hull,
     plane_fit,
 )
-
-Array = NDArray[np.float64]
+from graspless_pin.problem.checks import FloatArray
 
 # With coal's default of 1e-6, one pair in hundreds comes out inside out at a micrometre of gap.
 _REQUEST: Any = coal.DistanceRequest()
@@ -54,8 +52,8 @@ class Patch(NamedTuple):
         gaps: K signed gaps at the points, m.
     """
 
-    normal: Array
-    points: Array
+    normal: FloatArray
+    points: FloatArray
     gaps: list[float]
 
 
@@ -114,7 +112,9 @@ def find_patch(
     return Patch(R @ patch.normal, patch.points @ R.T + origin, patch.gaps)
 
 
-def _on_plane(normal: Array, offset: float, subject: Array, tolerance: float) -> Patch | None:
+def _on_plane(
+    normal: FloatArray, offset: float, subject: FloatArray, tolerance: float
+) -> Patch | None:
     heights = subject @ normal - offset
     gaps = heights.tolist()
     near = [k for k, gap in enumerate(gaps) if gap <= tolerance]
@@ -126,7 +126,11 @@ def _on_plane(normal: Array, offset: float, subject: Array, tolerance: float) ->
 
 
 def _common_part(
-    normal: Array, witness: Array, window: Array, subject: Array, tolerance: float
+    normal: FloatArray,
+    witness: FloatArray,
+    window: FloatArray,
+    subject: FloatArray,
+    tolerance: float,
 ) -> Patch | None:
     """The part that two features share along a normal, as far as it is near."""
     basis = plane_basis(normal)
@@ -165,10 +169,12 @@ class _Nearest:
     one: Polytope | Revolved
     second: CollisionBody
     two: Polytope | Revolved
-    R: Array
-    t: Array
+    R: FloatArray
+    t: FloatArray
 
-    def find(self, tolerance: float, max_penetration: float) -> tuple[Array, Array] | None:
+    def find(
+        self, tolerance: float, max_penetration: float
+    ) -> tuple[FloatArray, FloatArray] | None:
         """Return direction (3,) and point (3,); None if the bodies are far apart."""
         fixed = self._constant_directions()
         fixed_gaps = self._gaps(fixed)
@@ -198,7 +204,7 @@ class _Nearest:
             apart = (_PULLED_APART - float(self._gaps(axis[None])[0])) * axis
         return (best, witness) if best_gap <= tolerance else None
 
-    def _gaps(self, directions: Array) -> Array:
+    def _gaps(self, directions: FloatArray) -> FloatArray:
         """Gap that each direction (K, 3) leaves between the bodies."""
         return (
             directions @ self.t
@@ -206,7 +212,7 @@ class _Nearest:
             - self.one.support_values(directions)
         )
 
-    def _constant_directions(self) -> Array:
+    def _constant_directions(self) -> FloatArray:
         """Directions (K, 3) that are tried wherever the nearest points are."""
         parts = []
         if self.one.constant_normals is not None:
@@ -215,7 +221,9 @@ class _Nearest:
             parts.append(-self.two.constant_normals @ self.R.T)
         return np.concatenate(parts) if parts else np.empty((0, 3))
 
-    def _directions_near(self, on_first: Array, on_second: Array, guess: Array) -> Array:
+    def _directions_near(
+        self, on_first: FloatArray, on_second: FloatArray, guess: FloatArray
+    ) -> FloatArray:
         """Directions (K, 3) to try for nearest points and coal's direction, which comes last."""
         parts = [guess[None]]
         crossing = self._across_edges(guess)
@@ -228,7 +236,7 @@ class _Nearest:
             parts.insert(0, self.one.normals_near(on_first, guess))
         return np.concatenate(parts)
 
-    def _across_edges(self, guess: Array) -> Array | None:
+    def _across_edges(self, guess: FloatArray) -> FloatArray | None:
         """Common normal of two crossing edges, along the guess; None for other features."""
         first = self.one.feature(guess)
         if len(first) != 2:
@@ -243,7 +251,9 @@ class _Nearest:
             return None
         return np.sign(normal @ guess) * normal / length
 
-    def _ask_coal(self, apart: Array) -> tuple[float, Array, Array, Array | None]:
+    def _ask_coal(
+        self, apart: FloatArray
+    ) -> tuple[float, FloatArray, FloatArray, FloatArray | None]:
         """Distance, nearest points and direction with the second body moved by ``apart``."""
         result: Any = coal.DistanceResult()
         placed = coal.Transform3s(np.ascontiguousarray(self.R), self.t + apart)
@@ -260,17 +270,19 @@ class _Nearest:
         )
 
 
-def _unit(vector: Array) -> Array:
+def _unit(vector: FloatArray) -> FloatArray:
     """The vector at length one; z if it has no length."""
     length = float(np.linalg.norm(vector))
     return vector / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
 
 
-def _project(points: Array, basis: Array) -> Polygon:
+def _project(points: FloatArray, basis: FloatArray) -> Polygon:
     return planar_hull([(u, v) for u, v in (points @ basis.T).tolist()])
 
 
-def _height_over_plane(points: Array, basis: Array, normal: Array) -> Callable[[Point], float]:
+def _height_over_plane(
+    points: FloatArray, basis: FloatArray, normal: FloatArray
+) -> Callable[[Point], float]:
     """Height along the normal of the plane or line through (K, 3) points, over (u, v)."""
     if len(points) == 1:
         height = float(normal @ points[0])

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from graspless_pin.compiled import contact_search
 from graspless_pin.geometry.bodies.collision import BodyShapes
@@ -19,8 +18,7 @@ from graspless_pin.geometry.contact.convex_sets import (
     Revolved,
     convex_set,
 )
-
-Array = NDArray[np.float64]
+from graspless_pin.problem.checks import FloatArray
 
 _ENDLESS = 1e12  # m; finite, as zero times infinity is not a number
 
@@ -46,16 +44,16 @@ class Solids:
     names: tuple[str, ...]
     sets: tuple[ConvexSet, ...]
     ranks: tuple[tuple[int, float, str, str], ...]
-    centers: Array
-    half_extents: Array
-    reaches: Array
+    centers: FloatArray
+    half_extents: FloatArray
+    reaches: FloatArray
     ball_radii: tuple[float, ...]
     centered: bool
     has_plane: bool
     only_planes: bool
 
     @cached_property
-    def sides(self) -> Array:
+    def sides(self) -> FloatArray:
         """(K, 6, 4) sides of the boxes: times [x, y, z, 1], how far a point is under each, m."""
         axes = np.vstack([-np.eye(3), np.eye(3)])
         levels = np.hstack([self.half_extents, self.half_extents]) - self.centers[:, :3] @ axes.T
@@ -63,7 +61,7 @@ class Solids:
             [np.broadcast_to(axes, (len(self.sets), 6, 3)), levels[..., None]], axis=2
         )
 
-    def reaches_under(self, others: Solids, tolerance: float) -> Array:
+    def reaches_under(self, others: Solids, tolerance: float) -> FloatArray:
         """(N, 6 K) how far the centres of N others near them may be under these sides, m.
 
         That is, minus their reach and the tolerance. The answer to the last question is kept.
@@ -105,7 +103,7 @@ class Solids:
         )
 
     @cached_property
-    def _last(self) -> dict[str, tuple[Solids, float, Array]]:
+    def _last(self) -> dict[str, tuple[Solids, float, FloatArray]]:
         return {}
 
 

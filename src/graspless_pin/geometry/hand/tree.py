@@ -23,9 +23,7 @@ from graspless_pin.geometry.hand.urdf_visuals import LinkVisual
 from graspless_pin.geometry.hand.work_space import Kinematics, WorkSpace
 from graspless_pin.geometry.pickling import remake
 from graspless_pin.geometry.robots.description import JointCoupling
-from graspless_pin.problem.checks import read_only
-
-FloatArray = NDArray[np.float64]
+from graspless_pin.problem.checks import FloatArray, read_only
 
 LIMIT_TOLERANCE = 1e-6
 """How far outside its limits a named joint may stand (rounded input), radians or metres."""

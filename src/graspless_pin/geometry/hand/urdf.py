@@ -16,7 +16,7 @@ from graspless_pin.geometry.hand.urdf_links import (
     LinkMesh,
     check_link,
     check_origin,
-    number,
+    checked_number,
     numbers,
 )
 from graspless_pin.geometry.hand.urdf_visuals import LinkVisual, read_visuals
@@ -190,8 +190,8 @@ def _check_joint(path: Path, joint: ET.Element, links: set[str]) -> JointCouplin
     joint.remove(mimic)  # the coupling is applied by us, Pinocchio sees independent joints
     if kind not in MOVABLE_TYPES:
         return None
-    factor = number(where, "mimic multiplier", mimic.get("multiplier", "1"))
-    offset = number(where, "mimic offset", mimic.get("offset", "0"))
+    factor = checked_number(where, "mimic multiplier", mimic.get("multiplier", "1"))
+    offset = checked_number(where, "mimic offset", mimic.get("offset", "0"))
     return JointCoupling(name, {mimic.get("joint", ""): factor}, offset)
 
 
@@ -209,7 +209,7 @@ def _bound_limit(where: str, limit: ET.Element) -> None:
     for key in ("effort", "velocity"):
         limit.attrib.setdefault(key, "inf")
     for key, text in list(limit.attrib.items()):
-        value = number(where, f"limit {key}", text, unlimited=True)
+        value = checked_number(where, f"limit {key}", text, unlimited=True)
         if abs(value) > UNBOUNDED:
             limit.set(key, repr(UNBOUNDED if value > 0.0 else -UNBOUNDED))
 

@@ -87,7 +87,7 @@ def check_link(path: Path, link: ET.Element, package_dirs: Sequence[Path]) -> li
     return meshes
 
 
-def number(where: str, what: str, text: str, *, unlimited: bool = False) -> float:
+def checked_number(where: str, what: str, text: str, *, unlimited: bool = False) -> float:
     """Parse one number; see `numbers`."""
     return numbers(where, what, text, 1, unlimited=unlimited)[0]
 
@@ -124,13 +124,13 @@ def _check_mass(where: str, link: ET.Element) -> None:
     check_origin(where, inertial)
     mass = inertial.find("mass")
     text = "" if mass is None else mass.get("value", "")
-    if number(where, "mass", text) < 0.0:
+    if checked_number(where, "mass", text) < 0.0:
         raise RobotError(f"{where} has the negative mass {text} kg")
     inertia = inertial.find("inertia")
     if inertia is None:
         inertia = ET.SubElement(inertial, "inertia")
     for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"):
-        number(where, f"inertia {key}", inertia.attrib.setdefault(key, "0"))
+        checked_number(where, f"inertia {key}", inertia.attrib.setdefault(key, "0"))
 
 
 def _resolve_mesh(path: Path, where: str, mesh: ET.Element, package_dirs: Sequence[Path]) -> Path:

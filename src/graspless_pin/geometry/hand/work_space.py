@@ -8,12 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]
 from numpy.lib.stride_tricks import as_strided
-from numpy.typing import NDArray
 
 from graspless_pin.compiled import rigid_bodies
-from graspless_pin.problem.checks import make_read_only
-
-FloatArray = NDArray[np.float64]
+from graspless_pin.problem.checks import FloatArray, make_read_only
 
 _REAL = np.dtype(np.float64).itemsize
 _POSE = 12 * _REAL

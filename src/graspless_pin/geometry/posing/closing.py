@@ -7,10 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.bodies.records import ManipulatedObject
+from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject
 from graspless_pin.geometry.contact.distances import LinkDistances
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.tree import unknown_name
@@ -20,8 +19,6 @@ from graspless_pin.geometry.posing.finger_joints import (
     groups_of_fingers,
 )
 from graspless_pin.geometry.posing.marching import March
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -77,7 +74,7 @@ class ClosingResult:
         return "\n".join(lines)
 
 
-def close_fingers(
+def close_hand(
     hand: Hand,
     target: ManipulatedObject,
     *,

@@ -7,14 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]
-from numpy.typing import NDArray
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.hand.configuration import FOLLOWER_TOLERANCE
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
-
-Array = NDArray[np.float64]
+from graspless_pin.problem.checks import FloatArray
 
 AT_LIMIT = 1e-4
 """Share of a joint's range within which it stands at one of its ends."""
@@ -62,7 +60,7 @@ def groups_of_fingers(hand: Hand, fingers: Sequence[str]) -> list[tuple[str, ...
     return [tuple(names) for _, names in groups]
 
 
-def joint_ranges(tree: KinematicTree) -> tuple[Array, Array]:
+def joint_ranges(tree: KinematicTree) -> tuple[FloatArray, FloatArray]:
     """Return the (a,) lowest and highest positions of the independent joints.
 
     The limits of the joints that follow it narrow a joint's range; a joint that follows several

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.bodies.records import ManipulatedObject
+from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.posing.finger_joints import (
     chosen_fingers,
@@ -19,8 +19,7 @@ from graspless_pin.geometry.posing.finger_joints import (
 from graspless_pin.geometry.posing.reaching import reach
 from graspless_pin.geometry.posing.surface_points import checked_goal
 from graspless_pin.geometry.posing.tips import Tip
-
-Array = NDArray[np.float64]
+from graspless_pin.problem.checks import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +40,7 @@ class PlacedFingertip:
 
     finger: str
     link: str
-    position: Array
+    position: FloatArray
     residual: float
     overlapping: tuple[str, ...]
     overlap: float

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.errors import SceneError
-from graspless_pin.geometry.bodies.records import ManipulatedObject
+from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject
 from graspless_pin.geometry.contact.distances import LinkDistances, bounded_set
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.posing.finger_joints import (
@@ -18,8 +18,7 @@ from graspless_pin.geometry.posing.finger_joints import (
     is_prismatic,
     joint_ranges,
 )
-
-Array = NDArray[np.float64]
+from graspless_pin.problem.checks import FloatArray
 
 DEEPEST_START = 1e-3
 """Overlap up to which a finger counts as touching before it closes, m."""
@@ -54,7 +53,7 @@ class March:
         self._distances = LinkDistances(hand, links, target.collision_bodies())
         self._reach = _reaches(self._distances, hand)
 
-    def refuse_overlap(self, independent: Array) -> None:
+    def refuse_overlap(self, independent: FloatArray) -> None:
         """Raise SceneError if a finger is in the object before it closes."""
         distances = self._at(independent)
         worst = int(np.argmin(distances)) if len(distances) else -1
@@ -65,7 +64,7 @@ class March:
                 "the finger or move the hand"
             )
 
-    def rates(self, independent: Array, given: Mapping[int, float]) -> Array:
+    def rates(self, independent: FloatArray, given: Mapping[int, float]) -> FloatArray:
         """Return the closing rates: the given ones, flexion towards the object for the others."""
         flexion: dict[int, float] = {}
         fixed: dict[int, float] = {}
@@ -85,7 +84,9 @@ class March:
             return senses[int(np.argmin(misses))]
         return senses[int(np.argmax(paths))]
 
-    def close(self, independent: Array, rates: Array, *, wrap: bool) -> tuple[Array, set[int]]:
+    def close(
+        self, independent: FloatArray, rates: FloatArray, *, wrap: bool
+    ) -> tuple[FloatArray, set[int]]:
         """March until all joints have stopped.
 
         Returns:
@@ -122,8 +123,8 @@ class March:
             independent = self._advance(independent, rates, step, moving)
 
     def _advance(
-        self, independent: Array, rates: Array, step: float, moving: NDArray[np.bool_]
-    ) -> Array:
+        self, independent: FloatArray, rates: FloatArray, step: float, moving: NDArray[np.bool_]
+    ) -> FloatArray:
         """Go a step, or as much of it as keeps the moving links out of the object."""
         there = self._gone(independent, rates, step)
         if np.min(self._at(there)[moving]) >= 0.0:
@@ -138,13 +139,13 @@ class March:
             free, blocked = (middle, blocked) if nearest > 0.0 else (free, middle)
         return self._gone(independent, rates, blocked)
 
-    def _gone(self, independent: Array, rates: Array, step: float) -> Array:
+    def _gone(self, independent: FloatArray, rates: FloatArray, step: float) -> FloatArray:
         """Return the positions after a step; joints at rest stay exactly where they are."""
         return np.where(
             rates == 0.0, independent, np.clip(independent + step * rates, self._lower, self._upper)
         )
 
-    def _remaining(self, independent: Array, rates: Array) -> Array:
+    def _remaining(self, independent: FloatArray, rates: FloatArray) -> FloatArray:
         """Path until each joint's limit, (a,), infinite for joints at rest."""
         ends = np.where(rates > 0.0, self._upper, self._lower)
         path = np.full(len(rates), np.inf)
@@ -152,12 +153,12 @@ class March:
         path[turning] = (ends[turning] - independent[turning]) / rates[turning]
         return path
 
-    def _longest_path(self, independent: Array, rates: Array) -> float:
+    def _longest_path(self, independent: FloatArray, rates: FloatArray) -> float:
         """Path until the last joint reaches its limit."""
         remaining = self._remaining(independent, rates)
         return max(float(np.max(remaining, initial=0.0, where=np.isfinite(remaining))), 0.0)
 
-    def _miss(self, independent: Array, rates: Array, path: float) -> float:
+    def _miss(self, independent: FloatArray, rates: FloatArray, path: float) -> float:
         """Sum of how close each link comes to the object on its way, m."""
         postures = [self._gone(independent, rates, s) for s in np.linspace(0.0, path, _SAMPLES)]
         nearest = np.min([self._at(posture) for posture in postures], axis=0)
@@ -168,11 +169,11 @@ class March:
         joints = (self._reach[shapes] > 0.0).any(axis=0)
         return (self._coupling.S[joints] != 0.0).any(axis=0)
 
-    def _at(self, independent: Array) -> Array:
+    def _at(self, independent: FloatArray) -> FloatArray:
         return self._distances.at(self._coupling.S @ independent + self._coupling.offset)
 
 
-def _reaches(distances: LinkDistances, hand: Hand) -> Array:
+def _reaches(distances: LinkDistances, hand: Hand) -> FloatArray:
     """Return (K, n) the largest speed of any point of shape k at unit rate of joint i.
 
     That is the length of the chain from the joint to the far side of the shape, whatever the

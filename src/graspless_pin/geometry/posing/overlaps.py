@@ -9,7 +9,7 @@ import numpy as np
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import CollisionBody
-from graspless_pin.geometry.bodies.records import Support
+from graspless_pin.geometry.bodies.object_and_supports import Support
 from graspless_pin.geometry.contact.broad_phase import near_pairs
 from graspless_pin.geometry.contact.distances import separation
 from graspless_pin.geometry.contact.finding import BodyKind

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.posing.finger_joints import AT_LIMIT, driving_columns, joint_ranges
 from graspless_pin.geometry.posing.tips import Tip
-
-Array = NDArray[np.float64]
+from graspless_pin.problem.checks import FloatArray
 
 _UNLIMITED = np.pi  # rad or m to each side of where it stands that a joint without limits is tried
 _INSIDE = 1e-6  # share of a joint's range that the solver keeps off its ends at the start
@@ -21,8 +19,8 @@ _PULL = 1e-3  # m of miss that weigh as much as half a joint's range outside of 
 
 
 def reach(
-    hand: Hand, tips: Sequence[Tip], independent: Array, *, tolerance: float, starts: int
-) -> Array:
+    hand: Hand, tips: Sequence[Tip], independent: FloatArray, *, tolerance: float, starts: int
+) -> FloatArray:
     """Find the best posture of fingers that share joints.
 
     The points come first; among postures that reach them, those whose links are not in the object,
@@ -66,7 +64,7 @@ def reach(
 class _Search:
     """The joints of one group of fingers as a least-squares problem; vectors are theirs only."""
 
-    def __init__(self, hand: Hand, tips: Sequence[Tip], independent: Array) -> None:
+    def __init__(self, hand: Hand, tips: Sequence[Tip], independent: FloatArray) -> None:
         lower, upper = joint_ranges(hand.tree)
         driving = {column for tip in tips for column in driving_columns(hand, tip.finger)}
         self._columns = [column for column in sorted(driving) if lower[column] < upper[column]]
@@ -80,36 +78,36 @@ class _Search:
         self._middle = 0.5 * (self.lower + self.upper)
         self._half = 0.5 * (self.upper - self.lower)
 
-    def completed(self, values: Array) -> Array:
+    def completed(self, values: FloatArray) -> FloatArray:
         """Return the positions (a,) of all independent joints."""
         full = self._independent.copy()
         full[self._columns] = values
         return full
 
-    def nearest(self, start: Array) -> Array:
+    def nearest(self, start: FloatArray) -> FloatArray:
         """Return the posture with the least misses that is found from a start."""
         return self._least(start, self._misses, self._jacobian)
 
-    def eased(self, values: Array) -> Array:
+    def eased(self, values: FloatArray) -> FloatArray:
         """Return a posture with about the same misses and joints farther from their limits."""
 
-        def residuals(values: Array) -> Array:
+        def residuals(values: FloatArray) -> FloatArray:
             share = self._share(values)
             outside = share - np.clip(share, -_EASY, _EASY)
             return np.concatenate([self._misses(values), _PULL * outside])
 
-        def jacobian(values: Array) -> Array:
+        def jacobian(values: FloatArray) -> FloatArray:
             outside = np.abs(self._share(values)) > _EASY
             return np.vstack([self._jacobian(values), np.diag(_PULL * outside / self._half)])
 
         inward = self._middle + np.clip(self._share(values), -_EASY, _EASY) * self._half
         return self.nearest(self._least(inward, residuals, jacobian))
 
-    def crowding(self, values: Array) -> float:
+    def crowding(self, values: FloatArray) -> float:
         """Return how near to its limits any joint is: 0 half way between them, 1 at one of them."""
         return float(np.abs(self._share(values)).max())
 
-    def fault(self, values: Array, tolerance: float) -> tuple[float, float, float]:
+    def fault(self, values: FloatArray, tolerance: float) -> tuple[float, float, float]:
         """Return largest miss, deepest overlap and crowding, each zero where it passes."""
         positions = self._positions(values)
         misses = self._misses(values).reshape(-1, 3)
@@ -124,10 +122,10 @@ class _Search:
 
     def _least(
         self,
-        start: Array,
-        residuals: Callable[[Array], Array],
-        jacobian: Callable[[Array], Array],
-    ) -> Array:
+        start: FloatArray,
+        residuals: Callable[[FloatArray], FloatArray],
+        jacobian: Callable[[FloatArray], FloatArray],
+    ) -> FloatArray:
         inside = _INSIDE * (self.upper - self.lower)
         return least_squares(
             residuals,
@@ -140,17 +138,17 @@ class _Search:
             max_nfev=100,
         ).x
 
-    def _share(self, values: Array) -> Array:
+    def _share(self, values: FloatArray) -> FloatArray:
         """Positions as shares of the way from the middle of the range to its ends, -1 to 1."""
         return (values - self._middle) / self._half
 
-    def _misses(self, values: Array) -> Array:
+    def _misses(self, values: FloatArray) -> FloatArray:
         positions = self._positions(values)
         return np.concatenate([tip.touch(positions)[0] - tip.point for tip in self._tips])
 
-    def _jacobian(self, values: Array) -> Array:
+    def _jacobian(self, values: FloatArray) -> FloatArray:
         positions = self._positions(values)
         return np.vstack([tip.touch(positions)[1][:, self._columns] for tip in self._tips])
 
-    def _positions(self, values: Array) -> Array:
+    def _positions(self, values: FloatArray) -> FloatArray:
         return self._coupling.S @ self.completed(values) + self._coupling.offset

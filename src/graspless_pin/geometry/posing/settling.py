@@ -6,16 +6,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry.bodies.collision import CollisionBody
-from graspless_pin.geometry.bodies.records import ManipulatedObject, Support
+from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
 from graspless_pin.geometry.contact.distances import nearest_separation, separation
+from graspless_pin.problem.checks import FloatArray
 
-Array = NDArray[np.float64]
-
-TOLERANCE = 1e-4
+SETTLING_TOLERANCE = 1e-4
 """Overlap with a support across the direction of settling that is left as it is, m."""
 
 _TOUCH = 1e-7  # m
@@ -23,7 +22,7 @@ _ALONG = 1e-3  # approach per travel, about 0.06 degrees, up to which bodies pas
 _STEPS = 100
 
 
-def settle(
+def settle_object(
     target: ManipulatedObject,
     supports: Sequence[Support],
     direction: ArrayLike = (0.0, 0.0, -1.0),
@@ -49,7 +48,7 @@ def settle(
     Raises:
         ArgumentError: If ``direction`` is zero or not three finite numbers.
         SceneError: If no support lies in the way, or the object overlaps one across the direction
-            by more than `TOLERANCE`.
+            by more than `SETTLING_TOLERANCE`.
     """
     way = np.array(direction, dtype=np.float64)
     if way.shape != (3,) or not np.isfinite(way).all() or not np.any(way):
@@ -71,7 +70,7 @@ def settle(
     resting = [_moved(piece, travel * way) for piece in pieces]
     for support, other in zip(supports, others, strict=True):
         overlap = -nearest_separation(other, resting).distance
-        if overlap > TOLERANCE:
+        if overlap > SETTLING_TOLERANCE:
             raise SceneError(
                 f"object '{target.name}' overlaps support '{support.name}' by "
                 f"{overlap * 1e3:.2f} mm where it settles in the direction "
@@ -80,7 +79,7 @@ def settle(
     return replace(target, T_world_object=resting[0].T_world_geometry)
 
 
-def _path_to(body: CollisionBody, other: CollisionBody, way: Array) -> float | None:
+def _path_to(body: CollisionBody, other: CollisionBody, way: FloatArray) -> float | None:
     """Return how far one convex piece goes until it touches another, negative to come out of it.
 
     The signed distance of convex bodies is a convex function of the travel. Newton's method
@@ -102,7 +101,7 @@ def _path_to(body: CollisionBody, other: CollisionBody, way: Array) -> float | N
     return travel
 
 
-def _moved(body: CollisionBody, shift: Array) -> CollisionBody:
+def _moved(body: CollisionBody, shift: FloatArray) -> CollisionBody:
     T = np.array(body.T_world_geometry)
     T[:3, 3] += shift
     return CollisionBody(body.name, body.geometry, T)

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import CollisionBody
-from graspless_pin.geometry.bodies.records import ManipulatedObject
+from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject
 from graspless_pin.geometry.contact.distances import nearest_separation
 from graspless_pin.geometry.poses import pose_matrix
-
-Array = NDArray[np.float64]
+from graspless_pin.problem.checks import FloatArray
 
 SURFACE_TOLERANCE = 1e-3
 """How far off the object's surface a given point may lie, m."""
@@ -23,7 +22,7 @@ _POINT_RADIUS = 1e-6  # m, a point as coal knows it
 
 def checked_goal(
     target: ManipulatedObject, finger: str, goal: tuple[ArrayLike, ArrayLike]
-) -> tuple[Array, Array]:
+) -> tuple[FloatArray, FloatArray]:
     """Check where a fingertip is to go.
 
     Args:
@@ -76,7 +75,7 @@ def checked_goal(
     return point, normal
 
 
-def _is_within(target: ManipulatedObject, point: Array, outward: Array) -> bool:
+def _is_within(target: ManipulatedObject, point: FloatArray, outward: FloatArray) -> bool:
     """Return whether the object goes on outwards of a point on the surface of one of its pieces."""
     _, aside, across = np.linalg.svd(outward[None])[2]
     ways = [outward, *(outward + turn for turn in (aside, -aside, across, -across))]
@@ -84,7 +83,7 @@ def _is_within(target: ManipulatedObject, point: Array, outward: Array) -> bool:
     return max(_off_surface(target, there)[0] for there in reached) < 0.25 * _OUTSIDE
 
 
-def _off_surface(target: ManipulatedObject, point: Array) -> tuple[float, Array]:
+def _off_surface(target: ManipulatedObject, point: FloatArray) -> tuple[float, FloatArray]:
     """Return a point's signed distance from the object's surface and the direction outwards.
 
     Inside an object of several convex pieces it is the distance from the surface of the piece in

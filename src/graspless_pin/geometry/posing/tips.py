@@ -6,17 +6,15 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]
-from numpy.typing import NDArray
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.bodies.records import ManipulatedObject
+from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject
 from graspless_pin.geometry.contact.convex_sets import Revolved
 from graspless_pin.geometry.contact.distances import LinkDistances, bounded_set
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.tree import LinkGeometry
 from graspless_pin.geometry.posing.finger_joints import driving_columns
-
-Array = NDArray[np.float64]
+from graspless_pin.problem.checks import FloatArray
 
 
 class Tip:
@@ -30,7 +28,12 @@ class Tip:
     """
 
     def __init__(
-        self, hand: Hand, target: ManipulatedObject, finger: str, point: Array, normal: Array
+        self,
+        hand: Hand,
+        target: ManipulatedObject,
+        finger: str,
+        point: FloatArray,
+        normal: FloatArray,
     ) -> None:
         """Prepare one finger.
 
@@ -56,7 +59,7 @@ class Tip:
         self._shapes = [item for item in hand.tree.geometries if item.link == self.link]
         self._distances = LinkDistances(hand, {*spec.links, self.link}, target.collision_bodies())
 
-    def touch(self, positions: Array) -> tuple[Array, Array]:
+    def touch(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the tip's point farthest along the normal and its Jacobian.
 
         Args:
@@ -78,7 +81,7 @@ class Tip:
         by_joint = tree.point_jacobians(J, [joint], fixed[None])[0]
         return touch, by_joint @ tree.coupling.S
 
-    def overlaps(self, positions: Array) -> dict[str, float]:
+    def overlaps(self, positions: FloatArray) -> dict[str, float]:
         """Return how deep each link of the finger is in the object, without those outside."""
         deepest: dict[str, float] = {}
         distances = self._distances.at(positions)
@@ -88,7 +91,9 @@ class Tip:
         return deepest
 
 
-def _farthest(item: LinkGeometry, T_world_joint: Array, normal: Array) -> tuple[Array, Array]:
+def _farthest(
+    item: LinkGeometry, T_world_joint: FloatArray, normal: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Return a shape's point farthest along a normal, and the body-fixed point it moves with.
 
     A sphere's farthest point slides over it as it turns and so moves like its centre.

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from graspless_pin.errors import GrasplessPinError
-from graspless_pin.picture import Picture, draw_contacts, draw_scene
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.report.document import solution_document
 from graspless_pin.report.provenance import file_sha256, same_problem, solve_command
 from graspless_pin.report.reading import document_bodies, document_origin, read_solution
 from graspless_pin.scene import Scene, load_scene
 from graspless_pin.solution import TorqueSolution
+from graspless_pin.visualization import Picture, draw_contacts, draw_scene
 
 
 @dataclass(frozen=True, eq=False)

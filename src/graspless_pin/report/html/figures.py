@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from graspless_pin.picture import LIGHT
+from graspless_pin.visualization import LIGHT
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from graspless_pin.picture import Picture
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.visualization import Picture
 
 _STEPS = 65535
 _DIGITS = 7

@@ -11,7 +11,6 @@ import numpy as np
 
 from graspless_pin.algorithms.force_bounds import contact_force_bounds
 from graspless_pin.errors import ArgumentError, GrasplessPinError
-from graspless_pin.picture import DARK, LIGHT, Role
 from graspless_pin.report.html.case import Case
 from graspless_pin.report.html.model import model_data
 from graspless_pin.report.html.sections import (
@@ -25,6 +24,7 @@ from graspless_pin.report.html.sections import (
     torque_figure,
 )
 from graspless_pin.solution import Status, TorqueSolution
+from graspless_pin.visualization import DARK, LIGHT, Role
 
 _FILES = Path(__file__).with_name("files")
 _SUGGESTION = "- "

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.algorithms.force_bounds import ContactForceBounds
-from graspless_pin.picture import Picture, Role
 from graspless_pin.plots import friction_section, normal_force_ranges, torque_bars
 from graspless_pin.report.html.case import Case
 from graspless_pin.report.html.figures import inline_svg
 from graspless_pin.report.verify import verify_document
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.table import contact_state, friction_use, limit_shares
+from graspless_pin.visualization import Picture, Role
 
 _SIGNS = {-1: "−", 0: "0 ", 1: "+"}
 _SECTION_SIZE = (2.5, 2.75)

@@ -20,8 +20,8 @@ _ROUNDING = 4.0 * float(np.finfo(_LONG).eps)
 
 
 @dataclass(frozen=True, eq=False)
-class Multipliers:
-    """Multipliers of the constraints, in the objective's unit over the constraint's own.
+class StatedMultipliers:
+    """StatedMultipliers of the constraints, in the objective's unit over the constraint's own.
 
     Attributes:
         balance: (6,) of W f + w = 0; of any sign, all others are >= 0.
@@ -49,7 +49,7 @@ class Multipliers:
         return self.torque_upper - self.torque_lower + self.share_upper - self.share_lower
 
 
-def read_multipliers(given: object, problem: Problem, where: str) -> Multipliers:
+def stated_multipliers(given: object, problem: Problem, where: str) -> StatedMultipliers:
     """Return multipliers that stand in a document; those that may prove nothing count as 0.
 
     Raises:
@@ -81,7 +81,7 @@ def read_multipliers(given: object, problem: Problem, where: str) -> Multipliers
         "share_upper": up > 0.0,
         "share_lower": down > 0.0,
     }
-    return Multipliers(
+    return StatedMultipliers(
         balance=array(entry(given, "balance", where), (6,), f"balance of {where}"),
         faces=np.where(problem.cone[:, None], faces, 0.0),
         **{key: np.where(there[key], one, 0.0) for key, one in values.items()},
@@ -89,7 +89,12 @@ def read_multipliers(given: object, problem: Problem, where: str) -> Multipliers
 
 
 def proven_bound(
-    problem: Problem, m: Multipliers, free: np.ndarray, reach: float, *, objective: bool = True
+    problem: Problem,
+    m: StatedMultipliers,
+    free: np.ndarray,
+    reach: float,
+    *,
+    objective: bool = True,
 ) -> float:
     """Return what no forces that obey all constraints stay below.
 
@@ -116,12 +121,12 @@ def proven_bound(
     return float(total - _ROUNDING * (size + size_e * most))
 
 
-def violation(problem: Problem, m: Multipliers, bound: float) -> float:
+def violation(problem: Problem, m: StatedMultipliers, bound: float) -> float:
     """Return the proven smallest common violation of all constraints, in scaled units.
 
     Args:
         problem: The problem.
-        m: Multipliers.
+        m: StatedMultipliers.
         bound: What they prove without the objective.
     """
     F, joints = problem.force, problem.joint_scale
@@ -137,7 +142,7 @@ def violation(problem: Problem, m: Multipliers, bound: float) -> float:
     return bound / total if total > 0.0 else -np.inf
 
 
-def _slopes(problem: Problem, m: Multipliers) -> tuple[np.ndarray, np.ndarray]:
+def _slopes(problem: Problem, m: StatedMultipliers) -> tuple[np.ndarray, np.ndarray]:
     """(M, 3) slope of the Lagrangian by each force component, and the size of what makes it."""
     frames, J = problem.frames.astype(_LONG), problem.J.astype(_LONG)
     if not problem.cone.all():
@@ -169,7 +174,7 @@ def _rough_cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.stack([a[1] * z + a[2] * y, a[2] * x + a[0] * z, a[0] * y + a[1] * x], axis=1)
 
 
-def _constant(problem: Problem, m: Multipliers) -> tuple[Any, Any]:
+def _constant(problem: Problem, m: StatedMultipliers) -> tuple[Any, Any]:
     """The Lagrangian without forces, and the size of what makes it."""
     finite_up = np.where(np.isfinite(problem.upper), problem.upper, 0.0)
     finite_low = np.where(np.isfinite(problem.lower), problem.lower, 0.0)
@@ -205,7 +210,7 @@ def _smallest(slope: np.ndarray, low: np.ndarray, high: np.ndarray, q: np.ndarra
 
 
 def _last(
-    problem: Problem, m: Multipliers, reach: float, *, objective: bool
+    problem: Problem, m: StatedMultipliers, reach: float, *, objective: bool
 ) -> tuple[Any, Any, Any]:
     """Slope by the objective's own variable, e or t >= 0, its size and the variable's bound."""
     if problem.is_margin:

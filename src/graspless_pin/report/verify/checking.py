@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from graspless_pin.report.verify.bounds import proven_bound, read_multipliers
+from graspless_pin.report.verify.bounds import proven_bound, stated_multipliers
 from graspless_pin.report.verify.figures import (
-    FARTHEST,
-    FORMAT,
-    FOUND,
+    CHECKED_FORMAT,
+    FOUND_STATES,
     IN_MODE,
     INFEASIBLE,
+    LONGEST_REACH,
     OPEN,
     Forces,
     Problem,
@@ -21,7 +21,7 @@ from graspless_pin.report.verify.figures import (
     read_problem,
 )
 from graspless_pin.report.verify.forces import (
-    TOLERANCE,
+    FORCE_ERROR,
     figure_checks,
     force_checks,
     frames_check,
@@ -79,8 +79,10 @@ def _check_format(document: dict[str, Any]) -> None:
             "it has no format version: version 0.1 wrote it, without the proof over all modes; "
             "solve again and write it anew"
         )
-    if document["format"] != FORMAT or isinstance(document["format"], bool):
-        raise ValueError(f"its format version is not {FORMAT}, which alone can be checked here")
+    if document["format"] != CHECKED_FORMAT or isinstance(document["format"], bool):
+        raise ValueError(
+            f"its format version is not {CHECKED_FORMAT}, which alone can be checked here"
+        )
 
 
 class _Checker:
@@ -90,7 +92,7 @@ class _Checker:
         self.document = document
         self.problem: Problem = read_problem(document)
         self.status = word(
-            entry(document, "status", "the document"), "status", FOUND + INFEASIBLE + OPEN
+            entry(document, "status", "the document"), "status", FOUND_STATES + INFEASIBLE + OPEN
         )
         self.certificate = entry(document, "certificate", "the document")
         self.proof = entry(document, "proof", "the document")
@@ -100,7 +102,7 @@ class _Checker:
 
     def run(self) -> list[Check]:
         checks = [*self._given(), frames_check(self.problem), *self._statements()]
-        if self.status in FOUND:
+        if self.status in FOUND_STATES:
             checks += self._found()
         else:
             checks += self._not_found()
@@ -130,7 +132,7 @@ class _Checker:
         force, length = (number(entry(scales, key, "scales"), key) for key in ("force", "length"))
         good = problem.force > 0.0 and np.isfinite(problem.force)
         return [
-            holds("found and status agree", found == (self.status in FOUND), self.status),
+            holds("found and status agree", found == (self.status in FOUND_STATES), self.status),
             holds("message and status agree", said, message[:60]),
             holds("the load has a size", good, f"{problem.force:.3g} N"),
             agrees("force scale", force, problem.force, 1e-9 * problem.force, "N"),
@@ -147,14 +149,14 @@ class _Checker:
         checks = force_checks(problem, forces) + figure_checks(problem, forces, document)
         worst = residual(problem, forces)
         stated = number(entry(self.certificate, "primal_residual", "certificate"), "a residual")
-        checks.append(agrees("primal residual as stated", stated, worst, TOLERANCE, "(scaled)"))
+        checks.append(agrees("primal residual as stated", stated, worst, FORCE_ERROR, "(scaled)"))
         selected, signs = read_mode(document, problem)
         if self.has_modes:
             checks += [self._rules(selected, signs), self._motion(selected, signs)]
         else:
             checks.append(self._describes(forces, selected, signs))
         most, reach = float(forces.local[:, 0].max()), self._stated_reach()
-        within_reach = most <= (1.0 + TOLERANCE) * reach
+        within_reach = most <= (1.0 + FORCE_ERROR) * reach
         checks.append(self._opposes(forces, selected, signs))
         checks.append(holds("the forces are within that reach", within_reach, f"{most:.6g} N"))
         return checks + self._optimality(forces, selected, signs)
@@ -184,7 +186,7 @@ class _Checker:
     def _describes(self, forces: Forces, selected: np.ndarray, signs: np.ndarray) -> Check:
         """Without any rule the mode only describes the friction."""
         friction = forces.local[:, 1:] * self.problem.cone[:, None]
-        rubs = np.abs(friction) > TOLERANCE * self.problem.force
+        rubs = np.abs(friction) > FORCE_ERROR * self.problem.force
         ok = (selected == (signs != 0).any(axis=1)).all() and (signs[rubs] != 0).all()
         return holds("signs describe the friction", ok, f"{int(rubs.sum())} components rub")
 
@@ -193,13 +195,13 @@ class _Checker:
         allowed = np.where(signs == 0, np.abs(friction), signs * friction)
         allowed[~selected] = np.abs(friction[~selected])
         worst = float(max(allowed.max(), 0.0))
-        tolerance = TOLERANCE * self.problem.force
+        tolerance = FORCE_ERROR * self.problem.force
         return within("friction opposes the mode (27), (31)", worst, tolerance, "N")
 
     def _reach(self) -> Check:
         """The normal forces up to which bounds are proven: all, or far above the load."""
         problem, reach = self.problem, self._stated_reach()
-        wanted = min(FARTHEST * problem.force, float(problem.limit.max()))
+        wanted = min(LONGEST_REACH * problem.force, float(problem.limit.max()))
         detail = f"{reach:.6g} N, wanted {wanted:.6g} N"
         return holds("reach of the proof", reach >= (1.0 - 1e-9) * wanted, detail)
 
@@ -217,21 +219,21 @@ class _Checker:
         )
         bound = -bound if problem.is_margin else bound
         unit = "" if problem.by_limits else "N" if problem.is_margin else "N m, N"
-        checks = [agrees("gap as stated", gap, value - bound, TOLERANCE * size, unit)]
+        checks = [agrees("gap as stated", gap, value - bound, FORCE_ERROR * size, unit)]
         if self.status != "limit_reached":
-            checks.append(within("gap is closed", abs(value - bound), TOLERANCE * size, unit))
+            checks.append(within("gap is closed", abs(value - bound), FORCE_ERROR * size, unit))
         reach = min(self._stated_reach(), float(problem.limit.max()))
-        m = read_multipliers(
+        m = stated_multipliers(
             entry(self.document, "multipliers", "the document"), problem, "multipliers"
         )
         # Friction of the solution's own signs, where there is any.
         friction = forces.local[:, 1:] * problem.cone[:, None]
-        least = TOLERANCE * problem.force
+        least = FORCE_ERROR * problem.force
         rubs = np.stack([friction < -least, friction > least], axis=2)
         own = value - proven_bound(problem, m, rubs, reach)
-        checks.append(within("multipliers of these forces", own, TOLERANCE * size, unit))
+        checks.append(within("multipliers of these forces", own, FORCE_ERROR * size, unit))
         checks.append(
-            agrees("duality gap as stated", inner * problem.unit, own, TOLERANCE * size, unit)
+            agrees("duality gap as stated", inner * problem.unit, own, FORCE_ERROR * size, unit)
         )
         name = "optimal over all modes"
         if self.status == "optimal_in_mode":
@@ -245,7 +247,7 @@ class _Checker:
         proof = TreeWalk(problem, reach).walk(
             entry(self.proof, "nodes", "proof"), self._root(selected, signs)
         )
-        good = not proof.failure and proof.bound >= bound - TOLERANCE * size
+        good = not proof.failure and proof.bound >= bound - FORCE_ERROR * size
         shown = proof.failure or f"{_leaves(proof)}, proven gap {value - proof.bound:.1e} {unit}"
         return [*checks, holds(name, good, shown.rstrip())]
 
@@ -254,11 +256,11 @@ class _Checker:
         given_ = self.proof.get("mode_multipliers")
         if given_ is None:
             return Check(name, passed=None, detail="no multipliers in the document")
-        m = read_multipliers(given_, problem, "mode_multipliers")
+        m = stated_multipliers(given_, problem, "mode_multipliers")
         reach = min(self._stated_reach(), float(problem.limit.max()))
         state = State.one_mode(problem, selected, signs)
         gap = value - proven_bound(problem, m, state.friction, reach)
-        good = gap <= TOLERANCE * max(problem.unit, abs(value))
+        good = gap <= FORCE_ERROR * max(problem.unit, abs(value))
         return Check(name, passed=good or None, detail=f"proven gap {gap:.1e}")
 
     # not found
@@ -305,7 +307,7 @@ class _Checker:
         rows = entry(self.proof, "forces", "proof")
         forces = read_forces(rows, self.problem, "the forces of the proof")
         worst = residual(self.problem, forces)
-        return [within("forces that balance exist", worst, TOLERANCE, "(scaled)")]
+        return [within("forces that balance exist", worst, FORCE_ERROR, "(scaled)")]
 
     # both
 

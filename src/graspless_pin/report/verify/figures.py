@@ -20,10 +20,10 @@ from graspless_pin.report.verify.values import (
     word,
 )
 
-FORMAT = 2
-FARTHEST = 1e8
+CHECKED_FORMAT = 2
+LONGEST_REACH = 1e8
 """Bounds need to be proven for normal forces up to so many loads."""
-FOUND = ("optimal", "optimal_in_mode", "limit_reached")
+FOUND_STATES = ("optimal", "optimal_in_mode", "limit_reached")
 INFEASIBLE = ("infeasible_forces", "infeasible_modes", "infeasible_in_mode", "infeasible_mode")
 OPEN = ("not_found_in_limit", "unverified")
 IN_MODE = ("optimal_in_mode", "infeasible_in_mode", "infeasible_mode")

@@ -10,7 +10,7 @@ from graspless_pin.report.verify.figures import Forces, Problem
 from graspless_pin.report.verify.outcome import Check, agrees, holds, within
 from graspless_pin.report.verify.values import array, entry, number, word
 
-TOLERANCE = 1e-6
+FORCE_ERROR = 1e-6
 """Of the load: what counts as met."""
 _ROUNDING = 1e-9
 """Of the load: figures that follow from others by plain arithmetic agree to this."""
@@ -33,13 +33,13 @@ def force_checks(problem: Problem, forces: Forces) -> list[Check]:
     moment = np.cross(problem.p, forces.f).sum(axis=0) + problem.w[3:]
     over, joints = _over_limits(problem, forces), problem.joint_scale
     return [
-        within("balance of forces", float(np.abs(force).max()), TOLERANCE * F, "N"),
-        within("balance of moments", float(np.abs(moment).max()), TOLERANCE * F * L, "N m"),
-        within("inside friction cones", _largest(forces.outside), TOLERANCE * F, "N"),
-        within("normal forces within 0 and limit", _beyond(problem, normal), TOLERANCE * F, "N"),
-        within("kinetic friction against sliding", _kinetic(problem, forces), TOLERANCE * F, "N"),
-        within("torques within limits", _largest(over / joints), TOLERANCE, "of the load's"),
-        within("required margin", problem.e0 - forces.margin, TOLERANCE * F, "N short"),
+        within("balance of forces", float(np.abs(force).max()), FORCE_ERROR * F, "N"),
+        within("balance of moments", float(np.abs(moment).max()), FORCE_ERROR * F * L, "N m"),
+        within("inside friction cones", _largest(forces.outside), FORCE_ERROR * F, "N"),
+        within("normal forces within 0 and limit", _beyond(problem, normal), FORCE_ERROR * F, "N"),
+        within("kinetic friction against sliding", _kinetic(problem, forces), FORCE_ERROR * F, "N"),
+        within("torques within limits", _largest(over / joints), FORCE_ERROR, "of the load's"),
+        within("required margin", problem.e0 - forces.margin, FORCE_ERROR * F, "N short"),
     ]
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from graspless_pin.report.verify.bounds import (
     largest_objective,
     proven_bound,
-    read_multipliers,
+    stated_multipliers,
     violation,
 )
 from graspless_pin.report.verify.figures import Problem
@@ -104,7 +104,7 @@ class TreeWalk:
     def _bound(self, node: Any, state: State, where: str) -> tuple[float, float]:
         """What a leaf's multipliers prove, and the violation if they say there are no forces."""
         problem = self.problem
-        m = read_multipliers(entry(node, "multipliers", where), problem, where)
+        m = stated_multipliers(entry(node, "multipliers", where), problem, where)
         objective = truth(entry(node, "objective", where), f"objective of {where}")
         bound = proven_bound(problem, m, state.friction, self.reach, objective=objective)
         if objective:

@@ -23,7 +23,7 @@ from websockets.typing import Origin, Subprotocol
 
 from graspless_pin.errors import CrashError, GrasplessPinError
 from graspless_pin.scene import load_scene
-from graspless_pin.viewer import Viewer, changed_scene, evaluation, view
+from graspless_pin.viewer import Viewer, changed_scene, scene_process, view
 from graspless_pin.viewer.gate import MOST_BYTES, Gate, number_between
 
 SCENE = Path(__file__).resolve().parents[2] / "examples" / "paper" / "cuboid_at_rest.yaml"
@@ -312,7 +312,7 @@ def test_a_solver_that_dies_leaves_the_page(viewer, monkeypatch):
     with connected(viewer) as page:
         send(page, CAMERA)
         with monkeypatch.context() as patch:
-            patch.setattr(evaluation, "_evaluate_kept", crashes)
+            patch.setattr(scene_process, "_evaluate_kept", crashes)
             send(page, update(mass, 1.5))
             wait_until(lambda: "SIGSEGV" in viewer._result.content)
             wait_until(lambda: "no torques" in viewer._torques.content)
@@ -328,7 +328,7 @@ def test_a_solver_that_dies_leaves_the_page(viewer, monkeypatch):
 
 
 def test_a_scene_that_kills_its_solver_is_shown_without_torques(monkeypatch):
-    monkeypatch.setattr(evaluation, "_evaluate_kept", crashes)
+    monkeypatch.setattr(scene_process, "_evaluate_kept", crashes)
     running = view(load_scene(SCENE), port=0)
     try:
         assert running.evaluation.solution is None

@@ -11,14 +11,14 @@ from graspless_pin.modes.enumeration import requirements_of
 from graspless_pin.modes.kinematics import VirtualKinematics
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.modes.verdicts import Witness
-from graspless_pin.picture.looking import look_across, up_against
-from graspless_pin.picture.records import Mesh, Picture, Role
-from graspless_pin.picture.solids import Surface, arrow, ball, pyramid
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array
 from graspless_pin.problem.cones import cone_edges_local
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.table import contact_state
+from graspless_pin.visualization.looking import look_across, up_against
+from graspless_pin.visualization.picture import Mesh, Picture, Role
+from graspless_pin.visualization.solids import Surface, arrow, ball, pyramid
 
 # Lengths as shares of the size of the object.
 _LONGEST_FORCE = 0.9

@@ -56,10 +56,12 @@ def evaluate_each(study: Study, samples: Sequence[tuple[int, Sample]]) -> Iterat
     while len(_parts) > _MOST_STUDIES:
         _parts.popitem(last=False)
     for number, sample in samples:
-        yield evaluate(study, number, sample, parts)
+        yield evaluate_sample(study, number, sample, parts)
 
 
-def evaluate(study: Study, number: int, sample: Sample, parts: SceneParts | None = None) -> Row:
+def evaluate_sample(
+    study: Study, number: int, sample: Sample, parts: SceneParts | None = None
+) -> Row:
     """Return the row of one sample. A failure is a row, too.
 
     Raises:

@@ -16,16 +16,16 @@ from graspless_pin.geometry.bodies.polytopes import Polytope, hull_of
 from graspless_pin.geometry.bodies.shapes import convex_geometry
 from graspless_pin.geometry.contact import finding
 from graspless_pin.geometry.contact.broad_phase import near_solids
+from graspless_pin.geometry.contact.closed_form_contacts import ContactLimits, near_and_closed_form
+from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays
 from graspless_pin.geometry.contact.convex_sets import convex_set
 from graspless_pin.geometry.contact.finding import contact_arrays
-from graspless_pin.geometry.contact.lone_contacts import Limits, near_and_lone
-from graspless_pin.geometry.contact.records import BodyKind, ContactArrays
 from graspless_pin.geometry.contact.solids import solids_of
 from graspless_pin.geometry.poses import pose_matrix
 
 pytestmark = pytest.mark.usefixtures("form")
 
-LIMITS = Limits(1e-3, 5e-3, 1e-3, 8)
+LIMITS = ContactLimits(1e-3, 5e-3, 1e-3, 8)
 FLOOR = CollisionBody("floor", coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0), np.eye(4))
 
 
@@ -55,14 +55,14 @@ def set_of(shape: str) -> Polytope:
 
 
 def found_in_general(*args, **kwargs) -> ContactArrays:
-    """The same contacts with nothing taken for plain."""
+    """The same contacts with none in closed form."""
 
-    def none_lone(pieces, solids, bodies, others, limits):
+    def none_closed_form(pieces, solids, bodies, others, limits):
         pairs = near_solids(pieces, solids, bodies, others, limits.tolerance)
         return pairs, [], list(range(len(pairs)))
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(finding, "near_and_lone", none_lone)
+        patch.setattr(finding, "near_and_closed_form", none_closed_form)
         return contact_arrays(*args, **kwargs)
 
 
@@ -111,7 +111,7 @@ def test_many_spheres_touch_as_one_by_one(shape: str, seed: int) -> None:
     assert 10 < len(ours) < 40
     solids, others = solids_of(PlacedBodies.of([body]).shapes), solids_of(balls.shapes)
     pieces = PlacedBodies.of([body])
-    pairs, (rows,), left = near_and_lone(pieces, solids, balls, others, LIMITS)
+    pairs, (rows,), left = near_and_closed_form(pieces, solids, balls, others, LIMITS)
     assert rows.places
     assert left
     assert set(rows.places).isdisjoint(left)
@@ -204,7 +204,7 @@ def test_a_face_that_is_near_in_part_is_left_to_the_general_search(tilt, gap, po
     assert_same(ours, found_in_general([body], [floor], BodyKind.SUPPORT))
     pieces, bodies = PlacedBodies.of([body]), PlacedBodies.of([floor])
     sets = solids_of(pieces.shapes), solids_of(bodies.shapes)
-    _, found, left = near_and_lone(pieces, sets[0], bodies, sets[1], LIMITS)
+    _, found, left = near_and_closed_form(pieces, sets[0], bodies, sets[1], LIMITS)
     assert sum(len(rows.gaps) for rows in found) == (4 if points == 4 else 0)
     assert left == ([] if points == 4 else [0])
 

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from graspless_pin.picture.records import Role
+from graspless_pin.visualization.picture import Role
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,9 @@
-"""The commonest contacts, by themselves: a sphere on a face, a face on a half-space.
+"""Contacts in closed form: a sphere on a face, a face on a half-space.
 
-They are known in closed form. All spheres near one piece of the object are looked at together, and
+They are the commonest. All spheres near one piece of the object are looked at together, and
 what does not change while a face moves about on a plane (which of its corners count, in which
-order) is worked out once for each face. What is not that plain, such as a body in several pieces or
-a face of which only a part is near, is left to the general search.
+order) is worked out once for each face. Other pairs, such as a body in several pieces or
+a face of which only a part is near, are left to the general search.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from graspless_pin.compiled import contact_search
 from graspless_pin.geometry.bodies.collision import PlacedBodies
@@ -21,14 +20,13 @@ from graspless_pin.geometry.contact.broad_phase import near_solids
 from graspless_pin.geometry.contact.convex_sets import Plane
 from graspless_pin.geometry.contact.corners import corner_groups, group_means, hull_order
 from graspless_pin.geometry.contact.solids import Solids
-
-Array = NDArray[np.float64]
+from graspless_pin.problem.checks import FloatArray
 
 _ORIGIN = np.eye(4)
 _MANY_FACES = 256  # that one polytope's are kept for; a fine mesh that rolls about has more
 
 
-class Limits(NamedTuple):
+class ContactLimits(NamedTuple):
     """What counts as contact; see `find_contacts`."""
 
     tolerance: float
@@ -41,7 +39,7 @@ class Limits(NamedTuple):
         return -self.max_penetration <= min(gaps) and max(gaps) <= self.tolerance
 
 
-class Rows(NamedTuple):
+class ContactRows(NamedTuple):
     """Some contacts.
 
     Attributes:
@@ -52,21 +50,21 @@ class Rows(NamedTuple):
     """
 
     places: list[int]
-    positions: Array
-    normals: Array
+    positions: FloatArray
+    normals: FloatArray
     gaps: list[float]
 
 
-def joined_rows(found: Sequence[Rows]) -> Rows:
+def joined_rows(found: Sequence[ContactRows]) -> ContactRows:
     """Put contacts into the order of their pairs."""
     if len(found) == 1:
         return found[0]
     if not found:
-        return Rows([], np.empty((0, 3)), np.empty((0, 3)), [])
+        return ContactRows([], np.empty((0, 3)), np.empty((0, 3)), [])
     places = [place for rows in found for place in rows.places]
     gaps = [gap for rows in found for gap in rows.gaps]
     order = sorted(range(len(places)), key=places.__getitem__)
-    return Rows(
+    return ContactRows(
         [places[row] for row in order],
         np.concatenate([rows.positions for rows in found])[order],
         np.concatenate([rows.normals for rows in found])[order],
@@ -83,15 +81,19 @@ class _Face(NamedTuple):
         all_count: Whether the points are the corners, in whatever order.
     """
 
-    corners: Array
-    points: Array
+    corners: FloatArray
+    points: FloatArray
     all_count: bool
 
 
-def near_and_lone(
-    pieces: PlacedBodies, solids: Solids, bodies: PlacedBodies, others: Solids, limits: Limits
-) -> tuple[Sequence[tuple[int, int]], list[Rows], list[int]]:
-    """Find the pairs that may touch, and the contacts of those that are plain.
+def near_and_closed_form(
+    pieces: PlacedBodies,
+    solids: Solids,
+    bodies: PlacedBodies,
+    others: Solids,
+    limits: ContactLimits,
+) -> tuple[Sequence[tuple[int, int]], list[ContactRows], list[int]]:
+    """Find the pairs that may touch, and the contacts known in closed form.
 
     Args:
         pieces: The object's pieces.
@@ -108,9 +110,9 @@ def near_and_lone(
         return [], [], []
     if contact_search is None:
         pairs = near_solids(pieces, solids, bodies, others, limits.tolerance)
-        return pairs, *lone_contacts(pieces, solids, bodies, others, pairs, limits)
+        return pairs, *closed_form_contacts(pieces, solids, bodies, others, pairs, limits)
 
-    def face_of(p: int, direction: Array) -> _Face | None:
+    def face_of(p: int, direction: FloatArray) -> _Face | None:
         solid = solids.sets[p]
         if not isinstance(solid, Polytope):
             return None
@@ -125,18 +127,18 @@ def near_and_lone(
         limits.max_penetration,
         face_of,
     )
-    return pairs, [Rows(places, positions, normals, gaps)], left
+    return pairs, [ContactRows(places, positions, normals, gaps)], left
 
 
-def lone_contacts(
+def closed_form_contacts(
     pieces: PlacedBodies,
     solids: Solids,
     bodies: PlacedBodies,
     others: Solids,
     pairs: Sequence[tuple[int, int]],
-    limits: Limits,
-) -> tuple[list[Rows], list[int]]:
-    """Find the contacts of the pairs that are plain.
+    limits: ContactLimits,
+) -> tuple[list[ContactRows], list[int]]:
+    """Find the contacts that are known in closed form.
 
     Args:
         pieces: The object's pieces.
@@ -151,7 +153,7 @@ def lone_contacts(
     """
     names = [bodies.shapes.names[k] for _, k in pairs]
     alone = len(set(names)) == len(names)
-    found: list[Rows] = []
+    found: list[ContactRows] = []
     left: list[int] = []
     balls: dict[int, tuple[Polytope, list[int]]] = {}
     for place, (p, k) in enumerate(pairs):
@@ -164,7 +166,7 @@ def lone_contacts(
                 face = _face_on_plane(solid, pieces.poses[p], _half_space(bodies, k, other), limits)
                 if face is not None:
                     points, normals, gaps = face
-                    found.append(Rows([place] * len(gaps), points, normals, gaps))
+                    found.append(ContactRows([place] * len(gaps), points, normals, gaps))
                     continue
         left.append(place)
     for p, (solid, places) in balls.items():
@@ -178,13 +180,13 @@ def lone_contacts(
 
 def _balls_on_faces(
     solid: Polytope,
-    T_solid_world: Array,
-    centers: Array,
+    T_solid_world: FloatArray,
+    centers: FloatArray,
     radii: Sequence[float],
     places: Sequence[int],
     left: list[int],
-    limits: Limits,
-) -> Rows:
+    limits: ContactLimits,
+) -> ContactRows:
     """Contacts of spheres over faces.
 
     Args:
@@ -222,7 +224,7 @@ def _balls_on_faces(
         normals += normal
         gaps.append(gap)
         touching.append(place)
-    return Rows(
+    return ContactRows(
         touching, np.array(positions).reshape(-1, 3), np.array(normals).reshape(-1, 3), gaps
     )
 
@@ -236,8 +238,8 @@ class _HalfSpace(NamedTuple):
         offset: Distance of the plane from the origin along the normal, m.
     """
 
-    normal: Array
-    half_normal: Array
+    normal: FloatArray
+    half_normal: FloatArray
     offset: float
 
 
@@ -253,8 +255,8 @@ def _half_space(bodies: PlacedBodies, k: int, plane: Plane) -> _HalfSpace:
 
 
 def _face_on_plane(
-    solid: Polytope, T: Array, plane: _HalfSpace, limits: Limits
-) -> tuple[Array, Array, list[float]] | None:
+    solid: Polytope, T: FloatArray, plane: _HalfSpace, limits: ContactLimits
+) -> tuple[FloatArray, FloatArray, list[float]] | None:
     """Points, normals and gaps of a face all of which is near a half-space; None for others."""
     normal, half_normal, offset = plane
     face = _face(solid, solid.farthest(-normal.dot(T[:3, :3])), limits)
@@ -277,7 +279,7 @@ def _face_on_plane(
     return points, normals, gaps
 
 
-def _face(solid: Polytope, corners: tuple[int, ...], limits: Limits) -> _Face | None:
+def _face(solid: Polytope, corners: tuple[int, ...], limits: ContactLimits) -> _Face | None:
     """The face with some corners, as if it lay flat; None for an edge, a corner or a rough face."""
     key = corners, limits.merge_distance, limits.max_points
     try:
@@ -290,7 +292,7 @@ def _face(solid: Polytope, corners: tuple[int, ...], limits: Limits) -> _Face | 
     return face
 
 
-def _laid_flat(solid: Polytope, corners: tuple[int, ...], limits: Limits) -> _Face | None:
+def _laid_flat(solid: Polytope, corners: tuple[int, ...], limits: ContactLimits) -> _Face | None:
     outward = solid.face_normal(corners)
     if outward is None:
         return None
@@ -309,6 +311,6 @@ def _laid_flat(solid: Polytope, corners: tuple[int, ...], limits: Limits) -> _Fa
     return _Face(_homogeneous(around), _homogeneous(points), len(groups) == len(corners))
 
 
-def _homogeneous(points: Array) -> Array:
+def _homogeneous(points: FloatArray) -> FloatArray:
     """Rows [x, y, z, 1] of points (K, 3)."""
     return np.column_stack([points, np.ones(len(points))])

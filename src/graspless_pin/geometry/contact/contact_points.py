@@ -8,11 +8,8 @@ from enum import Enum
 from typing import overload
 
 import numpy as np
-from numpy.typing import NDArray
 
-from graspless_pin.problem.checks import stacked
-
-Array = NDArray[np.float64]
+from graspless_pin.problem.checks import FloatArray, stacked
 
 
 class BodyKind(Enum):
@@ -36,8 +33,8 @@ class ContactPoint:
 
     body: str
     kind: BodyKind
-    position: Array
-    normal: Array
+    position: FloatArray
+    normal: FloatArray
     distance: float
 
     def __post_init__(self) -> None:
@@ -64,8 +61,8 @@ class ContactArrays(Sequence[ContactPoint]):
 
     bodies: tuple[str, ...]
     kinds: tuple[BodyKind, ...]
-    positions: Array
-    normals: Array
+    positions: FloatArray
+    normals: FloatArray
     distances: tuple[float, ...]
 
     def __post_init__(self) -> None:
@@ -91,8 +88,8 @@ class ContactArrays(Sequence[ContactPoint]):
         cls,
         bodies: tuple[str, ...],
         kinds: tuple[BodyKind, ...],
-        positions: Array,
-        normals: Array,
+        positions: FloatArray,
+        normals: FloatArray,
         distances: tuple[float, ...],
     ) -> ContactArrays:
         """Do what the constructor does in a third of its time."""

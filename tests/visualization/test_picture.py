@@ -7,7 +7,10 @@ import pytest
 import trimesh
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.picture import (
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.scene import Scene, load_scene
+from graspless_pin.solution import TorqueSolution
+from graspless_pin.visualization import (
     DARK,
     LIGHT,
     Mesh,
@@ -17,9 +20,6 @@ from graspless_pin.picture import (
     draw_scene,
     framing,
 )
-from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.scene import Scene, load_scene
-from graspless_pin.solution import TorqueSolution
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 SCENES = [

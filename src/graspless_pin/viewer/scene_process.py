@@ -9,12 +9,12 @@ from typing import Any
 
 from graspless_pin.child_process import ChildProcess
 from graspless_pin.errors import CrashError, GrasplessPinError, GrasplessPinWarning
-from graspless_pin.picture import Picture, draw_bodies, draw_scene
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.viewer.controls import changed_scene
+from graspless_pin.visualization import Picture, draw_bodies, draw_scene
 
 _DEFAULT_MARGIN = 0.1
 
@@ -35,7 +35,7 @@ class Settings:
 
 
 @dataclass(frozen=True, eq=False)
-class Evaluation:
+class SettingsAnswer:
     """What a setting leads to.
 
     Attributes:
@@ -70,7 +70,7 @@ def initial_settings(scene: Scene) -> Settings:
     )
 
 
-def evaluate(scene: Scene, settings: Settings) -> Evaluation:
+def answer_settings(scene: Scene, settings: Settings) -> SettingsAnswer:
     """Change a scene, solve it and draw it. A scene that makes no sense gives a reason, no error.
 
     Args:
@@ -90,11 +90,11 @@ def evaluate(scene: Scene, settings: Settings) -> Evaluation:
                 options["margin"] = settings.required_margin
             solution = changed.solve(settings.algorithm, **options)
         except GrasplessPinError as error:
-            return Evaluation(settings, changed, None, draw_bodies(changed), str(error))
+            return SettingsAnswer(settings, changed, None, draw_bodies(changed), str(error))
         reason = ""
         if not solution.found:
             reason = f"{solution.status.message}\n\n{solution.explanation}".strip()
-        return Evaluation(settings, changed, solution, draw_scene(changed, solution), reason)
+        return SettingsAnswer(settings, changed, solution, draw_scene(changed, solution), reason)
 
 
 class SceneProcess:
@@ -109,12 +109,12 @@ class SceneProcess:
         self._child = ChildProcess()
         self._knows_scene = False
 
-    def evaluate(self, settings: Settings) -> Evaluation:
-        """Return what `evaluate` does; a process that has died is replaced before.
+    def evaluate(self, settings: Settings) -> SettingsAnswer:
+        """Return what `answer_settings` does; a process that has died is replaced before.
 
         Raises:
             CrashError: The process died of it.
-            MeshError: See `evaluate`.
+            MeshError: See `answer_settings`.
         """
         if not self._child.is_running:
             self._child.close()
@@ -125,12 +125,12 @@ class SceneProcess:
             self._knows_scene = True
         return self._child.call(_evaluate_kept, settings)
 
-    def evaluate_first(self, settings: Settings) -> Evaluation:
+    def evaluate_first(self, settings: Settings) -> SettingsAnswer:
         """Return what `evaluate` does; if the process dies of it, the bodies and that as reason."""
         try:
             return self.evaluate(settings)
         except CrashError as error:
-            return Evaluation(settings, self._scene, None, draw_bodies(self._scene), str(error))
+            return SettingsAnswer(settings, self._scene, None, draw_bodies(self._scene), str(error))
 
     def kill(self) -> None:
         """End the process; what it evaluates just now raises a `CrashError`."""
@@ -148,5 +148,5 @@ def _keep(scene: Scene) -> None:
     _kept[:] = [scene]
 
 
-def _evaluate_kept(settings: Settings) -> Evaluation:
-    return evaluate(_kept[0], settings)
+def _evaluate_kept(settings: Settings) -> SettingsAnswer:
+    return answer_settings(_kept[0], settings)

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from graspless_pin.picture.records import Picture
 from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.visualization.picture import Picture
 
 _FORWARD, _HEIGHT = 0.35, 0.5
 _TOO_SHORT = 1e-9

@@ -7,17 +7,17 @@ from dataclasses import replace
 import numpy as np
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.bodies.records import Support
+from graspless_pin.geometry.bodies.object_and_supports import Support
 from graspless_pin.geometry.bodies.shapes import HalfSpace
 from graspless_pin.geometry.bodies.triangles import Triangles, shape_triangles, slab_triangles
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.visuals import hand_triangles
-from graspless_pin.picture.contacts import contact_meshes
-from graspless_pin.picture.looking import look_across, up_against
-from graspless_pin.picture.records import Mesh, Picture, Role
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
+from graspless_pin.visualization.contacts import contact_meshes
+from graspless_pin.visualization.looking import look_across, up_against
+from graspless_pin.visualization.picture import Mesh, Picture, Role
 
 _OBJECT_OPACITY = 0.45
 # Of a hand that is an arm, what is farther from the object than so many of its radii is context.

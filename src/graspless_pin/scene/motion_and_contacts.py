@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from graspless_pin.geometry.contact.records import BodyKind, ContactArrays, ContactPoint
+from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays, ContactPoint
 from graspless_pin.problem.checks import FloatArray
 
 

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.picture import Role
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import load_scene
 from graspless_pin.viewer import (
     Settings,
+    answer_settings,
     changed_scene,
     controls_of,
-    evaluate,
     initial_settings,
 )
 from graspless_pin.viewer.panels import legend_html, result_html, torque_html
+from graspless_pin.visualization import Role
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 ALLEGRO = EXAMPLES / "allegro_box_on_slope.yaml"
@@ -162,13 +162,13 @@ def test_given_contacts_leave_object_and_joints_alone(tmp_path):
 
 def test_the_evaluation_is_the_librarys(allegro):
     settings = Settings(Algorithm.MARGIN, 0.1, {"friction/supports": 0.5})
-    result = evaluate(allegro, settings)
+    result = answer_settings(allegro, settings)
     expected = changed_scene(allegro, settings.values).solve("margin")
     assert result.solution is not None
     assert result.solution.margin == expected.margin
     assert result.reason == ""
     assert result.picture.of(Role.NORMAL_FORCE)
-    least = evaluate(allegro, Settings(Algorithm.TORQUE, 0.3))
+    least = answer_settings(allegro, Settings(Algorithm.TORQUE, 0.3))
     assert least.solution is not None
     assert least.solution.required_margin == 0.3
     assert least.solution.margin >= 0.3 - 1e-6
@@ -176,7 +176,7 @@ def test_the_evaluation_is_the_librarys(allegro):
 
 def test_an_infeasible_setting_says_why(allegro):
     too_much = 0.6 * allegro.max_normal_force  # a margin is at most half of it
-    result = evaluate(allegro, Settings(Algorithm.TORQUE, too_much))
+    result = answer_settings(allegro, Settings(Algorithm.TORQUE, too_much))
     assert result.solution is not None
     assert not result.solution.found
     assert "infeasible" in result.reason
@@ -187,7 +187,7 @@ def test_an_infeasible_setting_says_why(allegro):
 
 
 def test_a_scene_that_makes_no_sense_says_why(allegro):
-    result = evaluate(allegro, Settings(Algorithm.MARGIN, 0.1, {"object/x": 20.0}))
+    result = answer_settings(allegro, Settings(Algorithm.MARGIN, 0.1, {"object/x": 20.0}))
     assert result.solution is None
     assert "overlap" in result.reason
     assert result.picture.of(Role.OBJECT)
@@ -199,13 +199,13 @@ def test_the_page_begins_with_the_scenes_own_options():
     settings = initial_settings(scene)
     assert settings.algorithm is Algorithm.TORQUE
     assert settings.required_margin == 1.0
-    result = evaluate(scene, settings)
+    result = answer_settings(scene, settings)
     assert result.solution is not None
     assert result.solution.max_torque == scene.solve().max_torque
 
 
 def test_readings_hold_the_figures_and_no_markup_of_the_scene(allegro):
-    result = evaluate(allegro, initial_settings(allegro))
+    result = answer_settings(allegro, initial_settings(allegro))
     assert result.solution is not None
     html = result_html(result, result.solution, dark=True)
     assert f"{result.solution.margin:.4f}" in html
@@ -217,14 +217,14 @@ def test_readings_hold_the_figures_and_no_markup_of_the_scene(allegro):
         assert f">{name}<" in bars
         assert f"{torque.round(4) + 0.0:+.4f}" in bars
     assert all(role.label in legend_html(Role, dark=True) for role in Role)
-    hostile = evaluate(allegro, Settings(Algorithm.MARGIN, 0.1, {"<script>": 1.0}))
+    hostile = answer_settings(allegro, Settings(Algorithm.MARGIN, 0.1, {"<script>": 1.0}))
     assert "<script>" not in result_html(hostile, None, dark=False)
     assert "&lt;script&gt;" in result_html(hostile, None, dark=False)
 
 
 def test_no_torque_is_minus_nothing():
     scene = load_scene(EXAMPLES / "allegro_tumble_box.yaml")
-    result = evaluate(scene, initial_settings(scene))
+    result = answer_settings(scene, initial_settings(scene))
     assert result.solution is not None
     torques = result.solution.torques
     assert ((torques < 0.0) & (torques > -5e-5)).any()  # what rounds to -0.0000
@@ -234,7 +234,7 @@ def test_no_torque_is_minus_nothing():
 def test_the_largest_torque_has_the_unit_of_its_joint(allegro):
     linear = load_scene(EXAMPLES / "panda_slide_cuboid_up_slope.yaml")
     for scene, unit in ((allegro, "N m"), (linear, "N")):
-        result = evaluate(scene, initial_settings(scene))
+        result = answer_settings(scene, initial_settings(scene))
         assert result.torque_unit == unit
         shown = result_html(result, None, dark=False)
         assert f"</b> {unit}</span>" in shown.partition("max torque")[2]
