@@ -245,7 +245,7 @@ def _end_after(seconds: float | None) -> None:
 
 
 def _pickled_error(error: Exception) -> bytes:
-    """An error, or its text where it cannot be pickled."""
+    """Return an error, or its text where it cannot be pickled."""
     try:
         answer = pickle.dumps((_ERROR, error))
         pickle.loads(answer)  # noqa: S301 - our own; some errors only fail here
@@ -265,7 +265,7 @@ def _send(stream: IO[bytes], message: bytes) -> None:
 
 
 def _receive(stream: IO[bytes]) -> bytes | None:
-    """The next message; None at the end of the stream, even in the middle of one."""
+    """Return the next message; None at the end of the stream, even in the middle of one."""
     head = stream.read(_LENGTH.size)
     if len(head) < _LENGTH.size:
         return None

@@ -41,7 +41,7 @@ def remove_stale_drafts(path: Path) -> None:
 
 
 def _is_running(process: int) -> bool:
-    """Whether a process of this number runs; True where that cannot be told."""
+    """Return whether a process of this number runs; True where that cannot be told."""
     if os.name != "posix":
         return True
     try:

@@ -100,7 +100,7 @@ def as_pose(name: str, T: ArrayLike) -> NDArray[np.float64]:
 
 
 def _is_rigid(T: NDArray[np.float64]) -> bool:
-    """Whether a (4, 4) array passes for a rigid transform."""
+    """Return whether a (4, 4) array passes for a rigid transform."""
     if rigid_bodies is not None:
         return rigid_bodies.is_rigid(T)
     (a, b, c, x), (d, e, f, y), (g, h, i, z), last = T.tolist()

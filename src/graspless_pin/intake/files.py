@@ -108,7 +108,7 @@ def _too_large(path: Path, kind: FileKind) -> GrasplessPinError:
 
 
 def is_file(path: Path) -> bool:
-    """Whether there is a regular file; a path that no file can have is none."""
+    """Return whether there is a regular file; a path that no file can have is none."""
     try:
         return path.is_file()
     except (OSError, ValueError):

@@ -114,7 +114,7 @@ def _extensible(
     rules: Rules,
     requirements: tuple[Requirement, ...],
 ) -> bool:
-    """Whether one more selected contact, or a sign in place of a zero, is feasible."""
+    """Return whether one more selected contact, or a sign in place of a zero, is feasible."""
     chosen = {requirement.contact for requirement in requirements}
     for contact in np.flatnonzero(candidate_contacts(problem, rules)):
         if contact in chosen:

@@ -93,7 +93,7 @@ def _shortest(
 
 
 def _evened(moving: FloatArray, strict: FloatArray, found: Sliding) -> Sliding:
-    """The motion that slides equally in all rows that take part, where that is faster."""
+    """Return the motion that slides equally in all rows that take part, where that is faster."""
     part = found.weights > TAKES_PART * found.weights.max()
     solved = np.linalg.lstsq(moving[part], strict[part], rcond=None)[0]
     other = _speed(moving, strict, solved.astype(np.float64), found.weights)
@@ -101,7 +101,7 @@ def _evened(moving: FloatArray, strict: FloatArray, found: Sliding) -> Sliding:
 
 
 def _judged(moving: FloatArray, strict: FloatArray, weights: FloatArray) -> Sliding:
-    """What a combination of rows is worth as a motion."""
+    """Return what a combination of rows is worth as a motion."""
     return _speed(moving, strict, weights @ moving, weights)
 
 

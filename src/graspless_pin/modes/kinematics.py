@@ -118,7 +118,7 @@ class VirtualKinematics:
     def _nudged(
         self, y: FloatArray, basis: FloatArray, found: Sliding, rule: SignRule
     ) -> FloatArray:
-        """A motion with a little of a fixed generic one, within half of its slack."""
+        """Return a motion with a little of a fixed generic one, within half of its slack."""
         # Rows that may be zero leave no room to nudge the motion.
         if rule is SignRule.NONZERO and np.isfinite(found.slowest):
             return y
@@ -128,7 +128,7 @@ class VirtualKinematics:
         return y + (0.5 * slack / reach) * nudge
 
     def feasible(self, requirements: Sequence[Requirement], rule: SignRule) -> bool:
-        """Whether `solve` finds a witness, without naming the conflict if not."""
+        """Return whether `solve` finds a witness, without naming the conflict if not."""
         contacts, signs = _split(requirements)
         return self._fastest(contacts, signs, rule)[1].slowest >= self.threshold
 
@@ -190,7 +190,7 @@ class VirtualKinematics:
         rule: SignRule,
         importance: FloatArray | None = None,
     ) -> tuple[_Touching, Sliding]:
-        """The motion that slides fastest where it is slowest.
+        """Return the motion that slides fastest where it is slowest.
 
         Where none is as fast as the threshold, the weights prove that.
         """
@@ -211,7 +211,7 @@ class VirtualKinematics:
     def _touching_motions(
         self, contacts: tuple[int, ...], signs: NDArray[np.int_], rule: SignRule
     ) -> _Touching:
-        """The motions on which the selected contacts stay touching, kept between calls."""
+        """Return the motions on which the selected contacts stay touching, kept between calls."""
         zeros: tuple[int, ...] = ()
         if rule is SignRule.EXACT:
             zeros = tuple(np.flatnonzero(signs.ravel() == 0).tolist())
@@ -234,7 +234,7 @@ class VirtualKinematics:
 
 
 def _scaled(local: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The map (M, 3, 6 + L) with columns of one size, and the (6 + L,) factors of its motions."""
+    """Return the map (M, 3, 6 + L) with columns of one size, and (6 + L,) factors of motions."""
     if contact_frames is not None:
         return contact_frames.scaled_map(local)
     size = np.sqrt(np.einsum("lij,lij->j", local, local))

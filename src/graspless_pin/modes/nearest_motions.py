@@ -42,7 +42,7 @@ class _Seen(NamedTuple):
     motion: FloatArray
 
     def completed(self, signs: FloatArray) -> FloatArray:
-        """The signs, with those of the sliding in the place of zeros."""
+        """Return the signs, with those of the sliding in the place of zeros."""
         if np.logical_and.reduce(signs):
             return signs
         return np.where(signs != 0.0, signs, np.where(self.sliding < 0.0, -1.0, 1.0))
@@ -119,7 +119,7 @@ class NearestMotions:
         return seen.motion if self._slides(seen, signs.ravel()) else None
 
     def _slides(self, seen: _Seen, signs: FloatArray | NDArray[np.int8]) -> bool:
-        """Whether a motion keeps the contacts touching and clearly slides with all signs."""
+        """Return whether a motion keeps the contacts touching and clearly slides with all signs."""
         least = float(np.minimum.reduce(seen.sliding * signs))
         if not least > 0.0:
             return False
@@ -133,7 +133,7 @@ class NearestMotions:
         return float(velocities.dot(velocities))
 
     def _held(self, contacts: tuple[int, ...], motion: FloatArray) -> _Seen:
-        """The motion nearest to another that keeps the contacts touching."""
+        """Return the motion nearest to another that keeps the contacts touching."""
         rows = self._rows
         if len(contacts) < len(rows):
             rows = rows[list(contacts)]
@@ -183,7 +183,7 @@ class NearestMotions:
         return np.where(sliding**2 >= self._clear**2 * size, sliding, 0.0).reshape(-1, 2)
 
     def _split(self, found: FloatArray) -> _Seen:
-        """What a product of `_motions` says."""
+        """Return what a product of `_motions` says."""
         count = (len(found) - self._rows.shape[2]) // 3
         return _Seen(found[: 2 * count], found[2 * count : 3 * count], found[3 * count :])
 

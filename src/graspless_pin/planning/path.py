@@ -237,7 +237,7 @@ def _twists(
 
 
 def _same_motion(before: FloatArray, after: FloatArray) -> bool:
-    """Whether two twists are the same but for speed and rounding."""
+    """Return whether two twists are the same but for speed and rounding."""
     sizes = np.linalg.norm(before), np.linalg.norm(after)
     if not all(sizes):
         return not any(sizes)

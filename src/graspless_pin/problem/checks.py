@@ -95,14 +95,14 @@ def all_true(flags: NDArray[np.bool_]) -> bool:
 
 
 def all_finite(arrays: Sequence[FloatArray]) -> bool:
-    """Whether every entry of every array is finite."""
+    """Return whether every entry of every array is finite."""
     if small_arrays is not None:
         return small_arrays.all_finite(arrays)
     return all_true(np.isfinite(np.concatenate(arrays, axis=None)))
 
 
 def all_within(arrays: Sequence[FloatArray], most: float = LARGEST) -> bool:
-    """Whether every entry of every array is a number of at most this magnitude."""
+    """Return whether every entry of every array is a number of at most this magnitude."""
     if small_arrays is not None:
         return small_arrays.all_within(arrays, most)
     return all_true(np.abs(np.concatenate(arrays, axis=None)) <= most)

@@ -188,7 +188,7 @@ def _contacts(solution: TorqueSolution, scene: Scene | None) -> list[dict[str, A
 
 
 def _certificate(solution: TorqueSolution, proof: SolutionProof) -> dict[str, Any]:
-    """The figures of the certificate; those of an answer are null where there is none."""
+    """Return the figures of the certificate; those of an answer are null where there is none."""
     certificate = asdict(solution.certificate)
     if not solution.found:
         certificate |= dict.fromkeys(("primal_residual", "duality_gap", "bound", "gap"))

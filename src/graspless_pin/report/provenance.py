@@ -63,7 +63,7 @@ def provenance(problem: QuasistaticProblem, scene_file: Path | None) -> dict[str
 
 
 def same_problem(first: QuasistaticProblem, second: QuasistaticProblem) -> bool:
-    """Whether two problems are the same but for rounding."""
+    """Return whether two problems are the same but for rounding."""
     if first.cone_edges != second.cone_edges or first.joint_names != second.joint_names:
         return False
     pairs = [(getattr(first, name), getattr(second, name)) for name in _ARRAYS]

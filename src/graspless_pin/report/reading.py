@@ -125,7 +125,7 @@ def _solution(document: dict[str, Any]) -> TorqueSolution:
 
 
 def _objective(document: dict[str, Any]) -> tuple[Objective, dict[str, Any]]:
-    """What was optimised, and the answer's own multipliers."""
+    """Return what was optimised, and the answer's own multipliers."""
     if "format" in document:
         epsilon, scale = (
             real_number("regularization", document["regularization"], 0.0),
@@ -189,7 +189,7 @@ def _problem(document: dict[str, Any]) -> QuasistaticProblem:
 
 
 def _figure(figures: dict[str, Any], item: Field[Any]) -> Any:
-    """A figure that does not exist is null in JSON; one that has a default may be missing."""
+    """Read a figure: null in JSON does not exist, and one with a default may be missing."""
     if item.name not in figures and item.default is not MISSING:
         return item.default
     value = figures[item.name]

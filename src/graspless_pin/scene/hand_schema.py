@@ -117,7 +117,7 @@ class HandEntry(Entry):
         return self
 
     def mount_entries(self) -> list[tuple[str, MountEntry]]:
-        """The robots with their prefixes."""
+        """Return the robots with their prefixes."""
         if self.mounts:
             return [(mount.prefix, mount) for mount in self.mounts]
         single = MountEntry(

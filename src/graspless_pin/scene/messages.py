@@ -114,7 +114,7 @@ def _nodes_at(schema: Node, data: Any, location: Location) -> list[Node]:
 
 
 def _is_named(node: Node, data: Any) -> bool:
-    """Whether ``data`` is the mapping whose ``type`` this branch of a union describes."""
+    """Return whether ``data`` is the mapping whose ``type`` this branch of a union describes."""
     named = node.get("properties", {}).get("type", {}).get("const")
     return named is not None and isinstance(data, dict) and data.get("type") == named
 

@@ -290,7 +290,7 @@ class Scene:
         return self._found(bodies, BodyKind.SUPPORT)
 
     def _support_bodies(self) -> PlacedBodies:
-        """The pieces of all supports."""
+        """Return the pieces of all supports."""
         return PlacedBodies.joined([support.placed_bodies for support in self.supports])
 
     @cached_property
@@ -299,7 +299,7 @@ class Scene:
         return {}
 
     def _once(self, name: str, sources: tuple[Any, ...], make: Callable[[], _Made]) -> _Made:
-        """What ``make`` returns, made again only where one of its sources is another object."""
+        """Return what ``make`` returns, made again only where a source is another object."""
         kept = self._kept.get(name)
         if kept is not None and all(map(operator.is_, kept[0], sources)):
             return kept[1]

@@ -59,7 +59,7 @@ class _Engine:
         )
 
     def holds(self, program: Program) -> bool:
-        """Whether the matrices of the program are those that were loaded last."""
+        """Return whether the matrices of the program are those that were loaded last."""
         return self._known[4] is program.G and self._known[2] is program.A
 
     def load(self, program: Program) -> None:
@@ -116,7 +116,7 @@ def _arrays(program: Program) -> tuple[FloatArray, ...]:
 
 
 def _columns(matrix: FloatArray) -> tuple[Any, NDArray[np.int_]]:
-    """A matrix in compressed columns, and the places of its entries, column after column."""
+    """Return a matrix in compressed columns, and the places of its entries, column after column."""
     filled = matrix.T != 0.0
     starts = np.concatenate([[0], np.cumsum(filled.sum(axis=1))])
     entries = matrix.T[filled], np.nonzero(filled)[1], starts

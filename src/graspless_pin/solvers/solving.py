@@ -61,5 +61,5 @@ def solve(program: Program, solver: str = "piqp", *, cutoff: float = np.inf) -> 
 
 @cache
 def _in_turn(solver: str) -> tuple[str, ...]:
-    """The solvers to ask, one after the other."""
+    """Return the solvers to ask, one after the other."""
     return (solver, *(other for other in _FALLBACKS if other != solver))

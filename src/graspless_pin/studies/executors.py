@@ -75,7 +75,7 @@ class GivenExecutor:
 
 @contextmanager
 def dask_executor(address: str, timeout: float = 10.0) -> Iterator[tuple[Executor, int]]:
-    """An executor on the workers of a Dask scheduler, and how many threads they have in all.
+    """Return an executor on the workers of a Dask scheduler, and how many threads they have in all.
 
     Args:
         address: Of the scheduler, e.g. ``tcp://10.0.0.5:8786``.

@@ -88,7 +88,7 @@ class Journal:
             self.sync()
 
     def _read(self, content: bytes, identity: dict[str, Any], *, fresh: bool) -> dict[int, Row]:
-        """The rows of this study in a journal; none if it is empty or to be dropped."""
+        """Return the rows of this study in a journal; none if it is empty or to be dropped."""
         if _packed(identity).startswith(content):
             return {}  # it was killed when it began
         first, *lines = content[: content.rfind(b"\n") + 1].split(b"\n")[:-1] or [b""]
@@ -115,7 +115,7 @@ class Journal:
         return dict(rows)
 
     def _row(self, number: int, line: bytes) -> tuple[int, Row]:
-        """Number of a sample and its row."""
+        """Return the number of a sample and its row."""
         try:
             row = _unpacked(line)
             return int(row["sample"]), row
@@ -163,7 +163,7 @@ def discard(path: Path, fingerprint: str) -> None:
 
 
 def _packed(item: dict[str, Any]) -> bytes:
-    """A line with its end."""
+    """Return a line with its end."""
     return _line(json.dumps(item).encode()) + b"\n"
 
 
@@ -172,7 +172,7 @@ def _line(text: bytes) -> bytes:
 
 
 def _unpacked(line: bytes) -> dict[str, Any]:
-    """The object of a line without its end.
+    """Return the object of a line without its end.
 
     Raises:
         ValueError: If it does not fit its checksum.
@@ -184,7 +184,7 @@ def _unpacked(line: bytes) -> dict[str, Any]:
 
 
 def _identity(line: bytes) -> dict[str, Any] | None:
-    """What a journal's first line says of its study; None if it is none.
+    """Return what a journal's first line says of its study; None if it is none.
 
     Version 0.1 wrote no checksums. Its journals are known by that, so that they are refused for
     their versions and not as another program's file.

@@ -49,7 +49,7 @@ def place_key(tree: Tree, defaults: Tree, key: str) -> Location:
 
 
 def _next(node: Any, location: Location, parts: list[str], key: str) -> tuple[str | int, int]:
-    """The next step of a path, and how many of its parts it takes."""
+    """Return the next step of a path, and how many of its parts it takes."""
     if isinstance(node, list):
         return _item(node, parts[0], key), 1
     for count in range(len(parts), 0, -1):
@@ -77,7 +77,7 @@ def _item(items: list[Any], name: str, key: str) -> int:
 
 
 def _entered(node: Any, defaults: Tree, location: Location, key: str) -> Any:
-    """The part of the tree at a location; put there from the defaults if it is left out."""
+    """Return the part of the tree at a location; put there from the defaults if it is left out."""
     name: Any = location[-1]
     inner = _inside(node, name)
     if inner is None or (name == "friction" and not isinstance(inner, dict)):
@@ -99,7 +99,7 @@ def _default(defaults: Any, location: Location) -> Any:
 
 
 def _inside(node: Any, part: Any) -> Any:
-    """What stands at a key or index, None if nothing does."""
+    """Return what stands at a key or index, None if nothing does."""
     try:
         return node[part]
     except (KeyError, IndexError, TypeError):
@@ -174,7 +174,7 @@ def check_bodies(tree: Tree, what: Sequence[str], frame: str | None, *, turns: b
 
 
 def _bodies(tree: Tree) -> dict[str, list[Location]]:
-    """The poses that belong to each name."""
+    """Return the poses that belong to each name."""
     item = tree["object"]
     bodies: dict[str, list[Location]] = {"object": [("object", "pose")]}
     bodies[item.get("name", "object")] = [("object", "pose")]
@@ -191,7 +191,7 @@ def _bodies(tree: Tree) -> dict[str, list[Location]]:
 
 
 def _poses(tree: Tree, what: Sequence[str]) -> Iterator[Tree]:
-    """The pose entries of bodies, each once; written out where the scene leaves them out."""
+    """Return the pose entries of bodies, each once; written out where the scene leaves them out."""
     bodies = _bodies(tree)
     names = bodies if "all" in what else [name for name in what if name in bodies]
     for location in dict.fromkeys(location for name in names for location in bodies[name]):

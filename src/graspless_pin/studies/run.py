@@ -116,7 +116,7 @@ def run_study(
 
 
 def _unrecorded(study: Study, statuses: Sequence[str | None]) -> set[int]:
-    """Samples with a solution that the study's record has not; without a record: none."""
+    """Return samples with a solution that the study's record lacks; without a record: none."""
     if study.record is None:
         return set()
     failures = {why.value for why in Failure}
@@ -167,7 +167,7 @@ def _check_own(study: Study, file: Path) -> dict[str, Any]:
 
 
 def _finished(study: Study, file: Path, *, overwrite: bool, goes_on: bool) -> pd.DataFrame | None:
-    """The table where the output is already complete; refuse another study's output."""
+    """Return the table where the output is already complete; refuse another study's output."""
     if not file.is_file():
         return None
     try:
@@ -266,7 +266,7 @@ class _Dispatch:
         return replace(self.study, samples=())
 
     def _size(self) -> int:
-        """Samples in the next chunk: fewer toward the end, so that no worker is last for long."""
+        """Return the next chunk's size: smaller toward the end, so that no worker ends late."""
         if self.pace is None:
             return 1
         fair = len(self.queue) / (_AHEAD * self.force.workers)

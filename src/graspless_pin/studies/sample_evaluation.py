@@ -110,7 +110,7 @@ def _results(study: Study, number: int, scene: Scene) -> Row:
 
 
 def _largest(problem: QuasistaticProblem, torques: FloatArray) -> Row:
-    """The largest |torque| of the joints of each unit that there is; N m without joints."""
+    """Return the largest |torque| of the joints of each unit that there is; N m without joints."""
     units = np.array(problem.joint_units or [JointUnit.TORQUE])
     absolute = np.abs(torques) if len(torques) else np.zeros(1)
     return {
@@ -125,7 +125,7 @@ def _suffix(unit: JointUnit) -> str:
 
 
 def _analyses(study: Study, solution: TorqueSolution) -> Row:
-    """What is computed beside the torques; a column has no room for what is not proven."""
+    """Return what is computed beside the torques; a column has no room for what is not proven."""
     compute, problem, rules = study.entry.compute, solution.problem, solution.rules.options()
     limits: dict[str, Any] = {
         "node_limit": compute.node_limit,

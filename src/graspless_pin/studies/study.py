@@ -90,21 +90,21 @@ class Study:
         return _made(YamlSource.of_data(copied(dict(data)), Path("study")), Path(folder))
 
     def placed_at(self, sample: Sample) -> Tree:
-        """The content of the scene file with the keys of one sample set, and nothing moved yet."""
+        """Return the scene file's content with the keys of one sample set, nothing moved yet."""
         tree = copied(self.scene.data)
         for variable, value in zip(self.variables, sample, strict=True):
             variable.place(tree, value)
         return tree
 
     def tree_at(self, sample: Sample) -> Tree:
-        """The content of the scene file at one sample."""
+        """Return the content of the scene file at one sample."""
         tree = self.placed_at(sample)
         for variable, value in zip(self.variables, sample, strict=True):
             variable.displace(tree, value)
         return tree
 
     def scene_at(self, sample: Sample, parts: SceneParts | None = None) -> Scene:
-        """The scene at one sample.
+        """Return the scene at one sample.
 
         Args:
             sample: The values of all variables, e.g. one of `samples`.

@@ -166,7 +166,7 @@ class ComputeEntry(Entry):
     )
 
     def solve_options(self) -> dict[str, Any]:
-        """The options that go into the scene's ``solve`` section."""
+        """Return the options that go into the scene's ``solve`` section."""
         beside = {
             "node_limit",
             "time_limit",

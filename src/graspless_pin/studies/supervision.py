@@ -115,7 +115,7 @@ class Children:
             child.close()
 
     def _taken(self) -> ChildProcess:
-        """A process that answers."""
+        """Return a process that answers."""
         with self._lock:
             child = self._idle.pop() if self._idle else None
         if child is None:

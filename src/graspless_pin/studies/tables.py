@@ -88,7 +88,7 @@ def check_columns(study: Study) -> None:
 
 
 def study_metadata(study: Study) -> dict[str, Any]:
-    """What is kept beside the rows: the study, its hash, seed and versions."""
+    """Return what is kept beside the rows: the study, its hash, seed and versions."""
     sampling = study.entry.sampling
     return {
         "study": study.name,

@@ -52,13 +52,13 @@ class Variable:
         return self.entry.steps or 1
 
     def points(self) -> list[Any]:
-        """The values on a grid: those listed, or evenly spaced over the range."""
+        """Return the values on a grid: those listed, or evenly spaced over the range."""
         if self.entry.values is not None:
             return list(self.entry.values)
         return [self.at(u) for u in np.linspace(0.0, 1.0, self.grid_size).tolist()]
 
     def at(self, share: float) -> Any:
-        """The value at a share in [0, 1] of the range, or of the list."""
+        """Return the value at a share in [0, 1] of the range, or of the list."""
         if self.entry.values is not None:
             values = list(self.entry.values)
             return values[min(int(share * len(values)), len(values) - 1)]
@@ -160,7 +160,7 @@ def _check_numbers(entry: VariableEntry, part: str, fail: Callable[..., StudyErr
 
 
 def _unit(entry: VariableEntry, kinds: tuple[str, ...], fail: Callable[..., StudyError]) -> Unit:
-    """The unit of the values: the one that is named, or the only SI unit that fits."""
+    """Return the unit of the values: the one that is named, or the only SI unit that fits."""
     numbers = not isinstance(entry.values, dict) and not any(
         isinstance(value, bool | str) for value in entry.values or []
     )

@@ -188,7 +188,7 @@ def _with_friction(scene: Scene, group: str, change: Callable[[float], float]) -
 
 
 def _support_friction(scene: Scene, name: str) -> float | None:
-    """The coefficient between object and a support, None where the scene has none."""
+    """Return the coefficient between object and a support, None where the scene has none."""
     support = next(item for item in scene.supports if item.name == name)
     if support.friction is not None:
         return support.friction
@@ -229,7 +229,7 @@ def _slope(scene: Scene) -> tuple[str | None, float]:
 
 
 def _tilt_axis(scene: Scene) -> FloatArray:
-    """Unit axis about which up turns towards the slope's normal; y where nothing slopes."""
+    """Return the axis about which up turns towards the slope's normal; y where nothing slopes."""
     up = _up(scene)
     for support in scene.supports:
         if isinstance(support.shape, HalfSpace):

@@ -81,7 +81,7 @@ class Gate:
         return "/" + path.removeprefix(f"/{self.token}").removeprefix("/")
 
     def accepts(self, message: Any) -> bool:
-        """Whether a message, decoded, sets a control to a value that it can have."""
+        """Return whether a message, decoded, sets a control to a value that it can have."""
         if not isinstance(message, dict):
             return False
         kind = message.get("type")
@@ -98,7 +98,7 @@ class Gate:
         return check is not None and updates.keys() == {"value"} and check(updates["value"])
 
     def _is_own_name(self, host: str) -> bool:
-        """Whether a Host header names this machine and not a site whose name leads here."""
+        """Return whether a Host header names this machine and not a site whose name leads here."""
         try:
             name = urlsplit(f"//{host}").hostname
         except ValueError:
@@ -116,18 +116,18 @@ class Gate:
 
 
 def number_between(low: float, high: float) -> Admits:
-    """A check for numbers of a range; rounding may leave it by a little."""
+    """Return a check for numbers of a range; rounding may leave it by a little."""
     slack = 1e-9 * max(abs(low), abs(high)) if math.isfinite(high) else 0.0
     return lambda value: _is_number(value) and low - slack <= value <= high + slack
 
 
 def one_of(values: tuple[str, ...]) -> Admits:
-    """A check for one of some texts."""
+    """Return a check for one of some texts."""
     return lambda value: isinstance(value, str) and value in values
 
 
 def is_switch(value: Any) -> bool:
-    """Whether a value is true or false."""
+    """Return whether a value is true or false."""
     return isinstance(value, bool)
 
 

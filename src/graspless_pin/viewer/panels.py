@@ -105,7 +105,7 @@ def legend_html(roles: Iterable[Role], *, dark: bool) -> str:
 
 
 def _reading(label: str, unit: str, value: float, before: float | None, color: str) -> str:
-    """A figure, its bar up to twice that of the unchanged scene, and that as a mark."""
+    """Return a figure, its bar up to twice that of the unchanged scene, and that as a mark."""
     value = round(value, _DIGITS) + 0.0
     top = max(2.0 * abs(before) if before else 0.0, abs(value), 1e-9)
     compared = (
@@ -124,7 +124,7 @@ def _reading(label: str, unit: str, value: float, before: float | None, color: s
 
 
 def _axis(lower: float, upper: float, widest: float) -> tuple[float, float]:
-    """The ends of a bar: the limits, or something finite around zero."""
+    """Return the ends of a bar: the limits, or something finite around zero."""
     low = lower if np.isfinite(lower) else -widest
     high = upper if np.isfinite(upper) else widest
     low, high = min(low, 0.0), max(high, 0.0)
@@ -132,7 +132,7 @@ def _axis(lower: float, upper: float, widest: float) -> tuple[float, float]:
 
 
 def _bar(value: float, low: float, high: float, color: str) -> str:
-    """A bar from zero to the value between two ends."""
+    """Return a bar from zero to the value between two ends."""
     zero = -low / (high - low)
     end = float(np.clip((value - low) / (high - low), 0.0, 1.0))
     left, width = min(zero, end), abs(end - zero)
@@ -145,7 +145,7 @@ def _bar(value: float, low: float, high: float, color: str) -> str:
 
 
 def _mark(place: float) -> str:
-    """A thin line across a bar at a share of its length."""
+    """Return a thin line across a bar at a share of its length."""
     return (
         '<span style="position:absolute;top:-2px;bottom:-2px;width:1px;background:currentColor;'
         f'left:{100.0 * min(max(place, 0.0), 0.997):.2f}%"></span>'

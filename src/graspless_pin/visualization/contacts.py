@@ -105,7 +105,7 @@ def virtual_velocities(solution: TorqueSolution) -> FloatArray:
 
 
 def _cones(problem: QuasistaticProblem, points: FloatArray, height: float) -> Iterator[Mesh]:
-    """The cones, of one height along the normal, with the problem's own edges."""
+    """Return the cones, of one height along the normal, with the problem's own edges."""
     for index in np.flatnonzero(problem.has_cone).tolist():
         local = cone_edges_local(float(problem.friction[index]), problem.cone_edges)
         frame = np.column_stack([problem.normals[index], problem.tangents[index]])
@@ -120,7 +120,7 @@ def _cones(problem: QuasistaticProblem, points: FloatArray, height: float) -> It
 def _forces(
     solution: TorqueSolution, points: FloatArray, scale: float, radius: float
 ) -> Iterator[Mesh]:
-    """Normal force, friction and their sum at each contact, as far as they can be seen."""
+    """Return normal force, friction and their sum at each contact, as far as they can be seen."""
     problem, forces = solution.problem, solution.contact_forces
     normal = np.einsum("ij,ij->i", problem.normals, forces)[:, None] * problem.normals
     friction = forces - normal

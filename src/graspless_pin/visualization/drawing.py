@@ -101,7 +101,7 @@ def _hand(hand: Hand, max_faces: int) -> list[Mesh]:
 
 
 def _support(support: Support, middle: FloatArray, size: float, max_faces: int) -> Mesh:
-    """A support; of a half-space the slab below the object."""
+    """Return a support; of a half-space the slab below the object."""
     T = support.T_world_support
     if isinstance(support.shape, HalfSpace):
         local = T[:3, :3].T @ (middle - T[:3, 3])

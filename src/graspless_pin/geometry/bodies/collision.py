@@ -123,7 +123,7 @@ class PlacedBodies(Sequence[CollisionBody]):
     @overload
     def __getitem__(self, index: slice) -> tuple[CollisionBody, ...]: ...
     def __getitem__(self, index: int | slice) -> CollisionBody | tuple[CollisionBody, ...]:
-        """The body, which is the same object each time."""
+        """Return the body, which is the same object each time."""
         if isinstance(index, slice):
             return tuple([self[k] for k in range(*index.indices(len(self)))])
         k = range(len(self.shapes.names))[index]

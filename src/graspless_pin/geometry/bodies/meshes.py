@@ -77,7 +77,7 @@ def scaled_mesh(path: Path, scale: MeshScale) -> trimesh.Trimesh:
 
 
 def file_state(path: Path) -> tuple[str, int, int]:
-    """What tells one state of a file from another: its place, time and size.
+    """Return what tells one state of a file from another: its place, time and size.
 
     Raises:
         MeshError: The file is missing.

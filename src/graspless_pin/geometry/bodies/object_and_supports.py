@@ -45,7 +45,7 @@ class _PlacedShape(ABC):
         return coal_geometries(self.shape)
 
     def collision_bodies(self) -> tuple[CollisionBody, ...]:
-        """The body as contact detection takes it: its convex pieces, all of its name.
+        """Return the body as contact detection takes it: its convex pieces, all of its name.
 
         Raises:
             MeshError: See `coal_geometries`.

@@ -69,7 +69,7 @@ class Polytope:
         return self.vertices.take(self.farthest(direction), axis=0)
 
     def farthest(self, direction: Array) -> tuple[int, ...]:
-        """Indices of the vertices of the face, edge or corner farthest along a unit direction (3,).
+        """Return the vertices of the face, edge or corner farthest along a unit direction (3,).
 
         That is, the faces tilted by less than `PARALLEL_ANGLE`, and what can be reached from the
         farthest vertex along edges that fall off by less than it. The rule has no length in it, so
@@ -168,7 +168,7 @@ class Cuboid(Polytope):
 
 @cache
 def _box_corners(signs: tuple[int, int, int]) -> tuple[int, ...]:
-    """Indices of a box's vertices on the sides of some signs, of both sides where the sign is 0."""
+    """Return a box's vertices on the sides of some signs, of both sides where the sign is 0."""
     indices = [0]
     for bit, sign in zip((4, 2, 1), signs, strict=True):
         if sign == 0:
@@ -179,7 +179,7 @@ def _box_corners(signs: tuple[int, int, int]) -> tuple[int, ...]:
 
 
 def box_of(half: Array) -> Cuboid:
-    """The box about the origin with (3,) half edge lengths."""
+    """Return the box about the origin with (3,) half edge lengths."""
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
     edges = tuple(
         tuple((vertex ^ bit, 2.0 * float(half[axis])) for bit, axis in ((4, 0), (2, 1), (1, 2)))
@@ -193,7 +193,7 @@ def box_of(half: Array) -> Cuboid:
 
 
 def hull_of(points: Array) -> Polytope:
-    """The convex hull of (N, 3) points.
+    """Return the convex hull of (N, 3) points.
 
     Raises:
         scipy.spatial.QhullError: All points lie in one plane.

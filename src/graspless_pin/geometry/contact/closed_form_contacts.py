@@ -35,7 +35,7 @@ class ContactLimits(NamedTuple):
     max_points: int
 
     def admit(self, gaps: Sequence[float]) -> bool:
-        """Whether all of some gaps are those of contacts."""
+        """Return whether all of some gaps are those of contacts."""
         return -self.max_penetration <= min(gaps) and max(gaps) <= self.tolerance
 
 
@@ -244,7 +244,7 @@ class _HalfSpace(NamedTuple):
 
 
 def _half_space(bodies: PlacedBodies, k: int, plane: Plane) -> _HalfSpace:
-    """A body that is a half-space where it is."""
+    """Return a body that is a half-space where it is."""
     known = bodies.notes.get(k)
     if known is None:
         T = bodies.poses[k]
@@ -280,7 +280,7 @@ def _face_on_plane(
 
 
 def _face(solid: Polytope, corners: tuple[int, ...], limits: ContactLimits) -> _Face | None:
-    """The face with some corners, as if it lay flat; None for an edge, a corner or a rough face."""
+    """Return the face with some corners as if flat; None for an edge, corner or rough face."""
     key = corners, limits.merge_distance, limits.max_points
     try:
         return solid.notes[key]

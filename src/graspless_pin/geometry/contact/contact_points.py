@@ -127,7 +127,7 @@ class ContactArrays(Sequence[ContactPoint]):
         )
 
     def chosen(self, rows: Sequence[int]) -> ContactArrays:
-        """The contacts at some indices."""
+        """Return the contacts at some indices."""
         return ContactArrays(
             tuple([self.bodies[k] for k in rows]),
             tuple([self.kinds[k] for k in rows]),
@@ -137,7 +137,7 @@ class ContactArrays(Sequence[ContactPoint]):
         )
 
     def followed_by(self, others: ContactArrays) -> ContactArrays:
-        """These contacts and then the others."""
+        """Return these contacts and then the others."""
         return self.of_own(
             self.bodies + others.bodies,
             self.kinds + others.kinds,

@@ -162,7 +162,7 @@ class Revolved:
         return normals, normals @ point - self.support_values(normals)
 
     def _mantle_normal(self, x: float, y: float) -> list[float]:
-        """Normal of the mantle towards the unit vector (x, y)."""
+        """Return the normal of the mantle towards the unit vector (x, y)."""
         taper = self.bottom_radius - self.top_radius
         slant = math.hypot(2.0 * self.half_length, taper)
         outward = 2.0 * self.half_length / slant
@@ -177,7 +177,7 @@ _known: dict[int, tuple[weakref.ref[Any], ConvexSet]] = {}
 
 
 def convex_set(name: str, geometry: Any) -> ConvexSet:
-    """The set that a coal geometry fills, remembered for as long as the geometry object lives.
+    """Return the set that a coal geometry fills, remembered while the geometry object lives.
 
     Args:
         name: Name of the body, for the message.

@@ -126,7 +126,7 @@ def contact_arrays(
 def _limits(
     tolerance: float, max_penetration: float, merge_distance: float, max_points: int
 ) -> ContactLimits:
-    """The limits, checked."""
+    """Return the limits, checked."""
     limits = ContactLimits(tolerance, max_penetration, merge_distance, max_points)
     for name, value in limits._asdict().items():
         if name != "max_points" and not 0.0 < value < math.inf:
@@ -169,7 +169,7 @@ def _rows_of(
     kind: BodyKind,
     limits: ContactLimits,
 ) -> list[ContactRows]:
-    """The contacts that stand for what was found, all of a body at the place of its first.
+    """Return the contacts that stand for what was found, all of a body at the place of its first.
 
     Raises:
         StateError: Bodies overlap too deeply.
@@ -197,7 +197,7 @@ def _rows_of(
 
 
 def _contacts_of(touch: Touch, limits: ContactLimits) -> tuple[FloatArray, list[float]]:
-    """The contact points (K, 3) that stand for one patch, and their gaps."""
+    """Return the contact points (K, 3) that stand for one patch, and their gaps."""
     points, gaps = touch.points, touch.gaps
     if len(points) == 1:
         return points, gaps

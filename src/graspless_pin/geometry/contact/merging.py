@@ -105,7 +105,7 @@ def merge_touches(
 def _is_seam(
     touch: Touch, object_pieces: Sequence[CollisionBody], other_pieces: Sequence[CollisionBody]
 ) -> bool:
-    """Whether either body's surface goes on in another of its pieces where the patch is."""
+    """Return whether either body's surface goes on in another of its pieces where the patch is."""
     middle, half = touch.points.mean(axis=0), 0.5 * math.fsum(touch.gaps) / len(touch.gaps)
     inward = touch.into_object
     return any(
@@ -122,7 +122,7 @@ def _is_seam(
 def _covers(
     piece: CollisionBody, own: CollisionBody, point: FloatArray, outward: FloatArray
 ) -> bool:
-    """Whether a point of one piece is no contact point with another piece of the body there.
+    """Return whether a point of one piece is no contact point with another piece of the body there.
 
     That is, if the point lies inside the other piece, if the direction leads into that piece, or if
     the piece's surface goes through the point and rises along the direction: then the bodies come
@@ -154,7 +154,7 @@ def _covers(
 
 
 def _rises(solid: ConvexSet, point: FloatArray, direction: FloatArray) -> bool:
-    """Whether a set has points higher along a direction than a point of its surface."""
+    """Return whether a set has points higher along a direction than a point of its surface."""
     match solid:
         case Plane(normal=normal):
             return bool(normal @ direction < math.cos(PARALLEL_ANGLE))
@@ -200,7 +200,7 @@ def _in_plane(touch: Touch, seed: Touch) -> bool:
 
 
 def _union(group: Sequence[Touch], merge_distance: float) -> Touch:
-    """The patches of one plane as one, but for points where the bodies lean away from each other.
+    """Join the patches of one plane, but for points where the bodies lean away from each other.
 
     That is, where the gap has grown by more than `PARALLEL_ANGLE` from every nearer point. A patch
     that is one point gives way to a nearer point in the same place.

@@ -132,7 +132,7 @@ def _common_part(
     subject: FloatArray,
     tolerance: float,
 ) -> Patch | None:
-    """The part that two features share along a normal, as far as it is near."""
+    """Return the part that two features share along a normal, as far as it is near."""
     basis = plane_basis(normal)
     if len(subject) == 1 or len(window) == 1:
         point = subject[0] if len(subject) == 1 else window[0]
@@ -237,7 +237,7 @@ class _Nearest:
         return np.concatenate(parts)
 
     def _across_edges(self, guess: FloatArray) -> FloatArray | None:
-        """Common normal of two crossing edges, along the guess; None for other features."""
+        """Return common normal of two crossing edges, along the guess; None for other features."""
         first = self.one.feature(guess)
         if len(first) != 2:
             return None
@@ -271,7 +271,7 @@ class _Nearest:
 
 
 def _unit(vector: FloatArray) -> FloatArray:
-    """The vector at length one; z if it has no length."""
+    """Return the vector at length one; z if it has no length."""
     length = float(np.linalg.norm(vector))
     return vector / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
 

@@ -72,7 +72,7 @@ def _offset(start: Point, end: Point, point: Point) -> float:
 
 
 def intersection(first: Polygon, second: Polygon) -> Polygon:
-    """Common part of two convex polygons, segments or points; empty if they have none.
+    """Return the common part of convex polygons, segments or points; empty if they have none.
 
     A point touches what it is held against, since it comes from a pair of nearest points: it is
     returned as is.

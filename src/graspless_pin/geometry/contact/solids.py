@@ -111,7 +111,7 @@ _known: weakref.WeakKeyDictionary[BodyShapes, Solids] = weakref.WeakKeyDictionar
 
 
 def solids_of(shapes: BodyShapes) -> Solids:
-    """The sets of some shapes, remembered for as long as the shapes live.
+    """Return the sets of some shapes, remembered for as long as the shapes live.
 
     Raises:
         SceneError: A geometry is of a kind that contacts cannot be found for.

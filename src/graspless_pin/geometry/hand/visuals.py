@@ -51,7 +51,7 @@ def hand_triangles(hand: Hand, *, max_faces: int = 1500) -> Iterator[tuple[str, 
 
 
 def _visual_triangles(visual: LinkVisual, max_faces: int) -> Triangles:
-    """The triangles of one visual shape in its link's frame."""
+    """Return the triangles of one visual shape in its link's frame."""
     if isinstance(visual.shape, Path):
         state = file_state(visual.shape)
         surface = _file_triangles(visual.shape, visual.scale, max_faces, state)

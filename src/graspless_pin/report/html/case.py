@@ -101,7 +101,7 @@ def case_of_document(document: dict[str, Any], scene_file: Path | None = None) -
 def _scene_of(
     document: dict[str, Any], solution: TorqueSolution, path: Path | None
 ) -> tuple[Scene, Path] | str:
-    """The scene of a document from the file that it was made of, or why it cannot be used."""
+    """Return the scene of a document from its file, or why it cannot be used."""
     made_of = document.get("provenance")
     made_of = made_of if isinstance(made_of, dict) else {}
     if path is None:
@@ -116,7 +116,7 @@ def _scene_of(
 
 
 def _same_scene(path: Path, solution: TorqueSolution) -> Scene | str:
-    """The scene of a file if it still leads to the problem of a solution, or why not."""
+    """Return the scene of a file if it still leads to the problem of a solution, or why not."""
     try:
         scene = load_scene(path)
         problem = scene.problem()

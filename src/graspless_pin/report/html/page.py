@@ -103,7 +103,7 @@ def _context(case: Case, *, ranges: bool, ranges_time: float | None) -> dict[str
 
 
 def _ranges(solution: TorqueSolution, ranges_time: float | None) -> dict[str, Any]:
-    """The force ranges of the solution's torques, or why there are none."""
+    """Return the force ranges of the solution's torques, or why there are none."""
     bounds = contact_force_bounds(
         solution.problem, solution.torques, time_limit=ranges_time, **solution.rules.options()
     )
@@ -125,7 +125,7 @@ def _checks(document: dict[str, Any]) -> list[dict[str, str]]:
 
 
 def _legend(case: Case) -> list[dict[str, Any]]:
-    """The roles that the picture has, in the order of `Role`."""
+    """Return the roles that the picture has, in the order of `Role`."""
     return [
         {"role": role, "label": role.label, "shown": role not in _HIDDEN_AT_FIRST}
         for role in Role
@@ -139,7 +139,7 @@ def _embedded(data: Any) -> str:
 
 
 def _number(value: float | None, digits: int = 4, *, signed: bool = False) -> str:
-    """A figure for reading, with a true minus sign; a dash where there is none."""
+    """Return a figure for reading, with a true minus sign; a dash where there is none."""
     if value is None or np.isnan(value):
         return "–"
     if np.isinf(value):

@@ -152,7 +152,7 @@ def scene_in_words(picture: Picture) -> str:
 
 
 def _slides(solution: TorqueSolution, contact: int) -> str:
-    """The virtual sliding of a contact in words."""
+    """Return the virtual sliding of a contact in words."""
     mode = solution.mode
     if not mode.selection[contact]:
         return "none"

@@ -175,7 +175,7 @@ def _rough_cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _constant(problem: Problem, m: StatedMultipliers) -> tuple[Any, Any]:
-    """The Lagrangian without forces, and the size of what makes it."""
+    """Return the Lagrangian without forces, and the size of what makes it."""
     finite_up = np.where(np.isfinite(problem.upper), problem.upper, 0.0)
     finite_low = np.where(np.isfinite(problem.lower), problem.lower, 0.0)
     terms = np.concatenate([
@@ -223,7 +223,7 @@ def _last(
 
 
 def _most_torque(problem: Problem, reach: float) -> float:
-    """The largest t of Algorithm 2 that any forces make."""
+    """Return the largest t of Algorithm 2 that any forces make."""
     up, down = problem.shared
     most = np.minimum(problem.limit, reach) * np.sqrt(1.0 + problem.mu**2)
     lever = np.einsum("lij,l->j", np.abs(problem.J), most) + np.abs(problem.gravity)

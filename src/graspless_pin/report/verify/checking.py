@@ -123,7 +123,7 @@ class _Checker:
         ]
 
     def _statements(self) -> list[Check]:
-        """What is said of the answer as a whole, and the scales."""
+        """Return what is said of the answer as a whole, and the scales."""
         document, problem = self.document, self.problem
         found = truth(entry(document, "found", "the document"), "found")
         message = text(entry(document, "message", "the document"), "message")
@@ -199,7 +199,7 @@ class _Checker:
         return within("friction opposes the mode (27), (31)", worst, tolerance, "N")
 
     def _reach(self) -> Check:
-        """The normal forces up to which bounds are proven: all, or far above the load."""
+        """Return the normal forces up to which bounds are proven: all, or far above the load."""
         problem, reach = self.problem, self._stated_reach()
         wanted = min(LONGEST_REACH * problem.force, float(problem.limit.max()))
         detail = f"{reach:.6g} N, wanted {wanted:.6g} N"
@@ -303,7 +303,7 @@ class _Checker:
         return holds(name, not failure, failure or _leaves(proof))
 
     def _forces_exist(self) -> list[Check]:
-        """Forces that balance where friction needs no virtual sliding."""
+        """Return forces that balance where friction needs no virtual sliding."""
         rows = entry(self.proof, "forces", "proof")
         forces = read_forces(rows, self.problem, "the forces of the proof")
         worst = residual(self.problem, forces)

@@ -176,7 +176,7 @@ class Problem:
         return rows / np.sqrt(1.0 + slope**2)
 
     def objective(self, forces: Forces) -> float:
-        """What is minimised at forces: -e or t, and the regularisation."""
+        """Return what is minimised at forces: -e or t, and the regularisation."""
         curved = 0.5 * self.curvature * float((forces.f**2).sum())
         if self.is_margin:
             return curved - forces.margin

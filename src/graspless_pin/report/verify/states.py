@@ -93,7 +93,7 @@ class State:
         return [(int(a), int(b)) for a in first for b in second if (a, b) != (0, 0)]
 
     def _settled(self, contact: int) -> State | None:
-        """The state where a contact without any pair of signs is released; None: empty."""
+        """Return the state where a contact without any pair of signs is released; None: empty."""
         if self.pairs(contact):
             return None if self.selected[contact] and self.released[contact] else self
         if self.selected[contact]:

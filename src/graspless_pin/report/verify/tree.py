@@ -102,7 +102,7 @@ class TreeWalk:
         return proof
 
     def _bound(self, node: Any, state: State, where: str) -> tuple[float, float]:
-        """What a leaf's multipliers prove, and the violation if they say there are no forces."""
+        """Return what a leaf's multipliers prove, and the violation if they refute all forces."""
         problem = self.problem
         m = stated_multipliers(entry(node, "multipliers", where), problem, where)
         objective = truth(entry(node, "objective", where), f"objective of {where}")
@@ -123,7 +123,7 @@ class TreeWalk:
         return excludes(self.problem, self.projection, state, v)
 
     def _split(self, node: Any, state: State, where: str) -> list[State] | None:
-        """The children of a conflict: each presumes the items before its own, and breaks its own.
+        """Return the children of a conflict: each presumes the items before its own and breaks it.
 
         None if the items do not exclude each other.
         """
@@ -153,7 +153,7 @@ class TreeWalk:
 
 
 def _ways(node: Any, rest: State, where: str) -> list[State | None]:
-    """The state of all items, or one for each sign of a component that they leave no way."""
+    """Return the state of all items, or one for each sign of a component that they leave no way."""
     if node.get("open") is None:
         return [rest]
     contact, component = items(node["open"], f"open of {where}", 2, 2)
@@ -175,7 +175,7 @@ def _read_item(item: object, count: int, where: str) -> tuple[int, int, int]:
 
 
 def _by_contact(node: Any, state: State, where: str) -> list[State]:
-    """The children of a contact: not selected, and selected with each pair of signs."""
+    """Return the children of a contact: not selected, and selected with each pair of signs."""
     contact = whole(entry(node, "contact", where), f"contact of {where}", 0, len(state.left) - 1)
     children = [] if state.selected[contact] else [state.release(contact)]
     if not state.released[contact]:
