@@ -12,7 +12,7 @@ SCALES ?= --count 2000 --jobs 2
 TAMPERING ?= 1000
 FUZZ ?= --count 2000 --seed 1
 
-.PHONY: install run test lint types docs bench mutants scales tampering fuzz clean
+.PHONY: install run test lint types docs bench mutants mutants-of-loops scales tampering fuzz clean
 
 install: $(STAMP)
 
@@ -58,6 +58,9 @@ fuzz: install
 
 mutants: install
 	$(BIN)/python -m mutation $(MUTANTS)
+
+mutants-of-loops: install
+	$(BIN)/python -m mutation.loops
 
 clean:
 	rm -rf $(VENV) site out
