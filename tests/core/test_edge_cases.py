@@ -76,7 +76,7 @@ def test_only_the_external_force_is_held_against_the_smallest_limit():
         wrench = np.zeros(6)
         wrench[axis] = 1.1e12
         wrench[3:] = 1e20
-        with pytest.raises(ArgumentError, match="max_normal_force: .* must be at least 1.1:"):
+        with pytest.raises(ArgumentError, match=r"max_normal_force: .* must be at least 1\.1:"):
             QuasistaticProblem(positions, normals, wrench, friction=0.5, max_normal_force=1.0)
 
 

@@ -255,3 +255,31 @@ def test_a_solution_knows_what_was_optimised(margin):
         assert solution.found == (margin < 1.0)
         assert solution.objective.by_limits and solution.regularization == 1e-3
         assert solution.given_mode == mode
+
+
+@pytest.mark.parametrize("size", [1e-9, 1e-6, 1e-3, 1e9])
+def test_figures_of_any_size_are_printed_with_their_digits(size):
+    """As those of the same scene of everyday size, but for the power of ten."""
+    problem = scene("rest")
+    solution, other = (
+        minimize_torque(
+            problem.with_changes(
+                external_wrench=problem.external_wrench * factor,
+                max_normal_force=50.0 * factor,
+                torque_limits=(-10.0 * factor, 10.0 * factor),
+            ),
+            0.1 * factor,
+        )
+        for factor in (1.0, size)
+    )
+    plain, scaled = str(solution), str(other)
+    assert f"margin e = {0.1 * size:.6g} N" in scaled
+    assert f"max |torque| = {other.max_torque:.6g} N m" in scaled
+    assert f"proven bound {other.certificate.bound:.6g} N m" in scaled
+    normal = float(solution.problem.normals[0] @ solution.contact_forces[0])
+    assert f"{normal:.4f}" in plain
+    assert f"{float(problem.normals[0] @ other.contact_forces[0]):.5g}" in scaled
+    for torque in other.torques:
+        assert f"{torque:+.5g}" in scaled
+    # What rounding left of zero is still zero.
+    assert "e-17" not in scaled and "e-25" not in scaled

@@ -15,7 +15,7 @@ from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
 from graspless_pin.solution import Status
 from graspless_pin.solution.records import FOUND
-from graspless_pin.solution.table import paragraph, table_html
+from graspless_pin.solution.table import digits_of, paragraph, table_html
 
 _DETERMINATE = 1e-6
 _HEADERS = ["#", "f_n [N]", "f_t1 [N]", "f_t2 [N]"]
@@ -83,7 +83,8 @@ class ContactForceBounds:
     def _range(self, contact: int, component: int) -> str:
         at = contact, component
         mark = "" if self.proven[at] else _REACHED
-        return f"{self.lower[at]:+.4f} .. {self.upper[at]:+.4f}{mark}"
+        digits = digits_of(self.problem.scales.force, "+")
+        return f"{self.lower[at]:{digits}} .. {self.upper[at]:{digits}}{mark}"
 
     def _margins(self) -> str:
         least, most = f"{self.smallest_margin:.4g}", f"{self.largest_margin:.4g}"

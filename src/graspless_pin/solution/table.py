@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from graspless_pin.solution.records import TorqueSolution
 
 _AT_LIMIT = 1e-6
+_LEAST, _MOST = 0.01, 1e6
+"""Loads whose figures have four decimals in tables; there 1e-8 counts as zero."""
+_NOTHING = 1e-6
 _JOINT_HEADERS = ["joint", "contacts", "gravity", "torque", "lower", "upper", "of limit"]
 _CONTACT_LEGEND = (
     "friction: share of what mu allows; slides: signs of the virtual sliding (B, S) along t1 and "
@@ -47,9 +50,10 @@ def solution_html(solution: TorqueSolution) -> str:
     parts = [paragraph(headline(solution))]
     if solution.problem.joint_count:
         rows, headers, legend = _joint_rows(solution)
-        parts.append(table_html(rows, headers, legend, "+.4f"))
+        parts.append(table_html(rows, headers, legend, digits_of(_torque_size(solution), "+")))
     rows, headers = _contact_rows(solution, None)
-    parts.append(table_html(rows, headers, _CONTACT_LEGEND, ".4f"))
+    digits = digits_of(solution.problem.scales.force)
+    parts.append(table_html(rows, headers, _CONTACT_LEGEND, digits))
     parts.append(paragraph(certificate_text(solution)))
     return "\n".join(parts)
 
@@ -76,28 +80,30 @@ def headline(solution: TorqueSolution) -> str:
     }.get(solution.algorithm or "", f"{solution.objective.name} {margin}")
     return (
         f"{what}: {solution.status.message}\n"
-        f"margin e = {_figure(solution.margin)} N, "
-        f"max |torque| = {_figure(solution.max_torque)} {solution.max_torque_unit}"
+        f"margin e = {_figure(solution.margin, solution.problem.scales.force)} N, max |torque| = "
+        f"{_figure(solution.max_torque, _torque_size(solution))} {solution.max_torque_unit}"
     )
 
 
 def joint_table(solution: TorqueSolution) -> str:
     """Return the joints: torque from contacts, from gravity, total, limits, share of the limit."""
     rows, headers, legend = _joint_rows(solution)
-    table = tabulate(rows, headers, floatfmt="+.4f", stralign="left")
+    table = tabulate(
+        rows, headers, floatfmt=digits_of(_torque_size(solution), "+"), stralign="left"
+    )
     return f"{table}\n{legend}"
 
 
 def _joint_rows(solution: TorqueSolution) -> tuple[list[tuple[Any, ...]], list[str], str]:
     """Rows, headers and legend; with a column for the unit where joints differ in it."""
     problem = solution.problem
-    torques = solution.torques
+    torques, size = solution.torques, _torque_size(solution)
     shares = limit_shares(torques, problem.lower_torque, problem.upper_torque)
     columns = [
         problem.joint_names,
-        _plain(solution.contact_torques),
-        _plain(problem.gravity_torques),
-        _plain(torques),
+        _plain(solution.contact_torques, size),
+        _plain(problem.gravity_torques, size),
+        _plain(torques, size),
         problem.lower_torque,
         problem.upper_torque,
         [f"{100.0 * share:.1f} %" if np.isfinite(share) else "-" for share in shares],
@@ -110,20 +116,50 @@ def _joint_rows(solution: TorqueSolution) -> tuple[list[tuple[Any, ...]], list[s
     return list(zip(*columns, strict=True)), headers, legend
 
 
-def _plain(values: np.ndarray) -> np.ndarray:
-    """Round to the digits shown, without negative zeros."""
-    return np.round(values, 4) + 0.0
+def digits_of(size: float, sign: str = "") -> str:
+    """Return the format of figures of a size: four decimals, or five digits where it is far from 1.
+
+    Args:
+        size: The load, or what it makes on the longest lever; a length.
+        sign: ``+`` to print it always.
+    """
+    return f"{sign}.4f" if _is_everyday(size) else f"{sign}.5g"
 
 
-def _figure(value: float) -> str:
-    """Six digits of a force or torque; what is below 1e-8 is the rounding of zero."""
-    return f"{round(value, 8) + 0.0:.6g}"
+def _is_everyday(size: float) -> bool:
+    return _LEAST <= size <= _MOST
+
+
+def _torque_size(solution: TorqueSolution) -> float:
+    """What the load makes on the longest lever, or a larger torque; 1 without joints."""
+    sizes = [solution.problem.scales.joints, np.abs(solution.torques)]
+    return float(np.concatenate(sizes).max(initial=0.0)) or 1.0
+
+
+def _plain(values: np.ndarray, size: float) -> np.ndarray:
+    """Round to the digits shown, without negative zeros; what rounding left of zero is zero."""
+    if _is_everyday(size):
+        return np.round(values, 4) + 0.0
+    return np.where(np.abs(values) < _NOTHING * size, 0.0, values)
+
+
+def _figure(value: float, size: float) -> str:
+    """Six digits of a figure beside others of a size; a billionth of these is rounding of zero."""
+    if _is_everyday(size):
+        return f"{round(value, 8) + 0.0:.6g}"
+    return f"{0.0 if abs(value) < 1e-2 * _NOTHING * size else value:.6g}"
 
 
 def contact_table(solution: TorqueSolution, bodies: Sequence[str] | None) -> str:
     """Return the contacts: point, normal force, friction and its use, state, virtual sliding."""
     rows, headers = _contact_rows(solution, bodies)
-    table = tabulate(rows, headers, floatfmt=".4f", stralign="left", disable_numparse=[1])
+    table = tabulate(
+        rows,
+        headers,
+        floatfmt=digits_of(solution.problem.scales.force),
+        stralign="left",
+        disable_numparse=[1],
+    )
     return f"{table}\n{_CONTACT_LEGEND}"
 
 
@@ -132,13 +168,15 @@ def _contact_rows(
 ) -> tuple[list[list[Any]], list[str]]:
     problem = solution.problem
     forces, mode = solution.contact_forces, solution.mode
-    normal = _plain(np.einsum("ij,ij->i", problem.normals, forces))
+    load, length, _ = problem.scales
+    normal = _plain(np.einsum("ij,ij->i", problem.normals, forces), load)
+    digits = digits_of(length, "+")
     use = friction_use(solution)
     tokens = str(mode).split(" ")
     rows = []
     for contact in range(problem.contact_count):
         share = "-" if np.isnan(use[contact]) else f"{100.0 * use[contact]:.0f} %"
-        where = " ".join(f"{value:+.4f}" for value in _plain(problem.positions[contact]))
+        where = " ".join(f"{x:{digits}}" for x in _plain(problem.positions[contact], length))
         row = [contact, where, normal[contact], share, contact_state(solution, contact)]
         name = [bodies[contact]] if bodies is not None else []
         rows.append([*row[:1], *name, *row[1:], tokens[contact]])
@@ -198,18 +236,18 @@ def certificate_text(solution: TorqueSolution) -> str:
     """Return the certificate in a few lines."""
     proof = solution.certificate
     problem, lines = solution.problem, []
-    unit = "N"
+    unit, size = "N", problem.scales.force
     if solution.algorithm is None:
-        unit = "of its own unit"
+        unit, size = "of its own unit", 1.0
     elif solution.found and solution.algorithm == "torque":
-        unit = solution.max_torque_unit
+        unit, size = solution.max_torque_unit, _torque_size(solution)
     if solution.found:
         if solution.objective.by_limits:
-            unit = "of the limit"
+            unit, size = "of the limit", 1.0
         lines.append(
             f"certificate: primal residual {proof.primal_residual:.1e}, duality gap "
-            f"{proof.duality_gap:.1e} (scaled); proven bound {_figure(proof.bound)} {unit}, gap "
-            f"{proof.gap + 0.0:.1e} {unit}"
+            f"{proof.duality_gap:.1e} (scaled); proven bound {_figure(proof.bound, size)} {unit}, "
+            f"gap {proof.gap + 0.0:.1e} {unit}"
         )
     elif proof.infeasibility > 0.0:
         lines.append(
@@ -220,7 +258,7 @@ def certificate_text(solution: TorqueSolution) -> str:
         lines.append(f"the bound is proven for normal forces up to {proof.force_reach:.3g} N")
     if proof.threshold_optima is not None:
         slow, fast = (
-            f"{_figure(value)} {unit}" if np.isfinite(value) else "infeasible"
+            f"{_figure(value, size)} {unit}" if np.isfinite(value) else "infeasible"
             for value in proof.threshold_optima
         )
         lines.append(
