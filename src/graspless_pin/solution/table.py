@@ -131,7 +131,7 @@ def _is_everyday(size: float) -> bool:
 
 
 def _torque_size(solution: TorqueSolution) -> float:
-    """What the load makes on the longest lever, or a larger torque; 1 without joints."""
+    """Return what the load makes on the longest lever, or a larger torque; 1 without joints."""
     sizes = [solution.problem.scales.joints, np.abs(solution.torques)]
     return float(np.concatenate(sizes).max(initial=0.0)) or 1.0
 
