@@ -16,8 +16,8 @@ from graspless_pin.errors import GrasplessPinError
 from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.problem.contact_map import contact_map
 from graspless_pin.problem.scales import scales_of
-from graspless_pin.programs import carried_optimum
-from graspless_pin.programs.carried_optimum import carried, optimum_of
+from graspless_pin.programs import active_set
+from graspless_pin.programs.active_set import active_set_of, solved_on
 from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.programs.program import Program
 from graspless_pin.solvers import Outcome, solve
@@ -138,7 +138,7 @@ def test_optima_are_carried_over_alike(name, by_numpy) -> None:
         answer = solve(here, "piqp")
         if answer.outcome is not Outcome.SOLVED:
             continue
-        near = optimum_of(here, answer)
+        near = active_set_of(here, answer)
         assert near is not None
         # Rows left out at random have no multipliers that make them optimal: damping tells them.
         rng = np.random.default_rng(seed)
@@ -149,8 +149,8 @@ def test_optima_are_carried_over_alike(name, by_numpy) -> None:
             weights=np.concatenate((near.weights[fewer], near.weights[len(near.rows) :])),
         )
         for start in (near, part):
-            ours = carried_optimum._refined(there, start)
-            theirs = by_numpy(lambda p=there, s=start: carried_optimum._refined(p, s))
+            ours = active_set._refined(there, start)
+            theirs = by_numpy(lambda p=there, s=start: active_set._refined(p, s))
             assert ours is not None and theirs is not None
             np.testing.assert_allclose(ours[0], theirs[0], rtol=0, atol=1e-8)
             if start is near:
@@ -158,7 +158,7 @@ def test_optima_are_carried_over_alike(name, by_numpy) -> None:
             for _, weights, every in (ours, theirs):
                 np.testing.assert_array_equal(every[start.rows], weights[: len(start.rows)])
                 assert np.count_nonzero(every) <= len(start.rows)
-        known = carried(there, near, np.inf)
+        known = solved_on(there, near, np.inf)
         if known is not None:
             seen += 1
             assert known[0].value == pytest.approx(answer.value, abs=1e-7)

@@ -22,7 +22,7 @@ from graspless_pin import (
     minimize_torque,
     minimum_friction,
 )
-from graspless_pin.algorithms import curve_search, force_extremes, formulation, optimal_faces
+from graspless_pin.algorithms import curve_search, dual_degeneracy, force_extremes, formulation
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.torque import torque_objective
 from graspless_pin.algorithms.warm_start import reaches_margin, solve_from
@@ -517,9 +517,9 @@ def test_no_wrong_routine_becomes_an_optimum(name, how, monkeypatch):
 @pytest.mark.parametrize("how", list(WRONG_PROGRAMS))
 def test_no_wrong_program_tells_rows_positive_together(how, monkeypatch):
     """Of (1, 0), (0, 1) and (0, -1), only the first can be positive without a negative one."""
-    monkeypatch.setattr(optimal_faces, "linprog", WRONG_PROGRAMS[how])
+    monkeypatch.setattr(dual_degeneracy, "linprog", WRONG_PROGRAMS[how])
     rows = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-    told = optimal_faces._positive_together(rows)
+    told = dual_degeneracy._positive_together(rows)
     assert not told[1:].any()
     assert told[0] or how != "right"
 

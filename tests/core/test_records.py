@@ -20,7 +20,7 @@ from graspless_pin import (
 
 PACKAGES = ("problem", "modes", "programs", "solvers", "solution", "algorithms", "report.verify")
 MUTABLE = {
-    "CurveSearch", "ModeProver", "ModeReader", "Proof", "SearchState", "TreeWalk", "_WarmState",
+    "CurveSearch", "ModeProver", "ModeOracle", "Proof", "SearchState", "TreeWalk", "_WarmState",
 }  # fmt: skip
 """They gather what they find."""
 

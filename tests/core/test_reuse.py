@@ -18,7 +18,7 @@ from graspless_pin import (
     minimize_torque,
 )
 from graspless_pin.algorithms.formulation import Formulation, formulate
-from graspless_pin.algorithms.friction_modes import ModeReader
+from graspless_pin.algorithms.mode_oracle import ModeOracle
 from graspless_pin.modes.enumeration import requirements_of
 from graspless_pin.modes.nearest_motions import NearestMotions
 from graspless_pin.modes.rules import Rules, SignRule
@@ -159,18 +159,18 @@ def test_a_mode_still_admits_traces_of_friction_but_no_more():
     columns = shared.cone_columns[0][np.isin(shared.cone_index, fingers)]
     x = np.zeros(len(shared.program.c))
     x[columns] = -0.1
-    reader = ModeReader(shared, Rules())
-    assert reader.still_admitted(x, mode) is None  # no motion is known yet
+    reader = ModeOracle(shared, Rules())
+    assert reader.admitted_again(x, mode) is None  # no motion is known yet
     reader.motion = found[1]
-    assert reader.still_admitted(x, mode) is x
+    assert reader.admitted_again(x, mode) is x
     traces = x.copy()
     traces[columns[0, 0]] = 1e-9
-    admitted = reader.still_admitted(traces, mode)
+    admitted = reader.admitted_again(traces, mode)
     assert admitted is not None
     assert admitted[columns[0, 0]] == 0.0
     against = x.copy()
     against[columns[0, 0]] = 1e-3
-    assert reader.still_admitted(against, mode) is None
+    assert reader.admitted_again(against, mode) is None
 
 
 def test_a_guessed_witness_mostly_suffices_where_every_fingertip_can_move():
@@ -190,7 +190,7 @@ def test_a_proposed_mode_has_a_motion_behind_it(seed, contacts, slope):
     problem = (slope_scene if slope else general_scene)(seed, contacts)
     shared = formulation(problem)
     x = np.random.default_rng(seed).normal(size=len(shared.program.c))
-    mode = ModeReader(shared, Rules()).propose(x)
+    mode = ModeOracle(shared, Rules()).heuristic_mode(x)
     if mode is not None:
         for rule in SignRule:
             assert shared.kinematics.feasible(requirements_of(mode), rule)

@@ -10,7 +10,7 @@ from graspless_pin import QuasistaticProblem, Status, maximize_margin
 from graspless_pin.algorithms import branch_and_bound as searching
 from graspless_pin.algorithms.branch_and_bound import _Node, _resolving, branch_and_bound
 from graspless_pin.algorithms.formulation import formulate
-from graspless_pin.algorithms.friction_modes import ModeReader
+from graspless_pin.algorithms.mode_oracle import ModeOracle
 from graspless_pin.algorithms.search import SearchState, closeness
 from graspless_pin.compiled import contact_frames
 from graspless_pin.modes.nearest_motions import NearestMotions
@@ -146,7 +146,7 @@ def test_the_children_of_a_node_share_no_mode_and_lose_none(seed):
 @pytest.mark.parametrize(("size", "is_friction"), [(0.9e-8, False), (1.1e-8, True), (1e-6, True)])
 def test_the_least_friction_that_counts(size, is_friction):
     state = state_of(scene("rest"))
-    reader: ModeReader = state.reader
+    reader: ModeOracle = state.oracle
     x = np.zeros(len(state.formulation.program.c))
     column = state.formulation.cone_columns[0][1, 0]
     x[column] = -size

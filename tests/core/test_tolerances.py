@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from graspless_pin.programs import answers
+from graspless_pin.programs.active_set import active_set_of, solved_on
 from graspless_pin.programs.answers import checked_answer, failed, proven
-from graspless_pin.programs.carried_optimum import carried, optimum_of
 from graspless_pin.programs.polish import polished
 from graspless_pin.programs.program import FARTHEST, UNREACHED, Program
 from graspless_pin.solvers import Outcome
@@ -128,12 +128,12 @@ def test_limits_that_no_double_resolves_are_kept_from_solvers():
 def test_active_constraints_that_contradict_each_other_by_a_hair_are_not_carried_over():
     first = program(rows=((1.0, 0.0, np.inf), (1.0, -np.inf, 0.0)), bounds=(-1.0, 1.0))
     answer = proven(first, (np.zeros(1), NONE, np.array([-1.5, 0.5])), "", np.inf)
-    near = optimum_of(first, answer)
+    near = active_set_of(first, answer)
     assert near is not None
     assert len(near.rows) == 2
     for apart, exact in ((1e-9, True), (4e-9, False), (1e-8, False), (1e-7, False)):
         other = program(rows=((1.0, 0.0, np.inf), (1.0, -np.inf, -apart)), bounds=(-1.0, 1.0))
-        assert (carried(other, near, np.inf) is not None) == exact
+        assert (solved_on(other, near, np.inf) is not None) == exact
 
 
 def vertex(seed: int, *, apart: float | None = None) -> tuple[Program, np.ndarray, tuple]:

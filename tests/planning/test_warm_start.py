@@ -13,7 +13,7 @@ from scenes import random_problem  # pyright: ignore[reportMissingImports] - tes
 from graspless_pin import SlidingMode, maximize_margin, minimize_torque
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.torque import torque_objective
-from graspless_pin.algorithms.warm_start import Experience, reaches_margin, solve_from
+from graspless_pin.algorithms.warm_start import WarmStart, reaches_margin, solve_from
 from graspless_pin.modes.rules import Rules
 from graspless_pin.programs.objectives import Margin
 
@@ -40,9 +40,9 @@ def test_the_answer_does_not_depend_on_the_start(family):
         problem = FAMILIES[family](seed)
         cold = maximize_margin(problem)
         least = minimize_torque(problem, 0.01)
-        starts = [Experience(some_mode(problem, seed)), Experience(SlidingMode([True], [[1, 1]]))]
+        starts = [WarmStart(some_mode(problem, seed)), WarmStart(SlidingMode([True], [[1, 1]]))]
         if cold.found:
-            starts.append(Experience(cold.mode))
+            starts.append(WarmStart(cold.mode))
         for start in starts:
             warm, _ = solve_from(problem, Margin(), SolveOptions(STRICT), start)
             assert warm.status is cold.status
@@ -67,7 +67,7 @@ def test_a_margin_is_reached_up_to_the_largest(family):
             assert reaches_margin(problem, 0.0, SolveOptions(STRICT))[0] is False
             continue
         for mode in (None, some_mode(problem, seed), best.mode):
-            start = Experience(mode)
+            start = WarmStart(mode)
             for share in (0.0, 0.5, 0.999):
                 reached, left = reaches_margin(
                     problem, share * best.margin, SolveOptions(STRICT), start

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.algorithms.friction_modes import Opposition, SignPair
+from graspless_pin.algorithms.mode_oracle import Opposition, SignPair
 from graspless_pin.algorithms.search import (
     SearchResult,
     SearchState,
@@ -149,7 +149,7 @@ def _guess(state: SearchState, answer: Answer) -> None:
     friction is rarely the one that a motion stands behind.
     """
     for _ in range(_GUESSES):
-        mode = state.reader.propose(answer.x)
+        mode = state.oracle.heuristic_mode(answer.x)
         if mode is None:
             return
         guess = state.solve(*state.formulation.bounds_of(mode))
@@ -167,7 +167,7 @@ def _children(state: SearchState, node: _Node, answer: Answer) -> list[_Node] | 
     None where nothing in the node is better than what was kept, or it cannot be split; no children
     where it holds no mode.
     """
-    verdict = state.reader.read(answer.x, node.decided)
+    verdict = state.oracle.mode_for(answer.x, node.decided)
     state.modes_examined += 1
     if not isinstance(verdict, SlidingMode) and state.modes_examined % _GUESS_EVERY == 1:
         _guess(state, answer)
@@ -282,7 +282,7 @@ def _deciding(state: SearchState, node: _Node, answer: Answer) -> list[_Node] | 
             size[contact] = float(np.abs(answer.x[columns]).sum())
     if not size:
         decided = [Requirement(contact, pair) for contact, pair in node.decided.items()]
-        state.reader.kinematic_programs += 1
+        state.oracle.kinematic_programs += 1
         moves = formulation.kinematics.feasible(decided, state.rules.sign)
         return None if moves else []
     contact = max(size, key=lambda candidate: size[candidate])

@@ -33,14 +33,14 @@ def search_exhaustively(
         return SearchResult(Status.INFEASIBLE_FORCES, state)
     if answer.outcome is Outcome.FAILED:
         return SearchResult(Status.UNVERIFIED, state)
-    mode = state.reader.read(answer.x, {})
+    mode = state.oracle.mode_for(answer.x, {})
     state.modes_examined = 1
     if isinstance(mode, SlidingMode) and state.accept(answer, mode):
         return finished(state)
     if state.rules.static_friction is StaticFriction.COULOMB:
         return SearchResult(Status.UNVERIFIED, state)
     smallest = np.inf
-    state.reader.is_clear = False
+    state.oracle.is_clear = False
     for listed in feasible_modes(
         state.formulation.problem, state.formulation.kinematics, state.rules, maximal=True
     ):

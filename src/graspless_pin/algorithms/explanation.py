@@ -142,7 +142,7 @@ def _conflicting_contacts(solution: TorqueSolution) -> tuple[int, ...]:
     if answer.outcome is not Outcome.SOLVED:
         return ()
     with suppress(UndecidedMotionError):
-        verdict = state.reader.read(answer.x, {})
+        verdict = state.oracle.mode_for(answer.x, {})
         if isinstance(verdict, Conflict):
             return tuple(sorted({item[0] for item in verdict.signs} | set(verdict.contacts)))
     return ()

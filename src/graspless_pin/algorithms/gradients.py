@@ -15,7 +15,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.algorithms.optimal_faces import OptimalPoint, Optimum
+from graspless_pin.algorithms.dual_degeneracy import OptimalPoint, OptimalSet
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
@@ -121,7 +121,7 @@ def optimum_gradients(solution: TorqueSolution) -> OptimumGradients:
         raise ArgumentError(
             "solution", "has a regularisation; gradients need the optimum of the bare program"
         )
-    optimum = Optimum(solution)
+    optimum = OptimalSet(solution)
     point, alternatives = optimum.point(), optimum.alternatives()
     values = gradients_at(solution, point)
     others = [gradients_at(solution, other) for other in alternatives]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from graspless_pin.algorithms.formulation import Formulation
-from graspless_pin.algorithms.friction_modes import NO_FRICTION
+from graspless_pin.algorithms.mode_oracle import NO_FRICTION
 from graspless_pin.algorithms.mode_parts import ModePart, SignItem
 from graspless_pin.modes.kinematics import Conflict, Requirement
 from graspless_pin.modes.rules import Rules, SignRule

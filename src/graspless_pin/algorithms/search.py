@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from graspless_pin.algorithms.formulation import Formulation
-from graspless_pin.algorithms.friction_modes import ModeReader
+from graspless_pin.algorithms.mode_oracle import ModeOracle
 from graspless_pin.derived import Derived
 from graspless_pin.modes.kinematics import Conflict, Requirement
 from graspless_pin.modes.propagation import Propagation
@@ -39,7 +39,7 @@ class SearchState:
         formulation: The shared program.
         rules: The reading of the constraint.
         solver: The solver to ask first.
-        reader: Finds modes for friction forces.
+        oracle: Finds modes for friction forces.
         relaxation: Answer to the program without modes, once it was solved.
         best: Best answer that a feasible mode admits.
         mode: That mode.
@@ -55,7 +55,7 @@ class SearchState:
     formulation: Formulation
     rules: Rules
     solver: str
-    reader: ModeReader = field(init=False)
+    oracle: ModeOracle = field(init=False)
     relaxation: Answer | None = None
     best: Answer | None = None
     mode: SlidingMode | None = None
@@ -68,8 +68,8 @@ class SearchState:
     unproven: bool = False
 
     def __post_init__(self) -> None:
-        """Make the reader."""
-        self.reader = ModeReader(self.formulation, self.rules)
+        """Make the oracle."""
+        self.oracle = ModeOracle(self.formulation, self.rules)
 
     @cached_property
     def consequences(self) -> Propagation:
@@ -110,7 +110,7 @@ class SearchState:
     def accept(self, answer: Answer, mode: SlidingMode, admitted: FloatArray | None = None) -> bool:
         """Keep an answer that a feasible mode admits, if it is the best so far.
 
-        The friction that the mode forbids is below the threshold of the reader and is cut off;
+        The friction that the mode forbids is below the threshold of the oracle and is cut off;
         where that breaks the balance the mode's own program is solved instead.
 
         Args:
@@ -137,8 +137,8 @@ class SearchState:
         return exact.value <= answer.value + closeness(exact.value)
 
     def keep(self, answer: Answer, mode: SlidingMode) -> None:
-        """Keep a mode that the reader has just found, and its answer, as the best so far."""
-        self.best, self.mode, self.mode_is_clear = answer, mode, self.reader.is_clear
+        """Keep a mode that the oracle has just found, and its answer, as the best so far."""
+        self.best, self.mode, self.mode_is_clear = answer, mode, self.oracle.is_clear
 
     def raise_bound(self, bound: float) -> None:
         """Raise the proven bound over all modes, never above the best value."""
@@ -183,7 +183,7 @@ def undecided(state: SearchState) -> SearchResult:
 def in_mode(state: SearchState, mode: SlidingMode, requirements: list[Requirement]) -> SearchResult:
     """Solve one given mode only."""
     state.nodes = state.modes_examined = 1
-    state.reader.kinematic_programs += 1
+    state.oracle.kinematic_programs += 1
     verdict = state.formulation.kinematics.solve(requirements, state.rules.sign)
     if isinstance(verdict, Conflict):
         return SearchResult(Status.INFEASIBLE_MODE, state)

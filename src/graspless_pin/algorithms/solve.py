@@ -132,7 +132,7 @@ def solution_of(
         modes_examined=state.modes_examined,
         nodes=state.nodes,
         force_programs=state.force_programs,
-        kinematic_programs=state.reader.kinematic_programs,
+        kinematic_programs=state.oracle.kinematic_programs,
         solver="" if best is None else best.solver,
     )
     forces = multipliers = None

@@ -31,38 +31,38 @@ from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.modes.rules import SlidingMode, SlidingRule, candidate_contacts
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, real_number
-from graspless_pin.programs.carried_optimum import Optimum, carried, optimum_of
+from graspless_pin.programs.active_set import ActiveSet, active_set_of, solved_on
 from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.solvers import Answer, Outcome
 
 
 @dataclass(frozen=True, eq=False)
-class Experience:
+class WarmStart:
     """What a search leaves behind for those of similar problems with the same contacts.
 
     Attributes:
         mode: The best mode; None: no mode was found.
-        relaxation: Optimum of the program without modes; None: not to be carried over.
-        in_mode: Optimum of the mode's own program; None: not solved, or not to be carried over.
+        relaxation: What is active at the optimum of the program without modes; None: not known.
+        in_mode: Likewise of the mode's own program.
         motion: A virtual motion behind the mode, scaled; None: not at hand.
     """
 
     mode: SlidingMode | None = None
-    relaxation: Optimum | None = None
-    in_mode: Optimum | None = None
+    relaxation: ActiveSet | None = None
+    in_mode: ActiveSet | None = None
     motion: FloatArray | None = None
 
 
-NO_EXPERIENCE = Experience()
+COLD_START = WarmStart()
 
 
 def solve_from(
     problem: QuasistaticProblem,
     objective: Objective,
     options: SolveOptions,
-    start: Experience = NO_EXPERIENCE,
-) -> tuple[TorqueSolution, Experience]:
+    start: WarmStart = COLD_START,
+) -> tuple[TorqueSolution, WarmStart]:
     """Solve a problem as `solve_problem` does, trying first what was best before.
 
     Args:
@@ -85,15 +85,15 @@ def solve_from(
     except UndecidedMotionError:
         result = undecided(state)
     optima = threshold_optima(result, cold)
-    return solution_of(result, rules, explain, optima=optima), state.experience()
+    return solution_of(result, rules, explain, optima=optima), state.left_behind()
 
 
 def reaches_margin(
     problem: QuasistaticProblem,
     margin: float,
     options: SolveOptions,
-    start: Experience = NO_EXPERIENCE,
-) -> tuple[bool | None, Experience]:
+    start: WarmStart = COLD_START,
+) -> tuple[bool | None, WarmStart]:
     """Decide whether any feasible mode reaches a margin, with the first proof either way.
 
     A relaxation whose bound is below the margin proves that none does. A mode that reaches it is
@@ -121,49 +121,49 @@ def reaches_margin(
     try:
         return _reaches(state, full, goal, options)
     except UndecidedMotionError:
-        return None, state.experience()
+        return None, state.left_behind()
 
 
 def _reaches(
     state: _WarmState, full: Formulation, goal: float, options: SolveOptions
-) -> tuple[bool | None, Experience]:
+) -> tuple[bool | None, WarmStart]:
     """Decide whether a scaled margin is reached; see `reaches_margin`."""
     limits, relaxation = Limits.of(options), state.relax()
     if relaxation.outcome is Outcome.INFEASIBLE:
-        return False, state.experience()
+        return False, state.left_behind()
     if relaxation.outcome is Outcome.SOLVED:
         for attempt in (_read_mode, _try_mode):
             attempt(state)
             if state.best_value <= closeness(goal) - goal:
-                return True, state.experience()
+                return True, state.left_behind()
     ub = full.program.ub.copy()
     ub[-1] = goal
     capped = replace(full, program=full.program.bounded(full.program.lb, ub), cutoff=-goal)
     result = search_modes(SearchState(capped, state.rules, state.solver), options, limits)
     if result.state.best is not None:
-        return True, replace(state.experience(), mode=result.state.mode, in_mode=None)
+        return True, replace(state.left_behind(), mode=result.state.mode, in_mode=None)
     open_still = result.status in (Status.NOT_FOUND_IN_LIMIT, Status.UNVERIFIED)
-    return (None if open_still else False), state.experience()
+    return (None if open_still else False), state.left_behind()
 
 
 @dataclass
 class _WarmState(SearchState):
-    """A search that begins with experience.
+    """A search that begins with warm start.
 
     Attributes:
         start: What a similar problem left behind.
-        without_mode: Optimum of the relaxation, once it was solved and may be carried over.
+        without_mode: What is active at the optimum of the relaxation, once it was solved.
         in_mode: That of the earlier mode's program.
     """
 
-    start: Experience = NO_EXPERIENCE
-    without_mode: Optimum | None = None
-    in_mode: Optimum | None = None
+    start: WarmStart = COLD_START
+    without_mode: ActiveSet | None = None
+    in_mode: ActiveSet | None = None
 
     def __post_init__(self) -> None:
-        """Make the reader, and show it the earlier motion."""
+        """Make the oracle, and show it the earlier motion."""
         super().__post_init__()
-        self.reader.motion = self.start.motion
+        self.oracle.motion = self.start.motion
 
     def relax(self) -> Answer:
         """Return the relaxation's answer, solved once."""
@@ -174,34 +174,34 @@ class _WarmState(SearchState):
         return self.relaxed(answer)
 
     def solve_near(
-        self, lb: FloatArray, ub: FloatArray, near: Optimum | None
-    ) -> tuple[Answer, Optimum | None]:
+        self, lb: FloatArray, ub: FloatArray, near: ActiveSet | None
+    ) -> tuple[Answer, ActiveSet | None]:
         """Solve the program under bounds, by a solver only where an optimum nearby does not tell.
 
         Args:
             lb: (n,) lower bounds.
             ub: (n,) upper bounds.
-            near: Optimum of a similar problem under bounds of the same kind.
+            near: ActiveSet of a similar problem under bounds of the same kind.
         """
         cutoff = min(self.best_value, self.formulation.cutoff)
         program = self.formulation.bounded(lb, ub, cutoff)
-        known = None if near is None else carried(program, near, cutoff)
+        known = None if near is None else solved_on(program, near, cutoff)
         if known is not None:
             self.force_programs += 1
             return known
         answer = self.solve(lb, ub)
         solved = answer.outcome is Outcome.SOLVED
-        return answer, optimum_of(program, answer) if solved else None
+        return answer, active_set_of(program, answer) if solved else None
 
-    def experience(self) -> Experience:
+    def left_behind(self) -> WarmStart:
         """Return what the search leaves behind; what it did not come to stays as it began."""
         start = self.start
         mode = start.mode if self.mode is None else self.mode
-        return Experience(
+        return WarmStart(
             mode,
             self.without_mode or start.relaxation,
             self.in_mode or (start.in_mode if mode is start.mode else None),
-            self.reader.motion,
+            self.oracle.motion,
         )
 
 
@@ -222,11 +222,11 @@ def _read_mode(state: _WarmState) -> None:
     if relaxation is None:
         return
     if before is not None and _fits(state, before):
-        admitted = state.reader.still_admitted(relaxation.x, before)
+        admitted = state.oracle.admitted_again(relaxation.x, before)
         if admitted is not None:
             state.accept(relaxation, before, admitted)
             return
-    verdict = state.reader.read(relaxation.x, {})
+    verdict = state.oracle.mode_for(relaxation.x, {})
     if isinstance(verdict, SlidingMode):
         state.accept(relaxation, verdict)
 
@@ -234,7 +234,7 @@ def _read_mode(state: _WarmState) -> None:
 def _try_mode(state: _WarmState) -> None:
     """Keep the optimum of the earlier mode, if the problem has it and a motion stands behind it."""
     mode = state.start.mode
-    if mode is None or not _fits(state, mode) or not state.reader.moves(mode):
+    if mode is None or not _fits(state, mode) or not state.oracle.moves(mode):
         return
     bounds = state.formulation.bounds_of(mode)
     answer, state.in_mode = state.solve_near(*bounds, state.start.in_mode)

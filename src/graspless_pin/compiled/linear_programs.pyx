@@ -175,7 +175,7 @@ def refined(
         upper: (r + h,) whether it is the upper side, or bound.
         x: (n,) a point nearby.
         weights: (r + h,) multipliers nearby.
-        damping: Stands in for ranks, see `carried_optimum`.
+        damping: Stands in for ranks, see `active_set`.
         corrections: How often what is left is taken away.
 
     Returns:

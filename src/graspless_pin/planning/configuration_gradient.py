@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from graspless_pin.algorithms.dual_degeneracy import OptimalPoint
 from graspless_pin.algorithms.gradients import (
     OptimumGradients,
     agreeing,
     gradients_at,
     optimum_gradients,
 )
-from graspless_pin.algorithms.optimal_faces import OptimalPoint
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.modes.rules import choice

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 from graspless_pin.algorithms.options import SolveKeywords
 from graspless_pin.algorithms.torque import objective_and_options
 from graspless_pin.algorithms.warm_start import (
-    NO_EXPERIENCE,
-    Experience,
+    COLD_START,
+    WarmStart,
     reaches_margin,
     solve_from,
 )
@@ -91,7 +91,7 @@ class Evaluator:
         self.scene = scene
         self._objective, self._options = objective_and_options(**chosen)
         self._configurations = Configurations(scene.hand)
-        self._experiences: dict[tuple[Any, ...], Experience] = {}
+        self._warm_starts: dict[tuple[Any, ...], WarmStart] = {}
 
     @property
     def algorithm(self) -> Algorithm | None:
@@ -122,7 +122,7 @@ class Evaluator:
         return {
             **self.__dict__,
             "scene": self.scene.with_changes(materials=plain),
-            "_experiences": {},
+            "_warm_starts": {},
         }
 
     def with_regularization(self, regularization: float) -> Evaluator:
@@ -137,7 +137,7 @@ class Evaluator:
         other = copy(self)
         epsilon = real_number("regularization", regularization, 0.0)
         other._objective = self._objective.with_figure("regularization", epsilon)
-        other._experiences = {}
+        other._warm_starts = {}
         return other
 
     def evaluate(
@@ -170,13 +170,13 @@ class Evaluator:
             return state
         scene, problem = state
         key = _structure(scene, problem, self.algorithm)
-        solution, experience = solve_from(
+        solution, learned = solve_from(
             problem,
             self._objective,
             self._options,
-            self._experiences.get(key, NO_EXPERIENCE),
+            self._warm_starts.get(key, COLD_START),
         )
-        self._learn(key, experience)
+        self._learn(key, learned)
         if solution.found:
             return Evaluation(StateStatus.FOUND, "", scene, solution)
         undecided = solution.status in _UNDECIDED
@@ -216,13 +216,13 @@ class Evaluator:
             return False
         scene, problem = state
         key = _structure(scene, problem, Algorithm.MARGIN)
-        reached, experience = reaches_margin(
+        reached, learned = reaches_margin(
             problem,
             required,
             self._options,
-            self._experiences.get(key, NO_EXPERIENCE),
+            self._warm_starts.get(key, COLD_START),
         )
-        self._learn(key, experience)
+        self._learn(key, learned)
         return bool(reached)
 
     def scene_at(
@@ -294,14 +294,14 @@ class Evaluator:
             )
         return self.scene.with_changes(**changes)
 
-    def _learn(self, key: tuple[Any, ...], experience: Experience) -> None:
-        if len(self._experiences) >= _MOST_KEPT:
-            self._experiences = {}
-        self._experiences[key] = experience
+    def _learn(self, key: tuple[Any, ...], learned: WarmStart) -> None:
+        if len(self._warm_starts) >= _MOST_KEPT:
+            self._warm_starts = {}
+        self._warm_starts[key] = learned
 
 
 def _structure(
     scene: Scene, problem: QuasistaticProblem, algorithm: Algorithm | None
 ) -> tuple[Any, ...]:
-    """Return what must be alike for the experience of one state to serve in another."""
+    """What must be alike for the warm start of one state to serve in another."""
     return algorithm, scene.contacts.bodies, problem.is_sliding.tobytes()

@@ -8,7 +8,7 @@ from graspless_pin.compiled import linear_programs
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.builder import ProgramBuilder
-from graspless_pin.programs.force_layout import cone_rows
+from graspless_pin.programs.cones import cone_rows
 from graspless_pin.programs.forces import ForceCoordinates, force_rows
 from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.programs.program import FARTHEST, Program

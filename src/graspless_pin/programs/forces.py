@@ -19,7 +19,7 @@ from graspless_pin.compiled import contact_frames
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.contact_map import contact_map
-from graspless_pin.programs.force_layout import ForceLayout, cone_rows, layout_of
+from graspless_pin.programs.cones import ForceLayout, cone_rows, layout_of
 from graspless_pin.programs.program import FARTHEST
 
 

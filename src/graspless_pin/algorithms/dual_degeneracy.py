@@ -19,7 +19,7 @@ from scipy.linalg import null_space
 from scipy.optimize import linprog
 
 from graspless_pin.algorithms.formulation import Formulation, formulate
-from graspless_pin.algorithms.friction_modes import NO_FRICTION
+from graspless_pin.algorithms.mode_oracle import NO_FRICTION
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.marginals import Marginals, marginals
@@ -71,7 +71,7 @@ class _Point(NamedTuple):
     reduced: FloatArray
 
 
-class Optimum:
+class OptimalSet:
     """The optimum behind a solution.
 
     Attributes:

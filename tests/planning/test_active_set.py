@@ -15,9 +15,9 @@ from graspless_pin.algorithms.formulation import formulate
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.torque import torque_objective
-from graspless_pin.algorithms.warm_start import Experience, solve_from
+from graspless_pin.algorithms.warm_start import WarmStart, solve_from
 from graspless_pin.modes.rules import Rules
-from graspless_pin.programs.carried_optimum import carried, optimum_of
+from graspless_pin.programs.active_set import active_set_of, solved_on
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.solvers import Outcome, solve
 
@@ -54,10 +54,10 @@ def test_what_is_carried_over_is_what_a_solver_finds(seed, contacts, slope, size
     answer = solve(first)
     if answer.outcome is not Outcome.SOLVED:
         return
-    near = optimum_of(first, answer)
+    near = active_set_of(first, answer)
     assert near is not None
     # As `solve` has it: a bound above all that the box allows counts as infeasible.
-    found = carried(second, near, second.worst)
+    found = solved_on(second, near, second.worst)
     if found is None:
         return
     known, onward = found
@@ -77,7 +77,7 @@ def test_what_is_carried_over_is_what_a_solver_finds(seed, contacts, slope, size
     assert np.abs(second.A @ x - second.b).max() <= 1e-7
     assert (second.G @ x <= second.u + 1e-7).all()
     assert (second.G @ x >= second.l - 1e-7).all()
-    again = carried(second, onward, np.inf)
+    again = solved_on(second, onward, np.inf)
     assert again is not None
     np.testing.assert_allclose(again[0].x, x, atol=1e-7)
 
@@ -90,10 +90,10 @@ def test_a_little_further_the_same_constraints_are_mostly_active(slope, algorith
         first, second = relaxations(seed, 6, 1e-5, OBJECTIVES[algorithm], slope=slope)
         answer = solve(first)
         if answer.outcome is Outcome.SOLVED:
-            near = optimum_of(first, answer)
+            near = active_set_of(first, answer)
             assert near is not None
             tried += 1
-            carried_over += carried(second, near, np.inf) is not None
+            carried_over += solved_on(second, near, np.inf) is not None
     assert tried >= 20
     assert carried_over >= 0.8 * tried
 
@@ -109,9 +109,9 @@ def test_the_bounds_of_a_mode_are_carried_over():
         for one in (problem, moved(problem, 1e-5, seed)):
             shared = formulate(one, Margin())
             programs.append(shared.bounded(*shared.bounds_of(best.mode), np.inf))
-        near = optimum_of(programs[0], solve(programs[0]))
+        near = active_set_of(programs[0], solve(programs[0]))
         assert near is not None
-        found = carried(programs[1], near, np.inf)
+        found = solved_on(programs[1], near, np.inf)
         if found is not None:
             carried_over += 1
             x = found[0].x
@@ -124,9 +124,9 @@ def test_the_bounds_of_a_mode_are_carried_over():
 def test_an_optimum_above_the_cutoff_proves_that_nothing_is_below_it():
     first, second = relaxations(1, 6, 1e-6, OBJECTIVES["margin"])
     answer = solve(first)
-    near = optimum_of(first, answer)
+    near = active_set_of(first, answer)
     assert near is not None
-    found = carried(second, near, answer.value - 1e-3)
+    found = solved_on(second, near, answer.value - 1e-3)
     assert found is not None
     assert found[0].outcome is Outcome.INFEASIBLE
     assert found[0].bound == pytest.approx(answer.value, abs=1e-4)
@@ -134,13 +134,13 @@ def test_an_optimum_above_the_cutoff_proves_that_nothing_is_below_it():
 
 def test_nothing_is_carried_over_to_a_program_of_another_size_or_a_quadratic_one():
     first, _ = relaxations(1, 6, 1e-6, OBJECTIVES["margin"])
-    near = optimum_of(first, solve(first))
+    near = active_set_of(first, solve(first))
     assert near is not None
     other = relaxations(1, 7, 1e-6, OBJECTIVES["margin"])[0]
-    assert carried(other, near, np.inf) is None
+    assert solved_on(other, near, np.inf) is None
     quadratic = relaxations(1, 6, 1e-6, Margin(1e-3))[0]
-    assert carried(quadratic, near, np.inf) is None
-    assert optimum_of(quadratic, solve(quadratic)) is None
+    assert solved_on(quadratic, near, np.inf) is None
+    assert active_set_of(quadratic, solve(quadratic)) is None
 
 
 @pytest.mark.parametrize("algorithm", list(OBJECTIVES))
@@ -150,7 +150,7 @@ def test_along_a_path_each_answer_is_that_of_a_fresh_search(algorithm):
     found = 0
     for seed in range(6):
         problem = general_scene(seed, 5)
-        left = Experience()
+        left = WarmStart()
         for step in range(6):
             state = moved(problem, 0.02 * step, seed)
             warm, left = solve_from(state, objective, SolveOptions(STRICT), left)

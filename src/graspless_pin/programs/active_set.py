@@ -31,7 +31,7 @@ _EXACT = 1e-9
 _potrf, _potrs = get_lapack_funcs(("potrf", "potrs"))
 
 
-class Optimum(NamedTuple):
+class ActiveSet(NamedTuple):
     """An optimum and the constraints that are active there.
 
     Attributes:
@@ -55,7 +55,7 @@ class Optimum(NamedTuple):
     solver: str
 
 
-def optimum_of(program: Program, answer: Answer) -> Optimum | None:
+def active_set_of(program: Program, answer: Answer) -> ActiveSet | None:
     """Return a solved answer with what is active, None for a program that is not linear.
 
     A constraint is active if its multiplier exceeds what is left to its side: interior points end
@@ -75,7 +75,7 @@ def optimum_of(program: Program, answer: Answer) -> Optimum | None:
     unit = np.zeros((len(at_bounds), len(x)))
     unit[np.arange(len(at_bounds)), at_bounds] = 1.0
     weights = np.concatenate((weights[rows], slope[at_bounds]))
-    return Optimum(
+    return ActiveSet(
         x=x,
         sizes=(len(answer.y), len(answer.z)),
         rows=rows,
@@ -87,7 +87,7 @@ def optimum_of(program: Program, answer: Answer) -> Optimum | None:
     )
 
 
-def carried(program: Program, near: Optimum, cutoff: float) -> tuple[Answer, Optimum] | None:
+def solved_on(program: Program, near: ActiveSet, cutoff: float) -> tuple[Answer, ActiveSet] | None:
     """Return what is optimal in a program if the same constraints are active as in another.
 
     Args:
@@ -113,12 +113,12 @@ def carried(program: Program, near: Optimum, cutoff: float) -> tuple[Answer, Opt
     exact = _EXACT * max(1.0, abs(answer.value))
     if answer.outcome is Outcome.SOLVED and max(answer.residual, abs(answer.gap)) > exact:
         return None
-    return answer, Optimum(
+    return answer, ActiveSet(
         x, sizes, near.rows, near.at_bounds, near.unit, near.upper, weights, near.solver
     )
 
 
-def _refined(program: Program, near: Optimum) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+def _refined(program: Program, near: ActiveSet) -> tuple[FloatArray, FloatArray, FloatArray] | None:
     """Solve the two linear systems: x, multipliers of what is active, and of all rows.
 
     None if they cannot be solved.
@@ -153,7 +153,7 @@ def _refined(program: Program, near: Optimum) -> tuple[FloatArray, FloatArray, F
     return x, weights, multipliers
 
 
-def _active(program: Program, near: Optimum) -> tuple[FloatArray, FloatArray]:
+def _active(program: Program, near: ActiveSet) -> tuple[FloatArray, FloatArray]:
     """Return the (r + h, n) rows that were active and the sides that they were at."""
     rows, at_bounds = near.rows, near.at_bounds
     low, high = program.sides

@@ -34,7 +34,7 @@ class Opposition:
 
 
 @dataclass
-class ModeReader:
+class ModeOracle:
     """Finds a mode that admits given friction forces.
 
     Attributes:
@@ -52,7 +52,7 @@ class ModeReader:
     motion: FloatArray | None = None
     is_clear: bool = False
 
-    def read(
+    def mode_for(
         self, x: FloatArray, decided: dict[int, SignPair]
     ) -> SlidingMode | Conflict | Opposition | None:
         """Return a feasible mode that admits the friction in x.
@@ -104,7 +104,7 @@ class ModeReader:
         size = size[[requirement.contact for requirement in known]]
         return np.sqrt(np.maximum(size / size.max(initial=1e-300), _LEAST_IMPORTANCE))
 
-    def propose(self, x: FloatArray) -> SlidingMode | None:
+    def heuristic_mode(self, x: FloatArray) -> SlidingMode | None:
         """Return a feasible mode near the friction in x: a guess whose program may be as good.
 
         Of the motions that keep all contacts touching, the one whose sliding opposes the friction
@@ -162,7 +162,7 @@ class ModeReader:
         selection[chosen], signs[chosen] = True, known.reshape(-1, 2)
         return SlidingMode.unchecked(selection, signs)
 
-    def still_admitted(self, x: FloatArray, mode: SlidingMode) -> FloatArray | None:
+    def admitted_again(self, x: FloatArray, mode: SlidingMode) -> FloatArray | None:
         """Return what a mode admits of x, if that is all but rounding and the known motion does it.
 
         Where that is so, `read` would find a mode too, though perhaps another one.
