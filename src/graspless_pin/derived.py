@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Generic, TypeVar
 from weakref import ref
 
@@ -18,8 +19,7 @@ class Derived(Generic[_Source, _Value]):
 
     A source is told apart by identity and held weakly: keeping it keeps no derived value alive for
     long, and a source that is gone takes its value along. So a value must not refer to its source.
-    Threads may share the values: the entries are replaced all at once, and what two threads ask for
-    at the same time is at worst made twice.
+    Threads may share the values: what two of them ask for at the same time is at worst made twice.
     """
 
     def __init__(self, make: Callable[[_Source], _Value]) -> None:
@@ -33,16 +33,14 @@ class Derived(Generic[_Source, _Value]):
 
     def of(self, source: _Source) -> _Value:
         """Return the value of a source, made now if it is not kept."""
-        key = id(source)
-        entry = self._entries.get(key)
+        key, entries = id(source), self._entries
+        entry = entries.get(key)
         if entry is not None and entry[0]() is source:
             return entry[1]
         value = self._make(source)
-        entries = {**self._entries, key: (ref(source, self._forget), value)}
+        # A source that is gone tells before another one can have its identity.
+        entries[key] = ref(source, lambda _: entries.pop(key, None)), value
         if len(entries) > MOST_SOURCES:
-            del entries[next(iter(entries))]
-        self._entries = entries
+            with suppress(KeyError, RuntimeError):  # another thread was faster
+                del entries[next(iter(entries))]
         return value
-
-    def _forget(self, gone: ref[_Source]) -> None:
-        self._entries = {key: kept for key, kept in self._entries.items() if kept[0] is not gone}

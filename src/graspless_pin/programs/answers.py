@@ -92,14 +92,16 @@ def checked_answer(program: Program, backend: Backend, name: str, cutoff: float)
     Returns:
         A solved or infeasible answer, or a failed one with the bound that is proven all the same.
     """
-    best = -np.inf
     near = program.opened()
-    for factor in (1.0, *(one for one in _SHRUNK_BY if near.has_sides_beyond(one))):
-        answer = _tried(program, near, factor, backend, name, cutoff)
+    answer = _tried(program, near, 1.0, backend, name, cutoff)
+    best = answer.bound
+    for factor in _SHRUNK_BY:
         if answer.outcome is not Outcome.FAILED:
             return answer
-        best = max(best, answer.bound)
-    return failed(best)
+        if near.has_sides_beyond(factor):
+            answer = _tried(program, near, factor, backend, name, cutoff)
+            best = max(best, answer.bound)
+    return answer if answer.outcome is not Outcome.FAILED else failed(best)
 
 
 def _tried(
@@ -109,7 +111,8 @@ def _tried(
     raw = _asked(backend, near if factor == 1.0 else near.shrunk(factor))
     if raw is None:
         return failed(-np.inf)
-    found = raw if factor == 1.0 else (factor * raw[0], raw[1], raw[2])
+    x, y, z = raw
+    found = factor * x, y, z if near is program else program.near_multipliers(z)
     answer = proven(program, found, name, cutoff)
     if answer.outcome is not Outcome.FAILED:
         return answer

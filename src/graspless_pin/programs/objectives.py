@@ -90,7 +90,7 @@ class Margin(Objective):
 
     def __post_init__(self) -> None:
         """Check the figures."""
-        _check(self)
+        _check(self, regularization=self.regularization)
 
     def build(self, program: ProgramBuilder) -> None:
         """Add e/F, and keep all forces that far inside their cones and limits."""
@@ -121,10 +121,12 @@ class Margin(Objective):
         return 0.0 if self.regularization == 0.0 else np.inf
 
 
-def _check(objective: Objective) -> None:
+def _check(objective: Objective, **figures: float) -> None:
     """Refuse figures that are not numbers from 0 on."""
-    for name, told in (("required_margin", "margin"), ("regularization", "regularization")):
-        object.__setattr__(objective, name, real_number(told, getattr(objective, name), 0.0))
+    for name, value in figures.items():
+        if type(value) is not float or not 0.0 <= value < np.inf:
+            told = name.removeprefix("required_")
+            object.__setattr__(objective, name, real_number(told, value, 0.0))
 
 
 class Side(NamedTuple):
@@ -207,7 +209,7 @@ class Torque(Objective):
 
     def __post_init__(self) -> None:
         """Check the figures."""
-        _check(self)
+        _check(self, required_margin=self.required_margin, regularization=self.regularization)
 
     def build(self, program: ProgramBuilder) -> None:
         """Add t, the rows of the torques below it, and the required margin."""

@@ -148,11 +148,13 @@ class Program:
         """
         if not self.is_far:
             return self
-        # A row without sides is kept, where other programs of the structure have one. A limit that
-        # is far on its wrong side cannot be met: any far figure says so.
+        # A row without sides is kept, where other programs of the structure have one, and gets one
+        # that nothing reaches; an empty row one that does not slow interior points down. A limit
+        # that is far on its wrong side cannot be met: any far figure says so.
         least, high = np.where(self.l < -FARTHEST, -np.inf, self.l), self.u.copy()
         high[high > FARTHEST] = np.inf
-        high[np.isinf(least) & np.isinf(high)] = UNREACHED
+        free = np.isinf(least) & np.isinf(high)
+        high[free] = np.where(self.G[free].any(axis=1), UNREACHED, 1.0)
         most, upper = self.lb.copy(), self.ub.copy()
         most[most < -FARTHEST], upper[upper > FARTHEST] = -np.inf, np.inf
         return replace(
@@ -162,6 +164,14 @@ class Program:
             u=np.maximum(high, -UNREACHED),
             ub=np.maximum(upper, -UNREACHED),
         )
+
+    def near_multipliers(self, z: FloatArray) -> FloatArray:
+        """Return multipliers of G without those of sides that `opened` leaves out.
+
+        They are a solver's noise, which a far side would make as large as the objective.
+        """
+        far = ((z > 0.0) & (self.u > FARTHEST)) | ((z < 0.0) & (self.l < -FARTHEST))
+        return np.where(far, 0.0, z)
 
     @cached_property
     def farthest(self) -> float:
