@@ -10,7 +10,7 @@ import numpy as np
 from graspless_pin.algorithms.formulation import Formulation
 from graspless_pin.algorithms.mode_oracle import ModeOracle
 from graspless_pin.derived import Derived
-from graspless_pin.modes.kinematics import Conflict, Requirement
+from graspless_pin.modes.verdicts import Conflict, Requirement
 from graspless_pin.modes.propagation import Propagation
 from graspless_pin.modes.rules import Rules, SlidingMode
 from graspless_pin.problem import QuasistaticProblem

@@ -303,5 +303,5 @@ class Evaluator:
 def _structure(
     scene: Scene, problem: QuasistaticProblem, algorithm: Algorithm | None
 ) -> tuple[Any, ...]:
-    """What must be alike for the warm start of one state to serve in another."""
+    """Return what must be alike for the warm start of one state to serve in another."""
     return algorithm, scene.contacts.bodies, problem.is_sliding.tobytes()
