@@ -27,7 +27,7 @@ PAGE = ROOT / "docs" / "objectives.md"
 @pytest.fixture(scope="module")
 def page() -> dict[str, Any]:
     """The names that the page's code defines, run as it stands there."""
-    code = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    code = re.findall(r"```python[^\n]*\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     text = "\n".join(code).replace("examples/", f"{ROOT}/examples/")
     names: dict[str, Any] = {"__name__": "page"}
     exec(compile(text, str(PAGE), "exec", dont_inherit=True), names)  # noqa: S102 - our own page

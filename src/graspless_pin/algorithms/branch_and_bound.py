@@ -26,9 +26,9 @@ from graspless_pin.algorithms.search import (
 )
 from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.modes.enumeration import sign_pairs
-from graspless_pin.modes.verdicts import Conflict, Requirement
 from graspless_pin.modes.propagation import Decisions
 from graspless_pin.modes.rules import SignRule, SlidingMode, StaticFriction
+from graspless_pin.modes.verdicts import Conflict, Requirement
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solution import Status
 from graspless_pin.solvers import Answer, Outcome

@@ -15,8 +15,8 @@ import numpy as np
 from graspless_pin.algorithms.formulation import Formulation
 from graspless_pin.algorithms.mode_oracle import NO_FRICTION
 from graspless_pin.algorithms.mode_parts import ModePart, SignItem
-from graspless_pin.modes.verdicts import Conflict, Requirement
 from graspless_pin.modes.rules import Rules, SignRule
+from graspless_pin.modes.verdicts import Conflict, Requirement
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solvers import Answer, Outcome
 

@@ -22,6 +22,9 @@ from graspless_pin.programs.builder import ProgramBuilder
 from graspless_pin.programs.forces import ForceCoordinates, ForceRows
 from graspless_pin.programs.program import FARTHEST
 
+_ORDINARY = 1e6
+"""Figures up to this need no look at their largest."""
+
 
 class Algorithm(StrEnum):
     """Which of the paper's programs was solved."""
@@ -124,7 +127,7 @@ class Margin(Objective):
 def _check(objective: Objective, **figures: float) -> None:
     """Refuse figures that are not numbers from 0 on."""
     for name, value in figures.items():
-        if type(value) is not float or not 0.0 <= value < np.inf:
+        if type(value) is not float or not 0.0 <= value <= _ORDINARY:
             told = name.removeprefix("required_")
             object.__setattr__(objective, name, real_number(told, value, 0.0))
 
