@@ -221,14 +221,14 @@ def _friction(state: SearchState, x: FloatArray) -> FloatArray:
 
 
 def _presuming(node: _Node, decisions: Decisions | None) -> _Node | None:
-    """The node with other decisions, None if they contradict each other."""
+    """Return the node with other decisions, None if they contradict each other."""
     return None if decisions is None else replace(node, decisions=decisions)
 
 
 def _turned(
     state: SearchState, node: _Node, contact: int, component: int, sign: int
 ) -> _Node | None:
-    """The child in which a contact, if selected, slides one way along a tangent."""
+    """Return the child in which a contact, if selected, slides one way along a tangent."""
     if state.rules.sign is not SignRule.EXACT:
         child = _presuming(node, node.decisions.sign(contact, component, sign))
         return child and replace(child, depth=node.depth + 1)
@@ -237,7 +237,7 @@ def _turned(
 
 
 def _drawn(state: SearchState, node: _Node) -> _Node | None:
-    """The node with all that follows from its decisions, None if no mode is left in it."""
+    """Return the node with all that follows from its decisions, None if no mode is left in it."""
     if state.rules.static_friction is StaticFriction.COULOMB:
         return node
     problem = state.formulation.problem
@@ -259,7 +259,7 @@ def _drawn(state: SearchState, node: _Node) -> _Node | None:
 
 
 def _signed(node: _Node, columns: NDArray[np.int_], sign: int) -> _Node:
-    """The child in which friction components have one sign or vanish."""
+    """Return the child in which friction components have one sign or vanish."""
     lb, ub = node.lb.copy(), node.ub.copy()
     if sign > 0:
         lb[columns] = np.maximum(lb[columns], 0.0)

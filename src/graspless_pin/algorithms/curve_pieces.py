@@ -81,7 +81,7 @@ def lower(piece: Piece, curve: list[Piece]) -> list[Piece]:
 
 
 def _lower_of_two(one: Piece, other: Piece) -> list[Piece]:
-    """The lower envelope of two pieces over the same margins; the first where they are equal."""
+    """Return the lower envelope of two pieces over the same margins; of equal ones the first."""
     slack = STRAIGHT * max(1.0, abs(one.slope), abs(other.slope))
     before, after = other.t_a - one.t_a, other.t_b - one.t_b
     if min(before, after) >= -slack:

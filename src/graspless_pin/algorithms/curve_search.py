@@ -79,7 +79,7 @@ class CurveSearch:
         return Status.LIMIT_REACHED if limited else Status.OPTIMAL, joined(pieces)
 
     def _found_below(self, piece: Piece, begin: float) -> tuple[list[Piece], bool]:
-        """The curve of a mode that lies below a piece, and whether the search was completed."""
+        """Return the curve of a mode below a piece, and whether the search was completed."""
         if piece.b - begin <= WIDTH:
             return [], True
         target = self._toward(piece, begin)
@@ -91,7 +91,7 @@ class CurveSearch:
         return curve, found.status in _PROVEN
 
     def _toward(self, piece: Piece, begin: float) -> Program:
-        """The program that looks for what lies farthest below a piece."""
+        """Return the program that looks for what lies farthest below a piece."""
         steep = max(1.0, abs(piece.slope))
         program = self.formulation.program
         return aimed(program, 1.0 / steep, -piece.slope / steep, begin, piece.b)
@@ -130,7 +130,7 @@ class CurveSearch:
         return joined(done)
 
     def _lowest(self, piece: Piece) -> tuple[float, float]:
-        """The point of the piece's mode farthest below the piece; its begin if there is none."""
+        """Return the point of its mode farthest below a piece; its begin if there is none."""
         if piece.b - piece.a > 2.0 * WIDTH:
             target = self._toward(piece, piece.a)
             answer = self._in_mode(piece.mode, target)
@@ -155,7 +155,7 @@ class CurveSearch:
         return float(answer.x[self.formulation.program.column("margin")])
 
     def _line(self, target: Program, piece: Piece) -> float:
-        """The value of the target's objective along a piece."""
+        """Return the value of the target's objective along a piece."""
         t, e = target.column("largest"), target.column("margin")
         return float(target.c[t] * piece.t_a + target.c[e] * piece.a)
 
@@ -169,7 +169,7 @@ class CurveSearch:
         return answer
 
     def _extended(self, mode: SlidingMode | None) -> SlidingMode | None:
-        """A feasible mode that allows all that this one allows, and as much more as it may."""
+        """Return a feasible mode that allows what this one allows, and as much more as it may."""
         if mode is None:
             return None
         problem, kinematics = self.formulation.problem, self.formulation.kinematics

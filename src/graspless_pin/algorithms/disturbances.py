@@ -154,7 +154,7 @@ def _undisturbed(formulation: Formulation, how: SolveOptions, limits: Limits) ->
 
 
 def _largest(formulation: Formulation, how: SolveOptions, limits: Limits) -> tuple[Status, float]:
-    """The end (N) of the balanced multiples of one disturbance that are connected with zero.
+    """Return the end (N) of the balanced multiples of one disturbance that are connected with zero.
 
     Each mode balances one interval of multiples. This walks down from the farthest balanced
     multiple, interval by interval, and starts over below each gap between them.
@@ -183,7 +183,7 @@ def _largest(formulation: Formulation, how: SolveOptions, limits: Limits) -> tup
 
 
 def _first(formulation: Formulation, mode: SlidingMode, how: SolveOptions) -> float | None:
-    """The smallest multiple that a mode balances, None where no solver tells.
+    """Return the smallest multiple that a mode balances, None where no solver tells.
 
     The mode balances all from there to its largest one.
     """

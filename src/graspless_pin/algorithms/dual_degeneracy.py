@@ -167,7 +167,7 @@ class OptimalSet:
         return dual[:, :first], of_rows, of_costs
 
     def _in_units(self, point: _Point) -> OptimalPoint:
-        """Forces and multipliers in SI units; the solution's own signs tell the rows' sides."""
+        """Return a point in SI units; the solution's own signs tell the rows' sides."""
         formulation, (x, y, z, reduced) = self._formulation, point
         own = np.concatenate([self._own.y, self._own.z]), self._own.reduced
         found = marginals(

@@ -149,7 +149,7 @@ def _conflicting_contacts(solution: TorqueSolution) -> tuple[int, ...]:
 
 
 def _weaker_rules(solution: TorqueSolution) -> list[Suggestion]:
-    """The first weaker sign rule, sliding rule, and Coulomb friction, where they help."""
+    """Return the first weaker sign rule, sliding rule, and Coulomb friction, where they help."""
     rules = solution.rules
     signs = list(SignRule)
     tried = [replace(rules, sign=sign) for sign in signs[signs.index(rules.sign) + 1 :]]
@@ -171,7 +171,7 @@ def _weaker_rules(solution: TorqueSolution) -> list[Suggestion]:
 
 
 def _smaller_margin(solution: TorqueSolution) -> list[Suggestion]:
-    """The largest margin that is feasible, where one is."""
+    """Return the largest margin that is feasible, where one is."""
     if solution.required_margin == 0.0:
         return []
     best = solve_problem(solution.problem, Margin(), SolveOptions(solution.rules))
@@ -206,7 +206,7 @@ def _combined(solution: TorqueSolution) -> list[Suggestion]:
 
 
 def _reliefs(solution: TorqueSolution) -> Iterator[Suggestion]:
-    """The smallest widening of each kind of limit that helps alone."""
+    """Yield the smallest widening of each kind of limit that helps alone."""
     problem = solution.problem
     joints = range(problem.joint_count)
     alone = [(one, relief) for one in joints if (relief := _relief(solution, joint=one))]
@@ -248,7 +248,7 @@ def _everything(solution: TorqueSolution) -> Iterator[Suggestion]:
 
 
 def _helped(problem: QuasistaticProblem, forces: FloatArray) -> tuple[str, QuasistaticProblem]:
-    """A wrench from outside that closes the balance of given forces."""
+    """Return a wrench from outside that closes the balance of given forces."""
     help_ = -(problem.W @ forces.ravel() + problem.external_wrench)
     changed = problem.with_changes(external_wrench=problem.external_wrench + help_)
     force, moment = np.round(help_[:3], 4) + 0.0, np.round(help_[3:], 5) + 0.0
@@ -260,7 +260,7 @@ def _helped(problem: QuasistaticProblem, forces: FloatArray) -> tuple[str, Quasi
 
 
 def _other_friction(solution: TorqueSolution) -> Iterator[Suggestion]:
-    """A common factor on friction; below 1 where kinetic friction is more than can be pushed."""
+    """Yield a common factor on friction; below 1 where there is too much to push."""
     problem = solution.problem
     least, _ = smallest_factor(problem, solution.objective, SolveOptions(solution.rules))
     if not np.isfinite(least):
@@ -301,7 +301,7 @@ def _relief(
     normal: bool = False,
     wrench: bool = False,
 ) -> _Relief | None:
-    """The smallest relief of one kind; None if it does not help."""
+    """Return the smallest relief of one kind; None if it does not help."""
     objective = Elastic(solution.required_margin, joint, normal, wrench)
     formulation = formulated(solution.problem, objective)
     state = SearchState(formulation, solution.rules, "piqp")
@@ -335,7 +335,7 @@ def _wider_joint(solution: TorqueSolution, joint: int, torque: float) -> Iterato
 
 
 def _in_units(problem: QuasistaticProblem, amount: float) -> str:
-    """An amount of the torques of all joints with its unit."""
+    """Return an amount of the torques of all joints with its unit."""
     units = units_text(problem.joint_units)
     return f"{amount:.{_DIGITS}g} {units if units in list(JointUnit) else f'({units})'}"
 

@@ -158,7 +158,7 @@ class ForceExtremes:
         return self.coordinates.force_scale * np.vstack([-rows.faces, rows.normal[rows.bare]])
 
     def _margin(self, x: FloatArray) -> float:
-        """The margin of one set of forces, N."""
+        """Return the margin of one set of forces, N."""
         rows = self.rows
         room = self.coordinates.force_scale * (rows.limit - rows.normal @ x)
         return float(min(room.min(), (self._distances() @ x).min(initial=np.inf)))
@@ -205,7 +205,7 @@ class ForceExtremes:
         return True
 
     def _try(self, formulation: Formulation, limit: int | None) -> tuple[SlidingMode | None, bool]:
-        """The best mode within so many nodes if its objective is negative; whether that is all."""
+        """Return the best mode within some nodes if its value is negative; whether that is all."""
         result = self._search(formulation, node_limit=limit)
         best, over = result.state.best, limit is None or result.state.nodes < limit
         return (None if best is None or best.value > -_IS_RAY else result.state.mode), over

@@ -141,7 +141,7 @@ class ModeOracle:
         return mode_of(self.formulation.problem, requirements)
 
     def _at_once(self, x: FloatArray) -> SlidingMode | None:
-        """The mode of the friction in x, if a motion behind it is found without a search."""
+        """Return the mode of the friction in x, if a motion behind it is found without a search."""
         formulation = self.formulation
         if self._always_selected or len(formulation.layers) > 1:
             return None
@@ -197,7 +197,7 @@ class ModeOracle:
         return self.formulation.kinematics.feasible(requirements_of(mode), self.rules.sign)
 
     def _glimpse(self, contacts: tuple[int, ...], signs: FloatArray) -> FloatArray | None:
-        """The signs completed by a motion that is found without a search, None if none is."""
+        """Return the signs completed by a motion that needs no search, None if none is."""
         found = self.formulation.kinematics.nearest.guessed_witness(contacts, signs, self.motion)
         if found is None:
             return None

@@ -65,16 +65,16 @@ class ModePart:
         return int(known[0]), int(known[1])
 
     def requirements(self) -> list[Requirement]:
-        """What all its modes ask of the virtual motion."""
+        """Return what all its modes ask of the virtual motion."""
         return [Requirement(c, self.signs(c)) for c in np.flatnonzero(self.selected).tolist()]
 
     def left(self, contact: int, component: int) -> list[int]:
-        """The signs along one tangent that are left to a contact."""
+        """Return the signs along one tangent that are left to a contact."""
         ways = zip((-1, 0, 1), (self.minus, self.zero, self.plus), strict=True)
         return [sign for sign, there in ways if there[contact, component]]
 
     def pairs(self, contact: int) -> list[tuple[int, int]]:
-        """The pairs of signs that are left to a contact."""
+        """Return the pairs of signs that are left to a contact."""
         first, second = self.left(contact, 0), self.left(contact, 1)
         return [(a, b) for a in first for b in second if a or b]
 
@@ -116,7 +116,7 @@ class ModePart:
         return replace(self, **ways)
 
     def _settled(self, contact: int) -> ModePart | None:
-        """The part with a contact released that has no signs left; None: it holds no mode."""
+        """Return the part, a contact without signs released; None: it holds no mode."""
         if self.pairs(contact):
             return None if self.selected[contact] and self.released[contact] else self
         if self.selected[contact]:

@@ -165,7 +165,7 @@ class ModeProver:
         return lb, ub
 
     def _node(self, part: ModePart | None) -> tuple[ProofNode | str, list[ModePart]]:
-        """The node of a part with its children, or why there is none."""
+        """Return the node of a part with its children, or why there is none."""
         if part is not None and part.selected.any():
             wanted = part.requirements()
             v = self._excluded(wanted, self._reading(part, wanted))
@@ -194,7 +194,7 @@ class ModeProver:
         return self.formulation.solve(*self.bounds(part), self.solver, cutoff=cutoff)
 
     def _leaf(self, part: ModePart | None, answer: Answer) -> BoundLeaf | None:
-        """The leaf that an answer makes of a part, without multipliers that prove nothing."""
+        """Return the leaf of a part, without multipliers that prove nothing."""
         if answer.outcome is Outcome.FAILED:
             return None
         program = self.formulation.program.bounded(*self.bounds(part))
@@ -211,7 +211,7 @@ class ModeProver:
         return BoundLeaf(answer.y, answer.z, objective=True)
 
     def _excluded(self, wanted: list[Requirement], rule: SignRule) -> FloatArray | None:
-        """A combination that excludes every motion with what is wanted; None: there is none."""
+        """Return a combination that excludes every wanted motion; None: there is none."""
         verdict = self.formulation.kinematics.solve(wanted, rule)
         if not isinstance(verdict, Conflict) or verdict.combination is None:
             return None
@@ -220,7 +220,7 @@ class ModeProver:
     def _sharpened(
         self, combination: FloatArray, wanted: list[Requirement], rule: SignRule
     ) -> FloatArray:
-        """A combination whose part that any motion can see is as short as rounding lets it be."""
+        """Return a combination of which motions see as little as rounding allows."""
         kinematics = self.formulation.kinematics
         seen, v = kinematics.seen, combination
         still = np.zeros(v.shape, dtype=bool)
@@ -277,7 +277,7 @@ class ModeProver:
     def _by_opened(
         self, part: ModePart, known: list[Requirement], size: FloatArray
     ) -> tuple[ConflictSplit, list[ModePart]] | None:
-        """The split where a required contact can slide neither way along one tangent."""
+        """Return the split where a required contact can slide neither way along one tangent."""
         for index, (contact, signs) in enumerate(known):
             for component in range(2):
                 if signs[component]:
@@ -304,7 +304,7 @@ class ModeProver:
         opened: tuple[int, int] | None,
         size: FloatArray,
     ) -> list[SignItem]:
-        """What takes part in combinations; first what the part knows, then the largest friction."""
+        """Return what combinations are made of; first what the part knows, then by friction."""
         signs, chosen = {}, set()
         for v in combinations:
             for contact, axis in np.argwhere(v):
@@ -343,7 +343,7 @@ class ModeProver:
     def _by_contact(
         self, part: ModePart, size: FloatArray
     ) -> tuple[ContactSplit | str, list[ModePart]]:
-        """The split of the contact with the most friction of which not all is known."""
+        """Return the split of the contact with the most friction of which not all is known."""
         unknown = [c for c in range(len(size)) if not part.knows(c)]
         if not unknown:
             return "a mode with a virtual motion seems better than the bound", []

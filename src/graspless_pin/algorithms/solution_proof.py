@@ -73,7 +73,7 @@ def prove_solution(solution: TorqueSolution) -> SolutionProof:
 
 
 def _target(solution: TorqueSolution, formulation: Formulation) -> float:
-    """The stated bound, scaled; inf where there is nothing."""
+    """Return the stated bound, scaled; inf where there is nothing."""
     if solution.status in _INFEASIBLE:
         return np.inf
     return solution.certificate.bound / formulation.unit
@@ -128,7 +128,7 @@ def _of_infeasible(
 def _motion(
     formulation: Formulation, solution: TorqueSolution, mode: SlidingMode
 ) -> FloatArray | None:
-    """The virtual motion behind a mode."""
+    """Return the virtual motion behind a mode."""
     kinematics = formulation.kinematics
     verdict = kinematics.solve(requirements_of(mode), solution.rules.sign)
     return kinematics.scale * verdict.motion if isinstance(verdict, Witness) else None

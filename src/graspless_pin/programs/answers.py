@@ -131,7 +131,7 @@ def _tried(
 
 
 def _asked(backend: Backend, program: Program) -> Multipliers | None:
-    """What a solver found, if that is finite."""
+    """Return what a solver found, if that is finite."""
     raw = backend(program)
     return None if raw is None or not all_finite(raw) else raw
 
