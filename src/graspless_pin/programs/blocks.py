@@ -7,8 +7,8 @@ itself knows at which rows it stands.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,13 +24,12 @@ class Sign(Enum):
     EITHER = "lower and upper sides: told apart as NAME_lower and NAME_upper"
 
 
-@dataclass(frozen=True, eq=False)
-class Block:
+class Block(NamedTuple):
     """Rows of a program, or bounds of its columns, with one meaning.
 
     Attributes:
         name: Its name.
-        index: Where it stands: among the rows, or among the columns.
+        at: Where it stands: among the rows, or among the columns.
         unit: What one of each scaled row is in the problem's units: a number or (k,).
         sign: The signs of its multipliers.
         shape: Shape of its multipliers when they are given by contact or joint.
@@ -38,7 +37,7 @@ class Block:
     """
 
     name: str
-    index: slice | NDArray[np.int_]
+    at: slice | NDArray[np.int_]
     unit: float | FloatArray
     sign: Sign
     shape: tuple[int, ...]
@@ -58,22 +57,21 @@ class Block:
         return flat if self.places is None else flat[self.places]
 
 
-@dataclass(frozen=True)
-class Columns:
+class Columns(NamedTuple):
     """Columns that an objective adds to those of the forces.
 
     Attributes:
         first: Index of the first among all columns.
-        count: How many there are.
+        size: How many there are.
     """
 
     first: int
-    count: int
+    size: int
 
     @property
-    def index(self) -> slice:
+    def at(self) -> slice:
         """Where they stand."""
-        return slice(self.first, self.first + self.count)
+        return slice(self.first, self.first + self.size)
 
 
 Terms = Mapping[Columns, ArrayLike]

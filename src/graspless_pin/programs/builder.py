@@ -7,7 +7,7 @@ F times the length scale, torques over each joint's scale.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,16 +21,19 @@ Ends = tuple[ArrayLike, ArrayLike]
 """Lower and upper bounds: a number each, or one for each column."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Rows:
+class _Rows(NamedTuple):
     """Rows of one block before they are stacked."""
 
-    block: Block
+    name: str
     forces: FloatArray | None
     terms: Terms
     low: ArrayLike
     high: ArrayLike
-    count: int
+    size: int
+    unit: float | FloatArray
+    sign: Sign
+    shape: tuple[int, ...]
+    places: NDArray[np.int_] | None
 
 
 class ProgramBuilder:
@@ -87,7 +90,7 @@ class ProgramBuilder:
             parts.append(_ends(ends, count))
         self._linear.append(np.full(count, cost))
         self._curved.append(np.full(count, curvature))
-        self._bounded.append(Block(name, added.index, unit, Sign.EITHER, (count,)))
+        self._bounded.append(Block(name, added.at, unit, Sign.EITHER, (count,)))
         return added
 
     def equal(
@@ -100,9 +103,10 @@ class ProgramBuilder:
         unit: float | FloatArray = 1.0,
     ) -> None:
         """Add equalities ``forces @ x + terms = side``; the arguments are those of `rows`."""
-        count = len(side)
-        block = Block(name, slice(0), unit, Sign.ANY, (count,))
-        self._equalities.append(_Rows(block, forces, terms or {}, side, side, count))
+        size = len(side)
+        self._equalities.append(
+            _Rows(name, forces, terms or {}, side, side, size, unit, Sign.ANY, (size,), None)
+        )
 
     def rows(
         self,
@@ -128,11 +132,12 @@ class ProgramBuilder:
             shape: Shape of the multipliers by contact or joint; None: (k,).
             places: (k,) flat places there; None: all.
         """
-        count = len(forces) if forces is not None else len(np.atleast_1d(high))
-        sign = Sign.UPPER if low is None else Sign.EITHER
-        block = Block(name, slice(0), unit, sign, shape or (count,), places)
+        size = len(forces) if forces is not None else len(np.atleast_1d(high))
+        sign, least = (Sign.UPPER, -np.inf) if low is None else (Sign.EITHER, low)
         self._rows.append(
-            _Rows(block, forces, terms or {}, -np.inf if low is None else low, high, count)
+            _Rows(
+                name, forces, terms or {}, least, high, size, unit, sign, shape or (size,), places
+            )
         )
 
     def balance(self, terms: Terms | None = None) -> None:
@@ -148,15 +153,14 @@ class ProgramBuilder:
             margin: A column, or the margin over F.
             weights: (M,) what a contact's margin counts; None: 1 each.
         """
-        forces, edges = self.forces, self.forces.problem.cone_edges
-        cones = forces.coordinates.layout.cones
-        level = np.ones(len(forces.faces)) if weights is None else weights[cones].repeat(edges)
-        places = (cones[:, None] * edges + np.arange(edges)).ravel()
-        shape = len(forces.normal), edges
-        terms, side = _kept(margin, level)
+        forces, shared = self.forces, self.forces.cones
+        level = 1.0 if weights is None else weights.reshape(-1)[shared.face_owner]
+        terms, side = (
+            ({margin: level}, 0.0) if isinstance(margin, Columns) else ({}, -margin * level)
+        )
         self.rows(
-            "faces", forces.faces, side, terms,
-            unit=forces.coordinates.force_scale, shape=shape, places=places,
+            "faces", forces.faces, side, terms, unit=forces.coordinates.force_scale,
+            shape=(len(forces.normal), forces.problem.cone_edges), places=shared.face_places,
         )  # fmt: skip
 
     def normal_limits(self, margin: Columns | float, weights: FloatArray | None = None) -> None:
@@ -170,17 +174,17 @@ class ProgramBuilder:
             weights: (M,) what a contact's margin counts; None: 1 each.
         """
         forces = self.forces
-        level = np.ones(len(forces.normal)) if weights is None else weights
+        level = 1.0 if weights is None else weights
         if not isinstance(margin, Columns):
             low = np.where(forces.bare, margin * level, -np.inf)
             self.bound_normals(low, forces.limit - margin * level)
             return
-        unit, count = forces.coordinates.force_scale, len(level)
+        unit, bare = forces.coordinates.force_scale, np.flatnonzero(forces.bare)
         self.rows("normal_upper", forces.normal, forces.limit, {margin: level}, unit=unit)
-        bare = np.flatnonzero(forces.bare)
+        own = level if weights is None else weights[bare]
         self.rows(
-            "normal_lower", -forces.normal[bare], np.zeros(len(bare)), {margin: level[bare]},
-            unit=unit, shape=(count,), places=bare,
+            "normal_lower", -forces.normal[bare], 0.0, {margin: own},
+            unit=unit, shape=(len(forces.normal),), places=bare,
         )  # fmt: skip
 
     def bound_normals(self, low: ArrayLike, high: ArrayLike) -> None:
@@ -227,25 +231,24 @@ class ProgramBuilder:
     def program(self) -> Program:
         """Return the program."""
         parts = [*self._equalities, *self._rows]
-        total = sum(part.count for part in parts)
+        total = sum(part.size for part in parts)
         rows = np.zeros((total, self._size), order="F")
         low, high, blocks, first = np.empty(total), np.empty(total), [], 0
-        for part in parts:
-            where = slice(first, first + part.count)
-            if part.forces is not None:
-                rows[where, : self.forces.size] = part.forces
-            for columns, values in part.terms.items():
+        for name, forces, terms, least, most, size, unit, sign, shape, places in parts:
+            where = slice(first, first + size)
+            if forces is not None:
+                rows[where, : self.forces.size] = forces
+            for columns, values in terms.items():
                 wide = np.asarray(values)
-                rows[where, columns.index] = wide[:, None] if wide.ndim == 1 else wide
-            low[where], high[where] = part.low, part.high
-            old = part.block
-            blocks.append(Block(old.name, where, old.unit, old.sign, old.shape, old.places))
-            first += part.count
+                rows[where, columns.at] = wide[:, None] if wide.ndim == 1 else wide
+            low[where], high[where] = least, most
+            blocks.append(Block(name, where, unit, sign, shape, places))
+            first += size
         boxes = [np.concatenate(box, axis=1) for box in self._boxes]
         bounds, curved = np.concatenate(self._bounds, axis=1), np.concatenate(self._curved)
         return Program.of_rows(
             rows,
-            sum(part.count for part in self._equalities),
+            sum(part.size for part in self._equalities),
             low,
             high,
             linear=not curved.any(),
@@ -265,10 +268,3 @@ def _ends(ends: Ends, count: int) -> FloatArray:
     both = np.empty((2, count))
     both[0], both[1] = ends
     return both
-
-
-def _kept(margin: Columns | float, level: FloatArray) -> tuple[Terms, FloatArray]:
-    """Terms and upper sides of rows that keep a margin."""
-    if isinstance(margin, Columns):
-        return {margin: level}, np.zeros(len(level))
-    return {}, -margin * level

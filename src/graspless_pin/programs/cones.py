@@ -55,6 +55,8 @@ class ConeRows:
         sides: (s, n + 1) faces x + e, n^T f + e and, without a cone, -n^T f + e; e is the last.
         faces: (k, n) the first k of them, less their last column.
         normal: (M, n) the next M, likewise.
+        face_owner: (k,) contact of each face.
+        face_places: (k,) place of each face among (M, r), flat.
         reach: (2, n) bounds of forces inside cones, each in limits of its contact's normal force.
         free: (2, n + 1) -inf and inf.
         minus_last: (n + 1,) minus one for the last variable, else zero.
@@ -64,6 +66,8 @@ class ConeRows:
     sides: FloatArray
     faces: FloatArray
     normal: FloatArray
+    face_owner: NDArray[np.int_]
+    face_places: NDArray[np.int_]
     reach: FloatArray
     free: FloatArray
     minus_last: FloatArray
@@ -132,6 +136,8 @@ def _cone_rows(mask: bytes, friction: bytes, edges: int) -> ConeRows:
         sides=sides,
         faces=sides[: len(cones) * edges, :-1],
         normal=sides[len(cones) * edges : len(cones) * edges + count, :-1],
+        face_owner=np.repeat(cones, edges),
+        face_places=(cones[:, None] * edges + np.arange(edges)).ravel(),
         reach=read_only(reach),
         free=read_only(free),
         minus_last=read_only(minus_last),

@@ -19,7 +19,7 @@ from graspless_pin.compiled import contact_frames
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.contact_map import contact_map
-from graspless_pin.programs.cones import ForceLayout, cone_rows, layout_of
+from graspless_pin.programs.cones import ConeRows, ForceLayout, cone_rows, layout_of
 from graspless_pin.programs.program import FARTHEST
 
 
@@ -118,8 +118,7 @@ class ForceRows:
     Attributes:
         problem: The problem.
         coordinates: Its force coordinates.
-        faces: (k, n) side faces of the cones: faces x <= -e (42).
-        normal: (M, n) picks n^T f / F.
+        cones: Rows of the cones' faces, and rows that pick n^T f / F.
         limit: (M,) f_n,max / F.
         balance: (6, n) W f / F, moment rows over the length scale.
         wrench: (6,) right-hand side of the balance (19).
@@ -134,8 +133,7 @@ class ForceRows:
 
     problem: QuasistaticProblem
     coordinates: ForceCoordinates
-    faces: FloatArray
-    normal: FloatArray
+    cones: ConeRows
     limit: FloatArray
     balance: FloatArray
     wrench: FloatArray
@@ -152,13 +150,23 @@ class ForceRows:
         return self.coordinates.layout.size
 
     @property
+    def faces(self) -> FloatArray:
+        """(k, n) side faces of the cones: faces x <= -e (42)."""
+        return self.cones.faces
+
+    @property
+    def normal(self) -> FloatArray:
+        """(M, n) picks n^T f / F."""
+        return self.cones.normal
+
+    @property
     def bare(self) -> NDArray[np.bool_]:
         """(M,) contacts without a cone: there the side faces do not imply n^T f >= e."""
         return self.coordinates.layout.bare
 
     def cone_box(self, reach: float) -> FloatArray:
         """Return (2, n) bounds of forces inside cones with normal components up to ``reach``."""
-        return reach * cone_rows(self.problem).reach
+        return reach * self.cones.reach
 
 
 def force_rows(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> ForceRows:
@@ -172,8 +180,7 @@ def force_rows(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> Fo
     return ForceRows(
         problem=problem,
         coordinates=coordinates,
-        faces=shared.faces,
-        normal=shared.normal,
+        cones=shared,
         limit=limit,
         balance=(effects[:, :6] * weight).T,
         wrench=-weight * problem.external_wrench / force,
@@ -182,7 +189,7 @@ def force_rows(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> Fo
         lower=(problem.lower_torque - problem.gravity_torques) / joints,
         upper=(problem.upper_torque - problem.gravity_torques) / joints,
         gravity=problem.gravity_torques / joints,
-        boxes=force_boxes(problem, coordinates),
+        boxes=_boxes(shared, coordinates, limit),
     )
 
 
@@ -197,12 +204,11 @@ def _effects(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> Floa
     return effects
 
 
-def force_boxes(
-    problem: QuasistaticProblem, coordinates: ForceCoordinates
+def _boxes(
+    shared: ConeRows, coordinates: ForceCoordinates, limit: FloatArray
 ) -> tuple[FloatArray, ...]:
     """Return the `ForceRows.boxes` of a problem."""
-    limit = problem.max_normal_force / coordinates.force_scale
-    owner, reach = coordinates.layout.owner, cone_rows(problem).reach
+    owner, reach = coordinates.layout.owner, shared.reach
     whole = reach * limit[owner]
     if limit.max() <= FARTHEST:
         return (whole,)

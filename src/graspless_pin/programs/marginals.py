@@ -42,9 +42,9 @@ def marginals(
     weights, reduced = multipliers
     own, own_reduced = signs or multipliers
     for block, values, sides in (
-        *((one, weights[one.index], own[one.index]) for one in blocks[0]),
+        *((one, weights[one.at], own[one.at]) for one in blocks[0]),
         # A reduced cost is positive where the lower bound holds.
-        *((one, -reduced[one.index], -own_reduced[one.index]) for one in blocks[1]),
+        *((one, -reduced[one.at], -own_reduced[one.at]) for one in blocks[1]),
     ):
         scaled = unit * values / block.unit
         if block.sign is Sign.ANY:

@@ -143,16 +143,15 @@ class Side(NamedTuple):
     """
 
     sign: float
-    joints: NDArray[np.int_]
+    joints: slice | NDArray[np.int_]
     unit: FloatArray
     level: FloatArray
 
 
 def _torque_sides(forces: ForceRows, unit: float) -> tuple[Side, Side]:
     """Rows of t >= |J^T f + g|, with t in a unit (N m)."""
-    count = len(forces.torque)
-    one, every = np.ones(count), np.arange(count)
-    return Side(1.0, every, unit * one, one), Side(-1.0, every, unit * one, one)
+    every = slice(None), np.full(len(forces.torque), unit), np.ones(len(forces.torque))
+    return Side(1.0, *every), Side(-1.0, *every)
 
 
 def _share_sides(forces: ForceRows, unit: float) -> tuple[Side, ...]:
@@ -192,7 +191,7 @@ def add_largest(program: ProgramBuilder, sides: tuple[Side, ...]) -> Columns:
             {t: -level},
             unit=unit,
             shape=(count,),
-            places=joints,
+            places=None if isinstance(joints, slice) else joints,
         )
     return t
 
