@@ -19,7 +19,8 @@ from graspless_pin import (
     minimize_torque,
 )
 from graspless_pin.errors import SolverUnavailableError
-from graspless_pin.programs.program import Program, elastic
+from graspless_pin.programs.elastic import elastic
+from graspless_pin.programs.program import Program
 from graspless_pin.solvers import Outcome, available_solvers, check_solver, solve, solving
 from graspless_pin.solvers.other_backends import by_qpsolvers
 

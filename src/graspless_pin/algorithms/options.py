@@ -4,9 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Self, TypedDict
+from typing import Self
 
-from graspless_pin.modes.rules import Rules, SignRule, SlidingRule, StaticFriction, choice
+from graspless_pin.modes.rules import (
+    RuleOptions,
+    Rules,
+    SignRule,
+    SlidingRule,
+    StaticFriction,
+    choice,
+)
 from graspless_pin.problem.checks import real_number, whole_number
 from graspless_pin.solvers import check_solver
 
@@ -20,12 +27,9 @@ class Search(StrEnum):
     """The relaxation, then every maximal mode."""
 
 
-class SolveKeywords(TypedDict, total=False):
+class SolveKeywords(RuleOptions, total=False):
     """The options by name, as functions take them; see `SolveOptions.parse`."""
 
-    sign_rule: str
-    sliding_rule: str
-    static_friction: str
     solver: str
     search: str
     node_limit: int | None

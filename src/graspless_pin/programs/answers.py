@@ -13,8 +13,9 @@ from enum import Enum
 import numpy as np
 
 from graspless_pin.problem.checks import FloatArray, all_finite
+from graspless_pin.programs.elastic import elastic, elastic_multipliers
 from graspless_pin.programs.polish import polished
-from graspless_pin.programs.program import Program, elastic, elastic_multipliers
+from graspless_pin.programs.program import Program
 
 PRIMAL_TOLERANCE = 1e-7
 """Largest accepted violation of a constraint, in scaled units: of the load."""

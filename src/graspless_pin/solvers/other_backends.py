@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 import qpsolvers
 import scipy.sparse
+from numpy.typing import NDArray
 from proxsuite import proxqp  # pyright: ignore[reportMissingImports] - compiled, path hook
 
+from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.answers import Backend, Multipliers
-from graspless_pin.programs.program import Program, restored
+from graspless_pin.programs.program import Program
 from graspless_pin.solvers.piqp_engines import SOLVER_TOLERANCE
 
 _OPTIONS: dict[str, dict[str, Any]] = {
@@ -45,7 +47,7 @@ def by_proxqp(program: Program) -> Multipliers:
     engine.init(np.diag(reduced.P), reduced.c, reduced.A, reduced.b, rows, low, high)
     engine.solve()
     x, y, z = (np.array(part) for part in (engine.results.x, engine.results.y, engine.results.z))
-    return restored(x, kept), y, z[: len(reduced.G)]
+    return _restored(x, kept), y, z[: len(reduced.G)]
 
 
 def by_qpsolvers(name: str) -> Backend:
@@ -79,6 +81,15 @@ def by_qpsolvers(name: str) -> Backend:
         if solution.z is not None and has_rows and len(solution.z) == len(rows):
             z[up] += solution.z[: up.sum()]
             z[down] -= solution.z[up.sum() :]
-        return restored(solution.x, kept), np.asarray(y), z
+        return _restored(solution.x, kept), np.asarray(y), z
 
     return backend
+
+
+def _restored(x: FloatArray, kept: NDArray[np.bool_] | None) -> FloatArray:
+    """Return a solution of `Program.without_fixed` with the dropped variables back, as zeros."""
+    if kept is None:
+        return x
+    full = np.zeros(len(kept))
+    full[kept] = x
+    return full
