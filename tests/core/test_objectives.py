@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,14 @@ from scenes import random_problem, scene
 from scipy.optimize import linprog
 from scipy.sparse import csc_matrix
 
-from graspless_pin import QuasistaticProblem, maximize_margin, minimize_torque, optimize
+from graspless_pin import (
+    Objective,
+    ProgramBuilder,
+    QuasistaticProblem,
+    maximize_margin,
+    minimize_torque,
+    optimize,
+)
 from graspless_pin.errors import ArgumentError
 from graspless_pin.programs.objectives import Margin, Torque, TorqueShare
 from graspless_pin.report import solution_document
@@ -122,6 +130,41 @@ def test_what_is_no_objective_is_refused(page):
     for wrong in ("margin", page["SquaredShares"], None):
         with pytest.raises(ArgumentError, match="objective"):
             optimize(scene("rest"), wrong)  # type: ignore[arg-type]
+
+
+class _Balanced(Objective):
+    """Any forces that balance."""
+
+    name = "balanced"
+
+    def build(self, program: ProgramBuilder) -> None:
+        program.balance()
+        program.cones(0.0)
+        program.normal_limits(0.0)
+
+
+@dataclass(frozen=True)
+class Weighted(_Balanced):
+    """Two with equal figures are equal."""
+
+    weights: Any
+
+
+@dataclass(frozen=True, eq=False)
+class WeightedAlone(_Balanced):
+    """Each one is equal to itself alone."""
+
+    weights: Any
+
+
+@pytest.mark.parametrize("weights", [[1.0, 2.0], np.ones(3), {"left": 1.0}])
+def test_figures_without_a_hash_are_refused_with_the_way_out(weights):
+    problem = scene("rest")
+    with pytest.raises(ArgumentError, match=r"Weighted that cannot be hashed.*eq=False") as caught:
+        optimize(problem, Weighted(weights))
+    assert "tuples" in str(caught.value)
+    assert optimize(problem, WeightedAlone(weights)).found
+    assert optimize(problem, Weighted((1.0, 2.0))).found
 
 
 def test_documents_of_other_objectives_are_refused(page):

@@ -1,6 +1,9 @@
 """What a solution holds, how it reads, and that it cannot be changed."""
 
 import dataclasses
+import pickle
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -66,6 +69,17 @@ def test_friction_use_and_state_in_the_text():
 def test_the_text_of_an_infeasible_solution_says_why():
     solution = minimize_torque(scene("rest"), 20.0)
     assert str(solution).startswith(f"not found: {Status.INFEASIBLE_FORCES.message}")
+
+
+def test_a_solution_that_was_sent_to_another_process_says_why(tmp_path):
+    """There nothing but the solution itself has been loaded."""
+    solution = minimize_torque(scene("rest"), 20.0)
+    file = tmp_path / "solution.pickle"
+    file.write_bytes(pickle.dumps(solution))
+    code = f"import pickle; print(pickle.load(open({str(file)!r}, 'rb')))"
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)  # noqa: S603
+    assert "the required margin would have to be at most" in solution.explanation
+    assert shown.stdout == f"{solution}\n"
 
 
 def test_a_problem_without_joints_has_no_joint_table():

@@ -33,6 +33,18 @@ def pinched_block(**changes: Any) -> QuasistaticProblem:
     return QuasistaticProblem(**{**values, **changes})
 
 
+def micro_block() -> QuasistaticProblem:
+    """Return the same, a thousand times smaller, with a millionth of the forces."""
+    block = pinched_block()
+    return pinched_block(
+        positions=1e-3 * block.positions,
+        external_wrench=1e-6 * block.external_wrench,
+        jacobian=1e-3 * block.jacobian,
+        torque_limits=(1e-9 * block.lower_torque, 1e-9 * block.upper_torque),
+        max_normal_force=1e-6 * block.max_normal_force,
+    )
+
+
 def solved(path: Path, *arguments: str, **options: Any) -> tuple[Scene, TorqueSolution]:
     """Load a scene and solve it."""
     scene = load_scene(path)

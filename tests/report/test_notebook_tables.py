@@ -8,6 +8,7 @@ from report_cases import (
     ALLEGRO,
     AT_REST,
     SLIDING,
+    micro_block,
     pinched_block,
     read_html,
     solved,
@@ -61,6 +62,18 @@ def test_names_are_escaped():
     solution = maximize_margin(pinched_block(joint_names=["<b>", "a & b"]))
     joints, _ = read_html(solution._repr_html_()).all("table")
     assert [row[0] for row in joints.rows()] == ["<b>", "a & b"]
+
+
+def test_rules_are_compared_with_digits_at_every_scale():
+    """A millionth of the force on a thousandth of the length: figures, and no zeros."""
+    compared = compare_rules(micro_block(), "torque", margin=1e-7)
+    table = read_html(compared._repr_html_()).all("table")[0]
+    for row, solution in zip(table.rows(), compared.solutions.values(), strict=True):
+        assert float(row[1]) == pytest.approx(solution.margin, rel=1e-4)
+        assert float(row[2]) == pytest.approx(solution.max_torque, rel=1e-4)
+        assert row[1] in str(compared)
+    everyday = compare_rules(pinched_block(), "torque")
+    assert re.search(r"\b0\.1000\b", everyday._repr_html_())
 
 
 def test_force_ranges():

@@ -7,9 +7,6 @@ from dataclasses import dataclass, replace
 from itertools import product
 from typing import Unpack
 
-from tabulate import tabulate
-
-from graspless_pin.algorithms.explanation import explain
 from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
 from graspless_pin.algorithms.solve import solve_problem
@@ -20,7 +17,7 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.joint_units import units_text
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.solution import TorqueSolution
-from graspless_pin.solution.table import table_html
+from graspless_pin.solution.tables import Table, shown, torque_size
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,27 +34,27 @@ class RuleComparison:
 
     def __str__(self) -> str:
         """Return a readable table."""
-        return tabulate(self._rows(), self._headers())
+        return str(self._table())
 
     def _repr_html_(self) -> str:
         """Return the table as HTML, for notebooks."""
-        return table_html(self._rows(), self._headers())
+        return self._table().html()
 
-    def _headers(self) -> list[str]:
-        problem = next(iter(self.solutions.values())).problem  # they are all of one
-        return ["rule", "margin [N]", f"max |torque| [{units_text(problem.joint_units)}]", ""]
-
-    def _rows(self) -> list[list[str]]:
-        rows = []
+    def _table(self) -> Table:
+        problem, rows = next(iter(self.solutions.values())).problem, []  # they are all of one
+        force = problem.scales.force
         for rules, solution in self.solutions.items():
             name = f"{rules.sign} + {rules.sliding}"
             if rules.static_friction is StaticFriction.COULOMB:
                 name = "coulomb"
             if solution.found:
-                rows.append([name, f"{solution.margin:.4f}", f"{solution.max_torque:.4f}", ""])
+                size = torque_size(problem, solution.torques)
+                figures = shown(solution.margin, force), shown(solution.max_torque, size)
+                rows.append([name, *figures, ""])
             else:
                 rows.append([name, "-", "-", solution.status.message])
-        return rows
+        headers = ["rule", "margin [N]", f"max |torque| [{units_text(problem.joint_units)}]", ""]
+        return Table(rows, headers)
 
 
 def compare_rules(
@@ -85,9 +82,7 @@ def compare_rules(
     readings = [Rules(sign, sliding) for sign, sliding in product(SignRule, SlidingRule)]
     readings.append(Rules(static_friction=StaticFriction.COULOMB))
     found = {
-        rules: solve_problem(
-            problem, objective, limits.within(replace(how, rules=rules)), explain=explain
-        )
+        rules: solve_problem(problem, objective, limits.within(replace(how, rules=rules)))
         for rules in readings
     }
     return RuleComparison(Algorithm(algorithm), found)
@@ -115,4 +110,4 @@ def solve_each_mode(
     how, objective = SolveOptions.parse(**options), paper_objective(algorithm, margin)
     signs, sliding = how.rules.sign, how.rules.sliding
     for mode in enumerate_modes(problem, sign_rule=signs, sliding_rule=sliding, maximal=True):
-        yield solve_problem(problem, objective, how, mode=mode, explain=explain)
+        yield solve_problem(problem, objective, how, mode=mode)

@@ -7,15 +7,13 @@ from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from tabulate import tabulate
 
 from graspless_pin.algorithms.force_extremes import ForceExtremes
 from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
-from graspless_pin.solution import Status
-from graspless_pin.solution.records import FOUND
-from graspless_pin.solution.table import digits_of, paragraph, table_html
+from graspless_pin.solution import FOUND, Status
+from graspless_pin.solution.tables import Table, digits_of, paragraph
 
 _DETERMINATE = 1e-6
 _HEADERS = ["#", "f_n [N]", "f_t1 [N]", "f_t2 [N]"]
@@ -66,13 +64,13 @@ class ContactForceBounds:
         """Return a readable table."""
         if not self.found:
             return f"not found: {self.status.message}"
-        return f"{tabulate(self._rows(), _HEADERS)}\n\n{self._margins()}"
+        return f"{Table(self._rows(), _HEADERS)}\n\n{self._margins()}"
 
     def _repr_html_(self) -> str:
         """Return the table as HTML, for notebooks."""
         if not self.found:
             return paragraph(str(self))
-        return table_html(self._rows(), _HEADERS, self._margins())
+        return Table(self._rows(), _HEADERS, self._margins()).html()
 
     def _rows(self) -> list[list[object]]:
         return [

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from graspless_pin.compiled import contact_frames
 from graspless_pin.derived import Derived
+from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.kinematics import VirtualKinematics
 from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.problem import QuasistaticProblem
@@ -136,9 +137,20 @@ _ASSEMBLED: Derived[QuasistaticProblem, dict[Objective, _Assembled]] = Derived(l
 
 
 def formulate(problem: QuasistaticProblem, objective: Objective) -> Formulation:
-    """Return the program of an objective, assembled once for a problem in use."""
+    """Return the program of an objective, assembled once for a problem in use.
+
+    Raises:
+        ArgumentError: If the objective cannot be told from others by its figures.
+    """
     known = _ASSEMBLED.of(problem)
-    made = known.get(objective)
+    try:
+        made = known.get(objective)
+    except TypeError as error:
+        raise ArgumentError(
+            "objective",
+            f"is a {type(objective).__name__} that cannot be hashed ({error}); make it a frozen "
+            "dataclass whose fields are numbers, texts or tuples of them, or one with eq=False",
+        ) from None
     if made is None:
         made = _assembled(problem, objective)
         if len(known) >= _PER_PROBLEM:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from graspless_pin.algorithms.formulation import Formulation, formulate
@@ -26,8 +24,6 @@ from graspless_pin.programs.forces import force_reach
 from graspless_pin.programs.objectives import Objective
 from graspless_pin.solution import Certificate, ProofMultipliers, TorqueSolution
 
-Explain = Callable[[TorqueSolution], object]
-
 
 def solve_problem(
     problem: QuasistaticProblem,
@@ -35,7 +31,6 @@ def solve_problem(
     options: SolveOptions = DEFAULT_OPTIONS,
     *,
     mode: SlidingMode | None = None,
-    explain: Explain | None = None,
 ) -> TorqueSolution:
     """Solve a problem for an objective.
 
@@ -44,7 +39,6 @@ def solve_problem(
         objective: What is optimised.
         options: How.
         mode: Solve this (B, S) only.
-        explain: Explains a solution that is not found, when asked for.
 
     Raises:
         ArgumentError: If an argument is none of its kind, or the mode not one of the problem.
@@ -66,7 +60,7 @@ def solve_problem(
 
     result = searched(formulate(problem, objective))
     optima = threshold_optima(result, searched)
-    return solution_of(result, options.rules, explain, given_mode=mode, optima=optima)
+    return solution_of(result, options.rules, given_mode=mode, optima=optima)
 
 
 def _checked_mode(
@@ -104,7 +98,6 @@ def _checked_mode(
 def solution_of(
     result: SearchResult,
     rules: Rules,
-    explain: Explain | None,
     *,
     given_mode: SlidingMode | None = None,
     optima: tuple[float, float] | None = None,
@@ -114,7 +107,6 @@ def solution_of(
     Args:
         result: How it ended.
         rules: The reading of the virtual-sliding constraint.
-        explain: Explains a solution that is not found, when asked for.
         given_mode: The mode that alone was asked for.
         optima: What `threshold_optima` found.
     """
@@ -152,5 +144,4 @@ def solution_of(
         _forces=forces,
         _mode=state.mode if best is not None else None,
         _multipliers=multipliers,
-        _explain=explain,
     )

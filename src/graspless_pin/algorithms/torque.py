@@ -5,7 +5,6 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import Unpack
 
-from graspless_pin.algorithms.explanation import explain
 from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.modes.rules import SlidingMode, choice
@@ -152,4 +151,4 @@ def optimize(
         SolverUnavailableError: If the solver is not installed.
     """
     how = SolveOptions.parse(**options)
-    return solve_problem(problem, objective, how, mode=mode, explain=explain)
+    return solve_problem(problem, objective, how, mode=mode)

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from graspless_pin.algorithms.explanation import explain
 from graspless_pin.algorithms.formulation import Formulation, formulate
 from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.options import SolveOptions
@@ -85,7 +84,7 @@ def solve_from(
     except UndecidedMotionError:
         result = undecided(state)
     optima = threshold_optima(result, cold)
-    return solution_of(result, rules, explain, optima=optima), state.left_behind()
+    return solution_of(result, rules, optima=optima), state.left_behind()
 
 
 def reaches_margin(

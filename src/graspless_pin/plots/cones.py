@@ -10,7 +10,7 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.plots.canvas import axes_for
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solution import TorqueSolution
-from graspless_pin.solution.table import contact_state, friction_use
+from graspless_pin.solution.utilization import contact_state, friction_use
 from graspless_pin.visualization import LIGHT, Role
 from graspless_pin.visualization.contacts import virtual_velocities
 
@@ -51,7 +51,7 @@ def friction_section(solution: TorqueSolution, contact: int, ax: Axes | None = N
     normal = float(problem.normals[contact] @ force)
     friction = problem.tangents[contact].T @ force
     mu = float(problem.friction[contact])
-    state = contact_state(solution, contact)
+    state = contact_state(problem, solution.contact_forces, contact)
     axes = axes_for(ax, size=(3.4, 3.4))
     radius = max(mu * normal, float(np.linalg.norm(friction)))
     reach = radius if radius > 0.0 else 1.0
@@ -69,7 +69,7 @@ def friction_section(solution: TorqueSolution, contact: int, ax: Axes | None = N
     axes.axvline(0.0, color=LIGHT.text, linewidth=0.5, alpha=0.4)
     axes.set_xlabel("$f_{t1}$ [N]")
     axes.set_ylabel("$f_{t2}$ [N]")
-    use = friction_use(solution)[contact]
+    use = friction_use(problem, solution.contact_forces)[contact]
     share = "" if np.isnan(use) else f", {100.0 * use:.0f} % used"
     axes.set_title(f"contact {contact}: {state}{share}\n$f_n$ = {normal:.4g} N", fontsize="medium")
     return axes

@@ -9,7 +9,7 @@ import numpy as np
 from graspless_pin.plots.canvas import axes_for
 from graspless_pin.problem.joint_units import units_text
 from graspless_pin.solution import TorqueSolution
-from graspless_pin.solution.table import limit_shares
+from graspless_pin.solution.utilization import limit_shares
 from graspless_pin.visualization import LIGHT, Role
 
 if TYPE_CHECKING:

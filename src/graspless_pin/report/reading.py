@@ -20,8 +20,13 @@ from graspless_pin.programs.forces import force_coordinates
 from graspless_pin.programs.objectives import Algorithm, Margin, Objective, Torque, TorqueShare
 from graspless_pin.report.document import DOCUMENT_FORMAT
 from graspless_pin.report.proof_data import as_number, as_numbers, read_multipliers
-from graspless_pin.solution import Certificate, ProofMultipliers, Status, TorqueSolution
-from graspless_pin.solution.records import FOUND
+from graspless_pin.solution import (
+    FOUND,
+    Certificate,
+    ProofMultipliers,
+    Status,
+    TorqueSolution,
+)
 
 DOCUMENT = FileKind("JSON document", 32, SceneError)
 
@@ -109,7 +114,6 @@ def _solution(document: dict[str, Any]) -> TorqueSolution:
             read_multipliers(item, problem, objective) for item in (own, _relaxed(document) or own)
         )
         multipliers = ProofMultipliers(relaxed, in_mode, _added(problem, objective, forces))
-    explanation = document.get("explanation", "")
     return TorqueSolution(
         status,
         objective,
@@ -120,7 +124,7 @@ def _solution(document: dict[str, Any]) -> TorqueSolution:
         _forces=forces,
         _mode=mode,
         _multipliers=multipliers,
-        _explain=lambda _: explanation,
+        _explanation=str(document.get("explanation", "")),
     )
 
 

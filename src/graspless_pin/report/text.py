@@ -5,7 +5,6 @@ from __future__ import annotations
 from graspless_pin.geometry.contact.finding import BodyKind
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
-from graspless_pin.solution.table import solution_text
 
 
 def scene_solution_text(scene: Scene, solution: TorqueSolution) -> str:
@@ -19,7 +18,7 @@ def scene_solution_text(scene: Scene, solution: TorqueSolution) -> str:
             "\nno link of the hand touches the object; move the hand or close its fingers, e.g. "
             "with graspless_pin.scene.close_fingers"
         )
-    return f"{title}\n{solution_text(solution, _touching(scene))}"
+    return f"{title}\n{solution.text(_touching(scene))}"
 
 
 def _count(number: int, noun: str) -> str:

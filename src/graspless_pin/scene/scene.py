@@ -11,7 +11,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from graspless_pin.algorithms.explanation import explain
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.torque import objective_and_options
 from graspless_pin.errors import (
@@ -252,7 +251,7 @@ class Scene:
                     "is an option of Algorithm 2 and would change nothing here; ask for the "
                     "algorithm 'torque' or leave it out",
                 )
-        return solve_problem(self.problem(), objective, how, mode=mode, explain=explain)
+        return solve_problem(self.problem(), objective, how, mode=mode)
 
     def _label(self) -> str:
         return self.name if self.path is None else str(self.path)

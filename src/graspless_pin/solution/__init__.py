@@ -1,11 +1,14 @@
 """What the algorithms return."""
 
-from graspless_pin.solution.records import (
-    Certificate,
-    ProofMultipliers,
-    Status,
-    TorqueSolution,
-    checked_solution,
-)
+from graspless_pin.solution.certificate import Certificate, ProofMultipliers
+from graspless_pin.solution.status import FOUND, Status
+from graspless_pin.solution.torque_solution import TorqueSolution, checked_solution
 
-__all__ = ["Certificate", "ProofMultipliers", "Status", "TorqueSolution", "checked_solution"]
+__all__ = [
+    "FOUND",
+    "Certificate",
+    "ProofMultipliers",
+    "Status",
+    "TorqueSolution",
+    "checked_solution",
+]

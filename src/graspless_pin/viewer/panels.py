@@ -10,7 +10,7 @@ import numpy as np
 from graspless_pin.problem.joint_units import units_text
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.solution import TorqueSolution
-from graspless_pin.solution.table import limit_shares
+from graspless_pin.solution.utilization import limit_shares
 from graspless_pin.viewer.scene_process import SettingsAnswer
 from graspless_pin.visualization import DARK, LIGHT, Role
 

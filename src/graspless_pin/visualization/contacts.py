@@ -15,7 +15,7 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array
 from graspless_pin.problem.cones import cone_edges_local
 from graspless_pin.solution import TorqueSolution
-from graspless_pin.solution.table import contact_state
+from graspless_pin.solution.utilization import contact_state
 from graspless_pin.visualization.looking import look_across, up_against
 from graspless_pin.visualization.picture import Mesh, Picture, Role
 from graspless_pin.visualization.solids import Surface, arrow, ball, pyramid
@@ -126,7 +126,7 @@ def _forces(
     friction = forces - normal
     seen = _NO_FORCE * max(1.0, float(np.linalg.norm(forces, axis=1).max()))
     for index, point in enumerate(points):
-        at_limit = contact_state(solution, index) in ("sliding", "at its limit")
+        at_limit = contact_state(problem, forces, index) in ("sliding", "at its limit")
         parts = {
             Role.NORMAL_FORCE: normal[index],
             Role.FRICTION_AT_LIMIT if at_limit else Role.FRICTION_FORCE: friction[index],

@@ -13,7 +13,7 @@ from graspless_pin.report.html.case import Case
 from graspless_pin.report.html.figures import inline_svg
 from graspless_pin.report.verify import verify_document
 from graspless_pin.solution import TorqueSolution
-from graspless_pin.solution.table import contact_state, friction_use, limit_shares
+from graspless_pin.solution.utilization import contact_state, friction_use, limit_shares
 from graspless_pin.visualization import Picture, Role
 
 _SIGNS = {-1: "−", 0: "0 ", 1: "+"}
@@ -59,8 +59,8 @@ def contact_rows(case: Case) -> list[dict[str, Any]]:
             local = np.array([problem.normals[index] @ force, *(problem.tangents[index].T @ force)])
             row |= {
                 "force": local,
-                "use": friction_use(solution)[index],
-                "state": contact_state(solution, index),
+                "use": friction_use(problem, solution.contact_forces)[index],
+                "state": contact_state(problem, solution.contact_forces, index),
                 "slides": _slides(solution, index),
             }
         rows.append(row)
@@ -88,8 +88,9 @@ def friction_figures(solution: TorqueSolution) -> list[str]:
         force = solution.contact_forces[contact]
         normal = float(problem.normals[contact] @ force)
         along = problem.tangents[contact].T @ force
+        state = contact_state(problem, solution.contact_forces, contact)
         alt = (
-            f"Contact {contact}, {contact_state(solution, contact)}: friction "
+            f"Contact {contact}, {state}: friction "
             f"({along[0]:.4g}, {along[1]:.4g}) N along t1 and t2, in a cone of radius "
             f"{problem.friction[contact] * normal:.4g} N."
         )

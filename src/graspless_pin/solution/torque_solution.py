@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import Enum
 from functools import cached_property
-from typing import TypeVar
+from importlib import import_module
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -20,97 +20,18 @@ from graspless_pin.programs.forces import ForceCoordinates, force_coordinates
 from graspless_pin.programs.marginals import Marginals, marginals
 from graspless_pin.programs.objectives import Algorithm, Objective
 from graspless_pin.programs.program import Program
-from graspless_pin.solution.table import solution_html, solution_text
+from graspless_pin.solution.certificate import Certificate, ProofMultipliers
+from graspless_pin.solution.status import FOUND, Status
+from graspless_pin.solution.tables import (
+    certificate_text,
+    contact_table,
+    figure,
+    joint_table,
+    paragraph,
+    torque_size,
+)
 
 _Value = TypeVar("_Value")
-
-
-class Status(Enum):
-    """What is known of the problem; the value is the message."""
-
-    OPTIMAL = "optimal over all feasible virtual-sliding modes"
-    OPTIMAL_IN_MODE = "optimal in the given virtual-sliding mode"
-    LIMIT_REACHED = (
-        "the best found; the search ended before its proof (a node or time limit, or a program "
-        "that no solver answered)"
-    )
-    INFEASIBLE_FORCES = (
-        "infeasible: no contact forces inside the cones, normal-force and torque limits balance "
-        "the external wrench with the required margin"
-    )
-    INFEASIBLE_MODES = (
-        "infeasible: forces that balance exist, but none whose friction opposes a kinematically "
-        "feasible virtual sliding"
-    )
-    INFEASIBLE_IN_MODE = "infeasible in the given virtual-sliding mode"
-    INFEASIBLE_MODE = "the given virtual-sliding mode has no virtual motion behind it"
-    NOT_FOUND_IN_LIMIT = "nothing found when a node or time limit ended the search"
-    UNVERIFIED = "no solver gave an answer that passes the check"
-
-    @property
-    def message(self) -> str:
-        """The message in words."""
-        return self.value
-
-
-FOUND = frozenset({Status.OPTIMAL, Status.OPTIMAL_IN_MODE, Status.LIMIT_REACHED})
-
-
-@dataclass(frozen=True)
-class Certificate:
-    """How well the answer is proven.
-
-    Values are in scaled units (forces and margin over the load F, torques over what F makes on a
-    joint's longest lever; see `problem.scales`) unless a unit is given.
-
-    Attributes:
-        primal_residual: Largest violation of any constraint by the returned forces.
-        duality_gap: Objective minus the bound that the multipliers of its program prove.
-        bound: Proven bound on the optimum over all modes: an upper bound on the margin in N
-            (Algorithm 1), a lower bound on the largest torque (Algorithm 2: N m, or a share of
-            the limits). With a regularisation it bounds the regularised objective.
-        gap: Distance between the returned objective and that bound, same unit.
-        infeasibility: Proven smallest common violation of all constraints where infeasible.
-        modes_examined: Virtual-sliding modes that were solved or ruled out one by one.
-        nodes: Nodes of the search.
-        force_programs: LPs or QPs in forces that were solved, or carried over and proven.
-        kinematic_programs: Kinematic feasibility problems that were solved.
-        solver: The solver whose answer passed the check, or, where an `Evaluator` carried the
-            optimum of another state over, the one that answered there.
-        force_reach: The largest normal force up to which the bound is proven, N: the largest limit,
-            or 1e8 times the load.
-        threshold_optima: The optimum with a tenth and with ten times the threshold of what counts
-            as a virtual motion, in the bound's unit, NaN where nothing is feasible; None: both are
-            the same as here.
-    """
-
-    primal_residual: float
-    duality_gap: float
-    bound: float
-    gap: float
-    infeasibility: float
-    modes_examined: int
-    nodes: int
-    force_programs: int
-    kinematic_programs: int
-    solver: str
-    force_reach: float = np.inf
-    threshold_optima: tuple[float, float] | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class ProofMultipliers:
-    """Multipliers of the scaled programs, for writing a proof that others can check.
-
-    Attributes:
-        relaxation: (y, z) of the program without modes: they bound every mode.
-        mode: (y, z) of the program in which the solution was found.
-        added: Values of the columns that the objective adds to the forces', scaled.
-    """
-
-    relaxation: tuple[FloatArray, FloatArray]
-    mode: tuple[FloatArray, FloatArray]
-    added: FloatArray
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -138,7 +59,7 @@ class TorqueSolution:
     _forces: FloatArray | None = None
     _mode: SlidingMode | None = None
     _multipliers: ProofMultipliers | None = None
-    _explain: Callable[[TorqueSolution], object] | None = None
+    _explanation: str | None = None
 
     @property
     def found(self) -> bool:
@@ -149,11 +70,11 @@ class TorqueSolution:
     def explanation(self) -> str:
         """Why nothing is feasible and the smallest changes that would help; empty if found.
 
-        Worked out when first asked for: it solves several changed problems.
+        Worked out when first asked for: it solves several changed problems (see `explain`).
         """
-        if self.found or self._explain is None:
-            return ""
-        return str(self._explain(self))
+        if self.found or self._explanation is not None:
+            return self._explanation or ""
+        return str(_from_above("explanation", "explain")(self))
 
     @property
     def algorithm(self) -> Algorithm | None:
@@ -257,12 +178,59 @@ class TorqueSolution:
         return f"<TorqueSolution {self.objective.name}: {self.status.name}{found}, {size}>"
 
     def __str__(self) -> str:
-        """Return a readable table."""
-        return solution_text(self)
+        """Return readable tables, or why there are none."""
+        return self.text()
+
+    def text(self, bodies: Sequence[str] | None = None) -> str:
+        """Return the tables of joints and contacts with the certificate, or why there are none.
+
+        Args:
+            bodies: M names of what touches the object at each contact; None: left out.
+        """
+        if not self.found:
+            why = f"\n\n{self.explanation}\n" if self.explanation else ""
+            return f"not found: {self.status.message}{why}\n{self._certificate_text()}"
+        parts: list[object] = [self._headline()]
+        if self.problem.joint_count:
+            parts.append(joint_table(self.problem, self.contact_torques))
+        parts.append(contact_table(self.problem, self.contact_forces, self.mode, bodies))
+        return "\n\n".join(str(part) for part in [*parts, self._certificate_text()])
 
     def _repr_html_(self) -> str:
-        """Return the tables as HTML, for notebooks."""
-        return solution_html(self)
+        """Return what `text` does as HTML, for notebooks."""
+        last = paragraph(self._certificate_text())
+        if not self.found:
+            why = f"{self.status.message}\n{self.explanation}".strip()
+            return f"{paragraph(f'not found: {why}')}\n{last}"
+        parts = [paragraph(self._headline())]
+        if self.problem.joint_count:
+            parts.append(joint_table(self.problem, self.contact_torques).html())
+        parts.append(contact_table(self.problem, self.contact_forces, self.mode).html())
+        return "\n".join([*parts, last])
+
+    def _headline(self) -> str:
+        """Return what was solved, and the two figures that matter."""
+        margin = f"at margin {self.required_margin:g} N"
+        what = {
+            "margin": "Algorithm 1, largest margin",
+            "torque": f"Algorithm 2, smallest torque {margin}",
+        }.get(self.algorithm or "", f"{self.objective.name} {margin}")
+        size = torque_size(self.problem, self.torques)
+        return (
+            f"{what}: {self.status.message}\n"
+            f"margin e = {figure(self.margin, self.problem.scales.force)} N, max |torque| = "
+            f"{figure(self.max_torque, size)} {self.max_torque_unit}"
+        )
+
+    def _certificate_text(self) -> str:
+        unit, size = "N", self.problem.scales.force
+        if self.algorithm is None:
+            unit, size = "of its own unit", 1.0
+        elif self.found and self.objective.by_limits:
+            unit, size = "of the limit", 1.0
+        elif self.found and self.algorithm is Algorithm.TORQUE:
+            unit, size = self.max_torque_unit, torque_size(self.problem, self.torques)
+        return certificate_text(self.certificate, self.problem, unit, size, found=self.found)
 
     def _read(self, value: _Value | None) -> _Value:
         if value is None:
@@ -282,3 +250,8 @@ def checked_solution(solution: object) -> TorqueSolution:
         kind = type(solution).__name__
         raise ArgumentError("solution", f"is a {kind}; it must be what the algorithms return")
     return solution
+
+
+def _from_above(module: str, name: str) -> Any:
+    """Return a function of `algorithms`, which stands above and is loaded when it is needed."""
+    return getattr(import_module(f"graspless_pin.algorithms.{module}"), name)

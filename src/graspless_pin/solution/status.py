@@ -1,0 +1,34 @@
+"""What is known of a problem when a search has ended."""
+
+from enum import Enum
+
+
+class Status(Enum):
+    """What is known of the problem; the value is the message."""
+
+    OPTIMAL = "optimal over all feasible virtual-sliding modes"
+    OPTIMAL_IN_MODE = "optimal in the given virtual-sliding mode"
+    LIMIT_REACHED = (
+        "the best found; the search ended before its proof (a node or time limit, or a program "
+        "that no solver answered)"
+    )
+    INFEASIBLE_FORCES = (
+        "infeasible: no contact forces inside the cones, normal-force and torque limits balance "
+        "the external wrench with the required margin"
+    )
+    INFEASIBLE_MODES = (
+        "infeasible: forces that balance exist, but none whose friction opposes a kinematically "
+        "feasible virtual sliding"
+    )
+    INFEASIBLE_IN_MODE = "infeasible in the given virtual-sliding mode"
+    INFEASIBLE_MODE = "the given virtual-sliding mode has no virtual motion behind it"
+    NOT_FOUND_IN_LIMIT = "nothing found when a node or time limit ended the search"
+    UNVERIFIED = "no solver gave an answer that passes the check"
+
+    @property
+    def message(self) -> str:
+        """The message in words."""
+        return self.value
+
+
+FOUND = frozenset({Status.OPTIMAL, Status.OPTIMAL_IN_MODE, Status.LIMIT_REACHED})

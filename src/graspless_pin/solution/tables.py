@@ -1,0 +1,215 @@
+"""Readable tables of joints, contacts and certificates, and the digits of their figures."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from tabulate import tabulate
+
+from graspless_pin.modes.rules import SlidingMode
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.joint_units import units_text
+from graspless_pin.solution.certificate import Certificate
+from graspless_pin.solution.utilization import contact_state, friction_use, limit_shares
+
+_LEAST, _MOST = 0.01, 1e6
+"""Loads whose figures have four decimals in tables; there 1e-8 counts as zero."""
+_NOTHING = 1e-6
+_JOINT_HEADERS = ["joint", "contacts", "gravity", "torque", "lower", "upper", "of limit"]
+_CONTACT_LEGEND = (
+    "friction: share of what mu allows; slides: signs of the virtual sliding (B, S) along t1 and "
+    "t2, .. none"
+)
+
+
+class Table(NamedTuple):
+    """A table to be printed.
+
+    Attributes:
+        rows: Its cells.
+        headers: One a column.
+        legend: A line below it.
+        floats: Format of cells that are floats.
+        texts: Columns whose texts are none of numbers, whatever they look like.
+    """
+
+    rows: Sequence[Sequence[Any]]
+    headers: Sequence[str]
+    legend: str = ""
+    floats: str = "g"
+    texts: tuple[int, ...] = ()
+
+    def __str__(self) -> str:
+        """Return the table as text."""
+        table = tabulate(
+            self.rows, self.headers, floatfmt=self.floats, stralign="left",
+            disable_numparse=list(self.texts),
+        )  # fmt: skip
+        return f"{table}\n{self.legend}" if self.legend else table
+
+    def html(self) -> str:
+        """Return the table as HTML, for notebooks; all text is escaped."""
+        cells = [
+            [f"{cell:{self.floats}}" if isinstance(cell, float) else cell for cell in row]
+            for row in self.rows
+        ]
+        table = tabulate(cells, self.headers, tablefmt="html", disable_numparse=True)
+        return f"{table}\n{paragraph(self.legend)}" if self.legend else table
+
+
+def paragraph(text: str) -> str:
+    """Return text as an HTML paragraph; every line stays one."""
+    return f"<p>{'<br>'.join(html.escape(line) for line in text.splitlines())}</p>"
+
+
+def joint_table(problem: QuasistaticProblem, from_contacts: FloatArray) -> Table:
+    """Return the joints: torque from contacts, from gravity, total, limits, share of the limit.
+
+    Where joints differ in their unit, it has a column of its own.
+
+    Args:
+        problem: The problem.
+        from_contacts: (L,) torques that hold the contact forces.
+    """
+    torques = from_contacts + problem.gravity_torques
+    size = torque_size(problem, torques)
+    shares = limit_shares(torques, problem.lower_torque, problem.upper_torque)
+    columns = [
+        problem.joint_names,
+        _plain(from_contacts, size),
+        _plain(problem.gravity_torques, size),
+        _plain(torques, size),
+        problem.lower_torque,
+        problem.upper_torque,
+        [f"{100.0 * share:.1f} %" if np.isfinite(share) else "-" for share in shares],
+    ]
+    headers = list(_JOINT_HEADERS)
+    if len(set(problem.joint_units)) > 1:
+        columns.insert(1, [unit.value for unit in problem.joint_units])
+        headers.insert(1, "unit")
+    legend = f"torques in {units_text(problem.joint_units)}"
+    return Table(list(zip(*columns, strict=True)), headers, legend, digits_of(size, "+"))
+
+
+def contact_table(
+    problem: QuasistaticProblem,
+    forces: FloatArray,
+    mode: SlidingMode,
+    bodies: Sequence[str] | None = None,
+) -> Table:
+    """Return the contacts: point, normal force, friction and its use, state, virtual sliding.
+
+    Args:
+        problem: The problem.
+        forces: (M, 3) contact forces, N.
+        mode: The virtual-sliding mode.
+        bodies: M names of what touches the object at each contact; None: left out.
+    """
+    load, length, _ = problem.scales
+    normal = _plain(np.einsum("ij,ij->i", problem.normals, forces), load)
+    digits = digits_of(length, "+")
+    use, tokens = friction_use(problem, forces), str(mode).split(" ")
+    rows = []
+    for contact in range(problem.contact_count):
+        share = "-" if np.isnan(use[contact]) else f"{100.0 * use[contact]:.0f} %"
+        where = " ".join(f"{x:{digits}}" for x in _plain(problem.positions[contact], length))
+        state = contact_state(problem, forces, contact)
+        name = [bodies[contact]] if bodies is not None else []
+        rows.append([contact, *name, where, normal[contact], share, state, tokens[contact]])
+    headers = ["#", "point from the centre of mass [m]", "normal [N]", "friction", "state",
+               "slides"]  # fmt: skip
+    if bodies is not None:
+        headers.insert(1, "touching")
+    return Table(rows, headers, _CONTACT_LEGEND, digits_of(load), (1,))
+
+
+def certificate_text(
+    proof: Certificate, problem: QuasistaticProblem, unit: str, size: float, *, found: bool
+) -> str:
+    """Return a certificate in a few lines.
+
+    Args:
+        proof: The certificate.
+        problem: The problem.
+        unit: Unit of the bound.
+        size: What its digits are beside.
+        found: Whether there is an answer.
+    """
+    lines = []
+    if found:
+        lines.append(
+            f"certificate: primal residual {proof.primal_residual:.1e}, duality gap "
+            f"{proof.duality_gap:.1e} (scaled); proven bound {figure(proof.bound, size)} {unit}, "
+            f"gap {proof.gap + 0.0:.1e} {unit}"
+        )
+    elif proof.infeasibility > 0.0:
+        lines.append(
+            f"certificate: every choice of forces violates some constraint by at least "
+            f"{proof.infeasibility:.3g} (scaled)"
+        )
+    if proof.force_reach < problem.max_normal_force.max():
+        lines.append(f"the bound is proven for normal forces up to {proof.force_reach:.3g} N")
+    if proof.threshold_optima is not None:
+        slow, fast = (
+            f"{figure(value, size)} {unit}" if np.isfinite(value) else "infeasible"
+            for value in proof.threshold_optima
+        )
+        lines.append(
+            "this answer hangs on what counts as a virtual motion (see docs/rules.md): with a "
+            f"tenth of the threshold it is {slow}, with ten times {fast}"
+        )
+    lines.append(
+        f"search: {_count(proof.nodes, 'node')}, "
+        f"{_count(proof.modes_examined, 'mode')} examined, "
+        f"{_count(proof.force_programs, 'force program')}, "
+        f"{_count(proof.kinematic_programs, 'kinematic program')}"
+        + (f", answer by {proof.solver}" if proof.solver else "")
+    )
+    return "\n".join(lines)
+
+
+def digits_of(size: float, sign: str = "") -> str:
+    """Return the format of figures of a size: four decimals, or five digits where it is far from 1.
+
+    Args:
+        size: The load, or what it makes on the longest lever; a length.
+        sign: ``+`` to print it always.
+    """
+    return f"{sign}.4f" if _is_everyday(size) else f"{sign}.5g"
+
+
+def shown(value: float, size: float, sign: str = "") -> str:
+    """Return a figure beside others of a size with the digits of `digits_of`."""
+    return f"{float(_plain(np.array(value), size)):{digits_of(size, sign)}}"
+
+
+def torque_size(problem: QuasistaticProblem, torques: FloatArray) -> float:
+    """Return what the load makes on the longest lever, or a larger torque; 1 without joints."""
+    sizes = [problem.scales.joints, np.abs(torques)]
+    return float(np.concatenate(sizes).max(initial=0.0)) or 1.0
+
+
+def figure(value: float, size: float) -> str:
+    """Six digits of a figure beside others of a size; a billionth of these is rounding of zero."""
+    if _is_everyday(size):
+        return f"{round(value, 8) + 0.0:.6g}"
+    return f"{0.0 if abs(value) < 1e-2 * _NOTHING * size else value:.6g}"
+
+
+def _is_everyday(size: float) -> bool:
+    return _LEAST <= size <= _MOST
+
+
+def _plain(values: FloatArray, size: float) -> FloatArray:
+    """Round to the digits shown, without negative zeros; what rounding left of zero is zero."""
+    if _is_everyday(size):
+        return np.round(values, 4) + 0.0
+    return np.where(np.abs(values) < _NOTHING * size, 0.0, values)
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

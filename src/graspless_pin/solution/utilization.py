@@ -1,0 +1,42 @@
+"""How much of their limits forces and torques use."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray
+
+_AT_LIMIT = 1e-6
+
+
+def friction_use(problem: QuasistaticProblem, forces: FloatArray) -> FloatArray:
+    """(M,) |tangential force| / (mu times normal force); NaN where there is no friction or load.
+
+    1 is the edge of the Coulomb cone; the polyhedral cone inside it ends a little earlier.
+    """
+    normal = np.einsum("ij,ij->i", problem.normals, forces)
+    tangential = forces - normal[:, None] * problem.normals
+    most = problem.friction * normal
+    with np.errstate(divide="ignore", invalid="ignore"):
+        use = np.linalg.norm(tangential, axis=1) / most
+    return np.where(most > 0.0, use, np.nan)
+
+
+def contact_state(problem: QuasistaticProblem, forces: FloatArray, contact: int) -> str:
+    """Return ``sliding``, ``frictionless``, ``at its limit`` (on a cone face) or ``sticking``."""
+    if problem.is_sliding[contact]:
+        return "sliding"
+    if not problem.has_cone[contact]:
+        return "frictionless"
+    columns = np.abs(problem.H[3 * contact : 3 * contact + 3]).sum(axis=0) > 0.0
+    distance = -(problem.H[:, columns].T @ forces.ravel()).max()
+    return "at its limit" if distance <= _AT_LIMIT * problem.scales.force else "sticking"
+
+
+def limit_shares(torques: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
+    """(L,) share of the limit on the side where each torque is; NaN where that side has none."""
+    limit = np.where(torques >= 0.0, upper, lower)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = torques / limit
+    return np.where(np.isfinite(limit) & (limit != 0.0), share, np.nan)
