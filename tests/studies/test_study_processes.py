@@ -202,7 +202,7 @@ def test_samples_that_crash_or_hang_on_dask_are_rows(tmp_path, monkeypatch, clus
         assert processes_of(cluster) == before, "workers of Dask died"
 
 
-def processes_of(cluster):
+def processes_of(cluster) -> Any:
     """Return the process of each worker: a task may go to the same one every time."""
     with Client(cluster) as client:
         return client.run(os.getpid)
