@@ -11,20 +11,18 @@ are never branched on.
 from __future__ import annotations
 
 import heapq
-import time
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from graspless_pin.algorithms.limits import NO_LIMITS, Limits
 from graspless_pin.algorithms.mode_oracle import Opposition, SignPair
 from graspless_pin.algorithms.search import (
     SearchResult,
     SearchState,
     finished,
-    undecided,
 )
-from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.modes.enumeration import sign_pairs
 from graspless_pin.modes.propagation import Decisions
 from graspless_pin.modes.rules import SignRule, SlidingMode, StaticFriction
@@ -59,24 +57,13 @@ class _Node:
     depth: int
 
 
-def branch_and_bound(
-    state: SearchState, *, node_limit: int | None = None, time_limit: float | None = None
-) -> SearchResult:
+def branch_and_bound(state: SearchState, limits: Limits = NO_LIMITS) -> SearchResult:
     """Find the optimum over all feasible modes with a proven bound.
 
     Args:
         state: The search to run.
-        node_limit: Stop after so many nodes; None: no limit.
-        time_limit: Stop after so many seconds; None: no limit.
+        limits: When to stop.
     """
-    deadline = np.inf if time_limit is None else time.monotonic() + time_limit
-    try:
-        return _searched(state, node_limit, deadline)
-    except UndecidedMotionError:
-        return undecided(state)
-
-
-def _searched(state: SearchState, node_limit: int | None, deadline: float) -> SearchResult:
     answer = state.relax()
     state.nodes += 1
     if answer.outcome is not Outcome.SOLVED:
@@ -95,7 +82,7 @@ def _searched(state: SearchState, node_limit: int | None, deadline: float) -> Se
         state.raise_bound(min(bound, left))
         if state.closed(bound):
             return finished(state)
-        if (node_limit is not None and state.nodes >= node_limit) or time.monotonic() > deadline:
+        if limits.end(state.nodes):
             return finished(state, interrupted=True)
         node = _drawn(state, node)
         if node is None:

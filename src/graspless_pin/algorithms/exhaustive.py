@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 
+from graspless_pin.algorithms.limits import NO_LIMITS, Limits
 from graspless_pin.algorithms.search import SearchResult, SearchState, finished
 from graspless_pin.modes.enumeration import feasible_modes
 from graspless_pin.modes.rules import SlidingMode, StaticFriction
@@ -13,9 +12,7 @@ from graspless_pin.solution import Status
 from graspless_pin.solvers import Outcome
 
 
-def search_exhaustively(
-    state: SearchState, *, node_limit: int | None = None, time_limit: float | None = None
-) -> SearchResult:
+def search_exhaustively(state: SearchState, limits: Limits = NO_LIMITS) -> SearchResult:
     """Find the optimum over all feasible modes by solving every maximal one.
 
     The relaxation's optimum is the answer whenever a feasible mode admits its friction; otherwise
@@ -23,10 +20,8 @@ def search_exhaustively(
 
     Args:
         state: The search to run.
-        node_limit: Stop after so many modes; None: no limit.
-        time_limit: Stop after so many seconds; None: no limit.
+        limits: When to stop; modes count as nodes.
     """
-    deadline = np.inf if time_limit is None else time.monotonic() + time_limit
     answer = state.relax()
     state.nodes = 1
     if answer.outcome is Outcome.INFEASIBLE:
@@ -44,7 +39,7 @@ def search_exhaustively(
     for listed in feasible_modes(
         state.formulation.problem, state.formulation.kinematics, state.rules, maximal=True
     ):
-        if (node_limit is not None and state.nodes >= node_limit) or time.monotonic() > deadline:
+        if limits.end(state.nodes):
             return finished(state, interrupted=True)
         state.nodes += 1
         state.modes_examined += 1

@@ -48,17 +48,17 @@ class Formulation:
     unit: float = 1.0
     layers: tuple[int, ...] = (0,)
 
-    @cached_property
+    @property
     def cone_contacts(self) -> tuple[int, ...]:
         """Contacts that have a friction cone."""
-        return tuple(self.cone_index.tolist())
+        return self.coordinates.layout.cone_contacts
 
-    @cached_property
+    @property
     def cone_index(self) -> NDArray[np.int_]:
         """The same, as an array."""
         return self.coordinates.layout.cones
 
-    @cached_property
+    @property
     def cone_columns(self) -> NDArray[np.int_]:
         """(layers, number of cones, 2) columns of their friction components."""
         columns = self.coordinates.layout.friction

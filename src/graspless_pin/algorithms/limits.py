@@ -4,18 +4,11 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from typing import Self, TypedDict
+from typing import Self
 
 import numpy as np
 
 from graspless_pin.algorithms.options import SolveOptions
-
-
-class LimitOptions(TypedDict):
-    """The limits of one search, by name."""
-
-    node_limit: int | None
-    time_limit: float | None
 
 
 @dataclass(frozen=True)
@@ -27,26 +20,30 @@ class Limits:
         deadline: Reading of `time.monotonic` at which every search ends.
     """
 
-    node_limit: int | None
-    deadline: float
+    node_limit: int | None = None
+    deadline: float = np.inf
 
     @classmethod
     def of(cls, options: SolveOptions) -> Self:
         """Return the limits of options; their time begins now."""
-        seconds = np.inf if options.time_limit is None else options.time_limit
-        return cls(options.node_limit, time.monotonic() + seconds)
+        if options.time_limit is None:
+            return cls(options.node_limit)
+        return cls(options.node_limit, time.monotonic() + options.time_limit)
 
     @property
     def passed(self) -> bool:
         """Whether the time is over."""
-        return time.monotonic() > self.deadline
+        return self.deadline < np.inf and time.monotonic() > self.deadline
+
+    def end(self, nodes: int) -> bool:
+        """Return whether a search ends that has looked at so many nodes."""
+        return (self.node_limit is not None and nodes >= self.node_limit) or self.passed
 
     def within(self, options: SolveOptions) -> SolveOptions:
         """Return options with the time that is left."""
-        return replace(options, time_limit=self.left["time_limit"])
+        if self.deadline == np.inf:
+            return options
+        return replace(options, time_limit=max(self.deadline - time.monotonic(), 0.0))
 
-    @property
-    def left(self) -> LimitOptions:
-        """What is left for the next search."""
-        seconds = None if np.isinf(self.deadline) else max(self.deadline - time.monotonic(), 0.0)
-        return {"node_limit": self.node_limit, "time_limit": seconds}
+
+NO_LIMITS = Limits()

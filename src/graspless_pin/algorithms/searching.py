@@ -20,7 +20,7 @@ def search_modes(state: SearchState, options: SolveOptions, limits: Limits) -> S
     """
     try:
         if options.search is Search.ENUMERATE:
-            return search_exhaustively(state, **limits.left)
-        return branch_and_bound(state, **limits.left)
+            return search_exhaustively(state, limits)
+        return branch_and_bound(state, limits)
     except UndecidedMotionError:
         return undecided(state)

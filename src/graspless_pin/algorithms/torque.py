@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import Unpack
 
-from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
+from graspless_pin.algorithms.options import DEFAULT_OPTIONS, SolveKeywords, SolveOptions
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.modes.rules import SlidingMode, choice
 from graspless_pin.problem import QuasistaticProblem
@@ -150,5 +150,5 @@ def optimize(
         ArgumentError: If an argument is none of its kind or an option is not known.
         SolverUnavailableError: If the solver is not installed.
     """
-    how = SolveOptions.parse(**options)
+    how = SolveOptions.parse(**options) if options else DEFAULT_OPTIONS
     return solve_problem(problem, objective, how, mode=mode)

@@ -12,7 +12,7 @@ from enum import Enum
 
 import numpy as np
 
-from graspless_pin.problem.checks import FloatArray, all_finite
+from graspless_pin.problem.checks import FloatArray, all_within
 from graspless_pin.programs.elastic import elastic, elastic_multipliers
 from graspless_pin.programs.polish import polished
 from graspless_pin.programs.program import Program
@@ -27,6 +27,8 @@ _ROUNDING = 1e-14
 """What rounding leaves of a bound, over the largest variable that it is proven for."""
 _INFEASIBLE = 1e-8
 _SHRUNK_BY = (1e3, 1e6)
+_LARGEST = 1e100
+"""Products with larger figures overflow; what is no number is not within it either."""
 
 Multipliers = tuple[FloatArray, FloatArray, FloatArray]
 """A solution x with multipliers of the equalities and of the rows, as a solver left them."""
@@ -132,9 +134,9 @@ def _tried(
 
 
 def _asked(backend: Backend, program: Program) -> Multipliers | None:
-    """Return what a solver found, if that is finite."""
+    """Return what a solver found, if it can be reckoned with."""
     raw = backend(program)
-    return None if raw is None or not all_finite(raw) else raw
+    return None if raw is None or not all_within(raw, _LARGEST) else raw
 
 
 def proven(program: Program, found: Multipliers, name: str, cutoff: float) -> Answer:
@@ -156,15 +158,15 @@ def proven(program: Program, found: Multipliers, name: str, cutoff: float) -> An
         bound - cutoff > _ROUNDING * program.farthest * (np.abs(y).sum() + np.abs(z).sum())
     ):
         return _infeasible(bound, max(program.infeasibility_bound(y, z), 0.0), y, z, name)
-    if residual <= PRIMAL_TOLERANCE and abs(value - bound) <= _gap(program, value):
+    gap = abs(value - bound) / max(1.0, abs(value))
+    if residual <= PRIMAL_TOLERANCE and (gap <= GAP_TOLERANCE or gap <= _rounding_gap(program)):
         return Answer(Outcome.SOLVED, x, y, z, value, bound, residual, 0.0, name)
     return failed(bound)
 
 
-def _gap(program: Program, value: float) -> float:
-    """Largest accepted distance between a value and its bound: more where variables are large."""
-    rounding = _ROUNDING * program.farthest
-    return min(max(GAP_TOLERANCE, rounding), _LARGEST_GAP) * max(1.0, abs(value))
+def _rounding_gap(program: Program) -> float:
+    """Relative distance between a value and its bound that rounding may leave of large figures."""
+    return min(_ROUNDING * program.farthest, _LARGEST_GAP)
 
 
 def failed(bound: float) -> Answer:

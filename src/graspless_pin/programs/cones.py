@@ -29,6 +29,7 @@ class ForceLayout:
         normal: (M,) column of each contact's normal coordinate.
         tangent: (M, 2) columns of t1 and t2; -1 where there is no cone.
         cones: (c,) indices of the contacts with a cone.
+        cone_contacts: The same as plain integers.
         friction: (c, 2) their columns of t1 and t2.
         bare: (M,) bool, contacts without one.
         owner: (n,) contact of each column.
@@ -40,6 +41,7 @@ class ForceLayout:
     normal: NDArray[np.int_]
     tangent: NDArray[np.int_]
     cones: NDArray[np.int_]
+    cone_contacts: tuple[int, ...]
     friction: NDArray[np.int_]
     bare: NDArray[np.bool_]
     owner: NDArray[np.int_]
@@ -105,7 +107,7 @@ def _layout(mask: bytes) -> ForceLayout:
     }
     for array in arrays.values():
         array.setflags(write=False)
-    return ForceLayout(size, **arrays)
+    return ForceLayout(size, cone_contacts=tuple(cones.tolist()), **arrays)
 
 
 @lru_cache(maxsize=_MOST_KEPT)

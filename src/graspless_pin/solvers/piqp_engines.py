@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from threading import Lock
 from typing import Any
 
@@ -18,7 +17,9 @@ from graspless_pin.programs.program import Program
 SOLVER_TOLERANCE = 1e-10
 """What all solvers are asked for, in scaled units."""
 # Programs are well scaled: interior points may go closer to the boundary than PIQP's default.
-_STEP_TO_BOUNDARY = 0.995
+_STEP_TO_BOUNDARY = 0.9999
+_UNIT = 10.0
+"""What PIQP's variables count in: it starts near one, and forces are some loads."""
 _FIRST_ITERATIONS = 20
 _MOST_ITERATIONS = 250
 _PER_STRUCTURE = 2
@@ -34,10 +35,10 @@ class _Engine:
 
     def __init__(self, program: Program) -> None:
         """Set up for a program and all of its structure."""
-        n = len(program.c)
-        self._A, self._filled_A = _columns(program.A)
-        self._G, self._filled_G = _columns(program.G)
-        self._P = scipy.sparse.csc_matrix((program.P.copy(), np.arange(n), np.arange(n + 1)))
+        n, count = len(program.c), len(program.b)
+        self._A, self._places_A = _columns(program.rows, slice(count))
+        self._G, self._places_G = _columns(program.rows, slice(count, None))
+        self._P = scipy.sparse.csc_matrix((_UNIT * program.P, np.arange(n), np.arange(n + 1)))
         self._known = _arrays(program)
         self._piqp = piqp.SparseSolver()
         settings = self._settings = self._piqp.settings
@@ -50,12 +51,12 @@ class _Engine:
             self._P,
             program.c,
             self._A,
-            program.b,
+            program.b / _UNIT,
             self._G,
-            program.l,
-            program.u,
-            program.lb,
-            program.ub,
+            program.l / _UNIT,
+            program.u / _UNIT,
+            program.lb / _UNIT,
+            program.ub / _UNIT,
         )
 
     def holds(self, program: Program) -> bool:
@@ -67,27 +68,26 @@ class _Engine:
         P, c, A, b, G, low, high, lb, ub = self._known
         changed: dict[str, Any] = {}
         if program.lb is not lb or program.ub is not ub:
-            changed["x_l"], changed["x_u"] = program.lb, program.ub
+            changed["x_l"], changed["x_u"] = program.lb / _UNIT, program.ub / _UNIT
         if program.c is not c:
             changed["c"] = program.c
         if program.b is not b:
-            changed["b"] = program.b
+            changed["b"] = program.b / _UNIT
         if program.l is not low or program.u is not high:
-            changed["h_l"], changed["h_u"] = program.l, program.u
+            changed["h_l"], changed["h_u"] = program.l / _UNIT, program.u / _UNIT
         if program.P is not P:
-            self._P.data[:] = program.P
+            np.multiply(program.P, _UNIT, out=self._P.data)
             changed["P"] = self._P
-        if program.A is not A:
-            self._A.data[:] = program.A.T.ravel()[self._filled_A]
-            changed["A"] = self._A
-        if program.G is not G:
-            self._G.data[:] = program.G.T.ravel()[self._filled_G]
-            changed["G"] = self._G
+        if program.A is not A or program.G is not G:
+            entries = program.rows.T.ravel()
+            entries.take(self._places_A, out=self._A.data, mode="clip")
+            entries.take(self._places_G, out=self._G.data, mode="clip")
+            changed["A"], changed["G"] = self._A, self._G
         if changed:
             self._piqp.update(**changed)
             self._known = _arrays(program)
 
-    def solve(self, program: Program) -> Multipliers | None:
+    def solve(self, program: Program) -> Multipliers:
         """Solve, and stop early where the multipliers already prove that nothing is feasible.
 
         A feasible program takes some ten iterations; on an infeasible one the multipliers grow
@@ -101,11 +101,8 @@ class _Engine:
             self._settings.max_iter = _MOST_ITERATIONS
             self._piqp.solve()
         # Bounds that meet are met to the solver's tolerance: the answer meets them exactly.
-        x = np.minimum(np.maximum(result.x, program.lb), program.ub)
-        y, z = np.array(result.y), result.z_u - result.z_l
-        # One sum tells whether any entry is not finite, or as good as.
-        with np.errstate(over="ignore", invalid="ignore"):
-            return (x, y, z) if math.isfinite(x @ x + y @ y + z @ z) else None
+        x = np.minimum(np.maximum(_UNIT * result.x, program.lb), program.ub)
+        return x, np.array(result.y), result.z_u - result.z_l
 
 
 def _arrays(program: Program) -> tuple[FloatArray, ...]:
@@ -115,12 +112,17 @@ def _arrays(program: Program) -> tuple[FloatArray, ...]:
     )  # fmt: skip
 
 
-def _columns(matrix: FloatArray) -> tuple[Any, NDArray[np.int_]]:
-    """Return a matrix in compressed columns, and the places of its entries, column after column."""
-    filled = matrix.T != 0.0
+def _columns(rows: FloatArray, part: slice) -> tuple[Any, NDArray[np.int_]]:
+    """Return some of the rows in compressed columns, and the places of their entries among all.
+
+    Both go column after column.
+    """
+    filled = np.zeros(rows.T.shape, dtype=bool)
+    filled[:, part] = rows.T[:, part] != 0.0
     starts = np.concatenate([[0], np.cumsum(filled.sum(axis=1))])
-    entries = matrix.T[filled], np.nonzero(filled)[1], starts
-    return scipy.sparse.csc_matrix(entries, shape=matrix.shape), np.flatnonzero(filled)
+    entries = rows.T[filled], np.nonzero(filled[:, part])[1], starts
+    size = filled[:, part].shape[1]
+    return scipy.sparse.csc_matrix(entries, shape=(size, len(filled))), np.flatnonzero(filled)
 
 
 class _Engines:
@@ -163,7 +165,7 @@ def _structure(program: Program) -> tuple[int, int, bytes]:
 _engines = _Engines()
 
 
-def by_piqp(program: Program) -> Multipliers | None:
+def by_piqp(program: Program) -> Multipliers:
     """PIQP, with a solver kept from an earlier program of the same structure if there is one."""
     engine = _engines.take(program)
     answer = engine.solve(program)
