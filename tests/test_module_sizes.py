@@ -7,7 +7,6 @@ PACKAGE = Path(__file__).resolve().parents[1] / "src" / "graspless_pin"
 MOST, MEDIAN = 350, 140
 OWN_LIMITS = {
     "algorithms/explanation.py": 400,
-    "algorithms/mode_proof.py": 400,
 }
 """Modules that still have to be split."""
 

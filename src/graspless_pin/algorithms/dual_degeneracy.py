@@ -84,10 +84,10 @@ class OptimalSet:
         self._formulation: Formulation = formulate(solution.problem, solution.objective)
         program = self._formulation.program
         # The search's own multipliers: friction that happens to vanish is not held at zero in them.
-        y, z = solution.proof.mode
+        y, z = solution.scaled_multipliers
         reduced = program.c + y @ program.A + z @ program.G
         own = self._formulation.coordinates.scaled(solution.contact_forces)
-        x = np.concatenate([own, solution.proof.added])
+        x = np.concatenate([own, solution.added_columns])
         self._own = _Point(x, y, z, reduced)
 
     def point(self) -> OptimalPoint:

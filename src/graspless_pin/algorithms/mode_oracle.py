@@ -44,6 +44,7 @@ class ModeOracle:
         motion: A virtual motion that may be behind the friction, scaled, such as that of a similar
             problem; when a mode was read at once, the one behind it.
         is_clear: Whether the motion behind the last mode is clearly faster than the threshold.
+        witness: That motion, scaled; None: it was not kept.
     """
 
     formulation: Formulation
@@ -51,6 +52,7 @@ class ModeOracle:
     kinematic_programs: int = 0
     motion: FloatArray | None = None
     is_clear: bool = False
+    witness: FloatArray | None = None
 
     def mode_for(
         self, x: FloatArray, decided: dict[int, SignPair]
@@ -66,6 +68,7 @@ class ModeOracle:
             two sets of forces, that excludes every mode; or None if only the signs of vanishing
             components stand in the way.
         """
+        self.witness = None
         if self.rules.static_friction is StaticFriction.COULOMB:
             return self.describe(x)
         if not decided:
@@ -114,10 +117,10 @@ class ModeOracle:
         columns = self.formulation.cone_columns
         wanted = np.zeros((len(contacts), 2))
         wanted[: columns.shape[1]] = -x[columns].sum(axis=0)
-        sliding = self.formulation.kinematics.nearest.sliding(tuple(contacts), wanted)
+        sliding, motion = self.formulation.kinematics.nearest.sliding(tuple(contacts), wanted)
         if sliding is None:
             return None
-        self.is_clear = True
+        self.is_clear, self.witness = True, motion
         chosen = (sliding != 0.0).all(axis=1)
         if not chosen[columns.shape[1] :].all():
             return None
@@ -184,7 +187,8 @@ class ModeOracle:
         if motion is None:
             return None
         self.kinematic_programs += 1
-        self.motion, self.is_clear = motion, True
+        self.motion = self.witness = motion
+        self.is_clear = True
         return admitted
 
     def moves(self, mode: SlidingMode) -> bool:
@@ -203,6 +207,7 @@ class ModeOracle:
             return None
         self.kinematic_programs += 1
         signs, self.motion = found
+        self.witness = self.motion
         return signs
 
     def _friction(self, x: FloatArray) -> dict[int, SignPair] | Opposition:
@@ -232,6 +237,7 @@ class ModeOracle:
 
         A witness that moves along every open component proves its own signs.
         """
+        self.witness = witness.motion
         if not any(0 in requirement.signs for requirement in known):
             return mode_of(self.formulation.problem, tuple(known))
         velocities, kinematics = witness.velocities, self.formulation.kinematics

@@ -1,9 +1,6 @@
 """Make the proof of an optimum over all modes, or that there is none: a tree that others can check.
 
-Each node is a part of all modes. A leaf says why nothing in its part beats the stated bound: by
-multipliers of its program, or by a combination that excludes every virtual motion. An inner node
-says how its part is split, so that no mode is left out. The tree is made anew from the bound alone:
-how the optimum was found plays no part in it.
+It is made anew from the bound alone: how the optimum was found plays no part in it.
 """
 
 from __future__ import annotations
@@ -18,6 +15,15 @@ from graspless_pin.algorithms.mode_parts import ModePart, SignItem
 from graspless_pin.modes.rules import Rules, SignRule
 from graspless_pin.modes.verdicts import Conflict, Requirement
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.solution.proof import (
+    BoundLeaf,
+    ConflictSplit,
+    ContactSplit,
+    KinematicLeaf,
+    ModeProof,
+    Multipliers,
+    ProofNode,
+)
 from graspless_pin.solvers import Answer, Outcome
 
 MOST_LEAVES = 1000
@@ -28,79 +34,6 @@ _SHORT = 0.1
 """Combinations shorter than this share of the threshold are not brought nearer to zero."""
 _THIN = 1e-9
 """Multipliers below this share of the largest are left out where the proof does without them."""
-
-
-@dataclass(frozen=True, eq=False)
-class BoundLeaf:
-    """Multipliers that prove a part's bound.
-
-    Attributes:
-        y: (6,) of the balance, scaled.
-        z: Of the rows, scaled.
-        objective: Whether they bound the objective; else they prove that there are no forces.
-    """
-
-    y: FloatArray
-    z: FloatArray
-    objective: bool
-
-
-@dataclass(frozen=True, eq=False)
-class KinematicLeaf:
-    """A combination that excludes every motion of a part.
-
-    Attributes:
-        combination: (M, 3) along n, t1, t2.
-    """
-
-    combination: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class ConflictSplit:
-    """Items that exclude each other: each child presumes those before its own, and breaks its own.
-
-    Attributes:
-        items: Contact, component and sign; the sign 0: the contact is selected.
-        combinations: (M, 3) why they exclude each other; with `opened`, one for each sign left.
-        opened: A component that the items leave no sign; None: they exclude each other alone.
-    """
-
-    items: tuple[SignItem, ...]
-    combinations: tuple[FloatArray, ...]
-    opened: tuple[int, int] | None = None
-
-
-@dataclass(frozen=True)
-class ContactSplit:
-    """A contact that is not selected, or has one of the pairs of signs that are left to it.
-
-    Attributes:
-        contact: Its index.
-    """
-
-    contact: int
-
-
-ProofNode = BoundLeaf | KinematicLeaf | ConflictSplit | ContactSplit
-
-
-@dataclass(frozen=True, eq=False)
-class ModeProof:
-    """A proof over a part of all modes.
-
-    Attributes:
-        nodes: Depth first, children in their order.
-        missing: Why it is not complete; empty: it is.
-    """
-
-    nodes: tuple[ProofNode, ...]
-    missing: str = ""
-
-    @property
-    def complete(self) -> bool:
-        """Whether it is a proof."""
-        return not self.missing
 
 
 @dataclass(eq=False)
@@ -119,17 +52,17 @@ class ModeProver:
     solver: str
     target: float
 
-    def prove(
-        self, root: ModePart | None, known: tuple[FloatArray, FloatArray] | None = None
-    ) -> ModeProof:
+    def prove(self, root: ModePart | None, known: Multipliers | None = None) -> ModeProof:
         """Return the proof over a part of all modes.
 
         Args:
             root: The part; None: friction needs no virtual sliding at all.
-            known: Multipliers (y, z) that may close it at once.
+            known: Multipliers that may close it at once; where there are no forces, those that
+                the search has proven it with.
         """
-        if known is not None and len(known[0]) and self._closing(root, *known):
-            return ModeProof((BoundLeaf(*known, objective=True),))
+        leaf = None if known is None else self._leaf(root, *known, refuting=np.isinf(self.target))
+        if leaf is not None:
+            return ModeProof((leaf,))
         nodes: list[ProofNode] = []
         waiting, leaves = [root], 0
         while waiting:
@@ -143,10 +76,6 @@ class ModeProver:
                 return ModeProof((), f"its proof takes more than {MOST_LEAVES} leaves")
             waiting += reversed(children)
         return ModeProof(tuple(nodes))
-
-    def _closing(self, part: ModePart | None, y: FloatArray, z: FloatArray) -> bool:
-        bound = self.formulation.program.bounded(*self.bounds(part)).dual_bound(y, z)
-        return self._closes(bound)
 
     def _closes(self, bound: float) -> bool:
         return bound >= self.target - _CLOSE * max(1.0, abs(self.target))
@@ -172,11 +101,12 @@ class ModeProver:
             if v is not None:
                 return KinematicLeaf(v), []
         answer = self.solved(part)
-        leaf = self._leaf(part, answer)
+        if answer.outcome is Outcome.FAILED:
+            return "a program stayed without an answer", []
+        refuting = answer.outcome is Outcome.INFEASIBLE
+        leaf = self._leaf(part, answer.y, answer.z, refuting=refuting)
         if leaf is not None:
             return leaf, []
-        if answer.outcome is not Outcome.SOLVED:
-            return "a program stayed without an answer", []
         if part is None:
             return "the relaxation does not prove the bound", []
         return self._split(part, answer.x)
@@ -193,22 +123,26 @@ class ModeProver:
             cutoff = self.target - 0.5 * room
         return self.formulation.solve(*self.bounds(part), self.solver, cutoff=cutoff)
 
-    def _leaf(self, part: ModePart | None, answer: Answer) -> BoundLeaf | None:
-        """Return the leaf of a part, without multipliers that prove nothing."""
-        if answer.outcome is Outcome.FAILED:
-            return None
+    def _leaf(
+        self, part: ModePart | None, y: FloatArray, z: FloatArray, *, refuting: bool
+    ) -> BoundLeaf | None:
+        """Return the leaf of a part, without multipliers that prove nothing; None: it is open.
+
+        Args:
+            part: The part.
+            y: Of the balance.
+            z: Of the rows.
+            refuting: Whether the multipliers prove that the part has no forces of interest.
+        """
         program = self.formulation.program.bounded(*self.bounds(part))
-        solved = answer.outcome is Outcome.SOLVED
-        if solved and not self._closes(answer.bound):
-            return None
-        size = np.abs(answer.z)
-        thin = np.where(size > _THIN * size.max(initial=0.0), answer.z, 0.0)
-        for z in (thin, answer.z):
-            if self._closes(program.dual_bound(answer.y, z)):
-                return BoundLeaf(answer.y, z, objective=True)
-            if not solved and program.infeasibility_bound(answer.y, z) > 0.0:
-                return BoundLeaf(answer.y, z, objective=False)
-        return BoundLeaf(answer.y, answer.z, objective=True)
+        size = np.abs(z)
+        thin = np.where(size > _THIN * size.max(initial=0.0), z, 0.0)
+        for kept in (thin, z):
+            if self._closes(program.dual_bound(y, kept)):
+                return BoundLeaf(y, kept, objective=True)
+            if refuting and program.infeasibility_bound(y, kept) > 0.0:
+                return BoundLeaf(y, kept, objective=False)
+        return BoundLeaf(y, z, objective=True) if refuting else None
 
     def _excluded(self, wanted: list[Requirement], rule: SignRule) -> FloatArray | None:
         """Return a combination that excludes every wanted motion; None: there is none."""

@@ -40,10 +40,12 @@ class SearchState:
         rules: The reading of the constraint.
         solver: The solver to ask first.
         oracle: Finds modes for friction forces.
-        relaxation: Answer to the program without modes, once it was solved.
+        relaxation: Answer to the program without modes, once it was solved; of a given mode without
+            forces, to its own.
         best: Best answer that a feasible mode admits.
         mode: That mode.
         mode_is_clear: Whether a motion clearly faster than the threshold is known to be behind it.
+        motion: A virtual motion that may be behind it, scaled; None: it was not kept.
         bound: Proven lower bound on the objective over all modes.
         infeasibility: Proof of infeasibility of the relaxation.
         nodes: Nodes or modes looked at.
@@ -60,6 +62,7 @@ class SearchState:
     best: Answer | None = None
     mode: SlidingMode | None = None
     mode_is_clear: bool = False
+    motion: FloatArray | None = None
     bound: float = -np.inf
     infeasibility: float = 0.0
     nodes: int = 0
@@ -139,6 +142,7 @@ class SearchState:
     def keep(self, answer: Answer, mode: SlidingMode) -> None:
         """Keep a mode that the oracle has just found, and its answer, as the best so far."""
         self.best, self.mode, self.mode_is_clear = answer, mode, self.oracle.is_clear
+        self.motion = self.oracle.witness
 
     def raise_bound(self, bound: float) -> None:
         """Raise the proven bound over all modes, never above the best value."""
@@ -187,11 +191,12 @@ def in_mode(state: SearchState, mode: SlidingMode, requirements: list[Requiremen
     verdict = state.formulation.kinematics.solve(requirements, state.rules.sign)
     if isinstance(verdict, Conflict):
         return SearchResult(Status.INFEASIBLE_MODE, state)
+    state.motion = state.oracle.witness = verdict.motion
     answer = state.solve(*state.formulation.bounds_of(mode))
     state.bound = answer.bound
     if answer.outcome is Outcome.SOLVED:
         state.keep(answer, mode)
         return SearchResult(Status.OPTIMAL_IN_MODE, state)
-    state.infeasibility = answer.proof
+    state.relaxation, state.infeasibility = answer, answer.proof
     failed = answer.outcome is Outcome.FAILED
     return SearchResult(Status.UNVERIFIED if failed else Status.INFEASIBLE_IN_MODE, state)

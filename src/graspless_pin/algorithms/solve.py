@@ -22,7 +22,7 @@ from graspless_pin.modes.rules import (
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.programs.forces import force_reach
 from graspless_pin.programs.objectives import Objective
-from graspless_pin.solution import Certificate, ProofMultipliers, TorqueSolution
+from graspless_pin.solution import Certificate, Evidence, TorqueSolution
 
 
 def solve_problem(
@@ -127,11 +127,8 @@ def solution_of(
         kinematic_programs=state.oracle.kinematic_programs,
         solver="" if best is None else best.solver,
     )
-    forces = multipliers = None
+    forces = None
     if best is not None:
-        first = state.relaxation or best
-        added = best.x[formulation.coordinates.layout.size :].copy()
-        multipliers = ProofMultipliers((first.y, first.z), (best.y, best.z), added)
         forces = formulation.coordinates.forces(best.x)
         forces.setflags(write=False)
     return TorqueSolution(
@@ -143,5 +140,20 @@ def solution_of(
         given_mode=given_mode,
         _forces=forces,
         _mode=state.mode if best is not None else None,
-        _multipliers=multipliers,
+        evidence=_evidence(state),
     )
+
+
+def _evidence(state: SearchState) -> Evidence:
+    """Return what a search leaves of the proof of its answer."""
+    first, best, coordinates = state.relaxation, state.best, state.formulation.coordinates
+    relaxation = in_mode = added = forces = motion = None
+    if first is not None and len(first.y):
+        relaxation = first.y, first.z
+    if best is not None:
+        in_mode, added = (best.y, best.z), best.x[coordinates.layout.size :].copy()
+    elif first is not None and len(first.x):
+        forces = coordinates.forces(first.x)
+    if state.motion is not None:
+        motion = state.formulation.kinematics.scale * state.motion
+    return Evidence(relaxation, in_mode, added, forces, motion)

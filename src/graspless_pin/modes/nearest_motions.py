@@ -166,7 +166,9 @@ class NearestMotions:
             self._known[contacts] = known
         return known
 
-    def sliding(self, contacts: tuple[int, ...], wanted: FloatArray) -> FloatArray | None:
+    def sliding(
+        self, contacts: tuple[int, ...], wanted: FloatArray
+    ) -> tuple[FloatArray | None, FloatArray]:
         """Sliding, nearest to what is wanted, of a motion that keeps all the contacts touching.
 
         Args:
@@ -174,13 +176,15 @@ class NearestMotions:
             wanted: (s, 2) sliding along t1 and t2.
 
         Returns:
-            (s, 2), 0 where it is too slow to count as a sliding; None if none was found.
+            (s, 2), 0 where it is too slow to count as a sliding; None if none was found; and the
+            (6 + L,) motion.
         """
         sliding, apart, motion = self._split(self._motions(contacts) @ wanted.ravel())
         size = self._size(motion)
         if float(apart @ apart) > RANK_TOLERANCE**2 * size:
-            return None
-        return np.where(sliding**2 >= self._clear**2 * size, sliding, 0.0).reshape(-1, 2)
+            return None, motion
+        fast = np.where(sliding**2 >= self._clear**2 * size, sliding, 0.0)
+        return fast.reshape(-1, 2), motion
 
     def _split(self, found: FloatArray) -> _Seen:
         """Return what a product of `_motions` says."""

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from graspless_pin.algorithms.solution_proof import SolutionProof, prove_solution
 from graspless_pin.drafts import draft_of
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.programs.forces import force_coordinates
@@ -32,7 +31,7 @@ _ROW = re.compile(r"\[[-+.\deE,\s]*\]")
 def solution_document(solution: TorqueSolution, scene: Scene | None = None) -> dict[str, Any]:
     """Return the document of a solution, with its whole proof.
 
-    The proof is made here, from the bound alone: see `prove_solution` for what that takes.
+    Nothing is solved for it but what `solution.proof` takes when it is first asked for.
 
     Args:
         solution: The solution, found or not.
@@ -53,7 +52,7 @@ def solution_document(solution: TorqueSolution, scene: Scene | None = None) -> d
             "solution",
             f"is of the objective '{solution.objective.name}'; documents are of Algorithms 1 and 2",
         )
-    found, proof = solution.found, prove_solution(solution)
+    found = solution.found
     coordinates = force_coordinates(solution.problem, solution.required_margin)
     document: dict[str, Any] = {
         "format": DOCUMENT_FORMAT,
@@ -80,12 +79,12 @@ def solution_document(solution: TorqueSolution, scene: Scene | None = None) -> d
         document |= _scene_part(scene)
     document["joints"] = _joints(solution)
     document["contacts"] = _contacts(solution, scene)
-    document["certificate"] = _certificate(solution, proof)
+    document["certificate"] = _certificate(solution)
     if found:
-        document["multipliers"] = multipliers_data(solution, *solution.proof.mode)
+        document["multipliers"] = multipliers_data(solution, *solution.scaled_multipliers)
     elif solution.explanation:
         document["explanation"] = solution.explanation
-    document["proof"] = proof_data(solution, proof)
+    document["proof"] = proof_data(solution)
     document["provenance"] = provenance(solution.problem, None if scene is None else scene.path)
     return _plain(document)
 
@@ -187,12 +186,11 @@ def _contacts(solution: TorqueSolution, scene: Scene | None) -> list[dict[str, A
     return contacts
 
 
-def _certificate(solution: TorqueSolution, proof: SolutionProof) -> dict[str, Any]:
+def _certificate(solution: TorqueSolution) -> dict[str, Any]:
     """Return the figures of the certificate; those of an answer are null where there is none."""
     certificate = asdict(solution.certificate)
     if not solution.found:
         certificate |= dict.fromkeys(("primal_residual", "duality_gap", "bound", "gap"))
-        certificate["infeasibility"] = proof.infeasibility
     return certificate
 
 

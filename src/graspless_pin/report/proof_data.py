@@ -7,14 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from graspless_pin.algorithms.mode_proof import (
-    BoundLeaf,
-    ConflictSplit,
-    ContactSplit,
-    KinematicLeaf,
-    ProofNode,
-)
-from graspless_pin.algorithms.solution_proof import SolutionProof
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.assembly import built
@@ -22,20 +14,27 @@ from graspless_pin.programs.forces import force_coordinates
 from graspless_pin.programs.marginals import scaled_weights
 from graspless_pin.programs.objectives import Objective
 from graspless_pin.solution import TorqueSolution
+from graspless_pin.solution.proof import (
+    BoundLeaf,
+    ConflictSplit,
+    ContactSplit,
+    KinematicLeaf,
+    ProofNode,
+)
 
 
-def proof_data(solution: TorqueSolution, proof: SolutionProof) -> dict[str, Any]:
+def proof_data(solution: TorqueSolution) -> dict[str, Any]:
     """Return the proof of a solution for its document.
 
     Args:
         solution: The solution.
-        proof: Its proof.
 
     Returns:
         ``complete`` and, if it is not, what is ``missing``; the virtual ``motion`` behind the mode;
         the ``nodes`` of the proof over all modes; ``forces`` and ``mode_multipliers`` where they
         are part of it.
     """
+    proof = solution.proof
     motion = proof.motion
     data: dict[str, Any] = {
         "complete": proof.tree.complete,

@@ -23,7 +23,7 @@ from graspless_pin.report.proof_data import as_number, as_numbers, read_multipli
 from graspless_pin.solution import (
     FOUND,
     Certificate,
-    ProofMultipliers,
+    Evidence,
     Status,
     TorqueSolution,
 )
@@ -105,15 +105,15 @@ def _solution(document: dict[str, Any]) -> TorqueSolution:
     rules, figures, contacts = document["rules"], document["certificate"], document["contacts"]
     problem = _problem(document)
     objective, own = _objective(document)
-    forces = mode = multipliers = None
+    forces = mode = in_mode = added = None
     if all(c["selected"] is not None for c in contacts):
         mode = SlidingMode([c["selected"] for c in contacts], [c["signs"] for c in contacts])
     if status in FOUND:
         forces = read_only(as_numbers([c["force"] for c in contacts]).reshape(-1, 3))
-        in_mode, relaxed = (
-            read_multipliers(item, problem, objective) for item in (own, _relaxed(document) or own)
-        )
-        multipliers = ProofMultipliers(relaxed, in_mode, _added(problem, objective, forces))
+        in_mode = read_multipliers(own, problem, objective)
+        added = _added(problem, objective, forces)
+    relaxed = _relaxed(document)
+    relaxation = read_multipliers(relaxed, problem, objective) if relaxed else in_mode
     return TorqueSolution(
         status,
         objective,
@@ -123,7 +123,7 @@ def _solution(document: dict[str, Any]) -> TorqueSolution:
         mode if status in _IN_MODE else None,
         _forces=forces,
         _mode=mode,
-        _multipliers=multipliers,
+        evidence=Evidence(relaxation, in_mode, added, motion=_motion(document, problem)),
         _explanation=str(document.get("explanation", "")),
     )
 
@@ -159,6 +159,15 @@ def _added(problem: QuasistaticProblem, objective: Objective, forces: FloatArray
     if program.c[-1] < 0.0:
         value = np.minimum(values.min(initial=np.inf), program.ub[-1])
     return np.array([value])
+
+
+def _motion(document: dict[str, Any], problem: QuasistaticProblem) -> FloatArray | None:
+    """(6 + L,) the virtual motion that the document states, if any."""
+    stated = document.get("proof", {}).get("motion")
+    if stated is None:
+        return None
+    motion = as_numbers([*stated["object"], *stated["joints"]])
+    return read_only(motion.reshape(6 + problem.joint_count))
 
 
 def _relaxed(document: dict[str, Any]) -> dict[str, Any] | None:

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from graspless_pin.problem.checks import FloatArray
-
 
 @dataclass(frozen=True)
 class Certificate:
@@ -49,18 +47,3 @@ class Certificate:
     solver: str
     force_reach: float = np.inf
     threshold_optima: tuple[float, float] | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class ProofMultipliers:
-    """Multipliers of the scaled programs, for writing a proof that others can check.
-
-    Attributes:
-        relaxation: (y, z) of the program without modes: they bound every mode.
-        mode: (y, z) of the program in which the solution was found.
-        added: Values of the columns that the objective adds to the forces', scaled.
-    """
-
-    relaxation: tuple[FloatArray, FloatArray]
-    mode: tuple[FloatArray, FloatArray]
-    added: FloatArray

@@ -20,7 +20,8 @@ from graspless_pin.programs.forces import ForceCoordinates, force_coordinates
 from graspless_pin.programs.marginals import Marginals, marginals
 from graspless_pin.programs.objectives import Algorithm, Objective
 from graspless_pin.programs.program import Program
-from graspless_pin.solution.certificate import Certificate, ProofMultipliers
+from graspless_pin.solution.certificate import Certificate
+from graspless_pin.solution.proof import NO_EVIDENCE, Evidence, Multipliers, SolutionProof
 from graspless_pin.solution.status import FOUND, Status
 from graspless_pin.solution.tables import (
     certificate_text,
@@ -45,9 +46,10 @@ class TorqueSolution:
         status: What is known.
         objective: What was optimised.
         rules: The reading of the virtual-sliding constraint.
-        certificate: The proof.
+        certificate: How well it is proven.
         problem: The problem that was solved.
         given_mode: The mode that alone was asked for; None: all modes were.
+        evidence: What the search has left of the proof.
     """
 
     status: Status
@@ -56,9 +58,9 @@ class TorqueSolution:
     certificate: Certificate
     problem: QuasistaticProblem
     given_mode: SlidingMode | None = None
+    evidence: Evidence = NO_EVIDENCE
     _forces: FloatArray | None = None
     _mode: SlidingMode | None = None
-    _multipliers: ProofMultipliers | None = None
     _explanation: str | None = None
 
     @property
@@ -91,23 +93,44 @@ class TorqueSolution:
         """The epsilon of the QP; 0: the bare LP."""
         return self.objective.regularization
 
-    @property
-    def proof(self) -> ProofMultipliers:
-        """The scaled multipliers behind the certificate."""
-        return self._read(self._multipliers)
+    @cached_property
+    def proof(self) -> SolutionProof:
+        """The whole proof, over all modes, that documents carry.
+
+        Completed when first asked for: see `proof_of` for what that takes.
+        """
+        return _from_above("solution_proof", "proof_of")(self)
+
+    @cached_property
+    def motion(self) -> FloatArray | None:
+        """(6 + L,) virtual motion [V; theta_dot] behind the mode, m/s and rad/s.
+
+        None where none is asked for, or there is none. Found when first asked for, if the search
+        kept none.
+        """
+        return _from_above("solution_proof", "motion_of")(self)
 
     @cached_property
     def value(self) -> float:
         """The objective's value in its own unit; with a regularisation, that of both together."""
         coordinates, program, unit = self._program
-        x = np.concatenate([coordinates.scaled(self.contact_forces), self.proof.added])
+        x = np.concatenate([coordinates.scaled(self.contact_forces), self.added_columns])
         return (-unit if self.objective.maximizes else unit) * program.value(x)
 
     @cached_property
     def multipliers(self) -> Marginals:
         """Multipliers of the minimisation by the names of its blocks, in the problem's units."""
-        y, z = self.proof.mode
-        return self.named(y, z)
+        return self.named(*self.scaled_multipliers)
+
+    @property
+    def scaled_multipliers(self) -> Multipliers:
+        """Multipliers (y, z) of the scaled program in which the solution was found."""
+        return self._read(self.evidence.in_mode)
+
+    @property
+    def added_columns(self) -> FloatArray:
+        """Values of the columns that the objective adds to the forces', scaled."""
+        return self._read(self.evidence.added)
 
     def named(self, y: FloatArray, z: FloatArray) -> Marginals:
         """Return multipliers of the rows of the solution's program by name, in SI units.

@@ -7,10 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspless_pin.modes.enumeration import requirements_of
-from graspless_pin.modes.kinematics import VirtualKinematics
 from graspless_pin.modes.rules import StaticFriction
-from graspless_pin.modes.verdicts import Witness
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array
 from graspless_pin.problem.cones import cone_edges_local
@@ -97,10 +94,10 @@ def virtual_velocities(solution: TorqueSolution) -> FloatArray:
     velocities = np.zeros((problem.contact_count, 3))
     if solution.rules.static_friction is StaticFriction.COULOMB or not mode.selection.any():
         return velocities
-    verdict = VirtualKinematics(problem).solve(requirements_of(mode), solution.rules.sign)
-    if isinstance(verdict, Witness):
-        along = np.einsum("mij,mj->mi", problem.tangents, verdict.velocities[:, 1:])
-        velocities[mode.selection] = along[mode.selection]
+    motion = solution.motion
+    if motion is not None:
+        moved = problem.W.T @ motion[:6] - problem.J @ motion[6:]
+        velocities[mode.selection] = moved.reshape(-1, 3)[mode.selection]
     return velocities
 
 
