@@ -19,10 +19,10 @@ FACTORS = (0.1, 10.0)
 """The thresholds that an optimum is compared for, over the rule's own."""
 _SAME = 1e-6
 
-Search = Callable[[Formulation], SearchResult]
+ModeSearch = Callable[[Formulation], SearchResult]
 
 
-def threshold_optima(result: SearchResult, search: Search) -> tuple[float, float] | None:
+def threshold_optima(result: SearchResult, search: ModeSearch) -> tuple[float, float] | None:
     """Return the optimum for a tenth and for ten times the threshold, where it hangs on it.
 
     Nothing is solved where the motion behind the mode is clearly fast enough and the search refused

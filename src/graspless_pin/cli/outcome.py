@@ -5,13 +5,22 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from enum import IntEnum
 
 import typer
 
 from graspless_pin.errors import GrasplessPinError, GrasplessPinWarning
 from graspless_pin.intake.text import printable
 
-FOUND, INFEASIBLE, BAD_INPUT, NOT_PROVEN = 0, 1, 2, 3
+
+class ExitCode(IntEnum):
+    """What the command line ends with."""
+
+    FOUND = 0
+    INFEASIBLE = 1
+    BAD_INPUT = 2
+    NOT_PROVEN = 3
+
 
 _MOST_LINES = 8
 _ERROR_BYTES = 950
@@ -28,10 +37,10 @@ def plain_errors() -> Iterator[None]:
             yield
         except GrasplessPinError as error:
             echo_error(str(error))
-            raise typer.Exit(BAD_INPUT) from None
+            raise typer.Exit(ExitCode.BAD_INPUT) from None
         except MemoryError:
             echo_error("there is not enough memory for this input")
-            raise typer.Exit(BAD_INPUT) from None
+            raise typer.Exit(ExitCode.BAD_INPUT) from None
         finally:
             _echo_warnings([*dict.fromkeys(str(item.message) for item in caught)])
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from graspless_pin.cli.outcome import FOUND, INFEASIBLE, plain_errors
+from graspless_pin.cli.outcome import ExitCode, plain_errors
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.report.document import write_text
 from graspless_pin.report.html import Case, case_of_document, case_of_scene, report_html
@@ -63,7 +63,7 @@ def report(
         write_text(page, output, kind="report")
         if str(output) != "-":
             typer.echo(f"wrote {output} ({len(page.encode()) / 1e6:.1f} MB)")
-    raise typer.Exit(FOUND if case.solution.found else INFEASIBLE)
+    raise typer.Exit(ExitCode.FOUND if case.solution.found else ExitCode.INFEASIBLE)
 
 
 def _case(source: Path, scene_file: Path | None) -> Case:

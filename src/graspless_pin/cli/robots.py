@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from graspless_pin.cli.outcome import FOUND, INFEASIBLE, plain_errors
+from graspless_pin.cli.outcome import ExitCode, plain_errors
 from graspless_pin.geometry.inspection.audit import audit_urdf
 from graspless_pin.geometry.inspection.listing import list_robots
 from graspless_pin.report.robots import audit_text, robot_text, robots_text
@@ -37,4 +37,4 @@ def inspect(
     with plain_errors():
         report = audit_urdf(urdf, package_dir or [])
         typer.echo(audit_text(report))
-    raise typer.Exit(FOUND if report.loads else INFEASIBLE)
+    raise typer.Exit(ExitCode.FOUND if report.loads else ExitCode.INFEASIBLE)

@@ -10,7 +10,7 @@ import typer
 
 from graspless_pin.algorithms.options import Search
 from graspless_pin.algorithms.torque import TorqueScale
-from graspless_pin.cli.outcome import FOUND, INFEASIBLE, NOT_PROVEN, plain_errors
+from graspless_pin.cli.outcome import ExitCode, plain_errors
 from graspless_pin.errors import SceneError
 from graspless_pin.modes.rules import SignRule, SlidingRule, StaticFriction
 from graspless_pin.programs.objectives import Algorithm
@@ -74,7 +74,7 @@ def solve_scene(
             write_document(solution_document(solution, loaded), json_file)
         if json_file != "-":
             typer.echo(scene_solution_text(loaded, solution))
-    raise typer.Exit(FOUND if solution.found else INFEASIBLE)
+    raise typer.Exit(ExitCode.FOUND if solution.found else ExitCode.INFEASIBLE)
 
 
 def verify(
@@ -88,7 +88,7 @@ def verify(
     Exit code 0: all that they claim is proven; 1: something is not so; 2: not such a document;
     3: nothing is wrong, but a document does not hold the proof of all that it claims.
     """
-    outcomes = {FOUND}
+    outcomes = {ExitCode.FOUND}
     for file in files:
         checked = _verified(file)
         if len(files) == 1:
@@ -96,10 +96,10 @@ def verify(
         else:
             _echo_briefly(file, checked)
         if not checked.passed:
-            outcomes.add(INFEASIBLE)
+            outcomes.add(ExitCode.INFEASIBLE)
         elif not checked.proven:
-            outcomes.add(NOT_PROVEN)
-    raise typer.Exit(INFEASIBLE if INFEASIBLE in outcomes else max(outcomes))
+            outcomes.add(ExitCode.NOT_PROVEN)
+    raise typer.Exit(ExitCode.INFEASIBLE if ExitCode.INFEASIBLE in outcomes else max(outcomes))
 
 
 def _verified(file: Path) -> Verification:

@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from graspless_pin.cli import INTERRUPTED
-from graspless_pin.cli.outcome import FOUND, INFEASIBLE, plain_errors
+from graspless_pin.cli.outcome import ExitCode, plain_errors
 from graspless_pin.report.document_files import SampleDocuments
 from graspless_pin.studies import load_study, results_summary, run_study
 from graspless_pin.studies.executors import dask_executor
@@ -70,4 +70,4 @@ def study(
             raise typer.Exit(INTERRUPTED) from None
         typer.echo(results_summary(table))
         typer.echo(f"{output} after {time.monotonic() - begin:.1f} s")
-    raise typer.Exit(FOUND if any(table["found"].tolist()) else INFEASIBLE)
+    raise typer.Exit(ExitCode.FOUND if any(table["found"].tolist()) else ExitCode.INFEASIBLE)
