@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import linprog
 
-from graspless_pin import load_scene
-from graspless_pin.geometry.posing.fingertips import place_fingertips
-from graspless_pin.planning import Evaluator, configuration_gradient
+from graspless_pin import Evaluator, load_scene
+from graspless_pin.geometry import place_fingertips
+from graspless_pin.planning import configuration_gradient
 
 scene = load_scene(Path(__file__).parent / "trihand_push_box.yaml")
 rear = scene.object.T_world_object[0, 3] - 0.06  # m, the face that is pushed

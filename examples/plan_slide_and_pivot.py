@@ -16,15 +16,8 @@ from matplotlib.figure import Figure
 from ompl import base, geometric
 from ompl import util as ompl_util
 
-from graspless_pin import load_scene
-from graspless_pin.planning import (
-    Evaluator,
-    PathProfile,
-    Waypoint,
-    evaluate_path,
-    joint_trajectory,
-    write_path_csv,
-)
+from graspless_pin import Evaluator, Waypoint, evaluate_path, load_scene
+from graspless_pin.planning import PathProfile, joint_trajectory, write_path_csv
 from graspless_pin.plots import path_torques
 from graspless_pin.report import solution_document
 from graspless_pin.report.verify import verify_document

@@ -8,6 +8,28 @@ from __future__ import annotations
 from enum import Enum
 from typing import Self
 
+__all__ = [
+    "ArgumentError",
+    "CrashError",
+    "DanglingMimicWarning",
+    "GrasplessPinError",
+    "GrasplessPinWarning",
+    "MeshError",
+    "MeshScaleWarning",
+    "NoSolutionError",
+    "OverrunError",
+    "PlaceholderEffortWarning",
+    "RobotError",
+    "SceneError",
+    "SolverUnavailableError",
+    "StateError",
+    "StateFault",
+    "StudyError",
+    "TextError",
+    "UndecidedMotionError",
+    "UnusedMaterialWarning",
+]
+
 
 class GrasplessPinError(Exception):
     """Root of all errors raised by this package."""

@@ -10,16 +10,10 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.scene import Scene, load_scene
 from graspless_pin.solution import TorqueSolution
-from graspless_pin.visualization import (
-    DARK,
-    LIGHT,
-    Mesh,
-    Role,
-    draw_bodies,
-    draw_contacts,
-    draw_scene,
-    framing,
-)
+from graspless_pin.visualization import DARK, LIGHT, Mesh, Role, draw_scene
+from graspless_pin.visualization.contacts import draw_contacts
+from graspless_pin.visualization.drawing import draw_bodies
+from graspless_pin.visualization.looking import framing
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 SCENES = [

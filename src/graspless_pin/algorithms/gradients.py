@@ -20,6 +20,7 @@ from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.programs.objectives import Algorithm
+from graspless_pin.renamed import former_names
 from graspless_pin.solution import TorqueSolution, checked_solution
 
 _SAME = 1e-6
@@ -78,6 +79,7 @@ class OptimumGradients:
     solution: TorqueSolution
     point: OptimalPoint
     alternatives: tuple[OptimalPoint, ...]
+    __getattr__ = former_names("OptimumGradients")
 
     @property
     def degenerate(self) -> bool:

@@ -10,7 +10,10 @@ from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.modes.rules import SlidingMode, choice
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.programs.objectives import Algorithm, Margin, Objective, Torque, TorqueShare
+from graspless_pin.renamed import former_names
 from graspless_pin.solution import TorqueSolution
+
+__getattr__ = former_names(__name__, ImportError)
 
 
 class TorqueScale(StrEnum):

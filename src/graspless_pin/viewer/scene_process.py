@@ -14,7 +14,8 @@ from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.viewer.controls import changed_scene
-from graspless_pin.visualization import Picture, draw_bodies, draw_scene
+from graspless_pin.visualization import Picture, draw_scene
+from graspless_pin.visualization.drawing import draw_bodies
 
 _DEFAULT_MARGIN = 0.1
 

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from graspless_pin.visualization import DARK, LIGHT, Mesh, Picture, Role, framing
+from graspless_pin.visualization import DARK, LIGHT, Mesh, Picture, Role
+from graspless_pin.visualization.looking import framing
 
 HIDDEN_AT_FIRST = frozenset({Role.TOTAL_FORCE})
 

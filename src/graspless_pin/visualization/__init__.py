@@ -1,20 +1,7 @@
 """What a scene and its solution look like, as triangle meshes: no drawing library is needed."""
 
-from graspless_pin.visualization.contacts import draw_contacts
-from graspless_pin.visualization.drawing import draw_bodies, draw_scene
-from graspless_pin.visualization.looking import framing
+from graspless_pin.visualization.drawing import draw_scene
 from graspless_pin.visualization.palette import DARK, LIGHT, Palette
 from graspless_pin.visualization.picture import Mesh, Picture, Role
 
-__all__ = [
-    "DARK",
-    "LIGHT",
-    "Mesh",
-    "Palette",
-    "Picture",
-    "Role",
-    "draw_bodies",
-    "draw_contacts",
-    "draw_scene",
-    "framing",
-]
+__all__ = ["DARK", "LIGHT", "Mesh", "Palette", "Picture", "Role", "draw_scene"]

@@ -51,6 +51,7 @@ LIGHT = Palette(
         }
     ),
 )
+"""Colours on white."""
 
 DARK = Palette(
     background="#14181d",
@@ -71,3 +72,4 @@ DARK = Palette(
         }
     ),
 )
+"""Colours on dark grey."""

@@ -19,6 +19,9 @@ from graspless_pin.geometry.posing.finger_joints import (
     groups_of_fingers,
 )
 from graspless_pin.geometry.posing.marching import March
+from graspless_pin.renamed import former_names
+
+__getattr__ = former_names(__name__, ImportError)
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,14 @@ from typing import Any
 
 from graspless_pin.errors import GrasplessPinError
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.renamed import refusing_former_keywords
 from graspless_pin.report.document import solution_document
 from graspless_pin.report.provenance import file_sha256, same_problem, solve_command
 from graspless_pin.report.reading import document_bodies, document_origin, read_solution
 from graspless_pin.scene import Scene, load_scene
 from graspless_pin.solution import TorqueSolution
-from graspless_pin.visualization import Picture, draw_contacts, draw_scene
+from graspless_pin.visualization import Picture, draw_scene
+from graspless_pin.visualization.contacts import draw_contacts
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +65,7 @@ def case_of_scene(scene: Scene, solution: TorqueSolution) -> Case:
     )
 
 
+@refusing_former_keywords
 def case_of_document(document: dict[str, Any], scene_file: Path | None = None) -> Case:
     """Return the case of a document, with the bodies of its scene where they still are the same.
 

@@ -1,0 +1,129 @@
+"""The index, the pages and `__all__` of the public packages promise the same names."""
+
+import ast
+import inspect
+import json
+import re
+import subprocess
+import sys
+from collections import Counter
+from importlib import import_module
+
+import griffe
+import pytest
+from page_blocks import PAGES, ROOT, blocks_of
+
+INDEX = ROOT / "docs" / "api.md"
+ENTRY = re.compile(r"\[`([\w.]+)`\]\(api/(\w+)\.md#graspless_pin\.([\w.]+)\)")
+OTHER_HOMES = ("errors", "planning", "scene", "studies")
+"""Packages that hold some names of `graspless_pin`, too."""
+LOADED_LATE = ("numpy", "pinocchio", "coal", "pandas", "matplotlib", "scipy")
+
+
+def index() -> list[tuple[str, str]]:
+    """Page and full name of each line of the index."""
+    found = ENTRY.findall(INDEX.read_text(encoding="utf-8"))
+    assert all(shown == name for shown, _, name in found)
+    return [(page, f"graspless_pin.{name}") for _, page, name in found]
+
+
+PROMISED = [name for _, name in index()]
+
+
+def exports(package: str) -> set[str]:
+    return set(import_module(package).__all__)
+
+
+def home_of(name: str) -> str:
+    return name.rpartition(".")[0]
+
+
+def loaded(name: str):
+    return getattr(import_module(home_of(name)), name.rpartition(".")[2])
+
+
+def test_the_index_lists_each_name_once():
+    assert Counter(PROMISED).most_common(1)[0][1] == 1
+    assert Counter(name.rpartition(".")[2] for name in PROMISED).most_common(1)[0][1] == 1
+
+
+def test_the_packages_export_what_the_index_lists():
+    homes = {home_of(name) for name in PROMISED}
+    top = exports("graspless_pin")
+    exported = {f"graspless_pin.{name}" for name in top}
+    for home in homes - {"graspless_pin"}:
+        twice = exports(home) & top
+        assert not twice or home.rpartition(".")[2] in OTHER_HOMES, home
+        for name in twice:
+            assert loaded(f"{home}.{name}") is loaded(f"graspless_pin.{name}")
+        exported |= {f"{home}.{name}" for name in exports(home) - top}
+    assert exported == set(PROMISED)
+
+
+def test_the_pages_document_what_the_index_lists():
+    documented = {
+        (page.stem, name)
+        for page in (ROOT / "docs" / "api").glob("*.md")
+        for name in re.findall(r"^::: (\S+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    }
+    assert documented == set(index())
+
+
+@pytest.fixture(scope="module")
+def sources() -> griffe.Object:
+    found = griffe.load("graspless_pin", search_paths=[ROOT / "src"], resolve_aliases=True)
+    assert isinstance(found, griffe.Module)
+    return found
+
+
+@pytest.mark.parametrize("name", PROMISED)
+def test_each_name_has_a_docstring(name, sources):
+    """With the arguments of a function, in Google's style."""
+    found = sources[name.removeprefix("graspless_pin.")]
+    assert found.docstring and found.docstring.value.strip()
+    value = loaded(name)
+    if inspect.isfunction(value) and (arguments := inspect.signature(value).parameters):
+        listed = {
+            argument.name
+            for section in found.docstring.parse("google")
+            if isinstance(section, griffe.DocstringSectionParameters)
+            for argument in section.value
+        }
+        # Of one or two, the summary may say all there is to say.
+        assert listed == set(arguments) or (not listed and len(arguments) <= 2)
+
+
+def imported(code: str) -> set[str]:
+    """Full names that a program imports from the package."""
+    return {
+        f"{node.module}.{alias.name}"
+        for node in ast.walk(ast.parse(code))
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("graspless_pin")
+        for alias in node.names
+    }
+
+
+def code_for_readers() -> list[tuple[str, str]]:
+    blocks = [block for page in PAGES for block in blocks_of(page) if block.kind == "python"]
+    scripts = sorted((ROOT / "examples").rglob("*.py"))
+    found = [(block.place, block.text) for block in blocks]
+    found += [(file.name, file.read_text(encoding="utf-8")) for file in scripts]
+    for file in sorted((ROOT / "examples").rglob("*.ipynb")):
+        cells = json.loads(file.read_text(encoding="utf-8"))["cells"]
+        code = "\n".join("".join(one["source"]) for one in cells if one["cell_type"] == "code")
+        found.append((file.name, re.sub(r"^%.*$", "", code, flags=re.MULTILINE)))
+    return found
+
+
+def test_pages_and_examples_use_promised_names_only():
+    used = {(place, name) for place, code in code_for_readers() for name in imported(code)}
+    assert len(used) > 40
+    assert {(place, name) for place, name in used if name not in PROMISED} == set()
+
+
+def test_the_package_loads_nothing_before_it_is_needed():
+    code = f"import graspless_pin, sys; print(*(set({LOADED_LATE}) & set(sys.modules)))"
+    result = subprocess.run(  # noqa: S603 - our own interpreter and a fixed program
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert result.stdout.strip() == ""
