@@ -19,9 +19,9 @@ from graspless_pin.solution.proof import (
     BoundLeaf,
     ConflictSplit,
     ContactSplit,
+    DualVariables,
     KinematicLeaf,
     ModeProof,
-    Multipliers,
     ProofNode,
 )
 from graspless_pin.solvers import Answer, Outcome
@@ -52,7 +52,7 @@ class ModeProver:
     solver: str
     target: float
 
-    def prove(self, root: ModePart | None, known: Multipliers | None = None) -> ModeProof:
+    def prove(self, root: ModePart | None, known: DualVariables | None = None) -> ModeProof:
         """Return the proof over a part of all modes.
 
         Args:

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 from graspless_pin.problem.checks import FloatArray
 
-Multipliers = tuple[FloatArray, FloatArray]
-"""Multipliers (y, z) of the equalities and of the other rows of a scaled program."""
+DualVariables = tuple[FloatArray, FloatArray]
+"""Multipliers y, z of the equalities and of the other rows of a scaled program."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,8 +29,8 @@ class Evidence:
         motion: (6 + L,) [V; theta_dot] that may be behind the mode, m/s and rad/s.
     """
 
-    relaxation: Multipliers | None = None
-    in_mode: Multipliers | None = None
+    relaxation: DualVariables | None = None
+    in_mode: DualVariables | None = None
     added: FloatArray | None = None
     forces: FloatArray | None = None
     motion: FloatArray | None = None
@@ -127,4 +127,4 @@ class SolutionProof:
     tree: ModeProof
     motion: FloatArray | None = None
     forces: FloatArray | None = None
-    in_mode: Multipliers | None = None
+    in_mode: DualVariables | None = None

@@ -21,7 +21,7 @@ from graspless_pin.programs.marginals import Marginals, marginals
 from graspless_pin.programs.objectives import Algorithm, Objective
 from graspless_pin.programs.program import Program
 from graspless_pin.solution.certificate import Certificate
-from graspless_pin.solution.proof import NO_EVIDENCE, Evidence, Multipliers, SolutionProof
+from graspless_pin.solution.proof import NO_EVIDENCE, DualVariables, Evidence, SolutionProof
 from graspless_pin.solution.status import FOUND, Status
 from graspless_pin.solution.tables import (
     certificate_text,
@@ -123,7 +123,7 @@ class TorqueSolution:
         return self.named(*self.scaled_multipliers)
 
     @property
-    def scaled_multipliers(self) -> Multipliers:
+    def scaled_multipliers(self) -> DualVariables:
         """Multipliers (y, z) of the scaled program in which the solution was found."""
         return self._read(self.evidence.in_mode)
 
