@@ -18,7 +18,7 @@ from graspless_pin.problem.contact_map import contact_map
 from graspless_pin.problem.scales import scales_of
 from graspless_pin.programs import active_set
 from graspless_pin.programs.active_set import active_set_of, solved_on
-from graspless_pin.programs.objectives import Margin, Objective
+from graspless_pin.programs.objectives import Margin, Objective, Torque, TorqueShare
 from graspless_pin.programs.program import Program
 from graspless_pin.solvers import Outcome, solve
 
@@ -59,16 +59,20 @@ def same(ours, theirs, what: str = "") -> None:
     np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=1e-12, err_msg=what)
 
 
-@pytest.mark.parametrize("regularization", [0.0, 0.1])
+@pytest.mark.parametrize(
+    "objective",
+    [Margin(), Margin(0.1), Torque(), Torque(0.0), Torque(0.2, 0.1), TorqueShare(0.1)],
+    ids=repr,
+)
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("name", NAMES)
-def test_programs_are_alike(name, seed, regularization, by_numpy) -> None:
-    objective = Margin(regularization)
+def test_programs_are_alike(name, seed, objective, by_numpy) -> None:
     ours = assembled(name, seed, objective)
     theirs = by_numpy(lambda: assembled(name, seed, objective))
     for field in PROGRAM:
         same(getattr(ours.program, field), getattr(theirs.program, field), field)
     same(ours.program.rows, theirs.program.rows)
+    assert ours.program.is_far == theirs.program.is_far
     for side, other in zip(ours.program.sides, theirs.program.sides, strict=True):
         same(side, other)
     for field in ("directions", "force_scale", "joint_scale", "length_scale"):
@@ -227,12 +231,15 @@ FIRST = np.array([0])
 NONE = np.zeros(0, dtype=int)
 
 
-def margin_arguments(**changes):
+def paper_arguments(**changes):
     values = {
         "positions": ONES, "directions": AXES, "jacobian": J, "axes": np.array([0, 3]),
-        "cone_rows": np.ones((3, 2)), "face_count": 0, "reach": np.ones((2, 2)), "most": TWO,
+        "cone_rows": np.ones((3, 2)), "face_count": 0, "reach": np.ones((2, 2)),
+        "has_cone": np.ones(2, bool), "most": TWO,
         "wrench": np.ones(6), "lower": np.zeros(1), "upper": np.ones(1), "gravity": np.zeros(1),
         "force_scale": 1.0, "joint_scale": np.ones(1), "length_scale": 1.0,
+        "farthest": 1e8, "margin": 0.1, "joints": NONE, "factors": np.zeros(0),
+        "levels": np.zeros(0),
     }  # fmt: skip
     return tuple((values | changes).values())
 
@@ -267,12 +274,18 @@ def refined_arguments(**changes):
             (ONES, ONES, FRAMES, TWO, np.ones(2, bool), np.ones(3), np.ones((2, 8))),
         ),
         ("contact_frames", "squared_lengths", (np.ones((2, 2)),)),
-        ("linear_programs", "margin_program", margin_arguments(axes=np.array([0, 6]))),
-        ("linear_programs", "margin_program", margin_arguments(axes=np.array([-1, 3]))),
-        ("linear_programs", "margin_program", margin_arguments(axes=np.array([0]))),
-        ("linear_programs", "margin_program", margin_arguments(face_count=1)),
-        ("linear_programs", "margin_program", margin_arguments(face_count=-1)),
-        ("linear_programs", "margin_program", margin_arguments(lower=np.zeros(2))),
+        ("linear_programs", "paper_program", paper_arguments(axes=np.array([0, 6]))),
+        ("linear_programs", "paper_program", paper_arguments(axes=np.array([-1, 3]))),
+        ("linear_programs", "paper_program", paper_arguments(axes=np.array([0]))),
+        ("linear_programs", "paper_program", paper_arguments(face_count=1)),
+        ("linear_programs", "paper_program", paper_arguments(face_count=-1)),
+        ("linear_programs", "paper_program", paper_arguments(lower=np.zeros(2))),
+        ("linear_programs", "paper_program", paper_arguments(has_cone=np.ones(3, bool))),
+        ("linear_programs", "paper_program", paper_arguments(levels=np.ones(1))),
+        ("linear_programs", "paper_program",
+         paper_arguments(joints=np.array([1]), factors=np.ones(1), levels=np.ones(1))),
+        ("linear_programs", "paper_program",
+         paper_arguments(joints=np.array([0]), factors=np.ones(1), levels=np.ones(1), margin=-1.0)),
         ("linear_programs", "judged", (ROWS, LOW, HIGH, TWO, TWO, TWO, BOX, TWO, TWO, LOW[:1])),
         ("linear_programs", "judged", (ROWS, LOW, HIGH, TWO, TWO, TWO, BOX, LOW, TWO, TWO)),
         ("linear_programs", "refined", refined_arguments(active=np.array([4]))),
@@ -292,7 +305,7 @@ def test_what_does_not_fit_is_refused(loops: str, name: str, arguments: tuple) -
 
 def test_the_arguments_fit_otherwise() -> None:
     assert compiled.linear_programs is not None
-    assert len(compiled.linear_programs.margin_program(*margin_arguments())) == 4
+    assert len(compiled.linear_programs.paper_program(*paper_arguments())) == 6
     assert compiled.linear_programs.refined(*refined_arguments()) is not None
     endless = refined_arguments(high=np.full(4, np.inf))
     assert compiled.linear_programs.refined(*endless) is None

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 Array: TypeAlias = NDArray[np.float64]
 Numbers: TypeAlias = NDArray[np.int_]
 
-def margin_program(
+def paper_program(
     positions: Array,
     directions: Array,
     jacobian: Array,
@@ -14,6 +14,7 @@ def margin_program(
     cone_rows: Array,
     face_count: int,
     reach: Array,
+    has_cone: NDArray[np.bool_],
     most: Array,
     wrench: Array,
     lower: Array,
@@ -22,7 +23,12 @@ def margin_program(
     force_scale: float,
     joint_scale: Array,
     length_scale: float,
-) -> tuple[Array, Array, Array, Array]: ...
+    farthest: float,
+    margin: float,
+    joints: Numbers,
+    factors: Array,
+    levels: Array,
+) -> tuple[Array, Array, Array, Array, Array, bool]: ...
 def judged(
     rows: Array,
     low: Array,

@@ -28,7 +28,7 @@ class Tradeoff(Objective):
     def build(self, program: ProgramBuilder) -> None:
         """Add t and e/F."""
         forces = program.forces
-        add_largest(program, self.base.sides(forces))
+        add_largest(program, self.base.sides(forces.problem, forces.coordinates))
         e = program.columns(
             "margin",
             low=0.0,

@@ -1,8 +1,11 @@
-"""From an objective to its program; Algorithm 1 by compiled loops where there are any."""
+"""From an objective to its program; Algorithms 1 and 2 by compiled loops where there are any."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from graspless_pin.compiled import linear_programs
 from graspless_pin.problem import QuasistaticProblem
@@ -10,7 +13,7 @@ from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.builder import ProgramBuilder
 from graspless_pin.programs.cones import cone_rows
 from graspless_pin.programs.forces import ForceCoordinates, force_rows
-from graspless_pin.programs.objectives import Margin, Objective
+from graspless_pin.programs.objectives import Margin, Objective, Torque, TorqueShare
 from graspless_pin.programs.program import FARTHEST, Program
 
 
@@ -28,17 +31,15 @@ def assembled(
 ) -> Program:
     """Return the program of an objective; one made by compiled loops names no blocks.
 
-    The loops stack the rows in the order in which `Margin` builds them.
+    The loops stack the rows in the order in which `Margin` and `Torque` build them.
     """
     far = problem.max_normal_force.max() > FARTHEST * coordinates.force_scale
-    if linear_programs is None or type(objective) is not Margin or far:
+    if linear_programs is None or type(objective) not in (Margin, Torque, TorqueShare) or far:
         return built(objective, problem, coordinates)
     shared, epsilon = cone_rows(problem), objective.regularization
-    lb, P = shared.free[0], shared.flat
-    if epsilon > 0.0:
-        lb, P = lb.copy(), np.append(coordinates.curvature(epsilon), 0.0)
-        lb[-1] = 0.0
-    columns, low, high, box = linear_programs.margin_program(
+    sides = objective.sides(problem, coordinates) if isinstance(objective, Torque) else ()
+    scale = coordinates.joint_scale
+    columns, low, high, box, bounds, is_far = linear_programs.paper_program(
         problem.positions,
         coordinates.directions,
         problem.jacobian,
@@ -46,15 +47,25 @@ def assembled(
         shared.sides.T,
         len(shared.faces),
         shared.reach,
+        problem.has_cone,
         problem.max_normal_force,
         problem.external_wrench,
         problem.lower_torque,
         problem.upper_torque,
         problem.gravity_torques,
         coordinates.force_scale,
-        coordinates.joint_scale,
+        scale,
         coordinates.length_scale,
+        FARTHEST,
+        objective.required_margin / coordinates.force_scale if sides else -1.0,
+        _joined([side.joints for side in sides], int),
+        _joined([side.sign * scale[side.joints] / side.unit for side in sides], float),
+        _joined([side.level for side in sides], float),
     )
+    lb, ub = bounds if sides or epsilon > 0.0 else shared.free
+    if not sides and epsilon > 0.0:
+        lb[-1] = 0.0
+    P = np.append(coordinates.curvature(epsilon), 0.0) if epsilon > 0.0 else shared.flat
     rows: FloatArray = columns.T
     return Program.of_rows(
         rows,
@@ -63,8 +74,13 @@ def assembled(
         high,
         linear=epsilon == 0.0,
         P=P,
-        c=shared.minus_last,
+        c=shared.last if sides else shared.minus_last,
         lb=lb,
-        ub=shared.free[1],
+        ub=ub,
         box=box,
+        is_far=is_far,
     )
+
+
+def _joined(parts: list[NDArray[Any]], kind: type) -> NDArray[Any]:
+    return np.concatenate(parts) if parts else np.zeros(0, kind)

@@ -51,7 +51,7 @@ class ForceLayout:
 
 @dataclass(frozen=True, eq=False)
 class ConeRows:
-    """Rows and constants of Algorithm 1 that only depend on the friction cones.
+    """Rows and constants of Algorithms 1 and 2 that only depend on the friction cones.
 
     Attributes:
         sides: (s, n + 1) faces x + e, n^T f + e and, without a cone, -n^T f + e; e is the last.
@@ -61,7 +61,8 @@ class ConeRows:
         face_places: (k,) place of each face among (M, r), flat.
         reach: (2, n) bounds of forces inside cones, each in limits of its contact's normal force.
         free: (2, n + 1) -inf and inf.
-        minus_last: (n + 1,) minus one for the last variable, else zero.
+        last: (n + 1,) one for the last variable, else zero.
+        minus_last: (n + 1,) minus that.
         flat: (n + 1,) zeros.
     """
 
@@ -72,6 +73,7 @@ class ConeRows:
     face_places: NDArray[np.int_]
     reach: FloatArray
     free: FloatArray
+    last: FloatArray
     minus_last: FloatArray
     flat: FloatArray
 
@@ -129,8 +131,8 @@ def _cone_rows(mask: bytes, friction: bytes, edges: int) -> ConeRows:
     reach[1, layout.normal] = 1.0
     reach[1, columns[:, 1:]] = coefficients[:, None]
     reach[0, columns[:, 1:]] = -coefficients[:, None]
-    minus_last = np.zeros(size + 1)
-    minus_last[-1] = -1.0
+    last = np.zeros(size + 1)
+    last[-1] = 1.0
     free = np.full((2, size + 1), np.inf)
     free[0] = -np.inf
     read_only(sides)
@@ -142,6 +144,7 @@ def _cone_rows(mask: bytes, friction: bytes, edges: int) -> ConeRows:
         face_places=(cones[:, None] * edges + np.arange(edges)).ravel(),
         reach=read_only(reach),
         free=read_only(free),
-        minus_last=read_only(minus_last),
+        last=read_only(last),
+        minus_last=read_only(-last),
         flat=read_only(np.zeros(size + 1)),
     )

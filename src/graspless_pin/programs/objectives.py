@@ -19,7 +19,7 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, real_number
 from graspless_pin.programs.blocks import Columns
 from graspless_pin.programs.builder import ProgramBuilder
-from graspless_pin.programs.forces import ForceCoordinates, ForceRows
+from graspless_pin.programs.forces import ForceCoordinates
 from graspless_pin.programs.program import FARTHEST
 
 _ORDINARY = 1e6
@@ -143,26 +143,26 @@ class Side(NamedTuple):
     """
 
     sign: float
-    joints: slice | NDArray[np.int_]
+    joints: NDArray[np.int_]
     unit: FloatArray
     level: FloatArray
 
 
-def _torque_sides(forces: ForceRows, unit: float) -> tuple[Side, Side]:
-    """Rows of t >= |J^T f + g|, with t in a unit (N m)."""
-    every = slice(None), np.full(len(forces.torque), unit), np.ones(len(forces.torque))
+def _torque_sides(count: int, unit: float) -> tuple[Side, ...]:
+    """Rows of t >= |J^T f + g| for each joint, with t in a unit (N m)."""
+    every = np.arange(count), np.full(count, unit), np.ones(count)
     return Side(1.0, *every), Side(-1.0, *every)
 
 
-def _share_sides(forces: ForceRows, unit: float) -> tuple[Side, ...]:
+def _share_sides(problem: QuasistaticProblem, scale: FloatArray, unit: float) -> tuple[Side, ...]:
     """Rows of t >= (J^T f + g) / limit; no entry of them is above 1.
 
     A limit of zero, or one on the wrong side of zero, stays a hard row and has no share.
     """
-    problem, sides = forces.problem, []
+    sides = []
     for sign, limit in ((1.0, problem.upper_torque), (-1.0, -problem.lower_torque)):
         joints = np.flatnonzero(np.isfinite(limit) & (limit > 0.0))
-        shares = forces.coordinates.joint_scale[joints] / limit[joints] / unit
+        shares = scale[joints] / limit[joints] / unit
         size = np.maximum(shares, 1.0)
         sides.append(Side(sign, joints, unit * size * limit[joints], 1.0 / size))
     return tuple(sides)
@@ -191,7 +191,7 @@ def add_largest(program: ProgramBuilder, sides: tuple[Side, ...]) -> Columns:
             {t: -level},
             unit=unit,
             shape=(count,),
-            places=None if isinstance(joints, slice) else joints,
+            places=joints,
         )
     return t
 
@@ -216,7 +216,7 @@ class Torque(Objective):
     def build(self, program: ProgramBuilder) -> None:
         """Add t, the rows of the torques below it, and the required margin."""
         forces = program.forces
-        sides = self.sides(forces)
+        sides = self.sides(forces.problem, forces.coordinates)
         e = self.required_margin / forces.coordinates.force_scale
         add_largest(program, sides)
         program.balance()
@@ -225,9 +225,9 @@ class Torque(Objective):
         program.torque_limits()
         program.curve(self.regularization)
 
-    def sides(self, forces: ForceRows) -> tuple[Side, ...]:
+    def sides(self, problem: QuasistaticProblem, coordinates: ForceCoordinates) -> tuple[Side, ...]:
         """Return the rows that say which torque is the largest."""
-        return _torque_sides(forces, self.unit(forces.problem, forces.coordinates))
+        return _torque_sides(problem.joint_count, self.unit(problem, coordinates))
 
     def unit(self, problem: QuasistaticProblem, coordinates: ForceCoordinates) -> float:
         """Return the torque scale, N m."""
@@ -240,9 +240,9 @@ class TorqueShare(Torque):
 
     by_limits = True
 
-    def sides(self, forces: ForceRows) -> tuple[Side, ...]:
+    def sides(self, problem: QuasistaticProblem, coordinates: ForceCoordinates) -> tuple[Side, ...]:
         """Return the rows that say which share is the largest."""
-        return _share_sides(forces, self.unit(forces.problem, forces.coordinates))
+        return _share_sides(problem, coordinates.joint_scale, self.unit(problem, coordinates))
 
     def unit(self, problem: QuasistaticProblem, coordinates: ForceCoordinates) -> float:
         """Return the largest share of any joint's limit that the load's torque is, at most 1.
