@@ -100,7 +100,7 @@ def balls_around(rng: np.random.Generator, T: np.ndarray, solid: Polytope) -> Pl
 
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("seed", range(3))
-def test_many_spheres_touch_as_one_by_one(shape: str, seed: int) -> None:
+def test_many_spheres_touch_as_one_by_one(shape: str, seed: int, form: str) -> None:
     rng = np.random.default_rng(seed)
     T = random_pose(rng)
     body = CollisionBody("thing", SHAPES[shape], T)
@@ -109,6 +109,8 @@ def test_many_spheres_touch_as_one_by_one(shape: str, seed: int) -> None:
     ours = contact_arrays([body], balls, BodyKind.HAND)
     assert_same(ours, found_in_general([body], balls, BodyKind.HAND))
     assert 10 < len(ours) < 40
+    if form == "numpy":  # the general search finds them all
+        return
     solids, others = solids_of(PlacedBodies.of([body]).shapes), solids_of(balls.shapes)
     pieces = PlacedBodies.of([body])
     pairs, (rows,), left = near_and_closed_form(pieces, solids, balls, others, LIMITS)
@@ -117,9 +119,7 @@ def test_many_spheres_touch_as_one_by_one(shape: str, seed: int) -> None:
     assert set(rows.places).isdisjoint(left)
     far = set(range(len(pairs))) - set(rows.places) - set(left)
     for _, k in [pairs[place] for place in far]:
-        ((_, height, _),) = solid.highest_faces(
-            [((balls.poses[k, :3, 3] - T[:3, 3]) @ T[:3, :3]).tolist()]
-        )
+        _, height, _ = solid.highest_face((balls.poses[k, :3, 3] - T[:3, 3]) @ T[:3, :3])
         assert height - others.ball_radii[k] > LIMITS.tolerance
 
 

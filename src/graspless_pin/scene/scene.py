@@ -33,7 +33,7 @@ from graspless_pin.geometry.contact.motion import (
     velocities_at,
 )
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.pickling import remake
+from graspless_pin.geometry.pickling import PickledByFields
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.cones import projected_tangents
@@ -58,7 +58,7 @@ _Made = TypeVar("_Made")
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class Scene(PickledByFields):
     """Everything that `QuasistaticProblem` is made of.
 
     Attributes:
@@ -105,10 +105,6 @@ class Scene:
     count_own_weight: bool = True
     hybrid_force_limit: float | None = None
     solve_options: Mapping[str, Any] = field(default_factory=dict)
-
-    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-        """Pickle by the fields."""
-        return remake(self)
 
     def with_changes(self, **changes: Any) -> Scene:
         """Return the same scene with some fields replaced; what they do not touch is not redone.

@@ -8,7 +8,8 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.geometry.pickling import Record
+from graspless_pin.problem.checks import FloatArray
 
 
 class Role(StrEnum):
@@ -48,7 +49,7 @@ _LABELS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Mesh:
+class Mesh(Record):
     """Triangles of one thing, counterclockwise when seen from outside.
 
     Attributes:
@@ -66,11 +67,6 @@ class Mesh:
     faces: NDArray[np.int64]
     opacity: float = 1.0
     contact: int | None = None
-
-    def __post_init__(self) -> None:
-        """Make the arrays read-only."""
-        read_only(self.vertices)
-        self.faces.setflags(write=False)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.poses import invert
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,28 +61,22 @@ class PlacedBodies(Sequence[CollisionBody]):
     Attributes:
         shapes: What they are.
         poses: (K, 4, 4) read-only poses of the geometries, m.
-        together: Whether all of them are known to be at one pose.
-        notes: What others worked out for the bodies at these poses.
     """
 
-    __slots__ = ("_made", "notes", "poses", "shapes", "together")
+    __slots__ = ("_made", "poses", "shapes")
 
     def __init__(self, shapes: BodyShapes, poses: NDArray[np.float64]) -> None:
         """Place the shapes; ``poses`` is kept, not copied."""
         poses.setflags(write=False)
         self.shapes = shapes
         self.poses = poses
-        self.together = len(poses) == 1
-        self.notes: dict[Any, Any] = {}
         self._made: dict[int, CollisionBody] = {}
 
     @classmethod
     def at_one_pose(cls, shapes: BodyShapes, T: NDArray[np.float64]) -> PlacedBodies:
         """Place all shapes, at least one, at the same pose (4, 4), which is kept."""
         count = len(shapes.names)
-        placed = cls(shapes, T[None] if count == 1 else np.repeat(T[None], count, axis=0))
-        placed.together = True
-        return placed
+        return cls(shapes, T[None] if count == 1 else np.repeat(T[None], count, axis=0))
 
     @classmethod
     def joined(cls, parts: Sequence[PlacedBodies]) -> PlacedBodies:
@@ -109,14 +102,6 @@ class PlacedBodies(Sequence[CollisionBody]):
     def __len__(self) -> int:
         """K."""
         return len(self.shapes.names)
-
-    def T_body_world(self, index: int) -> NDArray[np.float64]:
-        """(4, 4) inverse of a body's pose, made once."""
-        key = "inverse", 0 if self.together else index
-        inverse = self.notes.get(key)
-        if inverse is None:
-            inverse = self.notes[key] = invert(self.poses[index])
-        return inverse
 
     @overload
     def __getitem__(self, index: int) -> CollisionBody: ...

@@ -5,13 +5,12 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.pickling import remake
+from graspless_pin.geometry.pickling import PickledByFields
 
 Pair = frozenset[str]
 _NEAR = 0.8
@@ -19,7 +18,7 @@ _NEAR = 0.8
 
 
 @dataclass(frozen=True)
-class Materials:
+class Materials(PickledByFields):
     """Coefficients of friction by pair of materials; the order of a pair does not matter.
 
     Attributes:
@@ -32,10 +31,6 @@ class Materials:
         """Make the table read-only."""
         if not isinstance(self.coefficients, MappingProxyType):
             object.__setattr__(self, "coefficients", MappingProxyType(dict(self.coefficients)))
-
-    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-        """Pickle by the fields."""
-        return remake(self)
 
     @classmethod
     def from_table(cls, table: Mapping[str, Mapping[str, float]]) -> Materials:

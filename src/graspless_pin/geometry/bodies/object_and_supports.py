@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -16,12 +15,12 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, PlacedBodies
 from graspless_pin.geometry.bodies.mass_properties import mass_properties
 from graspless_pin.geometry.bodies.shapes import HalfSpace, Shape, coal_geometries
-from graspless_pin.geometry.pickling import remake
+from graspless_pin.geometry.pickling import PickledByFields
 from graspless_pin.geometry.poses import as_pose, transformed
 from graspless_pin.problem.checks import read_only
 
 
-class _PlacedShape(ABC):
+class _PlacedShape(PickledByFields, ABC):
     """What an object and a support share: convex pieces under one name at one pose."""
 
     name: str
@@ -30,10 +29,6 @@ class _PlacedShape(ABC):
     @abstractmethod
     def _pose(self) -> NDArray[np.float64]:
         """(4, 4) T_world_shape."""
-
-    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-        """Pickle by the fields."""
-        return remake(self)
 
     @cached_property
     def geometries(self) -> tuple[Any, ...]:

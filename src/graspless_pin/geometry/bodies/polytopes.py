@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,28 +108,16 @@ class Polytope:
         """Outward normals (K, 3) of the faces and a point's (3,) heights (K,) over them, m."""
         return self.face_normals, self.face_normals @ point - self.face_offsets
 
-    def highest_faces(self, points: Sequence[Sequence[float]]) -> list[tuple[int, float, bool]]:
-        """Tell over which faces points are highest, how high, and whether their feet are on them.
+    def highest_face(self, point: Array) -> tuple[int, float, bool]:
+        """Tell over which face a point (3,) is highest, how high, m, and if its foot is on it.
 
-        If a foot is, or if the point is inside, no other direction leaves a larger gap to it.
-
-        Args:
-            points: K points of three coordinates, m.
-
-        Returns:
-            For each the index of the face, the height, m, and whether the foot is on the face.
+        If the foot is, or if the point is inside, no other direction leaves a larger gap to it.
         """
-        over = np.asarray(points, dtype=np.float64).dot(self.face_normals.T) - self.face_offsets
-        faces = over.argmax(axis=1)
-        heights = over.max(axis=1)
-        over -= heights[:, None] * self.face_normals[faces].dot(self.face_normals.T)  # of the feet
-        on_face = (heights <= 0.0) | (over.max(axis=1) <= _ON_FACE)
-        return list(zip(faces.tolist(), heights.tolist(), on_face.tolist(), strict=True))
-
-    @cached_property
-    def notes(self) -> dict[Any, Any]:
-        """What others worked out for this polytope, kept for as long as it lives."""
-        return {}
+        over = self.face_normals @ point - self.face_offsets
+        face = int(over.argmax())
+        height = float(over[face])
+        of_foot = over - height * (self.face_normals @ self.face_normals[face])
+        return face, height, height <= 0.0 or bool(of_foot.max() <= _ON_FACE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,23 +133,6 @@ class Cuboid(Polytope):
             0 if abs(z) <= PARALLEL_ANGLE else (1 if z > 0.0 else -1),
         )
         return _box_corners(signs)
-
-    def highest_faces(self, points: Sequence[Sequence[float]]) -> list[tuple[int, float, bool]]:
-        """See `Polytope.highest_faces`; a foot keeps the point's heights over the other faces."""
-        a, b, c = self._half
-        found = []
-        for x, y, z in points:
-            heights = [abs(x) - a, abs(y) - b, abs(z) - c]
-            height = max(heights)
-            axis = heights.index(height)
-            face = axis if (x, y, z)[axis] >= 0.0 else axis + 3
-            heights.remove(height)
-            found.append((face, height, height <= 0.0 or max(heights) <= _ON_FACE))
-        return found
-
-    @cached_property
-    def _half(self) -> list[float]:
-        return self.half_extents.tolist()
 
 
 @cache

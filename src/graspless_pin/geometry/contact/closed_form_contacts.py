@@ -1,14 +1,15 @@
 """Contacts in closed form: a sphere on a face, a face on a half-space.
 
-They are the commonest. All spheres near one piece of the object are looked at together, and
-what does not change while a face moves about on a plane (which of its corners count, in which
-order) is worked out once for each face. Other pairs, such as a body in several pieces or
-a face of which only a part is near, are left to the general search.
+They are the commonest. What does not change while a face moves about on a plane (which of its
+corners count, in which order) is worked out once for each face. Other pairs, such as a body in
+several pieces or a face of which only a part is near, are left to the general search. So are
+spheres where the loops are not compiled: it finds the same of them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +24,7 @@ from graspless_pin.geometry.contact.solids import Solids
 from graspless_pin.problem.checks import FloatArray
 
 _ORIGIN = np.eye(4)
-_MANY_FACES = 256  # that one polytope's are kept for; a fine mesh that rolls about has more
+_MOST_FACES = 1024  # that are kept; a fine mesh that rolls about has more
 
 
 class ContactLimits(NamedTuple):
@@ -108,9 +109,6 @@ def near_and_closed_form(
     """
     if not bodies:
         return [], [], []
-    if contact_search is None:
-        pairs = near_solids(pieces, solids, bodies, others, limits.tolerance)
-        return pairs, *closed_form_contacts(pieces, solids, bodies, others, pairs, limits)
 
     def face_of(p: int, direction: FloatArray) -> _Face | None:
         solid = solids.sets[p]
@@ -118,181 +116,52 @@ def near_and_closed_form(
             return None
         return _face(solid, solid.farthest(direction), limits)
 
-    places, positions, normals, gaps, pairs, left = contact_search.plain_contacts(
-        solids.for_loops,
-        pieces.poses,
-        others.for_loops,
-        bodies.poses,
-        limits.tolerance,
-        limits.max_penetration,
-        face_of,
-    )
-    return pairs, [ContactRows(places, positions, normals, gaps)], left
-
-
-def closed_form_contacts(
-    pieces: PlacedBodies,
-    solids: Solids,
-    bodies: PlacedBodies,
-    others: Solids,
-    pairs: Sequence[tuple[int, int]],
-    limits: ContactLimits,
-) -> tuple[list[ContactRows], list[int]]:
-    """Find the contacts that are known in closed form.
-
-    Args:
-        pieces: The object's pieces.
-        solids: Their sets.
-        bodies: Hand links or supports.
-        others: Their sets.
-        pairs: Indices of a piece and a body that may touch.
-        limits: What counts as contact.
-
-    Returns:
-        The contacts, and the places of the pairs that are left to the general search, in any order.
-    """
+    if contact_search is not None:
+        places, positions, normals, gaps, pairs, left = contact_search.plain_contacts(
+            solids.for_loops,
+            pieces.poses,
+            others.for_loops,
+            bodies.poses,
+            limits.tolerance,
+            limits.max_penetration,
+            face_of,
+        )
+        return pairs, [ContactRows(places, positions, normals, gaps)], left
+    pairs = near_solids(pieces, solids, bodies, others, limits.tolerance)
     names = [bodies.shapes.names[k] for _, k in pairs]
-    alone = len(set(names)) == len(names)
-    found: list[ContactRows] = []
-    left: list[int] = []
-    balls: dict[int, tuple[Polytope, list[int]]] = {}
+    found, left = [], []
     for place, (p, k) in enumerate(pairs):
-        solid, other = solids.sets[p], others.sets[k]
-        if isinstance(solid, Polytope) and (alone or names.count(names[place]) == 1):
-            if others.ball_radii[k] > 0.0:
-                balls.setdefault(p, (solid, []))[1].append(place)
-                continue
-            if isinstance(other, Plane):
-                face = _face_on_plane(solid, pieces.poses[p], _half_space(bodies, k, other), limits)
-                if face is not None:
-                    points, normals, gaps = face
-                    found.append(ContactRows([place] * len(gaps), points, normals, gaps))
-                    continue
-        left.append(place)
-    for p, (solid, places) in balls.items():
-        rows = [pairs[place][1] for place in places]
-        centers = bodies.poses[:, :, 3].take(rows, axis=0)
-        radii = [others.ball_radii[k] for k in rows]
-        T = pieces.T_body_world(p)
-        found.append(_balls_on_faces(solid, T, centers, radii, places, left, limits))
-    return found, left
-
-
-def _balls_on_faces(
-    solid: Polytope,
-    T_solid_world: FloatArray,
-    centers: FloatArray,
-    radii: Sequence[float],
-    places: Sequence[int],
-    left: list[int],
-    limits: ContactLimits,
-) -> ContactRows:
-    """Contacts of spheres over faces.
-
-    Args:
-        solid: What they may touch.
-        T_solid_world: (4, 4).
-        centers: (K, 4) [x, y, z, 1] of the spheres, world, m.
-        radii: K radii, m.
-        places: K places of their pairs.
-        left: Is given the places of those that touch an edge or corner, or are in too deep.
-        limits: What counts as contact.
-    """
-    local = centers.dot(T_solid_world[:3].T).tolist()
-    inward: dict[int, list[float]] = {}  # normals by face
-    touching: list[int] = []
-    positions: list[float] = []
-    normals: list[float] = []
-    gaps: list[float] = []
-    # Plain floats, as in `polygons`: there are few spheres.
-    for place, (x, y, z, _), radius, (face, height, on_face) in zip(
-        places, centers.tolist(), radii, solid.highest_faces(local), strict=True
-    ):
-        gap = height - radius
-        if gap > limits.tolerance:
-            continue
-        if gap < -limits.max_penetration or not on_face:
+        plane, rows = others.sets[k], None
+        if isinstance(plane, Plane) and names.count(names[place]) == 1:
+            T, T_plane = pieces.poses[p], bodies.poses[k]
+            normal = T_plane[:3, :3] @ plane.normal
+            offset = float(normal @ T_plane[:3, 3]) + plane.offset
+            face = face_of(p, -normal @ T[:3, :3])
+            rows = None if face is None else _on_plane(face, T, normal, offset, place, limits)
+        if rows is None:
             left.append(place)
-            continue
-        normal = inward.get(face)
-        if normal is None:
-            # The transpose of the inverse's rotation is the rotation.
-            normal = inward[face] = (-solid.face_normals[face]).dot(T_solid_world[:3, :3]).tolist()
-        u, v, w = normal
-        half = 0.5 * (height + radius)
-        positions += (x + half * u, y + half * v, z + half * w)
-        normals += normal
-        gaps.append(gap)
-        touching.append(place)
+        else:
+            found.append(rows)
+    return pairs, found, left
+
+
+def _on_plane(
+    face: _Face, T: FloatArray, normal: FloatArray, offset: float, place: int, limits: ContactLimits
+) -> ContactRows | None:
+    """Contacts of a face at a pose T (4, 4) with a half-space; None if not all of it is near."""
+    if not limits.admit((face.corners @ T[:3].T @ normal - offset).tolist()):
+        return None
+    points = face.points @ T[:3].T
+    heights = points @ normal - offset
+    points -= 0.5 * np.outer(heights, normal)
     return ContactRows(
-        touching, np.array(positions).reshape(-1, 3), np.array(normals).reshape(-1, 3), gaps
+        [place] * len(points), points, np.tile(normal, (len(points), 1)), heights.tolist()
     )
 
 
-class _HalfSpace(NamedTuple):
-    """A half-space in the world.
-
-    Attributes:
-        normal: (3,) outward unit normal.
-        half_normal: (3,) half of it.
-        offset: Distance of the plane from the origin along the normal, m.
-    """
-
-    normal: FloatArray
-    half_normal: FloatArray
-    offset: float
-
-
-def _half_space(bodies: PlacedBodies, k: int, plane: Plane) -> _HalfSpace:
-    """Return a body that is a half-space where it is."""
-    known = bodies.notes.get(k)
-    if known is None:
-        T = bodies.poses[k]
-        normal = T[:3, :3] @ plane.normal
-        offset = float(normal @ T[:3, 3]) + plane.offset
-        known = bodies.notes[k] = _HalfSpace(normal, 0.5 * normal, offset)
-    return known
-
-
-def _face_on_plane(
-    solid: Polytope, T: FloatArray, plane: _HalfSpace, limits: ContactLimits
-) -> tuple[FloatArray, FloatArray, list[float]] | None:
-    """Points, normals and gaps of a face all of which is near a half-space; None for others."""
-    normal, half_normal, offset = plane
-    face = _face(solid, solid.farthest(-normal.dot(T[:3, :3])), limits)
-    if face is None:
-        return None
-    frame = T[:3].T
-    points = face.points.dot(frame)
-    heights = points.dot(normal[:, None])
-    heights -= offset
-    gaps = heights.ravel().tolist()
-    if not limits.admit(gaps):
-        return None
-    if not (
-        face.all_count or limits.admit((face.corners.dot(frame).dot(normal) - offset).tolist())
-    ):
-        return None
-    points -= heights * half_normal
-    normals = np.empty_like(points)
-    normals[:] = normal
-    return points, normals, gaps
-
-
+@lru_cache(maxsize=_MOST_FACES)
 def _face(solid: Polytope, corners: tuple[int, ...], limits: ContactLimits) -> _Face | None:
     """Return the face with some corners as if flat; None for an edge, corner or rough face."""
-    key = corners, limits.merge_distance, limits.max_points
-    try:
-        return solid.notes[key]
-    except KeyError:
-        face = _laid_flat(solid, corners, limits)
-    if len(solid.notes) >= _MANY_FACES:
-        solid.notes.clear()
-    solid.notes[key] = face
-    return face
-
-
-def _laid_flat(solid: Polytope, corners: tuple[int, ...], limits: ContactLimits) -> _Face | None:
     outward = solid.face_normal(corners)
     if outward is None:
         return None

@@ -92,7 +92,7 @@ def find_patch(
         return _on_plane(normal, float(normal @ origin) + one.offset, subject, tolerance)
     t = (T_second[:3, 3] - origin) @ R
     if isinstance(one, Polytope) and isinstance(two, Revolved) and two.is_sphere:
-        ((face, height, on_face),) = one.highest_faces([t.tolist()])
+        face, height, on_face = one.highest_face(t)
         gap = height - two.radius
         if gap > tolerance:
             return None

@@ -32,13 +32,11 @@ class Solids:
         sets: K sets.
         ranks: Which of two bodies comes first: half-spaces before polytopes before curved shapes,
             large before small, then by the kind of geometry; names decide between like shapes.
-        centers: (K, 4) centres [x, y, z, 1] of boxes around them, m.
+        centers: (K, 3) centres of boxes around them, m.
         half_extents: (K, 3) half the edge lengths of these boxes, m.
         reaches: (K,) radii of spheres around them about these centres, m.
         ball_radii: Radius of each that is a sphere, else zero, m.
-        centered: Whether all centres are the origins of their frames.
         has_plane: Whether one of them is a half-space.
-        only_planes: Whether all of them are.
     """
 
     names: tuple[str, ...]
@@ -48,29 +46,7 @@ class Solids:
     half_extents: FloatArray
     reaches: FloatArray
     ball_radii: tuple[float, ...]
-    centered: bool
     has_plane: bool
-    only_planes: bool
-
-    @cached_property
-    def sides(self) -> FloatArray:
-        """(K, 6, 4) sides of the boxes: times [x, y, z, 1], how far a point is under each, m."""
-        axes = np.vstack([-np.eye(3), np.eye(3)])
-        levels = np.hstack([self.half_extents, self.half_extents]) - self.centers[:, :3] @ axes.T
-        return np.concatenate(
-            [np.broadcast_to(axes, (len(self.sets), 6, 3)), levels[..., None]], axis=2
-        )
-
-    def reaches_under(self, others: Solids, tolerance: float) -> FloatArray:
-        """(N, 6 K) how far the centres of N others near them may be under these sides, m.
-
-        That is, minus their reach and the tolerance. The answer to the last question is kept.
-        """
-        known = self._last.get("reaches")
-        if known is None or known[0] is not others or known[1] != tolerance:
-            least = np.repeat(-others.reaches[:, None] - tolerance, 6 * len(self.sets), axis=1)
-            known = self._last["reaches"] = others, tolerance, least
-        return known[2]
 
     @cached_property
     def for_loops(self) -> Any:
@@ -94,17 +70,13 @@ class Solids:
         return contact_search.ConvexSets(
             kinds=kinds,
             bodies=[self.names.index(name) for name in self.names],
-            centers=self.centers[:, :3],
+            centers=self.centers,
             half_extents=self.half_extents,
             reaches=self.reaches,
             planes=planes,
             starts=np.cumsum([0, *map(len, faces)]),
             faces=np.concatenate(faces),
         )
-
-    @cached_property
-    def _last(self) -> dict[str, tuple[Solids, float, FloatArray]]:
-        return {}
 
 
 _known: weakref.WeakKeyDictionary[BodyShapes, Solids] = weakref.WeakKeyDictionary()
@@ -137,13 +109,11 @@ def _solids(shapes: BodyShapes) -> Solids:
         shapes.names,
         sets,
         tuple(map(_rank, shapes.names, shapes.geometries, sets)),
-        np.column_stack([centers, np.ones(len(sets))]),
+        centers,
         halves,
         np.array([_ENDLESS if one is None else one.radius for one in bounded]),
         tuple(one.radius if isinstance(one, Revolved) and one.is_sphere else 0.0 for one in sets),
-        not centers.any(),
         any(one is None for one in bounded),
-        all(one is None for one in bounded),
     )
 
 

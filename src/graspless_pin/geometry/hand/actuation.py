@@ -8,10 +8,9 @@ the contact Jacobian, and every motion that no tendon resists is a column with t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +19,13 @@ from scipy.linalg import null_space
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.hand.fingers import ControlPlan
 from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
-from graspless_pin.geometry.pickling import remake
+from graspless_pin.geometry.pickling import Record
 from graspless_pin.problem import ControlMode
 from graspless_pin.problem.joint_units import JointUnit
 
 
 @dataclass(frozen=True, eq=False)
-class Actuation:
+class Actuation(Record):
     """The L actuators: the columns of the contact Jacobian.
 
     Attributes:
@@ -46,20 +45,11 @@ class Actuation:
     from_independent: NDArray[np.float64]
     from_joints: NDArray[np.float64]
 
-    def __post_init__(self) -> None:
-        """Make the arrays read-only."""
-        self.from_independent.setflags(write=False)
-        self.from_joints.setflags(write=False)
-
     @cached_property
     def every_joint_alone(self) -> bool:
         """Whether all movable joints have a motor each, in their order."""
         rows, columns = self.from_joints.shape
         return rows == columns and bool((self.from_joints == np.eye(rows)).all())
-
-    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-        """Pickle by the fields."""
-        return remake(self)
 
 
 def plan_actuation(

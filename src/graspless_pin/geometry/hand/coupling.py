@@ -8,20 +8,19 @@ are resolved or refused. The tests compare both on hands without chains.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.errors import DanglingMimicWarning, RobotError
-from graspless_pin.geometry.pickling import remake
+from graspless_pin.geometry.pickling import Record
 from graspless_pin.geometry.robots.description import JointCoupling
 
 
 @dataclass(frozen=True, eq=False)
-class Coupling:
+class Coupling(Record):
     """Coupled joints as an affine map: all n joint positions are ``q = S q_a + offset``.
 
     Velocities follow ``S v_a`` and the independent joints' motors feel ``S^T tau``.
@@ -35,15 +34,6 @@ class Coupling:
     leaders: tuple[int, ...]
     S: NDArray[np.float64]
     offset: NDArray[np.float64]
-
-    def __post_init__(self) -> None:
-        """Make the arrays read-only."""
-        self.S.setflags(write=False)
-        self.offset.setflags(write=False)
-
-    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-        """Pickle by the fields."""
-        return remake(self)
 
     def drivers(self, joints: Iterable[int]) -> list[int]:
         """Return which of the a independent joints move any of ``joints`` (indices among n)."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
@@ -19,14 +19,14 @@ from graspless_pin.geometry.bodies.decomposition import (
 from graspless_pin.geometry.bodies.meshes import scaled_mesh, warn_of_scale
 from graspless_pin.geometry.bodies.shapes import convex_geometry
 from graspless_pin.geometry.hand.urdf_links import LinkMesh
-from graspless_pin.geometry.pickling import remake
+from graspless_pin.geometry.pickling import Record
 
 FLATNESS = 1e-7
 """Thickness over length below which a mesh (single-precision vertices) has no volume."""
 
 
 @dataclass(frozen=True, eq=False)
-class LinkGeometry:
+class LinkGeometry(Record):
     """A collision shape that moves with a link.
 
     Attributes:
@@ -40,14 +40,6 @@ class LinkGeometry:
     joint: int
     shape: Any
     T_joint_geometry: NDArray[np.float64]
-
-    def __post_init__(self) -> None:
-        """Make the pose read-only."""
-        self.T_joint_geometry.setflags(write=False)
-
-    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-        """Pickle by the fields."""
-        return remake(self)
 
 
 def link_geometries(

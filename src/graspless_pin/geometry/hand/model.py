@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,7 +32,7 @@ from graspless_pin.geometry.hand.posed_links import (
     posed_links,
 )
 from graspless_pin.geometry.hand.tree import KinematicTree
-from graspless_pin.geometry.pickling import remake
+from graspless_pin.geometry.pickling import Record
 from graspless_pin.geometry.poses import turning_velocities
 from graspless_pin.geometry.robots.description import FingerSpec, LinkMeshes
 from graspless_pin.geometry.robots.files import describe_model, describe_urdf
@@ -42,7 +41,7 @@ from graspless_pin.problem.joint_units import JointUnit
 
 
 @dataclass(frozen=True, eq=False)
-class Hand:
+class Hand(Record):
     """A mounted hand at a configuration. Make one with ``from_urdf`` and its sisters.
 
     The L columns of every Jacobian are ``actuated_joint_names``: the actuators under force
@@ -76,18 +75,6 @@ class Hand:
     actuation: Actuation
     effort_limits: tuple[NDArray[np.float64], NDArray[np.float64]]
     positions: NDArray[np.float64]
-
-    def __post_init__(self) -> None:
-        """Make arrays and mappings read-only."""
-        for name in ("base_poses", "fingers", "arms"):
-            if not isinstance(getattr(self, name), MappingProxyType):
-                object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
-        for array in (*self.base_poses.values(), *self.effort_limits, self.positions):
-            array.setflags(write=False)
-
-    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-        """Pickle by the fields."""
-        return remake(self)
 
     @classmethod
     def from_urdf(

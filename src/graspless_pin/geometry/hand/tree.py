@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
@@ -21,7 +21,7 @@ from graspless_pin.geometry.hand.link_shapes import LinkGeometry, link_geometrie
 from graspless_pin.geometry.hand.urdf import UNBOUNDED, UrdfDocument
 from graspless_pin.geometry.hand.urdf_visuals import LinkVisual
 from graspless_pin.geometry.hand.work_space import Kinematics, WorkSpace
-from graspless_pin.geometry.pickling import remake
+from graspless_pin.geometry.pickling import Record
 from graspless_pin.geometry.robots.description import JointCoupling
 from graspless_pin.problem.checks import FloatArray, read_only
 
@@ -40,7 +40,7 @@ _MOVING = np.hstack([np.eye(3), np.zeros((3, 3))]).ravel()
 
 
 @dataclass(frozen=True, eq=False)
-class KinematicTree:
+class KinematicTree(Record):
     """Everything about a hand that does not depend on its configuration.
 
     Every movable joint has one degree of freedom, so joint i of ``joint_names`` is Pinocchio's
@@ -65,15 +65,6 @@ class KinematicTree:
     lower: FloatArray
     upper: FloatArray
     visuals: tuple[LinkVisual, ...] = ()
-
-    def __post_init__(self) -> None:
-        """Make the arrays read-only."""
-        self.lower.setflags(write=False)
-        self.upper.setflags(write=False)
-
-    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-        """Pickle by the fields."""
-        return remake(self)
 
     @cached_property
     def joint_index(self) -> Mapping[str, int]:
