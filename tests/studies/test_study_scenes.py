@@ -10,7 +10,7 @@ from study_tools import CUBOID, HEIGHT, PAPER, SLOPE, study, study_file
 from graspless_pin import load_scene
 from graspless_pin.errors import StudyError
 from graspless_pin.geometry.bodies.shapes import Box
-from graspless_pin.scene.parts import SceneParts
+from graspless_pin.scene.hand_building import SceneParts
 from graspless_pin.studies import Study, load_study
 
 TIGHT = 1e-9

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from graspless_pin.errors import GrasplessPinError
+from graspless_pin.errors import GrasplessPinError, TextError
 
 _MIB = 1 << 20
 _SPECIAL = (
@@ -99,6 +100,20 @@ def read_text(path: Path, kind: FileKind) -> str:
             f"{path}: is not UTF-8 text ({error.reason} at byte {error.start}); "
             f"a {kind.name} is a text file"
         ) from None
+
+
+@contextmanager
+def errors_of_text(path: Path, kind: FileKind) -> Iterator[None]:
+    """Have what is wrong with the text of a file name the file and the line.
+
+    Raises:
+        GrasplessPinError: The kind's error, for a `TextError`.
+    """
+    try:
+        yield
+    except TextError as error:
+        line = f":{error.line}" if error.line else ""
+        raise kind.error(f"{path}{line}: {error}") from None
 
 
 def _too_large(path: Path, kind: FileKind) -> GrasplessPinError:

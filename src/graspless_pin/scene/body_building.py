@@ -33,11 +33,10 @@ from graspless_pin.scene.body_schema import (
     SupportEntry,
     TwistEntry,
 )
-from graspless_pin.scene.locating import Locator
-from graspless_pin.scene.yaml_source import Location
+from graspless_pin.scene.yaml_source import Location, YamlSource
 
 
-def build_object(file: Locator, entry: ObjectEntry) -> ManipulatedObject:
+def build_object(file: YamlSource, entry: ObjectEntry) -> ManipulatedObject:
     """Return the object of a scene file.
 
     Raises:
@@ -59,7 +58,7 @@ def build_object(file: Locator, entry: ObjectEntry) -> ManipulatedObject:
     )
 
 
-def build_support(file: Locator, where: Location, entry: SupportEntry) -> Support:
+def build_support(file: YamlSource, where: Location, entry: SupportEntry) -> Support:
     """Return the support at a location of a scene file.
 
     Raises:
@@ -81,7 +80,7 @@ def build_support(file: Locator, where: Location, entry: SupportEntry) -> Suppor
     return support
 
 
-def build_pose(file: Locator, where: Location, entry: PoseEntry) -> FloatArray:
+def build_pose(file: YamlSource, where: Location, entry: PoseEntry) -> FloatArray:
     """Return the (4, 4) pose at a location of a scene file.
 
     Raises:
@@ -98,7 +97,7 @@ def build_pose(file: Locator, where: Location, entry: PoseEntry) -> FloatArray:
         raise file.error((*where, form), message) from error
 
 
-def _shape(file: Locator, entry: Any) -> Shape:
+def _shape(file: YamlSource, entry: Any) -> Shape:
     match entry:
         case BoxEntry():
             return Box(entry.size)
@@ -112,7 +111,7 @@ def _shape(file: Locator, entry: Any) -> Shape:
             return Cone(entry.radius, entry.length)
         case MeshEntry():
             return MeshShape(
-                file.path(entry.path),
+                file.file(entry.path),
                 entry.scale,
                 convex=entry.convex,
                 concavity=entry.concavity,

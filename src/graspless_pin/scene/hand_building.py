@@ -1,21 +1,40 @@
-"""From the hand's entry of a scene file to a `Hand`."""
+"""From the hand's entry of a scene file to a `Hand`, and the hands that scenes share."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections import OrderedDict
+from dataclasses import dataclass, field, replace
 
+from graspless_pin.geometry.hand.configuration import joint_positions
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.mounts import Mount
-from graspless_pin.geometry.robots.description import FingerSpec
+from graspless_pin.geometry.robots.description import FingerSpec, RobotDescription
 from graspless_pin.geometry.robots.files import describe_urdf, find_robot
 from graspless_pin.scene.body_building import build_pose
 from graspless_pin.scene.hand_schema import HandEntry, MountEntry
-from graspless_pin.scene.locating import Locator
-from graspless_pin.scene.parts import SceneParts
-from graspless_pin.scene.yaml_source import Location
+from graspless_pin.scene.yaml_source import Location, YamlSource
+
+_MOST_HANDS = 16
+_NOT_OF_THE_HAND = {"q", "material", "count_own_weight", "hybrid_force_limit"}
 
 
-def build_hand(file: Locator, parts: SceneParts, entry: HandEntry) -> Hand:
+@dataclass(eq=False)
+class SceneParts:
+    """Robots and hands of the scenes of one folder, kept for the next scene.
+
+    A hand at other joint positions is the same kinematics and shapes; what is kept never changes
+    what a scene becomes. Of hands, the sixteen that were used last are kept.
+
+    Attributes:
+        robots: Robot by name or path.
+        hands: Hand by all of its entry but what leaves kinematics, shapes and limits alone.
+    """
+
+    robots: dict[tuple[str, ...], RobotDescription] = field(default_factory=dict)
+    hands: OrderedDict[str, Hand] = field(default_factory=OrderedDict)
+
+
+def build_hand(file: YamlSource, parts: SceneParts, entry: HandEntry) -> Hand:
     """Return the hand of a scene file, or what earlier scenes left of it.
 
     Args:
@@ -26,10 +45,21 @@ def build_hand(file: Locator, parts: SceneParts, entry: HandEntry) -> Hand:
     Raises:
         SceneError: Naming the part of the file.
     """
-    return file.at(("hand",), lambda: parts.hand(entry, lambda: _assembled(file, parts, entry)))
+    key = entry.model_dump_json(exclude=_NOT_OF_THE_HAND)
+    known = parts.hands.get(key)
+    if known is None:
+        hand = _assembled(file, parts, entry)
+    else:
+        positions = file.at(("hand",), lambda: joint_positions(known.tree, entry.q))
+        hand = replace(known, positions=positions)
+    parts.hands[key] = hand
+    parts.hands.move_to_end(key)
+    while len(parts.hands) > _MOST_HANDS:
+        parts.hands.popitem(last=False)
+    return hand
 
 
-def _assembled(file: Locator, parts: SceneParts, entry: HandEntry) -> Hand:
+def _assembled(file: YamlSource, parts: SceneParts, entry: HandEntry) -> Hand:
     mounts = []
     for index, (prefix, item) in enumerate(entry.mount_entries()):
         where: Location = ("hand", "mounts", index) if entry.mounts else ("hand",)
@@ -47,30 +77,15 @@ def _assembled(file: Locator, parts: SceneParts, entry: HandEntry) -> Hand:
 
 
 def _mount(
-    file: Locator, parts: SceneParts, where: Location, prefix: str, entry: MountEntry
+    file: YamlSource, parts: SceneParts, where: Location, prefix: str, entry: MountEntry
 ) -> Mount:
-    robot = entry.robot
-    if entry.urdf is not None:
-        robot = file.path(entry.urdf)
-    elif robot is not None and robot.endswith((".yaml", ".yml")):
-        robot = file.path(robot)
     fingers = None
     if entry.fingers is not None:
         fingers = {
             name: FingerSpec(tuple(item.joints), tuple(item.links), item.tip)
             for name, item in entry.fingers.items()
         }
-    assert robot is not None  # noqa: S101 - the schema asks for one of the two
-    source = robot
-    folders = [file.path(folder) for folder in entry.package_dirs]
-    found = file.at(
-        where,
-        lambda: parts.robot(
-            ("urdf" if entry.urdf else "robot", str(source), *map(str, folders)),
-            lambda: describe_urdf(source, folders) if entry.urdf else find_robot(source, folders),
-        ),
-        ("robot",),
-    )
+    found = file.at(where, lambda: _robot(file, parts, entry), ("robot",))
     pose = build_pose(file, (*where, "base_pose"), entry.base_pose)
     given = {
         "convex": entry.convex,
@@ -80,3 +95,16 @@ def _mount(
     own = {name: value for name, value in given.items() if value is not None}
     meshes = replace(found.meshes, **own) if own else None
     return Mount(found, pose, prefix, fingers, meshes=meshes)
+
+
+def _robot(file: YamlSource, parts: SceneParts, entry: MountEntry) -> RobotDescription:
+    """Return the robot that an entry names, read if it is new."""
+    source = str(entry.robot) if entry.urdf is None else str(file.file(entry.urdf))
+    if entry.urdf is None and source.endswith((".yaml", ".yml")):
+        source = str(file.file(source))
+    folders = [file.file(folder) for folder in entry.package_dirs]
+    key = ("robot" if entry.urdf is None else "urdf", source, *map(str, folders))
+    if key not in parts.robots:
+        read = find_robot if entry.urdf is None else describe_urdf
+        parts.robots[key] = read(source, folders)
+    return parts.robots[key]

@@ -62,17 +62,9 @@ class PrefixedMountEntry(MountEntry):
 ModeName = Literal["force", "position", "hybrid"]
 
 
-class HandEntry(Entry):
+class HandEntry(MountEntry):
     """The hand: one robot, or several under ``mounts``."""
 
-    robot: FilePath | None = None
-    urdf: FilePath | None = None
-    package_dirs: Few[FilePath] = []
-    base_pose: PoseEntry = PoseEntry()
-    fingers: ByName[FingerEntry] | None = None
-    convex: LinkConvex = None
-    concavity: Concavity | None = None
-    decompose_time_limit: DecomposeTimeLimit | None = None
     mounts: Annotated[list[PrefixedMountEntry], Field(max_length=16)] = []
     q: ByName[Finite] = Field(default={}, description="rad or m by joint name")
     control: ModeName | ByName[ModeName] | None = Field(
@@ -100,15 +92,7 @@ class HandEntry(Entry):
         if len(given) != 1:
             found = " and ".join(given) or "none of them"
             raise ValueError(f"found {found}; needs exactly one of 'robot', 'urdf' and 'mounts'")
-        single = {
-            "package_dirs",
-            "base_pose",
-            "fingers",
-            "convex",
-            "concavity",
-            "decompose_time_limit",
-        }
-        of_one = sorted(single & self.model_fields_set)
+        of_one = sorted(MountEntry.model_fields.keys() & self.model_fields_set)
         if self.mounts and of_one:
             raise ValueError(
                 f"found mounts and {' and '.join(of_one)}; with several robots each entry of "
@@ -120,14 +104,4 @@ class HandEntry(Entry):
         """Return the robots with their prefixes."""
         if self.mounts:
             return [(mount.prefix, mount) for mount in self.mounts]
-        single = MountEntry(
-            robot=self.robot,
-            urdf=self.urdf,
-            package_dirs=self.package_dirs,
-            base_pose=self.base_pose,
-            fingers=self.fingers,
-            convex=self.convex,
-            concavity=self.concavity,
-            decompose_time_limit=self.decompose_time_limit,
-        )
-        return [("", single)]
+        return [("", self)]

@@ -4,29 +4,34 @@ from __future__ import annotations
 
 import difflib
 import reprlib
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.scene.yaml_source import Location, YamlSource
 
 _MOST_EXAMINED = 60
 _MOST_TOLD = 5
+_Entry = TypeVar("_Entry", bound=BaseModel)
 Node = dict[str, Any]
 """A part of the JSON schema."""
 
 
-def validation_text(
-    source: YamlSource, error: ValidationError, model: type[BaseModel] = SceneEntry
-) -> str:
-    """Return one line a mistake: file:line, key, what was found, what would do.
+def validated(source: YamlSource, model: type[_Entry]) -> _Entry:
+    """Return the content of a file as its schema has it.
 
-    Args:
-        source: The file.
-        error: What pydantic says of its content.
-        model: What the file was to be.
+    Raises:
+        GrasplessPinError: The error of the file's kind, a line a mistake: file:line, key, what was
+            found, what would do.
     """
+    try:
+        return model.model_validate(source.data)
+    except ValidationError as error:
+        raise source.kind.error(_validation_text(source, error, model)) from None
+
+
+def _validation_text(source: YamlSource, error: ValidationError, model: type[BaseModel]) -> str:
+    """Return one line a mistake."""
     errors = error.errors()
     items = [(_in_file(source.data, item), item) for item in errors[:_MOST_EXAMINED]]
     schema = model.model_json_schema()
@@ -38,25 +43,12 @@ def validation_text(
         ):
             continue
         mistake = _mistake(schema, source.data, location, item)
-        lines.append(f"{source.where(location)}: {key_text(location)}: {mistake}")
+        lines.append(source.message(location, mistake))
     lines = [*dict.fromkeys(lines)]
     more = len(lines) - _MOST_TOLD + len(errors[_MOST_EXAMINED:])
     return "\n".join(
         [*lines[:_MOST_TOLD], *([f"... and {more} mistakes more"] if more > 0 else [])]
     )
-
-
-def key_text(location: Location) -> str:
-    """Return a location as people write it, e.g. ``supports[0].name``."""
-    text = ""
-    for part in location:
-        if isinstance(part, int):
-            text += f"[{part}]"
-        elif "." in part:
-            text += f"[{part!r}]"
-        else:
-            text += f".{part}" if text else part
-    return text or "scene"
 
 
 def _mistake(schema: Node, data: Any, location: Location, item: Any) -> str:

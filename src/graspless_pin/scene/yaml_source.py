@@ -1,81 +1,128 @@
-"""A YAML file of the user's: plain data with line numbers, read within bounds."""
+"""A YAML file of the user's: plain data with line numbers, and errors that name file and key."""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from graspless_pin.errors import SceneError, TextError
-from graspless_pin.intake.files import FileKind, read_text
+from graspless_pin.errors import ArgumentError, GrasplessPinError, SceneError
+from graspless_pin.intake.files import FileKind, errors_of_text, read_text
 from graspless_pin.intake.yaml_text import Location, parse_yaml
 
-__all__ = ["Location", "YamlSource"]
+__all__ = ["SCENE", "Location", "YamlSource", "key_text"]
 
-_MEBIBYTES = 4
+SCENE = FileKind("scene", 4, SceneError)
 _NEEDED = {
     "scene": "a scene needs object and friction",
     "study": "a study needs scene and vary",
 }
+_Made = TypeVar("_Made")
 
 
+@dataclass(frozen=True, eq=False)
 class YamlSource:
     """A parsed YAML file that knows on which line each key stands.
 
     Attributes:
-        path: The file.
+        path: The file; of content that was made in Python, the name that messages give it.
         data: Its content as plain Python data.
+        kind: What it describes.
+        lines: Line of each key; none of content that was made in Python.
     """
 
-    def __init__(self, path: Path, kind: str = "scene") -> None:
-        """Read and parse the file.
+    path: Path
+    data: Any
+    kind: FileKind = SCENE
+    lines: Mapping[Location, int] = field(default_factory=dict)
+
+    @classmethod
+    def read(cls, path: Path, kind: FileKind = SCENE) -> YamlSource:
+        """Read and parse a file.
 
         Args:
             path: The file.
-            kind: What the file describes, for messages.
+            kind: What the file describes.
 
         Raises:
-            SceneError: If the file is missing, empty, too large or no regular file, is not UTF-8
-                text or not plain YAML.
+            GrasplessPinError: The kind's error, if the file is missing, empty, too large or no
+                regular file, is not UTF-8 text or not plain YAML.
         """
-        self.path = path
-        text = read_text(path, FileKind(kind, _MEBIBYTES, SceneError))
-        try:
+        text = read_text(path, kind)
+        with errors_of_text(path, kind):
             parsed = parse_yaml(text)
-        except TextError as error:
-            line = f":{error.line}" if error.line else ""
-            raise SceneError(f"{path}{line}: {error}") from None
-        self.data: Any = parsed.data
-        self._lines = parsed.lines
         if not parsed.lines:
-            raise SceneError(f"{path}: the file is empty; {_NEEDED[kind]}")
-
-    @classmethod
-    def of_data(cls, data: Any, path: Path) -> YamlSource:
-        """Return content that was made in Python, under the name that messages give it."""
-        source = object.__new__(cls)
-        source.path, source.data, source._lines = path, data, {}
-        return source
-
-    def with_data(self, data: Any) -> YamlSource:
-        """Return the same file with changed content; lines stay those of the file."""
-        source = self.of_data(data, self.path)
-        source._lines = self._lines
-        return source
-
-    def line_of(self, location: Location) -> int:
-        """Return the line of a key, or of the nearest key above it that stands in the file."""
-        for length in range(len(location), -1, -1):
-            line = self._lines.get(location[:length])
-            if line is not None:
-                return line
-        return 1
+            raise kind.error(f"{path}: the file is empty; {_NEEDED[kind.name]}")
+        return cls(path, parsed.data, kind, parsed.lines)
 
     def has(self, location: Location) -> bool:
         """Return whether exactly this key stands in the file."""
-        return location in self._lines
+        return location in self.lines
 
     def where(self, location: Location) -> str:
-        """Return ``file:line`` of a key; the name alone of what came from no file."""
-        if not self._lines:
+        """Return ``file:line`` of a key, or of the nearest key above it that stands in the file.
+
+        Of what came from no file it is the name alone.
+        """
+        if not self.lines:
             return str(self.path)
-        return f"{self.path}:{self.line_of(location)}"
+        above = (location[:length] for length in range(len(location), -1, -1))
+        return f"{self.path}:{next((self.lines[key] for key in above if key in self.lines), 1)}"
+
+    def message(self, location: Location, message: str) -> str:
+        """Return a message that names the file, the line and the key."""
+        return f"{self.where(location)}: {key_text(location)}: {message}"
+
+    def error(self, location: Location, message: str) -> GrasplessPinError:
+        """Return the error for a part of the file."""
+        return self.kind.error(self.message(location, message))
+
+    def at(self, location: Location, make: Callable[[], _Made], also: Location = ()) -> _Made:
+        """Return what is made of one part of the file; an error names that part.
+
+        Args:
+            location: The part.
+            make: Makes it.
+            also: Deeper part to name where the error is about no argument but a file or name.
+        """
+        try:
+            return make()
+        except SceneError:
+            raise
+        except ArgumentError as error:
+            inner = (*location, *_keys(error.argument))
+            if self.has(inner):
+                message = str(error).removeprefix(f"{error.argument}: ")
+                raise self.error(inner, message) from error
+            raise self.error(location, str(error)) from error
+        except GrasplessPinError as error:
+            raise self.error((*location, *also), str(error)) from error
+        except OSError as error:
+            message = f"a file cannot be read ({error}); check it"
+            raise self.error((*location, *also), message) from error
+
+    def file(self, text: str) -> Path:
+        """Return the path that a text of the file means: relative to the file."""
+        return self.path.resolve().parent / text
+
+
+def key_text(location: Location) -> str:
+    """Return a location as people write it, e.g. ``supports[0].name``."""
+    text = ""
+    for part in location:
+        if isinstance(part, int):
+            text += f"[{part}]"
+        elif "." in part:
+            text += f"[{part!r}]"
+        else:
+            text += f".{part}" if text else part
+    return text or "scene"
+
+
+def _keys(argument: str) -> tuple[str, ...]:
+    """Split an argument's name such as ``q['joint_1.0']`` into keys of the file."""
+    return tuple(
+        quoted or plain for quoted, plain in re.findall(r"\['(.*?)'\]|([^.\[\]]+)", argument)
+    )

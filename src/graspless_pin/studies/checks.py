@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
-from pydantic import ValidationError
+from dataclasses import replace
 
-from graspless_pin.errors import GrasplessPinError, StudyError
-from graspless_pin.scene.messages import key_text, validation_text
-from graspless_pin.scene.parts import SceneParts
+import numpy as np
+
+from graspless_pin.errors import GrasplessPinError, SceneError, StudyError
+from graspless_pin.scene.hand_building import SceneParts
+from graspless_pin.scene.messages import validated
 from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.solvers import check_solver
 from graspless_pin.studies.keys import Tree
@@ -38,13 +39,9 @@ def check_study(study: Study) -> None:
 
 def _check_values(study: Study, name: str, value: object, tree: Tree) -> None:
     try:
-        SceneEntry.model_validate(tree)
-    except ValidationError as error:
-        what = validation_text(study.scene.with_data(tree), error)
-        key = "vary", name
-        raise StudyError(
-            f"{study.source.where(key)}: {key_text(key)}: at {value!r}: {what}"
-        ) from None
+        validated(replace(study.scene, data=tree), SceneEntry)
+    except SceneError as error:
+        raise study.source.error(("vary", name), f"at {value!r}: {error}") from None
 
 
 def _check_any_touches(study: Study) -> None:

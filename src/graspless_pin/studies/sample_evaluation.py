@@ -16,7 +16,7 @@ from graspless_pin.errors import GrasplessPinError, StudyError
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.joint_units import JointUnit
-from graspless_pin.scene.parts import SceneParts
+from graspless_pin.scene.hand_building import SceneParts
 from graspless_pin.scene.scene import Scene
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.studies.study import Sample, Study

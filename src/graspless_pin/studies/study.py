@@ -5,24 +5,22 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from pydantic import ValidationError
 from scipy.stats import qmc
 
-from graspless_pin.errors import SceneError, StudyError
+from graspless_pin.errors import StudyError
 from graspless_pin.intake.files import FileKind, is_file, read_bytes
-from graspless_pin.scene.load import build_scene
-from graspless_pin.scene.material_pairs import materials_in_words, other_materials
-from graspless_pin.scene.messages import key_text, validation_text
-from graspless_pin.scene.parts import SceneParts
+from graspless_pin.scene.hand_building import SceneParts
+from graspless_pin.scene.load import build_scene, materials_in_words, other_materials
+from graspless_pin.scene.messages import validated
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_schema import SceneEntry
-from graspless_pin.scene.yaml_source import Location, YamlSource
+from graspless_pin.scene.yaml_source import Location, YamlSource, key_text
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.studies.keys import Tree, copied
 from graspless_pin.studies.study_schema import StudyEntry
@@ -87,7 +85,7 @@ class Study:
         Raises:
             StudyError: See `load_study`.
         """
-        return _made(YamlSource.of_data(copied(dict(data)), Path("study")), Path(folder))
+        return _made(YamlSource(Path("study"), copied(dict(data)), _STUDY), Path(folder))
 
     def placed_at(self, sample: Sample) -> Tree:
         """Return the scene file's content with the keys of one sample set, nothing moved yet."""
@@ -113,7 +111,7 @@ class Study:
         Raises:
             SceneError: If the scene cannot be used with these values.
         """
-        return build_scene(self.scene.with_data(self.tree_at(sample)), parts)
+        return build_scene(replace(self.scene, data=self.tree_at(sample)), parts)
 
 
 def load_study(path: str | Path) -> Study:
@@ -126,29 +124,20 @@ def load_study(path: str | Path) -> Study:
         StudyError: Naming file, line and key, what was found and what would do.
         SceneError: If the scene file itself is wrong.
     """
-    try:
-        source = YamlSource(Path(path), "study")
-    except SceneError as error:
-        raise StudyError(str(error)) from None
+    source = YamlSource.read(Path(path), _STUDY)
     return _made(source, source.path.parent)
 
 
 def _made(source: YamlSource, folder: Path) -> Study:
     if not isinstance(source.data, dict):
         raise StudyError(f"{source.where(())}: a study is a mapping with the keys scene, vary, ...")
-    try:
-        entry = StudyEntry.model_validate(source.data)
-    except ValidationError as error:
-        raise StudyError(validation_text(source, error, StudyEntry)) from None
-
-    def fail(location: tuple[str, ...], message: str) -> StudyError:
-        return StudyError(f"{source.where(location)}: {key_text(location)}: {message}")
-
+    entry = validated(source, StudyEntry)
+    fail = source.error
     file = folder / entry.scene
     if not is_file(file):
         raise fail(("scene",), f"there is no file {str(file)!r}; paths are relative to the study")
-    scene = YamlSource(file)
-    usual = _valid(scene)
+    scene = YamlSource.read(file)
+    usual = validated(scene, SceneEntry)
     defaults = usual.model_dump()
     tree = copied(scene.data)
     options = entry.compute.solve_options()
@@ -169,18 +158,11 @@ def _made(source: YamlSource, folder: Path) -> Study:
     return Study(
         entry=entry,
         source=source,
-        scene=scene.with_data(tree),
+        scene=replace(scene, data=tree),
         variables=variables,
         samples=_samples(entry, variables, fail),
         fingerprint=_fingerprint(entry, tree, file.parent),
     )
-
-
-def _valid(scene: YamlSource) -> SceneEntry:
-    try:
-        return SceneEntry.model_validate(scene.data)
-    except ValidationError as error:
-        raise SceneError(validation_text(scene, error)) from None
 
 
 def _check_targets(variables: tuple[Variable, ...], options: Mapping[str, Any], fail: Any) -> None:
@@ -277,6 +259,7 @@ def _fingerprint(entry: StudyEntry, tree: Tree, folder: Path) -> str:
     return hashlib.sha256(content.encode()).hexdigest()
 
 
+_STUDY = FileKind("study", 4, StudyError)
 _NAMED = FileKind("file of a scene", 64, StudyError)
 _FILES = (".urdf", ".yaml", ".yml", ".stl", ".obj", ".dae", ".ply", ".off")
 

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 from graspless_pin.drafts import draft_of
 from graspless_pin.errors import StudyError
-from graspless_pin.scene.messages import key_text
 from graspless_pin.studies.sample_evaluation import LARGEST_TORQUE, Failure, Row
 from graspless_pin.studies.study import Study
 from graspless_pin.versions import versions
@@ -77,12 +76,11 @@ def check_columns(study: Study) -> None:
     """
     taken = {"sample", *_FIRST, *_LARGEST, *_LAST}
     for variable in study.variables:
-        key = "vary", variable.name
         if variable.column in taken or variable.column.startswith("torque_"):
-            raise StudyError(
-                f"{study.source.where(key)}: {key_text(key)}: its column "
-                f"would be called {variable.column!r} like another one of the results; rename it "
-                "and give its 'key'"
+            raise study.source.error(
+                ("vary", variable.name),
+                f"its column would be called {variable.column!r} like another one of the results; "
+                "rename it and give its 'key'",
             )
         taken.add(variable.column)
 

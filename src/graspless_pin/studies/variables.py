@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from graspless_pin.errors import StudyError
+from graspless_pin.errors import GrasplessPinError, StudyError
 from graspless_pin.scene.yaml_source import Location
 from graspless_pin.studies.keys import Tree, check_bodies, move, place_key, put, turn
 from graspless_pin.studies.study_schema import VariableEntry
@@ -106,7 +106,11 @@ class Variable:
 
 
 def make_variable(
-    name: str, entry: VariableEntry, tree: Tree, defaults: Tree, fail: Callable[..., StudyError]
+    name: str,
+    entry: VariableEntry,
+    tree: Tree,
+    defaults: Tree,
+    fail: Callable[..., GrasplessPinError],
 ) -> Variable:
     """Resolve what a variable changes in a scene.
 
@@ -152,14 +156,16 @@ def make_variable(
     return Variable(name, entry, _unit(entry, shared, fail), tuple(targets))
 
 
-def _check_numbers(entry: VariableEntry, part: str, fail: Callable[..., StudyError]) -> None:
+def _check_numbers(entry: VariableEntry, part: str, fail: Callable[..., GrasplessPinError]) -> None:
     if isinstance(entry.values, dict) or any(
         isinstance(value, bool | str) for value in entry.values or []
     ):
         raise fail("values", f"'{part}' needs numbers")
 
 
-def _unit(entry: VariableEntry, kinds: tuple[str, ...], fail: Callable[..., StudyError]) -> Unit:
+def _unit(
+    entry: VariableEntry, kinds: tuple[str, ...], fail: Callable[..., GrasplessPinError]
+) -> Unit:
     """Return the unit of the values: the one that is named, or the only SI unit that fits."""
     numbers = not isinstance(entry.values, dict) and not any(
         isinstance(value, bool | str) for value in entry.values or []

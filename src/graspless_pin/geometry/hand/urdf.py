@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from graspless_pin.errors import RobotError, TextError
+from graspless_pin.errors import RobotError
 from graspless_pin.geometry.hand.urdf_links import (
     LinkMesh,
     check_link,
@@ -21,7 +21,7 @@ from graspless_pin.geometry.hand.urdf_links import (
 )
 from graspless_pin.geometry.hand.urdf_visuals import LinkVisual, read_visuals
 from graspless_pin.geometry.robots.description import JointCoupling
-from graspless_pin.intake.files import FileKind, read_bytes
+from graspless_pin.intake.files import FileKind, errors_of_text, read_bytes
 from graspless_pin.intake.xml_text import parse_xml
 
 URDF = FileKind("URDF", 16, RobotError)
@@ -137,10 +137,8 @@ def parse_robot(path: Path) -> ET.Element:
     Raises:
         RobotError: If the file is missing, is not a URDF, or declares a DOCTYPE or entities.
     """
-    try:
+    with errors_of_text(path, URDF):
         root = parse_xml(read_bytes(path, URDF))
-    except TextError as error:
-        raise RobotError(f"{path}: {error}") from None
     if root.tag != "robot":
         raise RobotError(f"{path}: a URDF starts with <robot>, this file with <{root.tag}>")
     if len(root.findall("link")) > MOST_LINKS:

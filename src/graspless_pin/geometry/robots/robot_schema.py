@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
-from graspless_pin.errors import RobotError, TextError
+from graspless_pin.errors import RobotError
 from graspless_pin.geometry.bodies.decomposition import DEFAULT_CONCAVITY, DEFAULT_TIME_LIMIT
 from graspless_pin.geometry.robots.description import JointCoupling
 from graspless_pin.intake.fields import (
@@ -24,7 +24,7 @@ from graspless_pin.intake.fields import (
     Seconds,
     Signed,
 )
-from graspless_pin.intake.files import FileKind, read_text
+from graspless_pin.intake.files import FileKind, errors_of_text, read_text
 from graspless_pin.intake.yaml_text import parse_yaml
 
 Convex = Literal["hull", "decompose"]
@@ -127,11 +127,8 @@ def read_robot_file(file: Path) -> RobotFile:
 @lru_cache(maxsize=_MOST_KEPT)
 def _robot_file(file: Path, text: str) -> RobotFile:
     """Validate the text of a robot file, once: a study asks for its hand in every sample."""
-    try:
+    with errors_of_text(file, ROBOT_FILE):
         content = parse_yaml(text).data
-    except TextError as error:
-        line = f":{error.line}" if error.line else ""
-        raise RobotError(f"{file}{line}: {error}") from None
     if not isinstance(content, dict):
         raise RobotError(
             f"{file}: a robot file is a mapping with the keys name, urdf or model, ..."
