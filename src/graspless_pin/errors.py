@@ -14,6 +14,7 @@ __all__ = [
     "DanglingMimicWarning",
     "GrasplessPinError",
     "GrasplessPinWarning",
+    "JointLimitError",
     "MeshError",
     "MeshScaleWarning",
     "NoSolutionError",
@@ -51,6 +52,10 @@ class ArgumentError(GrasplessPinError, ValueError):
     def __str__(self) -> str:
         """Return ``argument: message``."""
         return f"{self.args[0]}: {self.args[1]}"
+
+
+class JointLimitError(ArgumentError):
+    """A joint is told to stand outside its limits."""
 
 
 class SceneError(GrasplessPinError, ValueError):

@@ -194,12 +194,14 @@ def test_strides_and_types_do_not_matter() -> None:
     assert compiled.rigid_bodies is not None
     wide: np.ndarray = np.arange(24.0).reshape(4, 6)
     whole: np.ndarray = np.ones((2, 3), dtype=np.int8)
-    both = compiled.small_arrays.stacked(wide[:, ::2], whole)
-    np.testing.assert_array_equal(both, np.vstack([wide[:, ::2], whole]))
     T = np.asfortranarray(poses.pose_matrix((1.0, 2.0, 3.0), (0.1, 0.2, 0.3)))
-    point: np.ndarray = np.array([1, 2, 3])
-    moved_point = compiled.rigid_bodies.moved_point(T, point)
-    np.testing.assert_allclose(moved_point, T[:3, :3] @ point + T[:3, 3], atol=1e-15)
+    twist = np.array([1.0, 2.0, 3.0, 0.4, 0.5, 0.6])
+    for points in (wide[:, ::2], whole):
+        velocities = compiled.rigid_bodies.twist_velocities(twist, T[:3, 3], points)
+        expected = twist[:3] + np.cross(twist[3:], points - T[:3, 3])
+        np.testing.assert_allclose(velocities, expected, atol=1e-14)
+    (placed,) = compiled.rigid_bodies.placed(T[None], np.zeros(1, dtype=np.intp), T[None])
+    np.testing.assert_allclose(placed, T @ T, atol=1e-15)
 
 
 @needs_loops
@@ -260,17 +262,12 @@ POSES = np.repeat(np.eye(4)[None], 2, axis=0)
 @pytest.mark.parametrize(
     ("loops", "name", "arguments"),
     [
-        ("small_arrays", "stacked", (np.ones((2, 2)), ONES)),
-        ("small_arrays", "stacked", (np.ones(3), ONES)),
         ("small_arrays", "in_order", ((np.ones(2), np.ones(3)), False)),
         ("small_arrays", "tangents", (np.ones((2, 4)), ())),
         ("small_arrays", "tangents", (ONES, (np.ones(2),))),
         ("rigid_bodies", "placed", (POSES, [0, 2], POSES)),
         ("rigid_bodies", "placed", (POSES, [-1, 0], POSES)),
         ("rigid_bodies", "placed", (POSES[:, :3], [0, 0], POSES)),
-        ("rigid_bodies", "homogeneous", (POSES,)),
-        ("rigid_bodies", "moved_point", (POSES, np.ones(3))),
-        ("rigid_bodies", "moved_point", (POSES[0], np.ones(4))),
         ("rigid_bodies", "point_jacobians", (np.ones((6, 2)), np.ones((3, 2)), [0, 3], ONES)),
         ("rigid_bodies", "point_jacobians", (np.ones((6, 2)), np.ones((3, 1)), [0, 1], ONES)),
         ("rigid_bodies", "point_jacobians", (np.ones((5, 2)), np.ones((3, 2)), [0, 1], ONES)),

@@ -7,8 +7,8 @@ from libc.string cimport memcpy
 cimport numpy as cnp
 
 from graspless_pin.compiled.shared cimport (
-    as_integers, as_poses, as_reals, as_shaped, as_vector, data, dot, empty, move, numbers_of, turn,
-    turn_back,
+    as_integers, as_poses, as_reals, as_shaped, as_vector, data, dot, empty, empty1, move,
+    numbers_of, turn, turn_back,
 )
 
 cnp.import_array()
@@ -282,8 +282,7 @@ cdef bint _face_on_plane(
     double max_penetration, object face_of, _Rows rows, list gaps
 ):
     """Whether all of a face is near a half-space."""
-    cdef cnp.npy_intp three = 3
-    cdef cnp.ndarray direction = <cnp.ndarray>cnp.PyArray_EMPTY(1, &three, cnp.NPY_DOUBLE, 0)
+    cdef cnp.ndarray direction = empty1(3)
     cdef double* down = data(direction)
     cdef double normal[3]
     cdef double x[3]

@@ -2,12 +2,12 @@
 """Poses, velocities and Jacobians of points that are fixed to rigid bodies."""
 
 from libc.math cimport fabs, sqrt
-from libc.string cimport memcpy
 
 cimport numpy as cnp
 
 from graspless_pin.compiled.shared cimport (
-    as_integers, as_poses, as_reals, as_shaped, as_vector, data, dot, empty, move, numbers_of,
+    as_integers, as_poses, as_reals, as_shaped, as_vector, data, dot, empty, empty1, empty3,
+    numbers_of,
 )
 
 cnp.import_array()
@@ -28,15 +28,13 @@ def placed(T_world_joint, joints, T_joint_shape):
     cdef cnp.ndarray carriers = as_poses(T_world_joint), shapes = as_poses(T_joint_shape)
     cdef cnp.ndarray numbers = as_integers(joints, shapes.shape[0])
     cdef cnp.npy_intp* number = numbers_of(numbers)
-    cdef cnp.npy_intp shape[3]
-    shape[0], shape[1], shape[2] = shapes.shape[0], 4, 4
-    cdef cnp.ndarray poses = <cnp.ndarray>cnp.PyArray_EMPTY(3, shape, cnp.NPY_DOUBLE, 0)
+    cdef cnp.ndarray poses = empty3(shapes.shape[0], 4, 4)
     cdef const double* A
     cdef const double* B
     cdef double* C
     cdef Py_ssize_t k
     cdef int i, j
-    for k in range(shape[0]):
+    for k in range(shapes.shape[0]):
         if not 0 <= number[k] < carriers.shape[0]:
             raise ValueError("needs joints that exist")
         A, B = data(carriers) + 16 * number[k], data(shapes) + 16 * k
@@ -47,32 +45,6 @@ def placed(T_world_joint, joints, T_joint_shape):
             C[4 * i + 3] += A[4 * i + 3]
         C[12], C[13], C[14], C[15] = 0.0, 0.0, 0.0, 1.0
     return poses
-
-
-def homogeneous(rows):
-    """(K, 4, 4) transforms from their upper rows (K, 3, 4)."""
-    cdef cnp.ndarray upper = as_reals(rows, 3)
-    cdef cnp.npy_intp shape[3]
-    shape[0], shape[1], shape[2] = upper.shape[0], 4, 4
-    if upper.shape[1] != 3 or upper.shape[2] != 4:
-        raise ValueError("needs shape (K, 3, 4)")
-    cdef cnp.ndarray transforms = <cnp.ndarray>cnp.PyArray_EMPTY(3, shape, cnp.NPY_DOUBLE, 0)
-    cdef Py_ssize_t k
-    cdef double* T
-    for k in range(shape[0]):
-        T = data(transforms) + 16 * k
-        memcpy(T, data(upper) + 12 * k, 12 * sizeof(double))
-        T[12], T[13], T[14], T[15] = 0.0, 0.0, 0.0, 1.0
-    return transforms
-
-
-def moved_point(T, point):
-    """(3,) R p + t."""
-    cdef cnp.ndarray pose = as_shaped(T, 4, 4), before = as_vector(point, 3)
-    cdef cnp.npy_intp three = 3
-    cdef cnp.ndarray after = <cnp.ndarray>cnp.PyArray_EMPTY(1, &three, cnp.NPY_DOUBLE, 0)
-    move(data(pose), data(before), data(after))
-    return after
 
 
 def point_jacobians(J_world, moved, joints, points):
@@ -94,9 +66,7 @@ def point_jacobians(J_world, moved, joints, points):
     mask = as_shaped(mask, mask.shape[0], n)
     cdef cnp.ndarray numbers = as_integers(joints, count)
     cdef cnp.npy_intp* number = numbers_of(numbers)
-    cdef cnp.npy_intp shape[3]
-    shape[0], shape[1], shape[2] = count, 3, n
-    cdef cnp.ndarray jacobians = <cnp.ndarray>cnp.PyArray_EMPTY(3, shape, cnp.NPY_DOUBLE, 0)
+    cdef cnp.ndarray jacobians = empty3(count, 3, n)
     cdef const double* column = data(J)
     cdef const double* moves
     cdef const double* p
@@ -164,9 +134,7 @@ def motion_states(positions, normals, twist, center, others, turning, double tol
     points = as_shaped(points, count, 3)
     cdef cnp.ndarray inward = as_shaped(normals, count, 3), bodies = as_shaped(others, count, 3)
     cdef cnp.ndarray spins = None if turning is None else as_shaped(turning, count, 3)
-    cdef cnp.ndarray sliding = empty(count, 3)
-    cdef cnp.npy_intp length = count
-    cdef cnp.ndarray leaving = <cnp.ndarray>cnp.PyArray_EMPTY(1, &length, cnp.NPY_DOUBLE, 0)
+    cdef cnp.ndarray sliding = empty(count, 3), leaving = empty1(count)
     cdef const double* v = data(motion)
     cdef const double* n
     cdef const double* u

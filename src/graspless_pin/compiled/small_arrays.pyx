@@ -2,11 +2,10 @@
 """Checks of small arrays, and the tangents of a few contacts."""
 
 from libc.math cimport fabs, isfinite, sqrt
-from libc.string cimport memcpy
 
 cimport numpy as cnp
 
-from graspless_pin.compiled.shared cimport as_reals, as_shaped, as_vector, data, dot, empty
+from graspless_pin.compiled.shared cimport as_reals, as_shaped, as_vector, data, dot, empty3
 
 cnp.import_array()
 
@@ -18,9 +17,7 @@ def tangents(normals, axes):
     cdef cnp.ndarray inward = as_reals(normals, 2)
     cdef Py_ssize_t count = inward.shape[0], k
     inward = as_shaped(inward, count, 3)
-    cdef cnp.npy_intp shape[3]
-    shape[0], shape[1], shape[2] = count, 3, 2
-    cdef cnp.ndarray frames = <cnp.ndarray>cnp.PyArray_EMPTY(3, shape, cnp.NPY_DOUBLE, 0)
+    cdef cnp.ndarray frames = empty3(count, 3, 2)
     cdef list directions = [as_vector(axis, 3) for axis in axes]
     cdef const double* n
     cdef const double* a
@@ -105,14 +102,3 @@ def in_order(arrays, bint strictly):
                     return False
         before = after
     return True
-
-
-def stacked(first, second):
-    """(M + N, 3) the rows of two arrays."""
-    cdef cnp.ndarray one = as_reals(first, 2), two = as_reals(second, 2)
-    cdef Py_ssize_t M = one.shape[0], N = two.shape[0]
-    one, two = as_shaped(one, M, 3), as_shaped(two, N, 3)
-    cdef cnp.ndarray both = empty(M + N, 3)
-    memcpy(data(both), data(one), 3 * M * sizeof(double))
-    memcpy(data(both) + 3 * M, data(two), 3 * N * sizeof(double))
-    return both

@@ -54,8 +54,6 @@ def invert(T: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def transformed(T: NDArray[np.float64], point: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a point (3,) under a (4, 4) transform."""
-    if rigid_bodies is not None:
-        return rigid_bodies.moved_point(T, point)
     return T[:3, :3].dot(point) + T[:3, 3]
 
 

@@ -8,8 +8,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.geometry.hand.tree import unknown_name
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
 
 Configuration = Mapping[str, float] | ArrayLike
@@ -63,46 +63,15 @@ class Configurations:
         """
         if not isinstance(q, Mapping):
             return self._values(q).copy()
-        named = self._named(q)
-        if self._hand is None:
-            return np.zeros(0)
-        return self._positions(self._hand, named)[list(self._hand.tree.coupling.leaders)]
-
-    def outside(self, q: Configuration) -> str:
-        """Say which joint a configuration moves out of its limits; empty if none.
-
-        Args:
-            q: See `hand_at`.
-
-        Raises:
-            ArgumentError: As for `array`.
-        """
-        values = self.array(q)
-        if self._hand is None:
-            return ""
-        tree, leaders = self._hand.tree, list(self._hand.tree.coupling.leaders)
-        positions = self._hand.positions.copy()
-        positions[leaders] = values
-        if len(leaders) < len(positions):
-            positions = tree.coupling.S @ values + tree.coupling.offset
-        lower, upper = tree.tolerated
-        beyond = (positions < lower) | (positions > upper)
-        # What the hand's own configuration has outside its limits is not the state's doing.
-        beyond &= positions != self._hand.positions
-        if not beyond.any():
-            return ""
-        index = int(np.argmax(beyond))
-        return (
-            f"joint {tree.joint_names[index]!r} at {positions[index]:g} is outside its limits "
-            f"[{tree.lower[index]:g}, {tree.upper[index]:g}]"
-        )
+        now: Mapping[str, float] = {} if self._hand is None else self._hand.q
+        positions = {**now, **self._named(q)}
+        return np.array([positions[name] for name in self.joint_names])
 
     def _named(self, q: Mapping[str, float]) -> dict[str, float]:
         known = () if self._hand is None else self._hand.joint_names
         for name in q:
             if name not in known:
-                listed = ", ".join(known) or "none"
-                raise ArgumentError("q", f"unknown joint {name!r}; known: {listed}")
+                raise unknown_name("q", "joint", name, known)
         values = finite_array("q", list(q.values()), (len(q),)).tolist()
         return dict(zip(q, values, strict=True))
 
@@ -116,10 +85,3 @@ class Configurations:
         ):
             return q
         return finite_array("q", q, shape)
-
-    @staticmethod
-    def _positions(hand: Hand, named: Mapping[str, float]) -> FloatArray:
-        """(n,) of all movable joints as they are named, followers not yet moved."""
-        positions = hand.positions.copy()
-        positions[[hand.tree.joint_index[name] for name in named]] = list(named.values())
-        return positions

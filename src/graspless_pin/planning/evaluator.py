@@ -15,8 +15,7 @@ from graspless_pin.algorithms.warm_start import (
     reaches_margin,
     solve_from,
 )
-from graspless_pin.errors import ArgumentError, StateError
-from graspless_pin.geometry.bodies.materials import Materials
+from graspless_pin.errors import ArgumentError, JointLimitError, StateError
 from graspless_pin.modes.rules import Rules
 from graspless_pin.planning.configurations import Configuration, Configurations
 from graspless_pin.planning.evaluation import Evaluation, StateStatus
@@ -118,12 +117,7 @@ class Evaluator:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what was given: what was learned is learned again elsewhere."""
-        plain = Materials(dict(self.scene.materials.coefficients))
-        return {
-            **self.__dict__,
-            "scene": self.scene.with_changes(materials=plain),
-            "_warm_starts": {},
-        }
+        return {**self.__dict__, "_warm_starts": {}}
 
     def with_regularization(self, regularization: float) -> Evaluator:
         """Return an evaluator of the same scene and options with another regularisation.
@@ -266,12 +260,9 @@ class Evaluator:
         """Return the posed scene and its problem, or the answer that there is none."""
         try:
             scene = self._posed(q, T_world_object, twist)
-        except ArgumentError:
-            outside = "" if q is None else self._configurations.outside(q)
-            if not outside:
-                raise
+        except JointLimitError as error:
             scene = self._posed(None, T_world_object, twist)
-            return Evaluation(StateStatus.OUTSIDE_LIMITS, outside, scene, None)
+            return Evaluation(StateStatus.OUTSIDE_LIMITS, str(error), scene, None)
         try:
             return scene, scene.problem()
         except StateError as error:

@@ -116,13 +116,6 @@ def in_order(arrays: Sequence[FloatArray], *, strictly: bool = False) -> bool:
     return all(all_true(below(low, high)) for low, high in pairwise(arrays))
 
 
-def stacked(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Return the rows of two (K, 3) arrays."""
-    if small_arrays is not None:
-        return small_arrays.stacked(first, second)
-    return np.concatenate([first, second])
-
-
 def squared_lengths(vectors: FloatArray) -> FloatArray:
     """Return the squares of the lengths of rows (M, 3)."""
     if contact_frames is not None:

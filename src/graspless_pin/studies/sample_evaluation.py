@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from enum import StrEnum
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -26,8 +26,6 @@ Row = dict[str, Any]
 
 LARGEST_TORQUE = "max_torque_"
 """Begin of the names of columns with the largest |torque| of the joints of one unit."""
-_MOST_STUDIES = 4
-_parts: OrderedDict[str, SceneParts] = OrderedDict()
 
 
 class Failure(StrEnum):
@@ -51,12 +49,15 @@ def evaluate_each(study: Study, samples: Sequence[tuple[int, Sample]]) -> Iterat
     Yields:
         The row of each.
     """
-    parts = _parts.pop(study.fingerprint, None) or SceneParts()
-    _parts[study.fingerprint] = parts
-    while len(_parts) > _MOST_STUDIES:
-        _parts.popitem(last=False)
+    parts = _parts_of(study.fingerprint)
     for number, sample in samples:
         yield evaluate_sample(study, number, sample, parts)
+
+
+@lru_cache(maxsize=4)
+def _parts_of(_fingerprint: str) -> SceneParts:
+    """Return what the scenes of a study share in this process."""
+    return SceneParts()
 
 
 def evaluate_sample(

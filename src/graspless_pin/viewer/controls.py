@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import ArgumentError, SceneError
+from graspless_pin.geometry.bodies.object_and_supports import Support
 from graspless_pin.geometry.bodies.shapes import HalfSpace
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.problem.checks import FloatArray
@@ -219,23 +220,24 @@ def _up(scene: Scene) -> FloatArray:
     return -scene.gravity / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
 
 
+def _half_space(scene: Scene) -> Support | None:
+    """Return the first half-space among the supports."""
+    return next((one for one in scene.supports if isinstance(one.shape, HalfSpace)), None)
+
+
 def _slope(scene: Scene) -> tuple[str | None, float]:
     """Name of the first half-space and its angle against level ground, degrees."""
-    for support in scene.supports:
-        if isinstance(support.shape, HalfSpace):
-            cosine = float(np.clip(support.T_world_support[:3, 2] @ _up(scene), -1.0, 1.0))
-            return support.name, math.degrees(math.acos(cosine))
-    return None, 0.0
+    support = _half_space(scene)
+    if support is None:
+        return None, 0.0
+    cosine = float(np.clip(support.T_world_support[:3, 2] @ _up(scene), -1.0, 1.0))
+    return support.name, math.degrees(math.acos(cosine))
 
 
 def _tilt_axis(scene: Scene) -> FloatArray:
     """Return the axis about which up turns towards the slope's normal; y where nothing slopes."""
-    up = _up(scene)
-    for support in scene.supports:
-        if isinstance(support.shape, HalfSpace):
-            axis = np.cross(up, support.T_world_support[:3, 2])
-            length = float(np.linalg.norm(axis))
-            if length > _LEVEL:
-                return axis / length
-            break
-    return np.array([0.0, 1.0, 0.0])
+    support, axis = _half_space(scene), np.zeros(3)
+    if support is not None:
+        axis = np.cross(_up(scene), support.T_world_support[:3, 2])
+    length = float(np.linalg.norm(axis))
+    return axis / length if length > _LEVEL else np.array([0.0, 1.0, 0.0])

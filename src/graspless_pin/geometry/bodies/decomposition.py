@@ -13,7 +13,6 @@ import hashlib
 import importlib.metadata
 import io
 import os
-import tempfile
 import threading
 import time
 import warnings
@@ -32,6 +31,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from scipy.spatial import QhullError
 
 from graspless_pin.child_process import ChildProcess
+from graspless_pin.drafts import draft_of
 from graspless_pin.errors import (
     ArgumentError,
     CrashError,
@@ -42,7 +42,7 @@ from graspless_pin.errors import (
 from graspless_pin.geometry.bodies.coacd_call import ITERATIONS, SEED, run_coacd
 from graspless_pin.geometry.bodies.polytopes import hull_of
 from graspless_pin.magnitudes import LONGEST_TIME
-from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.checks import FloatArray, read_only
 
 DEFAULT_CONCAVITY = 0.02
 """Deepest hollow that a piece may fill, as a share of half the mesh's largest extent."""
@@ -256,20 +256,12 @@ def _read(file: Path) -> tuple[FloatArray, ...] | None:
 
 def _write(file: Path, pieces: tuple[FloatArray, ...]) -> None:
     """Write pieces so that no other process ever sees half a file."""
-    temporary = None
+    counts = np.array([len(piece) for piece in pieces])
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=file.parent, suffix=".tmp", delete=False) as stream:
-            temporary = Path(stream.name)
-            np.savez(
-                stream,
-                points=np.concatenate(pieces),
-                counts=np.array([len(piece) for piece in pieces]),
-            )
-        temporary.replace(file)
+        with draft_of(file) as draft, draft.open("wb") as stream:
+            np.savez(stream, points=np.concatenate(pieces), counts=counts)
     except OSError as error:
-        if temporary is not None:
-            temporary.unlink(missing_ok=True)
         warnings.warn(
             f"convex pieces cannot be kept in '{file.parent}' ({error}) and will be cut again next "
             "time; set XDG_CACHE_HOME to a folder that can be written",
@@ -279,6 +271,4 @@ def _write(file: Path, pieces: tuple[FloatArray, ...]) -> None:
 
 
 def _read_only(pieces: list[FloatArray]) -> tuple[FloatArray, ...]:
-    for piece in pieces:
-        piece.setflags(write=False)
-    return tuple(pieces)
+    return tuple(map(read_only, pieces))

@@ -9,7 +9,7 @@ from typing import overload
 
 import numpy as np
 
-from graspless_pin.problem.checks import FloatArray, stacked
+from graspless_pin.problem.checks import FloatArray
 
 
 class BodyKind(Enum):
@@ -141,7 +141,7 @@ class ContactArrays(Sequence[ContactPoint]):
         return self.of_own(
             self.bodies + others.bodies,
             self.kinds + others.kinds,
-            stacked(self.positions, others.positions),
-            stacked(self.normals, others.normals),
+            np.concatenate([self.positions, others.positions]),
+            np.concatenate([self.normals, others.normals]),
             self.distances + others.distances,
         )

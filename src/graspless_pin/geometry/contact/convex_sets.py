@@ -223,8 +223,6 @@ def _convert(name: str, geometry: Any) -> ConvexSet:
                 return Revolved(geometry.radius, geometry.radius, geometry.halfLength, 0.0)
             case coal.Cone():
                 return Revolved(geometry.radius, 0.0, geometry.halfLength, 0.0)
-            case _:
-                pass
     raise SceneError(
         f"body '{name}': contacts cannot be found for a {type(geometry).__name__}; use a box, "
         "sphere, capsule, cylinder, cone, half-space or convex hull without a swept radius"

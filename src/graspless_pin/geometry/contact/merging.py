@@ -77,8 +77,6 @@ def merge_touches(
     Returns:
         The patches that are left, with extreme points only.
     """
-    if len(touches) < 2:
-        return list(touches)
     apparent = [t for t in touches if not _is_seam(t, object_pieces, other_pieces)]
     merged = [
         group[0] if len(group) == 1 else _union(group, merge_distance)

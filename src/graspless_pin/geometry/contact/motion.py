@@ -83,7 +83,7 @@ def velocities_at(twist: FloatArray, center: FloatArray, points: FloatArray) -> 
     """Do what `twist_velocities` does for arrays that need no check."""
     if rigid_bodies is not None:
         return rigid_bodies.twist_velocities(twist, center, points)
-    return _velocities(twist, points - center)
+    return twist[:3] + turning_velocities(twist[3:], points - center)
 
 
 def checked_twist(name: str, twist: ArrayLike) -> FloatArray:
@@ -93,11 +93,6 @@ def checked_twist(name: str, twist: ArrayLike) -> FloatArray:
         ArgumentError: The shape is wrong or a number is not finite.
     """
     return _checked(name, twist, (6,))
-
-
-def _velocities(twist: FloatArray, arms: FloatArray) -> FloatArray:
-    """Velocities v + omega x r at the arms r (M, 3)."""
-    return twist[:3] + turning_velocities(twist[3:], arms)
 
 
 def support_velocities(
@@ -217,13 +212,13 @@ def _motion_states(
     fastest = max(linear, spin * _longest(arms), _longest(others))
     fastest_turn = max(spin, 0.0 if turning is None else _longest(turning))
     threshold, slow_turn = tolerance * fastest, tolerance * fastest_turn
-    relative = _velocities(twist, arms) - others
+    relative = twist[:3] + turning_velocities(twist[3:], arms) - others
     leaving = (normals * relative).sum(axis=1)
     sliding = relative - leaving[:, None] * normals
     rolling = np.broadcast_to(twist[3:], arms.shape) - (0.0 if turning is None else turning)
     rolling = rolling - (normals * rolling).sum(axis=1)[:, None] * normals
-    slides = np.array(_lengths(sliding)) > threshold
-    states = np.where(slides, _SLIDES, np.array(_lengths(rolling)) > slow_turn)  # or it sticks
+    slides = np.linalg.norm(sliding, axis=1) > threshold
+    states = np.where(slides, _SLIDES, np.linalg.norm(rolling, axis=1) > slow_turn)  # or it sticks
     states = np.where(leaving > threshold, _PARTS, states)
     states = np.where(leaving < -threshold, _PENETRATES, states)
     sliding[states != _SLIDES] = 0.0
@@ -302,14 +297,9 @@ def contacts_that_stay(
     return [k for k, state in enumerate(motion.states) if state is not ContactMotion.SEPARATING]
 
 
-def _lengths(vectors: FloatArray) -> list[float]:
-    """Lengths of the rows."""
-    return np.sqrt((vectors * vectors).sum(axis=1)).tolist()
-
-
 def _longest(vectors: FloatArray) -> float:
     """Length of the longest row, 0 without any."""
-    return math.sqrt((vectors * vectors).sum(axis=1).max(initial=0.0))
+    return float(np.linalg.norm(vectors, axis=1).max(initial=0.0))
 
 
 def _checked(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:

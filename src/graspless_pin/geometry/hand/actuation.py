@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.linalg import null_space
 
 from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.hand.coupling import groups_that_share
 from graspless_pin.geometry.hand.fingers import ControlPlan
 from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
 from graspless_pin.geometry.pickling import Record
@@ -75,7 +76,8 @@ def plan_actuation(
     tendon_names: list[str] = []
     passive: list[str] = []
     zeros: list[NDArray[np.float64]] = []
-    for group in _groups(arms):
+    pulled = {name: set(np.flatnonzero(row).tolist()) for name, row in arms.items()}
+    for group in groups_that_share(pulled):
         R = np.array([arms[name] for name in group])
         joints = np.flatnonzero(np.any(R != 0.0, axis=0))
         driven |= set(joints.tolist())
@@ -143,21 +145,6 @@ def _moment_arms(
     if not np.isfinite(independent).all() or not independent.any():
         raise ArgumentError(argument, f"needs a moment arm that is not zero, got {dict(joints)}")
     return independent
-
-
-def _groups(arms: Mapping[str, NDArray[np.float64]]) -> list[list[str]]:
-    """Put tendons that share a joint into one group."""
-    groups: list[tuple[NDArray[np.bool_], list[str]]] = []
-    for name, row in arms.items():
-        joints, names = row != 0.0, [name]
-        apart = []
-        for group in groups:
-            if np.any(group[0] & joints):
-                joints, names = group[0] | joints, [*group[1], *names]
-            else:
-                apart.append(group)
-        groups = [*apart, (joints, names)]
-    return [names for _, names in groups]
 
 
 def _is_force_controlled(group: list[str], modes: set[ControlMode]) -> bool:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspless_pin.errors import ArgumentError
+from graspless_pin.errors import ArgumentError, JointLimitError
 from graspless_pin.geometry.hand.tree import FOLLOWER_TOLERANCE, KinematicTree, unknown_name
 from graspless_pin.problem.checks import in_order
 
@@ -47,13 +47,7 @@ def joint_positions(
         given = positions[indices].tolist()
         positions = coupling.S @ positions[list(coupling.leaders)] + coupling.offset
         _check_followers(tree, dict(zip(indices, given, strict=True)), positions)
-    lower, upper = tree.tolerated
-    if not in_order((lower, positions, upper)):
-        for name, value in q.items():
-            _finite(name, value)
-        _check_limits(tree, indices, positions)
-    positions.setflags(write=False)
-    return positions
+    return _within_limits(tree, positions, q)
 
 
 def independent_positions(tree: KinematicTree, values: ArrayLike) -> NDArray[np.float64]:
@@ -83,14 +77,7 @@ def independent_positions(tree: KinematicTree, values: ArrayLike) -> NDArray[np.
         )
     if count < len(tree.joint_names):
         positions = coupling.S @ positions + coupling.offset
-    lower, upper = tree.tolerated
-    if not in_order((lower, positions, upper)):
-        named = {tree.joint_names[joint]: positions[joint] for joint in coupling.leaders}
-        for name, value in named.items():
-            _finite(name, value)
-        _check_limits(tree, list(coupling.leaders), positions)
-    positions.setflags(write=False)
-    return positions
+    return _within_limits(tree, positions)
 
 
 def independent_rates(tree: KinematicTree, rates: Mapping[str, float]) -> NDArray[np.float64]:
@@ -128,18 +115,32 @@ def _check_followers(
             )
 
 
-def _check_limits(tree: KinematicTree, given: list[int], positions: NDArray[np.float64]) -> None:
-    """Refuse a joint outside its limits if the named joints moved it there."""
+def _within_limits(
+    tree: KinematicTree, positions: NDArray[np.float64], q: Mapping[str, float] | None = None
+) -> NDArray[np.float64]:
+    """Return (n,) read-only positions; refuse a joint outside its limits if ``q`` moved it there.
+
+    None stands for all independent joints.
+    """
     leaders, (lower, upper) = tree.coupling.leaders, tree.tolerated
+    positions.setflags(write=False)
+    if in_order((lower, positions, upper)):
+        return positions
+    if q is None:
+        q = {tree.joint_names[joint]: positions[joint] for joint in leaders}
+    for name, value in q.items():
+        _finite(name, value)
+    given = [tree.joint_index[name] for name in q]
     outside = ~((lower <= positions) & (positions <= upper))
     moved = np.any(tree.coupling.S[:, np.isin(leaders, given)] != 0.0, axis=1)
     for index in np.flatnonzero(moved & outside).tolist():
         because = "" if index in leaders else f" because it mimics {_followed(tree, index)}"
-        raise ArgumentError(
+        raise JointLimitError(
             f"q[{tree.joint_names[index]!r}]",
             f"is {positions[index]:g}{because}, outside the joint's limits "
             f"[{tree.lower[index]:g}, {tree.upper[index]:g}]",
         )
+    return positions
 
 
 def _followed(tree: KinematicTree, index: int) -> str:

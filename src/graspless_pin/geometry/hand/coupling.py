@@ -8,7 +8,7 @@ are resolved or refused. The tests compare both on hands without chains.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -102,3 +102,18 @@ def dangling_couplings(
         for leader in item.follows
         if leader not in joint_names
     ]
+
+
+def groups_that_share(joints: Mapping[str, set[int]]) -> list[list[str]]:
+    """Put what shares a joint, directly or through others, into one group.
+
+    Args:
+        joints: Joints by the name of what moves or pulls them.
+    """
+    groups: list[tuple[set[int], list[str]]] = []
+    for name, own in joints.items():
+        shared = [group for group in groups if not own.isdisjoint(group[0])]
+        apart = [group for group in groups if own.isdisjoint(group[0])]
+        together = own.union(*(moved for moved, _ in shared))
+        groups = [*apart, (together, [*(other for _, names in shared for other in names), name])]
+    return [names for _, names in groups]

@@ -155,21 +155,18 @@ def resolve_effort_limits(
             noted.setdefault(unknown[name], []).append(f"{name!r} ({upper[row]:g})")
         elif is_placeholder(upper[row], on_arm=name in arm_joints):
             doubtful.append(f"{name!r} ({upper[row]:g})")
-    if doubtful:
-        warnings.warn(
-            f"effort limits that look like placeholders: {', '.join(doubtful)}; give the motors' "
-            "real limits in effort_limits (N m, or N for a prismatic joint)",
-            PlaceholderEffortWarning,
-            stacklevel=2,
-        )
-    if noted:
-        listed = "; ".join(f"{', '.join(names)}: {note}" for note, names in noted.items())
-        warnings.warn(
-            f"effort limits that the robot file declares unknown: {listed}; give the motors' real "
-            "limits in effort_limits (N m, or N for a prismatic joint)",
-            PlaceholderEffortWarning,
-            stacklevel=2,
-        )
+    unsure = "; ".join(f"{', '.join(names)}: {note}" for note, names in noted.items())
+    for what, listed in (
+        ("look like placeholders", ", ".join(doubtful)),
+        ("the robot file declares unknown", unsure),
+    ):
+        if listed:
+            warnings.warn(
+                f"effort limits that {what}: {listed}; give the motors' real limits in "
+                "effort_limits (N m, or N for a prismatic joint)",
+                PlaceholderEffortWarning,
+                stacklevel=2,
+            )
     lower.setflags(write=False)
     upper.setflags(write=False)
     return lower, upper

@@ -9,7 +9,6 @@ import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]
 from numpy.lib.stride_tricks import as_strided
 
-from graspless_pin.compiled import rigid_bodies
 from graspless_pin.problem.checks import FloatArray, make_read_only
 
 _REAL = np.dtype(np.float64).itemsize
@@ -55,8 +54,6 @@ class WorkSpace:
 
     def _poses(self) -> FloatArray:
         """(n + 1, 4, 4) poses as Pinocchio holds them now."""
-        if self._columns is not None and rigid_bodies is not None:
-            return rigid_bodies.homogeneous(self._columns)
         poses = self._frame.copy()
         if self._columns is None:
             poses[:, :3] = [pose.homogeneous[:3] for pose in self._data.oMi]

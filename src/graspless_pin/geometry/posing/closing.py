@@ -17,6 +17,7 @@ from graspless_pin.geometry.posing.finger_joints import (
     chosen_fingers,
     driving_columns,
     groups_of_fingers,
+    hand_at,
 )
 from graspless_pin.geometry.posing.marching import March
 from graspless_pin.renamed import former_names
@@ -116,19 +117,13 @@ def close_hand(
         raise ArgumentError("gap", f"needs a positive length in metres, got {gap!r}")
     given = _given_rates(hand, names, rates or {})
     at_limit: set[int] = set()
-    leaders = list(hand.tree.coupling.leaders)
-    independent = hand.positions[leaders].copy()
+    independent = hand.positions[list(hand.tree.coupling.leaders)].copy()
     for group in groups_of_fingers(hand, names):
         march = March(hand, target, group, gap)
         march.refuse_overlap(independent)
         independent, stopped = march.close(independent, march.rates(independent, given), wrap=wrap)
         at_limit |= stopped
-    changed = {
-        hand.joint_names[leader]: float(value)
-        for leader, value, before in zip(leaders, independent, hand.positions[leaders], strict=True)
-        if value != before
-    }
-    closed = hand.with_configuration(changed)
+    closed = hand_at(hand, independent)
     return ClosingResult(
         closed, tuple(_report(closed, target, name, at_limit, gap) for name in names)
     )

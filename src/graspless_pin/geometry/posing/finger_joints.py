@@ -9,9 +9,9 @@ import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.hand.configuration import FOLLOWER_TOLERANCE
+from graspless_pin.geometry.hand.coupling import groups_that_share
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
+from graspless_pin.geometry.hand.tree import FOLLOWER_TOLERANCE, KinematicTree, unknown_name
 from graspless_pin.problem.checks import FloatArray
 
 AT_LIMIT = 1e-4
@@ -40,24 +40,25 @@ def chosen_fingers(hand: Hand, fingers: Sequence[str] | None) -> tuple[str, ...]
 
 def driving_columns(hand: Hand, finger: str) -> list[int]:
     """Return which independent joints (columns of the coupling) drive a finger's joints."""
-    rows = [hand.joint_names.index(joint) for joint in hand.fingers[finger].joints]
-    return np.flatnonzero(np.any(hand.tree.coupling.S[rows] != 0.0, axis=0)).tolist()
+    index = hand.tree.joint_index
+    return hand.tree.coupling.drivers(index[joint] for joint in hand.fingers[finger].joints)
 
 
-def groups_of_fingers(hand: Hand, fingers: Sequence[str]) -> list[tuple[str, ...]]:
+def groups_of_fingers(hand: Hand, fingers: Sequence[str]) -> list[list[str]]:
     """Put fingers that share an independent joint, as the jaws of a gripper do, into one group."""
-    groups: list[tuple[set[int], list[str]]] = []
-    for finger in fingers:
-        columns, names = set(driving_columns(hand, finger)), [finger]
-        apart = []
-        for group in groups:
-            if columns.isdisjoint(group[0]):
-                apart.append(group)
-            else:
-                columns |= group[0]
-                names = group[1] + names
-        groups = [*apart, (columns, names)]
-    return [tuple(names) for _, names in groups]
+    return groups_that_share({finger: set(driving_columns(hand, finger)) for finger in fingers})
+
+
+def hand_at(hand: Hand, independent: FloatArray) -> Hand:
+    """Return a hand at (a,) positions of its independent joints; what stays is not checked."""
+    leaders = hand.tree.coupling.leaders
+    return hand.with_configuration(
+        {
+            hand.joint_names[leader]: float(value)
+            for leader, value in zip(leaders, independent, strict=True)
+            if value != hand.positions[leader]
+        }
+    )
 
 
 def joint_ranges(tree: KinematicTree) -> tuple[FloatArray, FloatArray]:
@@ -95,12 +96,6 @@ def joints_at_limit(hand: Hand, finger: str) -> tuple[str, ...]:
     return tuple(named)
 
 
-def is_prismatic(tree: KinematicTree, joint: int) -> bool:
-    """Return whether movable joint ``joint`` slides rather than turns."""
-    kind = tree.pinocchio_model.joints[joint + 1].shortname()
-    return kind.startswith("JointModelP")
-
-
 def flexion_rates(hand: Hand, finger: str) -> dict[int, float]:
     """Return the joints that flex a finger, as +1 or -1 by column, one sense for the finger.
 
@@ -117,7 +112,7 @@ def flexion_rates(hand: Hand, finger: str) -> dict[int, float]:
     J = J.reshape(6, -1)  # the binding drops the dimension of a single joint
     joints = {column: tree.coupling.leaders[column] for column in columns}
     last = max(columns, key=lambda column: int(tree.supports[joints[column] + 1].sum()))
-    turns = {column: not is_prismatic(tree, joint) for column, joint in joints.items()}
+    turns = {column: tree.joint_kinds[joint] != "prismatic" for column, joint in joints.items()}
     axes = {
         column: J[3:, joint] if turns[column] else J[:3, joint] for column, joint in joints.items()
     }

@@ -14,6 +14,7 @@ from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.posing.finger_joints import (
     chosen_fingers,
     groups_of_fingers,
+    hand_at,
     joints_at_limit,
 )
 from graspless_pin.geometry.posing.reaching import reach
@@ -129,14 +130,7 @@ def place_fingertips(
     for group in groups_of_fingers(hand, names):
         members = [tips[name] for name in group]
         independent = reach(hand, members, independent, tolerance=tolerance, starts=starts)
-    leaders = hand.tree.coupling.leaders
-    moved = hand.with_configuration(
-        {
-            hand.joint_names[leader]: float(value)
-            for leader, value in zip(leaders, independent, strict=True)
-            if value != hand.positions[leader]
-        }
-    )
+    moved = hand_at(hand, independent)
     placed = tuple(_report(tips[name], moved, tolerance) for name in names)
     return FingertipPlacement(moved, placed, tolerance)
 

@@ -15,7 +15,6 @@ from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.posing.finger_joints import (
     driving_columns,
     flexion_rates,
-    is_prismatic,
     joint_ranges,
 )
 from graspless_pin.problem.checks import FloatArray
@@ -196,7 +195,7 @@ def _reaches(distances: LinkDistances, hand: Hand) -> FloatArray:
 
 def _longest_slide(hand: Hand, joint: int) -> float | None:
     """Return how far a prismatic joint goes, m; None for a revolute one."""
-    if not is_prismatic(hand.tree, joint):
+    if hand.tree.joint_kinds[joint] != "prismatic":
         return None
     ends = np.abs([hand.tree.lower[joint], hand.tree.upper[joint]])
     return float(ends.max()) if np.isfinite(ends).all() else _UNLIMITED
