@@ -60,17 +60,19 @@ class Mistake(NamedTuple):
 
 
 FRAMES, SEARCH, PROGRAMS = "contact_frames", "contact_search", "linear_programs"
-BODIES, ARRAYS = "rigid_bodies", "small_arrays"
+BODIES, ARRAYS, MOTIONS = "rigid_bodies", "small_arrays", "virtual_motions"
 MISTAKES = tuple(
     Mistake(*one)
     for one in (
         (FRAMES, "axes[6 + i] = data(t)[6 * contact + 2 * i + 1]",
          "axes[6 + i] = data(t)[6 * contact + 2 * i]"),
         (FRAMES, "share = data(mu)[contact] / speed", "share = data(mu)[contact]"),
-        (FRAMES, "(size[k] if k < 6 else -size[k])", "size[k]"),
-        (FRAMES, "x[j] -= a[i] * row[j]", "x[j] += a[i] * row[j]"),
-        (FRAMES, "if not (slide > 0.0 and slide * slide >= least * size):",
-         "if not (slide * slide >= least * size):"),
+        (MOTIONS, "(size[k] if k < 6 else -size[k])", "size[k]"),
+        (MOTIONS, "motion[j] -= a[i] * normal[n * i + j]",
+         "motion[j] += a[i] * normal[n * i + j]"),
+        (MOTIONS, "slowest > 0.0 and slowest * slowest", "slowest * slowest"),
+        (MOTIONS, "touching(N, G, s, n, H + n * i, data(small))", "pass"),
+        (MOTIONS, "w[i] = sign[i] * max(slide * sign[i], 1.0)", "w[i] = sign[i]"),
         (FRAMES, "sign[2 * contact + k % 2] >= 0.0:", "sign[2 * contact + k % 2] > 0.0:"),
         (FRAMES, "data(limit)[contact] - along)", "data(limit)[contact])"),
         (FRAMES, "along / sqrt(1.0 + data(slope)[contact] ** 2)", "along"),

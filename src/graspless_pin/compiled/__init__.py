@@ -14,8 +14,17 @@ try:
         linear_programs,
         rigid_bodies,
         small_arrays,
+        virtual_motions,
     )
 except ImportError:  # installed without a C compiler
     contact_frames = contact_search = linear_programs = rigid_bodies = small_arrays = None
+    virtual_motions = None
 
-__all__ = ["contact_frames", "contact_search", "linear_programs", "rigid_bodies", "small_arrays"]
+__all__ = [
+    "contact_frames",
+    "contact_search",
+    "linear_programs",
+    "rigid_bodies",
+    "small_arrays",
+    "virtual_motions",
+]

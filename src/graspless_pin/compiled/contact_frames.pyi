@@ -1,4 +1,3 @@
-from collections.abc import Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -11,17 +10,6 @@ def force_directions(
     normals: Array, tangents: Array, friction: Array, sliding: Array, has_cone: NDArray[np.bool_]
 ) -> Array: ...
 def forces(x: Array, axes: NDArray[np.int_], directions: Array, scale: float) -> Array: ...
-def scaled_map(effects: Array) -> tuple[Array, Array]: ...
-def motion_behind(
-    rows: Array,
-    contacts: Sequence[int] | NDArray[np.int_],
-    signs: NDArray[np.int8],
-    motion: Array,
-    damping: float,
-    corrections: int,
-    rank_tolerance: float,
-    least: float,
-) -> Array | None: ...
 def without_forbidden(
     x: Array, columns: NDArray[np.int_], cones: NDArray[np.int_], signs: NDArray[np.int8]
 ) -> Array: ...

@@ -1,5 +1,5 @@
 # cython: boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
-"""A problem in its contact frames: effects of unit forces, virtual motions, friction, margins."""
+"""A problem in its contact frames: effects of unit forces, friction, margins, scales."""
 
 from libc.math cimport INFINITY, sqrt
 from libc.string cimport memset
@@ -7,8 +7,8 @@ from libc.string cimport memset
 cimport numpy as cnp
 
 from graspless_pin.compiled.shared cimport (
-    as_blocks, as_flags, as_integers, as_reals, as_shaped, as_vector, data, dot, effects_of, empty,
-    empty1, empty3, factor, flags_of, inner, numbers_of, solve_factored,
+    as_blocks, as_flags, as_reals, as_shaped, as_vector, data, dot, effects_of, empty,
+    empty1, empty3, flags_of, numbers_of,
 )
 
 cnp.import_array()
@@ -96,106 +96,6 @@ def forces(x, axes, directions, double scale):
                 scale * data(values)[k] * data(rows)[3 * axis + i]
             )
     return total
-
-
-def scaled_map(effects):
-    """A (M, 3, 6 + L) map of virtual motions with columns of one size, and the columns' factors.
-
-    The factors (6 + L,) are positive; in the map, those of the joints count negative, as it is
-    their backward rates that it takes.
-    """
-    cdef cnp.ndarray local = as_reals(effects, 3)
-    cdef Py_ssize_t rows = local.shape[0] * local.shape[1], n = local.shape[2], row, k
-    if n < 6:
-        raise ValueError("needs shape (M, 3, 6 + L)")
-    cdef cnp.ndarray scale = empty1(n)
-    cdef cnp.ndarray scaled = empty3(local.shape[0], local.shape[1], n)
-    cdef const double* values = data(local)
-    cdef double* size = data(scale)
-    cdef double* out = data(scaled)
-    memset(size, 0, n * sizeof(double))
-    for row in range(rows):
-        for k in range(n):
-            size[k] += values[n * row + k] * values[n * row + k]
-    for k in range(n):
-        size[k] = 1.0 / sqrt(size[k]) if size[k] > 0.0 else 1.0
-    for row in range(rows):
-        for k in range(n):
-            out[n * row + k] = values[n * row + k] * (size[k] if k < 6 else -size[k])
-    return scaled, scale
-
-
-def motion_behind(
-    rows, contacts, signs, motion, double damping, int corrections, double rank_tolerance,
-    double least,
-):
-    """The motion nearest to another that keeps some contacts touching, if it slides with signs.
-
-    Args:
-        rows: (M, 3, n) map of virtual motions to velocities along n, t1, t2.
-        contacts: (s,) contacts.
-        signs: (s, 2) signs of their sliding, none of them zero.
-        motion: (n,) the other motion.
-        damping: Stands in for ranks, see `nearest_motions`.
-        corrections: How often the velocities along the normals are taken away.
-        rank_tolerance: Largest velocity along a normal that counts as none, over the length of all
-            contact velocities.
-        least: Least square of a sliding that counts as one, over the square of that length.
-
-    Returns:
-        (n,) the motion; None if it does not slide with all of the signs.
-    """
-    cdef cnp.ndarray local = as_reals(rows, 3)
-    cdef Py_ssize_t M = local.shape[0], n = local.shape[2], s, i, j
-    local = as_blocks(local, M, 3, n)
-    cdef cnp.ndarray wanted = as_reals(signs, 2)
-    s = wanted.shape[0]
-    wanted = as_shaped(wanted, s, 2)
-    cdef cnp.ndarray numbers = as_integers(contacts, s)
-    cdef cnp.npy_intp* number = numbers_of(numbers)
-    for i in range(s):
-        if not 0 <= number[i] < M:
-            raise ValueError("needs contacts that exist")
-    cdef cnp.ndarray moved = <cnp.ndarray>cnp.PyArray_NewCopy(as_vector(motion, n), cnp.NPY_CORDER)
-    cdef cnp.ndarray gram = empty(s, s), apart = empty(1, s)
-    cdef double* G = data(gram)
-    cdef double* a = data(apart)
-    cdef double* x = data(moved)
-    cdef const double* row
-    cdef double trace = 0.0, size, slide
-    for i in range(s):
-        row = data(local) + 3 * n * number[i]
-        for j in range(i + 1):
-            G[s * i + j] = inner(row, data(local) + 3 * n * number[j], n)
-        trace += G[s * i + i]
-    for i in range(s):
-        G[s * i + i] += damping * (1.0 + trace)
-    if not factor(G, s):
-        corrections = 0
-    for _ in range(corrections):
-        for i in range(s):
-            a[i] = inner(data(local) + 3 * n * number[i], x, n)
-        solve_factored(G, s, a)
-        for i in range(s):
-            row = data(local) + 3 * n * number[i]
-            for j in range(n):
-                x[j] -= a[i] * row[j]
-    size, slide = 0.0, 0.0
-    for i in range(3 * M):
-        size += inner(data(local) + n * i, x, n) ** 2
-    for i in range(s):
-        row = data(local) + 3 * n * number[i]
-        slide += inner(row, x, n) ** 2
-    if not slide <= rank_tolerance * rank_tolerance * size:
-        return None
-    for i in range(s):
-        for j in range(2):
-            slide = data(wanted)[2 * i + j] * inner(
-                data(local) + (3 * number[i] + 1 + j) * n, x, n
-            )
-            if not (slide > 0.0 and slide * slide >= least * size):
-                return None
-    return moved
 
 
 def without_forbidden(x, columns, cones, signs):

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.compiled import contact_frames
+from graspless_pin.compiled import virtual_motions
 from graspless_pin.modes.conflicts import conflict_of
 from graspless_pin.modes.fastest_sliding import Sliding, fastest_sliding, signed_rows
 from graspless_pin.modes.nearest_motions import (
@@ -235,8 +235,8 @@ class VirtualKinematics:
 
 def _scaled(local: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the map (M, 3, 6 + L) with columns of one size, and (6 + L,) factors of motions."""
-    if contact_frames is not None:
-        return contact_frames.scaled_map(local)
+    if virtual_motions is not None:
+        return virtual_motions.scaled_map(local)
     size = np.sqrt(np.einsum("lij,lij->j", local, local))
     scale = 1.0 / np.where(size > 0.0, size, 1.0)
     signed = scale.copy()

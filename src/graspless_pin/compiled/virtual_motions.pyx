@@ -1,0 +1,163 @@
+# cython: boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
+"""Virtual motions: their map, scaled, and those that slide with given signs."""
+
+from libc.math cimport INFINITY, sqrt
+from libc.string cimport memcpy, memset
+
+cimport numpy as cnp
+
+from graspless_pin.compiled.shared cimport (
+    as_blocks, as_integers, as_reals, as_vector, data, empty, empty1, empty3, factor, inner,
+    numbers_of, solve_factored,
+)
+
+cnp.import_array()
+
+
+def scaled_map(effects):
+    """A (M, 3, 6 + L) map of virtual motions with columns of one size, and the columns' factors.
+
+    The factors (6 + L,) are positive; in the map, those of the joints count negative, as it is
+    their backward rates that it takes.
+    """
+    cdef cnp.ndarray local = as_reals(effects, 3)
+    cdef Py_ssize_t rows = local.shape[0] * local.shape[1], n = local.shape[2], row, k
+    if n < 6:
+        raise ValueError("needs shape (M, 3, 6 + L)")
+    cdef cnp.ndarray scale = empty1(n)
+    cdef cnp.ndarray scaled = empty3(local.shape[0], local.shape[1], n)
+    cdef const double* values = data(local)
+    cdef double* size = data(scale)
+    cdef double* out = data(scaled)
+    memset(size, 0, n * sizeof(double))
+    for row in range(rows):
+        for k in range(n):
+            size[k] += values[n * row + k] * values[n * row + k]
+    for k in range(n):
+        size[k] = 1.0 / sqrt(size[k]) if size[k] > 0.0 else 1.0
+    for row in range(rows):
+        for k in range(n):
+            out[n * row + k] = values[n * row + k] * (size[k] if k < 6 else -size[k])
+    return scaled, scale
+
+
+cdef void touching(
+    const double* normal, const double* gram, Py_ssize_t s, Py_ssize_t n, double* motion, double* a
+) noexcept nogil:
+    """Take the velocities along the normals (s, n) from a motion, up to damping."""
+    cdef Py_ssize_t i, j
+    for i in range(s):
+        a[i] = inner(normal + n * i, motion, n)
+    solve_factored(gram, s, a)
+    for i in range(s):
+        for j in range(n):
+            motion[j] -= a[i] * normal[n * i + j]
+
+
+cdef bint factor_of(
+    const double* rows, Py_ssize_t count, Py_ssize_t n, double damping, double* gram
+) noexcept nogil:
+    """Put the factor of the damped products of rows with each other into an array."""
+    cdef Py_ssize_t i, j
+    cdef double trace = 1.0
+    for i in range(count):
+        for j in range(i + 1):
+            gram[count * i + j] = inner(rows + n * i, rows + n * j, n)
+        trace += gram[count * i + i]
+    for i in range(count):
+        gram[count * i + i] += damping * trace
+    return factor(gram, count)
+
+
+def witness(
+    rows, contacts, signs, near, int guesses, double damping, int corrections,
+    double rank_tolerance, double least,
+):
+    """A motion that keeps some contacts touching and slides with signs, near another or by guess.
+
+    Args:
+        rows: (M, 3, n) map of virtual motions to velocities along n, t1, t2.
+        contacts: (s,) contacts.
+        signs: (2 s,) signs of their sliding, 0 where any will do.
+        near: (n,) a motion that may be close to one; None: none is known.
+        guesses: How many motions nearest to wanted slidings are tried.
+        damping: Stands in for ranks, see `nearest_motions`.
+        corrections: How often the velocities along the normals are taken away.
+        rank_tolerance: Largest velocity along a normal that counts as none, over the length of all
+            contact velocities.
+        least: Least square of a sliding that counts as one, over the square of that length.
+
+    Returns:
+        (2 s,) the signs, with those of the sliding in the place of zeros, and (n,) the motion; None
+        if none was found.
+    """
+    cdef cnp.ndarray local = as_reals(rows, 3)
+    cdef Py_ssize_t M = local.shape[0], n = local.shape[2], s, i, j, attempt
+    local = as_blocks(local, M, 3, n)
+    cdef cnp.ndarray asked = as_reals(signs, 1)
+    s = asked.shape[0] // 2
+    cdef cnp.ndarray wanted_signs = as_vector(asked, 2 * s), numbers = as_integers(contacts, s)
+    cdef cnp.npy_intp* number = numbers_of(numbers)
+    for i in range(s):
+        if not 0 <= number[i] < M:
+            raise ValueError("needs contacts that exist")
+    cdef cnp.ndarray found = empty1(n), full = empty1(2 * s)
+    cdef cnp.ndarray normals = empty(s, n), tangents = empty(2 * s, n), held = empty(2 * s, n)
+    cdef cnp.ndarray gram = empty(s, s), other = empty(2 * s, 2 * s)
+    cdef cnp.ndarray small = empty1(max(s, 1)), wanted = empty1(2 * s), solved = empty1(2 * s)
+    cdef double* N = data(normals)
+    cdef double* T = data(tangents)
+    cdef double* H = data(held)
+    cdef double* G = data(gram)
+    cdef double* x = data(found)
+    cdef double* sign = data(full)
+    cdef double* w = data(wanted)
+    cdef double* b = data(solved)
+    cdef double slowest, size, apart, slide
+    cdef bint can_hold, can_guess = False
+    for i in range(s):
+        memcpy(N + n * i, data(local) + 3 * n * number[i], n * sizeof(double))
+        memcpy(T + 2 * n * i, data(local) + (3 * number[i] + 1) * n, 2 * n * sizeof(double))
+    can_hold = factor_of(N, s, n, damping, G)
+    for attempt in range(-1, guesses):
+        if attempt < 0:
+            if near is None:
+                continue
+            memcpy(x, data(as_vector(near, n)), n * sizeof(double))
+        else:
+            if attempt == 0:
+                memcpy(H, T, 2 * s * n * sizeof(double))
+                if can_hold:
+                    for i in range(2 * s):
+                        touching(N, G, s, n, H + n * i, data(small))
+                can_guess = factor_of(H, 2 * s, n, damping, data(other))
+                memcpy(w, data(wanted_signs), 2 * s * sizeof(double))
+            if not can_guess:
+                return None
+            memcpy(b, w, 2 * s * sizeof(double))
+            solve_factored(data(other), 2 * s, b)
+            memset(x, 0, n * sizeof(double))
+            for i in range(2 * s):
+                for j in range(n):
+                    x[j] += b[i] * H[n * i + j]
+        if can_hold:
+            for _ in range(corrections):
+                touching(N, G, s, n, x, data(small))
+        size, apart, slowest = 0.0, 0.0, INFINITY
+        for i in range(3 * M):
+            size += inner(data(local) + n * i, x, n) ** 2
+        for i in range(s):
+            apart += inner(N + n * i, x, n) ** 2
+        for i in range(2 * s):
+            slide = inner(T + n * i, x, n)
+            sign[i] = data(wanted_signs)[i]
+            if sign[i] == 0.0:
+                sign[i] = -1.0 if slide < 0.0 else 1.0
+            slowest = min(slowest, slide * sign[i])
+            w[i] = sign[i] * max(slide * sign[i], 1.0)
+        if (
+            slowest > 0.0 and slowest * slowest >= least * size
+            and apart <= rank_tolerance * rank_tolerance * size
+        ):
+            return full, found
+    return None
