@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from graspless_pin.geometry.contact.finding import BodyKind
+from graspless_pin.geometry.contact.contact_points import BodyKind
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
 

@@ -6,11 +6,34 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from graspless_pin.errors import SceneError
+from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry.bodies.materials import Materials
 from graspless_pin.geometry.bodies.object_and_supports import Support
 from graspless_pin.geometry.contact.contact_points import ContactArrays
 from graspless_pin.problem.checks import FloatArray, read_only
+
+_GROUPS = ("default", "hand", "supports")
+
+
+def friction_by_name(
+    stated: float | Mapping[str, float], bodies: Sequence[str]
+) -> Mapping[str, float]:
+    """Return what a scene file states of friction by the names that `FrictionTable` looks up.
+
+    Args:
+        stated: One coefficient, or several by body or group.
+        bodies: Names of the hand's links and of the supports.
+
+    Raises:
+        ArgumentError: If a name is neither a body's nor a group's.
+    """
+    if not isinstance(stated, Mapping):
+        return {"default": stated}
+    known = [*_GROUPS, *bodies]
+    for name in stated:
+        if name not in known:
+            raise ArgumentError(f"friction['{name}']", f"names no body; known: {', '.join(known)}")
+    return stated
 
 
 class FrictionTable:
@@ -54,15 +77,24 @@ class FrictionTable:
             values += [on_supports[body] for body in bodies[count:]]
         except KeyError:
             for body in bodies[:count]:
-                on_hand[body] = self._coefficient("hand", body)
+                on_hand[body] = self.coefficient("hand", body)
             for body in bodies[count:]:
-                on_supports[body] = self._coefficient("supports", body)
+                on_supports[body] = self.coefficient("supports", body)
             return self.coefficients(touching)
         coefficients = read_only(np.array(values, dtype=np.float64))
         self._last = bodies, count, coefficients
         return coefficients
 
-    def _coefficient(self, group: str, body: str) -> float:
+    def coefficient(self, group: str, body: str) -> float:
+        """Return the coefficient of one body.
+
+        Args:
+            group: ``hand`` or ``supports``.
+            body: The hand link or support.
+
+        Raises:
+            SceneError: If it has none.
+        """
         support = self._supports.get(body)
         if support is not None and support.friction is not None:
             return support.friction

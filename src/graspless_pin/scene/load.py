@@ -15,6 +15,7 @@ from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.magnitudes import LARGEST_LOAD_OVER_LIMIT
 from graspless_pin.scene.body_building import build_object, build_support, twist_of
+from graspless_pin.scene.friction import friction_by_name
 from graspless_pin.scene.hand_building import SceneParts, build_hand
 from graspless_pin.scene.messages import validated
 from graspless_pin.scene.motion_and_contacts import GivenContact, HandMotion, Motion
@@ -69,12 +70,6 @@ def _scene(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Scene:
     links = () if hand is None else hand.link_names
     bodies = [*(support.name for support in supports), *links]
     _check_names(file, entry, links)
-    friction = entry.friction
-    if isinstance(friction, dict):
-        known = ["default", "hand", "supports", *bodies]
-        for key in friction:
-            if key not in known:
-                raise file.error(("friction", key), f"names no body; known: {', '.join(known)}")
     made = build_object(file, entry.object)
     _check_weight(file, entry, made)
     weight = entry.hand is None or entry.hand.count_own_weight
@@ -85,7 +80,7 @@ def _scene(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Scene:
         hand=hand,
         object=made,
         supports=supports,
-        friction={"default": friction} if not isinstance(friction, dict) else friction,
+        friction=file.at((), lambda: friction_by_name(entry.friction, bodies)),
         materials=_materials(file, entry),
         hand_material=None if entry.hand is None else entry.hand.material,
         given_contacts=_contacts(file, entry, bodies),

@@ -6,6 +6,7 @@ import numpy as np
 
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.cones import room_to_faces
 
 _AT_LIMIT = 1e-6
 
@@ -29,9 +30,11 @@ def contact_state(problem: QuasistaticProblem, forces: FloatArray, contact: int)
         return "sliding"
     if not problem.has_cone[contact]:
         return "frictionless"
-    columns = np.abs(problem.H[3 * contact : 3 * contact + 3]).sum(axis=0) > 0.0
-    distance = -(problem.H[:, columns].T @ forces.ravel()).max()
-    return "at its limit" if distance <= _AT_LIMIT * problem.scales.force else "sticking"
+    local = forces[contact] @ problem.frames[contact]
+    distance = room_to_faces(
+        local[None], problem.friction[contact : contact + 1], problem.cone_edges
+    )
+    return "at its limit" if distance[0] <= _AT_LIMIT * problem.scales.force else "sticking"
 
 
 def limit_shares(torques: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:

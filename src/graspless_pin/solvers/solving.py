@@ -20,7 +20,7 @@ _BACKENDS: dict[str, Backend] = {"piqp": by_piqp, "proxqp": by_proxqp}
 @cache
 def available_solvers() -> tuple[str, ...]:
     """Return the names that can be given as ``solver``."""
-    return tuple(sorted({"piqp", "proxqp", *qpsolvers.available_solvers}))
+    return tuple(sorted({*_BACKENDS, *qpsolvers.available_solvers}))
 
 
 def check_solver(name: str) -> str:

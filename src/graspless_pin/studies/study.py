@@ -32,7 +32,7 @@ Sample = tuple[Any, ...]
 """The value of every variable."""
 
 
-class Record(Protocol):
+class SolutionWriter(Protocol):
     """Takes the solutions of samples, in the process that finds them."""
 
     def __call__(self, number: int, scene: Scene, solution: TorqueSolution) -> None:
@@ -67,7 +67,7 @@ class Study:
     variables: tuple[Variable, ...]
     samples: tuple[Sample, ...]
     fingerprint: str
-    record: Record | None = None
+    record: SolutionWriter | None = None
 
     @property
     def name(self) -> str:

@@ -15,6 +15,7 @@ from graspless_pin.geometry.bodies.shapes import HalfSpace
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene import Scene
+from graspless_pin.scene.friction import FrictionTable
 
 _FRICTION = "friction/"
 _OBJECT = "object/"
@@ -190,15 +191,12 @@ def _with_friction(scene: Scene, group: str, change: Callable[[float], float]) -
 
 def _support_friction(scene: Scene, name: str) -> float | None:
     """Return the coefficient between object and a support, None where the scene has none."""
-    support = next(item for item in scene.supports if item.name == name)
-    if support.friction is not None:
-        return support.friction
-    if support.material is not None and scene.object.material is not None:
-        return scene.materials.friction(support.material, scene.object.material)
-    return next(
-        (scene.friction[key] for key in (name, "supports", "default") if key in scene.friction),
-        None,
-    )
+    materials = scene.hand_material, scene.object.material, scene.materials
+    table = FrictionTable(scene.supports, scene.friction, *materials)
+    try:
+        return table.coefficient("supports", name)
+    except SceneError:
+        return None
 
 
 def _with_object_moved(scene: Scene, shift: FloatArray, rotation: FloatArray) -> Scene:
