@@ -15,6 +15,9 @@ SUCCESSORS = {
     "graspless_pin.geometry.bodies.records": "graspless_pin.geometry",
     "graspless_pin.geometry.contact.records": "graspless_pin.geometry",
     "graspless_pin.geometry.posing.closing.close_fingers": "graspless_pin.geometry.close_hand",
+    "graspless_pin.geometry.posing.settling.TOLERANCE": (
+        "graspless_pin.geometry.posing.settling.SETTLING_TOLERANCE"
+    ),
     "graspless_pin.geometry.posing.settling.settle": "graspless_pin.geometry.settle_object",
     "graspless_pin.geometry.robots.audit": "graspless_pin.geometry",
     "graspless_pin.geometry.robots.listing": "graspless_pin.geometry",
