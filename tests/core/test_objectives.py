@@ -25,7 +25,6 @@ from graspless_pin import (
 )
 from graspless_pin.errors import ArgumentError
 from graspless_pin.programs.objectives import Margin, Torque, TorqueShare
-from graspless_pin.report import solution_document
 from graspless_pin.solution import Status
 
 ROOT = Path(__file__).parents[2]
@@ -165,11 +164,6 @@ def test_figures_without_a_hash_are_refused_with_the_way_out(weights):
     assert "tuples" in str(caught.value)
     assert optimize(problem, WeightedAlone(weights)).found
     assert optimize(problem, Weighted((1.0, 2.0))).found
-
-
-def test_documents_of_other_objectives_are_refused(page):
-    with pytest.raises(ArgumentError, match="squared shares"):
-        solution_document(page["even"])
 
 
 @pytest.mark.parametrize("seed", range(6))

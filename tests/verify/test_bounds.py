@@ -9,7 +9,7 @@ from verified_documents import documented
 
 from graspless_pin import QuasistaticProblem, maximize_margin, minimize_torque
 from graspless_pin.report.verify.bounds import StatedMultipliers, proven_bound, stated_multipliers
-from graspless_pin.report.verify.figures import read_forces, read_problem
+from graspless_pin.report.verify.reading import read_forces, read_problem
 
 COULOMB = {
     "margin": lambda: maximize_margin(scene("up"), static_friction="coulomb"),

@@ -9,7 +9,7 @@ from verified_documents import changed, documented
 
 from graspless_pin import QuasistaticProblem, maximize_margin
 from graspless_pin.report.verify import verify_document
-from graspless_pin.report.verify.figures import read_problem
+from graspless_pin.report.verify.reading import read_problem
 from graspless_pin.report.verify.states import State
 from graspless_pin.report.verify.tree import TreeWalk
 

@@ -153,7 +153,7 @@ def _evidence(state: SearchState) -> Evidence:
     if best is not None:
         in_mode, added = (best.y, best.z), best.x[coordinates.layout.size :].copy()
     elif first is not None and len(first.x):
-        forces = coordinates.forces(first.x)
+        forces, added = coordinates.forces(first.x), first.x[coordinates.layout.size :].copy()
     if state.motion is not None:
         motion = state.formulation.kinematics.scale * state.motion
     return Evidence(relaxation, in_mode, added, forces, motion)

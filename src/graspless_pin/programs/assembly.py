@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.builder import ProgramBuilder
 from graspless_pin.programs.cones import cone_rows
-from graspless_pin.programs.forces import ForceCoordinates, force_rows
+from graspless_pin.programs.forces import ForceCoordinates, force_coordinates, force_rows
 from graspless_pin.programs.objectives import Margin, Objective, Torque, TorqueShare
 from graspless_pin.programs.program import FARTHEST, Program
 
@@ -24,6 +24,27 @@ def built(
     builder = ProgramBuilder(force_rows(problem, coordinates))
     objective.build(builder)
     return builder.program()
+
+
+class ScaledProgram(NamedTuple):
+    """A program with what turns its figures into the problem's.
+
+    Attributes:
+        coordinates: Force coordinates and scales.
+        program: The program without modes.
+        unit: What one of its value is in the objective's own unit, positive.
+    """
+
+    coordinates: ForceCoordinates
+    program: Program
+    unit: float
+
+
+def scaled_program(problem: QuasistaticProblem, objective: Objective) -> ScaledProgram:
+    """Return the program of an objective, block by block, with its scales."""
+    coordinates = force_coordinates(problem, objective.required_margin)
+    program = built(objective, problem, coordinates)
+    return ScaledProgram(coordinates, program, objective.unit(problem, coordinates))
 
 
 def assembled(

@@ -65,8 +65,8 @@ class ProgramBuilder:
         whole_box: Ends | None = None,
         low: ArrayLike = -np.inf,
         high: ArrayLike = np.inf,
-        cost: float = 0.0,
-        curvature: float = 0.0,
+        cost: ArrayLike = 0.0,
+        curvature: ArrayLike = 0.0,
         unit: float | FloatArray = 1.0,
     ) -> Columns:
         """Add columns.

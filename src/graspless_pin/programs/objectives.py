@@ -51,8 +51,8 @@ class Objective(ABC):
         by_limits: Whether torques count as shares of the joints' limits.
     """
 
-    name: ClassVar[str]
-    maximizes: ClassVar[bool] = False
+    name: str
+    maximizes: bool = False
     algorithm: ClassVar[Algorithm | None] = None
     by_limits: ClassVar[bool] = False
     required_margin: float = 0.0

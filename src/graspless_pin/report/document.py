@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.drafts import draft_of
-from graspless_pin.errors import ArgumentError, SceneError
-from graspless_pin.programs.forces import force_coordinates
+from graspless_pin.errors import SceneError
+from graspless_pin.report.objective_data import objective_data
 from graspless_pin.report.proof_data import multipliers_data, proof_data
 from graspless_pin.report.provenance import provenance
 from graspless_pin.scene import Scene
@@ -39,27 +39,22 @@ def solution_document(solution: TorqueSolution, scene: Scene | None = None) -> d
             relative to its own reference point.
 
     Returns:
-        Plain data for `json.dumps`: ``format``, ``status``, ``found``, the options, ``margin``
-        (N), ``max_torque`` with its unit, ``scales``, ``gravity``, ``object``, ``hand``,
-        ``joints``, ``contacts``, ``certificate``, ``multipliers``, ``proof`` and ``provenance``.
+        Plain data for `json.dumps`: ``format``, ``status``, ``found``, the options, ``objective``
+        (where it is none of the paper's), ``margin`` (N), ``max_torque`` with its unit, ``scales``,
+        ``gravity``, ``object``, ``hand``, ``joints``, ``contacts``, ``certificate``,
+        ``multipliers``, ``proof`` and ``provenance``.
         Poses are (4, 4) rows of T_world_object, T_world_base.
 
     Raises:
-        ArgumentError: If it is a solution of another objective.
+        ArgumentError: If it is of an objective that no document holds; see `objective_data`.
     """
-    if solution.algorithm is None:
-        raise ArgumentError(
-            "solution",
-            f"is of the objective '{solution.objective.name}'; documents are of Algorithms 1 and 2",
-        )
-    found = solution.found
-    coordinates = force_coordinates(solution.problem, solution.required_margin)
+    found, coordinates = solution.found, solution.program.coordinates
     document: dict[str, Any] = {
         "format": DOCUMENT_FORMAT,
         "status": solution.status.name.lower(),
         "message": solution.status.message,
         "found": found,
-        "algorithm": str(solution.algorithm),
+        "algorithm": solution.algorithm,
         "required_margin": solution.required_margin,
         "scale": "limits" if solution.objective.by_limits else "absolute",
         "regularization": solution.regularization,
@@ -75,6 +70,8 @@ def solution_document(solution: TorqueSolution, scene: Scene | None = None) -> d
         "cone_edges": solution.problem.cone_edges,
         "scales": {"force": coordinates.force_scale, "length": coordinates.length_scale},
     }
+    if solution.algorithm is None:
+        document["objective"] = objective_data(solution)
     if scene is not None:
         document |= _scene_part(scene)
     document["joints"] = _joints(solution)

@@ -9,10 +9,10 @@ import numpy as np
 
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.programs.assembly import built
-from graspless_pin.programs.forces import force_coordinates
+from graspless_pin.programs.assembly import scaled_program
 from graspless_pin.programs.marginals import scaled_weights
 from graspless_pin.programs.objectives import Objective
+from graspless_pin.report.objective_data import added_columns
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.proof import (
     BoundLeaf,
@@ -44,6 +44,8 @@ def proof_data(solution: TorqueSolution) -> dict[str, Any]:
     }
     if proof.forces is not None:
         data["forces"] = proof.forces
+        if solution.algorithm is None:
+            data["columns"] = added_columns(solution)
     if proof.in_mode is not None:
         data["mode_multipliers"] = multipliers_data(solution, *proof.in_mode)
     return data
@@ -68,7 +70,9 @@ def multipliers_data(solution: TorqueSolution, y: FloatArray, z: FloatArray) -> 
 
 
 def _sizes(solution: TorqueSolution) -> dict[str, int]:
-    """Multipliers that every document has, of both algorithms."""
+    """Multipliers that documents of both algorithms have."""
+    if solution.algorithm is None:
+        return {}
     contacts, joints = solution.problem.contact_count, solution.problem.joint_count
     return {
         "normal_upper": contacts, "normal_lower": contacts,
@@ -89,8 +93,7 @@ def read_multipliers(
     Raises:
         KeyError, TypeError, ValueError, IndexError: If they are none.
     """
-    coordinates = force_coordinates(problem, objective.required_margin)
-    program = built(objective, problem, coordinates)
+    _, program, unit = scaled_program(problem, objective)
     faces = np.zeros((problem.contact_count, problem.cone_edges))
     if data["faces"] and len(data["faces"][0]) != 3:
         faces[problem.has_cone] = as_numbers(data["faces"])
@@ -98,7 +101,6 @@ def read_multipliers(
         cones = np.flatnonzero(problem.has_cone).tolist()
         for contact, face, value in data["faces"]:
             faces[cones[cones.index(contact)], face] = as_number(value)
-    unit = objective.unit(problem, coordinates)
     others = {name: as_numbers(values) for name, values in data.items() if name != "faces"}
     weights = scaled_weights(program.blocks, {**others, "faces": faces}, unit)
     count = len(program.b)

@@ -73,9 +73,10 @@ def same_problem(first: QuasistaticProblem, second: QuasistaticProblem) -> bool:
 def solve_command(solution: TorqueSolution, scene_file: Path) -> str | None:
     """Return the command line that solves a scene file again; None: no command does.
 
-    What the command does not say stands in the scene file. No command takes a given mode.
+    What the command does not say stands in the scene file. No command takes a given mode,
+    or an objective of a user's own.
     """
-    if solution.status in _IN_GIVEN_MODE:
+    if solution.status in _IN_GIVEN_MODE or solution.algorithm is None:
         return None
     words = ["graspless-pin", "solve", str(scene_file), "--algorithm", str(solution.algorithm)]
     if solution.algorithm == "torque":

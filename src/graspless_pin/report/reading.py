@@ -15,11 +15,11 @@ from graspless_pin.modes.rules import Rules, SlidingMode
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only, real_number
 from graspless_pin.problem.joint_units import JointUnit
-from graspless_pin.programs.assembly import built
-from graspless_pin.programs.forces import force_coordinates
+from graspless_pin.programs.assembly import scaled_program
 from graspless_pin.programs.objectives import Algorithm, Margin, Objective, Torque, TorqueShare
 from graspless_pin.report.document import DOCUMENT_FORMAT
 from graspless_pin.report.proof_data import as_number, as_numbers, read_multipliers
+from graspless_pin.report.stated_objective import StatedObjective
 from graspless_pin.solution import (
     FOUND,
     Certificate,
@@ -60,12 +60,13 @@ def read_solution(document: dict[str, Any]) -> TorqueSolution:
         raise ArgumentError("document", "is no JSON object; it must be one written by solve")
     _check_format(document)
     try:
-        return _solution(document)
+        with np.errstate(over="raise", invalid="raise", divide="raise"):
+            return _solution(document)
     except KeyError as error:
         raise ArgumentError("document", f"lacks the key {error}") from None
     except GrasplessPinError as error:
         raise ArgumentError("document", f"holds a problem that is none: {error}") from None
-    except (TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
+    except (TypeError, ValueError, IndexError, AttributeError, ArithmeticError) as error:
         raise ArgumentError("document", f"has a value of a wrong type or size: {error}") from None
 
 
@@ -105,13 +106,19 @@ def _solution(document: dict[str, Any]) -> TorqueSolution:
     rules, figures, contacts = document["rules"], document["certificate"], document["contacts"]
     problem = _problem(document)
     objective, own = _objective(document)
-    forces = mode = in_mode = added = None
+    _ = scaled_program(problem, objective)  # refuses what is no objective
+    forces = mode = in_mode = added = balanced = None
     if all(c["selected"] is not None for c in contacts):
         mode = SlidingMode([c["selected"] for c in contacts], [c["signs"] for c in contacts])
     if status in FOUND:
         forces = read_only(as_numbers([c["force"] for c in contacts]).reshape(-1, 3))
         in_mode = read_multipliers(own, problem, objective)
-        added = _added(problem, objective, forces)
+        stated = isinstance(objective, StatedObjective)
+        added = objective.values if stated else _added(problem, objective, forces)
+    elif "forces" in document.get("proof", {}):
+        balanced = read_only(as_numbers(document["proof"]["forces"]).reshape(-1, 3))
+        if isinstance(objective, StatedObjective):
+            added = as_numbers(document["proof"]["columns"]) / objective.column_units
     relaxed = _relaxed(document)
     relaxation = read_multipliers(relaxed, problem, objective) if relaxed else in_mode
     return TorqueSolution(
@@ -123,7 +130,7 @@ def _solution(document: dict[str, Any]) -> TorqueSolution:
         mode if status in _IN_MODE else None,
         _forces=forces,
         _mode=mode,
-        evidence=Evidence(relaxation, in_mode, added, motion=_motion(document, problem)),
+        evidence=Evidence(relaxation, in_mode, added, balanced, _motion(document, problem)),
         _explanation=str(document.get("explanation", "")),
     )
 
@@ -141,6 +148,9 @@ def _objective(document: dict[str, Any]) -> tuple[Objective, dict[str, Any]]:
         epsilon, scale = 0.0, proof.get("scale", "absolute")
         own = proof.get("mode_multipliers", {})
     required = as_number(document["required_margin"])
+    if document["algorithm"] is None:
+        stated = document["objective"]
+        return StatedObjective(str(stated["name"]), stated, stated["maximizes"], required), own
     if Algorithm(document["algorithm"]) is Algorithm.MARGIN:
         return Margin(epsilon), own
     return (TorqueShare if scale == "limits" else Torque)(required, epsilon), own
@@ -148,8 +158,7 @@ def _objective(document: dict[str, Any]) -> tuple[Objective, dict[str, Any]]:
 
 def _added(problem: QuasistaticProblem, objective: Objective, forces: FloatArray) -> FloatArray:
     """(1,) the best value of the one column that an objective adds, at given forces, scaled."""
-    coordinates = force_coordinates(problem, objective.required_margin)
-    program = built(objective, problem, coordinates)
+    coordinates, program, _ = scaled_program(problem, objective)
     high, coefficients = program.sides[1], program.rows[:, -1]
     rest = program.rows[:, :-1] @ coordinates.scaled(forces)
     # What is minimised is as small as the rows allow, what is maximised as large.

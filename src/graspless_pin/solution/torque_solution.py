@@ -15,11 +15,9 @@ from graspless_pin.modes.rules import Rules, SlidingMode
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.joint_units import JointUnit
-from graspless_pin.programs.assembly import built
-from graspless_pin.programs.forces import ForceCoordinates, force_coordinates
+from graspless_pin.programs.assembly import ScaledProgram, scaled_program
 from graspless_pin.programs.marginals import Marginals, marginals
 from graspless_pin.programs.objectives import Algorithm, Objective
-from graspless_pin.programs.program import Program
 from graspless_pin.solution.certificate import Certificate
 from graspless_pin.solution.proof import NO_EVIDENCE, DualVariables, Evidence, SolutionProof
 from graspless_pin.solution.status import FOUND, Status
@@ -113,7 +111,7 @@ class TorqueSolution:
     @cached_property
     def value(self) -> float:
         """The objective's value in its own unit; with a regularisation, that of both together."""
-        coordinates, program, unit = self._program
+        coordinates, program, unit = self.program
         x = np.concatenate([coordinates.scaled(self.contact_forces), self.added_columns])
         return (-unit if self.objective.maximizes else unit) * program.value(x)
 
@@ -139,16 +137,14 @@ class TorqueSolution:
             y: (m,) of its equalities, scaled.
             z: (k,) of its other rows.
         """
-        _, program, unit = self._program
+        _, program, unit = self.program
         weights = np.concatenate([y, z])
         return marginals((program.blocks, ()), (weights, np.zeros(0)), unit)
 
     @property
-    def _program(self) -> tuple[ForceCoordinates, Program, float]:
-        """The scaled program without modes, made anew, and the unit of its value."""
-        coordinates = force_coordinates(self.problem, self.required_margin)
-        program = built(self.objective, self.problem, coordinates)
-        return coordinates, program, self.objective.unit(self.problem, coordinates)
+    def program(self) -> ScaledProgram:
+        """The scaled program without modes, made anew."""
+        return scaled_program(self.problem, self.objective)
 
     @property
     def contact_forces(self) -> FloatArray:

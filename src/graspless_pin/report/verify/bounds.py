@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.report.verify.figures import Problem
+from graspless_pin.report.verify.implied_box import implied_box
+from graspless_pin.report.verify.own_objective import OwnObjective
 from graspless_pin.report.verify.values import array, entry, items, number, whole
 
 _LONG = np.longdouble
@@ -32,6 +34,8 @@ class StatedMultipliers:
         torque_lower: (L,) of lower <= J^T f + g.
         share_upper: (L,) of J^T f + g <= t (or t times the upper limit) in Algorithm 2.
         share_lower: (L,) of -(J^T f + g) <= t (or t times minus the lower limit).
+        own_upper: (q,) of the upper sides of an objective's own rows.
+        own_lower: (q,) of their lower sides.
     """
 
     balance: np.ndarray
@@ -42,6 +46,8 @@ class StatedMultipliers:
     torque_lower: np.ndarray
     share_upper: np.ndarray
     share_lower: np.ndarray
+    own_upper: np.ndarray
+    own_lower: np.ndarray
 
     @property
     def torque(self) -> np.ndarray:
@@ -66,26 +72,46 @@ def stated_multipliers(given: object, problem: Problem, where: str) -> StatedMul
         )
     sizes = {"normal_upper": M, "normal_lower": M, "torque_upper": L, "torque_lower": L,
              "share_upper": L, "share_lower": L}  # fmt: skip
-    values = {key: array(entry(given, key, where), (n,), f"{key} of {where}")
-              for key, n in sizes.items()}  # fmt: skip
+    own, values = problem.own, {key: np.zeros(n) for key, n in sizes.items()}
+    for key in sizes if own is None else own.multipliers & sizes.keys():
+        values[key] = array(entry(given, key, where), (sizes[key],), f"{key} of {where}")
+    own_upper, own_lower = _own_multipliers(given, problem, where)
+    values |= {"own_upper": own_upper, "own_lower": own_lower}
     for key, one in {**values, "faces": faces}.items():
         if (one < 0.0).any():
             raise ValueError(f"{key} of {where} has a negative multiplier")
     # Only constraints that the program has may prove anything.
     up, down = problem.shared
     there = {
-        "normal_upper": np.full(M, problem.is_margin),
-        "normal_lower": ~problem.cone & problem.is_margin,
+        "normal_upper": np.full(M, problem.has_normal_rows("normal_upper")),
+        "normal_lower": ~problem.cone & problem.has_normal_rows("normal_lower"),
         "torque_upper": np.isfinite(problem.upper),
         "torque_lower": np.isfinite(problem.lower),
         "share_upper": up > 0.0,
         "share_lower": down > 0.0,
+        "own_upper": np.isfinite(own.rows.high) if own is not None else np.zeros(0, dtype=bool),
+        "own_lower": np.isfinite(own.rows.low) if own is not None else np.zeros(0, dtype=bool),
     }
     return StatedMultipliers(
         balance=array(entry(given, "balance", where), (6,), f"balance of {where}"),
         faces=np.where(problem.cone[:, None], faces, 0.0),
         **{key: np.where(there[key], one, 0.0) for key, one in values.items()},
     )
+
+
+def _own_multipliers(given: object, problem: Problem, where: str) -> tuple[np.ndarray, np.ndarray]:
+    """(q,) multipliers of the upper and of the lower sides of an objective's own rows."""
+    upper, lower = [np.zeros(0)], [np.zeros(0)]
+    for name, sign, shape in () if problem.own is None else problem.own.rows.blocks:
+        up, down = (
+            array(entry(given, key, where), shape, f"{key} of {where}").ravel()
+            for key in ((f"{name}_upper", f"{name}_lower") if sign == "either" else (name, name))
+        )
+        if sign == "any":
+            up, down = np.maximum(up, 0.0), np.maximum(-down, 0.0)
+        upper.append(up)
+        lower.append(down if sign != "upper" else np.zeros(len(up)))
+    return np.concatenate(upper), np.concatenate(lower)
 
 
 def proven_bound(
@@ -111,14 +137,15 @@ def proven_bound(
     if (low > high).any():
         return np.inf
     constant, size = _constant(problem, m)
-    q = problem.curvature * objective
-    curved = np.ones((problem.count, 3))
-    curved[:, 0] = np.where(problem.cone, 1.0, (problem.directions**2).sum(axis=1))
-    total = constant + _smallest(slopes, low, high, q * curved)
+    total = constant + _smallest(slopes, low, high, problem.curvature * objective)
     size += (sizes * np.maximum(np.abs(low), np.abs(high))).sum()
-    slope, size_e, most = _last(problem, m, reach, objective=objective)
-    total += min(_LONG(0.0), slope * most)
-    return float(total - _ROUNDING * (size + size_e * most))
+    slopes, sizes, q = _column_slopes(problem, m, objective=objective)
+    low, high = column_box(problem, reach)
+    if (low > high).any():
+        return np.inf
+    total += _smallest(slopes, low, high, q)
+    size += (sizes * np.maximum(np.abs(low), np.abs(high))).sum()
+    return float(total - _ROUNDING * size)
 
 
 def violation(problem: Problem, m: StatedMultipliers, bound: float) -> float:
@@ -139,6 +166,8 @@ def violation(problem: Problem, m: StatedMultipliers, bound: float) -> float:
     else:
         up, down = problem.unit * up, problem.unit * down
     total += float(m.share_upper @ up + m.share_lower @ down)
+    if problem.own is not None:
+        total += float((m.own_upper + m.own_lower) @ problem.own.rows.unit)
     return bound / total if total > 0.0 else -np.inf
 
 
@@ -160,6 +189,10 @@ def _slopes(problem: Problem, m: StatedMultipliers) -> tuple[np.ndarray, np.ndar
     normal = m.normal_upper.astype(_LONG) - m.normal_lower
     slope[:, 0] += normal
     size[:, 0] += np.abs(normal)
+    if problem.own is not None:
+        net, rows = m.own_upper.astype(_LONG) - m.own_lower, problem.own.rows.forces
+        slope += np.einsum("q,qmi->mi", net, rows)
+        size += np.einsum("q,qmi->mi", np.abs(net), np.abs(rows))
     return slope, size
 
 
@@ -184,8 +217,12 @@ def _constant(problem: Problem, m: StatedMultipliers) -> tuple[Any, Any]:
         -m.torque_upper.astype(_LONG) * finite_up,
         m.torque_lower.astype(_LONG) * finite_low,
         -m.normal_upper.astype(_LONG) * problem.limit,
-        m.faces.ravel().astype(_LONG) * problem.e0,
+        (m.faces.astype(_LONG) * problem.face_margins[:, None]).ravel(),
     ])  # fmt: skip
+    if problem.own is not None:
+        rows = problem.own.rows
+        high, low = (np.where(np.isfinite(one), one, 0.0) for one in (rows.high, rows.low))
+        terms = np.concatenate([terms, -m.own_upper.astype(_LONG) * high, m.own_lower * low])
     return terms.sum(), np.abs(terms).sum()
 
 
@@ -193,8 +230,9 @@ def _box(problem: Problem, free: np.ndarray, reach: float) -> tuple[np.ndarray, 
     """(M, 3) each: bounds of all forces inside cones and limits, and free to rub as said."""
     low, high = np.zeros((problem.count, 3)), np.zeros((problem.count, 3))
     most = np.minimum(problem.limit, reach)
-    high[:, 0] = np.minimum(problem.limit - problem.e0, reach)
-    low[:, 0] = np.where(problem.cone, 0.0, problem.e0)
+    least, largest = problem.normal_range
+    high[:, 0] = np.minimum(largest, reach)
+    low[:, 0] = least
     rub = np.where(problem.cone, problem.mu * most, 0.0)[:, None]
     low[:, 1:], high[:, 1:] = -rub * free[:, :, 0], rub * free[:, :, 1]
     return low, high
@@ -209,17 +247,64 @@ def _smallest(slope: np.ndarray, low: np.ndarray, high: np.ndarray, q: np.ndarra
     return (slope * at + 0.5 * q * at**2).sum()
 
 
-def _last(
-    problem: Problem, m: StatedMultipliers, reach: float, *, objective: bool
-) -> tuple[Any, Any, Any]:
-    """Slope by the objective's own variable, e or t >= 0, its size and the variable's bound."""
+def _column_slopes(
+    problem: Problem, m: StatedMultipliers, *, objective: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(k,) each: slope by the objective's own columns, the size of what makes it, curvature.
+
+    Algorithm 1 has e, Algorithm 2 has t.
+    """
+    faces = m.faces.sum(axis=1).astype(_LONG)
+    if problem.own is not None:
+        own = problem.own
+        parts = [
+            own.cost * objective,
+            own.balance.T @ m.balance.astype(_LONG),
+            own.faces.T @ faces,
+            own.normal_upper.T @ m.normal_upper.astype(_LONG),
+            own.normal_lower.T @ m.normal_lower.astype(_LONG),
+            own.rows.columns.T @ (m.own_upper.astype(_LONG) - m.own_lower),
+        ]
+        sizes = [
+            np.abs(own.cost),
+            np.abs(own.balance).T @ np.abs(m.balance),
+            np.abs(own.faces).T @ faces,
+            np.abs(own.normal_upper).T @ m.normal_upper,
+            np.abs(own.normal_lower).T @ m.normal_lower,
+            np.abs(own.rows.columns).T @ (m.own_upper + m.own_lower),
+        ]
+        return np.sum(parts, axis=0), np.sum(sizes, axis=0), own.curvature * objective
     if problem.is_margin:
-        parts = np.concatenate([m.faces.ravel(), m.normal_upper, m.normal_lower]).astype(_LONG)
-        slope = parts.sum() - objective
-        return slope, parts.sum() + 1.0, min(float(problem.limit.min()) / 2.0, reach)
-    up, down = problem.shared
-    used = (m.share_upper.astype(_LONG) * up + m.share_lower.astype(_LONG) * down).sum()
-    return objective - used, used + 1.0, _most_torque(problem, reach)
+        used = faces.sum() + (m.normal_upper.astype(_LONG) + m.normal_lower).sum()
+        slope = used - objective
+    else:
+        up, down = problem.shared
+        used = (m.share_upper.astype(_LONG) * up + m.share_lower.astype(_LONG) * down).sum()
+        slope = objective - used
+    return np.array([slope]), np.array([used + 1.0]), np.zeros(1)
+
+
+def own_box(
+    problem: Problem, own: OwnObjective, reach: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return what `implied_box` does, for all forces within the reach."""
+    return implied_box(problem, own, *_box(problem, _anywhere(problem), reach), reach)
+
+
+def column_box(problem: Problem, reach: float) -> tuple[np.ndarray, np.ndarray]:
+    """(k,) each: bounds of the objective's own columns with forces within the reach."""
+    if problem.own is not None:
+        return own_box(problem, problem.own, reach)[:2]
+    if problem.is_margin:
+        most = min(float(problem.limit.min()) / 2.0, reach)
+    else:
+        most = _most_torque(problem, reach)
+    return np.zeros(1), np.array([most])
+
+
+def _anywhere(problem: Problem) -> np.ndarray:
+    """Return what lets friction have any sign."""
+    return np.ones((problem.count, 2, 2), dtype=bool)
 
 
 def _most_torque(problem: Problem, reach: float) -> float:
@@ -234,10 +319,11 @@ def _most_torque(problem: Problem, reach: float) -> float:
 
 def largest_objective(problem: Problem, reach: float) -> float:
     """Return what the objective of any forces that obey all constraints does not exceed."""
-    everywhere = np.ones((problem.count, 2, 2), dtype=bool)
-    low, high = _box(problem, everywhere, reach)
-    curved = np.ones((problem.count, 3))
-    curved[:, 0] = np.where(problem.cone, 1.0, (problem.directions**2).sum(axis=1))
-    most = float((curved * np.maximum(np.abs(low), np.abs(high)) ** 2).sum())
-    bent = 0.5 * problem.curvature * most if problem.epsilon > 0.0 else 0.0
+    low, high = _box(problem, _anywhere(problem), reach)
+    bent = float((problem.curvature * np.maximum(np.abs(low), np.abs(high)) ** 2).sum()) / 2.0
+    if problem.own is not None:
+        own = problem.own
+        low, high = column_box(problem, reach)
+        bent += float((own.curvature * np.maximum(np.abs(low), np.abs(high)) ** 2).sum()) / 2.0
+        return bent + float(np.maximum(own.cost * low, own.cost * high).sum())
     return bent + (0.0 if problem.is_margin else _most_torque(problem, reach))

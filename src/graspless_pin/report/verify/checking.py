@@ -8,7 +8,6 @@ import numpy as np
 
 from graspless_pin.report.verify.bounds import proven_bound, stated_multipliers
 from graspless_pin.report.verify.figures import (
-    CHECKED_FORMAT,
     FOUND_STATES,
     IN_MODE,
     INFEASIBLE,
@@ -16,20 +15,20 @@ from graspless_pin.report.verify.figures import (
     OPEN,
     Forces,
     Problem,
-    read_forces,
-    read_mode,
-    read_problem,
 )
 from graspless_pin.report.verify.forces import (
     FORCE_ERROR,
+    ROUNDING,
     figure_checks,
     force_checks,
     frames_check,
     residual,
 )
 from graspless_pin.report.verify.motions import motion_check, velocities
-from graspless_pin.report.verify.outcome import Check, Verification, agrees, given, holds, within
+from graspless_pin.report.verify.outcome import Check, Verification, agrees, holds, within
+from graspless_pin.report.verify.reading import CHECKED_FORMAT, read_forces, read_mode, read_problem
 from graspless_pin.report.verify.states import State
+from graspless_pin.report.verify.taken_as_given import taken_as_given
 from graspless_pin.report.verify.tree import Proof, TreeWalk
 from graspless_pin.report.verify.values import array, entry, number, text, truth, word
 
@@ -101,26 +100,16 @@ class _Checker:
         self.has_modes = not self.problem.coulomb or self.status in IN_MODE
 
     def run(self) -> list[Check]:
-        checks = [*self._given(), frames_check(self.problem), *self._statements()]
+        checks = [
+            *taken_as_given(self.problem, self.document),
+            frames_check(self.problem),
+            *self._statements(),
+        ]
         if self.status in FOUND_STATES:
             checks += self._found()
         else:
             checks += self._not_found()
         return checks
-
-    def _given(self) -> list[Check]:
-        return [
-            given(
-                "the problem",
-                "contact points, normals, tangents, sliding, friction, Jacobian, external wrench, "
-                "limits, options and rules; poses, masses and names",
-            ),
-            given(
-                "how it was found",
-                "counters of the search, solver, versions, hashes, words, and the optima with "
-                "another threshold of motions",
-            ),
-        ]
 
     def _statements(self) -> list[Check]:
         """Return what is said of the answer as a whole, and the scales."""
@@ -145,7 +134,8 @@ class _Checker:
     def _found(self) -> list[Check]:
         problem, document = self.problem, self.document
         rows = [entry(c, "force", f"contact {i}") for i, c in enumerate(document["contacts"])]
-        forces = read_forces(rows, problem, "the forces")
+        columns = None if problem.own is None else problem.own.values
+        forces = read_forces(rows, problem, "the forces", columns)
         checks = force_checks(problem, forces) + figure_checks(problem, forces, document)
         worst = residual(problem, forces)
         stated = number(entry(self.certificate, "primal_residual", "certificate"), "a residual")
@@ -217,9 +207,14 @@ class _Checker:
             number(entry(self.certificate, key, "certificate"), key)
             for key in ("bound", "gap", "duality_gap")
         )
-        bound = -bound if problem.is_margin else bound
+        bound = -bound if problem.maximizes else bound
         unit = "" if problem.by_limits else "N" if problem.is_margin else "N m, N"
-        checks = [agrees("gap as stated", gap, value - bound, FORCE_ERROR * size, unit)]
+        checks = []
+        if problem.own is not None:
+            unit, own_value = "", -value if problem.maximizes else value
+            stated = problem.own.value
+            checks.append(agrees("value as stated", stated, own_value, ROUNDING * size))
+        checks.append(agrees("gap as stated", gap, value - bound, FORCE_ERROR * size, unit))
         if self.status != "limit_reached":
             checks.append(within("gap is closed", abs(value - bound), FORCE_ERROR * size, unit))
         reach = min(self._stated_reach(), float(problem.limit.max()))
@@ -304,8 +299,11 @@ class _Checker:
 
     def _forces_exist(self) -> list[Check]:
         """Return forces that balance where friction needs no virtual sliding."""
-        rows = entry(self.proof, "forces", "proof")
-        forces = read_forces(rows, self.problem, "the forces of the proof")
+        rows, columns = entry(self.proof, "forces", "proof"), None
+        if self.problem.own is not None:
+            count = len(self.problem.own.cost)
+            columns = array(entry(self.proof, "columns", "proof"), (count,), "columns of the proof")
+        forces = read_forces(rows, self.problem, "the forces of the proof", columns)
         worst = residual(self.problem, forces)
         return [within("forces that balance exist", worst, FORCE_ERROR, "(scaled)")]
 

@@ -1,26 +1,14 @@
-"""The figures of a document as arrays: the problem, the rules, and what is stated of the answer."""
+"""The problem of a document as arrays, and contact forces with what follows from them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
-from graspless_pin.report.verify.values import (
-    MOST,
-    array,
-    entry,
-    items,
-    number,
-    text,
-    truth,
-    whole,
-    word,
-)
+from graspless_pin.report.verify.own_objective import OwnObjective
 
-CHECKED_FORMAT = 2
 LONGEST_REACH = 1e8
 """Bounds need to be proven for normal forces up to so many loads."""
 FOUND_STATES = ("optimal", "optimal_in_mode", "limit_reached")
@@ -48,13 +36,14 @@ class Problem:
         upper: (L,) largest torques.
         gravity: (L,) torques that the motors bear besides the contacts.
         units: L units.
-        algorithm: ``margin`` or ``torque``.
+        algorithm: ``margin``, ``torque`` or, with an objective of its own, ``own``.
         e0: Required margin, N; 0 in Algorithm 1.
         by_limits: Whether Algorithm 2 counts shares of the limits.
         epsilon: The regularisation.
         sign_rule: ``strict``, ``exact`` or ``nonzero``.
         constrained: Whether contacts in actual sliding have to slide virtually.
         coulomb: Whether no virtual sliding is asked for.
+        own: The objective that the document states; None: it is one of the paper's.
     """
 
     p: np.ndarray
@@ -76,6 +65,7 @@ class Problem:
     sign_rule: str
     constrained: bool
     coulomb: bool
+    own: OwnObjective | None = None
 
     @property
     def count(self) -> int:
@@ -86,6 +76,11 @@ class Problem:
     def is_margin(self) -> bool:
         """Whether this is Algorithm 1."""
         return self.algorithm == "margin"
+
+    @property
+    def maximizes(self) -> bool:
+        """Whether stated figures are those of minus the objective."""
+        return self.is_margin if self.own is None else self.own.maximizes
 
     @cached_property
     def slides(self) -> np.ndarray:
@@ -143,7 +138,7 @@ class Problem:
     @cached_property
     def shared(self) -> tuple[np.ndarray, np.ndarray]:
         """(L,) each: the torque that counts as a share of 1 upwards, downwards; 0: none does."""
-        if self.is_margin:
+        if self.algorithm != "torque":
             return np.zeros(len(self.upper)), np.zeros(len(self.upper))
         if not self.by_limits:
             return np.ones(len(self.upper)), np.ones(len(self.upper))
@@ -154,6 +149,8 @@ class Problem:
     @cached_property
     def unit(self) -> float:
         """What the objective is measured against: N, N m, or a share of the limits."""
+        if self.own is not None:
+            return self.own.unit
         if self.is_margin:
             return self.force
         if not self.by_limits:
@@ -163,10 +160,31 @@ class Problem:
         shares = np.tile(self.joint_scale, 2)[limits > 0.0] / limits[limits > 0.0]
         return min(float(shares.max(initial=0.0)), 1.0) or 1.0
 
-    @property
-    def curvature(self) -> float:
-        """Second derivative of the objective by a force, in the objective's unit per N^2."""
-        return self.epsilon * self.unit / self.force**2
+    @cached_property
+    def curvature(self) -> np.ndarray:
+        """(M, 3) second derivatives of the objective by forces, in its unit per N^2."""
+        if self.own is not None:
+            return self.own.force_curvature
+        curved = np.ones((self.count, 3))
+        curved[:, 0] = np.where(self.cone, 1.0, (self.directions**2).sum(axis=1))
+        return self.epsilon * self.unit / self.force**2 * curved
+
+    def has_normal_rows(self, name: str) -> bool:
+        """Whether limits of normal forces are rows: ``normal_upper`` or ``normal_lower``."""
+        return self.is_margin if self.own is None else name in self.own.keeps
+
+    @cached_property
+    def normal_range(self) -> tuple[np.ndarray, np.ndarray]:
+        """(M,) each: bounds of the normal forces, N."""
+        if self.own is not None:
+            least, most = self.own.normal_range
+            return np.maximum(least, 0.0), np.minimum(most, self.limit)
+        return np.where(self.cone, 0.0, self.e0), self.limit - self.e0
+
+    @cached_property
+    def face_margins(self) -> np.ndarray:
+        """(M,) constant margins in the rows of the cones' faces, N."""
+        return np.full(self.count, self.e0) if self.own is None else self.own.margins
 
     def faces(self, contact: int) -> np.ndarray:
         """(r, 3) unit outward face normals in (n, t1, t2) coordinates."""
@@ -177,7 +195,9 @@ class Problem:
 
     def objective(self, forces: Forces) -> float:
         """Return what is minimised at forces: -e or t, and the regularisation."""
-        curved = 0.5 * self.curvature * float((forces.f**2).sum())
+        if self.own is not None:
+            return self.own.cost_of(forces.local, forces.columns)
+        curved = 0.5 * self.epsilon * self.unit / self.force**2 * float((forces.f**2).sum())
         if self.is_margin:
             return curved - forces.margin
         if not self.by_limits:
@@ -197,25 +217,37 @@ class Forces:
         local: (M, 3) along n, t1, t2.
         made: (L,) torques that the contacts make.
         torques: (L,) torques of the motors.
+        columns: (k,) columns of the objective's own.
     """
 
-    def __init__(self, problem: Problem, f: np.ndarray) -> None:
+    def __init__(self, problem: Problem, f: np.ndarray, columns: np.ndarray | None = None) -> None:
         """Work out components and torques."""
+        self.columns = np.zeros(0) if columns is None else columns
         self.f, self._problem = f, problem
         self.local = np.einsum("lij,lj->li", problem.frames, f)
         self.made = np.einsum("lij,li->j", problem.J, f)
         self.torques = self.made + problem.gravity
 
     @cached_property
+    def faces(self) -> np.ndarray:
+        """(M,) the farthest that each force lies outside its cone, N; -inf without a cone."""
+        outside = np.full(self._problem.count, -np.inf)
+        for c in np.flatnonzero(self._problem.cone).tolist():
+            outside[c] = (self._problem.faces(c) @ self.local[c]).max()
+        return outside
+
+    @property
     def outside(self) -> float:
-        """The farthest that a force lies outside its cone, N; negative: all are inside."""
-        return max(
-            (
-                float((self._problem.faces(c) @ self.local[c]).max())
-                for c in np.flatnonzero(self._problem.cone).tolist()
-            ),
-            default=-np.inf,
-        )
+        """The farthest that any of them does; negative: all are inside."""
+        return float(self.faces.max())
+
+    @cached_property
+    def unbalanced(self) -> np.ndarray:
+        """(6,) what is left of the balance, N and N m."""
+        problem = self._problem
+        moment = np.cross(problem.p, self.f).sum(axis=0)
+        left = np.concatenate([self.f.sum(axis=0), moment]) + problem.w
+        return left if problem.own is None else left + problem.own.balance @ self.columns
 
     @cached_property
     def margin(self) -> float:
@@ -223,94 +255,3 @@ class Forces:
         normal = self.local[:, 0]
         room = min(float(normal.min()), float((self._problem.limit - normal).min()))
         return min(room, -self.outside)
-
-
-def read_problem(document: dict[str, Any]) -> Problem:
-    """Return the problem of a document.
-
-    Raises:
-        ValueError: Naming the key that is missing or wrong.
-    """
-    where = "the document"
-    contacts = items(entry(document, "contacts", where), "contacts", 1, MOST)
-    joints = items(entry(document, "joints", where), "joints", 0, MOST)
-    edges = whole(entry(document, "cone_edges", where), "cone_edges", 3, MOST)
-    rules = entry(document, "rules", where)
-    algorithm = word(entry(document, "algorithm", where), "algorithm", ("margin", "torque"))
-
-    def column(key: str, shape: tuple[int, ...]) -> np.ndarray:
-        rows = [array(entry(c, key, f"contact {i}"), shape, f"{key} of contact {i}")
-                for i, c in enumerate(contacts)]  # fmt: skip
-        return np.array(rows).reshape(len(contacts), *shape)
-
-    def limits(key: str, absent: float) -> np.ndarray:
-        found = [entry(j, key, f"joint {i}") for i, j in enumerate(joints)]
-        return np.array([absent if x is None else number(x, f"joint's {key}") for x in found])
-
-    sign_rules, sliding_rules = ("strict", "exact", "nonzero"), ("exempt", "constrained")
-    friction_rules = ("virtual_sliding", "coulomb")
-    options = {"sign_rule": sign_rules, "sliding_rule": sliding_rules,
-               "static_friction": friction_rules}  # fmt: skip
-    said = {key: word(entry(rules, key, "rules"), key, known) for key, known in options.items()}
-    scale = word(entry(document, "scale", where), "scale", ("absolute", "limits"))
-    frames = np.concatenate([column("normal", (3,))[:, None], column("tangents", (2, 3))], axis=1)
-    problem = Problem(
-        p=column("position", (3,)) - read_origin(document),
-        frames=frames,
-        mu=column("friction", ()),
-        limit=column("max_normal_force", ()),
-        v=column("sliding", (3,)),
-        J=column("jacobian", (3, len(joints))),
-        w=array(entry(document, "external_wrench", where), (6,), "external_wrench"),
-        edges=edges,
-        lower=limits("lower", -np.inf),
-        upper=limits("upper", np.inf),
-        gravity=limits("torque_gravity", np.nan),
-        units=tuple(
-            word(entry(j, "unit", f"joint {i}"), "unit", ("N m", "N")) for i, j in enumerate(joints)
-        ),
-        algorithm=algorithm,
-        e0=number(entry(document, "required_margin", where), "required_margin"),
-        by_limits=algorithm == "torque" and scale == "limits",
-        epsilon=number(entry(document, "regularization", where), "regularization"),
-        sign_rule=said["sign_rule"],
-        constrained=said["sliding_rule"] == "constrained",
-        coulomb=said["static_friction"] == "coulomb",
-    )
-    for name, wrong in {
-        "friction must not be negative": problem.mu < 0.0,
-        "max_normal_force must be positive": problem.limit <= 0.0,
-        "torque_gravity must be a number": ~np.isfinite(problem.gravity),
-        "lower must not be above upper": problem.lower > problem.upper,
-        "required_margin must not be negative": np.array(problem.e0 < 0.0),
-        "required_margin is 0 in Algorithm 1": np.array(problem.is_margin and problem.e0 != 0.0),
-        "regularization must not be negative": np.array(problem.epsilon < 0.0),
-    }.items():
-        if wrong.any():
-            raise ValueError(name)
-    for index, joint in enumerate(joints):
-        text(entry(joint, "name", f"joint {index}"), "a joint's name")
-    return problem
-
-
-def read_origin(document: dict[str, Any]) -> np.ndarray:
-    """(3,) the point that moments are about, in the axes of the contact points."""
-    if "object" not in document:
-        return np.zeros(3)
-    return array(entry(document["object"], "center_of_mass", "object"), (3,), "center_of_mass")
-
-
-def read_mode(document: dict[str, Any], problem: Problem) -> tuple[np.ndarray, np.ndarray]:
-    """(M,) contacts that the stated mode selects, and (M, 2) their signs."""
-    selected, signs = [], []
-    for index, contact in enumerate(document["contacts"]):
-        where = f"contact {index}"
-        selected.append(truth(entry(contact, "selected", where), f"selected of {where}"))
-        pair = items(entry(contact, "signs", where), f"signs of {where}", 2, 2)
-        signs.append([whole(sign, f"a sign of {where}", -1, 1) for sign in pair])
-    return np.array(selected, dtype=bool), np.array(signs, dtype=int).reshape(problem.count, 2)
-
-
-def read_forces(rows: object, problem: Problem, where: str) -> Forces:
-    """Return forces that stand in a document."""
-    return Forces(problem, array(rows, (problem.count, 3), where))

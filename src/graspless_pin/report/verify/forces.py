@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.report.verify.figures import Forces, Problem
-from graspless_pin.report.verify.outcome import Check, agrees, holds, within
+from graspless_pin.report.verify.outcome import Check, agrees, given, holds, within
 from graspless_pin.report.verify.values import array, entry, number, word
 
 FORCE_ERROR = 1e-6
 """Of the load: what counts as met."""
-_ROUNDING = 1e-9
+ROUNDING = 1e-9
 """Of the load: figures that follow from others by plain arithmetic agree to this."""
 _FRAMES = 3e-6
 
@@ -29,27 +29,46 @@ def frames_check(problem: Problem) -> Check:
 def force_checks(problem: Problem, forces: Forces) -> list[Check]:
     """Check that forces balance the wrench within cones and limits, with the required margin."""
     F, L, normal = problem.force, problem.length, forces.local[:, 0]
-    force = forces.f.sum(axis=0) + problem.w[:3]
-    moment = np.cross(problem.p, forces.f).sum(axis=0) + problem.w[3:]
+    force, moment = forces.unbalanced[:3], forces.unbalanced[3:]
     over, joints = _over_limits(problem, forces), problem.joint_scale
-    return [
+    checks = [
         within("balance of forces", float(np.abs(force).max()), FORCE_ERROR * F, "N"),
         within("balance of moments", float(np.abs(moment).max()), FORCE_ERROR * F * L, "N m"),
         within("inside friction cones", _largest(forces.outside), FORCE_ERROR * F, "N"),
         within("normal forces within 0 and limit", _beyond(problem, normal), FORCE_ERROR * F, "N"),
         within("kinetic friction against sliding", _kinetic(problem, forces), FORCE_ERROR * F, "N"),
-        within("torques within limits", _largest(over / joints), FORCE_ERROR, "of the load's"),
         within("required margin", problem.e0 - forces.margin, FORCE_ERROR * F, "N short"),
     ]
+    if problem.own is not None:
+        own, left = problem.own, own_residual(problem, forces)
+        checks.append(within("constraints of the objective", left, FORCE_ERROR, "of their units"))
+        if "torque" not in own.keeps:
+            return [*checks, given("torques within limits", "the objective does not ask for them")]
+    within_limits = within(
+        "torques within limits", _largest(over / joints), FORCE_ERROR, "of the load's"
+    )
+    return [*checks, within_limits]
+
+
+def own_residual(problem: Problem, forces: Forces) -> float:
+    """Return the largest violation of an objective's own constraints, over their units."""
+    own = problem.own
+    if own is None:
+        return 0.0
+    beyond = own.beyond_forces(forces.local[:, 0], problem.limit, forces.faces, forces.columns)
+    return max(own.beyond(forces.local, forces.columns), beyond / problem.force)
 
 
 def residual(problem: Problem, forces: Forces) -> float:
     """Return the largest violation of any constraint, in scaled units."""
     F, L = problem.force, problem.length
-    force = np.abs(forces.f.sum(axis=0) + problem.w[:3]).max() / F
-    moment = np.abs(np.cross(problem.p, forces.f).sum(axis=0) + problem.w[3:]).max() / (F * L)
+    force = np.abs(forces.unbalanced[:3]).max() / F
+    moment = np.abs(forces.unbalanced[3:]).max() / (F * L)
     short = (problem.e0 - forces.margin) / F
     over = _largest(_over_limits(problem, forces) / problem.joint_scale)
+    if problem.own is not None:
+        short = own_residual(problem, forces)
+        over *= "torque" in problem.own.keeps
     return max(float(force), float(moment), short, over, _kinetic(problem, forces) / F, 0.0)
 
 
@@ -73,13 +92,13 @@ def figure_checks(problem: Problem, forces: Forces, document: dict[str, Any]) ->
     unit = word(entry(document, "max_torque_unit", "the document"), "max_torque_unit", ("N m", "N"))
     torques = np.abs(forces.torques)
     found = float(torques.max(initial=0.0))
-    tolerance = _ROUNDING * float(sizes.max(initial=0.0))
+    tolerance = ROUNDING * float(sizes.max(initial=0.0))
     having = {
         name for name, one in zip(problem.units, torques, strict=True) if one >= found - tolerance
     } or {"N m"}  # fmt: skip
-    room = _ROUNDING * max(problem.force, float(np.abs(forces.f).max()))
+    room = ROUNDING * max(problem.force, float(np.abs(forces.f).max()))
     return [
-        within("torques J^T f + g as stated", _largest(off), _ROUNDING, "of the load's"),
+        within("torques J^T f + g as stated", _largest(off), ROUNDING, "of the load's"),
         agrees("margin as stated", margin, forces.margin, room, "N"),
         agrees("largest torque as stated", largest, found, tolerance, unit),
         holds("its unit as stated", unit in having, unit),

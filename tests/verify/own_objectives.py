@@ -1,0 +1,88 @@
+"""Objectives that are none of the paper's: those of the documentation, and one that uses it all."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from graspless_pin import Objective, ProgramBuilder, QuasistaticProblem
+from graspless_pin.programs.forces import ForceCoordinates
+
+_PAGE = Path(__file__).parents[2] / "docs" / "objectives.md"
+
+
+def _documented() -> dict[str, Any]:
+    """The classes that the page defines, as they stand there."""
+    code = re.findall(r"```python title[^\n]*\n(.*?)```", _PAGE.read_text(), re.DOTALL)
+    names: dict[str, Any] = {"__name__": "page"}
+    exec(compile("\n".join(code), str(_PAGE), "exec", dont_inherit=True), names)  # noqa: S102
+    return names
+
+
+_CLASSES = _documented()
+SquaredShares = _CLASSES["SquaredShares"]
+WeightedMargin = _CLASSES["WeightedMargin"]
+
+
+@dataclass(frozen=True)
+class Helped(Objective):
+    """The least help in the balance and overload of the first joint, with a little of all forces.
+
+    It has columns in the balance, rows with two sides of some joints, weights in its constant
+    margins and no torque limits.
+    """
+
+    required_margin: float = 0.05
+    help_costs: float = 2.0
+    regularization: float = 1e-3
+    name = "helped"
+
+    def build(self, program: ProgramBuilder) -> None:
+        forces = program.forces
+        margin = self.required_margin / forces.coordinates.force_scale
+        weights = np.linspace(1.0, 1.5, len(forces.normal))
+        help_ = program.columns(
+            "help", 2, low=[-2.0, 0.0], high=np.inf, box=([-2.0, 0.0], [20.0, 20.0]),
+            curvature=self.help_costs, unit=forces.coordinates.force_scale,
+        )  # fmt: skip
+        over = program.columns("overload", low=0.0, box=(0.0, 1e3), cost=1.0)
+        push = np.zeros((6, 2))
+        push[0, 0] = push[2, 1] = 1.0
+        program.balance({help_: push})
+        program.cones(margin, weights)
+        program.normal_limits(margin, weights)
+        first = np.array([0])
+        program.rows(
+            "first", forces.torque[first], 0.1 + forces.gravity[first], {over: -1.0},
+            low=np.array([-3.0]), unit=forces.coordinates.joint_scale[first],
+            shape=(len(forces.torque),), places=first,
+        )  # fmt: skip
+        program.curve(self.regularization)
+
+    def unit(self, problem: QuasistaticProblem, coordinates: ForceCoordinates) -> float:
+        return 3.0 * coordinates.force_scale
+
+
+@dataclass(frozen=True)
+class LargestOf(Objective):
+    """Algorithm 2, written as a user would: t is above each torque and its negative."""
+
+    required_margin: float = 0.1
+    name = "largest of"
+
+    def build(self, program: ProgramBuilder) -> None:
+        forces = program.forces
+        margin = self.required_margin / forces.coordinates.force_scale
+        t = program.columns("largest", box=(-1e3, 1e3), cost=1.0)
+        program.balance()
+        program.cones(margin)
+        program.normal_limits(margin)
+        program.torque_limits()
+        scale = forces.coordinates.joint_scale
+        for name, sign in (("up", 1.0), ("down", -1.0)):
+            torque, side = sign * scale[:, None] * forces.torque, -sign * scale * forces.gravity
+            program.rows(name, torque, side, {t: -1.0})

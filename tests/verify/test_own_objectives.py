@@ -1,0 +1,314 @@
+"""Documents of objectives of one's own: what is written is proven, and forgeries are refused."""
+
+import copy
+
+import numpy as np
+import pytest
+from own_objectives import Helped, LargestOf, SquaredShares, WeightedMargin
+from scenes import scene  # pyright: ignore[reportMissingImports] - tests/core, by conftest
+from verified_documents import SCALES, changed, documented, scaled
+
+from graspless_pin import Objective, ProgramBuilder, maximize_margin, minimize_torque, optimize
+from graspless_pin.errors import ArgumentError
+from graspless_pin.report.reading import read_solution
+from graspless_pin.report.verify import verify_document
+from graspless_pin.report.verify.bounds import column_box, proven_bound, stated_multipliers
+from graspless_pin.report.verify.reading import read_forces, read_problem
+
+LIMITED = {"torque_limits": ([-3.0, -7.0], [2.0, 11.0]), "gravity_torques": [0.4, -0.2]}
+WEIGHTS = (2.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+SOLUTIONS = {
+    "squared shares": lambda: optimize(scene("rest"), SquaredShares(0.1)),
+    "of uneven limits": lambda: optimize(scene("rest").with_changes(**LIMITED), SquaredShares(0.1)),
+    "weighted margin": lambda: optimize(scene("rest"), WeightedMargin(WEIGHTS)),
+    "helped": lambda: optimize(scene("rest"), Helped()),
+    "helped down": lambda: optimize(scene("down"), Helped(), sign_rule="exact"),
+    "coulomb": lambda: optimize(scene("rest"), SquaredShares(0.1), static_friction="coulomb"),
+    "in a mode": lambda: optimize(
+        scene("rest"), SquaredShares(0.1), mode=optimize(scene("rest"), SquaredShares(0.1)).mode
+    ),
+    "infeasible forces": lambda: optimize(scene("rest"), SquaredShares(40.0)),
+    "infeasible modes": lambda: optimize(
+        scene("up"), WeightedMargin(WEIGHTS), sliding_rule="constrained"
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def own():
+    known = {}
+
+    def make(name):
+        if name not in known:
+            known[name] = documented(SOLUTIONS[name]())
+        return known[name]
+
+    return make
+
+
+def refused(document):
+    try:
+        return not verify_document(document).passed
+    except ValueError:
+        return True
+
+
+@pytest.mark.parametrize("name", SOLUTIONS)
+def test_all_that_a_document_claims_is_proven(own, name):
+    verification = verify_document(own(name))
+    assert verification.proven, str(verification)
+    given = [check.name for check in verification.checks if check.given]
+    assert any(one.startswith("costs of ") for one in given)
+    assert not any(one.startswith("boxes of ") for one in given)
+
+
+def test_proofs_over_modes_have_several_leaves(own):
+    assert len(own("squared shares")["proof"]["nodes"]) > 2
+
+
+@pytest.mark.parametrize(("force", "length"), SCALES)
+def test_proofs_hold_at_every_scale(force, length):
+    problem = scaled(scene("rest"), force, length)
+    for objective in (SquaredShares(0.1 * force), WeightedMargin(WEIGHTS), Helped(0.05 * force)):
+        assert verify_document(documented(optimize(problem, objective))).proven
+
+
+def alike(one, other):
+    """Whether two pieces of a document are the same but for rounding."""
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(alike(one[key], other[key]) for key in one)
+    if isinstance(one, list):
+        return len(one) == len(other) and all(map(alike, one, other))
+    return one == other or one == pytest.approx(other, rel=1e-12, abs=1e-14)
+
+
+@pytest.mark.parametrize("name", SOLUTIONS)
+def test_a_document_is_read_as_it_was_written(own, name):
+    """Its objective is the same program: solved again, it has the same value."""
+    document = own(name)
+    claimed = read_solution(document)
+    again = documented(claimed)
+    assert alike(again["objective"], document["objective"])
+    assert verify_document(again).proven
+    if name not in ("coulomb", "in a mode", "infeasible modes", "helped down"):
+        solved = optimize(claimed.problem, claimed.objective)
+        assert solved.status is claimed.status
+        if solved.found:
+            assert solved.value == pytest.approx(claimed.value, abs=1e-6)
+
+
+def figures_of(document):
+    """The ways to the figures that follow from others: all of them are worked out again."""
+    yield from (("margin",), ("max_torque",), ("objective", "value"))
+    for key in ("bound", "gap", "duality_gap", "primal_residual", "force_reach"):
+        yield "certificate", key
+    for index, group in enumerate(document["objective"]["columns"]):
+        for place in range(len(group["values"])):
+            yield "objective", "columns", index, "values", place
+
+
+@pytest.mark.parametrize("name", ["squared shares", "weighted margin", "helped"])
+def test_no_stated_figure_is_believed(own, name):
+    document = own(name)
+    for path in figures_of(document):
+        place = document
+        for key in path:
+            place = place[key]
+        wrong = place - 0.01 if path[-1] == "force_reach" else place + 0.01
+        assert refused(changed(document, *path, to=wrong)), path
+
+
+def test_a_worse_answer_is_not_optimal(own):
+    """Balanced forces within all limits, with every figure of their own and the true proof."""
+    for name, other in (("squared shares", 0.3), ("weighted margin", 0.0)):
+        forged = copy.deepcopy(own(name))
+        worse = documented(optimize(scene("rest"), SquaredShares(other)))
+        for key in ("joints", "contacts", "margin", "max_torque", "max_torque_unit"):
+            forged[key] = worse[key]
+        forged["proof"]["motion"] = worse["proof"]["motion"]
+        (group,) = forged["objective"]["columns"]
+        if name == "squared shares":
+            group["values"] = [joint["torque"] / 10.0 for joint in forged["joints"]]
+            value = float(np.square(group["values"]).sum())
+        else:
+            value = group["values"][0] = min(worse["margin"], group["values"][0])
+        forged["objective"]["value"] = forged["certificate"]["bound"] = value
+        forged["certificate"] |= {"gap": 0.0, "duality_gap": 0.0, "primal_residual": 0.0}
+        failed = {c.name for c in verify_document(forged).checks if c.passed is False}
+        assert "optimal over all modes" in failed
+        assert "value as stated" not in failed
+
+
+def test_columns_obey_their_rows_and_bounds(own):
+    """Shares that are not those of the torques make no smaller value."""
+    forged = copy.deepcopy(own("squared shares"))
+    forged["objective"]["columns"][0]["values"] = [0.0, 0.0]
+    forged["objective"]["value"] = forged["certificate"]["bound"] = 0.0
+    failed = {c.name for c in verify_document(forged).checks if c.passed is False}
+    assert "constraints of the objective" in failed
+    helped = copy.deepcopy(own("helped"))
+    helped["objective"]["columns"][0]["bounds"][0][0] = 1e3
+    assert refused(helped)
+
+
+@pytest.mark.parametrize("name", ["squared shares", "infeasible modes"])
+def test_no_leaf_can_be_left_out(own, name):
+    nodes = own(name)["proof"]["nodes"]
+    leaves = [i for i, node in enumerate(nodes) if node["kind"] in ("bound", "kinematic")]
+    for index in leaves:
+        fewer = nodes[:index] + nodes[index + 1 :]
+        assert refused(changed(own(name), "proof", "nodes", to=fewer))
+
+
+@pytest.mark.parametrize(
+    "name", ["squared shares", "of uneven limits", "weighted margin", "helped"]
+)
+def test_no_multipliers_prove_more_than_the_optimum(name):
+    """However they are made up: for Coulomb friction, where one leaf has to do."""
+    solution = SOLUTIONS[name]()
+    coulomb = optimize(solution.problem, solution.objective, static_friction="coulomb")
+    document = documented(coulomb)
+    problem = read_problem(document)
+    assert problem.own is not None
+    rows = [contact["force"] for contact in document["contacts"]]
+    best = problem.objective(read_forces(rows, problem, "forces", problem.own.values))
+    own = document["proof"]["nodes"][0]["multipliers"]
+    free, rng = np.ones((problem.count, 2, 2), dtype=bool), np.random.default_rng(5)
+    m = stated_multipliers(own, problem, "own")
+    assert proven_bound(problem, m, free, 50.0) == pytest.approx(best, rel=1e-6)
+    signed = {"balance", *(name for name, sign, _ in problem.own.rows.blocks if sign == "any")}
+    for _ in range(200):
+        factor = rng.choice([1.0, 1.001, 2.0, 1e3])
+        made = {}
+        for key, value in own.items():
+            flat = factor * np.array(value, dtype=float)
+            if key == "faces":
+                made[key] = [[c, k, v * factor] for c, k, v in value]
+                continue
+            if rng.random() < 0.3:
+                flat = flat + factor * rng.normal(size=flat.shape)
+            made[key] = (flat if key in signed else np.abs(flat)).tolist()
+        m = stated_multipliers(made, problem, "made up")
+        assert proven_bound(problem, m, free, 50.0) <= best + 1e-6 * problem.unit
+        assert proven_bound(problem, m, free, 50.0, objective=False) <= 0.0
+
+
+def test_boxes_that_rows_imply_are_worked_out(own):
+    """What the document says of them is not used; a forged one proves nothing."""
+    document = own("weighted margin")
+    problem = read_problem(document)
+    low, high = column_box(problem, 50.0)
+    assert low == 0.0
+    assert document["objective"]["value"] < high <= 25.0  # 2 e <= 50 N at contact 0
+    for key in ("box", "whole_box"):
+        narrow = changed(document, "objective", "columns", 0, key, to=[[0.0], [1e-6]])
+        assert verify_document(narrow).proven
+        infeasible = copy.deepcopy(own("infeasible modes"))
+        infeasible["objective"]["columns"][0][key] = [[1.0], [-1.0]]
+        assert verify_document(infeasible).proven
+
+
+def test_a_box_that_no_row_implies_is_taken_as_given_and_named():
+    """Nothing but its cost keeps a largest torque from being larger."""
+    document = documented(optimize(scene("rest"), LargestOf()))
+    verification = verify_document(document)
+    assert verification.proven
+    (line,) = (check for check in verification.checks if check.name == "boxes of 'largest of'")
+    assert line.given and line.detail.startswith("0 to 1e+03: 1 columns")
+    value = minimize_torque(scene("rest")).max_torque
+    assert document["objective"]["value"] == pytest.approx(value, abs=1e-6)
+    # Whatever the box is, nothing that exists is refuted by it.
+    (group,) = document["objective"]["columns"]
+    group["box"] = group["whole_box"] = [[2e3], [-2e3]]
+    assert verify_document(document).proven
+
+
+def test_torque_limits_that_an_objective_leaves_out_are_told(own):
+    checks = {c.name: c for c in verify_document(own("helped")).checks}
+    assert checks["torques within limits"].given
+    with_them = {c.name: c for c in verify_document(own("squared shares")).checks}
+    assert not with_them["torques within limits"].given
+
+
+MALFORMED = {
+    "no objective": (["objective"], None),
+    "an algorithm beside it": (["algorithm"], "own"),
+    "no cones": (["objective", "keeps"], ["balance", "torque"]),
+    "no unit": (["objective", "unit"], 0.0),
+    "a concave cost": (["objective", "columns", 0, "curvature"], [-1.0, 2.0]),
+    "a concave cost of forces": (["objective", "force_curvature", 0, 0], -1.0),
+    "another size": (["objective", "columns", 0, "values"], [0.0]),
+    "a row that is not there": (["objective", "rows", 0, "forces"], [[7, 0, 0, 1.0]]),
+    "a column that is not there": (["objective", "terms", "balance"], [[0, 9, 1.0]]),
+    "too many rows": (["objective", "rows", 0, "shape"], [4096, 4096]),
+    "equalities with two sides": (["objective", "rows", 0, "high"], [1.0, 1.0]),
+    "another sign": (["objective", "rows", 0, "sign"], "both"),
+    "no number": (["objective", "face_margins", 0], "0.1"),
+}
+
+
+@pytest.mark.parametrize(("path", "value"), MALFORMED.values(), ids=MALFORMED)
+def test_what_is_no_objective_gets_one_message(own, path, value):
+    with pytest.raises(ValueError, match=r".") as caught:
+        verify_document(changed(own("squared shares"), *path, to=value))
+    assert type(caught.value) is ValueError
+    assert len(str(caught.value)) < 300
+
+
+def test_any_value_may_be_wrong(own):
+    """A message, never anything else, from the checker and from the reader."""
+    document, rng = own("helped"), np.random.default_rng(1)
+    paths = [("objective", *path) for path in places(document["objective"])]
+    for index in rng.choice(len(paths), min(len(paths), 120), replace=False):
+        *way, last = paths[index]
+        for value in (None, "x", [], {}, 1e308, -1, True):
+            false = copy.deepcopy(document)
+            place = false
+            for key in way:
+                place = place[key]
+            place[last] = value
+            refused(false)
+            try:
+                read_solution(false)
+            except ArgumentError as error:
+                assert len(str(error)) < 400
+
+
+def places(value, path=()):
+    items = value.items() if isinstance(value, dict) else enumerate(value)
+    for key, item in items:
+        yield (*path, key)
+        if isinstance(item, dict | list):
+            yield from places(item, (*path, key))
+
+
+class _Loose(Objective):
+    name = "loose"
+
+    def build(self, program: ProgramBuilder) -> None:
+        program.balance()
+
+
+class _Twice(Objective):
+    name = "twice"
+
+    def build(self, program: ProgramBuilder) -> None:
+        program.balance()
+        program.cones(0.0)
+        program.cones(0.01)
+        program.normal_limits(0.0)
+
+
+@pytest.mark.parametrize(
+    ("objective", "why"),
+    [(_Loose(), "does not keep"), (_Twice(), "two blocks of the name 'faces'")],
+)
+def test_what_no_document_holds_is_refused_by_name(objective, why):
+    solution = optimize(scene("rest"), objective, static_friction="coulomb")
+    with pytest.raises(ArgumentError, match=f"'{objective.name}', which .*{why}"):
+        documented(solution)
+
+
+def test_the_papers_objectives_are_worked_out_by_the_checker():
+    document = documented(maximize_margin(scene("rest")))
+    assert "objective" not in document and document["algorithm"] == "margin"
