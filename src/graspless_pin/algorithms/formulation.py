@@ -117,11 +117,6 @@ class Formulation:
 _PER_PROBLEM = 8
 
 
-def shared_parts(problem: QuasistaticProblem) -> tuple[ForceCoordinates, VirtualKinematics]:
-    """Return coordinates and kinematics, made once for a problem in use."""
-    return _PARTS.of(problem)
-
-
 class _Assembled(NamedTuple):
     """What a `Formulation` has besides the problem and its kinematics."""
 
@@ -130,10 +125,28 @@ class _Assembled(NamedTuple):
     unit: float
 
 
-_PARTS: Derived[QuasistaticProblem, tuple[ForceCoordinates, VirtualKinematics]] = Derived(
-    lambda problem: (force_coordinates(problem), VirtualKinematics(problem))
+class SharedParts(NamedTuple):
+    """What the formulations of a problem share.
+
+    Attributes:
+        coordinates: Force coordinates and scales.
+        kinematics: The virtual motions.
+        programs: What was assembled so far.
+    """
+
+    coordinates: ForceCoordinates
+    kinematics: VirtualKinematics
+    programs: dict[Objective, _Assembled]
+
+
+_PARTS: Derived[QuasistaticProblem, SharedParts] = Derived(
+    lambda problem: SharedParts(force_coordinates(problem), VirtualKinematics(problem), {})
 )
-_ASSEMBLED: Derived[QuasistaticProblem, dict[Objective, _Assembled]] = Derived(lambda _: {})
+
+
+def shared_parts(problem: QuasistaticProblem) -> SharedParts:
+    """Return what the formulations of a problem share, made once for a problem in use."""
+    return _PARTS.of(problem)
 
 
 def formulate(problem: QuasistaticProblem, objective: Objective) -> Formulation:
@@ -142,7 +155,8 @@ def formulate(problem: QuasistaticProblem, objective: Objective) -> Formulation:
     Raises:
         ArgumentError: If the objective cannot be told from others by its figures.
     """
-    known = _ASSEMBLED.of(problem)
+    shared = shared_parts(problem)
+    known = shared.programs
     try:
         made = known.get(objective)
     except TypeError as error:
@@ -152,11 +166,11 @@ def formulate(problem: QuasistaticProblem, objective: Objective) -> Formulation:
             "dataclass whose fields are numbers, texts or tuples of them, or one with eq=False",
         ) from None
     if made is None:
-        made = _assembled(problem, objective)
+        made = _assembled(problem, objective, shared)
         if len(known) >= _PER_PROBLEM:
             known.pop(next(iter(known)), None)
         known[objective] = made
-    return _formulation(problem, objective, made)
+    return _formulation(problem, objective, shared, made)
 
 
 def formulated(
@@ -169,24 +183,27 @@ def formulated(
         objective: What is optimised.
         layers: See `Formulation`.
     """
-    return _formulation(problem, objective, _assembled(problem, objective), layers)
+    shared = shared_parts(problem)
+    return _formulation(problem, objective, shared, _assembled(problem, objective, shared), layers)
 
 
 def _formulation(
     problem: QuasistaticProblem,
     objective: Objective,
+    shared: SharedParts,
     made: _Assembled,
     layers: tuple[int, ...] = (0,),
 ) -> Formulation:
-    _, kinematics = shared_parts(problem)
     coordinates, program, unit = made
     return Formulation(
-        problem, objective, coordinates, program, kinematics, objective.cutoff, unit, layers
+        problem, objective, coordinates, program, shared.kinematics, objective.cutoff, unit, layers
     )
 
 
-def _assembled(problem: QuasistaticProblem, objective: Objective) -> _Assembled:
-    coordinates, _ = shared_parts(problem)
+def _assembled(
+    problem: QuasistaticProblem, objective: Objective, shared: SharedParts
+) -> _Assembled:
+    coordinates = shared.coordinates
     if objective.required_margin > 0.0 and not problem.external_wrench.any():
         coordinates = force_coordinates(problem, objective.required_margin)
     unit = objective.unit(problem, coordinates)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,12 +54,13 @@ def assembled(
 
     The loops stack the rows in the order in which `Margin` and `Torque` build them.
     """
-    far = problem.max_normal_force.max() > FARTHEST * coordinates.force_scale
+    far = max(problem.max_normal_force.tolist()) > FARTHEST * coordinates.force_scale
     if linear_programs is None or type(objective) not in (Margin, Torque, TorqueShare) or far:
         return built(objective, problem, coordinates)
     shared, epsilon = cone_rows(problem), objective.regularization
-    sides = objective.sides(problem, coordinates) if isinstance(objective, Torque) else ()
-    scale = coordinates.joint_scale
+    largest = _NOT_LARGEST
+    if isinstance(objective, Torque):
+        largest = _largest(objective, problem, coordinates)
     columns, low, high, box, bounds, is_far = linear_programs.paper_program(
         problem.positions,
         coordinates.directions,
@@ -75,18 +76,17 @@ def assembled(
         problem.upper_torque,
         problem.gravity_torques,
         coordinates.force_scale,
-        scale,
+        coordinates.joint_scale,
         coordinates.length_scale,
         FARTHEST,
-        objective.required_margin / coordinates.force_scale if sides else -1.0,
-        _joined([side.joints for side in sides], int),
-        _joined([side.sign * scale[side.joints] / side.unit for side in sides], float),
-        _joined([side.level for side in sides], float),
+        *largest,
     )
-    lb, ub = bounds if sides or epsilon > 0.0 else shared.free
-    if not sides and epsilon > 0.0:
+    (lb, ub), P, c = bounds, shared.flat, shared.last
+    if largest is _NOT_LARGEST:
+        (lb, ub), c = shared.free, shared.minus_last
+    if epsilon > 0.0:
+        P, lb = np.append(coordinates.curvature(epsilon), 0.0), lb.copy()
         lb[-1] = 0.0
-    P = np.append(coordinates.curvature(epsilon), 0.0) if epsilon > 0.0 else shared.flat
     rows: FloatArray = columns.T
     return Program.of_rows(
         rows,
@@ -95,7 +95,7 @@ def assembled(
         high,
         linear=epsilon == 0.0,
         P=P,
-        c=shared.last if sides else shared.minus_last,
+        c=c,
         lb=lb,
         ub=ub,
         box=box,
@@ -103,5 +103,18 @@ def assembled(
     )
 
 
-def _joined(parts: list[NDArray[Any]], kind: type) -> NDArray[Any]:
-    return np.concatenate(parts) if parts else np.zeros(0, kind)
+_Largest = tuple[float, NDArray[np.int_], FloatArray, FloatArray]
+"""A margin over the force scale; joints, factors and levels of the rows of the largest torque."""
+_NOT_LARGEST: _Largest = -1.0, np.zeros(0, int), np.zeros(0), np.zeros(0)
+
+
+def _largest(
+    objective: Torque, problem: QuasistaticProblem, coordinates: ForceCoordinates
+) -> _Largest:
+    sides, scale = objective.sides(problem, coordinates), coordinates.joint_scale
+    return (
+        objective.required_margin / coordinates.force_scale,
+        np.concatenate([side.joints for side in sides]),
+        np.concatenate([side.sign * scale[side.joints] / side.unit for side in sides]),
+        np.concatenate([side.level for side in sides]),
+    )
