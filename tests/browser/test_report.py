@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from playwright.sync_api import Page, expect
 
-from graspless_pin import QuasistaticProblem, load_scene, maximize_margin
+from graspless_pin import QuasistaticProblem, contact_force_bounds, load_scene, maximize_margin
 from graspless_pin.report import solution_document
 from graspless_pin.report.html import case_of_document, case_of_scene, report_html
 from graspless_pin.visualization import DARK, LIGHT, Palette, Role
@@ -42,15 +42,18 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         )
     )
     cases = {
-        "allegro": case_of_scene(allegro, allegro.solve()),
+        "allegro": case_of_scene(allegro, allegro.solve(), allegro.path),
         "infeasible": case_of_scene(sliding, sliding.solve(sliding_rule="constrained")),
         "arrays": case_of_document(json.loads(json.dumps(solution_document(arrays)))),
     }
     arm = load_scene(EXAMPLES / "panda_arm_drag_board.yaml")
-    cases["arm"] = case_of_scene(arm, arm.solve())
+    cases["arm"] = case_of_scene(arm, arm.solve(), arm.path)
     files = {name: folder / f"{name}.html" for name in cases}
     for name, case in cases.items():
-        files[name].write_text(report_html(case, ranges=name != "arm"), encoding="utf-8")
+        solution, bounds = case.solution, None
+        if solution.found and name != "arm":
+            bounds = contact_force_bounds(solution.problem, solution.torques)
+        files[name].write_text(report_html(case, bounds), encoding="utf-8")
     return files
 
 

@@ -5,7 +5,7 @@ import json
 import re
 import shutil
 import sys
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -14,17 +14,25 @@ from report_cases import (
     AT_REST,
     SLIDING,
     Element,
+    micro_block,
     pinched_block,
     read_html,
     solved,
     through_json,
 )
 
-from graspless_pin import Status, contact_force_bounds, maximize_margin
+from graspless_pin import (
+    Objective,
+    ProgramBuilder,
+    Status,
+    contact_force_bounds,
+    maximize_margin,
+    minimize_torque,
+    optimize,
+)
 from graspless_pin.errors import ArgumentError, GrasplessPinError
 from graspless_pin.report import solution_document
 from graspless_pin.report.html import case_of_document, case_of_scene, report_html
-from graspless_pin.report.html import page as page_module
 from graspless_pin.visualization import Role
 
 
@@ -36,7 +44,8 @@ def number(text: str) -> float:
 @pytest.fixture(scope="module")
 def allegro():
     scene, solution = solved(ALLEGRO)
-    return scene, solution, report_html(case_of_scene(scene, solution))
+    bounds = contact_force_bounds(solution.problem, solution.torques)
+    return scene, solution, report_html(case_of_scene(scene, solution, ALLEGRO), bounds)
 
 
 @pytest.fixture(scope="module")
@@ -220,7 +229,7 @@ def test_no_file_that_a_document_names_is_opened(tmp_path, monkeypatch):
         document["provenance"]["scene_file"] = name
         case = case_of_document(document)
         assert "scene file" in case.missing and case.command is None
-        assert "tulip" not in report_html(case, ranges=False)
+        assert "tulip" not in report_html(case)
     document["provenance"] = 5
     assert case_of_document(document).missing == "The document names no scene file."
     assert opened == []
@@ -252,6 +261,7 @@ def test_a_scene_changed_in_python_has_no_command():
     changed = scene.with_changes(gravity=np.array([0.0, 0.0, -5.0]))
     case = case_of_scene(changed, changed.solve())
     assert case.command is None and case.missing == ""
+    assert case_of_scene(scene, scene.solve(), AT_REST).command is not None
     # Its document cannot be drawn from the file either.
     again = case_of_document(through_json(case.solution, changed), changed.path)
     assert "now leads to another problem" in again.missing
@@ -305,10 +315,10 @@ def test_without_the_extra(monkeypatch, module, allegro):
 
 
 def test_ranges_that_take_too_long_are_marked(allegro):
-    """Without time for a proof the page has what was reached, and says so."""
+    """Where a limit came before the proof the page has what was reached, and says so."""
     scene, solution, _ = allegro
-    page = read_html(report_html(case_of_scene(scene, solution), ranges_time=0.0))
-    bounds = contact_force_bounds(solution.problem, solution.torques, time_limit=0.0)
+    bounds = contact_force_bounds(solution.problem, solution.torques, node_limit=4)
+    page = read_html(report_html(case_of_scene(scene, solution), bounds))
     assert bounds.status is Status.LIMIT_REACHED and not bounds.proven.all()
     section = page.section("ranges")
     said = f"{bounds.proven.sum()} of {bounds.proven.size} ranges are proven"
@@ -327,20 +337,50 @@ def test_ranges_that_take_too_long_are_marked(allegro):
                 assert number(last) == pytest.approx(b, abs=1e-4)
 
 
-def test_ranges_within_their_time_are_the_same(allegro, page: Element):
-    scene, solution, _ = allegro
-    timed = read_html(report_html(case_of_scene(scene, solution), ranges_time=600.0))
-    assert timed.section("ranges").rows() == page.section("ranges").rows()
-    assert "--ranges-time" not in timed.section("ranges").text
-
-
-def test_ranges_without_any_time_to_hold_the_torques(monkeypatch, allegro):
+def test_ranges_without_any_time_to_hold_the_torques(allegro):
     scene, solution, _ = allegro
     nothing = replace(
         contact_force_bounds(solution.problem, solution.torques, time_limit=0.0),
         status=Status.NOT_FOUND_IN_LIMIT,
     )
-    monkeypatch.setattr(page_module, "contact_force_bounds", lambda *_, **__: nothing)
-    section = read_html(report_html(case_of_scene(scene, solution))).section("ranges")
+    section = read_html(report_html(case_of_scene(scene, solution), nothing)).section("ranges")
     assert "No ranges: nothing found when a node or time limit ended the search." in section.text
     assert not section.all("table")
+
+
+def test_micro_figures_have_digits():
+    """A millionth of the forces on a thousandth of the lengths, and no row of zeros."""
+    solution = minimize_torque(micro_block(), 1e-7)
+    bounds = contact_force_bounds(solution.problem, solution.torques)
+    page = read_html(report_html(case_of_document(through_json(solution)), bounds))
+    for row, torque in zip(page.section("joints").rows(), solution.torques, strict=True):
+        assert number(row[3]) == pytest.approx(torque, rel=1e-4)
+    normal = np.einsum("ij,ij->i", solution.problem.normals, solution.contact_forces)
+    for row, force, point in zip(
+        page.section("contacts").rows(), normal, solution.problem.positions, strict=True
+    ):
+        assert number(row[3]) == pytest.approx(force, rel=1e-4)
+        assert [number(one) for one in row[1].split(", ")] == pytest.approx(point, rel=1e-4)
+    for row, low in zip(page.section("ranges").rows(), bounds.lower[:, 0], strict=True):
+        assert number(row[1]) == pytest.approx(low, rel=1e-4, abs=1e-12)
+    assert f"{solution.margin:.5g}".replace("-", "−") in page.text
+
+
+def test_an_objective_of_ones_own_is_named():
+    """Solved, or read back from its document."""
+
+    @dataclass(frozen=True)
+    class Loaded(Objective):
+        name = "least load"
+
+        def build(self, program: ProgramBuilder) -> None:
+            program.balance()
+            program.cones(0.0)
+            program.normal_limits(0.0)
+            program.curve(1.0)
+
+    solution = optimize(pinched_block(), Loaded())
+    page = read_html(report_html(case_of_document(through_json(solution))))
+    assert "least load" in page.text
+    assert "FAILS" not in page.section("modes").text
+    assert "taken as given" in page.section("modes").text

@@ -1,11 +1,13 @@
 """What the viewer's controls do to a scene, without a browser."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from graspless_pin import maximize_margin
 from graspless_pin.errors import ArgumentError
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import load_scene
@@ -229,6 +231,24 @@ def test_no_torque_is_minus_nothing():
     torques = result.solution.torques
     assert ((torques < 0.0) & (torques > -5e-5)).any()  # what rounds to -0.0000
     assert "-0.0000" not in torque_html(result, dark=False)
+
+
+def test_micro_figures_have_digits(paper):
+    """A millionth of the forces on a thousandth of the lengths, and no zeros."""
+    answer = answer_settings(paper, initial_settings(paper))
+    block = paper.problem()
+    tiny = block.with_changes(
+        positions=1e-3 * block.positions,
+        external_wrench=np.repeat([1e-6, 1e-9], 3) * block.external_wrench,
+        jacobian=1e-3 * block.jacobian,
+        torque_limits=(1e-9 * block.lower_torque, 1e-9 * block.upper_torque),
+        max_normal_force=1e-6 * block.max_normal_force,
+    )
+    solution = maximize_margin(tiny)
+    shown = result_html(replace(answer, solution=solution), solution, dark=False)
+    assert f"{solution.margin:.5g}</b>" in shown and f"{solution.max_torque:.5g}</b>" in shown
+    bars = torque_html(replace(answer, solution=solution), dark=False)
+    assert all(f"{torque:+.5g}</span>" in bars for torque in solution.torques)
 
 
 def test_the_largest_torque_has_the_unit_of_its_joint(allegro):

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from graspless_pin.algorithms.force_bounds import contact_force_bounds
 from graspless_pin.cli.outcome import ExitCode, plain_errors
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.report.document import write_text
@@ -59,7 +60,15 @@ def report(
             output.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise SceneError(f"{output.parent}: cannot be made ({error.strerror})") from error
-        page = report_html(case, ranges=ranges, ranges_time=ranges_time)
+        solution, bounds = case.solution, None
+        if ranges and solution.found:
+            bounds = contact_force_bounds(
+                solution.problem,
+                solution.torques,
+                time_limit=ranges_time,
+                **solution.rules.options(),
+            )
+        page = report_html(case, bounds)
         write_text(page, output, kind="report")
         if str(output) != "-":
             typer.echo(f"wrote {output} ({len(page.encode()) / 1e6:.1f} MB)")
@@ -71,7 +80,7 @@ def _case(source: Path, scene_file: Path | None) -> Case:
         if scene_file is not None:
             raise ArgumentError("--scene", "goes with a solution document (.json) alone")
         scene = load_scene(source)
-        return case_of_scene(scene, scene.solve())
+        return case_of_scene(scene, scene.solve(), source)
     document = read_document(source)
     try:
         return case_of_document(document, scene_file)

@@ -10,12 +10,12 @@ import numpy as np
 from graspless_pin.problem.joint_units import units_text
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.solution import TorqueSolution
+from graspless_pin.solution.tables import shown, torque_size
 from graspless_pin.solution.utilization import limit_shares
 from graspless_pin.viewer.scene_process import SettingsAnswer
 from graspless_pin.visualization import DARK, LIGHT, Role
 
 _FULL = 0.999
-_DIGITS = 4
 # At the right there is room for the panel's scroll bar.
 _TEXT = "font-size:13px;line-height:1.4;padding:0 14px 0 6px;overflow-wrap:anywhere"
 _MUTED = "opacity:0.75"
@@ -45,14 +45,16 @@ def result_html(result: SettingsAnswer, as_loaded: TorqueSolution | None, *, dar
     )
     before = as_loaded if as_loaded is not None and as_loaded.found else None
     roles = (DARK if dark else LIGHT).roles
+    load = solution.problem.scales.force
     margin = _reading(
-        "margin e", "N", solution.margin, before and before.margin, roles[Role.FRICTION_FORCE]
+        "margin e", "N", solution.margin, before and before.margin, load, roles[Role.FRICTION_FORCE]
     )
     torque = _reading(
         "max torque",
         result.torque_unit,
         solution.max_torque,
         before and before.max_torque,
+        torque_size(solution.problem, solution.torques),
         roles[Role.NORMAL_FORCE],
     )
     return (
@@ -70,10 +72,11 @@ def torque_html(result: SettingsAnswer, *, dark: bool) -> str:
         return f'<div id="graspless-torques" style="{_TEXT};{_MUTED}">no torques</div>'
     problem, palette = solution.problem, DARK if dark else LIGHT
     shares = limit_shares(solution.torques, problem.lower_torque, problem.upper_torque)
-    widest = max(solution.max_torque, 1e-9)
+    size = torque_size(problem, solution.torques)
+    widest = solution.max_torque or size
     rows = []
     for index, name in enumerate(problem.joint_names):
-        torque = float(np.round(solution.torques[index], _DIGITS)) + 0.0
+        torque = float(solution.torques[index])
         low, high = _axis(problem.lower_torque[index], problem.upper_torque[index], widest)
         full = np.isfinite(shares[index]) and shares[index] >= _FULL
         color = palette.roles[Role.FRICTION_AT_LIMIT if full else Role.NORMAL_FORCE]
@@ -83,7 +86,7 @@ def torque_html(result: SettingsAnswer, *, dark: bool) -> str:
             f'text-overflow:ellipsis" title="{escape(name)}">{escape(name)}</span>'
             f"{_bar(torque, low, high, color)}"
             '<span style="text-align:right;font-variant-numeric:tabular-nums">'
-            f"{torque:+.{_DIGITS}f}</span></div>"
+            f"{shown(torque, size, '+')}</span></div>"
         )
     return (
         f'<div id="graspless-torques" style="{_TEXT};line-height:1.5"><b>Torques</b>{"".join(rows)}'
@@ -104,19 +107,29 @@ def legend_html(roles: Iterable[Role], *, dark: bool) -> str:
     return f'<div id="graspless-legend" style="{_TEXT}">{items}</div>'
 
 
-def _reading(label: str, unit: str, value: float, before: float | None, color: str) -> str:
-    """Return a figure, its bar up to twice that of the unchanged scene, and that as a mark."""
-    value = round(value, _DIGITS) + 0.0
-    top = max(2.0 * abs(before) if before else 0.0, abs(value), 1e-9)
-    compared = (
-        "" if before is None else f'<span style="{_MUTED}">as loaded {before:.{_DIGITS}f}</span>'
-    )
+def _reading(
+    label: str, unit: str, value: float, before: float | None, size: float, color: str
+) -> str:
+    """Return a figure, its bar up to twice that of the unchanged scene, and that as a mark.
+
+    Args:
+        label: What it is.
+        unit: Its unit.
+        value: The figure.
+        before: That of the unchanged scene, if any.
+        size: What its digits are beside.
+        color: Of the bar.
+    """
+    top = max(2.0 * abs(before) if before else 0.0, abs(value)) or size
+    compared = ""
+    if before is not None:
+        compared = f'<span style="{_MUTED}">as loaded {shown(before, size)}</span>'
     mark = "" if before is None else _mark(before / top)
     return (
         '<div style="display:flex;flex-wrap:wrap;justify-content:space-between;'
         'align-items:baseline;column-gap:8px;white-space:nowrap">'
         f'<span>{escape(label)} <b style="font-size:17px;font-variant-numeric:tabular-nums">'
-        f"{value:.{_DIGITS}f}</b> {escape(unit)}</span>{compared}</div>"
+        f"{shown(value, size)}</b> {escape(unit)}</span>{compared}</div>"
         '<div style="position:relative;height:8px;margin:2px 0 6px;'
         'background:rgba(128,128,128,0.25)"><div style="position:absolute;left:0;top:0;bottom:0;'
         f'width:{100.0 * max(value, 0.0) / top:.2f}%;background:{color}"></div>{mark}</div>'

@@ -43,16 +43,19 @@ class Case:
     command: str | None
 
 
-def case_of_scene(scene: Scene, solution: TorqueSolution) -> Case:
+def case_of_scene(scene: Scene, solution: TorqueSolution, file: Path | None = None) -> Case:
     """Return the case of a scene and a solution of its problem.
+
+    Args:
+        scene: The scene.
+        solution: A solution of its problem.
+        file: The scene file that leads to it, for the command that solves it again; None: the scene
+            was changed in Python, or made there.
 
     Raises:
         ArgumentError: If the solution is of other contacts.
         MeshError: If a mesh file is missing or unreadable.
     """
-    command = None
-    if scene.path is not None and not isinstance(_same_scene(scene.path, solution), str):
-        command = solve_command(solution, scene.path)
     return Case(
         scene.name,
         solution,
@@ -61,7 +64,7 @@ def case_of_scene(scene: Scene, solution: TorqueSolution) -> Case:
         solution.problem.positions + scene.object.center_of_mass_world,
         draw_scene(scene, solution),
         "",
-        command,
+        None if file is None else solve_command(solution, file),
     )
 
 

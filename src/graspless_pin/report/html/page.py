@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import base64
 import json
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from graspless_pin.algorithms.force_bounds import contact_force_bounds
+from graspless_pin.algorithms.force_bounds import ContactForceBounds
 from graspless_pin.errors import ArgumentError, GrasplessPinError
+from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.report.html.case import Case
 from graspless_pin.report.html.model import model_data
 from graspless_pin.report.html.sections import (
@@ -24,28 +26,26 @@ from graspless_pin.report.html.sections import (
     torque_figure,
 )
 from graspless_pin.solution import Status, TorqueSolution
+from graspless_pin.solution.tables import shown, torque_size
 from graspless_pin.visualization import DARK, LIGHT, Role
 
 _FILES = Path(__file__).with_name("files")
 _SUGGESTION = "- "
-_NO_RANGES = {"bounds": None, "no_bounds": "they were not asked for."}
 # A sum of two arrows that are drawn anyway.
 _HIDDEN_AT_FIRST = (Role.TOTAL_FORCE,)
 
 
-def report_html(case: Case, *, ranges: bool = True, ranges_time: float | None = None) -> str:
+def report_html(case: Case, bounds: ContactForceBounds | None = None) -> str:
     """Return a case as one HTML page that fetches nothing.
 
     Args:
         case: What the report is of.
-        ranges: Whether to compute the force ranges: two searches for each force component, which
-            can take minutes where many contacts stick.
-        ranges_time: Seconds after which the search for them ends. The page then shows how far it
-            came, and marks what is not proven. None: no limit.
+        bounds: The force ranges of the solution's torques, of `contact_force_bounds`. What is not
+            proven in them is marked. None: the page has none.
 
     Raises:
         GrasplessPinError: If Jinja2 or matplotlib is not installed.
-        ArgumentError: If the case's document is not complete, or the time is negative.
+        ArgumentError: If the case's document is not complete.
     """
     try:
         import matplotlib  # noqa: F401
@@ -63,21 +63,23 @@ def report_html(case: Case, *, ranges: bool = True, ranges_time: float | None = 
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return environment.get_template("report.html").render(
-        _context(case, ranges=ranges, ranges_time=ranges_time)
-    )
+    return environment.get_template("report.html").render(_context(case, bounds))
 
 
-def _context(case: Case, *, ranges: bool, ranges_time: float | None) -> dict[str, Any]:
+def _context(case: Case, bounds: ContactForceBounds | None) -> dict[str, Any]:
     solution = case.solution
     problem, why = solution.problem, solution.explanation.splitlines()
+    load, length, _ = problem.scales
+    torques = solution.torques if solution.found else problem.gravity_torques
+    algorithm, aim = _aim(solution)
     context: dict[str, Any] = {
         "case": case,
         "solution": solution,
         "problem": problem,
         "proof": solution.certificate,
         "found": solution.found,
-        "algorithm": 1 if solution.algorithm == "margin" else 2,
+        "algorithm": algorithm,
+        "aim": aim,
         "joints": joint_rows(solution),
         "contacts": contact_rows(case),
         "scene_words": scene_in_words(case.picture),
@@ -88,7 +90,9 @@ def _context(case: Case, *, ranges: bool, ranges_time: float | None) -> dict[str
         "download": base64.b64encode(json.dumps(case.document, indent=2).encode()).decode("ascii"),
         "style": (_FILES / "style.css").read_text(encoding="utf-8"),
         "script": (_FILES / "view.js").read_text(encoding="utf-8"),
-        "number": _number,
+        "force": partial(_number, size=load),
+        "length": partial(_number, size=length),
+        "torque": partial(_number, size=torque_size(problem, torques)),
         "why": [line for line in why if not line.startswith(_SUGGESTION)],
         "suggestions": [line[2:] for line in why if line.startswith(_SUGGESTION)],
     }
@@ -97,16 +101,24 @@ def _context(case: Case, *, ranges: bool, ranges_time: float | None) -> dict[str
             "torque_figure": torque_figure(solution) if problem.joint_count else "",
             "friction_figures": friction_figures(solution),
             "checks": _checks(case.document),
-            **(_ranges(solution, ranges_time) if ranges else _NO_RANGES),
+            **_ranges(solution, bounds),
         }
     return context
 
 
-def _ranges(solution: TorqueSolution, ranges_time: float | None) -> dict[str, Any]:
+def _aim(solution: TorqueSolution) -> tuple[str, str]:
+    """Return which algorithm was run, and what it looks for."""
+    if solution.algorithm is Algorithm.MARGIN:
+        return "1", "largest margin"
+    if solution.algorithm is Algorithm.TORQUE:
+        return "2", f"smallest torque at a margin of {solution.required_margin:g} N"
+    return solution.objective.name, "an objective of its own"
+
+
+def _ranges(solution: TorqueSolution, bounds: ContactForceBounds | None) -> dict[str, Any]:
     """Return the force ranges of the solution's torques, or why there are none."""
-    bounds = contact_force_bounds(
-        solution.problem, solution.torques, time_limit=ranges_time, **solution.rules.options()
-    )
+    if bounds is None:
+        return {"bounds": None, "no_bounds": "they were not asked for."}
     if not bounds.found:
         return {"bounds": None, "no_bounds": f"{bounds.status.message}."}
     return {
@@ -138,11 +150,10 @@ def _embedded(data: Any) -> str:
     return json.dumps(data, allow_nan=False).replace("<", "\\u003c")
 
 
-def _number(value: float | None, digits: int = 4, *, signed: bool = False) -> str:
-    """Return a figure for reading, with a true minus sign; a dash where there is none."""
+def _number(value: float | None, *, size: float, signed: bool = False) -> str:
+    """Return a figure beside others of a size, with a true minus sign; a dash for none."""
     if value is None or np.isnan(value):
         return "–"
     if np.isinf(value):
         return ("+∞" if signed else "∞") if value > 0.0 else "−∞"
-    text = f"{round(float(value), digits) + 0.0:{'+' if signed else ''}.{digits}f}"
-    return text.replace("-", "−")
+    return shown(value, size, "+" if signed else "").replace("-", "−")
