@@ -1,0 +1,143 @@
+"""Parts of which a mistake rarely shows in an answer, one by one."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scenes import scene
+
+from graspless_pin.algorithms import branch_and_bound as searching
+from graspless_pin.algorithms import threshold
+from graspless_pin.algorithms.branch_and_bound import _children, _Node
+from graspless_pin.algorithms.formulation import formulate
+from graspless_pin.algorithms.mode_oracle import ModeOracle, Opposition
+from graspless_pin.algorithms.search import SearchState
+from graspless_pin.errors import ArgumentError
+from graspless_pin.modes.enumeration import _refinements
+from graspless_pin.modes.propagation import Decisions
+from graspless_pin.modes.rules import Rules
+from graspless_pin.problem.arguments import _checked_tangents
+from graspless_pin.problem.own_arrays import problem_of_own_arrays
+from graspless_pin.programs.objectives import Margin
+from graspless_pin.programs.program import FARTHEST, Program
+
+RULES = Rules.parse()
+
+
+def state() -> SearchState:
+    return SearchState(formulate(scene("rest"), Margin()), RULES, "piqp")
+
+
+def test_friction_of_opposite_signs_splits_a_node_by_the_way_of_sliding(monkeypatch):
+    one = state()
+    answer = one.relax()
+    monkeypatch.setattr(searching, "_guess", lambda *_: None)
+    monkeypatch.setattr(ModeOracle, "mode_for", lambda *_: Opposition(3, 1))
+    program = one.formulation.program
+    root = _Node(program.lb, program.ub, {}, Decisions.none(6), 4)
+    children = _children(one, root, answer)
+    assert children is not None
+    assert [child.decisions.signs[3, 1] for child in children] == [1, -1]
+    assert [np.count_nonzero(child.decisions.signs) for child in children] == [1, 1]
+    assert [child.depth for child in children] == [5, 5]
+
+
+def test_two_sets_of_forces_oppose_each_other_where_one_component_differs_in_sign():
+    one = state()
+    size = one.formulation.coordinates.layout.size
+    two = replace(one.formulation, layers=(0, size))
+    x = np.concatenate([np.ones(size), np.ones(size)])
+    for contact, component in ((0, 1), (2, 0), (4, 1)):
+        spoilt = x.copy()
+        spoilt[size + one.formulation.coordinates.tangent[contact, component]] = -1.0
+        found = ModeOracle(two, RULES)._friction(spoilt)
+        assert found == Opposition(contact, component)
+    signs = ModeOracle(two, RULES)._friction(x)
+    assert isinstance(signs, dict) and set(signs.values()) == {(1, 1)}
+
+
+def test_an_open_sign_is_refined_both_ways_and_the_other_stays():
+    assert _refinements((0, -1)) == [(1, -1), (-1, -1)]
+    assert _refinements((0, 1)) == [(1, 1), (-1, 1)]
+    assert _refinements((1, 0)) == [(1, 1), (1, -1)]
+    assert _refinements((-1, 0)) == [(-1, 1), (-1, -1)]
+    assert _refinements((1, -1)) == []
+
+
+def program(low, high, bounds) -> Program:
+    rows, count = np.ones((len(low), len(bounds))), len(bounds)
+    lb, ub = np.array(bounds, dtype=float).T
+    return Program(
+        P=np.zeros(count), c=np.ones(count), A=np.zeros((0, count)), b=np.zeros(0), G=rows,
+        l=np.array(low, dtype=float), u=np.array(high, dtype=float), lb=lb, ub=ub,
+        box=np.vstack([-np.ones(count), np.ones(count)]),
+    )  # fmt: skip
+
+
+def test_only_multipliers_of_far_sides_are_left_out():
+    far = 2.0 * FARTHEST
+    one = program([-far, -1.0, -far, -1.0], [far, 1.0, 1.0, far], [(-1, 1)])
+    for sign, kept in ((1.0, [0, 1, 1, 0]), (-1.0, [0, 1, 0, 1])):
+        near = one.near_multipliers(np.full(4, sign))
+        np.testing.assert_array_equal(near, sign * np.array(kept))
+
+
+def test_only_variables_that_are_fixed_at_zero_are_dropped():
+    one = program([0.0], [1.0], [(0, 0), (0, 1), (-1, 0), (1, 1), (-1, -1), (0, 2)])
+    _, kept = one.without_fixed()
+    assert kept is not None
+    np.testing.assert_array_equal(kept, [False, True, True, True, True, True])
+    assert program([0.0], [1.0], [(0, 1), (1, 1)]).without_fixed()[1] is None
+
+
+@pytest.mark.parametrize(("slowest", "slow"), [(0.99e-5, True), (1.01e-5, False), (1.0, False)])
+def test_a_motion_is_slow_below_ten_times_the_threshold(monkeypatch, slowest, slow):
+    one = state()
+    monkeypatch.setattr(type(one.formulation.kinematics), "slowest", lambda *_: slowest)
+    monkeypatch.setattr(threshold, "requirements_of", lambda _: [])
+    one.mode, one.mode_is_clear = object(), False  # type: ignore[assignment]
+    assert threshold._is_slow(SimpleNamespace(state=one)) == slow  # type: ignore[arg-type]
+    one.mode_is_clear = True
+    assert not threshold._is_slow(SimpleNamespace(state=one))  # type: ignore[arg-type]
+
+
+def test_limits_that_nothing_meets_are_refused_of_own_arrays_too():
+    problem = scene("rest")
+    given = {
+        name: getattr(problem, name).copy()
+        for name in ("positions", "normals", "external_wrench", "jacobian", "friction", "tangents",
+                     "sliding", "gravity_torques")
+    }  # fmt: skip
+    rest = {
+        "max_normal_force": 50.0, "joint_names": problem.joint_names,
+        "joint_units": problem.joint_units,
+    }  # fmt: skip
+    same = np.full(problem.joint_count, 0.1)
+    for edges in (3, 8):
+        made = problem_of_own_arrays(
+            **given, **rest, cone_edges=edges, torque_limits=(same.copy(), same.copy())
+        )
+        assert made.cone_edges == edges
+    for bad in (-np.inf, np.inf):
+        limits = np.full(problem.joint_count, bad)
+        with pytest.raises(ArgumentError):
+            problem_of_own_arrays(**given, **rest, cone_edges=8, torque_limits=(limits, limits))
+
+
+@pytest.mark.parametrize("pair", [(0, 1), (0, 2), (1, 2)])
+def test_any_two_axes_of_a_contact_that_are_not_orthogonal_are_refused(pair):
+    axes = np.eye(3)[[2, 0, 1]]
+    assert _checked_tangents(axes[None, 1:].transpose(0, 2, 1), axes[None, 0]).shape == (1, 3, 2)
+    first, second = pair
+    axes[second] = (axes[second] + 1e-3 * axes[first]) / np.sqrt(1.0 + 1e-6)
+    with pytest.raises(ArgumentError, match="orthogonal"):
+        _checked_tangents(axes[None, 1:].transpose(0, 2, 1), axes[None, 0])
+
+
+def test_joints_without_any_lever_count_the_load_at_the_scenes_length(form):
+    assert form
+    problem = scene("rest")
+    scales = problem.with_changes(jacobian=np.zeros_like(problem.jacobian)).scales
+    expected = np.full(problem.joint_count, scales.force * scales.length)
+    np.testing.assert_allclose(scales.joints, expected, rtol=1e-12)
