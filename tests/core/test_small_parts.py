@@ -114,11 +114,12 @@ def test_limits_that_nothing_meets_are_refused_of_own_arrays_too():
         "joint_units": problem.joint_units,
     }  # fmt: skip
     same = np.full(problem.joint_count, 0.1)
-    for edges in (3, 8):
+    for edges in (3, 4, 8):
         made = problem_of_own_arrays(
             **given, **rest, cone_edges=edges, torque_limits=(same.copy(), same.copy())
         )
-        assert made.cone_edges == edges
+        # Taken as it is: nothing made the constructor look for a mistake.
+        assert made.cone_edges == edges and made.positions is given["positions"]
     for bad in (-np.inf, np.inf):
         limits = np.full(problem.joint_count, bad)
         with pytest.raises(ArgumentError):
