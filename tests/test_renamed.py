@@ -9,7 +9,7 @@ import pytest
 import graspless_pin
 from graspless_pin import OptimumGradients, viewer
 from graspless_pin.renamed import SUCCESSORS
-from graspless_pin.report.html import case_of_document
+from graspless_pin.report.html import case_of_document, report_html
 
 MIGRATION = Path(__file__).resolve().parents[1] / "docs" / "migration.md"
 OF_MODULES = {name: new for name, new in SUCCESSORS.items() if name.startswith("graspless_pin.")}
@@ -45,6 +45,8 @@ def test_a_former_field_tells_its_successor():
 def test_a_former_keyword_tells_its_successor():
     with pytest.raises(TypeError, match=r"folder\) was renamed to case_of_document\(scene_file\)$"):
         case_of_document({}, folder=Path())  # pyright: ignore[reportCallIssue]
+    with pytest.raises(TypeError, match=r"ranges\) was renamed to report_html\(bounds\)$"):
+        report_html(None, ranges=False)  # pyright: ignore[reportCallIssue]
 
 
 @pytest.mark.parametrize("module", [graspless_pin, viewer])

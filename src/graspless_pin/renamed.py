@@ -27,6 +27,8 @@ SUCCESSORS = {
     "graspless_pin.viewer.evaluation": "graspless_pin.viewer",
     "OptimumGradients.marginals": "OptimumGradients.point",
     "case_of_document(folder)": "case_of_document(scene_file)",
+    "report_html(ranges)": "report_html(bounds)",
+    "report_html(ranges_time)": "report_html(bounds)",
 }
 """The present name of each former one: of modules, of what is in them, of attributes, of keywords.
 """

@@ -30,6 +30,7 @@ from graspless_pin.solvers import Outcome
 _ROOM = 1.0 + 1e-6
 """A suggestion goes further by this, so that it is feasible and not just about to be."""
 _DIGITS = 5
+_COULOMB = StaticFriction.COULOMB
 _FACTOR_STEP = 1e-4
 """To this the largest factor on friction below 1 is found."""
 
@@ -70,8 +71,8 @@ class Explanation:
         """Return the cause and the suggestions, a line each."""
         lines = [self.cause]
         if self.suggestions:
-            lines.append("Any one of these changes would do:")
-            lines += [f"- {suggestion.text}" for suggestion in self.suggestions]
+            changes = (f"- {suggestion.text}" for suggestion in self.suggestions)
+            lines += ["Any one of these changes would do:", *changes]
         return "\n".join(lines)
 
 
@@ -111,15 +112,12 @@ def explain(solution: TorqueSolution) -> Explanation:
         cause += f": contacts {named} exclude each other." if conflicts else "."
         suggestions += _weaker_rules(solution)
     else:
+        required = solution.required_margin
         cause = (
             "No contact forces inside the cones, normal-force and torque limits balance the "
-            "external wrench"
+            f"external wrench{f' with a margin of {required:g} N' if required > 0.0 else ''}."
         )
-        if solution.required_margin > 0.0:
-            cause += f" with a margin of {solution.required_margin:g} N"
-        cause += "."
-    suggestions += _smaller_margin(solution)
-    suggestions += _reliefs(solution)
+    suggestions += [*_smaller_margin(solution), *_reliefs(solution)]
     if not suggestions:
         cause += " No single change is enough."
         suggestions += _combined(solution)
@@ -135,8 +133,7 @@ def _solved(
 
 def _conflicting_contacts(solution: TorqueSolution) -> tuple[int, ...]:
     """Contacts in the conflict of the relaxation's optimum."""
-    problem = solution.problem
-    formulation = formulate(problem, solution.objective)
+    formulation = formulate(solution.problem, solution.objective)
     state = SearchState(formulation, solution.rules, "piqp")
     answer = state.relax()
     if answer.outcome is not Outcome.SOLVED:
@@ -150,24 +147,20 @@ def _conflicting_contacts(solution: TorqueSolution) -> tuple[int, ...]:
 
 def _weaker_rules(solution: TorqueSolution) -> list[Suggestion]:
     """Return the first weaker sign rule, sliding rule, and Coulomb friction, where they help."""
-    rules = solution.rules
-    signs = list(SignRule)
-    tried = [replace(rules, sign=sign) for sign in signs[signs.index(rules.sign) + 1 :]]
+    rules, signs = solution.rules, list(SignRule)
+    tried = [
+        (f"sign_rule='{sign}'", replace(rules, sign=sign))
+        for sign in signs[signs.index(rules.sign) + 1 :]
+    ]
     if rules.sliding is SlidingRule.CONSTRAINED:
-        tried.append(replace(rules, sliding=SlidingRule.EXEMPT))
-    tried.append(replace(rules, static_friction=StaticFriction.COULOMB))
-    found = []
-    for other in tried:
-        if _solved(solution.problem, solution, other, solution.required_margin).found:
-            text = f"sign_rule='{other.sign}'"
-            if other.sliding is not rules.sliding:
-                text = f"sliding_rule='{other.sliding}'"
-            if other.static_friction is StaticFriction.COULOMB:
-                text = "static_friction='coulomb'"
-            found.append(
-                Suggestion(f"{text} is feasible", solution.problem, solution.required_margin, other)
-            )
-    return found
+        tried.append(("sliding_rule='exempt'", replace(rules, sliding=SlidingRule.EXEMPT)))
+    tried.append(("static_friction='coulomb'", replace(rules, static_friction=_COULOMB)))
+    problem, margin = solution.problem, solution.required_margin
+    return [
+        Suggestion(f"{text} is feasible", problem, margin, other)
+        for text, other in tried
+        if _solved(problem, solution, other, margin).found
+    ]
 
 
 def _smaller_margin(solution: TorqueSolution) -> list[Suggestion]:
@@ -186,18 +179,14 @@ def _smaller_margin(solution: TorqueSolution) -> list[Suggestion]:
 
 def _combined(solution: TorqueSolution) -> list[Suggestion]:
     """Single changes beside another one, and all changes at once as the last resort."""
-    coulomb = replace(solution.rules, static_friction=StaticFriction.COULOMB)
-    beside = []
-    no_margin = None
+    coulomb = replace(solution.rules, static_friction=_COULOMB)
+    beside = [("with static_friction='coulomb'", replace(solution, rules=coulomb))]
     if solution.required_margin > 0.0:
-        no_margin = replace(
-            solution, objective=solution.objective.with_figure("required_margin", 0.0)
-        )
-        beside.append(("with no required margin", no_margin))
-    beside.append(("with static_friction='coulomb'", replace(solution, rules=coulomb)))
-    if no_margin is not None:
-        neither = replace(no_margin, rules=coulomb)
-        beside.append(("with no required margin and static_friction='coulomb'", neither))
+        objective = solution.objective.with_figure("required_margin", 0.0)
+        free = replace(solution, objective=objective)
+        both = replace(free, rules=coulomb)
+        beside.insert(0, ("with no required margin", free))
+        beside.append(("with no required margin and static_friction='coulomb'", both))
     for words, weaker in beside:
         found = [replace(item, text=f"{words}, {item.text}") for item in _reliefs(weaker)]
         if found:
@@ -237,9 +226,8 @@ def _everything(solution: TorqueSolution) -> Iterator[Suggestion]:
     text, changed = _helped(problem, relief.forces)
     normal = _rounded_up(relief.amount * relief.coordinates.force_scale * _ROOM)
     torque = _rounded_up(relief.amount * relief.coordinates.torque_scale * _ROOM)
-    changed = _wider(changed, torque).with_changes(
-        max_normal_force=problem.max_normal_force + normal
-    )
+    limits = problem.max_normal_force + normal
+    changed = _wider(changed, torque).with_changes(max_normal_force=limits)
     text = (
         f"every torque limit larger by {_in_units(problem, torque)}, every normal-force limit by "
         f"{normal:.{_DIGITS}g} N, and {text}"
@@ -269,16 +257,14 @@ def _other_friction(solution: TorqueSolution) -> Iterator[Suggestion]:
     def scaled(factor: float) -> QuasistaticProblem:
         return problem.with_changes(friction=factor * problem.friction)
 
-    def feasible(factor: float) -> bool:
-        return _solved(scaled(factor), solution, solution.rules, solution.required_margin).found
-
     factor = _rounded_up(least * _ROOM)
     if least < 1.0:
         # The smallest change is the largest factor that is enough.
         low, high = least, 1.0
         while high - low > _FACTOR_STEP:
             middle = 0.5 * (low + high)
-            low, high = (middle, high) if feasible(middle) else (low, middle)
+            tried = _solved(scaled(middle), solution, solution.rules, solution.required_margin)
+            low, high = (middle, high) if tried.found else (low, middle)
         factor = -_rounded_up(-low / _ROOM)
     text = f"all friction coefficients would have to be {factor:.{_DIGITS}g} times as large"
     if factor == 0.0:

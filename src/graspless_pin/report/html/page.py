@@ -13,6 +13,7 @@ import numpy as np
 from graspless_pin.algorithms.force_bounds import ContactForceBounds
 from graspless_pin.errors import ArgumentError, GrasplessPinError
 from graspless_pin.programs.objectives import Algorithm
+from graspless_pin.renamed import refusing_former_keywords
 from graspless_pin.report.html.case import Case
 from graspless_pin.report.html.model import model_data
 from graspless_pin.report.html.sections import (
@@ -35,6 +36,7 @@ _SUGGESTION = "- "
 _HIDDEN_AT_FIRST = (Role.TOTAL_FORCE,)
 
 
+@refusing_former_keywords
 def report_html(case: Case, bounds: ContactForceBounds | None = None) -> str:
     """Return a case as one HTML page that fetches nothing.
 
