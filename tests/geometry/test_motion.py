@@ -11,8 +11,8 @@ from graspless_pin.geometry.bodies.shapes import HalfSpace
 from graspless_pin.geometry.contact.finding import BodyKind, ContactPoint
 from graspless_pin.geometry.contact.motion import (
     ContactMotion,
-    apply_motion,
     classify_motion,
+    contacts_that_stay,
     support_velocities,
     twist_velocities,
 )
@@ -28,6 +28,13 @@ def contact(
     kind: BodyKind = BodyKind.SUPPORT,
 ) -> ContactPoint:
     return ContactPoint(body, kind, np.array(position), np.array(normal), 0.0)
+
+
+def apply_motion(contacts, *motion, name: str = "object"):
+    """The contacts that stay, and their sliding velocities."""
+    classified = classify_motion(contacts, *motion)
+    kept = contacts_that_stay(contacts, classified, name)
+    return tuple(contacts[k] for k in kept), classified.sliding[kept]
 
 
 # A cube of edge 0.2 on the table, its centre at CENTER, with a finger on its back.
@@ -181,7 +188,7 @@ def test_sliding_has_no_part_along_the_normal() -> None:
 
 def test_driving_into_bodies_names_each_with_its_speed() -> None:
     with pytest.raises(SceneError, match=r"object 'cube' into support 'table' at 0\.02 m/s"):
-        apply_motion([LEFT, RIGHT], [0, 0, -0.02, 0, 0, 0], CENTER, object_name="cube")
+        apply_motion([LEFT, RIGHT], [0, 0, -0.02, 0, 0, 0], CENTER, name="cube")
     with pytest.raises(SceneError, match=r"hand link 'finger' at 0\.03 m/s, support 'table' at"):
         apply_motion(SCENE, [-0.03, 0, -0.02, 0, 0, 0], CENTER)
 

@@ -19,7 +19,6 @@ from graspless_pin.geometry.bodies.shapes import (
     Sphere,
     coal_geometry,
     convex_geometry,
-    shape_extent,
 )
 
 
@@ -40,14 +39,12 @@ def test_the_coal_geometry_has_the_extent_of_the_shape(
     geometry.computeLocalAABB()
     box = geometry.aabb_local
     assert np.allclose([box.width(), box.height(), box.depth()], extent, atol=1e-9)
-    assert np.allclose(shape_extent(shape), extent)
 
 
 def test_a_half_space_is_solid_below_z() -> None:
     geometry = coal_geometry(HalfSpace())
     assert np.array_equal(geometry.n, [0, 0, 1])
     assert geometry.d == 0
-    assert np.isinf(shape_extent(HalfSpace())).all()
 
 
 @pytest.mark.parametrize("value", [0.0, -0.1, float("nan"), float("inf"), "wide", True])
@@ -95,13 +92,13 @@ def test_a_mesh_becomes_its_scaled_hull(tmp_path: Path, suffix: str) -> None:
     outline = ((0, 0), (0.2, 0), (0.2, 0.05), (0.05, 0.2), (0, 0.2))
     expected = {(x, y, z) for x, z in outline for y in (0, 0.1)}
     assert {tuple(np.round(p, 6).tolist()) for p in hull.points()} == expected
-    assert np.allclose(shape_extent(shape), [0.2, 0.1, 0.2], atol=1e-6)
 
 
 def test_a_mesh_can_be_scaled_along_each_axis(tmp_path: Path) -> None:
     trimesh.creation.box(extents=[1, 1, 1]).export(tmp_path / "cube.stl")
     shape = MeshShape(tmp_path / "cube.stl", (0.1, 0.2, 0.3))
-    assert np.allclose(shape_extent(shape), [0.1, 0.2, 0.3])
+    corners = np.array(coal_geometry(shape).points())
+    assert np.allclose(np.ptp(corners, axis=0), [0.1, 0.2, 0.3])
 
 
 @pytest.mark.parametrize(("edge", "scale"), [(200.0, 1.0), (0.2, 0.001)])

@@ -8,7 +8,7 @@ from report_cases import AT_REST, SLIDING, pinched_block, read_html, solved, thr
 from typer.testing import CliRunner, Result
 
 from graspless_pin import maximize_margin
-from graspless_pin.cli.reporting import report
+from graspless_pin.cli.showing import report
 
 
 def run(*arguments) -> Result:

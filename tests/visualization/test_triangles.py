@@ -21,7 +21,6 @@ from graspless_pin.geometry.bodies.shapes import (
     Shape,
     Sphere,
     coal_geometry,
-    shape_extent,
 )
 from graspless_pin.geometry.bodies.triangles import (
     Triangles,
@@ -53,7 +52,9 @@ def check(surface: Triangles, shape: Shape) -> None:
     filled = mass_properties(shape, density=1.0)
     # Inscribed in circles of 32 corners, whose area is 0.994 of the circle's.
     assert 0.97 * filled.mass < mesh.volume < (1.0 + 1e-9) * filled.mass
-    size = np.asarray(shape_extent(shape))
+    geometry = coal_geometry(shape)
+    geometry.computeLocalAABB()
+    size = np.array(geometry.aabb_local.max_ - geometry.aabb_local.min_)
     assert mesh.center_mass == pytest.approx(filled.center_of_mass, abs=1e-2 * size.max())
     assert np.ptp(surface.vertices, axis=0) == pytest.approx(size, rel=1e-2)
 

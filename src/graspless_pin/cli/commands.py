@@ -5,11 +5,10 @@ from typing import Annotated
 
 import typer
 
-from graspless_pin.cli.reporting import report
 from graspless_pin.cli.robots import inspect, robots
+from graspless_pin.cli.showing import report, view_scene
 from graspless_pin.cli.solving import schema, solve_scene, verify
 from graspless_pin.cli.studying import study
-from graspless_pin.cli.viewing import view_scene
 from graspless_pin.versions import compiled_loops, versions
 
 __all__ = ["app"]

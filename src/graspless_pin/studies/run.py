@@ -11,13 +11,22 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
 from graspless_pin.drafts import remove_stale_drafts
 from graspless_pin.errors import StudyError
 from graspless_pin.problem.checks import whole_number
 from graspless_pin.studies.checks import check_study
 from graspless_pin.studies.executors import GivenExecutor, LocalProcesses, usable_cores
 from graspless_pin.studies.journal import JOURNAL_FORMAT, Journal, discard
-from graspless_pin.studies.progress import notice, progress_bar
 from graspless_pin.studies.sample_evaluation import Failure, Row, evaluate_each
 from graspless_pin.studies.study import Study
 from graspless_pin.studies.tables import (
@@ -90,7 +99,7 @@ def run_study(
             discard(journal_file, study.fingerprint)
             remove_stale_drafts(file)
             if progress:
-                notice(f"{file} is complete: nothing is left to compute (--fresh begins anew)")
+                _notice(f"{file} is complete: nothing is left to compute (--fresh begins anew)")
             return finished
     elif file.is_file() and not overwrite:
         _check_own(study, file)
@@ -105,7 +114,7 @@ def run_study(
         missing = [n for n, status in enumerate(known) if status is None or n in again]
         if missing:
             if progress and journal.rows:
-                notice(f"goes on: {len(journal.rows)} samples are there from an earlier run")
+                _notice(f"goes on: {len(journal.rows)} samples are there from an earlier run")
             _compute(study, missing, journal, executor, count, progress=progress)
         table = results_table(study, journal.rows)
         write_results(table, file)
@@ -195,7 +204,7 @@ def _compute(
     *,
     progress: bool,
 ) -> None:
-    with progress_bar(progress) as bar:
+    with _progress_bar(progress) as bar:
         total = len(study.samples)
         task = bar.add_task(study.name, total=total, completed=total - len(missing))
         force: Workforce
@@ -291,3 +300,22 @@ def _lost(error: Exception) -> StudyError:
         f"a worker failed ({type(error).__name__}: {error}); the rows so far are kept: run "
         "the study again to go on"
     )
+
+
+def _progress_bar(shown: bool) -> Progress:
+    """Return a bar with the samples done, the time so far and the time left."""
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left:"),
+        TimeRemainingColumn(),
+        console=Console(stderr=True),
+        disable=not shown,
+    )
+
+
+def _notice(text: str) -> None:
+    """Print one line."""
+    Console(stderr=True).print(text, markup=False, highlight=False, soft_wrap=True)

@@ -251,27 +251,6 @@ def _check_thickness(points: NDArray[np.float64], label: str) -> None:
         )
 
 
-def shape_extent(shape: Shape) -> NDArray[np.float64]:
-    """Edge lengths (3,) of the box around a shape along its own axes, m; infinite for a half-space.
-
-    Raises:
-        MeshError: The mesh file is missing, unreadable or encloses no volume.
-    """
-    match shape:
-        case Box(size):
-            return np.array(size)
-        case Sphere(radius):
-            return np.full(3, 2.0 * radius)
-        case Capsule(radius, length):
-            return np.array([2.0 * radius, 2.0 * radius, length + 2.0 * radius])
-        case Cylinder(radius, length) | Cone(radius, length):
-            return np.array([2.0 * radius, 2.0 * radius, length])
-        case HalfSpace():
-            return np.full(3, np.inf)
-        case MeshShape():
-            return np.ptp(hull_points(shape.path, shape.scale), axis=0)
-
-
 def _check_positive(name: str, value: float) -> None:
     if not isinstance(value, (int, float, np.floating)) or isinstance(value, bool):
         raise ArgumentError(name, f"needs a positive number, got {value!r}")

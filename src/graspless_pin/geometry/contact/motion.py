@@ -225,49 +225,6 @@ def _motion_states(
     return states.tolist(), sliding, leaving
 
 
-def apply_motion(
-    contacts: Sequence[ContactPoint],
-    object_twist: ArrayLike,
-    center_of_mass: ArrayLike,
-    body_velocities: ArrayLike | None = None,
-    body_angular_velocities: ArrayLike | None = None,
-    *,
-    object_name: str = "object",
-    speed_tolerance: float = SPEED_TOLERANCE,
-) -> tuple[tuple[ContactPoint, ...], FloatArray]:
-    """Drop the contacts that part and give the sliding velocities of the others.
-
-    Args:
-        contacts: M contacts.
-        object_twist: As in `classify_motion`.
-        center_of_mass: As in `classify_motion`.
-        body_velocities: As in `classify_motion`.
-        body_angular_velocities: As in `classify_motion`.
-        object_name: For the message.
-        speed_tolerance: As in `classify_motion`.
-
-    Returns:
-        The K contacts that stay, in their order, and their (K, 3) read-only sliding velocities (see
-        `ClassifiedMotion.sliding`).
-
-    Raises:
-        ArgumentError: A shape is wrong or a number is not finite.
-        StateError: The motion drives the object into another body.
-    """
-    motion = classify_motion(
-        contacts,
-        object_twist,
-        center_of_mass,
-        body_velocities,
-        body_angular_velocities,
-        speed_tolerance=speed_tolerance,
-    )
-    kept = contacts_that_stay(contacts, motion, object_name)
-    sliding = motion.sliding[kept]
-    sliding.setflags(write=False)
-    return tuple(contacts[k] for k in kept), sliding
-
-
 def contacts_that_stay(
     contacts: Sequence[ContactPoint], motion: ClassifiedMotion, object_name: str
 ) -> list[int]:

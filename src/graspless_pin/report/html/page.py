@@ -1,8 +1,9 @@
-"""The page: what the template is filled with."""
+"""The page: what the template is filled with, the data of its 3-D view included."""
 
 from __future__ import annotations
 
 import base64
+import gzip
 import json
 from functools import partial
 from pathlib import Path
@@ -12,10 +13,10 @@ import numpy as np
 
 from graspless_pin.algorithms.force_bounds import ContactForceBounds
 from graspless_pin.errors import ArgumentError, GrasplessPinError
+from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.renamed import refusing_former_keywords
 from graspless_pin.report.html.case import Case
-from graspless_pin.report.html.model import model_data
 from graspless_pin.report.html.sections import (
     check_rows,
     contact_rows,
@@ -28,9 +29,11 @@ from graspless_pin.report.html.sections import (
 )
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.solution.tables import shown, torque_size
-from graspless_pin.visualization import DARK, LIGHT, Role
+from graspless_pin.visualization import DARK, LIGHT, Picture, Role
 
 _FILES = Path(__file__).with_name("files")
+_MODEL_STEPS = 65535
+_MODEL_DIGITS = 7
 _SUGGESTION = "- "
 # A sum of two arrows that are drawn anyway.
 _HIDDEN_AT_FIRST = (Role.TOTAL_FORCE,)
@@ -159,3 +162,48 @@ def _number(value: float | None, *, size: float, signed: bool = False) -> str:
     if np.isinf(value):
         return ("+∞" if signed else "∞") if value > 0.0 else "−∞"
     return shown(value, size, "+" if signed else "").replace("-", "−")
+
+
+def model_data(picture: Picture, points: FloatArray) -> dict[str, Any]:
+    """Return a picture as plain data for `json.dumps`.
+
+    Vertices are rounded to 1/65535 of their mesh's size. ``data`` is base64 of the gzipped bytes
+    of all vertices (uint16 triples, mesh by mesh), filled up to a multiple of 4, then of all
+    faces (uint32 triples).
+
+    Args:
+        picture: The picture.
+        points: (M, 3) contact points, m, to be labelled with their numbers.
+    """
+    meshes, corners, faces = [], [], []
+    for mesh in picture.meshes:
+        low = mesh.vertices.min(axis=0)
+        size = mesh.vertices.max(axis=0) - low
+        steps = (mesh.vertices - low) / np.where(size > 0.0, size, 1.0)
+        corners.append(np.round(_MODEL_STEPS * steps).astype("<u2").tobytes())
+        faces.append(np.ascontiguousarray(mesh.faces, dtype="<u4").tobytes())
+        meshes.append(
+            {
+                "role": str(mesh.role),
+                "opacity": mesh.opacity,
+                "vertices": len(mesh.vertices),
+                "faces": len(mesh.faces),
+                "low": _rounded(low),
+                "size": _rounded(size),
+            }
+        )
+    first = b"".join(corners)
+    first += bytes(-len(first) % 4)
+    data = gzip.compress(first + b"".join(faces), compresslevel=9, mtime=0)
+    return {
+        "center": _rounded(picture.center),
+        "radius": picture.radius,
+        "up": _rounded(picture.up),
+        "points": [_rounded(point) for point in points],
+        "meshes": meshes,
+        "data": base64.b64encode(data).decode("ascii"),
+    }
+
+
+def _rounded(values: FloatArray) -> list[float]:
+    return [round(float(value), _MODEL_DIGITS) for value in values]

@@ -1,7 +1,8 @@
-"""``graspless-pin report``: a solution as one HTML page."""
+"""``graspless-pin report`` and ``view``: a solution as a page, a scene as an interactive one."""
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -14,6 +15,8 @@ from graspless_pin.report.document import write_text
 from graspless_pin.report.html import Case, case_of_document, case_of_scene, report_html
 from graspless_pin.report.reading import read_document
 from graspless_pin.scene import load_scene
+from graspless_pin.viewer.page import DEFAULT_PORT
+from graspless_pin.viewer.page import view as show
 
 
 def report(
@@ -86,3 +89,20 @@ def _case(source: Path, scene_file: Path | None) -> Case:
         return case_of_document(document, scene_file)
     except ArgumentError as error:
         raise SceneError(f"{source}: {error}") from error
+
+
+def view_scene(
+    scene: Annotated[Path, typer.Argument(help="Scene file (YAML).")],
+    host: Annotated[
+        str, typer.Option(help="Address to listen at; the default is this machine only.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="Port, or the next free one above it.")] = DEFAULT_PORT,
+    no_open: Annotated[bool, typer.Option("--no-open", help="Do not open a browser.")] = False,
+) -> None:
+    """Show a scene on an interactive page until it is interrupted (Ctrl-C)."""
+    with plain_errors():
+        viewer = show(load_scene(scene), host=host, port=port, open_browser=not no_open)
+    with suppress(KeyboardInterrupt):
+        typer.echo(f"{viewer.url} (Ctrl-C ends it)")
+        viewer.wait()
+    viewer.stop()
