@@ -15,16 +15,17 @@ MOST_SOURCES = 8
 
 
 class Derived(Generic[_Source, _Value]):
-    """Values derived from the last few sources, each made once while its source is among them.
+    """Values derived from sources, each made once while its source is among the last few.
 
     A source is told apart by identity and held weakly: keeping it keeps no derived value alive for
     long, and a source that is gone takes its value along. So a value must not refer to its source.
     Threads may share the values: what two of them ask for at the same time is at worst made twice.
     """
 
-    def __init__(self, make: Callable[[_Source], _Value]) -> None:
-        """Keep what ``make`` returns."""
+    def __init__(self, make: Callable[[_Source], _Value], most: float = MOST_SOURCES) -> None:
+        """Keep what ``make`` returns, for some sources at the most."""
         self._make = make
+        self._most = most
         self._entries: dict[int, tuple[ref[_Source], _Value]] = {}
 
     def __len__(self) -> int:
@@ -40,7 +41,7 @@ class Derived(Generic[_Source, _Value]):
         value = self._make(source)
         # A source that is gone tells before another one can have its identity.
         entries[key] = ref(source, lambda _: entries.pop(key, None)), value
-        if len(entries) > MOST_SOURCES:
+        if len(entries) > self._most:
             with suppress(KeyError, RuntimeError):  # another thread was faster
                 del entries[next(iter(entries))]
         return value

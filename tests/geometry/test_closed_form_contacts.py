@@ -120,7 +120,7 @@ def test_many_spheres_touch_as_one_by_one(shape: str, seed: int, form: str) -> N
     far = set(range(len(pairs))) - set(rows.places) - set(left)
     for _, k in [pairs[place] for place in far]:
         _, height, _ = solid.highest_face((balls.poses[k, :3, 3] - T[:3, 3]) @ T[:3, :3])
-        assert height - others.ball_radii[k] > LIMITS.tolerance
+        assert height - others.reaches[k] > LIMITS.tolerance
 
 
 @settings(

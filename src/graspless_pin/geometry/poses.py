@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from graspless_pin.compiled import rigid_bodies
 from graspless_pin.errors import ArgumentError
 from graspless_pin.magnitudes import LARGEST_LENGTH
+from graspless_pin.problem.checks import all_finite
 
 RIGIDITY_TOLERANCE = 1e-6
 """Largest entry of ``R^T R - I`` that still counts as a rotation: typed-in poses are rounded."""
@@ -33,13 +34,13 @@ def pose_matrix(position: ArrayLike, rotation: ArrayLike | None = None) -> NDArr
         ArgumentError: If a shape is wrong, a value is not finite, the quaternion is zero or the
             matrix is not a rotation.
     """
-    origin = _finite("position", position)
+    origin = finite_numbers("position", position)
     if origin.shape != (3,):
         raise ArgumentError("position", f"needs 3 numbers (x, y, z in metres), got {origin.shape}")
     T = np.eye(4)
     T[:3, 3] = origin
     if rotation is not None:
-        T[:3, :3] = _rotation_matrix(_finite("rotation", rotation))
+        T[:3, :3] = _rotation_matrix(finite_numbers("rotation", rotation))
     return as_pose("rotation", T)
 
 
@@ -90,9 +91,9 @@ def as_pose(name: str, T: ArrayLike) -> NDArray[np.float64]:
     try:
         pose = np.array(T, dtype=np.float64)
     except (TypeError, ValueError):
-        pose = _finite(name, T)
+        pose = finite_numbers(name, T)
     if pose.shape != (4, 4) or not _is_rigid(pose):
-        _refuse_pose(name, _finite(name, T))
+        _refuse_pose(name, finite_numbers(name, T))
     pose.setflags(write=False)
     return pose
 
@@ -137,13 +138,17 @@ def _refuse_pose(name: str, pose: NDArray[np.float64]) -> NoReturn:
     raise ArgumentError(name, "the rotation part mirrors (determinant -1); flip one axis")
 
 
-def _finite(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    """Return a float copy of ``values``, which must be finite numbers."""
+def finite_numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    """Return a float copy of ``values``, which must be finite numbers.
+
+    Raises:
+        ArgumentError: If they are not; with the name.
+    """
     try:
         array = np.array(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise ArgumentError(name, f"needs numbers, got {values!r}") from error
-    if not np.isfinite(array).all():
+    if not all_finite((array,)):
         raise ArgumentError(name, f"needs finite numbers, got {array.tolist()}")
     return array
 

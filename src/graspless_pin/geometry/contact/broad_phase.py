@@ -42,7 +42,7 @@ def near_solids(
     R = one.poses[:, :3, :3]
     # For each of the second's bodies and each of the first's, in the frame of the latter.
     axes = R.transpose(0, 2, 1) @ two.poses[:, None, :3, :3]
-    offsets = _centers(two, others)[:, None] - _centers(one, solids)
+    offsets = box_centers(two, others)[:, None] - box_centers(one, solids)
     local = (offsets[..., None, :] @ R)[..., 0, :]
     size = np.abs(axes)
     reach = np.minimum(
@@ -55,7 +55,7 @@ def near_solids(
     return list(zip(p.tolist(), k.tolist(), strict=True))
 
 
-def _centers(bodies: PlacedBodies, solids: Solids) -> FloatArray:
+def box_centers(bodies: PlacedBodies, solids: Solids) -> FloatArray:
     """(K, 3) centres of the boxes around bodies, world frame, m."""
     rotated = bodies.poses[:, :3, :3] @ solids.centers[..., None]
     return rotated[..., 0] + bodies.poses[:, :3, 3]

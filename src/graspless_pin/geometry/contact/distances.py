@@ -8,18 +8,22 @@ from typing import Any
 
 import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
-import pinocchio as pin  # pyright: ignore[reportMissingImports]
 
 from graspless_pin.errors import SceneError
-from graspless_pin.geometry.bodies.collision import CollisionBody
-from graspless_pin.geometry.contact.convex_sets import Plane, Polytope, Revolved, convex_set
+from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
+from graspless_pin.geometry.contact.broad_phase import box_centers
+from graspless_pin.geometry.contact.convex_sets import (
+    DISTANCE_REQUEST,
+    Plane,
+    Polytope,
+    Revolved,
+    convex_set,
+)
+from graspless_pin.geometry.contact.solids import solids_of
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.tree import LinkGeometry
+from graspless_pin.geometry.poses import transformed
 from graspless_pin.problem.checks import FloatArray
-
-_REQUEST = coal.DistanceRequest()
-_REQUEST.gjk_tolerance = 1e-9
-_REQUEST.epa_tolerance = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +48,7 @@ def separation(first: CollisionBody, second: CollisionBody) -> Separation:
         _transform(first.T_world_geometry),
         second.geometry,
         _transform(second.T_world_geometry),
-        _REQUEST,
+        DISTANCE_REQUEST,
         result,
     )
     return Separation(float(distance), np.array(result.normal))
@@ -97,28 +101,24 @@ class LinkDistances:
         self.links = tuple(item.link for item in self.shapes)
         self.joints = [item.joint for item in self.shapes]
         self._tree = hand.tree
-        self._data: Any = hand.tree.pinocchio_model.createData()
-        self._placements = [pin.SE3(np.array(item.T_joint_geometry)) for item in self.shapes]
         self._pieces = [(piece.geometry, _transform(piece.T_world_geometry)) for piece in pieces]
-        self._centers, self._radii = _bounding_spheres(pieces)
+        placed = PlacedBodies.of(pieces)
+        solids = solids_of(placed.shapes)
+        self._centers, self._radii = box_centers(placed, solids), solids.reaches
 
     def at(self, positions: FloatArray) -> FloatArray:
         """Return the (K,) signed distances with all joints at (n,) ``positions``, m."""
-        tree = self._tree
-        pin.forwardKinematics(tree.pinocchio_model, self._data, tree.configuration(positions))
-        distances = np.empty(len(self.shapes))
-        for index, (item, placement) in enumerate(zip(self.shapes, self._placements, strict=True)):
-            pose = self._data.oMi[item.joint] * placement
-            distances[index] = self._nearest(item, pose)
-        return distances
+        T_world_joint = self._tree.kinematics(positions).T_world_joint
+        poses = [T_world_joint[item.joint] @ item.T_joint_geometry for item in self.shapes]
+        return np.array([self._nearest(*one) for one in zip(self.shapes, poses, strict=True)])
 
-    def _nearest(self, item: LinkGeometry, pose: Any) -> float:
+    def _nearest(self, item: LinkGeometry, T: FloatArray) -> float:
         """Return the signed distance of a shape at a pose to the nearest piece."""
-        there = coal.Transform3s(pose.rotation, pose.translation)
+        there = _transform(T)
         order, least = [0], [-np.inf]
         if len(self._pieces) > 1:
             solid = bounded_set(item)
-            offsets = self._centers - pose.act(solid.center)
+            offsets = self._centers - transformed(T, solid.center)
             gaps = np.linalg.norm(offsets, axis=1) - self._radii - solid.radius
             order, least = np.argsort(gaps).tolist(), gaps.tolist()
         nearest = np.inf
@@ -127,22 +127,10 @@ class LinkDistances:
                 break
             geometry, T_world_piece = self._pieces[index]
             distance = coal.distance(
-                item.shape, there, geometry, T_world_piece, _REQUEST, coal.DistanceResult()
+                item.shape, there, geometry, T_world_piece, DISTANCE_REQUEST, coal.DistanceResult()
             )
             nearest = min(nearest, float(distance))
         return nearest
-
-
-def _bounding_spheres(pieces: Sequence[CollisionBody]) -> tuple[FloatArray, FloatArray]:
-    """World centres (P, 3) and radii (P,) of spheres around pieces; endless for a half-space."""
-    centers, radii = np.zeros((len(pieces), 3)), np.full(len(pieces), np.inf)
-    for index, piece in enumerate(pieces):
-        solid = convex_set(piece.name, piece.geometry)
-        if not isinstance(solid, Plane):
-            T = piece.T_world_geometry
-            centers[index] = T[:3, :3] @ solid.center + T[:3, 3]
-            radii[index] = solid.radius
-    return centers, radii
 
 
 def _transform(T: FloatArray) -> Any:

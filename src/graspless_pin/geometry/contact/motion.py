@@ -14,8 +14,8 @@ from graspless_pin.compiled import rigid_bodies
 from graspless_pin.errors import ArgumentError, StateError, StateFault
 from graspless_pin.geometry.bodies.object_and_supports import Support
 from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays, ContactPoint
-from graspless_pin.geometry.poses import turning_velocities
-from graspless_pin.problem.checks import FloatArray, all_finite, make_read_only
+from graspless_pin.geometry.poses import finite_numbers, turning_velocities
+from graspless_pin.problem.checks import FloatArray, make_read_only
 
 SPEED_TOLERANCE = 1e-3
 """Speeds below this share of the fastest are zero: motions are typed in with a few digits."""
@@ -260,12 +260,7 @@ def _longest(vectors: FloatArray) -> float:
 
 
 def _checked(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
-    try:
-        array = np.asarray(values, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise ArgumentError(name, f"needs numbers, got {values!r}") from error
+    array = finite_numbers(name, values)
     if array.shape != shape:
         raise ArgumentError(name, f"needs shape {shape}, got {array.shape}")
-    if not all_finite((array,)):
-        raise ArgumentError(name, f"needs finite numbers, got {array.tolist()}")
     return array

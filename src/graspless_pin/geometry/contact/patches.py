@@ -19,7 +19,13 @@ import numpy as np
 
 from graspless_pin.errors import SceneError
 from graspless_pin.geometry.bodies.collision import CollisionBody
-from graspless_pin.geometry.contact.convex_sets import ConvexSet, Plane, Polytope, Revolved
+from graspless_pin.geometry.contact.convex_sets import (
+    DISTANCE_REQUEST,
+    ConvexSet,
+    Plane,
+    Polytope,
+    Revolved,
+)
 from graspless_pin.geometry.contact.corners import hull_order, plane_basis
 from graspless_pin.geometry.contact.polygons import (
     Point,
@@ -30,10 +36,6 @@ from graspless_pin.geometry.contact.polygons import (
 )
 from graspless_pin.problem.checks import FloatArray
 
-# With coal's default of 1e-6, one pair in hundreds comes out inside out at a micrometre of gap.
-_REQUEST: Any = coal.DistanceRequest()
-_REQUEST.gjk_tolerance = 1e-9
-_REQUEST.epa_tolerance = 1e-9
 _IDENTITY: Any = coal.Transform3s()
 _DISTANCE_ERROR = 1e-4  # coal's distance is far better; this leaves room for large bodies
 _PULLED_APART = 1e-3  # m: a gap at which coal's direction is sure
@@ -258,7 +260,7 @@ class _Nearest:
         result: Any = coal.DistanceResult()
         placed = coal.Transform3s(np.ascontiguousarray(self.R), self.t + apart)
         distance = coal.distance(
-            self.first.geometry, _IDENTITY, self.second.geometry, placed, _REQUEST, result
+            self.first.geometry, _IDENTITY, self.second.geometry, placed, DISTANCE_REQUEST, result
         )
         guess = np.array(result.normal)
         sure = bool(np.isfinite(guess).all() and guess.any())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import weakref
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.compiled import contact_search
+from graspless_pin.derived import Derived
 from graspless_pin.geometry.bodies.collision import BodyShapes
 from graspless_pin.geometry.contact.convex_sets import (
     ConvexSet,
@@ -35,7 +36,6 @@ class Solids:
         centers: (K, 3) centres of boxes around them, m.
         half_extents: (K, 3) half the edge lengths of these boxes, m.
         reaches: (K,) radii of spheres around them about these centres, m.
-        ball_radii: Radius of each that is a sphere, else zero, m.
         has_plane: Whether one of them is a half-space.
     """
 
@@ -45,7 +45,6 @@ class Solids:
     centers: FloatArray
     half_extents: FloatArray
     reaches: FloatArray
-    ball_radii: tuple[float, ...]
     has_plane: bool
 
     @cached_property
@@ -64,8 +63,10 @@ class Solids:
         ]
         kind_of = {Plane: contact_search.PLANE, Revolved: contact_search.OTHER}
         kinds = [
-            contact_search.BALL if radius > 0.0 else kind_of.get(type(one), contact_search.POLYTOPE)
-            for one, radius in zip(self.sets, self.ball_radii, strict=True)
+            contact_search.BALL
+            if isinstance(one, Revolved) and one.is_sphere
+            else kind_of.get(type(one), contact_search.POLYTOPE)
+            for one in self.sets
         ]
         return contact_search.ConvexSets(
             kinds=kinds,
@@ -79,9 +80,6 @@ class Solids:
         )
 
 
-_known: weakref.WeakKeyDictionary[BodyShapes, Solids] = weakref.WeakKeyDictionary()
-
-
 def solids_of(shapes: BodyShapes) -> Solids:
     """Return the sets of some shapes, remembered for as long as the shapes live.
 
@@ -89,10 +87,7 @@ def solids_of(shapes: BodyShapes) -> Solids:
         SceneError: A geometry is of a kind that contacts cannot be found for.
         MeshError: The points of a hull all lie in one plane.
     """
-    known = _known.get(shapes)
-    if known is None:
-        known = _known[shapes] = _solids(shapes)
-    return known
+    return _SOLIDS.of(shapes)
 
 
 def _solids(shapes: BodyShapes) -> Solids:
@@ -112,7 +107,6 @@ def _solids(shapes: BodyShapes) -> Solids:
         centers,
         halves,
         np.array([_ENDLESS if one is None else one.radius for one in bounded]),
-        tuple(one.radius if isinstance(one, Revolved) and one.is_sphere else 0.0 for one in sets),
         any(one is None for one in bounded),
     )
 
@@ -122,3 +116,6 @@ def _rank(name: str, geometry: Any, solid: ConvexSet) -> tuple[int, float, str, 
     if isinstance(solid, Plane):
         return 0, 0.0, kind, name
     return (1 if isinstance(solid, Polytope) else 2), -solid.radius, kind, name
+
+
+_SOLIDS = Derived(_solids, most=math.inf)

@@ -14,7 +14,7 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import PlacedBodies
 from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
 from graspless_pin.geometry.hand.work_space import Kinematics
-from graspless_pin.problem.checks import all_finite
+from graspless_pin.geometry.poses import finite_numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,11 +89,9 @@ def checked_points(links: Sequence[str], points: ArrayLike) -> NDArray[np.float6
     Raises:
         ArgumentError: If the shape is another or a number is not finite.
     """
-    positions = np.asarray(points, dtype=np.float64)
+    positions = finite_numbers("points", points)
     if positions.shape != (len(links), 3):
         raise ArgumentError(
             "points", f"needs shape ({len(links)}, 3), one row per link, got {positions.shape}"
         )
-    if not all_finite((positions,)):
-        raise ArgumentError("points", f"needs finite numbers, got {positions.tolist()}")
     return positions

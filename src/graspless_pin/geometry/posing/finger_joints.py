@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import pinocchio as pin  # pyright: ignore[reportMissingImports]
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.hand.coupling import groups_that_share
@@ -107,9 +106,7 @@ def flexion_rates(hand: Hand, finger: str) -> dict[int, float]:
     columns = driving_columns(hand, finger)
     if not columns:
         return {}
-    data = tree.pinocchio_model.createData()
-    J = pin.computeJointJacobians(tree.pinocchio_model, data, tree.configuration(hand.positions))
-    J = J.reshape(6, -1)  # the binding drops the dimension of a single joint
+    J = tree.kinematics(hand.positions).J
     joints = {column: tree.coupling.leaders[column] for column in columns}
     last = max(columns, key=lambda column: int(tree.supports[joints[column] + 1].sum()))
     turns = {column: tree.joint_kinds[joint] != "prismatic" for column, joint in joints.items()}

@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-import numpy as np
-import pinocchio as pin  # pyright: ignore[reportMissingImports]
-
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject
 from graspless_pin.geometry.contact.convex_sets import Revolved
@@ -55,7 +50,6 @@ class Tip:
         self.point = point
         self.normal = normal
         self._tree = hand.tree
-        self._data: Any = hand.tree.pinocchio_model.createData()
         self._shapes = [item for item in hand.tree.geometries if item.link == self.link]
         self._distances = LinkDistances(hand, {*spec.links, self.link}, target.collision_bodies())
 
@@ -69,16 +63,13 @@ class Tip:
             (3,) the point, world, and (3, a) its velocity per rate of the independent joints.
         """
         tree = self._tree
-        J = pin.computeJointJacobians(
-            tree.pinocchio_model, self._data, tree.configuration(positions)
-        )
-        joint = self._shapes[0].joint
-        T_world_joint = np.array(self._data.oMi[joint].homogeneous)
+        kinematics, joint = tree.kinematics(positions), self._shapes[0].joint
+        T_world_joint = kinematics.T_world_joint[joint]
         touch, fixed = max(
             (_farthest(item, T_world_joint, self.normal) for item in self._shapes),
             key=lambda found: float(found[0] @ self.normal),
         )
-        by_joint = tree.point_jacobians(J, [joint], fixed[None])[0]
+        by_joint = tree.point_jacobians(kinematics.J, [joint], fixed[None])[0]
         return touch, by_joint @ tree.coupling.S
 
     def overlaps(self, positions: FloatArray) -> dict[str, float]:
