@@ -15,7 +15,7 @@ from tabulate import tabulate
 from benchmarks.timing import as_new, timed
 from graspless_pin import QuasistaticProblem, maximize_margin
 from graspless_pin.studies import Study, load_study, run_study
-from graspless_pin.studies.executors import LocalProcesses, usable_cores
+from graspless_pin.studies.executors import Workforce, local_processes, usable_cores
 from graspless_pin.studies.study import Sample
 
 _STUDY = Path(__file__).parents[1] / "examples" / "studies" / "cuboid_friction_slope_height.yaml"
@@ -24,14 +24,14 @@ _EVERY = 10
 
 
 class _Counted(Executor):
-    """Processes that are already there; adds up the seconds that they spend on samples."""
+    """Processes that are already there, asked directly; adds up the seconds that samples take."""
 
-    def __init__(self, processes: LocalProcesses) -> None:
+    def __init__(self, processes: Workforce) -> None:
         self.seconds = 0.0
         self._processes = processes
 
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **_: Any) -> Future[Any]:
-        future = self._processes.submit(fn, *args)
+    def submit(self, _here: Callable[..., Any], /, *args: Any, **_: Any) -> Future[Any]:
+        future = self._processes.submit(*args)
         future.add_done_callback(self._count)
         return future
 
@@ -49,7 +49,7 @@ def cuboid_study() -> str:
     loops = [partial(_solve_all, problems), partial(_load_and_solve_all, part, few)]
     before = [timed(loop) for loop in loops]
     cores = usable_cores()
-    processes = LocalProcesses(cores)
+    processes = local_processes(cores)
     counted = _Counted(processes)
     try:
         with tempfile.TemporaryDirectory() as folder:

@@ -155,7 +155,7 @@ def test_a_support_stands_still_unless_it_is_given_a_velocity() -> None:
     velocity[:] = 5.0
     assert np.array_equal(belt.velocity, [0.1, 0, 0, 0, 0, 0.2])
     assert not belt.velocity.flags.writeable
-    with pytest.raises(ArgumentError, match="velocity: needs 6 finite numbers"):
+    with pytest.raises(ArgumentError, match="velocity: needs six finite numbers"):
         Support("belt", HalfSpace(), TURNED, velocity=np.zeros(3))
 
 

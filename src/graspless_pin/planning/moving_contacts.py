@@ -116,7 +116,7 @@ def moving_contacts(scene: Scene, columns: JointColumns, follows: Follows) -> Mo
     """
     hand = scene.hand
     count = len(columns.linear)
-    indices, links, points, moves, turns, gaps = [], [], [], [], [], []
+    rows = []
     for index, contact in enumerate(scene.contacts.points):
         if hand is None or contact.kind is not BodyKind.HAND:
             continue
@@ -139,15 +139,11 @@ def moving_contacts(scene: Scene, columns: JointColumns, follows: Follows) -> Mo
                 n, gap
             )
             turn = _turning(n, -curved * along, scene.tangent_axes)
-        indices.append(index)
-        links.append(link)
-        points.append(p)
-        moves.append(move)
-        turns.append(turn)
-        gaps.append(gap)
+        rows.append((index, link, p, move, turn, gap))
+    indices, links, points, moves, turns, gaps = zip(*rows, strict=True) if rows else ((),) * 6
     return MovingContacts(
-        tuple(indices),
-        tuple(links),
+        indices,
+        links,
         np.array(points).reshape(-1, 3),
         np.array(moves).reshape(-1, 3, count),
         np.array(turns).reshape(-1, 3, count),

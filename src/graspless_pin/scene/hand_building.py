@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from graspless_pin.geometry.hand.configuration import joint_positions
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.mounts import Mount
-from graspless_pin.geometry.robots.description import FingerSpec, RobotDescription
+from graspless_pin.geometry.robots.description import RobotDescription
 from graspless_pin.geometry.robots.files import describe_urdf, find_robot
 from graspless_pin.scene.body_building import build_pose
 from graspless_pin.scene.hand_schema import HandEntry, MountEntry
@@ -81,10 +81,7 @@ def _mount(
 ) -> Mount:
     fingers = None
     if entry.fingers is not None:
-        fingers = {
-            name: FingerSpec(tuple(item.joints), tuple(item.links), item.tip)
-            for name, item in entry.fingers.items()
-        }
+        fingers = {name: item.spec() for name, item in entry.fingers.items()}
     found = file.at(where, lambda: _robot(file, parts, entry), ("robot",))
     pose = build_pose(file, (*where, "base_pose"), entry.base_pose)
     given = {

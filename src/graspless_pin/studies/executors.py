@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from graspless_pin.errors import StudyError
-from graspless_pin.studies.study import Sample, Study
-from graspless_pin.studies.supervision import Children, EvaluateSamples, compute_here
-
-Samples = Sequence[tuple[int, Sample]]
-"""Number and values of each sample."""
+from graspless_pin.studies.supervision import Children, compute_here
 
 
 def usable_cores() -> int:
@@ -23,54 +21,46 @@ def usable_cores() -> int:
     return os.cpu_count() or 1
 
 
-class LocalProcesses:
-    """Processes on this machine, with one thread of linear algebra each: see `Children`."""
+@dataclass(frozen=True)
+class Workforce:
+    """Where samples are computed.
 
-    def __init__(self, workers: int) -> None:
-        """Start the processes.
+    Attributes:
+        workers: How many chunks of samples it is kept busy with.
+        submit: Submits samples: called with `evaluate_each`, the study and the samples.
+        close: Ends it; what has not begun is dropped.
+    """
 
-        Raises:
-            StudyError: If they do not start.
-        """
-        self.workers = workers
-        self._children = Children()
-        self._threads = ThreadPoolExecutor(workers, thread_name_prefix="graspless-study")
-        try:
-            for ready in [self._threads.submit(self._children.start) for _ in range(workers)]:
-                ready.result()
-        except BaseException:
-            self.close()
-            raise
-
-    def submit(self, evaluation: EvaluateSamples, study: Study, samples: Samples) -> Future[Any]:
-        """Submit samples."""
-        return self._threads.submit(self._children.compute, evaluation, study, samples)
-
-    def close(self) -> None:
-        """End the processes; what has not begun is dropped."""
-        self._children.stop()
-        self._threads.shutdown(wait=True, cancel_futures=True)
+    workers: int
+    submit: Callable[..., Future[Any]]
+    close: Callable[[], None]
 
 
-class GivenExecutor:
-    """Somebody else's executor."""
+def local_processes(workers: int) -> Workforce:
+    """Start processes on this machine, with one thread of linear algebra each: see `Children`.
 
-    def __init__(self, executor: Executor, workers: int) -> None:
-        """Use an executor.
+    Raises:
+        StudyError: If they do not start.
+    """
+    children = Children()
+    threads = ThreadPoolExecutor(workers, thread_name_prefix="graspless-study")
 
-        Args:
-            executor: Any executor.
-            workers: How many chunks of samples it is kept busy with.
-        """
-        self.workers = workers
-        self._executor = executor
+    def close() -> None:
+        children.stop()
+        threads.shutdown(wait=True, cancel_futures=True)
 
-    def submit(self, evaluation: EvaluateSamples, study: Study, samples: Samples) -> Future[Any]:
-        """Submit samples."""
-        return self._executor.submit(compute_here, evaluation, study, samples)
+    try:
+        for ready in [threads.submit(children.start) for _ in range(workers)]:
+            ready.result()
+    except BaseException:
+        close()
+        raise
+    return Workforce(workers, partial(threads.submit, children.compute), close)
 
-    def close(self) -> None:
-        """Leave the executor to its owner."""
+
+def given_executor(executor: Executor, workers: int) -> Workforce:
+    """Use somebody else's executor, which stays open."""
+    return Workforce(workers, partial(executor.submit, compute_here), lambda: None)
 
 
 @contextmanager

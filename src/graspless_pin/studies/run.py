@@ -25,7 +25,12 @@ from graspless_pin.drafts import remove_stale_drafts
 from graspless_pin.errors import StudyError
 from graspless_pin.problem.checks import whole_number
 from graspless_pin.studies.checks import check_study
-from graspless_pin.studies.executors import GivenExecutor, LocalProcesses, usable_cores
+from graspless_pin.studies.executors import (
+    Workforce,
+    given_executor,
+    local_processes,
+    usable_cores,
+)
 from graspless_pin.studies.journal import JOURNAL_FORMAT, Journal, discard
 from graspless_pin.studies.sample_evaluation import Failure, Row, evaluate_each
 from graspless_pin.studies.study import Study
@@ -207,20 +212,16 @@ def _compute(
     with _progress_bar(progress) as bar:
         total = len(study.samples)
         task = bar.add_task(study.name, total=total, completed=total - len(missing))
-        force: Workforce
         if executor is None:
-            force = LocalProcesses(min(count, len(missing)))
+            force = local_processes(min(count, len(missing)))
         else:
-            force = GivenExecutor(executor, count)
+            force = given_executor(executor, count)
 
         def keep(rows: list[Row]) -> None:
             journal.append(rows)
             bar.advance(task, len(rows))
 
         _Dispatch(study, force, keep, deque(missing)).run()
-
-
-Workforce = LocalProcesses | GivenExecutor
 
 
 @dataclass(eq=False)

@@ -16,7 +16,7 @@ from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, P
 from graspless_pin.geometry.bodies.mass_properties import mass_properties
 from graspless_pin.geometry.bodies.shapes import HalfSpace, Shape, coal_geometries
 from graspless_pin.geometry.pickling import PickledByFields
-from graspless_pin.geometry.poses import as_pose, finite_numbers, transformed
+from graspless_pin.geometry.poses import as_pose, transformed
 from graspless_pin.problem.checks import read_only
 
 
@@ -225,7 +225,12 @@ def _check_name(name: str) -> None:
 
 
 def _vector(name: str, values: ArrayLike, count: int = 3) -> NDArray[np.float64]:
-    vector = finite_numbers(name, values)
-    if vector.shape != (count,):
-        raise ArgumentError(name, f"needs {count} finite numbers, got {vector.tolist()}")
-    return read_only(vector)
+    words = {3: "three", 6: "six"}[count]
+    try:
+        vector = np.array(values, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise ArgumentError(name, f"needs {words} numbers, got {values!r}") from error
+    if vector.shape != (count,) or not np.isfinite(vector).all():
+        raise ArgumentError(name, f"needs {words} finite numbers, got {vector.tolist()}")
+    vector.setflags(write=False)
+    return vector

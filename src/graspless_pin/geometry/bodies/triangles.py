@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import coal  # pyright: ignore[reportMissingImports]
@@ -12,7 +13,7 @@ import trimesh
 from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.bodies.meshes import file_state, hull_points, scaled_mesh
+from graspless_pin.geometry.bodies.meshes import MeshScale, file_state, hull_points, scaled_mesh
 from graspless_pin.geometry.bodies.shapes import (
     Box,
     Capsule,
@@ -28,7 +29,7 @@ _SECTIONS = 32  # of a circle
 _CAPSULE_SECTIONS = (16, 32)
 _SPHERE_SUBDIVISIONS = 3  # 1280 triangles
 _MOST_TRIES = 24
-_REMEMBERED = 64
+_REMEMBERED = 256
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +75,7 @@ def shape_triangles(shape: Shape, *, max_faces: int = 4000) -> Triangles:
     """
     if isinstance(shape, MeshShape):
         hull_points(shape.path, shape.scale)  # says what is wrong with the file
-        return _file_triangles(shape, max_faces, file_state(shape.path))
+        return file_triangles(shape.path, shape.scale, max_faces)
     return _primitive_triangles(shape)
 
 
@@ -183,10 +184,25 @@ def _primitive_triangles(shape: Shape) -> Triangles:
             raise ArgumentError("shape", "a mesh is no primitive")
 
 
+def file_triangles(path: Path, scale: MeshScale, max_faces: int) -> Triangles:
+    """Return the surface of a mesh file, the same as long as the file does not change.
+
+    Args:
+        path: See `scaled_mesh`.
+        scale: See `scaled_mesh`; one that mirrors turns the triangles round.
+        max_faces: A mesh with more triangles is simplified, see `simplified`.
+
+    Raises:
+        MeshError: The file is missing or unreadable.
+    """
+    return _file_triangles(path, scale, max_faces, file_state(path))
+
+
 @lru_cache(maxsize=_REMEMBERED)
-def _file_triangles(shape: MeshShape, max_faces: int, _state: tuple[str, int, int]) -> Triangles:
-    """Read a mesh; the same triangles again as long as its file does not change."""
-    return simplified(_of(scaled_mesh(shape.path, shape.scale)), max_faces)
+def _file_triangles(
+    path: Path, scale: MeshScale, max_faces: int, _state: tuple[str, int, int]
+) -> Triangles:
+    return simplified(_of(scaled_mesh(path, scale)), max_faces)
 
 
 def _scaled(mesh: trimesh.Trimesh, factors: ArrayLike) -> Triangles:

@@ -1,14 +1,122 @@
-"""Which of many bodies may touch, by the boxes around them, all at once."""
+"""Which of many bodies may touch, by the boxes around their convex sets, all at once."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
-from graspless_pin.geometry.contact.solids import Solids, solids_of
+from graspless_pin.compiled import contact_search
+from graspless_pin.derived import Derived
+from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, PlacedBodies
+from graspless_pin.geometry.contact.convex_sets import (
+    ConvexSet,
+    Plane,
+    Polytope,
+    Revolved,
+    convex_set,
+)
 from graspless_pin.problem.checks import FloatArray
+
+_ENDLESS = 1e12  # m; finite, as zero times infinity is not a number
+
+
+@dataclass(frozen=True, eq=False)
+class Solids:
+    """K convex sets in the frames of their geometries.
+
+    Attributes:
+        names: K names of the bodies that they are pieces of.
+        sets: K sets.
+        ranks: Which of two bodies comes first: half-spaces before polytopes before curved shapes,
+            large before small, then by the kind of geometry; names decide between like shapes.
+        centers: (K, 3) centres of boxes around them, m.
+        half_extents: (K, 3) half the edge lengths of these boxes, m.
+        reaches: (K,) radii of spheres around them about these centres, m.
+        has_plane: Whether one of them is a half-space.
+    """
+
+    names: tuple[str, ...]
+    sets: tuple[ConvexSet, ...]
+    ranks: tuple[tuple[int, float, str, str], ...]
+    centers: FloatArray
+    half_extents: FloatArray
+    reaches: FloatArray
+    has_plane: bool
+
+    @cached_property
+    def for_loops(self) -> Any:
+        """The same sets as the compiled loops take them."""
+        if contact_search is None:
+            return None
+        faces = [
+            np.column_stack([one.face_normals, one.face_offsets])
+            if isinstance(one, Polytope)
+            else np.empty((0, 4))
+            for one in self.sets
+        ]
+        planes = [
+            [*one.normal, one.offset] if isinstance(one, Plane) else [0.0] * 4 for one in self.sets
+        ]
+        kind_of = {Plane: contact_search.PLANE, Revolved: contact_search.OTHER}
+        kinds = [
+            contact_search.BALL
+            if isinstance(one, Revolved) and one.is_sphere
+            else kind_of.get(type(one), contact_search.POLYTOPE)
+            for one in self.sets
+        ]
+        return contact_search.ConvexSets(
+            kinds=kinds,
+            bodies=[self.names.index(name) for name in self.names],
+            centers=self.centers,
+            half_extents=self.half_extents,
+            reaches=self.reaches,
+            planes=planes,
+            starts=np.cumsum([0, *map(len, faces)]),
+            faces=np.concatenate(faces),
+        )
+
+
+def solids_of(shapes: BodyShapes) -> Solids:
+    """Return the sets of some shapes, remembered for as long as the shapes live.
+
+    Raises:
+        SceneError: A geometry is of a kind that contacts cannot be found for.
+        MeshError: The points of a hull all lie in one plane.
+    """
+    return _SOLIDS.of(shapes)
+
+
+def _solids(shapes: BodyShapes) -> Solids:
+    sets = tuple(
+        convex_set(name, geometry)
+        for name, geometry in zip(shapes.names, shapes.geometries, strict=True)
+    )
+    bounded = [None if isinstance(one, Plane) else one for one in sets]
+    centers, halves = np.zeros((len(sets), 3)), np.full((len(sets), 3), _ENDLESS)
+    for index, one in enumerate(bounded):
+        if one is not None:
+            centers[index], halves[index] = one.center, one.half_extents
+    return Solids(
+        shapes.names,
+        sets,
+        tuple(map(_rank, shapes.names, shapes.geometries, sets)),
+        centers,
+        halves,
+        np.array([_ENDLESS if one is None else one.radius for one in bounded]),
+        any(one is None for one in bounded),
+    )
+
+
+def _rank(name: str, geometry: Any, solid: ConvexSet) -> tuple[int, float, str, str]:
+    kind = type(geometry).__name__
+    if isinstance(solid, Plane):
+        return 0, 0.0, kind, name
+    return (1 if isinstance(solid, Polytope) else 2), -solid.radius, kind, name
 
 
 def near_pairs(
@@ -59,3 +167,6 @@ def box_centers(bodies: PlacedBodies, solids: Solids) -> FloatArray:
     """(K, 3) centres of the boxes around bodies, world frame, m."""
     rotated = bodies.poses[:, :3, :3] @ solids.centers[..., None]
     return rotated[..., 0] + bodies.poses[:, :3, 3]
+
+
+_SOLIDS = Derived(_solids, most=math.inf)

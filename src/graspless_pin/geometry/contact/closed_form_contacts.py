@@ -17,10 +17,9 @@ import numpy as np
 from graspless_pin.compiled import contact_search
 from graspless_pin.geometry.bodies.collision import PlacedBodies
 from graspless_pin.geometry.bodies.polytopes import Polytope
-from graspless_pin.geometry.contact.broad_phase import near_solids
+from graspless_pin.geometry.contact.broad_phase import Solids, near_solids
 from graspless_pin.geometry.contact.convex_sets import Plane
 from graspless_pin.geometry.contact.corners import corner_groups, group_means, hull_order
-from graspless_pin.geometry.contact.solids import Solids
 from graspless_pin.problem.checks import FloatArray
 
 _ORIGIN = np.eye(4)

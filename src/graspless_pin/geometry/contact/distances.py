@@ -11,7 +11,7 @@ import numpy as np
 
 from graspless_pin.errors import SceneError
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
-from graspless_pin.geometry.contact.broad_phase import box_centers
+from graspless_pin.geometry.contact.broad_phase import box_centers, solids_of
 from graspless_pin.geometry.contact.convex_sets import (
     DISTANCE_REQUEST,
     Plane,
@@ -19,7 +19,6 @@ from graspless_pin.geometry.contact.convex_sets import (
     Revolved,
     convex_set,
 )
-from graspless_pin.geometry.contact.solids import solids_of
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.tree import LinkGeometry
 from graspless_pin.geometry.poses import transformed

@@ -10,6 +10,7 @@ import numpy as np
 
 from graspless_pin.errors import ArgumentError, SceneError, StateError, StateFault
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
+from graspless_pin.geometry.contact.broad_phase import Solids, solids_of
 from graspless_pin.geometry.contact.closed_form_contacts import (
     ContactLimits,
     ContactRows,
@@ -20,7 +21,6 @@ from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArray
 from graspless_pin.geometry.contact.corners import corner_groups, group_means
 from graspless_pin.geometry.contact.merging import Touch, merge_touches
 from graspless_pin.geometry.contact.patches import find_patch
-from graspless_pin.geometry.contact.solids import Solids, solids_of
 from graspless_pin.problem.checks import FloatArray
 
 _TOLERANCE = 1e-3  # m

@@ -14,7 +14,6 @@ from graspless_pin.derived import Derived
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
 from graspless_pin.geometry.hand.actuation import Actuation
-from graspless_pin.geometry.hand.assembly import ControlModes, hand_fields
 from graspless_pin.geometry.hand.configuration import (
     independent_positions,
     independent_rates,
@@ -24,7 +23,7 @@ from graspless_pin.geometry.hand.effort_limits import (
     EffortLimit,
 )
 from graspless_pin.geometry.hand.fingers import ControlPlan
-from graspless_pin.geometry.hand.mounts import Mount
+from graspless_pin.geometry.hand.mounts import ControlModes, Mount, hand_fields
 from graspless_pin.geometry.hand.posed_links import (
     PosedLinks,
     checked_points,

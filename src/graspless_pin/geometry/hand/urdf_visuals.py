@@ -78,6 +78,8 @@ def _read(path: Path, link: str, visual: ET.Element, package_dirs: Sequence[Path
         if file is None:
             raise RobotError(f"{where} has no mesh")
         x, y, z = numbers(where, "scale", element.get("scale", "1 1 1"), 3)
+        if not (x and y and z):
+            raise RobotError(f"{where} has a scale that is zero")
         return LinkVisual(link, file, (x, y, z), T)
     return LinkVisual(link, _primitive(where, element), (1.0, 1.0, 1.0), T)
 

@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import lru_cache
 from pathlib import Path
 
-import numpy as np
-
 from graspless_pin.errors import MeshError
-from graspless_pin.geometry.bodies.meshes import file_state, load_mesh
 from graspless_pin.geometry.bodies.triangles import (
     Triangles,
+    file_triangles,
     geometry_triangles,
     shape_triangles,
     simplified,
 )
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.urdf_visuals import LinkVisual
-
-_REMEMBERED = 256
 
 
 def hand_triangles(hand: Hand, *, max_faces: int = 1500) -> Iterator[tuple[str, Triangles]]:
@@ -53,20 +48,7 @@ def hand_triangles(hand: Hand, *, max_faces: int = 1500) -> Iterator[tuple[str, 
 def _visual_triangles(visual: LinkVisual, max_faces: int) -> Triangles:
     """Return the triangles of one visual shape in its link's frame."""
     if isinstance(visual.shape, Path):
-        state = file_state(visual.shape)
-        surface = _file_triangles(visual.shape, visual.scale, max_faces, state)
+        surface = file_triangles(visual.shape, visual.scale, max_faces)
     else:
         surface = shape_triangles(visual.shape)
     return surface.moved(visual.T_link_visual)
-
-
-@lru_cache(maxsize=_REMEMBERED)
-def _file_triangles(
-    path: Path, scale: tuple[float, float, float], max_faces: int, _state: tuple[str, int, int]
-) -> Triangles:
-    """Read a mesh file; a scale that mirrors it turns its triangles round."""
-    mesh = load_mesh(path)
-    mesh.merge_vertices(merge_tex=True, merge_norm=True)
-    faces = np.array(mesh.faces)
-    faces = faces[:, ::-1] if np.prod(scale) < 0.0 else faces
-    return simplified(Triangles(np.array(mesh.vertices) * np.array(scale), faces), max_faces)

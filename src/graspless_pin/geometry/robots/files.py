@@ -13,7 +13,7 @@ from example_robot_data import (  # pyright: ignore[reportMissingImports]
 )
 
 from graspless_pin.errors import ArgumentError, RobotError
-from graspless_pin.geometry.robots.description import FingerSpec, LinkMeshes, RobotDescription
+from graspless_pin.geometry.robots.description import LinkMeshes, RobotDescription
 from graspless_pin.geometry.robots.robot_schema import read_robot_file
 from graspless_pin.intake.files import is_file
 
@@ -70,10 +70,6 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
         raise RobotError(f"unknown robot {text!r}; {_similar(text, robot_names())}")
     entry = read_robot_file(file)
     efforts = entry.effort_limits
-    fingers = {
-        finger: FingerSpec(tuple(spec.joints), tuple(spec.links), spec.tip)
-        for finger, spec in entry.fingers.items()
-    }
     if entry.model is not None:
         try:
             base = describe_model(entry.model)
@@ -87,7 +83,7 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
         package_dirs=base.package_dirs,
         root_link=entry.root_link,
         palms=(entry.palm,) if isinstance(entry.palm, str) else tuple(entry.palm),
-        fingers=fingers,
+        fingers={name: item.spec() for name, item in entry.fingers.items()},
         couplings=tuple(item.coupling(joint) for joint, item in entry.couplings.items()),
         tendons={name: item.moment_arms for name, item in entry.tendons.items()},
         effort_limits={name: e.limit for name, e in efforts.items() if e.limit is not None},

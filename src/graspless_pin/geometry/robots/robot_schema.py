@@ -11,7 +11,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from graspless_pin.errors import RobotError
 from graspless_pin.geometry.bodies.decomposition import DEFAULT_CONCAVITY, DEFAULT_TIME_LIMIT
-from graspless_pin.geometry.robots.description import JointCoupling
+from graspless_pin.geometry.robots.description import FingerSpec, JointCoupling
 from graspless_pin.intake.fields import (
     ByName,
     Entry,
@@ -37,6 +37,10 @@ class FingerEntry(Entry):
     joints: Many[Name] = Field(min_length=1)
     links: Many[Name] = []
     tip: Name | None = None
+
+    def spec(self) -> FingerSpec:
+        """Return the finger as a record."""
+        return FingerSpec(tuple(self.joints), tuple(self.links), self.tip)
 
 
 class EffortEntry(Entry):

@@ -2,21 +2,45 @@
 
 from __future__ import annotations
 
+import html
+import io
+import re
 from collections import Counter
-from typing import Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from graspless_pin.algorithms.force_bounds import ContactForceBounds
 from graspless_pin.plots import friction_section, normal_force_ranges, torque_bars
 from graspless_pin.report.html.case import Case
-from graspless_pin.report.html.figures import inline_svg
 from graspless_pin.report.verify import verify_document
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.utilization import contact_state, friction_use, limit_shares
-from graspless_pin.visualization import Picture, Role
+from graspless_pin.visualization import LIGHT, Picture, Role
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _SIGNS = {-1: "−", 0: "0 ", 1: "+"}
+_STYLE: dict[Any, Any] = {
+    "svg.fonttype": "none",
+    "font.size": 9.0,
+    "font.family": "sans-serif",
+    "mathtext.fontset": "dejavusans",
+    "figure.facecolor": "none",
+    "axes.facecolor": "none",
+    "legend.facecolor": "none",
+    "legend.edgecolor": "none",
+    "legend.framealpha": 1.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    **dict.fromkeys(
+        ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color"),
+        LIGHT.text,
+    ),
+}
+_NO_METADATA = dict.fromkeys(("Creator", "Date", "Format", "Type"))
 _SECTION_SIZE = (2.5, 2.75)
 
 
@@ -77,7 +101,7 @@ def torque_figure(solution: TorqueSolution) -> str:
         "every figure."
     )
     size = (7.0, 0.9 + 0.24 * problem.joint_count)
-    return inline_svg("torques", alt, size, lambda ax: torque_bars(solution, ax))
+    return _inline_svg("torques", alt, size, lambda ax: torque_bars(solution, ax))
 
 
 def friction_figures(solution: TorqueSolution) -> list[str]:
@@ -95,10 +119,10 @@ def friction_figures(solution: TorqueSolution) -> list[str]:
             f"{problem.friction[contact] * normal:.4g} N."
         )
 
-        def draw(ax: Any, contact: int = contact) -> None:
+        def draw(ax: Axes, contact: int = contact) -> None:
             friction_section(solution, contact, ax)
 
-        figures.append(inline_svg(f"friction-{contact}", alt, _SECTION_SIZE, draw))
+        figures.append(_inline_svg(f"friction-{contact}", alt, _SECTION_SIZE, draw))
     return figures
 
 
@@ -120,7 +144,7 @@ def range_figure(bounds: ContactForceBounds, solution: TorqueSolution) -> str:
         "are not determined by the torques. The table has every figure."
     )
     size = (7.0, 0.9 + 0.28 * len(bounds.lower))
-    return inline_svg("ranges", alt, size, lambda ax: normal_force_ranges(bounds, solution, ax))
+    return _inline_svg("ranges", alt, size, lambda ax: normal_force_ranges(bounds, solution, ax))
 
 
 def check_rows(document: dict[str, Any]) -> list[dict[str, str]]:
@@ -159,3 +183,43 @@ def _slides(solution: TorqueSolution, contact: int) -> str:
         return "none"
     first, second = (_SIGNS[int(sign)] for sign in mode.signs[contact])
     return f"{first}t1, {second}t2"
+
+
+def _inline_svg(
+    name: str, alt: str, size: tuple[float, float], draw: Callable[[Axes], object]
+) -> str:
+    """Return a plot as an SVG element with a text in its stead for those who do not see it.
+
+    Args:
+        name: Prefix of all ids, unique in the page.
+        alt: What the plot shows, in words.
+        size: Width and height, inches; the page may shrink it.
+        draw: Draws on the axes that it is given.
+    """
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
+    with rc_context(_STYLE):
+        figure = Figure(figsize=size, layout="constrained")
+        draw(figure.add_subplot())
+        buffer = io.StringIO()
+        figure.savefig(buffer, format="svg", metadata=_NO_METADATA)
+    svg = buffer.getvalue()
+    svg = svg[svg.index("<svg") :]
+    svg = re.sub(r'\bid="', f'id="{name}-', svg)
+    svg = re.sub(r'href="#', f'href="#{name}-', svg)
+    svg = re.sub(r"url\(#", f"url(#{name}-", svg)
+    for role, color in LIGHT.roles.items():
+        if color != LIGHT.text:
+            svg = svg.replace(color, f"var(--{role})")
+    svg = svg.replace(LIGHT.text, "currentColor")
+    width = f"{72.0 * size[0]:.0f}pt"
+    box = re.search(r'viewBox="[^"]*"', svg)
+    if box is None:  # pragma: no cover - matplotlib always writes one
+        raise ValueError("an SVG without a viewBox")
+    title = f'<title id="{name}-title">{html.escape(alt)}</title>'
+    start = (
+        f'<svg {box[0]} role="img" aria-labelledby="{name}-title" style="max-width: {width}" '
+        f'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink">{title}'
+    )
+    return start + svg[svg.index(">") + 1 :]
