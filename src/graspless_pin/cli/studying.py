@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -54,17 +54,12 @@ def study(
             output.parent.mkdir(parents=True, exist_ok=True)
         begin = time.monotonic()
         try:
-            if dask is None:
+            elsewhere = nullcontext((None, None)) if dask is None else dask_executor(dask)
+            with elsewhere as (executor, threads):
                 table = run_study(
-                    loaded, output, workers=workers, progress=progress, overwrite=overwrite,
-                    fresh=fresh,
+                    loaded, output, executor=executor, workers=workers or threads,
+                    progress=progress, overwrite=overwrite, fresh=fresh,
                 )  # fmt: skip
-            else:
-                with dask_executor(dask) as (executor, threads):
-                    table = run_study(
-                        loaded, output, executor=executor, workers=workers or threads,
-                        progress=progress, overwrite=overwrite, fresh=fresh,
-                    )  # fmt: skip
         except KeyboardInterrupt:
             typer.echo("interrupted; run the same command again to go on", err=True)
             raise typer.Exit(INTERRUPTED) from None

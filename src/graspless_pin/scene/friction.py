@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cache
 
 import numpy as np
 
@@ -56,8 +57,7 @@ class FrictionTable:
         self._hand_material = hand_material
         self._object_material = object_material
         self._materials = materials
-        self._on_hand: dict[str, float] = {}
-        self._on_supports: dict[str, float] = {}
+        self._once = cache(self.coefficient)
         self._last: tuple[tuple[str, ...], int, FloatArray] = (), 0, np.empty(0)
 
     def coefficients(self, touching: ContactArrays) -> FloatArray:
@@ -70,17 +70,9 @@ class FrictionTable:
         last_bodies, last_count, last = self._last
         if last_count == count and last_bodies == touching.bodies:
             return last
-        on_hand, on_supports = self._on_hand, self._on_supports
         bodies = touching.bodies
-        try:
-            values = [on_hand[body] for body in bodies[:count]]
-            values += [on_supports[body] for body in bodies[count:]]
-        except KeyError:
-            for body in bodies[:count]:
-                on_hand[body] = self.coefficient("hand", body)
-            for body in bodies[count:]:
-                on_supports[body] = self.coefficient("supports", body)
-            return self.coefficients(touching)
+        values = [self._once("hand", body) for body in bodies[:count]]
+        values += [self._once("supports", body) for body in bodies[count:]]
         coefficients = read_only(np.array(values, dtype=np.float64))
         self._last = bodies, count, coefficients
         return coefficients

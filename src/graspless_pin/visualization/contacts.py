@@ -5,17 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array
-from graspless_pin.problem.cones import cone_edges_local
+from graspless_pin.problem.cones import cone_edges_local, default_tangents
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.utilization import contact_state
 from graspless_pin.visualization.looking import look_across, up_against
 from graspless_pin.visualization.picture import Mesh, Picture, Role
-from graspless_pin.visualization.solids import Surface, arrow, ball, pyramid
 
 # Lengths as shares of the size of the object.
 _LONGEST_FORCE = 0.9
@@ -26,6 +25,10 @@ _SHAFT = 0.02
 # The tangential forces of frictionless contacts are rounding.
 _NO_FORCE = 1e-6
 _CONE_OPACITY = 0.4
+_SECTIONS = 12  # of an arrow's circles
+_BALL_RINGS = 6
+_Surface = tuple[FloatArray, NDArray[np.int64]]
+"""(V, 3) vertices and (F, 3) faces."""
 
 
 def draw_contacts(
@@ -67,7 +70,7 @@ def contact_meshes(
     """Return the meshes of `draw_contacts`."""
     points = problem.positions + origin
     meshes = [
-        _mesh(Role.CONTACT, index, ball(point, _BALL * size)) for index, point in enumerate(points)
+        _mesh(Role.CONTACT, index, _ball(point, _BALL * size)) for index, point in enumerate(points)
     ]
     meshes += _cones(problem, points, _CONE_HEIGHT * size)
     meshes += _velocities(Role.SLIDING, problem.sliding, points, size)
@@ -111,7 +114,7 @@ def _cones(problem: QuasistaticProblem, points: FloatArray, height: float) -> It
         edges = stretch * (frame @ local).T
         if np.linalg.det(frame) < 0.0:  # edges run the other way round
             edges = edges[::-1]
-        yield _mesh(Role.CONE, index, pyramid(points[index], edges), _CONE_OPACITY)
+        yield _mesh(Role.CONE, index, _pyramid(points[index], edges), _CONE_OPACITY)
 
 
 def _forces(
@@ -133,7 +136,7 @@ def _forces(
         for role, force in parts.items():
             if scale > 0.0 and np.linalg.norm(force) > seen:
                 slim = 0.5 * radius if role is Role.TOTAL_FORCE else radius
-                yield _mesh(role, index, arrow(point, scale * force, slim))
+                yield _mesh(role, index, _arrow(point, scale * force, slim))
 
 
 def _velocities(
@@ -145,9 +148,73 @@ def _velocities(
     for index in np.flatnonzero(speeds > 1e-9 * fastest).tolist():
         share = max(0.5, speeds[index] / fastest)
         along = share * _SLIDING_ARROW * size * velocities[index] / speeds[index]
-        yield _mesh(role, index, arrow(points[index], along, 0.8 * _SHAFT * size))
+        yield _mesh(role, index, _arrow(points[index], along, 0.8 * _SHAFT * size))
 
 
-def _mesh(role: Role, contact: int, surface: Surface, opacity: float = 1.0) -> Mesh:
+def _mesh(role: Role, contact: int, surface: _Surface, opacity: float = 1.0) -> Mesh:
     vertices, faces = surface
     return Mesh(f"{role}/{contact}", role, vertices, faces, opacity, contact)
+
+
+def _arrow(start: ArrayLike, along: ArrayLike, radius: float) -> _Surface:
+    """Return an arrow: a shaft and a head whose tip is at the end.
+
+    Args:
+        start: (3,) where it starts, m.
+        along: (3,) from its start to its tip, m; not zero.
+        radius: Radius of the shaft, m; the head is wider, and both are slimmer on a short arrow.
+    """
+    vector = np.asarray(along, dtype=float)
+    length = float(np.linalg.norm(vector))
+    shaft = min(radius, 0.12 * length)
+    head = min(5.0 * shaft, 0.45 * length)
+    profile = [(0.0, 0.0), (shaft, 0.0), (shaft, length - head), (2.2 * shaft, length - head)]
+    return _turned([*profile, (0.0, length)], start, vector / length)
+
+
+def _ball(center: ArrayLike, radius: float) -> _Surface:
+    """Return a ball about (3,) ``center``, m."""
+    angles = np.linspace(0.0, np.pi, _BALL_RINGS + 1)
+    profile = [(radius * np.sin(angle), -radius * np.cos(angle)) for angle in angles]
+    profile[0], profile[-1] = (0.0, -radius), (0.0, radius)
+    return _turned(profile, center, np.array([0.0, 0.0, 1.0]))
+
+
+def _pyramid(apex: ArrayLike, edges: FloatArray) -> _Surface:
+    """Return the cone between an apex and the ends of its edges.
+
+    Args:
+        apex: (3,) m.
+        edges: (r, 3) from the apex to the corners of the base, m, in the order that turns
+            right-handed about the axis from the apex to the base.
+    """
+    tip = np.asarray(apex, dtype=float)
+    count = len(edges)
+    vertices = np.vstack([tip, tip + edges, tip + edges.mean(axis=0)])
+    here = np.arange(1, count + 1)
+    following = np.roll(here, -1)
+    sides = np.column_stack([np.zeros(count, dtype=int), following, here])
+    base = np.column_stack([np.full(count, count + 1), here, following])
+    return vertices, np.vstack([sides, base]).astype(np.int64)
+
+
+def _turned(profile: list[tuple[float, float]], start: ArrayLike, axis: FloatArray) -> _Surface:
+    """Turn a profile of (radius, height) about an axis; it begins and ends on the axis."""
+    t1, t2 = default_tangents(axis[None])[0].T
+    origin = np.asarray(start, dtype=float)
+    angles = 2.0 * np.pi * np.arange(_SECTIONS) / _SECTIONS
+    circle = np.cos(angles)[:, None] * t1 + np.sin(angles)[:, None] * t2
+    rings = [radius * circle + height * axis for radius, height in profile[1:-1]]
+    ends = [profile[0][1] * axis, profile[-1][1] * axis]
+    vertices = origin + np.vstack([ends[0], *rings, ends[1]])
+    here = np.arange(_SECTIONS)
+    following = np.roll(here, -1)
+    last = len(vertices) - 1
+    faces = [np.column_stack([np.zeros_like(here), 1 + following, 1 + here])]
+    for ring in range(len(rings) - 1):
+        low, high = 1 + ring * _SECTIONS, 1 + (ring + 1) * _SECTIONS
+        faces.append(np.column_stack([low + here, low + following, high + following]))
+        faces.append(np.column_stack([low + here, high + following, high + here]))
+    top = last - _SECTIONS
+    faces.append(np.column_stack([top + here, top + following, np.full_like(here, last)]))
+    return vertices, np.vstack(faces).astype(np.int64)

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.errors import ArgumentError, JointLimitError
 from graspless_pin.geometry.hand.tree import FOLLOWER_TOLERANCE, KinematicTree, unknown_name
-from graspless_pin.geometry.poses import finite_numbers
 from graspless_pin.problem.checks import in_order
 
 
@@ -67,7 +66,10 @@ def independent_positions(tree: KinematicTree, values: ArrayLike) -> NDArray[np.
     """
     coupling = tree.coupling
     count = len(coupling.leaders)
-    positions = finite_numbers("positions", values)
+    try:
+        positions = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ArgumentError("positions", f"needs numbers, got {values!r:.200}") from error
     if positions.shape != (count,):
         raise ArgumentError(
             "positions",

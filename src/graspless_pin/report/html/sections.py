@@ -7,6 +7,7 @@ import io
 import re
 from collections import Counter
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -118,10 +119,7 @@ def friction_figures(solution: TorqueSolution) -> list[str]:
             f"({along[0]:.4g}, {along[1]:.4g}) N along t1 and t2, in a cone of radius "
             f"{problem.friction[contact] * normal:.4g} N."
         )
-
-        def draw(ax: Axes, contact: int = contact) -> None:
-            friction_section(solution, contact, ax)
-
+        draw = partial(friction_section, solution, contact)
         figures.append(_inline_svg(f"friction-{contact}", alt, _SECTION_SIZE, draw))
     return figures
 
