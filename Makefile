@@ -9,10 +9,11 @@ export PIP_CONSTRAINT := constraints.txt
 export PIP_BUILD_CONSTRAINT := $(PIP_CONSTRAINT)
 
 SCALES ?= --count 2000 --jobs 2
+ROUND_CONES ?= --count 300
 TAMPERING ?= 1000
 FUZZ ?= --count 2000 --seed 1
 
-.PHONY: install run test lint types docs bench mutants mutants-of-loops scales tampering fuzz clean
+.PHONY: install run test lint types docs bench mutants mutants-of-loops scales round-cones tampering fuzz clean
 
 install: $(STAMP)
 
@@ -49,6 +50,9 @@ bench: install
 
 scales: install
 	$(BIN)/python -m tests.oracles.scales $(SCALES)
+
+round-cones: install
+	$(BIN)/python -m tests.oracles.round_cones $(ROUND_CONES)
 
 tampering: install
 	$(BIN)/python tests/verify/tampering.py $(TAMPERING)

@@ -3,13 +3,14 @@
 import argparse
 import time
 
-from benchmarks import geometry, planning, searches, studies
+from benchmarks import cones, geometry, planning, searches, studies
 
 # Each section is a function without arguments that returns markdown.
 SECTIONS = {
     "paper": searches.paper_scenes,
     "random": searches.random_scenes,
     "rivals": searches.rivals,
+    "cones": cones.round_cones,
     "geometry": geometry.scene_problem,
     "planning": planning.evaluator,
     "studies": studies.cuboid_study,

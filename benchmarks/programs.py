@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import Any
 
+import clarabel
 import numpy as np
 import piqp
+from scipy.sparse import csc_array
 
 from graspless_pin import QuasistaticProblem
 from graspless_pin.algorithms.formulation import formulate
@@ -35,6 +38,35 @@ def bare_solve(program: Program) -> None:
         program.u,
     )  # the margin program imposes no bound on a single variable
     engine.solve()
+
+
+def bare_round_solve(program: Program) -> None:
+    """One Clarabel solve of a program with round cones, set-up included, with default settings."""
+    solver: Any = clarabel
+    solver.DefaultSolver(*_conic_form(program), _quiet()).solve()
+
+
+@lru_cache(maxsize=8)
+def _conic_form(program: Program) -> tuple[Any, ...]:
+    """What Clarabel is given, made in the first round alone."""
+    library: Any = clarabel
+    m, n, flat = len(program.b), len(program.c), program.flat_count
+    up, down = np.isfinite(program.u[:flat]), np.isfinite(program.l[:flat])
+    G, cones = program.G[:flat], program.G[flat:]
+    rows = np.vstack([program.A, G[up], -G[down], -cones])
+    sides = np.concatenate([program.b, program.u[:flat][up], -program.l[:flat][down],
+                            -program.l[flat:]])  # fmt: skip
+    kinds = [library.ZeroConeT(m), library.NonnegativeConeT(len(rows) - m - len(cones))]
+    kinds += [library.SecondOrderConeT(3)] * program.cone_count
+    return csc_array((n, n)), program.c, csc_array(rows), sides, kinds
+
+
+@lru_cache(maxsize=1)
+def _quiet() -> Any:
+    library: Any = clarabel
+    settings = library.DefaultSettings()
+    settings.verbose = False
+    return settings
 
 
 @lru_cache(maxsize=8)

@@ -75,7 +75,7 @@ CASES = {
     "cone edges": (
         FRICTION,
         "friction: 0.3\ncone_edges: 100000",
-        "3: cone_edges: found 100000; needs a whole number >= 3, at most 360",
+        "3: cone_edges: found 100000; needs a whole number >= 3, at most 1024",
     ),
     "points": (
         FRICTION,

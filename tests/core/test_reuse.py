@@ -244,7 +244,7 @@ def assert_rows_hold(problem: QuasistaticProblem, rng: np.random.Generator) -> N
         scale * (rows.balance @ x) / rows.weight, problem.W @ forces, atol=1e-9 * scale
     )
     along_faces = (problem.H.T @ forces)[np.diag(problem.D_star) == 0.0]
-    np.testing.assert_allclose(scale * (rows.faces @ x), along_faces, atol=1e-9 * scale)
+    np.testing.assert_allclose(scale * (rows.cones.rows @ x), along_faces, atol=1e-9 * scale)
     normal = np.einsum("ij,ij->i", problem.normals, forces.reshape(-1, 3))
     np.testing.assert_allclose(scale * (rows.normal @ x), normal, atol=1e-9 * scale)
 

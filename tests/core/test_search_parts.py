@@ -8,6 +8,7 @@ from scenes import random_problem, scene, structured_arguments
 
 from graspless_pin import QuasistaticProblem, Status, maximize_margin
 from graspless_pin.algorithms import branch_and_bound as searching
+from graspless_pin.algorithms import search
 from graspless_pin.algorithms.branch_and_bound import _Node, _resolving, branch_and_bound
 from graspless_pin.algorithms.formulation import formulate
 from graspless_pin.algorithms.mode_oracle import ModeOracle
@@ -77,7 +78,7 @@ def test_what_a_failed_node_may_hold_stays_in_the_bound(index, monkeypatch):
 
         def solve(state, lb, ub, number=number, calls=calls):
             if next(calls) == number:
-                state.unproven = True
+                state.unproven_bound = -np.inf
                 return failed(-np.inf)
             return honest(state, lb, ub)
 
@@ -91,6 +92,17 @@ def test_what_a_failed_node_may_hold_stays_in_the_bound(index, monkeypatch):
         assert (result.status is Status.OPTIMAL) == (not failed_there)
         if result.state.best is not None:
             assert -result.state.best.value * problem.scales.force <= best.margin + 1e-6
+
+
+@pytest.mark.parametrize(("below", "proven"), [(-1e-3, False), (1e-3, True)])
+def test_a_program_without_an_answer_counts_by_its_bound(below, proven):
+    """Where what is proven of it is no better than the best, nothing is left open."""
+    state = state_of(SPLIT[0])
+    best = branch_and_bound(state).state.best_value
+    assert not state.unproven
+    state.unproven_bound = best + below
+    assert state.unproven is not proven
+    assert (search.finished(state).status is Status.OPTIMAL) == proven
 
 
 def admitted(decisions: Decisions, mode: tuple[tuple[int, int] | None, ...]) -> bool:

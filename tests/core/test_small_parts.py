@@ -21,6 +21,7 @@ from graspless_pin.problem.arguments import _checked_tangents
 from graspless_pin.problem.own_arrays import problem_of_own_arrays
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.programs.program import FARTHEST, Program
+from graspless_pin.programs.reductions import near_multipliers, without_fixed
 
 RULES = Rules.parse()
 
@@ -79,16 +80,16 @@ def test_only_multipliers_of_far_sides_are_left_out():
     far = 2.0 * FARTHEST
     one = program([-far, -1.0, -far, -1.0], [far, 1.0, 1.0, far], [(-1, 1)])
     for sign, kept in ((1.0, [0, 1, 1, 0]), (-1.0, [0, 1, 0, 1])):
-        near = one.near_multipliers(np.full(4, sign))
+        near = near_multipliers(one, np.full(4, sign))
         np.testing.assert_array_equal(near, sign * np.array(kept))
 
 
 def test_only_variables_that_are_fixed_at_zero_are_dropped():
     one = program([0.0], [1.0], [(0, 0), (0, 1), (-1, 0), (1, 1), (-1, -1), (0, 2)])
-    _, kept = one.without_fixed()
+    _, kept = without_fixed(one)
     assert kept is not None
     np.testing.assert_array_equal(kept, [False, True, True, True, True, True])
-    assert program([0.0], [1.0], [(0, 1), (1, 1)]).without_fixed()[1] is None
+    assert without_fixed(program([0.0], [1.0], [(0, 1), (1, 1)]))[1] is None
 
 
 @pytest.mark.parametrize(("slowest", "slow"), [(0.99e-5, True), (1.01e-5, False), (1.0, False)])

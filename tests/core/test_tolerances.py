@@ -9,7 +9,8 @@ from graspless_pin.programs import answers
 from graspless_pin.programs.active_set import active_set_of, solved_on
 from graspless_pin.programs.answers import checked_answer, failed, proven
 from graspless_pin.programs.polish import polished
-from graspless_pin.programs.program import FARTHEST, UNREACHED, Program
+from graspless_pin.programs.program import FARTHEST, Program
+from graspless_pin.programs.reductions import UNREACHED, opened
 from graspless_pin.solvers import Outcome
 
 NONE = np.zeros(0)
@@ -115,10 +116,10 @@ def test_what_is_small_already_is_not_shrunk():
 def test_limits_that_no_double_resolves_are_kept_from_solvers():
     near, far = 0.9e8, 1.1e8
     one = program(rows=((1.0, -far, near), (1.0, -near, far), (1.0, -far, far)), bounds=(-far, far))
-    opened = one.opened()
-    np.testing.assert_array_equal(opened.l, [-np.inf, -near, -np.inf])
-    np.testing.assert_array_equal(opened.u, [near, np.inf, UNREACHED])
-    assert (opened.lb[0], opened.ub[0]) == (-np.inf, np.inf)
+    easier = opened(one)
+    np.testing.assert_array_equal(easier.l, [-np.inf, -near, -np.inf])
+    np.testing.assert_array_equal(easier.u, [near, np.inf, UNREACHED])
+    assert (easier.lb[0], easier.ub[0]) == (-np.inf, np.inf)
     # A thousand variables stay below it that are as large as proofs reach, and beside it solvers
     # still see the load.
     assert UNREACHED >= 1e3 * FARTHEST

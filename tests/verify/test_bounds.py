@@ -8,7 +8,8 @@ from scenes import scene  # pyright: ignore[reportMissingImports] - tests/core, 
 from verified_documents import documented
 
 from graspless_pin import QuasistaticProblem, maximize_margin, minimize_torque
-from graspless_pin.report.verify.bounds import StatedMultipliers, proven_bound, stated_multipliers
+from graspless_pin.report.verify.bounds import proven_bound
+from graspless_pin.report.verify.multipliers import StatedMultipliers, stated_multipliers
 from graspless_pin.report.verify.reading import read_forces, read_problem
 
 COULOMB = {

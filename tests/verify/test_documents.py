@@ -19,6 +19,7 @@ from graspless_pin.report.verify import verify_document
 STATUS = {
     "in a mode": "optimal_in_mode",
     "infeasible forces": "infeasible_forces",
+    "round infeasible forces": "infeasible_forces",
     "infeasible margin": "infeasible_forces",
     "infeasible shares": "infeasible_forces",
     "infeasible modes": "infeasible_modes",

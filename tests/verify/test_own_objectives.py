@@ -12,7 +12,8 @@ from graspless_pin import Objective, ProgramBuilder, maximize_margin, minimize_t
 from graspless_pin.errors import ArgumentError
 from graspless_pin.report.reading import read_solution
 from graspless_pin.report.verify import verify_document
-from graspless_pin.report.verify.bounds import column_box, proven_bound, stated_multipliers
+from graspless_pin.report.verify.bounds import column_box, proven_bound
+from graspless_pin.report.verify.multipliers import stated_multipliers
 from graspless_pin.report.verify.reading import read_forces, read_problem
 
 LIMITED = {"torque_limits": ([-3.0, -7.0], [2.0, 11.0]), "gravity_torques": [0.4, -0.2]}

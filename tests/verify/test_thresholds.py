@@ -31,7 +31,7 @@ def turned(problem: Problem, forces: Forces, size: float) -> Problem:
 
 def wider(problem: Problem, forces: Forces, size: float) -> Problem:
     """Friction that is so small that one contact is outside its cone by so much."""
-    contact = int(np.argmax([(problem.faces(c) @ forces.local[c]).max() for c in range(6)]))
+    contact = int(np.argmax(np.linalg.norm(forces.local[:, 1:], axis=1)))
     low, high = 0.0, float(problem.mu[contact])
     for _ in range(80):
         middle = (low + high) / 2.0

@@ -42,6 +42,7 @@ def scaled(problem: QuasistaticProblem, force: float, length: float) -> Quasista
         torque_limits=(problem.lower_torque * torque, problem.upper_torque * torque),
         max_normal_force=problem.max_normal_force * force,
         cone_edges=problem.cone_edges,
+        cone=problem.cone,
         gravity_torques=problem.gravity_torques * torque,
     )
 
@@ -114,6 +115,14 @@ SOLUTIONS = {
     "infeasible modes": lambda: maximize_margin(scene("up"), sliding_rule="constrained"),
     "infeasible modes torque": lambda: minimize_torque(scene("down"), sliding_rule="constrained"),
     "infeasible in a mode": lambda: minimize_torque(scene("rest"), mode=_none()),
+    "round margin": lambda: maximize_margin(scene("up").with_changes(cone="round")),
+    "round tree": lambda: minimize_torque(scene("rest").with_changes(cone="round")),
+    "round shares": lambda: minimize_torque(
+        scene("rest").with_changes(cone="round"), scale="limits", regularization=1e-3
+    ),
+    "round infeasible forces": lambda: minimize_torque(
+        scene("rest").with_changes(cone="round"), 40.0
+    ),
     "infeasible mode": lambda: minimize_torque(scene("rest"), mode=_apart()),
 }  # fmt: skip
 """A solution of each kind."""

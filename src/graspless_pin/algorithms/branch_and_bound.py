@@ -90,7 +90,7 @@ def branch_and_bound(state: SearchState, limits: Limits = NO_LIMITS) -> SearchRe
         answer = state.solve(node.lb, node.ub)
         state.nodes += 1
         if answer.outcome is Outcome.FAILED:
-            left = min(left, bound)
+            left = min(left, max(bound, answer.bound))
             continue
         if answer.outcome is not Outcome.SOLVED or state.closed(answer.bound):
             left = min(left, answer.bound)

@@ -9,6 +9,7 @@ them.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -69,6 +70,20 @@ class _Point(NamedTuple):
     y: FloatArray
     z: FloatArray
     reduced: FloatArray
+
+
+class _Active(NamedTuple):
+    """What is active at an optimum.
+
+    Attributes:
+        held: (p, k) combinations of the rows of G that all optimal forces have in common.
+        given: (d, k) those that have a multiplier.
+        bounds: Columns at a bound that has one.
+    """
+
+    held: FloatArray
+    given: FloatArray
+    bounds: NDArray[np.int_]
 
 
 class OptimalSet:
@@ -133,18 +148,27 @@ class OptimalSet:
         return edges
 
     @cached_property
-    def _active(self) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-        """Rows of G and bounds that have a multiplier."""
+    def _active(self) -> _Active:
+        """What has a multiplier."""
         program, (x, _, z, reduced) = self._formulation.program, self._own
-        values = program.G @ x
+        values, flat, k = program.G @ x, program.flat_count, len(program.G)
         slack = np.where(z > 0.0, program.u - values, values - program.l)
-        return np.flatnonzero(np.abs(z) > slack), np.flatnonzero(np.abs(reduced) > _HELD)
+        rows = np.flatnonzero(np.abs(z[:flat]) > slack[:flat])
+        held, given = [np.eye(k)[rows]], [np.eye(k)[rows]]
+        for first in range(flat, k, 3):
+            at = slice(first, first + 3)
+            planes = _active_planes(values[at] - program.l[at], -z[at])
+            for parts, own in zip((held, given), planes, strict=True):
+                spread = np.zeros((len(own), k))
+                spread[:, at] = own
+                parts.append(spread)
+        return _Active(np.vstack(held), np.vstack(given), np.flatnonzero(np.abs(reduced) > _HELD))
 
     @cached_property
     def _open_forces(self) -> FloatArray:
         """(d, n) directions in which x stays optimal."""
-        program, (rows, bounds) = self._formulation.program, self._active
-        fixed = np.vstack([program.A, program.G[rows], np.eye(len(program.c))[bounds]])
+        program, (held, _, bounds) = self._formulation.program, self._active
+        fixed = np.vstack([program.A, held @ program.G, np.eye(len(program.c))[bounds]])
         return null_space(fixed, rcond=_RANK).T
 
     def _open_multipliers(self) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -152,18 +176,18 @@ class OptimalSet:
 
         A sign of the mode that friction is about to change has a multiplier of its own.
         """
-        program, (rows, bounds) = self._formulation.program, self._active
+        program, (_, given, bounds) = self._formulation.program, self._active
         contacts = list(self._formulation.cone_contacts)
         edges = self._formulation.cone_columns[0][self.mode_edges[contacts]]
         bounds = np.concatenate([bounds, edges])
         first, size = len(program.A), len(program.c)
         dual = null_space(
-            np.vstack([program.A, program.G[rows], np.eye(size)[bounds]]).T, rcond=_RANK
+            np.vstack([program.A, given @ program.G, np.eye(size)[bounds]]).T, rcond=_RANK
         ).T
-        of_rows, of_costs = np.zeros((len(dual), len(program.G))), np.zeros((len(dual), size))
-        of_rows[:, rows] = dual[:, first : first + len(rows)]
+        of_costs = np.zeros((len(dual), size))
+        of_rows = dual[:, first : first + len(given)] @ given
         # A reduced cost is what the rows add up to; a bound's own multiplier is minus that.
-        of_costs[:, bounds] = -dual[:, first + len(rows) :]
+        of_costs[:, bounds] = -dual[:, first + len(given) :]
         return dual[:, :first], of_rows, of_costs
 
     def _in_units(self, point: _Point) -> OptimalPoint:
@@ -175,6 +199,29 @@ class OptimalSet:
         )
         value = formulation.unit * formulation.program.value(x)
         return OptimalPoint(formulation.coordinates.forces(x), value, found)
+
+
+def _active_planes(inside: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return what holds of an entry of a second-order cone in all optima, and what has multipliers.
+
+    On the cone's surface the entry may only change along its own ray, and its multiplier along the
+    ray of the normal there; at the apex neither has a direction.
+
+    Args:
+        inside: (3,) the entry, in the cone.
+        weights: (3,) its multiplier, in the cone, too.
+
+    Returns:
+        (p, 3) and (d, 3) combinations of the cone's three rows.
+    """
+    rubbing, pull = math.hypot(*inside[1:]), math.hypot(*weights[1:])
+    if weights[0] <= inside[0] - rubbing:
+        return np.zeros((0, 3)), np.zeros((0, 3))
+    if rubbing <= weights[0] - pull:
+        return np.eye(3), np.eye(3)
+    x, y = inside[1:] / rubbing
+    planes = np.array([[1.0, -x, -y], [0.0, -y, x]])
+    return planes, planes[:1]
 
 
 def _positive_together(rows: FloatArray) -> NDArray[np.bool_]:

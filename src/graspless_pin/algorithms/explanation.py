@@ -25,7 +25,7 @@ from graspless_pin.programs.analysis_objectives import Elastic
 from graspless_pin.programs.forces import ForceCoordinates
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.solution import Status, TorqueSolution, checked_solution
-from graspless_pin.solvers import Outcome
+from graspless_pin.solvers import ANY_SOLVER, Outcome
 
 _ROOM = 1.0 + 1e-6
 """A suggestion goes further by this, so that it is feasible and not just about to be."""
@@ -134,7 +134,7 @@ def _solved(
 def _conflicting_contacts(solution: TorqueSolution) -> tuple[int, ...]:
     """Contacts in the conflict of the relaxation's optimum."""
     formulation = formulate(solution.problem, solution.objective)
-    state = SearchState(formulation, solution.rules, "piqp")
+    state = SearchState(formulation, solution.rules, ANY_SOLVER)
     answer = state.relax()
     if answer.outcome is not Outcome.SOLVED:
         return ()
@@ -290,7 +290,7 @@ def _relief(
     """Return the smallest relief of one kind; None if it does not help."""
     objective = Elastic(solution.required_margin, joint, normal, wrench)
     formulation = formulated(solution.problem, objective)
-    state = SearchState(formulation, solution.rules, "piqp")
+    state = SearchState(formulation, solution.rules, ANY_SOLVER)
     # What was found before a motion could not be decided on helps all the same.
     with suppress(UndecidedMotionError):
         branch_and_bound(state)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from heapq import heapify, heappop, heappush
+from itertools import count
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +34,10 @@ _FARTHEST = 1e3
 _IS_RAY = 1e-6
 _NODES = (32, 128, 512, 2048, 8192, None)
 """Limits of the searches for a free ray, one after the other: any ray will do."""
+_SECTORS = 8
+_SECTOR_GAP = 1e-6
+"""How near the smallest distance from a round cone is found, over the load."""
+_NARROWEST = 1e-4
 _ENDED_EARLY = (Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT)
 
 
@@ -40,6 +46,21 @@ class Extreme(NamedTuple):
 
     value: float
     proven: bool
+
+
+class _Sector(NamedTuple):
+    """Directions of friction at a contact: from the angle less half the width to as much more."""
+
+    contact: int
+    angle: float
+    half: float
+
+
+class _Surface(NamedTuple):
+    """A plane: (n,) distance (N) of the coordinates from it; the sector that it stands for."""
+
+    distance: FloatArray
+    sector: _Sector | None = None
 
 
 class ForceExtremes:
@@ -117,27 +138,44 @@ class ForceExtremes:
     def smallest_margin(
         self, lower: FloatArray, upper: FloatArray, proven: NDArray[np.bool_]
     ) -> Extreme:
-        """Smallest distance to any face: the margin is the least of linear functions.
+        """Smallest distance to any face or round cone: the margin is the least of linear functions.
 
-        Faces that the bounds of the components keep farther away than the nearest face so far
-        need no search.
+        Those that the bounds of the components keep farther away than the nearest so far need no
+        search. Round cones are looked at sector by sector, to 1e-6 of the load.
         """
         margin, complete = float((self.problem.max_normal_force - upper[:, 0]).min()), True
-        force, rows = self.coordinates.force_scale, self.rows
-        distances = self._distances()
-        low, high = np.zeros(rows.size), np.zeros(rows.size)
+        low, high = np.zeros(self.rows.size), np.zeros(self.rows.size)
         cones = self.problem.has_cone
         sure = np.where(proven, lower, -np.inf), np.where(proven, upper, np.inf)
         for end, bounds in zip((low, high), sure, strict=True):
             end[self.coordinates.normal] = bounds[:, 0]
             end[self.coordinates.tangent[cones]] = bounds[cones, 1:]
-        at = np.where(distances > 0.0, low, np.where(distances < 0.0, high, 0.0))
-        least = (distances * at).sum(axis=1) / force
-        for index in np.argsort(least):
-            if least[index] >= margin:
+        force, order = self.coordinates.force_scale, count()
+
+        def entry(surface: _Surface, least: float) -> tuple[float, int, _Surface]:
+            distance = surface.distance
+            at = np.where(distance > 0.0, low, np.where(distance < 0.0, high, 0.0))
+            return max(float(distance @ at) / force, least), next(order), surface
+
+        queue = [entry(surface, -np.inf) for surface in self._surfaces()]
+        heapify(queue)
+        while queue:
+            least, _, surface = heappop(queue)
+            if least >= margin - (0.0 if surface.sector is None else _SECTOR_GAP * force):
                 break
-            nearest = self.largest(-distances[index], above=-margin)
-            margin, complete = -nearest.value, complete and nearest.proven
+            nearest = self.largest(-surface.distance, above=-margin)
+            complete = complete and nearest.proven
+            if surface.sector is None:
+                margin = -nearest.value
+                continue
+            # Forces inside the cone keep a distance of zero at least.
+            least = max(-nearest.value, least, 0.0)
+            margin = min([margin, *(self._margin(x) for x in self.reached[-1:])])
+            halves = self._halves(surface.sector)
+            if least < margin and not halves:
+                complete = False
+            for half in halves:
+                heappush(queue, entry(half, least))
         return Extreme(margin, complete and bool(proven[:, 0].all()))
 
     def largest_margin(self) -> Extreme:
@@ -152,16 +190,45 @@ class ForceExtremes:
                     return Extreme(-self.coordinates.force_scale * best.value, proven=True)
         return Extreme(max(self._margin(x) for x in self.reached), proven=False)
 
-    def _distances(self) -> FloatArray:
-        """(K, n) distances (N) of the coordinates to all faces but the normal-force limits'."""
-        rows = self.rows
-        return self.coordinates.force_scale * np.vstack([-rows.faces, rows.normal[rows.bare]])
+    def _surfaces(self) -> list[_Surface]:
+        """Return all that forces keep a distance from, but the normal-force limits."""
+        rows, force = self.rows, self.coordinates.force_scale
+        flat = list(force * rows.normal[rows.bare])
+        if not rows.cones.second_order:
+            return [_Surface(one) for one in [*(-force * rows.cones.rows), *flat]]
+        width = 2.0 * np.pi / _SECTORS
+        sectors = [
+            self._sector(_Sector(contact, width * (index + 0.5), width / 2.0))
+            for contact in self.coordinates.layout.cones.tolist()
+            for index in range(_SECTORS)
+        ]
+        return [*(_Surface(one) for one in flat), *sectors]
+
+    def _sector(self, sector: _Sector) -> _Surface:
+        """Return the plane that no force of a sector is nearer to than to its round cone.
+
+        There |f_t| <= c^T f_t / cos(half the width) with c along the sector's middle.
+        """
+        contact, angle, half = sector
+        mu = float(self.problem.friction[contact])
+        distance = np.zeros(self.rows.size)
+        distance[self.coordinates.normal[contact]] = mu
+        distance[self.coordinates.tangent[contact]] = -np.array(
+            [np.cos(angle), np.sin(angle)]
+        ) / np.cos(half)
+        return _Surface(self.coordinates.force_scale / np.sqrt(1.0 + mu**2) * distance, sector)
+
+    def _halves(self, sector: _Sector) -> list[_Surface]:
+        """Return the two halves of a sector, none of the narrowest."""
+        contact, angle, half = sector
+        if half < _NARROWEST:
+            return []
+        ways = (angle - half / 2.0, angle + half / 2.0)
+        return [self._sector(_Sector(contact, middle, half / 2.0)) for middle in ways]
 
     def _margin(self, x: FloatArray) -> float:
         """Return the margin of one set of forces, N."""
-        rows = self.rows
-        room = self.coordinates.force_scale * (rows.limit - rows.normal @ x)
-        return float(min(room.min(), (self._distances() @ x).min(initial=np.inf)))
+        return self.problem.margin_of(self.coordinates.forces(x))
 
     def _grows(self, c: FloatArray) -> bool:
         """Whether some mode holds a force and a ray along which -c grows."""

@@ -19,6 +19,8 @@ from graspless_pin.algorithms.dual_degeneracy import OptimalPoint, OptimalSet
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.problem.cones import face_directions, room_to_round
+from graspless_pin.programs.marginals import Marginals
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.renamed import former_names
 from graspless_pin.solution import TorqueSolution, checked_solution
@@ -172,7 +174,7 @@ def gradients_at(solution: TorqueSolution, at: OptimalPoint) -> Gradients:
     margin = 0.0
     if solution.algorithm is Algorithm.TORQUE:
         bare = at.of_contacts("normal_lower")[~problem.has_cone]
-        margin = float(found["faces"].sum() + normal_upper.sum() + bare.sum())
+        margin = float(_by_margin(problem, found).sum() + normal_upper.sum() + bare.sum())
     values = {
         "positions": np.cross(f, found["balance"][3:]),
         "normals": np.cross(np.cross(f, cost), problem.normals),
@@ -189,20 +191,39 @@ def gradients_at(solution: TorqueSolution, at: OptimalPoint) -> Gradients:
     return Gradients(**{name: read_only(sign * value) for name, value in values.items()})
 
 
+def _by_margin(problem: QuasistaticProblem, found: Marginals) -> FloatArray:
+    """Return what a unit of margin costs at the friction cones."""
+    if not problem.is_round:
+        return found["faces"]
+    return found["round_cones"][:, 0] * np.sqrt(1.0 + problem.friction**2)
+
+
 def _by_friction(problem: QuasistaticProblem, at: OptimalPoint, cost: FloatArray) -> FloatArray:
-    """(M,) a wider cone turns its faces; kinetic friction grows against the sliding."""
-    r = problem.cone_edges
-    angles = 2.0 * np.pi * (np.arange(r) + 0.5) / r
-    frames = np.concatenate([problem.normals[:, :, None], problem.tangents], axis=2)
-    local = np.einsum("mij,mi->mj", frames, at.forces)
-    around = local[:, 1:] @ np.stack([np.cos(angles), np.sin(angles)])
-    slope = problem.friction * np.cos(np.pi / r)
-    length = np.sqrt(1.0 + slope**2)
-    # h = (-s, cos, sin) / sqrt(1 + s^2), s = mu cos(pi / r)
-    turned = -local[:, :1] - (slope / length**2)[:, None] * (around - slope[:, None] * local[:, :1])
-    by_cone = np.cos(np.pi / r) / length * np.einsum("mk,mk->m", at.multipliers["faces"], turned)
+    """(M,) a wider cone moves its surface; kinetic friction grows against the sliding."""
+    local = np.einsum("mij,mi->mj", problem.frames, at.forces)
+    wider = _wider_round_cones if problem.is_round else _wider_pyramids
+    by_cone = wider(problem, at.multipliers, local)
     slide = problem.is_sliding
     speed = np.linalg.norm(problem.sliding, axis=1)
     unit = problem.sliding / np.where(slide, speed, 1.0)[:, None]
     by_sliding = -local[:, 0] * np.einsum("mi,mi->m", cost, unit)
     return np.where(slide, by_sliding, np.where(problem.has_cone, by_cone, 0.0))
+
+
+def _wider_round_cones(
+    problem: QuasistaticProblem, found: Marginals, local: FloatArray
+) -> FloatArray:
+    """(M,) of |f_t| <= mu f_n - sqrt(1 + mu^2) e; where it is active e is the distance to it."""
+    mu = problem.friction
+    turned = local[:, 0] - mu / np.sqrt(1.0 + mu**2) * room_to_round(local, mu)
+    return -found["round_cones"][:, 0] * turned
+
+
+def _wider_pyramids(problem: QuasistaticProblem, found: Marginals, local: FloatArray) -> FloatArray:
+    """(M,) of h^T f + e <= 0 with h = (-s, cos, sin) / sqrt(1 + s^2), s = mu cos(pi / r)."""
+    half = np.pi / problem.cone_edges
+    around = local[:, 1:] @ face_directions(problem.cone_edges)
+    slope = problem.friction * np.cos(half)
+    length = np.sqrt(1.0 + slope**2)
+    turned = -local[:, :1] - (slope / length**2)[:, None] * (around - slope[:, None] * local[:, :1])
+    return np.cos(half) / length * np.einsum("mk,mk->m", found["faces"], turned)

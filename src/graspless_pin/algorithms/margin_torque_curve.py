@@ -21,9 +21,9 @@ from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
 from graspless_pin.algorithms.torque import TorqueScale, torque_objective
 from graspless_pin.errors import ArgumentError, NoSolutionError
-from graspless_pin.modes.rules import SlidingMode, choice
+from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.problem import QuasistaticProblem, checked_problem
-from graspless_pin.problem.checks import FloatArray, finite_array, read_only
+from graspless_pin.problem.checks import FloatArray, choice, finite_array, read_only
 from graspless_pin.problem.joint_units import units_text
 from graspless_pin.programs.analysis_objectives import Tradeoff
 from graspless_pin.solution import Status

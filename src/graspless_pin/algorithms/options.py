@@ -12,10 +12,9 @@ from graspless_pin.modes.rules import (
     SignRule,
     SlidingRule,
     StaticFriction,
-    choice,
 )
-from graspless_pin.problem.checks import real_number, whole_number
-from graspless_pin.solvers import check_solver
+from graspless_pin.problem.checks import choice, real_number, whole_number
+from graspless_pin.solvers import ANY_SOLVER, check_solver
 
 
 class Search(StrEnum):
@@ -49,7 +48,7 @@ class SolveOptions:
     """
 
     rules: Rules = field(default_factory=Rules)
-    solver: str = "piqp"
+    solver: str = ANY_SOLVER
     search: Search = Search.AUTO
     node_limit: int | None = None
     time_limit: float | None = None
@@ -61,7 +60,7 @@ class SolveOptions:
         sign_rule: str = SignRule.STRICT,
         sliding_rule: str = SlidingRule.EXEMPT,
         static_friction: str = StaticFriction.VIRTUAL_SLIDING,
-        solver: str = "piqp",
+        solver: str = ANY_SOLVER,
         search: str = Search.AUTO,
         node_limit: int | None = None,
         time_limit: float | None = None,
@@ -72,7 +71,7 @@ class SolveOptions:
             sign_rule: ``strict``, ``exact`` or ``nonzero``: see `SignRule`.
             sliding_rule: ``exempt`` or ``constrained``: see `SlidingRule`.
             static_friction: ``virtual_sliding``, or ``coulomb`` to drop (22), (27) and (31).
-            solver: Any solver of `available_solvers`.
+            solver: Any of `available_solvers`; ``auto``: PIQP, and Clarabel for round cones.
             search: ``auto`` (branch and bound) or ``enumerate`` (all maximal modes).
             node_limit: Stop each search after so many nodes and return the best found with its
                 gap.

@@ -51,7 +51,7 @@ class SearchState:
         nodes: Nodes or modes looked at.
         modes_examined: Modes solved or ruled out one by one.
         force_programs: Programs in forces solved.
-        unproven: Whether a program was left without a checked answer.
+        unproven_bound: The lowest bound of programs that were left without a checked answer.
     """
 
     formulation: Formulation
@@ -68,7 +68,7 @@ class SearchState:
     nodes: int = 0
     modes_examined: int = 0
     force_programs: int = 0
-    unproven: bool = False
+    unproven_bound: float = np.inf
 
     def __post_init__(self) -> None:
         """Make the oracle."""
@@ -86,6 +86,11 @@ class SearchState:
         return known[key]
 
     @property
+    def unproven(self) -> bool:
+        """Whether a program without a checked answer may hold something better than the best."""
+        return self.unproven_bound < np.inf and not self.closed(self.unproven_bound)
+
+    @property
     def best_value(self) -> float:
         """Objective of the best answer; inf without one."""
         return np.inf if self.best is None else self.best.value
@@ -94,7 +99,8 @@ class SearchState:
         """Solve the program under bounds and count it."""
         self.force_programs += 1
         answer = self.formulation.solve(lb, ub, self.solver, cutoff=self.best_value)
-        self.unproven = self.unproven or answer.outcome is Outcome.FAILED
+        if answer.outcome is Outcome.FAILED:
+            self.unproven_bound = min(self.unproven_bound, answer.bound)
         return answer
 
     def relax(self) -> Answer:
@@ -180,7 +186,7 @@ def finished(state: SearchState, *, interrupted: bool = False) -> SearchResult:
 
 def undecided(state: SearchState) -> SearchResult:
     """Return the result of a search in which no solver decided on a virtual motion."""
-    state.unproven = True
+    state.unproven_bound = -np.inf
     return finished(state)
 
 

@@ -14,7 +14,7 @@ from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.solution.proof import ModeProof, SolutionProof
-from graspless_pin.solvers import Outcome
+from graspless_pin.solvers import ANY_SOLVER, Outcome
 
 _OPEN = (Status.NOT_FOUND_IN_LIMIT, Status.UNVERIFIED)
 
@@ -63,7 +63,7 @@ def _of_found(solution: TorqueSolution) -> SolutionProof:
 
 def _of_infeasible(solution: TorqueSolution) -> SolutionProof:
     formulation = formulate(solution.problem, solution.objective)
-    prover = ModeProver(formulation, solution.rules, "piqp", np.inf)
+    prover = ModeProver(formulation, solution.rules, ANY_SOLVER, np.inf)
     if solution.given_mode is not None:
         root = ModePart.one_mode(solution.given_mode)
         return SolutionProof(prover.prove(root, solution.evidence.relaxation), solution.motion)

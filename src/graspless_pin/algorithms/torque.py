@@ -7,8 +7,9 @@ from typing import Unpack
 
 from graspless_pin.algorithms.options import DEFAULT_OPTIONS, SolveKeywords, SolveOptions
 from graspless_pin.algorithms.solve import solve_problem
-from graspless_pin.modes.rules import SlidingMode, choice
+from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import choice
 from graspless_pin.programs.objectives import Algorithm, Margin, Objective, Torque, TorqueShare
 from graspless_pin.renamed import former_names
 from graspless_pin.solution import TorqueSolution

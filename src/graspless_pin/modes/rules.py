@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
-from typing import Any, Self, TypedDict, TypeVar
+from typing import Any, Self, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import choice
 
 SIGN_VALUES = (-1, 0, 1)
 
@@ -92,22 +93,6 @@ class Rules:
             "sliding_rule": str(self.sliding),
             "static_friction": str(self.static_friction),
         }
-
-
-_Choice = TypeVar("_Choice", bound=StrEnum)
-
-
-def choice(options: type[_Choice], name: str, value: str) -> _Choice:
-    """Return the member of an enum by its value.
-
-    Raises:
-        ArgumentError: Naming the argument and the values it can have.
-    """
-    try:
-        return options(value)
-    except ValueError:
-        known = ", ".join(repr(str(option)) for option in options)
-        raise ArgumentError(name, f"is {value!r}; it must be one of {known}") from None
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,6 @@ from graspless_pin.algorithms.gradients import (
 )
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.modes.rules import choice
 from graspless_pin.planning.evaluation import Evaluation
 from graspless_pin.planning.moving_contacts import (
     Follows,
@@ -24,7 +23,7 @@ from graspless_pin.planning.moving_contacts import (
     MovingContacts,
     moving_contacts,
 )
-from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.problem.checks import FloatArray, choice, read_only
 from graspless_pin.scene import Scene
 
 

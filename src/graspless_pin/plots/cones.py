@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _ROOM = 1.2
+_ROUND = 96
 _ARROW = 0.9
 _MOVES = 1e-9
 
@@ -78,21 +79,23 @@ def friction_section(solution: TorqueSolution, contact: int, ax: Axes | None = N
 def section_corners(solution: TorqueSolution, contact: int, margin: float = 0.0) -> FloatArray:
     """(r, 2) corners f_t1, f_t2 (N) of the cone's cut at the contact's normal force.
 
+    A round cone has as many as a circle needs to look like one.
+
     Args:
         solution: A solution that was found.
         contact: Index of a contact that has a cone.
         margin: Distance that every side face keeps, N; no corners where it leaves nothing.
     """
     problem = solution.problem
-    edges = problem.cone_edges
-    half = np.pi / edges
+    edges = _ROUND if problem.is_round else problem.cone_edges
+    half = 0.0 if problem.is_round else np.pi / edges
     normal = float(problem.normals[contact] @ solution.contact_forces[contact])
     slope = float(problem.friction[contact]) * np.cos(half)
     # A face at distance e: slope f_n - (outward tangential force) = e sqrt(1 + slope^2).
     apothem = slope * normal - margin * np.sqrt(1.0 + slope**2)
     if apothem <= 0.0:
         return np.zeros((0, 2))
-    angles = 2.0 * half * np.arange(edges)
+    angles = 2.0 * np.pi * np.arange(edges) / edges
     return apothem / np.cos(half) * np.column_stack([np.cos(angles), np.sin(angles)])
 
 

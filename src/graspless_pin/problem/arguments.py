@@ -17,6 +17,7 @@ from graspless_pin.magnitudes import (
 )
 from graspless_pin.problem.checks import (
     FloatArray,
+    choice,
     finite_array,
     first_bad,
     per_item,
@@ -24,7 +25,7 @@ from graspless_pin.problem.checks import (
     unit_rows,
     whole_number,
 )
-from graspless_pin.problem.cones import default_tangents
+from graspless_pin.problem.cones import ConeModel, default_tangents
 from graspless_pin.problem.joint_units import checked_units
 
 AT_REST = 1e-12
@@ -44,6 +45,7 @@ def checked_arguments(
     torque_limits: tuple[ArrayLike, ArrayLike],
     max_normal_force: ArrayLike,
     cone_edges: int,
+    cone: str,
     joint_names: Sequence[str] | None,
     joint_units: Sequence[str] | None,
     gravity_torques: ArrayLike | None,
@@ -90,6 +92,7 @@ def checked_arguments(
         "upper_torque": upper,
         "max_normal_force": force,
         "cone_edges": whole_number("cone_edges", cone_edges, 3, MOST_CONE_EDGES),
+        "cone": choice(ConeModel, "cone", cone),
         "joint_names": _checked_names(joint_names, count),
         "joint_units": checked_units(joint_units, count),
         "gravity_torques": gravity,

@@ -5,7 +5,9 @@ from __future__ import annotations
 import operator
 from collections.abc import Sequence
 from contextlib import suppress
+from enum import StrEnum
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +21,7 @@ _LARGEST_OF = {"regularization": LARGEST_REGULARIZATION}
 FloatArray = NDArray[np.float64]
 
 _UNIT_TOLERANCE = 1e-6
+_Choice = TypeVar("_Choice", bound=StrEnum)
 
 
 def read_only(array: FloatArray) -> FloatArray:
@@ -207,3 +210,16 @@ def whole_number(
     if maximum is not None and number > maximum:
         raise ArgumentError(name, f"is {_shown(number)}; it must be from {minimum} to {maximum}")
     return number
+
+
+def choice(options: type[_Choice], name: str, value: str) -> _Choice:
+    """Return the member of an enum by its value.
+
+    Raises:
+        ArgumentError: Naming the argument and the values it can have.
+    """
+    try:
+        return options(value)
+    except ValueError:
+        known = ", ".join(repr(str(option)) for option in options)
+        raise ArgumentError(name, f"is {value!r}; it must be one of {known}") from None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from enum import StrEnum
 from functools import cache
 
 import numpy as np
@@ -13,7 +14,14 @@ from graspless_pin.problem.checks import FloatArray, read_only
 
 _NEARLY_PARALLEL = 0.99
 
-"""The rows x, y and z of [t1 t2], one after the other."""
+
+class ConeModel(StrEnum):
+    """What a friction cone is."""
+
+    EDGES = "edges"
+    """A pyramid of `cone_edges` edges inside Coulomb's cone, eq. (4)."""
+    ROUND = "round"
+    """Coulomb's cone itself, |f_t| <= mu f_n."""
 
 
 def default_tangents(normals: FloatArray) -> FloatArray:
@@ -119,6 +127,20 @@ def room_to_faces(forces: FloatArray, friction: FloatArray, edges: int) -> Float
     slope = friction * math.cos(math.pi / edges)
     outward = np.maximum.reduce(forces[:, 1:] @ face_directions(edges), axis=1)
     return (slope * forces[:, 0] - outward) / np.sqrt(1.0 + slope**2)
+
+
+def room_to_round(forces: FloatArray, friction: FloatArray) -> FloatArray:
+    """Return the distance of forces to the surface of their round cones, N.
+
+    Args:
+        forces: (c, 3) along n, t1, t2, N.
+        friction: (c,) coefficients.
+
+    Returns:
+        (c,) (mu f_n - |f_t|) / sqrt(1 + mu^2), negative outside.
+    """
+    rubbing = np.sqrt(np.einsum("ij,ij->i", forces[:, 1:], forces[:, 1:]))
+    return (friction * forces[:, 0] - rubbing) / np.sqrt(1.0 + friction**2)
 
 
 @cache

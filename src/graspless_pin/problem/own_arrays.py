@@ -11,10 +11,12 @@ from graspless_pin.problem.checks import (
     FloatArray,
     all_true,
     all_within,
+    choice,
     in_order,
     make_read_only,
     read_only,
 )
+from graspless_pin.problem.cones import ConeModel
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.problem.quasistatic import QuasistaticProblem
 
@@ -31,6 +33,7 @@ def problem_of_own_arrays(
     torque_limits: tuple[FloatArray, FloatArray],
     max_normal_force: float,
     cone_edges: int,
+    cone: str = ConeModel.EDGES,
     joint_names: tuple[str, ...],
     joint_units: tuple[JointUnit, ...],
     gravity_torques: FloatArray,
@@ -51,6 +54,7 @@ def problem_of_own_arrays(
         torque_limits: (lower, upper), each (L,).
         max_normal_force: One for all contacts, N.
         cone_edges: See `QuasistaticProblem`.
+        cone: Likewise.
         joint_names: L distinct names.
         joint_units: L units.
         gravity_torques: (L,).
@@ -76,7 +80,7 @@ def problem_of_own_arrays(
         # The constructor finds what is wrong and names it.
         return QuasistaticProblem(positions, normals, external_wrench, jacobian, friction=friction,
                    tangents=tangents, sliding=sliding, torque_limits=torque_limits,
-                   max_normal_force=max_normal_force, cone_edges=cone_edges,
+                   max_normal_force=max_normal_force, cone_edges=cone_edges, cone=cone,
                    joint_names=joint_names, joint_units=joint_units,
                    gravity_torques=gravity_torques)  # fmt: skip
     make_read_only((
@@ -96,6 +100,7 @@ def problem_of_own_arrays(
         upper_torque=upper,
         max_normal_force=_constant(len(positions), max_normal_force),
         cone_edges=cone_edges,
+        cone=choice(ConeModel, "cone", cone),
         joint_names=joint_names,
         joint_units=joint_units,
         gravity_torques=gravity_torques,

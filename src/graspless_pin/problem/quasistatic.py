@@ -21,10 +21,12 @@ from graspless_pin.problem.checks import (
     squared_lengths,
 )
 from graspless_pin.problem.cones import (
+    ConeModel,
     cone_edges_local,
     cone_faces_local,
     face_directions,
     room_to_faces,
+    room_to_round,
 )
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.problem.matrices import (
@@ -58,6 +60,7 @@ class QuasistaticProblem:
         upper_torque: (L,) largest motor torque.
         max_normal_force: (M,) f_n,max, N.
         cone_edges: Number r of edges of a friction cone.
+        cone: Whether forces stay in those pyramids, or in the round cones around them.
         joint_names: L names, the columns of `jacobian`.
         joint_units: L units of their torques.
         gravity_torques: (L,) torque g(q) that the motors bear besides the contacts: the motor's
@@ -75,6 +78,7 @@ class QuasistaticProblem:
     upper_torque: FloatArray
     max_normal_force: FloatArray
     cone_edges: int
+    cone: ConeModel
     joint_names: tuple[str, ...]
     joint_units: tuple[JointUnit, ...]
     gravity_torques: FloatArray
@@ -92,6 +96,7 @@ class QuasistaticProblem:
         torque_limits: tuple[ArrayLike, ArrayLike] = (-10.0, 10.0),
         max_normal_force: ArrayLike = 50.0,
         cone_edges: int = 32,
+        cone: str = ConeModel.EDGES,
         joint_names: Sequence[str] | None = None,
         joint_units: Sequence[str] | None = None,
         gravity_torques: ArrayLike | None = None,
@@ -111,6 +116,8 @@ class QuasistaticProblem:
             torque_limits: (lower, upper), each scalar or (L,), N m; infinite means unlimited.
             max_normal_force: Scalar or (M,), > 0 and finite, N.
             cone_edges: Edges of each friction cone, >= 3; the first edge is along t1.
+            cone: ``edges``, or ``round`` for Coulomb's cone itself; then `cone_edges` counts in
+                `C`, `H` and pictures only.
             joint_names: L distinct names; None: ``joint_1`` ... ``joint_L``.
             joint_units: L units, ``N m`` or ``N``, of the torques; None: N m.
             gravity_torques: (L,) N m; None: zeros.
@@ -121,7 +128,7 @@ class QuasistaticProblem:
         values = checked_arguments(
             positions, normals, external_wrench, jacobian, friction=friction, tangents=tangents,
             sliding=sliding, torque_limits=torque_limits, max_normal_force=max_normal_force,
-            cone_edges=cone_edges, joint_names=joint_names, joint_units=joint_units,
+            cone_edges=cone_edges, cone=cone, joint_names=joint_names, joint_units=joint_units,
             gravity_torques=gravity_torques,
         )  # fmt: skip
         self.__dict__.update(values)
@@ -134,7 +141,8 @@ class QuasistaticProblem:
         """Return the sizes, not the arrays."""
         return (
             f"QuasistaticProblem({self.contact_count} contacts, {int(self.is_sliding.sum())} "
-            f"sliding, {self.joint_count} joints, {self.cone_edges} cone edges)"
+            f"sliding, {self.joint_count} joints, "
+            f"{'round cones' if self.is_round else f'{self.cone_edges} cone edges'})"
         )
 
     def with_changes(self, **changes: Any) -> QuasistaticProblem:
@@ -167,6 +175,11 @@ class QuasistaticProblem:
     def joint_count(self) -> int:
         """L, the number of columns of `J`."""
         return self.jacobian.shape[1]
+
+    @property
+    def is_round(self) -> bool:
+        """Whether the friction cones are round."""
+        return self.cone is ConeModel.ROUND
 
     @cached_property
     def scales(self) -> Scales:
@@ -253,24 +266,39 @@ class QuasistaticProblem:
         edges = np.where(self.has_cone, self.cone_edges, 1)
         return read_only(np.diag(np.repeat((~self.has_cone).astype(np.float64), edges)))
 
+    def room_in_cones(self, forces: FloatArray) -> FloatArray:
+        """Return the distance of contact forces to the surface of their friction cones, N.
+
+        Args:
+            forces: (M, 3) contact forces on the object, N.
+
+        Returns:
+            (M,), negative outside; inf where there is no cone.
+        """
+        local = (forces[:, None, :] @ self.frames)[:, 0]
+        if self.is_round:
+            room = room_to_round(local, self.friction)
+        else:
+            room = room_to_faces(local, self.friction, self.cone_edges)
+        return np.where(self.has_cone, room, np.inf)
+
     def margin_of(self, forces: ArrayLike) -> float:
         """Return the margin e of given contact forces, eqs. (36) and (42), in newton.
 
-        The smallest of n^T f, f_n,max - n^T f and, where there is a cone, -h^T f over its faces.
+        The smallest of n^T f, f_n,max - n^T f and, where there is a cone, -h^T f over its faces, or
+        the distance to the round cone's surface.
 
         Args:
             forces: (M, 3) contact forces on the object, N.
         """
         f = real_array("forces", forces, (self.contact_count, 3))
-        if contact_frames is not None:
+        if contact_frames is not None and not self.is_round:
             return contact_frames.margin(
                 f, self.normals, self.tangents, self.friction * math.cos(math.pi / self.cone_edges),
                 self.has_cone, self.max_normal_force, face_directions(self.cone_edges),
             )  # fmt: skip
-        local = (f[:, None, :] @ self.frames)[:, 0]
-        normal = local[:, 0]
-        sides = room_to_faces(local, self.friction, self.cone_edges)
-        sides[~self.has_cone] = np.inf
+        normal = np.einsum("ij,ij->i", self.normals, f)
+        sides = self.room_in_cones(f)
         return float(np.minimum.reduce((normal, self.max_normal_force - normal, sides), axis=None))
 
 

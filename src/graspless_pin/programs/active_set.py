@@ -61,7 +61,7 @@ def active_set_of(program: Program, answer: Answer) -> ActiveSet | None:
     A constraint is active if its multiplier exceeds what is left to its side: interior points end
     with one of them near zero.
     """
-    if not program.is_linear:
+    if not program.is_polyhedral:
         return None
     x, (low, high) = answer.x, program.sides
     weights = np.concatenate((answer.y, answer.z))
@@ -100,7 +100,7 @@ def solved_on(program: Program, near: ActiveSet, cutoff: float) -> tuple[Answer,
         other constraints are active, or the programs differ in size.
     """
     n, sizes = len(program.c), (len(program.b), len(program.l))
-    if not program.is_linear or len(near.x) != n or near.sizes != sizes:
+    if not program.is_polyhedral or len(near.x) != n or near.sizes != sizes:
         return None
     found = _refined(program, near)
     if found is None:

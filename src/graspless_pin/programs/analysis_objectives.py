@@ -119,7 +119,7 @@ class ForceBesideRay(Objective):
         ray = program.columns("ray", size, low=low, high=high, box=(box[0], box[1]))
         program.equal("ray balance", None, np.zeros(6), {ray: forces.balance})
         program.equal("ray held", None, np.zeros(len(forces.torque)), {ray: forces.torque})
-        program.rows("ray faces", None, np.zeros(len(forces.faces)), {ray: forces.faces})
+        program.cones(0.0, name="ray cones", of=ray)
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +146,7 @@ class HeldMargin(Objective):
         program.held_torques(contact_torques(forces, self.torques))
         program.cones(e)
         program.normal_limits(e)
-        program.rows("inside", forces.faces, np.zeros(len(forces.faces)), unit=unit)
+        program.cones(0.0, name="inside")
         program.bound_normals(0.0, np.inf)
 
     def unit(self, problem: QuasistaticProblem, coordinates: ForceCoordinates) -> float:

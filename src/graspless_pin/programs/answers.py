@@ -16,6 +16,7 @@ from graspless_pin.problem.checks import FloatArray, all_within
 from graspless_pin.programs.elastic import elastic, elastic_multipliers
 from graspless_pin.programs.polish import polished
 from graspless_pin.programs.program import Program
+from graspless_pin.programs.reductions import near_multipliers, opened, shrunk
 
 PRIMAL_TOLERANCE = 1e-7
 """Largest accepted violation of a constraint, in scaled units: of the load."""
@@ -96,7 +97,7 @@ def checked_answer(program: Program, backend: Backend, name: str, cutoff: float)
     Returns:
         A solved or infeasible answer, or a failed one with the bound that is proven all the same.
     """
-    near = program.opened()
+    near = opened(program)
     answer = _tried(program, near, 1.0, backend, name, cutoff)
     best = answer.bound
     for factor in _SHRUNK_BY:
@@ -112,11 +113,11 @@ def _tried(
     program: Program, near: Program, factor: float, backend: Backend, name: str, cutoff: float
 ) -> Answer:
     """Ask a solver for a program shrunk by a factor, and hold its answer against the program."""
-    raw = _asked(backend, near if factor == 1.0 else near.shrunk(factor))
+    raw = _asked(backend, near if factor == 1.0 else shrunk(near, factor))
     if raw is None:
         return failed(-np.inf)
     x, y, z = raw
-    found = factor * x, y, z if near is program else program.near_multipliers(z)
+    found = factor * x, y, z if near is program else near_multipliers(program, z)
     answer = proven(program, found, name, cutoff)
     if answer.outcome is not Outcome.FAILED:
         return answer

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -9,10 +10,11 @@ from numpy.typing import NDArray
 
 from graspless_pin.compiled import linear_programs
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.programs.builder import ProgramBuilder
-from graspless_pin.programs.cones import cone_rows
+from graspless_pin.programs.cones import ConeRows, cone_reach, cone_rows
 from graspless_pin.programs.forces import ForceCoordinates, force_coordinates, force_rows
+from graspless_pin.programs.layout import ForceLayout
 from graspless_pin.programs.objectives import Margin, Objective, Torque, TorqueShare
 from graspless_pin.programs.program import FARTHEST, Program
 
@@ -55,10 +57,11 @@ def assembled(
     The loops stack the rows in the order in which `Margin` and `Torque` build them.
     """
     far = max(problem.max_normal_force.tolist()) > FARTHEST * coordinates.force_scale
-    if linear_programs is None or type(objective) not in (Margin, Torque, TorqueShare) or far:
+    by_loops = type(objective) in (Margin, Torque, TorqueShare) and not problem.is_round
+    if linear_programs is None or far or not by_loops:
         return built(objective, problem, coordinates)
-    shared, epsilon = cone_rows(problem), objective.regularization
-    largest = _NOT_LARGEST
+    cones, epsilon = cone_rows(problem), objective.regularization
+    shared, largest = _shared(cones, coordinates.layout), _NOT_LARGEST
     if isinstance(objective, Torque):
         largest = _largest(objective, problem, coordinates)
     columns, low, high, box, bounds, is_far = linear_programs.paper_program(
@@ -67,8 +70,8 @@ def assembled(
         problem.jacobian,
         coordinates.layout.axes,
         shared.sides.T,
-        len(shared.faces),
-        shared.reach,
+        len(cones.rows),
+        cone_reach(problem),
         problem.has_cone,
         problem.max_normal_force,
         problem.external_wrench,
@@ -118,3 +121,37 @@ def _largest(
         np.concatenate([side.sign * scale[side.joints] / side.unit for side in sides]),
         np.concatenate([side.level for side in sides]),
     )
+
+
+class _Shared(NamedTuple):
+    """What the programs of Algorithms 1 and 2 with the same cones share.
+
+    Attributes:
+        sides: (s, n + 1) the rows x + e of faces, n^T f + e and, without a cone, -n^T f + e.
+        free: (2, n + 1) -inf and inf.
+        last: (n + 1,) one for the last variable, else zero.
+        minus_last: (n + 1,) minus that.
+        flat: (n + 1,) zeros.
+    """
+
+    sides: FloatArray
+    free: FloatArray
+    last: FloatArray
+    minus_last: FloatArray
+    flat: FloatArray
+
+
+@lru_cache(maxsize=16)
+def _shared(cones: ConeRows, layout: ForceLayout) -> _Shared:
+    n, normal = layout.size, layout.picks
+    parts = [cones.rows, normal, -normal[layout.bare]]
+    sides = np.ones((sum(map(len, parts)), n + 1), order="F")
+    sides[:, :-1] = np.concatenate(parts)
+    free = np.full((2, n + 1), np.inf)
+    free[0] = -np.inf
+    last = np.zeros(n + 1)
+    last[-1] = 1.0
+    made = _Shared(sides, free, last, -last, np.zeros(n + 1))
+    for array in made:
+        read_only(array)
+    return made

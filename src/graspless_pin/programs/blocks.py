@@ -21,6 +21,7 @@ class Sign(Enum):
 
     ANY = "equalities: of any sign"
     UPPER = "upper sides only: not negative"
+    CONE = "second-order cones, three rows each: in the cone themselves"
     EITHER = "lower and upper sides: told apart as NAME_lower and NAME_upper"
 
 

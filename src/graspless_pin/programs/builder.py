@@ -54,6 +54,7 @@ class ProgramBuilder:
         self._size = size
         self._equalities: list[_Rows] = []
         self._rows: list[_Rows] = []
+        self._cones: list[_Rows] = []
         self._bounded: list[Block] = []
 
     def columns(
@@ -146,22 +147,46 @@ class ProgramBuilder:
         unit = forces.coordinates.force_scale / forces.weight
         self.equal("balance", forces.balance, forces.wrench, terms, unit=unit)
 
-    def cones(self, margin: Columns | float, weights: FloatArray | None = None) -> None:
-        """Keep the forces a margin away from the sides of their cones (42): block ``faces``.
+    def cones(
+        self,
+        margin: Columns | float,
+        weights: FloatArray | None = None,
+        *,
+        name: str | None = None,
+        of: Columns | None = None,
+    ) -> None:
+        """Keep the forces a margin away from the surface of their cones (42).
+
+        Their block is ``faces`` (side faces of pyramids) or ``round_cones``.
 
         Args:
             margin: A column, or the margin over F.
             weights: (M,) what a contact's margin counts; None: 1 each.
+            name: Another name of the block.
+            of: Columns that stand for the forces; None: the forces' own.
         """
-        forces, shared = self.forces, self.forces.cones
-        level = 1.0 if weights is None else weights.reshape(-1)[shared.face_owner]
-        terms, side = (
-            ({margin: level}, 0.0) if isinstance(margin, Columns) else ({}, -margin * level)
-        )
-        self.rows(
-            "faces", forces.faces, side, terms, unit=forces.coordinates.force_scale,
-            shape=(len(forces.normal), forces.problem.cone_edges), places=shared.face_places,
+        forces, cones = self.forces, self.forces.cones
+        level = cones.margin
+        if weights is not None:
+            level = level * weights.reshape(-1)[cones.owner]
+        sign = -1.0 if cones.second_order else 1.0
+        terms: dict[Columns, ArrayLike] = {}
+        side: ArrayLike = 0.0
+        if isinstance(margin, Columns):
+            terms[margin] = sign * level
+        else:
+            side = -sign * margin * level
+        if of is not None:
+            terms[of] = cones.rows
+        unit, own = forces.coordinates.force_scale, None if of is not None else cones.rows
+        # Of a second-order cone the two sides are one: what is added to its rows.
+        kind = Sign.CONE if cones.second_order else Sign.UPPER
+        low = side if cones.second_order else -np.inf
+        part = _Rows(
+            name or cones.name, own, terms, low, side, len(cones.rows), unit, kind,
+            cones.shape, cones.places,
         )  # fmt: skip
+        (self._cones if cones.second_order else self._rows).append(part)
 
     def normal_limits(self, margin: Columns | float, weights: FloatArray | None = None) -> None:
         """Keep normal forces a margin away from both ends (36).
@@ -230,7 +255,7 @@ class ProgramBuilder:
 
     def program(self) -> Program:
         """Return the program."""
-        parts = [*self._equalities, *self._rows]
+        parts = [*self._equalities, *self._rows, *self._cones]
         total = sum(part.size for part in parts)
         rows = np.zeros((total, self._size), order="F")
         low, high, blocks, first = np.empty(total), np.empty(total), [], 0
@@ -258,6 +283,7 @@ class ProgramBuilder:
             ub=bounds[1],
             box=boxes[0],
             whole_box=boxes[-1] if len(boxes) > 1 else None,
+            cone_count=sum(part.size for part in self._cones) // 3,
             blocks=tuple(blocks),
             bounded_blocks=tuple(self._bounded),
         )

@@ -1,11 +1,12 @@
-"""What the programs of all problems with the same cones share: columns, cone rows, constants.
+"""What a friction cone is to a program: rows that keep forces a margin away from its surface.
 
-A planner or a study asks for thousands of problems whose contacts have the same friction cones and
-differ in numbers only; these parts are made once and handed to each of them, read-only.
+A cone model is one function, from the layout and the friction coefficients to its rows; problems
+whose contacts have the same cones share them, read-only.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -14,137 +15,115 @@ from numpy.typing import NDArray
 
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
-from graspless_pin.problem.cones import cone_faces_local
+from graspless_pin.problem.cones import ConeModel, cone_faces_local
+from graspless_pin.programs.layout import ForceLayout, layout_of
 
 _FRAME = np.arange(3)
 _MOST_KEPT = 16
 
 
 @dataclass(frozen=True, eq=False)
-class ForceLayout:
-    """Where the n force coordinates stand: three for a contact with a cone, one for another.
-
-    Attributes:
-        size: n.
-        normal: (M,) column of each contact's normal coordinate.
-        tangent: (M, 2) columns of t1 and t2; -1 where there is no cone.
-        cones: (c,) indices of the contacts with a cone.
-        cone_contacts: The same as plain integers.
-        friction: (c, 2) their columns of t1 and t2.
-        bare: (M,) bool, contacts without one.
-        owner: (n,) contact of each column.
-        axes: (n,) index of each column's axis among the contacts' n, t1, t2, one after the other.
-        places: (n, 3) places of each column's entries in the flat (3M, n) basis.
-    """
-
-    size: int
-    normal: NDArray[np.int_]
-    tangent: NDArray[np.int_]
-    cones: NDArray[np.int_]
-    cone_contacts: tuple[int, ...]
-    friction: NDArray[np.int_]
-    bare: NDArray[np.bool_]
-    owner: NDArray[np.int_]
-    axes: NDArray[np.int_]
-    places: NDArray[np.int_]
-
-
-@dataclass(frozen=True, eq=False)
 class ConeRows:
-    """Rows and constants of Algorithms 1 and 2 that only depend on the friction cones.
+    """Rows of all friction cones of a problem.
 
     Attributes:
-        sides: (s, n + 1) faces x + e, n^T f + e and, without a cone, -n^T f + e; e is the last.
-        faces: (k, n) the first k of them, less their last column.
-        normal: (M, n) the next M, likewise.
-        face_owner: (k,) contact of each face.
-        face_places: (k,) place of each face among (M, r), flat.
-        reach: (2, n) bounds of forces inside cones, each in limits of its contact's normal force.
-        free: (2, n + 1) -inf and inf.
-        last: (n + 1,) one for the last variable, else zero.
-        minus_last: (n + 1,) minus that.
-        flat: (n + 1,) zeros.
+        name: Name of their block, and the paper's or the field's word for what they are.
+        second_order: Three rows a cone, whose first is to be at least the length of the two others
+            (rows x - margin e >= 0 in that order); otherwise each row is one side face,
+            rows x + margin e <= 0 (42).
+        rows: (k, n) coefficients of the forces.
+        margin: (k,) coefficients of the margin e.
+        owner: (k,) contact of each row.
+        shape: Shape of their multipliers by contact.
+        places: (k,) place of each row there, flat.
     """
 
-    sides: FloatArray
-    faces: FloatArray
-    normal: FloatArray
-    face_owner: NDArray[np.int_]
-    face_places: NDArray[np.int_]
-    reach: FloatArray
-    free: FloatArray
-    last: FloatArray
-    minus_last: FloatArray
-    flat: FloatArray
-
-
-def layout_of(problem: QuasistaticProblem) -> ForceLayout:
-    """Return the layout of a problem's force coordinates."""
-    return _layout(problem.has_cone.tobytes())
+    name: str
+    second_order: bool
+    rows: FloatArray
+    margin: FloatArray
+    owner: NDArray[np.int_]
+    shape: tuple[int, int]
+    places: NDArray[np.int_]
 
 
 def cone_rows(problem: QuasistaticProblem) -> ConeRows:
     """Return the rows of a problem's friction cones."""
-    return _cone_rows(problem.has_cone.tobytes(), problem.friction.tobytes(), problem.cone_edges)
+    mask, friction = problem.has_cone.tobytes(), problem.friction.tobytes()
+    return _cone_rows(problem.cone, mask, friction, problem.cone_edges)
 
 
-@lru_cache(maxsize=_MOST_KEPT)
-def _layout(mask: bytes) -> ForceLayout:
-    has_cone = np.frombuffer(mask, dtype=np.bool_)
-    widths = np.where(has_cone, 3, 1)
-    normal = np.cumsum(widths) - widths
-    size = int(widths.sum())
-    cones = np.flatnonzero(has_cone)
-    owner = np.repeat(np.arange(len(widths)), widths)
-    places = (3 * owner[:, None] + _FRAME) * size + np.arange(size)[:, None]
-    arrays = {
-        "normal": normal,
-        "tangent": np.where(has_cone[:, None], normal[:, None] + _FRAME[1:], -1),
-        "cones": cones,
-        "friction": normal[cones, None] + _FRAME[1:],
-        "bare": ~has_cone,
-        "owner": owner,
-        "axes": 3 * owner + np.arange(size) - normal[owner],
-        "places": places,
-    }
-    for array in arrays.values():
-        array.setflags(write=False)
-    return ForceLayout(size, cone_contacts=tuple(cones.tolist()), **arrays)
+def edge_cones(layout: ForceLayout, friction: FloatArray, edges: int) -> ConeRows:
+    """Return the side faces of pyramids with some edges, h_m^T f + e <= 0 (42).
 
-
-@lru_cache(maxsize=_MOST_KEPT)
-def _cone_rows(mask: bytes, friction: bytes, edges: int) -> ConeRows:
-    layout = _layout(mask)
-    size, count, cones = layout.size, len(layout.normal), layout.cones
-    faces = np.zeros((len(cones), edges, size))
+    Args:
+        layout: Where the force coordinates stand.
+        friction: (c,) coefficients of the contacts with a cone.
+        edges: Number r of edges.
+    """
+    cones = layout.cones
+    faces = np.zeros((len(cones), edges, layout.size), order="F")
     columns = layout.normal[cones, None] + _FRAME
-    coefficients = np.frombuffer(friction)[cones]
-    blocks = cone_faces_local(coefficients, edges)
-    faces[np.arange(len(cones))[:, None], :, columns] = blocks
-    normal = np.zeros((count, size))
-    normal[np.arange(count), layout.normal] = 1.0
-    low = -normal[layout.bare]
-    parts = [faces.reshape(-1, size), normal, low]
-    sides = np.ones((sum(map(len, parts)), size + 1), order="F")
-    sides[:, :-1] = np.concatenate(parts)
-    reach = np.zeros((2, size))
+    faces[np.arange(len(cones))[:, None], :, columns] = cone_faces_local(friction, edges)
+    rows = np.asfortranarray(faces.reshape(-1, layout.size))
+    return _rows("faces", rows, np.ones(len(rows)), layout, edges)
+
+
+def round_cones(layout: ForceLayout, friction: FloatArray, _edges: int) -> ConeRows:
+    """Return Coulomb's cones as second-order cones, |f_t| <= mu f_n - sqrt(1 + mu^2) e.
+
+    Args:
+        layout: Where the force coordinates stand.
+        friction: (c,) coefficients of the contacts with a cone.
+    """
+    cones = layout.cones
+    rows = np.zeros((len(cones), 3, layout.size))
+    columns = layout.normal[cones, None] + _FRAME
+    rows[np.arange(len(cones))[:, None], _FRAME, columns] = 1.0
+    rows[:, 0] *= friction[:, None]
+    margin = np.zeros((len(cones), 3))
+    margin[:, 0] = np.sqrt(1.0 + friction**2)
+    flat = np.asfortranarray(rows.reshape(-1, layout.size))
+    return _rows("round_cones", flat, margin.ravel(), layout, 3, second_order=True)
+
+
+_MODELS: dict[ConeModel, Callable[[ForceLayout, FloatArray, int], ConeRows]] = {
+    ConeModel.EDGES: edge_cones,
+    ConeModel.ROUND: round_cones,
+}
+
+
+def _rows(
+    name: str,
+    rows: FloatArray,
+    margin: FloatArray,
+    layout: ForceLayout,
+    each: int,
+    *,
+    second_order: bool = False,
+) -> ConeRows:
+    """Return the rows of a model that has as many for each cone."""
+    places = (layout.cones[:, None] * each + np.arange(each)).ravel()
+    owner, shape = np.repeat(layout.cones, each), (len(layout.normal), each)
+    return ConeRows(name, second_order, read_only(rows), read_only(margin), owner, shape, places)
+
+
+@lru_cache(maxsize=_MOST_KEPT)
+def _cone_rows(cone: ConeModel, mask: bytes, friction: bytes, edges: int) -> ConeRows:
+    layout = layout_of(mask)
+    return _MODELS[cone](layout, np.frombuffer(friction)[layout.cones], edges)
+
+
+@lru_cache(maxsize=_MOST_KEPT)
+def _reach(mask: bytes, friction: bytes) -> FloatArray:
+    layout = layout_of(mask)
+    coefficients, tangent = np.frombuffer(friction)[layout.cones, None], layout.friction
+    reach = np.zeros((2, layout.size))
     reach[1, layout.normal] = 1.0
-    reach[1, columns[:, 1:]] = coefficients[:, None]
-    reach[0, columns[:, 1:]] = -coefficients[:, None]
-    last = np.zeros(size + 1)
-    last[-1] = 1.0
-    free = np.full((2, size + 1), np.inf)
-    free[0] = -np.inf
-    read_only(sides)
-    return ConeRows(
-        sides=sides,
-        faces=sides[: len(cones) * edges, :-1],
-        normal=sides[len(cones) * edges : len(cones) * edges + count, :-1],
-        face_owner=np.repeat(cones, edges),
-        face_places=(cones[:, None] * edges + np.arange(edges)).ravel(),
-        reach=read_only(reach),
-        free=read_only(free),
-        last=read_only(last),
-        minus_last=read_only(-last),
-        flat=read_only(np.zeros(size + 1)),
-    )
+    reach[1, tangent], reach[0, tangent] = coefficients, -coefficients
+    return read_only(reach)
+
+
+def cone_reach(problem: QuasistaticProblem) -> FloatArray:
+    """Return (2, n) bounds of forces inside cones, each in limits of its contact's normal force."""
+    return _reach(problem.has_cone.tobytes(), problem.friction.tobytes())

@@ -19,7 +19,8 @@ from graspless_pin.compiled import contact_frames
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.contact_map import contact_map
-from graspless_pin.programs.cones import ConeRows, ForceLayout, cone_rows, layout_of
+from graspless_pin.programs.cones import ConeRows, cone_reach, cone_rows
+from graspless_pin.programs.layout import ForceLayout, layout_of
 from graspless_pin.programs.program import FARTHEST
 
 
@@ -91,7 +92,7 @@ def force_coordinates(problem: QuasistaticProblem, margin: float = 0.0) -> Force
         problem: The problem.
         margin: Required margin, N: the scale of a problem without a load.
     """
-    layout, scales = layout_of(problem), problem.scales
+    layout, scales = layout_of(problem.has_cone.tobytes()), problem.scales
     if margin > 0.0 and not problem.external_wrench.any():
         scales = scales.without_load(margin)
     force, length, joints = scales
@@ -118,7 +119,8 @@ class ForceRows:
     Attributes:
         problem: The problem.
         coordinates: Its force coordinates.
-        cones: Rows of the cones' faces, and rows that pick n^T f / F.
+        cones: Rows of the friction cones.
+        reach: (2, n) bounds of forces inside cones, each in limits of its contact's normal force.
         limit: (M,) f_n,max / F.
         balance: (6, n) W f / F, moment rows over the length scale.
         wrench: (6,) right-hand side of the balance (19).
@@ -134,6 +136,7 @@ class ForceRows:
     problem: QuasistaticProblem
     coordinates: ForceCoordinates
     cones: ConeRows
+    reach: FloatArray
     limit: FloatArray
     balance: FloatArray
     wrench: FloatArray
@@ -150,28 +153,23 @@ class ForceRows:
         return self.coordinates.layout.size
 
     @property
-    def faces(self) -> FloatArray:
-        """(k, n) side faces of the cones: faces x <= -e (42)."""
-        return self.cones.faces
-
-    @property
     def normal(self) -> FloatArray:
         """(M, n) picks n^T f / F."""
-        return self.cones.normal
+        return self.coordinates.layout.picks
 
     @property
     def bare(self) -> NDArray[np.bool_]:
-        """(M,) contacts without a cone: there the side faces do not imply n^T f >= e."""
+        """(M,) contacts without a cone: there no cone implies n^T f >= e."""
         return self.coordinates.layout.bare
 
     def cone_box(self, reach: float) -> FloatArray:
         """Return (2, n) bounds of forces inside cones with normal components up to ``reach``."""
-        return reach * self.cones.reach
+        return reach * self.reach
 
 
 def force_rows(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> ForceRows:
     """Assemble the constraints of a problem in its force coordinates."""
-    shared = cone_rows(problem)
+    reach = cone_reach(problem)
     force, joints = coordinates.force_scale, coordinates.joint_scale
     limit = problem.max_normal_force / force
     weight = np.ones(6)
@@ -180,7 +178,8 @@ def force_rows(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> Fo
     return ForceRows(
         problem=problem,
         coordinates=coordinates,
-        cones=shared,
+        cones=cone_rows(problem),
+        reach=reach,
         limit=limit,
         balance=(effects[:, :6] * weight).T,
         wrench=-weight * problem.external_wrench / force,
@@ -189,7 +188,7 @@ def force_rows(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> Fo
         lower=(problem.lower_torque - problem.gravity_torques) / joints,
         upper=(problem.upper_torque - problem.gravity_torques) / joints,
         gravity=problem.gravity_torques / joints,
-        boxes=_boxes(shared, coordinates, limit),
+        boxes=_boxes(reach, coordinates, limit),
     )
 
 
@@ -205,10 +204,10 @@ def _effects(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> Floa
 
 
 def _boxes(
-    shared: ConeRows, coordinates: ForceCoordinates, limit: FloatArray
+    reach: FloatArray, coordinates: ForceCoordinates, limit: FloatArray
 ) -> tuple[FloatArray, ...]:
     """Return the `ForceRows.boxes` of a problem."""
-    owner, reach = coordinates.layout.owner, shared.reach
+    owner = coordinates.layout.owner
     whole = reach * limit[owner]
     if limit.max() <= FARTHEST:
         return (whole,)

@@ -16,8 +16,9 @@ from graspless_pin.programs.blocks import Block, Sign
 Marginals = Mapping[str, FloatArray]
 """Multipliers by the name of their block, in the objective's unit over that of the constraint.
 
-Those of equalities have any sign. All others are at least 0; those of rows and bounds with two
-sides are told apart as NAME_lower and NAME_upper.
+Those of equalities have any sign, those of second-order cones are in such cones themselves. All
+others are at least 0; those of rows and bounds with two sides are told apart as NAME_lower and
+NAME_upper.
 """
 _Blocks = tuple[Block, ...]
 
@@ -50,6 +51,9 @@ def marginals(
         if block.sign is Sign.ANY:
             found[block.name] = read_only(block.spread(scaled))
             continue
+        if block.sign is Sign.CONE:
+            found[block.name] = read_only(block.spread(-scaled))
+            continue
         found[_upper(block)] = read_only(block.spread(np.where(sides > 0.0, scaled, 0.0)))
         if block.sign is Sign.EITHER:
             lower = np.where(sides < 0.0, -scaled, 0.0)
@@ -69,6 +73,8 @@ def scaled_weights(blocks: _Blocks, found: Marginals, unit: float) -> FloatArray
         value = np.asarray(found[_upper(block)], dtype=float)
         if block.sign is Sign.EITHER:
             value = value - np.asarray(found[f"{block.name}_lower"], dtype=float)
+        if block.sign is Sign.CONE:
+            value = -value
         if value.shape != block.shape:
             raise ValueError(f"{block.name} has the shape {value.shape}, not {block.shape}")
         parts.append(block.gathered(value) * block.unit / unit)

@@ -27,11 +27,11 @@ def polished(program: Program, found: Found) -> Found | None:
         found: x, y and z as a solver left them.
 
     Returns:
-        x, y and z; None where the active constraints contradict each other. Nothing is presumed:
-        it is an answer to be checked like any other.
+        x, y and z; None where the active constraints contradict each other, or there are cones.
+        Nothing is presumed: it is an answer to be checked like any other.
     """
     x, weights = found[0], np.concatenate(found[1:])
-    if not (np.isfinite(x).all() and np.isfinite(weights).all()):
+    if program.cone_count or not (np.isfinite(x).all() and np.isfinite(weights).all()):
         return None
     count, (low, high) = len(program.b), program.sides
     level = program.rows @ x

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from graspless_pin.compiled import linear_programs
@@ -16,8 +15,6 @@ from graspless_pin.programs.blocks import Block
 
 FARTHEST = 1e8
 """Bounds are proven for variables up to this size: double precision resolves no more."""
-UNREACHED = 1e12
-"""Stands for a limit that is out of reach."""
 _LARGEST_DENSE = 8192
 LARGEST_IN_C = 65536
 """Entries of the rows from which on numpy's and LAPACK's products are faster than plain loops."""
@@ -27,6 +24,9 @@ LARGEST_IN_C = 65536
 class Program:
     """Minimise 1/2 x^T diag(P) x + c^T x subject to A x = b, l <= G x <= u, lb <= x <= ub.
 
+    The last rows of G may be second-order cones, three rows each: there G x - l is in the cone, its
+    first entry at least the length of the two others.
+
     Every variable is scaled to order one and has finite bounds that any feasible point obeys, so
     that a dual vector of whatever quality still proves a bound.
 
@@ -35,13 +35,14 @@ class Program:
         c: (n,) linear term.
         A: (m, n) equality rows.
         b: (m,) right-hand side.
-        G: (k, n) inequality rows.
+        G: (k, n) inequality rows, those of cones last.
         l: (k,) lower sides, -inf where there is none.
-        u: (k,) upper sides, inf where there is none.
+        u: (k,) upper sides, inf where there is none; of cones the same as the lower ones.
         lb: (n,) lower bounds to be imposed, -inf where there is none.
         ub: (n,) upper bounds to be imposed, inf where there is none.
         box: (2, n) finite bounds that are implied by the constraints: for proofs, not imposed.
         whole_box: (2, n) where those of `box` hold of the nearer solutions only, bounds of all.
+        cone_count: How many second-order cones there are.
         blocks: What its rows mean, in their order; empty: not told.
         bounded_blocks: What its columns with bounds mean.
     """
@@ -57,6 +58,7 @@ class Program:
     ub: FloatArray
     box: FloatArray
     whole_box: FloatArray | None = None
+    cone_count: int = 0
     blocks: tuple[Block, ...] = ()
     bounded_blocks: tuple[Block, ...] = ()
 
@@ -116,63 +118,6 @@ class Program:
         program.__dict__.pop("reach", None)
         return program
 
-    def without_fixed(self) -> tuple[Program, NDArray[np.bool_] | None]:
-        """Drop the variables that their bounds fix at zero; also return which are kept.
-
-        Returns:
-            The smaller program, and (n,) which variables it has; None: all.
-        """
-        fixed = (self.lb == 0.0) & (self.ub == 0.0)
-        if not fixed.any():
-            return self, None
-        kept = ~fixed
-        smaller = Program(
-            P=self.P[kept],
-            c=self.c[kept],
-            A=np.asfortranarray(self.A[:, kept]),
-            b=self.b,
-            G=np.asfortranarray(self.G[:, kept]),
-            l=self.l,
-            u=self.u,
-            lb=self.lb[kept],
-            ub=self.ub[kept],
-            box=self.box[:, kept],
-            whole_box=None if self.whole_box is None else self.whole_box[:, kept],
-        )
-        return smaller, kept
-
-    def opened(self) -> Program:
-        """Return the program without the limits that are too far away for double precision.
-
-        Solvers are asked for this one, and their answers are held against all limits.
-        """
-        if not self.is_far:
-            return self
-        # A row without sides is kept, where other programs of the structure have one, and gets one
-        # that nothing reaches; an empty row one that does not slow interior points down. A limit
-        # that is far on its wrong side cannot be met: any far figure says so.
-        least, high = np.where(self.l < -FARTHEST, -np.inf, self.l), self.u.copy()
-        high[high > FARTHEST] = np.inf
-        free = np.isinf(least) & np.isinf(high)
-        high[free] = np.where(self.G[free].any(axis=1), UNREACHED, 1.0)
-        most, upper = self.lb.copy(), self.ub.copy()
-        most[most < -FARTHEST], upper[upper > FARTHEST] = -np.inf, np.inf
-        return replace(
-            self,
-            l=np.minimum(least, UNREACHED),
-            lb=np.minimum(most, UNREACHED),
-            u=np.maximum(high, -UNREACHED),
-            ub=np.maximum(upper, -UNREACHED),
-        )
-
-    def near_multipliers(self, z: FloatArray) -> FloatArray:
-        """Return multipliers of G without those of sides that `opened` leaves out.
-
-        They are a solver's noise, which a far side would make as large as the objective.
-        """
-        far = ((z > 0.0) & (self.u > FARTHEST)) | ((z < 0.0) & (self.l < -FARTHEST))
-        return np.where(far, 0.0, z)
-
     @cached_property
     def farthest(self) -> float:
         """The largest bound of a variable that proofs look at."""
@@ -190,28 +135,20 @@ class Program:
         sides = np.concatenate([*self.sides, self.lb, self.ub])
         return bool((np.abs(sides[np.isfinite(sides)]) > size).any())
 
-    def shrunk(self, factor: float) -> Program:
-        """Return the program in variables that are smaller by a factor; its multipliers stay.
-
-        Args:
-            factor: Positive; the value becomes smaller by it, too.
-        """
-        return replace(
-            self,
-            P=self.P * factor,
-            b=self.b / factor,
-            l=self.l / factor,
-            u=self.u / factor,
-            lb=self.lb / factor,
-            ub=self.ub / factor,
-            box=self.box / factor,
-            whole_box=None if self.whole_box is None else self.whole_box / factor,
-        )
-
     @cached_property
     def is_linear(self) -> bool:
         """Whether P is zero."""
         return np.count_nonzero(self.P) == 0
+
+    @property
+    def is_polyhedral(self) -> bool:
+        """Whether it is a linear program: P is zero and there are no cones."""
+        return self.is_linear and not self.cone_count
+
+    @property
+    def flat_count(self) -> int:
+        """Number of rows of G that are of no cone."""
+        return len(self.G) - 3 * self.cone_count
 
     @cached_property
     def rows(self) -> FloatArray:
@@ -271,6 +208,10 @@ class Program:
         """Return the largest violation of any constraint at x, in scaled units."""
         (low, high), rows = self.sides, self.products[0].dot(x)
         beyond = np.maximum(rows - high, low - rows)
+        if self.cone_count:
+            flat = len(rows) - 3 * self.cone_count
+            inside = (rows[flat:] - low[flat:]).reshape(-1, 3)
+            beyond = np.concatenate((beyond[:flat], _lengths(inside) - inside[:, 0]))
         outside = np.maximum(x - self.ub, self.lb - x)
         return float(np.maximum.reduce(outside, initial=np.maximum.reduce(beyond, initial=0.0)))
 
@@ -283,14 +224,15 @@ class Program:
         Args:
             y: (m,) multipliers of A x = b.
             z: (k,) multipliers of the rows of G; positive: the upper side, negative: the lower.
+                Minus those of a cone are in the cone, or are taken for the next that are.
         """
-        slope, constant = self._lagrangian(np.concatenate((y, z)))
+        slope, constant = self._lagrangian(self._in_cones(np.concatenate((y, z))))
         slope += self.c
         return self._smallest(slope, self.reach, curved=not self.is_linear) + constant
 
     def judged(self, x: FloatArray, y: FloatArray, z: FloatArray) -> tuple[float, float, float]:
         """Return `dual_bound`, `value` and `residual` of a solution and its multipliers."""
-        if linear_programs is None or not self.is_linear or self.rows.size > LARGEST_IN_C:
+        if linear_programs is None or not self.is_polyhedral or self.rows.size > LARGEST_IN_C:
             return self.dual_bound(y, z), self.value(x), self.residual(x)
         low, high = self.sides
         return linear_programs.judged(
@@ -302,13 +244,24 @@ class Program:
 
         Positive: the multipliers are a Farkas certificate that no feasible point exists.
         """
-        weights = np.concatenate([y, z])
+        weights = self._in_cones(np.concatenate([y, z]))
         size = float(np.abs(weights).sum())
         if not (np.isfinite(size) and size > 0.0):
             return -np.inf
         slope, constant = self._lagrangian(weights / size)
         reach = self.reach if self.whole_box is None else self.within(self.whole_box)
         return self._smallest(slope, reach, curved=False) + constant
+
+    def _in_cones(self, weights: FloatArray) -> FloatArray:
+        """Return multipliers of all rows, those of cones with first entries that are enough.
+
+        Args:
+            weights: (m + k,), which are changed.
+        """
+        if self.cone_count:
+            cones = weights[len(weights) - 3 * self.cone_count :].reshape(-1, 3)
+            cones[:, 0] = np.minimum(cones[:, 0], -_lengths(cones))
+        return weights
 
     def _lagrangian(self, weights: FloatArray) -> tuple[FloatArray, float]:
         """Slope and constant of what the multipliers add to the objective.
@@ -341,3 +294,8 @@ class Program:
         turning = np.where(bent, -slope / np.where(bent, self.P, 1.0), at)
         at = np.where(bent, np.clip(turning, low, high), at)
         return float((0.5 * self.P * at + slope) @ at)
+
+
+def _lengths(triples: FloatArray) -> FloatArray:
+    """(q,) lengths of the last two entries of (q, 3) triples."""
+    return np.hypot(triples[:, 1], triples[:, 2])

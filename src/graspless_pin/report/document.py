@@ -67,6 +67,7 @@ def solution_document(solution: TorqueSolution, scene: Scene | None = None) -> d
             "static_friction": str(solution.rules.static_friction),
         },
         "external_wrench": solution.problem.external_wrench,
+        "cone": str(solution.problem.cone),
         "cone_edges": solution.problem.cone_edges,
         "scales": {"force": coordinates.force_scale, "length": coordinates.length_scale},
     }

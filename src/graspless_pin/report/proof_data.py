@@ -60,12 +60,14 @@ def multipliers_data(solution: TorqueSolution, y: FloatArray, z: FloatArray) -> 
         z: Of the scaled rows.
 
     Returns:
-        By the names of their blocks; those of cone faces as ``[contact, face, value]``.
+        By the names of their blocks; those of cone faces as ``[contact, face, value]``, those of
+        round cones by contact.
     """
     found = solution.named(y, z)
     data: dict[str, Any] = {name: np.zeros(size) for name, size in _sizes(solution).items()}
     data |= found
-    data["faces"] = _entries(found["faces"])
+    if "faces" in found:
+        data["faces"] = _entries(found["faces"])
     return data
 
 
@@ -94,17 +96,24 @@ def read_multipliers(
         KeyError, TypeError, ValueError, IndexError: If they are none.
     """
     _, program, unit = scaled_program(problem, objective)
-    faces = np.zeros((problem.contact_count, problem.cone_edges))
-    if data["faces"] and len(data["faces"][0]) != 3:
-        faces[problem.has_cone] = as_numbers(data["faces"])
-    else:
-        cones = np.flatnonzero(problem.has_cone).tolist()
-        for contact, face, value in data["faces"]:
-            faces[cones[cones.index(contact)], face] = as_number(value)
-    others = {name: as_numbers(values) for name, values in data.items() if name != "faces"}
-    weights = scaled_weights(program.blocks, {**others, "faces": faces}, unit)
+    found = {name: as_numbers(values) for name, values in data.items() if name != "faces"}
+    if not problem.is_round:
+        found["faces"] = _faces(data["faces"], problem)
+    weights = scaled_weights(program.blocks, found, unit)
     count = len(program.b)
     return weights[:count], weights[count:]
+
+
+def _faces(listed: list[Any], problem: QuasistaticProblem) -> FloatArray:
+    """(M, r) multipliers of all faces."""
+    faces = np.zeros((problem.contact_count, problem.cone_edges))
+    if listed and len(listed[0]) != 3:
+        faces[problem.has_cone] = as_numbers(listed)
+        return faces
+    cones = np.flatnonzero(problem.has_cone).tolist()
+    for contact, face, value in listed:
+        faces[cones[cones.index(contact)], face] = as_number(value)
+    return faces
 
 
 def as_number(value: object) -> float:

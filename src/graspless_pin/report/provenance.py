@@ -34,8 +34,9 @@ def file_sha256(path: Path) -> str | None:
 
 
 def problem_sha256(problem: QuasistaticProblem) -> str:
-    """Return the hash of a problem's arrays, as little-endian doubles, and of its cone edges."""
-    digest = hashlib.sha256(str(problem.cone_edges).encode())
+    """Return the hash of a problem's arrays, as little-endian doubles, and of its cones."""
+    cone = "round" if problem.is_round else str(problem.cone_edges)
+    digest = hashlib.sha256(cone.encode())
     for name in _ARRAYS:
         array = np.ascontiguousarray(getattr(problem, name), dtype="<f8")
         digest.update(f"{name}{array.shape}".encode())
@@ -64,7 +65,9 @@ def provenance(problem: QuasistaticProblem, scene_file: Path | None) -> dict[str
 
 def same_problem(first: QuasistaticProblem, second: QuasistaticProblem) -> bool:
     """Return whether two problems are the same but for rounding."""
-    if first.cone_edges != second.cone_edges or first.joint_names != second.joint_names:
+    if first.cone is not second.cone or first.joint_names != second.joint_names:
+        return False
+    if first.cone_edges != second.cone_edges and not first.is_round:
         return False
     pairs = [(getattr(first, name), getattr(second, name)) for name in _ARRAYS]
     return all(a.shape == b.shape and np.allclose(a, b, atol=_SAME) for a, b in pairs)

@@ -204,6 +204,7 @@ def _problem(document: dict[str, Any]) -> QuasistaticProblem:
         ),
         max_normal_force=as_numbers([c["max_normal_force"] for c in contacts]),
         cone_edges=document["cone_edges"],
+        cone=document.get("cone", "edges"),
         joint_names=[joint["name"] for joint in joints],
         joint_units=[joint.get("unit", JointUnit.TORQUE) for joint in joints],
         gravity_torques=as_numbers([joint["torque_gravity"] for joint in joints]),

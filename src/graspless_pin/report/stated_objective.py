@@ -66,11 +66,11 @@ class StatedObjective(Objective):
             return terms(data["terms"].get(name, []), rows, unit)[columns]
 
         program.balance({columns: of("balance", 6, force / forces.weight)})
-        owner = forces.cones.face_owner
+        owner = forces.cones.owner
         program.rows(
-            "faces", forces.faces, -as_numbers(data["face_margins"])[owner] / force,
+            "faces", forces.cones.rows, -as_numbers(data["face_margins"])[owner] / force,
             {columns: of("faces", count)[owner]}, unit=force,
-            shape=(count, forces.problem.cone_edges), places=forces.cones.face_places,
+            shape=forces.cones.shape, places=forces.cones.places,
         )  # fmt: skip
         if "normal_upper" in kept:
             own = {columns: of("normal_upper", count)}

@@ -87,6 +87,7 @@ def _scene(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Scene:
         motion=_motion(file, entry.motion, hand),
         max_normal_force=entry.max_normal_force,
         cone_edges=entry.cone_edges,
+        cone=entry.cone,
         contact_tolerance=entry.contact_tolerance,
         points_per_patch=entry.points_per_patch,
         tangent_axes=tuple(np.array(axis) for axis in entry.tangent_axes),

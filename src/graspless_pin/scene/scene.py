@@ -77,6 +77,7 @@ class Scene(PickledByFields):
         motion: The declared motion; None: at rest.
         max_normal_force: f_n,max of every contact, N.
         cone_edges: Edges of each friction cone.
+        cone: ``edges`` or ``round``: see `QuasistaticProblem`.
         contact_tolerance: Largest gap that counts as touching, m.
         points_per_patch: Most contacts that stand for one face on a face, at least 3.
         tangent_axes: t1 of a contact is the projection of the first of these axes that is not
@@ -99,6 +100,7 @@ class Scene(PickledByFields):
     motion: Motion | None = None
     max_normal_force: float = 50.0
     cone_edges: int = 32
+    cone: str = "edges"
     contact_tolerance: float = 1e-3
     points_per_patch: int = 8
     tangent_axes: tuple[FloatArray, ...] = ()
@@ -189,6 +191,7 @@ class Scene(PickledByFields):
             torque_limits=joints.limits,
             max_normal_force=self.max_normal_force,
             cone_edges=self.cone_edges,
+            cone=self.cone,
             joint_names=joints.names,
             joint_units=joints.units,
             gravity_torques=joints.gravity_torques,

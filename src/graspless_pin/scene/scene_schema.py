@@ -68,7 +68,7 @@ class SolveEntry(Entry):
     sign_rule: Literal["strict", "exact", "nonzero"] = "strict"
     sliding_rule: Literal["exempt", "constrained"] = "exempt"
     static_friction: Literal["virtual_sliding", "coulomb"] = "virtual_sliding"
-    solver: Name = "piqp"
+    solver: Name = "auto"
     regularization: Regularization = 0.0
     search: Literal["auto", "enumerate"] = "auto"
     node_limit: NodeLimit | None = Field(default=None, description="nodes of the search; no limit")
@@ -96,6 +96,9 @@ class SceneEntry(Entry):
     motion: MotionEntry | None = None
     max_normal_force: Positive = Field(default=50.0, description="N")
     cone_edges: ConeEdges = 32
+    cone: Literal["edges", "round"] = Field(
+        default="edges", description="pyramids of cone_edges edges, or Coulomb's round cones"
+    )
     contact_tolerance: Length = Field(default=1e-3, description="m")
     points_per_patch: PatchPoints = Field(
         default=8, description="most contacts that stand for one face on a face"

@@ -6,7 +6,6 @@ import numpy as np
 
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.problem.cones import room_to_faces
 
 _AT_LIMIT = 1e-6
 
@@ -25,16 +24,13 @@ def friction_use(problem: QuasistaticProblem, forces: FloatArray) -> FloatArray:
 
 
 def contact_state(problem: QuasistaticProblem, forces: FloatArray, contact: int) -> str:
-    """Return ``sliding``, ``frictionless``, ``at its limit`` (on a cone face) or ``sticking``."""
+    """Return ``sliding``, ``frictionless``, ``at its limit`` (on its cone) or ``sticking``."""
     if problem.is_sliding[contact]:
         return "sliding"
     if not problem.has_cone[contact]:
         return "frictionless"
-    local = forces[contact] @ problem.frames[contact]
-    distance = room_to_faces(
-        local[None], problem.friction[contact : contact + 1], problem.cone_edges
-    )
-    return "at its limit" if distance[0] <= _AT_LIMIT * problem.scales.force else "sticking"
+    room = problem.room_in_cones(forces)[contact]
+    return "at its limit" if room <= _AT_LIMIT * problem.scales.force else "sticking"
 
 
 def limit_shares(torques: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:

@@ -4,6 +4,14 @@ Where a solver's answer fails the check another solver is asked.
 """
 
 from graspless_pin.programs.answers import PRIMAL_TOLERANCE, Answer, Outcome
-from graspless_pin.solvers.solving import available_solvers, check_solver, solve
+from graspless_pin.solvers.solving import ANY_SOLVER, available_solvers, check_solver, solve
 
-__all__ = ["PRIMAL_TOLERANCE", "Answer", "Outcome", "available_solvers", "check_solver", "solve"]
+__all__ = [
+    "ANY_SOLVER",
+    "PRIMAL_TOLERANCE",
+    "Answer",
+    "Outcome",
+    "available_solvers",
+    "check_solver",
+    "solve",
+]

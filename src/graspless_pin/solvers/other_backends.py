@@ -14,6 +14,7 @@ from proxsuite import proxqp  # pyright: ignore[reportMissingImports] - compiled
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.answers import Backend, Multipliers
 from graspless_pin.programs.program import Program
+from graspless_pin.programs.reductions import without_fixed
 from graspless_pin.solvers.piqp_engines import SOLVER_TOLERANCE
 
 _OPTIONS: dict[str, dict[str, Any]] = {
@@ -29,7 +30,7 @@ _SPARSE = ("highs", "clarabel", "osqp", "scs")
 
 def by_proxqp(program: Program) -> Multipliers:
     """ProxQP's object interface: its one-shot call takes feasible LPs for infeasible."""
-    reduced, kept = program.without_fixed()
+    reduced, kept = without_fixed(program)
     n, m = reduced.A.shape[1], len(reduced.A)
     bounded = np.flatnonzero(np.isfinite(reduced.lb) | np.isfinite(reduced.ub))
     rows = np.vstack([reduced.G, np.eye(n)[bounded]])
@@ -54,7 +55,7 @@ def by_qpsolvers(name: str) -> Backend:
     """Return a backend that goes through qpsolvers."""
 
     def backend(program: Program) -> Multipliers | None:
-        reduced, kept = program.without_fixed()
+        reduced, kept = without_fixed(program)
         up, down = np.isfinite(reduced.u), np.isfinite(reduced.l)
         rows = np.vstack([reduced.G[up], -reduced.G[down]])
         sides = np.concatenate([reduced.u[up], -reduced.l[down]])
@@ -87,7 +88,7 @@ def by_qpsolvers(name: str) -> Backend:
 
 
 def _restored(x: FloatArray, kept: NDArray[np.bool_] | None) -> FloatArray:
-    """Return a solution of `Program.without_fixed` with the dropped variables back, as zeros."""
+    """Return a solution of `without_fixed` with the dropped variables back, as zeros."""
     if kept is None:
         return x
     full = np.zeros(len(kept))

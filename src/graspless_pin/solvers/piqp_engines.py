@@ -20,6 +20,7 @@ SOLVER_TOLERANCE = 1e-10
 _STEP_TO_BOUNDARY = 0.9999
 _UNIT = 10.0
 """What PIQP's variables count in: it starts near one, and forces are some loads."""
+_TOLERANCE = SOLVER_TOLERANCE / _UNIT
 _FIRST_ITERATIONS = 20
 _MOST_ITERATIONS = 250
 _PER_STRUCTURE = 2
@@ -44,8 +45,8 @@ class _Engine:
         settings = self._settings = self._piqp.settings
         settings.kkt_solver = piqp.KKTSolver.sparse_ldlt_ineq_cond
         settings.preconditioner_iter = 0
-        settings.eps_abs = settings.eps_rel = SOLVER_TOLERANCE
-        settings.eps_duality_gap_abs = settings.eps_duality_gap_rel = SOLVER_TOLERANCE
+        settings.eps_abs = settings.eps_rel = _TOLERANCE
+        settings.eps_duality_gap_abs = settings.eps_duality_gap_rel = _TOLERANCE
         settings.tau = _STEP_TO_BOUNDARY
         self._piqp.setup(
             self._P,

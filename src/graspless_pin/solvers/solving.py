@@ -10,16 +10,20 @@ import qpsolvers
 from graspless_pin.errors import SolverUnavailableError
 from graspless_pin.programs.answers import Answer, Backend, Outcome, checked_answer, failed
 from graspless_pin.programs.program import Program
+from graspless_pin.solvers.conic_backends import by_clarabel, by_cuts
 from graspless_pin.solvers.other_backends import by_proxqp, by_qpsolvers
 from graspless_pin.solvers.piqp_engines import by_piqp
 
+ANY_SOLVER = "auto"
+"""PIQP for linear and quadratic programs, Clarabel for second-order ones."""
 _FALLBACKS = ("piqp", "highs", "clarabel", "proxqp")
+_CONIC_FALLBACKS = ("clarabel", "piqp", "highs")
 _BACKENDS: dict[str, Backend] = {"piqp": by_piqp, "proxqp": by_proxqp}
 
 
 @cache
 def available_solvers() -> tuple[str, ...]:
-    """Return the names that can be given as ``solver``."""
+    """Return the names that can be given as ``solver`` besides ``auto``."""
     return tuple(sorted({*_BACKENDS, *qpsolvers.available_solvers}))
 
 
@@ -29,19 +33,20 @@ def check_solver(name: str) -> str:
     Raises:
         SolverUnavailableError: Naming the solvers that are.
     """
-    if name not in available_solvers():
+    if name != ANY_SOLVER and name not in available_solvers():
         raise SolverUnavailableError(
             f"solver: {name!r} is not installed; available: {', '.join(available_solvers())}"
         )
     return name
 
 
-def solve(program: Program, solver: str = "piqp", *, cutoff: float = np.inf) -> Answer:
+def solve(program: Program, solver: str = ANY_SOLVER, *, cutoff: float = np.inf) -> Answer:
     """Solve a program, check the answer and prove infeasibility.
 
     Args:
         program: The program.
-        solver: The solver to ask first.
+        solver: The solver to ask first; of those of linear programs only, second-order ones are
+            asked by tangent cuts.
         cutoff: A value above which solutions are of no interest: a proven bound above it counts
             as infeasible.
 
@@ -50,9 +55,8 @@ def solve(program: Program, solver: str = "piqp", *, cutoff: float = np.inf) -> 
     """
     cutoff = min(cutoff, program.worst)
     best_bound = -np.inf
-    for name in _in_turn(solver):
-        backend = _BACKENDS.get(name) or by_qpsolvers(name)
-        answer = checked_answer(program, backend, name, cutoff)
+    for name in _in_turn(solver, program.cone_count > 0):
+        answer = checked_answer(program, _backend(name, program.cone_count > 0), name, cutoff)
         if answer.outcome is not Outcome.FAILED:
             return answer
         best_bound = max(best_bound, answer.bound)
@@ -60,6 +64,17 @@ def solve(program: Program, solver: str = "piqp", *, cutoff: float = np.inf) -> 
 
 
 @cache
-def _in_turn(solver: str) -> tuple[str, ...]:
+def _in_turn(solver: str, conic: bool) -> tuple[str, ...]:
     """Return the solvers to ask, one after the other."""
-    return (solver, *(other for other in _FALLBACKS if other != solver))
+    others = _CONIC_FALLBACKS if conic else _FALLBACKS
+    if solver == ANY_SOLVER:
+        return others
+    return (solver, *(other for other in others if other != solver))
+
+
+def _backend(name: str, conic: bool) -> Backend:
+    """Return what asks a solver for linear and quadratic, or for second-order programs."""
+    if conic and name == "clarabel":
+        return by_clarabel
+    plain = _BACKENDS.get(name) or by_qpsolvers(name)
+    return by_cuts(plain) if conic else plain

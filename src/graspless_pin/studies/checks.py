@@ -31,7 +31,7 @@ def check_study(study: Study) -> None:
             # Before bodies move: what is no pose cannot be moved.
             _check_values(study, variable.name, value, study.placed_at(sample))
     try:
-        check_solver(study.tree_at(first)["solve"].get("solver", "piqp"))
+        check_solver(study.tree_at(first)["solve"].get("solver", "auto"))
     except GrasplessPinError as error:
         raise StudyError(f"{study.source.path}: compute.{error}") from None
     _check_any_touches(study)

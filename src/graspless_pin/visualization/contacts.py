@@ -25,6 +25,7 @@ _SHAFT = 0.02
 # The tangential forces of frictionless contacts are rounding.
 _NO_FORCE = 1e-6
 _CONE_OPACITY = 0.4
+_ROUND = 64  # edges of a round cone
 _SECTIONS = 12  # of an arrow's circles
 _BALL_RINGS = 6
 _Surface = tuple[FloatArray, NDArray[np.int64]]
@@ -105,9 +106,10 @@ def virtual_velocities(solution: TorqueSolution) -> FloatArray:
 
 
 def _cones(problem: QuasistaticProblem, points: FloatArray, height: float) -> Iterator[Mesh]:
-    """Return the cones, of one height along the normal, with the problem's own edges."""
+    """Return the cones, of one height along the normal, with the problem's own edges if any."""
+    count = _ROUND if problem.is_round else problem.cone_edges
     for index in np.flatnonzero(problem.has_cone).tolist():
-        local = cone_edges_local(float(problem.friction[index]), problem.cone_edges)
+        local = cone_edges_local(float(problem.friction[index]), count)
         frame = np.column_stack([problem.normals[index], problem.tangents[index]])
         # A steep cone keeps its slant height, or wide cones would hide everything.
         stretch = height / max(local[0, 0], np.sqrt(0.5))

@@ -7,111 +7,17 @@ floating-point format of the machine, and what rounding may hide is taken off.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from graspless_pin.report.verify.figures import Problem
 from graspless_pin.report.verify.implied_box import implied_box
+from graspless_pin.report.verify.multipliers import StatedMultipliers
 from graspless_pin.report.verify.own_objective import OwnObjective
-from graspless_pin.report.verify.values import array, entry, items, number, whole
 
 _LONG = np.longdouble
 _ROUNDING = 4.0 * float(np.finfo(_LONG).eps)
-
-
-@dataclass(frozen=True, eq=False)
-class StatedMultipliers:
-    """StatedMultipliers of the constraints, in the objective's unit over the constraint's own.
-
-    Attributes:
-        balance: (6,) of W f + w = 0; of any sign, all others are >= 0.
-        faces: (M, r) of h^T f + e <= 0 where there is a cone.
-        normal_upper: (M,) of n^T f + e <= limit in Algorithm 1.
-        normal_lower: (M,) of e <= n^T f in Algorithm 1 where there is no cone.
-        torque_upper: (L,) of J^T f + g <= upper.
-        torque_lower: (L,) of lower <= J^T f + g.
-        share_upper: (L,) of J^T f + g <= t (or t times the upper limit) in Algorithm 2.
-        share_lower: (L,) of -(J^T f + g) <= t (or t times minus the lower limit).
-        own_upper: (q,) of the upper sides of an objective's own rows.
-        own_lower: (q,) of their lower sides.
-    """
-
-    balance: np.ndarray
-    faces: np.ndarray
-    normal_upper: np.ndarray
-    normal_lower: np.ndarray
-    torque_upper: np.ndarray
-    torque_lower: np.ndarray
-    share_upper: np.ndarray
-    share_lower: np.ndarray
-    own_upper: np.ndarray
-    own_lower: np.ndarray
-
-    @property
-    def torque(self) -> np.ndarray:
-        """(L,) of each joint's torque."""
-        return self.torque_upper - self.torque_lower + self.share_upper - self.share_lower
-
-
-def stated_multipliers(given: object, problem: Problem, where: str) -> StatedMultipliers:
-    """Return multipliers that stand in a document; those that may prove nothing count as 0.
-
-    Raises:
-        ValueError: If one is negative or something is missing.
-    """
-    M, L = problem.count, len(problem.units)
-    faces = np.zeros((M, problem.edges))
-    listed = items(entry(given, "faces", where), f"faces of {where}", 0, faces.size)
-    for triple in listed:
-        contact, face, value = items(triple, f"a face of {where}", 3, 3)
-        contact = whole(contact, f"a contact of {where}", 0, M - 1)
-        faces[contact, whole(face, f"a face of {where}", 0, problem.edges - 1)] = number(
-            value, f"a face of {where}"
-        )
-    sizes = {"normal_upper": M, "normal_lower": M, "torque_upper": L, "torque_lower": L,
-             "share_upper": L, "share_lower": L}  # fmt: skip
-    own, values = problem.own, {key: np.zeros(n) for key, n in sizes.items()}
-    for key in sizes if own is None else own.multipliers & sizes.keys():
-        values[key] = array(entry(given, key, where), (sizes[key],), f"{key} of {where}")
-    own_upper, own_lower = _own_multipliers(given, problem, where)
-    values |= {"own_upper": own_upper, "own_lower": own_lower}
-    for key, one in {**values, "faces": faces}.items():
-        if (one < 0.0).any():
-            raise ValueError(f"{key} of {where} has a negative multiplier")
-    # Only constraints that the program has may prove anything.
-    up, down = problem.shared
-    there = {
-        "normal_upper": np.full(M, problem.has_normal_rows("normal_upper")),
-        "normal_lower": ~problem.cone & problem.has_normal_rows("normal_lower"),
-        "torque_upper": np.isfinite(problem.upper),
-        "torque_lower": np.isfinite(problem.lower),
-        "share_upper": up > 0.0,
-        "share_lower": down > 0.0,
-        "own_upper": np.isfinite(own.rows.high) if own is not None else np.zeros(0, dtype=bool),
-        "own_lower": np.isfinite(own.rows.low) if own is not None else np.zeros(0, dtype=bool),
-    }
-    return StatedMultipliers(
-        balance=array(entry(given, "balance", where), (6,), f"balance of {where}"),
-        faces=np.where(problem.cone[:, None], faces, 0.0),
-        **{key: np.where(there[key], one, 0.0) for key, one in values.items()},
-    )
-
-
-def _own_multipliers(given: object, problem: Problem, where: str) -> tuple[np.ndarray, np.ndarray]:
-    """(q,) multipliers of the upper and of the lower sides of an objective's own rows."""
-    upper, lower = [np.zeros(0)], [np.zeros(0)]
-    for name, sign, shape in () if problem.own is None else problem.own.rows.blocks:
-        up, down = (
-            array(entry(given, key, where), shape, f"{key} of {where}").ravel()
-            for key in ((f"{name}_upper", f"{name}_lower") if sign == "either" else (name, name))
-        )
-        if sign == "any":
-            up, down = np.maximum(up, 0.0), np.maximum(-down, 0.0)
-        upper.append(up)
-        lower.append(down if sign != "upper" else np.zeros(len(up)))
-    return np.concatenate(upper), np.concatenate(lower)
 
 
 def proven_bound(
@@ -160,7 +66,8 @@ def violation(problem: Problem, m: StatedMultipliers, bound: float) -> float:
     up, down = problem.shared
     scale = np.repeat([F, F * problem.length], 3)
     total = float(np.abs(m.balance) @ scale + (m.torque_upper + m.torque_lower) @ joints)
-    total += F * float(m.faces.sum() + m.normal_upper.sum() + m.normal_lower.sum())
+    parts = m.faces.sum() + np.abs(m.round).sum() + m.normal_upper.sum() + m.normal_lower.sum()
+    total += F * float(parts)
     if problem.by_limits:
         up, down = (np.maximum(joints, problem.unit * one) for one in (up, down))
     else:
@@ -182,6 +89,9 @@ def _slopes(problem: Problem, m: StatedMultipliers) -> tuple[np.ndarray, np.ndar
     slope = (frames * np.sum(parts, axis=0)[:, None]).sum(axis=2)
     rough = np.abs(y[:3]) + _rough_cross(y[3:], p) + (np.abs(J) * np.abs(kappa)).sum(axis=2)
     size = (np.abs(frames) * rough[:, None]).sum(axis=2)
+    pull = m.round.astype(_LONG) * np.column_stack([-problem.mu, -np.ones((problem.count, 2))])
+    slope += pull
+    size += np.abs(pull)
     for c in np.flatnonzero(problem.cone).tolist():
         faces = problem.faces(c).astype(_LONG)
         slope[c] += (m.faces[c][:, None] * faces).sum(axis=0)
@@ -217,13 +127,19 @@ def _constant(problem: Problem, m: StatedMultipliers) -> tuple[Any, Any]:
         -m.torque_upper.astype(_LONG) * finite_up,
         m.torque_lower.astype(_LONG) * finite_low,
         -m.normal_upper.astype(_LONG) * problem.limit,
-        (m.faces.astype(_LONG) * problem.face_margins[:, None]).ravel(),
+        _of_margin(problem, m) * problem.face_margins,
     ])  # fmt: skip
     if problem.own is not None:
         rows = problem.own.rows
         high, low = (np.where(np.isfinite(one), one, 0.0) for one in (rows.high, rows.low))
         terms = np.concatenate([terms, -m.own_upper.astype(_LONG) * high, m.own_lower * low])
     return terms.sum(), np.abs(terms).sum()
+
+
+def _of_margin(problem: Problem, m: StatedMultipliers) -> np.ndarray:
+    """(M,) what a unit of margin adds at each contact's faces or round cone."""
+    widening = np.sqrt(1.0 + problem.mu.astype(_LONG) ** 2)
+    return m.faces.astype(_LONG).sum(axis=1) + m.round[:, 0] * widening
 
 
 def _box(problem: Problem, free: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
@@ -254,7 +170,7 @@ def _column_slopes(
 
     Algorithm 1 has e, Algorithm 2 has t.
     """
-    faces = m.faces.sum(axis=1).astype(_LONG)
+    faces = _of_margin(problem, m)
     if problem.own is not None:
         own = problem.own
         parts = [

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from graspless_pin.report.verify.bounds import proven_bound, stated_multipliers
+from graspless_pin.report.verify.bounds import proven_bound
 from graspless_pin.report.verify.figures import (
     FOUND_STATES,
     IN_MODE,
@@ -25,6 +25,7 @@ from graspless_pin.report.verify.forces import (
     residual,
 )
 from graspless_pin.report.verify.motions import motion_check, velocities
+from graspless_pin.report.verify.multipliers import stated_multipliers
 from graspless_pin.report.verify.outcome import Check, Verification, agrees, holds, within
 from graspless_pin.report.verify.reading import CHECKED_FORMAT, read_forces, read_mode, read_problem
 from graspless_pin.report.verify.states import State

@@ -31,7 +31,7 @@ class Problem:
         v: (M, 3) sliding velocities, m/s.
         J: (M, 3, L) contact Jacobian.
         w: (6,) external wrench, N and N m.
-        edges: Edges of each cone.
+        edges: Edges of each cone; 0: they are round.
         lower: (L,) smallest torques.
         upper: (L,) largest torques.
         gravity: (L,) torques that the motors bear besides the contacts.
@@ -71,6 +71,11 @@ class Problem:
     def count(self) -> int:
         """M."""
         return len(self.p)
+
+    @property
+    def is_round(self) -> bool:
+        """Whether the cones are round."""
+        return self.edges == 0
 
     @property
     def is_margin(self) -> bool:
@@ -187,7 +192,9 @@ class Problem:
         return np.full(self.count, self.e0) if self.own is None else self.own.margins
 
     def faces(self, contact: int) -> np.ndarray:
-        """(r, 3) unit outward face normals in (n, t1, t2) coordinates."""
+        """(r, 3) unit outward face normals in (n, t1, t2) coordinates; none of round cones."""
+        if self.is_round:
+            return np.zeros((0, 3))
         angles = 2.0 * np.pi * (np.arange(self.edges) + 0.5) / self.edges
         slope = self.mu[contact] * np.cos(np.pi / self.edges)
         rows = np.column_stack([np.full(self.edges, -slope), np.cos(angles), np.sin(angles)])
@@ -231,6 +238,10 @@ class Forces:
     @cached_property
     def faces(self) -> np.ndarray:
         """(M,) the farthest that each force lies outside its cone, N; -inf without a cone."""
+        mu = self._problem.mu
+        if self._problem.is_round:
+            away = np.linalg.norm(self.local[:, 1:], axis=1) - mu * self.local[:, 0]
+            return np.where(self._problem.cone, away / np.sqrt(1.0 + mu**2), -np.inf)
         outside = np.full(self._problem.count, -np.inf)
         for c in np.flatnonzero(self._problem.cone).tolist():
             outside[c] = (self._problem.faces(c) @ self.local[c]).max()

@@ -33,6 +33,8 @@ def read_problem(document: dict[str, Any]) -> Problem:
     contacts = items(entry(document, "contacts", where), "contacts", 1, MOST)
     joints = items(entry(document, "joints", where), "joints", 0, MOST)
     edges = whole(entry(document, "cone_edges", where), "cone_edges", 3, MOST)
+    if word(document.get("cone", "edges"), "cone", ("edges", "round")) == "round":
+        edges = 0
     rules = entry(document, "rules", where)
     algorithm, own = entry(document, "algorithm", where), None
     if algorithm is None:

@@ -1,0 +1,189 @@
+"""Second-order programs: Clarabel's own, and any solver of linear programs by tangent cuts."""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import clarabel as compiled_clarabel
+import numpy as np
+import scipy.sparse
+from numpy.typing import NDArray
+
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.programs.answers import Backend, Multipliers
+from graspless_pin.programs.program import Program
+from graspless_pin.solvers.piqp_engines import SOLVER_TOLERANCE
+
+clarabel: Any = compiled_clarabel
+_FIRST_CUTS = 8
+_ROUNDS = 40
+_NEAR = 1e-9
+"""Cuts end where forces are no farther outside their cones, in scaled units."""
+
+
+def by_clarabel(program: Program) -> Multipliers | None:
+    """Clarabel's own interface: equalities, sides and bounds as cones of its, then second-order."""
+    low, high = program.sides
+    m, n = len(program.b), len(program.c)
+    ends = np.concatenate([high, -low, program.ub, -program.lb])
+    form = _form_of(
+        program.pattern,
+        (m, len(low) - m, n, program.cone_count),
+        np.isfinite(ends).tobytes(),
+        ((program.lb == 0.0) & (program.ub == 0.0)).tobytes(),
+    )
+    matrix = copy(form.matrix)
+    matrix.data = form.signs * np.append(program.rows.T.ravel(), 1.0)[form.places]
+    curved = form.unit if program.is_linear else scipy.sparse.diags_array(program.P[form.kept])
+    solver = clarabel.DefaultSolver(
+        curved.tocsc(), program.c[form.kept], matrix, ends[form.sides], form.cones, _SETTINGS
+    )
+    solution = solver.solve()
+    x, z = np.zeros(n), np.array(solution.z)
+    x[form.kept] = solution.x
+    weights: Any = np.bincount(form.rows, form.row_signs * z[form.of_rows], len(low))
+    return np.minimum(np.maximum(x, program.lb), program.ub), weights[:m], weights[m:]
+
+
+class _Form(NamedTuple):
+    """Programs of one structure as Clarabel takes them: matrix x + s = sides, s in its cones.
+
+    Attributes:
+        kept: Columns that are not fixed at zero.
+        matrix: (r, k) in compressed columns; its data are of no program.
+        places: Where its data stand among the columns of all rows, and a one.
+        signs: What they are multiplied by.
+        sides: (r,) places of its sides among upper and minus lower sides, then bounds.
+        cones: Clarabel's.
+        of_rows: Which of its rows are of the program's.
+        rows: Rows of the program that these stand for.
+        row_signs: 1 on upper sides, -1 on lower ones.
+        unit: (k, k) without entries.
+    """
+
+    kept: NDArray[np.int_]
+    matrix: Any
+    places: NDArray[np.int_]
+    signs: FloatArray
+    sides: NDArray[np.int_]
+    cones: list[Any]
+    of_rows: NDArray[np.int_]
+    rows: NDArray[np.int_]
+    row_signs: FloatArray
+    unit: Any
+
+
+@lru_cache(maxsize=32)
+def _form_of(pattern: bytes, sizes: tuple[int, int, int, int], ends: bytes, fixed: bytes) -> _Form:
+    """Return the form of programs of one structure.
+
+    Args:
+        pattern: See `Program.pattern`.
+        sizes: Equalities, other rows, columns and second-order cones.
+        ends: Which upper sides, lower sides, upper bounds and lower bounds there are.
+        fixed: Which columns are fixed at zero.
+    """
+    m, k, n, cones = sizes
+    count, flat = m + k, m + k - 3 * cones
+    bits = np.unpackbits(np.frombuffer(pattern, dtype=np.uint8), count=count * n)
+    filled = bits.reshape(count, n).astype(bool)
+    there = np.frombuffer(ends, dtype=bool).copy()
+    kept = np.flatnonzero(~np.frombuffer(fixed, dtype=bool))
+    # Upper sides first (equalities have no other), then lower ones, bounds, and the cones' rows.
+    there[count : count + m] = False
+    conic = count + np.arange(flat, count)
+    there[flat:count] = there[conic] = False
+    free = np.flatnonzero(np.frombuffer(fixed, dtype=bool))
+    there[2 * count + free] = there[2 * count + n + free] = False
+    sides = np.concatenate([np.flatnonzero(there), conic])
+    # Of each row of the matrix: the entries' places and signs.
+    above = sides < count
+    lower = ~above & (sides < 2 * count)
+    entries = np.zeros((len(sides), n), dtype=bool)
+    source = np.full((len(sides), n), count * n)
+    columns = count * np.arange(n)
+    of_rows = np.flatnonzero(above | lower)
+    rows = sides[of_rows] % count
+    entries[of_rows], source[of_rows] = filled[rows], columns + rows[:, None]
+    of_bounds = np.flatnonzero(sides >= 2 * count)
+    entries[of_bounds, (sides[of_bounds] - 2 * count) % n] = True
+    sign = np.where(above | ((sides >= 2 * count) & (sides < 2 * count + n)), 1.0, -1.0)
+    order = entries[:, kept].T
+    owner = np.nonzero(order)[1]
+    starts = np.concatenate([[0], np.cumsum(order.sum(axis=1))])
+    matrix = scipy.sparse.csc_array((np.ones(len(owner)), owner, starts), shape=order.T.shape)
+    kinds: list[Any] = [clarabel.ZeroConeT(m)]
+    kinds += [clarabel.NonnegativeConeT(len(sides) - m - 3 * cones)]
+    kinds += [clarabel.SecondOrderConeT(3)] * cones
+    return _Form(
+        kept, matrix, source[:, kept].T[order], sign[owner], sides, kinds, of_rows, rows,
+        sign[of_rows], scipy.sparse.csc_array((len(kept), len(kept))),
+    )  # fmt: skip
+
+
+def _settings() -> Any:
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    # Programs are scaled, and every answer is checked.
+    settings.iterative_refinement_enable = settings.presolve_enable = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = SOLVER_TOLERANCE
+    return settings
+
+
+_SETTINGS = _settings()
+
+
+def by_cuts(solver: Backend) -> Backend:
+    """Return a backend that asks one of linear programs, with the cones cut by tangent planes.
+
+    Each round adds the planes that touch the cones where the last answer left them. A plane's
+    multiplier times its normal is a multiplier of the cone, so any round's may be a proof.
+    """
+
+    def backend(program: Program) -> Multipliers | None:
+        flat = program.flat_count
+        cones, apex = program.G[flat:].reshape(-1, 3, len(program.c)), program.l[flat:]
+        apex = apex.reshape(-1, 3)
+        angles = 2.0 * np.pi * np.arange(_FIRST_CUTS) / _FIRST_CUTS
+        owner = np.repeat(np.arange(len(cones)), _FIRST_CUTS)
+        planes = np.tile(_planes(np.cos(angles), np.sin(angles)), (len(cones), 1))
+        for _ in range(_ROUNDS):
+            found = solver(_cut(program, np.einsum("pi,pin->pn", planes, cones[owner]),
+                                np.einsum("pi,pi->p", planes, apex[owner])))  # fmt: skip
+            if found is None:
+                return None
+            x, y, z = found
+            weights = np.zeros_like(apex)
+            np.add.at(weights, owner, z[flat:, None] * planes)
+            z = np.concatenate([z[:flat], weights.ravel()])
+            inside = cones @ x - apex
+            rubbing = np.hypot(inside[:, 1], inside[:, 2])
+            outside = np.flatnonzero(rubbing - inside[:, 0] > _NEAR)
+            if not len(outside) or program.dual_bound(y, z) > program.worst:
+                return x, y, z
+            cosine, sine = inside[outside, 1:].T / rubbing[outside]
+            planes, owner = np.vstack([planes, _planes(cosine, sine)]), np.append(owner, outside)
+        return None
+
+    return backend
+
+
+def _planes(cosine: FloatArray, sine: FloatArray) -> FloatArray:
+    """(p, 3) inward normals of planes that touch the cone along given directions."""
+    return np.column_stack([np.ones_like(cosine), -cosine, -sine])
+
+
+def _cut(program: Program, rows: FloatArray, sides: FloatArray) -> Program:
+    """Return a program with planes, as lower sides, in place of its cones."""
+    flat = program.flat_count
+    return replace(
+        program,
+        G=np.asfortranarray(np.vstack([program.G[:flat], rows])),
+        l=np.concatenate([program.l[:flat], sides]),
+        u=np.concatenate([program.u[:flat], np.full(len(rows), np.inf)]),
+        cone_count=0,
+        blocks=(),
+    )
