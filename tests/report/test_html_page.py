@@ -57,6 +57,14 @@ def test_it_is_small(allegro):
     assert len(allegro[2].encode()) < 5_000_000
 
 
+def test_it_says_which_cones_there_are(allegro, page: Element):
+    scene, _, _ = allegro
+    assert "32 edges to each friction cone" in page.text
+    rounded = scene.with_changes(cone="round")
+    text = read_html(report_html(case_of_scene(rounded, rounded.solve("margin")))).text
+    assert "round friction cones" in text and "edges to each" not in text
+
+
 def test_nothing_is_fetched(allegro, page: Element):
     """Every address is inside the page, and the page forbids all others."""
     for element in page.everything():

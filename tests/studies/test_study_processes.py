@@ -214,7 +214,7 @@ def test_an_interrupt_does_not_wait_for_a_sample_that_hangs(tmp_path, monkeypatc
     monkeypatch.setattr("graspless_pin.studies.run.evaluate_each", hangs_at_seven)
 
     def wait_a_second(running, **options):
-        done, rest = wait(running, timeout=2.0, **options)
+        done, rest = wait(running, timeout=5.0, **options)
         if not done:
             raise KeyboardInterrupt
         return done, rest
