@@ -249,9 +249,9 @@ def test_the_page_can_turn_dark(allegro, opened, tmp_path):
 KNOCK = """(url) => new Promise((resolve) => {
   const socket = new WebSocket(url, "viser-vVERSION");
   let seen = 0;
-  socket.onmessage = () => { seen += 1; };
+  socket.onmessage = () => { seen += 1; socket.close(); };
   socket.onclose = (event) => resolve([seen, event.code]);
-  setTimeout(() => { socket.close(); }, 2000);
+  setTimeout(() => { socket.close(); }, 20000);
 })"""
 
 
