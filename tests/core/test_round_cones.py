@@ -10,10 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from random_scenes import general_scene, slope_scene
 from scenes import scene
+from test_faults import LIES
 from tests.oracles.round_cones import AGREE, comparisons, round_scene
 
 from graspless_pin import (
     QuasistaticProblem,
+    Status,
     contact_force_bounds,
     disturbance_margin,
     load_scene,
@@ -29,11 +31,13 @@ from graspless_pin.programs.assembly import built
 from graspless_pin.programs.elastic import elastic, elastic_multipliers
 from graspless_pin.programs.forces import force_coordinates
 from graspless_pin.programs.objectives import Margin, Torque
-from graspless_pin.solvers import Outcome, solve
+from graspless_pin.solvers import Outcome, solve, solving
 from graspless_pin.solvers.conic_backends import by_clarabel, by_cuts
+from graspless_pin.solvers.other_backends import by_qpsolvers
 from graspless_pin.solvers.piqp_engines import by_piqp
 
 E0 = 0.05
+OPEN = (Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT, Status.UNVERIFIED)
 ROOT = Path(__file__).parents[2]
 
 
@@ -111,6 +115,27 @@ def test_any_solver_serves_round_cones(solver):
     solution = maximize_margin(round_scene(1), solver=solver)
     assert solution.certificate.solver == solver
     assert solution.value == pytest.approx(maximize_margin(round_scene(1)).value, rel=1e-7)
+
+
+@pytest.mark.parametrize("lie", LIES)
+@pytest.mark.parametrize("number", [0, 1])
+def test_no_lie_about_round_programs_becomes_an_answer(number, lie, monkeypatch):
+    """Scene 0 has no solution, scene 1 has one; Clarabel and all solvers by cuts lie alike."""
+    problem = round_scene(number)
+    honest = maximize_margin(problem), minimize_torque(problem, E0)
+    assert [one.found for one in honest] == [number == 1] * 2
+    monkeypatch.setattr(solving, "by_clarabel", LIES[lie](by_clarabel))
+    for name in ("piqp", "highs"):
+        backend = solving._BACKENDS.get(name) or by_qpsolvers(name)
+        monkeypatch.setitem(solving._BACKENDS, name, LIES[lie](backend))
+    again = problem.with_changes()
+    for found, right in zip(
+        (maximize_margin(again), minimize_torque(again, E0)), honest, strict=True
+    ):
+        if found.status is Status.OPTIMAL:
+            assert found.value == pytest.approx(right.value, rel=1e-6)
+        else:
+            assert found.status is right.status or found.status in OPEN
 
 
 @pytest.mark.parametrize("number", range(6))

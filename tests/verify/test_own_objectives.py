@@ -63,6 +63,17 @@ def test_all_that_a_document_claims_is_proven(own, name):
     assert not any(one.startswith("boxes of ") for one in given)
 
 
+def test_documents_with_round_cones_are_refused_by_name(own):
+    problem = scene("rest").with_changes(cone="round")
+    with pytest.raises(ArgumentError, match="has round cones; no document holds it"):
+        documented(optimize(problem, SquaredShares(0.1)))
+    forged = changed(own("squared shares"), "cone", to="round")
+    with pytest.raises(ValueError, match="no document with round cones"):
+        verify_document(forged)
+    with pytest.raises(ArgumentError, match="no document with round cones"):
+        read_solution(forged)
+
+
 def test_proofs_over_modes_have_several_leaves(own):
     assert len(own("squared shares")["proof"]["nodes"]) > 2
 

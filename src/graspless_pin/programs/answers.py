@@ -113,7 +113,7 @@ def _tried(
     program: Program, near: Program, factor: float, backend: Backend, name: str, cutoff: float
 ) -> Answer:
     """Ask a solver for a program shrunk by a factor, and hold its answer against the program."""
-    raw = _asked(backend, near if factor == 1.0 else shrunk(near, factor))
+    raw = asked(backend, near if factor == 1.0 else shrunk(near, factor))
     if raw is None:
         return failed(-np.inf)
     x, y, z = raw
@@ -135,8 +135,13 @@ def _tried(
     return failed(bound)
 
 
-def _asked(backend: Backend, program: Program) -> Multipliers | None:
-    """Return what a solver found, if it can be reckoned with."""
+def asked(backend: Backend, program: Program) -> Multipliers | None:
+    """Return what a solver finds of a program, None if that is nothing or not to be reckoned with.
+
+    Args:
+        backend: The solver.
+        program: The program.
+    """
     raw = backend(program)
     return None if raw is None or not all_within(raw, _LARGEST) else raw
 
@@ -186,7 +191,7 @@ def _elastic_multipliers(
 ) -> tuple[FloatArray, FloatArray] | None:
     """Multipliers that prove the smallest common violation of all rows, by the elastic program."""
     relaxed = elastic(program)
-    raw = _asked(backend, relaxed)
+    raw = asked(backend, relaxed)
     if raw is None:
         return None
     found = raw, polished(relaxed, raw) or raw

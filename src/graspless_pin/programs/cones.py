@@ -27,7 +27,7 @@ class ConeRows:
     """Rows of all friction cones of a problem.
 
     Attributes:
-        name: Name of their block, and the paper's or the field's word for what they are.
+        name: Name of their block.
         second_order: Three rows a cone, whose first is to be at least the length of the two others
             (rows x - margin e >= 0 in that order); otherwise each row is one side face,
             rows x + margin e <= 0 (42).
@@ -62,7 +62,7 @@ def edge_cones(layout: ForceLayout, friction: FloatArray, edges: int) -> ConeRow
         edges: Number r of edges.
     """
     cones = layout.cones
-    faces = np.zeros((len(cones), edges, layout.size), order="F")
+    faces = np.zeros((len(cones), edges, layout.size))
     columns = layout.normal[cones, None] + _FRAME
     faces[np.arange(len(cones))[:, None], :, columns] = cone_faces_local(friction, edges)
     rows = np.asfortranarray(faces.reshape(-1, layout.size))

@@ -50,8 +50,14 @@ class StatedObjective(Objective):
         return np.concatenate([np.zeros(0), *parts]) / self.column_units
 
     def build(self, program: ProgramBuilder) -> None:
-        """Add the columns, blocks and costs that the document states."""
+        """Add the columns, blocks and costs that the document states.
+
+        Raises:
+            ValueError: If the cones are round.
+        """
         data, forces = self.data, program.forces
+        if forces.cones.second_order:
+            raise ValueError("an objective of one's own stands in no document with round cones")
         force = forces.coordinates.force_scale
         columns = self._columns(program)
         count, kept = len(forces.normal), data["keeps"]

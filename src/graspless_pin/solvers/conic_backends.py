@@ -13,7 +13,7 @@ import scipy.sparse
 from numpy.typing import NDArray
 
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.programs.answers import Backend, Multipliers
+from graspless_pin.programs.answers import Backend, Multipliers, asked
 from graspless_pin.programs.program import Program
 from graspless_pin.solvers.piqp_engines import SOLVER_TOLERANCE
 
@@ -147,12 +147,13 @@ def by_cuts(solver: Backend) -> Backend:
         flat = program.flat_count
         cones, apex = program.G[flat:].reshape(-1, 3, len(program.c)), program.l[flat:]
         apex = apex.reshape(-1, 3)
-        angles = 2.0 * np.pi * np.arange(_FIRST_CUTS) / _FIRST_CUTS
         owner = np.repeat(np.arange(len(cones)), _FIRST_CUTS)
-        planes = np.tile(_planes(np.cos(angles), np.sin(angles)), (len(cones), 1))
+        first = _planes(2.0 * np.pi * np.arange(_FIRST_CUTS) / _FIRST_CUTS)
+        planes = np.tile(first, (len(cones), 1))
         for _ in range(_ROUNDS):
-            found = solver(_cut(program, np.einsum("pi,pin->pn", planes, cones[owner]),
-                                np.einsum("pi,pi->p", planes, apex[owner])))  # fmt: skip
+            rows = np.einsum("pi,pin->pn", planes, cones[owner])
+            sides = np.einsum("pi,pi->p", planes, apex[owner])
+            found = asked(solver, _cut(program, rows, sides))
             if found is None:
                 return None
             x, y, z = found
@@ -160,20 +161,19 @@ def by_cuts(solver: Backend) -> Backend:
             np.add.at(weights, owner, z[flat:, None] * planes)
             z = np.concatenate([z[:flat], weights.ravel()])
             inside = cones @ x - apex
-            rubbing = np.hypot(inside[:, 1], inside[:, 2])
-            outside = np.flatnonzero(rubbing - inside[:, 0] > _NEAR)
+            outside = np.flatnonzero(np.hypot(*inside[:, 1:].T) - inside[:, 0] > _NEAR)
             if not len(outside) or program.dual_bound(y, z) > program.worst:
                 return x, y, z
-            cosine, sine = inside[outside, 1:].T / rubbing[outside]
-            planes, owner = np.vstack([planes, _planes(cosine, sine)]), np.append(owner, outside)
+            touching = _planes(np.arctan2(inside[outside, 2], inside[outside, 1]))
+            planes, owner = np.vstack([planes, touching]), np.append(owner, outside)
         return None
 
     return backend
 
 
-def _planes(cosine: FloatArray, sine: FloatArray) -> FloatArray:
-    """(p, 3) inward normals of planes that touch the cone along given directions."""
-    return np.column_stack([np.ones_like(cosine), -cosine, -sine])
+def _planes(angles: FloatArray) -> FloatArray:
+    """(p, 3) inward normals of planes that touch the cone along directions at given angles, rad."""
+    return np.column_stack([np.ones_like(angles), -np.cos(angles), -np.sin(angles)])
 
 
 def _cut(program: Program, rows: FloatArray, sides: FloatArray) -> Program:

@@ -13,7 +13,7 @@ from graspless_pin.report.verify.values import array, entry, items, number, whol
 
 @dataclass(frozen=True, eq=False)
 class StatedMultipliers:
-    """StatedMultipliers of the constraints, in the objective's unit over the constraint's own.
+    """What a document states of the constraints, in the objective's unit over the constraint's own.
 
     Attributes:
         balance: (6,) of W f + w = 0; of any sign, all others are >= 0.

@@ -38,6 +38,8 @@ def read_problem(document: dict[str, Any]) -> Problem:
     rules = entry(document, "rules", where)
     algorithm, own = entry(document, "algorithm", where), None
     if algorithm is None:
+        if edges == 0:
+            raise ValueError("an objective of one's own stands in no document with round cones")
         found = entry(document, "found", where) is True
         given = entry(document, "objective", where)
         algorithm, own = "own", read_own_objective(given, len(contacts), found=found)
