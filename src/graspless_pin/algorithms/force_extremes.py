@@ -151,6 +151,7 @@ class ForceExtremes:
             end[self.coordinates.normal] = bounds[:, 0]
             end[self.coordinates.tangent[cones]] = bounds[cones, 1:]
         force, order = self.coordinates.force_scale, count()
+        gap = _SECTOR_GAP * force
 
         def entry(surface: _Surface, least: float) -> tuple[float, int, _Surface]:
             distance = surface.distance
@@ -161,7 +162,7 @@ class ForceExtremes:
         heapify(queue)
         while queue:
             least, _, surface = heappop(queue)
-            if least >= margin - (0.0 if surface.sector is None else _SECTOR_GAP * force):
+            if least >= margin - (0.0 if surface.sector is None else gap):
                 break
             nearest = self.largest(-surface.distance, above=-margin)
             complete = complete and nearest.proven
@@ -172,7 +173,7 @@ class ForceExtremes:
             least = max(-nearest.value, least, 0.0)
             margin = min([margin, *(self._margin(x) for x in self.reached[-1:])])
             halves = self._halves(surface.sector)
-            if least < margin and not halves:
+            if not halves and least < margin - gap:
                 complete = False
             for half in halves:
                 heappush(queue, entry(half, least))
