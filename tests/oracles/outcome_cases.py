@@ -49,7 +49,7 @@ def random_rest_case(
         rng: Random numbers.
         contacts: M, from 1.
         fingers: Contacts, the last ones, with joints behind them.
-        joints: Of each finger.
+        joints: Of each finger; none: hybrid fingers.
     """
     layout = Layout(rng.choice(list(Layout)))
     half = rng.uniform(0.02, 0.08, 3)
@@ -123,6 +123,10 @@ def _fingers(
     rng: np.random.Generator, positions: Array, normals: Array, contacts: range, joints: int
 ) -> tuple[Array, Array]:
     """Return (3M, L) Jacobian and (L, L) inertia of chains of hinges, a mass at each fingertip."""
+    if joints == 0:
+        pushes = np.zeros((len(normals), 3, len(contacts)))
+        pushes[contacts, :, np.arange(len(contacts))] = normals[contacts]
+        return pushes.reshape(positions.size, -1), np.zeros((len(contacts), len(contacts)))
     count = len(contacts) * joints
     jacobian, inertia = np.zeros((len(normals), 3, count)), np.diag(rng.uniform(1e-4, 1e-2, count))
     for finger, contact in enumerate(contacts):

@@ -108,6 +108,9 @@ class Polish:
             on_force, _ = scaled.force_rows(i, state, ())
             rows.append(np.pad(on_force, ((0, 0), (width + 3 * i, size - width - 3 * i - 3))))
         right.append(np.zeros(sum(map(len, rows[1:]))))
+        for i in np.flatnonzero(scaled.commanded):
+            rows.append(np.eye(size)[None, width + 3 * i])
+            right.append(scaled.press[i : i + 1])
         for j, i in enumerate(slipping):
             along, across = unit(angles[j]), unit(angles[j] + 0.5 * np.pi)
             mu = scaled.friction[i]

@@ -111,7 +111,9 @@ def least_imbalance(case: RestCase) -> float:
     value = 0.0
     for _ in range(60):
         rows = [scaled.force_rows(i, State("stick"), cuts[i]) for i in range(count)]
-        equal = _diagonal([np.vstack([one]) for one, _ in rows], 3)
+        given = np.eye(3 * count)[::3][scaled.commanded]
+        equal = np.vstack([_diagonal([one for one, _ in rows], 3), given])
+        right = np.concatenate([np.zeros(len(equal) - len(given)), scaled.press[scaled.commanded]])
         below = _diagonal([two for _, two in rows], 3)
         pull = scaled.rows.reshape(3 * count, width).T
         answer = linprog(
@@ -120,7 +122,7 @@ def least_imbalance(case: RestCase) -> float:
             b_ub=np.zeros(len(below)),
             A_eq=np.block([[pull, np.eye(width), -np.eye(width)],
                            [equal, np.zeros((len(equal), 2 * width))]]),
-            b_eq=np.concatenate([-scaled.load, np.zeros(len(equal))]),
+            b_eq=np.concatenate([-scaled.load, right]),
             bounds=[(None, None)] * (3 * count) + [(0.0, None)] * (2 * width),
             options={"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10},
         )  # fmt: skip
@@ -186,7 +188,9 @@ class Enumeration:
     def _kinematic(self, first: tuple[State, ...]) -> Iterator[list[tuple[State, ...]]]:
         """Yield the combinations whose velocities may take power from the load, some at a time."""
         count = self.scaled.count
-        states = [State("open"), State("stick")]
+        states = [State("stick")]
+        if not self.scaled.commanded[len(first)]:
+            states.append(State("open"))
         if self.scaled.friction[len(first)] > 0.0:
             states += self.slips
         nodes = [(*first, state) for state in states]
@@ -238,6 +242,10 @@ class Enumeration:
             for rows, into in zip(own, (equal, below), strict=True):
                 left = width + 3 * i
                 into.append(np.pad(rows, ((0, 0), (left, 3 * count - 3 * i - 2))))
+        for i in np.flatnonzero(scaled.commanded):
+            row = np.zeros((1, width + 3 * count + 1))
+            row[0, [width + 3 * i, -1]] = 1.0, -scaled.press[i]
+            equal.append(row)
         return _Cone(np.vstack(equal), np.vstack(below))
 
     def _looked_into(self, leaf: tuple[State, ...]) -> Iterator[Outcome]:
@@ -275,13 +283,12 @@ class Enumeration:
         """Return the point that moves the object most, and a bound; None: none moves it."""
         scaled = self.scaled
         count, width = scaled.count, len(scaled.load)
-        costs = np.zeros((12, width + 3 * count + 1))
-        costs[:6, :width], costs[6:, :width] = scaled.moves, -scaled.moves
+        costs = np.pad(np.vstack([scaled.moves, -scaled.moves]), ((0, 0), (0, 3 * count + 1)))
         cuts: list[list[float]] = [[] for _ in range(count)]
         while True:
             cone = self._cone(leaf, cuts)
-            values, points = self._solve([cone] * 12, costs)
-            most = np.maximum(0.0, np.maximum(values[:6], values[6:]))
+            values, points = self._solve([cone] * len(costs), costs)
+            most = np.maximum(0.0, values.reshape(2, -1).max(axis=0))
             bound = scaled.bound(most)
             if bound <= self.resolution:
                 self.bound = max(self.bound, bound)

@@ -10,6 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 Array = np.ndarray
+_ROUNDING = 1e-12
+"""What is left of a load that commanded forces balance."""
 TANGENTS = 16
 """Faces around the round cone of a contact that sticks, before cuts."""
 
@@ -26,7 +28,8 @@ class RestCase:
         jacobian: (3M, L) with tau = J^T f at rest.
         torques: (L,) motors' torques less those that bear the links' weight, N m.
         object_inertia: (6, 6) about the centre of mass.
-        joint_inertia: (L, L).
+        joint_inertia: (L, L); a zero row is a hybrid finger's, whose torque is the normal force
+            that it commands at one contact: it follows along the normal, and only along it.
     """
 
     positions: Array
@@ -45,27 +48,21 @@ class RestCase:
         return float(np.linalg.norm(self.external_wrench[:3])) / mass
 
     @cached_property
-    def relative_motion(self) -> Array:
-        """(3M, 6 + L) G: accelerations of the object relative to the other bodies."""
-        x, y, z = self.positions.T
+    def point_motions(self) -> Array:
+        """(1 + M, 3, 6) from the object's acceleration to its centre's and its contact points'."""
+        x, y, z = np.vstack([np.zeros(3), self.positions]).T
         o = np.zeros_like(x)
         turning = np.array([[o, z, -y], [-z, o, x], [y, -x, o]]).transpose(2, 0, 1)
-        moving = np.broadcast_to(np.eye(3), turning.shape)
-        object_side = np.concatenate([moving, turning], axis=2).reshape(-1, 6)
-        return np.hstack([object_side, -self.jacobian])
+        return np.concatenate([np.broadcast_to(np.eye(3), turning.shape), turning], axis=2)
+
+    @cached_property
+    def relative_motion(self) -> Array:
+        """(3M, 6 + L) G: accelerations of the object relative to the other bodies."""
+        return np.hstack([self.point_motions[1:].reshape(-1, 6), -self.jacobian])
 
     def object_motion(self, acceleration: Array) -> float:
-        """Return the acceleration that no point of the object exceeds, m/s^2.
-
-        The object reaches as far from its centre of mass as its contacts do.
-        """
-        turning = float(np.linalg.norm(acceleration[3:6])) * self.radius
-        return float(np.linalg.norm(acceleration[:3])) + turning
-
-    @property
-    def radius(self) -> float:
-        """Distance of the farthest contact from the centre of mass, m."""
-        return float(np.linalg.norm(self.positions, axis=1).max())
+        """Return the largest acceleration of the centre of mass and the contact points, m/s^2."""
+        return float(np.linalg.norm(self.point_motions @ acceleration[:6], axis=1).max())
 
 
 class Outcome(NamedTuple):
@@ -97,29 +94,48 @@ class Scaled:
     def __init__(self, case: RestCase) -> None:
         self.case = case
         self.count = len(case.normals)
-        joints = len(case.torques)
-        inertia = np.zeros((6 + joints, 6 + joints))
+        hybrid = ~case.joint_inertia.any(axis=1)
+        self.joints = np.concatenate([np.ones(6, dtype=bool), ~hybrid])
+        inertia = np.zeros((len(self.joints), len(self.joints)))
         inertia[:6, :6], inertia[6:, 6:] = case.object_inertia, case.joint_inertia
-        self.root = np.linalg.cholesky(inertia)
-        load = np.linalg.solve(self.root, np.concatenate([case.external_wrench, case.torques]))
-        self.size = float(np.linalg.norm(load))
-        self.load = load / (self.size or 1.0)
+        self.root = np.linalg.cholesky(inertia[np.ix_(self.joints, self.joints)])
         self.frames = np.stack([_frame(normal) for normal in case.normals])
         motion = case.relative_motion.reshape(self.count, 3, -1)
-        rows = self.frames @ motion @ np.linalg.inv(self.root).T
+        given = np.concatenate([case.external_wrench, case.torques])
+        loaded = given.copy()
+        self.press = np.full(self.count, np.nan)
+        for joint in 6 + np.flatnonzero(hybrid):
+            (contact,) = np.flatnonzero(motion[:, :, joint].any(axis=1))
+            self.press[contact] = given[joint]
+            given[:6] += given[joint] * case.normals[contact] @ motion[contact, :, :6]
+        load = np.linalg.solve(self.root, given[self.joints])
+        size = float(np.linalg.norm(load))
+        alone = np.linalg.norm(np.linalg.solve(self.root, loaded[self.joints]))
+        self.size = size if size > _ROUNDING * alone else 0.0
+        self.load = load / (self.size or 1.0)
+        self.commanded = ~np.isnan(self.press)
+        rows = self.frames @ motion[:, :, self.joints] @ np.linalg.inv(self.root).T
+        rows[self.commanded, 0] = 0.0
         self.lengths = np.linalg.norm(rows, axis=2).max(axis=1)
         self.rows: Array = rows / self.lengths[:, None, None]
+        self.press *= self.lengths / (self.size or 1.0)
         self.friction = case.friction
-        self.moves = np.linalg.inv(self.root).T[:6] * self.size
-        self.moves[3:] *= case.radius
+        self.moves = case.point_motions @ np.linalg.inv(self.root).T[:6] * self.size
+        self.moves = self.moves.reshape(-1, len(self.load))
 
     def outcome(self, y: Array, forces: Array) -> Outcome:
-        acceleration = self.size * np.linalg.solve(self.root.T, y)
+        motion = self.case.relative_motion.reshape(self.count, 3, -1)
+        acceleration = np.zeros(len(self.joints))
+        acceleration[self.joints] = self.size * np.linalg.solve(self.root.T, y)
+        for joint in np.flatnonzero(~self.joints):
+            (contact,) = np.flatnonzero(motion[:, :, joint].any(axis=1))
+            normal = self.case.normals[contact]
+            acceleration[joint] = normal @ motion[contact, :, :6] @ acceleration[:6]
         local = forces * (self.size / self.lengths)[:, None]
         return Outcome(acceleration, np.einsum("mij,mi->mj", self.frames, local))
 
     def scaled(self, outcome: Outcome) -> tuple[Array, Array]:
-        y = self.root.T @ outcome.acceleration / self.size
+        y = self.root.T @ outcome.acceleration[self.joints] / self.size
         local = np.einsum("mij,mj->mi", self.frames, outcome.forces)
         return y, local * (self.lengths / self.size)[:, None]
 
@@ -128,12 +144,12 @@ class Scaled:
 
     def bound(self, components: Array) -> float:
         """Return the object's largest acceleration where no component of `moves` is larger."""
-        return float(np.linalg.norm(components[:3]) + np.linalg.norm(components[3:]))
+        return float(np.linalg.norm(components.reshape(-1, 3), axis=1).max())
 
     # Rows on (y, f, t) of one contact: equations and inequalities, all with zero on the right.
 
     def velocity_rows(self, contact: int, state: State) -> tuple[Array, Array]:
-        normal, *across = self.rows[contact]
+        normal, *across = self.rows[contact]  # a commanded contact has zeros along its normal
         if state.kind in ("free", "open"):
             return np.empty((0, len(normal))), -normal[None]
         if state.kind == "stick":
@@ -181,5 +197,5 @@ def worst_violation(case: RestCase, outcome: Outcome) -> float:
     lost = most * np.linalg.norm(u[:, 1:], axis=1) + np.einsum("ij,ij->i", forces, u)
     parts = [y - scaled.pull(forces) - scaled.load, -u[:, 0], -forces[:, 0], rubbing - most]
     parts += [np.abs(forces[:, 0] * u[:, 0]), np.abs(lost)]
-    parts[0] = np.abs(parts[0])
-    return max(0.0, *(float(part.max()) for part in parts))
+    parts += [np.abs(forces[:, 0] - scaled.press)[scaled.commanded], np.abs(parts.pop(0))]
+    return max(0.0, *(float(part.max(initial=0.0)) for part in parts))

@@ -132,6 +132,34 @@ def test_friction_keeps_the_mass_on_the_wedge():
     assert enumerate_outcomes(wedge(0.4, 0.95 * np.tan(0.4))).status == "none"
 
 
+def pressed_point(push):
+    """A point of 1 kg on a slope above the critical one, pressed onto it by a hybrid finger."""
+    angle = 1.3 * CRITICAL
+    weight = [G * np.sin(angle), 0.0, -G * np.cos(angle)]
+    need = (weight[0] + MU * weight[2]) / (MU + 0.3)
+    return body([[0, 0, 0]] * 2, [[0, 0, 1], [0, 0, -1]], [MU, 0.3], weight,
+                fingers=[(1, [0.0, 0.0, -1.0], 0.0)], torques=[push * need])  # fmt: skip
+
+
+def test_hybrid_finger_holds_by_the_force_that_it_commands():
+    assert enumerate_outcomes(pressed_point(1.02)).status == "strong"
+    case = pressed_point(0.98)
+    answer = enumerate_outcomes(case)
+    assert answer.status == "none"
+    assert answer.outcome is not None
+    down = 0.02 / 0.98 * (MU + 0.3) * case.torques[0]
+    np.testing.assert_allclose(answer.outcome.acceleration[0], down, rtol=1e-9)
+
+
+def test_hybrid_finger_follows_what_it_pushes():
+    case = replace(pushed_ball(0.0, 3.0), joint_inertia=np.zeros((1, 1)))
+    case.jacobian[3, 0] = 1.0
+    answer = enumerate_outcomes(case)
+    assert answer.outcome is not None
+    np.testing.assert_allclose(answer.outcome.acceleration[[0, 6]], [1.5, 1.5], rtol=1e-9)
+    np.testing.assert_allclose(answer.outcome.forces[1], [3.0, 0, 0], atol=1e-9)
+
+
 def seeded(seed, contacts=2):
     rng = np.random.default_rng([7, seed])
     fingers, joints = int(rng.integers(0, contacts + 1)), int(rng.integers(1, 4))
