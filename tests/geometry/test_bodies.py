@@ -1,5 +1,6 @@
 """Objects and supports: what is refused, and what they hand to contact detection."""
 
+import pickle
 from dataclasses import replace
 from pathlib import Path
 
@@ -133,8 +134,47 @@ def test_mass_and_centre_that_are_given_need_no_mesh_volume(tmp_path: Path) -> N
         "box", shape, TURNED, mass=1.0, center_of_mass=(0.0, 0.0, 0.0)
     )
     assert given.mass == 1.0
+    with pytest.warns(GrasplessPinWarning, match="give mass, centre of mass and inertia"):
+        assert given.own_inertia[0, 0] == pytest.approx(0.01 / 6)
     with pytest.warns(GrasplessPinWarning, match="is not watertight: volume and centre of mass"):
         ManipulatedObject.from_shape("box", shape, TURNED, mass=1.0)
+
+
+def test_an_inertia_is_the_shapes_or_the_stated_one() -> None:
+    """A box of 1, 2 and 3 dm, turned: about its own axes and about those of the world."""
+    shape = Box((0.1, 0.2, 0.3))
+    brick = ManipulatedObject.from_shape("brick", shape, TURNED, mass=12.0)
+    own = np.diag([0.13, 0.10, 0.05])
+    np.testing.assert_allclose(brick.own_inertia, own, atol=1e-15)
+    R = TURNED[:3, :3]
+    expected = np.zeros((6, 6))
+    expected[:3, :3], expected[3:, 3:] = 12.0 * np.eye(3), R @ own @ R.T
+    np.testing.assert_allclose(brick.spatial_inertia(), expected, atol=1e-12)
+    np.testing.assert_array_equal(brick.spatial_inertia(), brick.spatial_inertia().T)
+    # Mass and shape may be replaced; what is derived follows.
+    np.testing.assert_allclose(replace(brick, mass=24.0).own_inertia, 2.0 * own)
+    still = brick.with_pose(np.eye(4)).spatial_inertia()
+    np.testing.assert_allclose(still[3:, 3:], own, atol=1e-15)
+    for stated in ((0.3, 0.4, 0.5), np.diag([0.3, 0.4, 0.5])):
+        made = ManipulatedObject.from_shape("brick", shape, np.eye(4), mass=12.0, inertia=stated)
+        np.testing.assert_array_equal(made.spatial_inertia()[3:, 3:], np.diag([0.3, 0.4, 0.5]))
+        np.testing.assert_array_equal(replace(made, mass=1.0).own_inertia, np.diag([0.3, 0.4, 0.5]))
+        assert not pickle.loads(pickle.dumps(made)).inertia.flags.writeable  # noqa: S301
+
+
+@pytest.mark.parametrize(
+    ("inertia", "message"),
+    [
+        ((1.0, 1.0, 2.5), r"principal moments 1, 1 and 2.5 kg m\^2; none may be larger"),
+        ((1.0, 0.0, 1.0), r"is 0.0 at index \(1, 1\); the diagonal must be positive"),
+        ([[1, 0.5, 0], [0, 1, 0], [0, 0, 1]], r"the matrix must be symmetric"),
+        ([1.0, 2.0], r"has shape \(2,\); expected \(3, 3\)"),
+        ("heavy", r"must be an array of real numbers"),
+    ],
+)
+def test_inertias_of_no_body_are_refused(inertia, message: str) -> None:
+    with pytest.raises(ArgumentError, match=rf"^inertia: .*{message}"):
+        ManipulatedObject.from_shape("brick", BRICK, TURNED, mass=1.0, inertia=inertia)
 
 
 def test_either_mass_or_density_is_needed() -> None:

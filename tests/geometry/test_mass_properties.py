@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 from graspless_pin.errors import ArgumentError, GrasplessPinWarning, MeshError
-from graspless_pin.geometry.bodies.mass_properties import mass_properties, volume_and_centroid
+from graspless_pin.geometry.bodies.mass_properties import filling, mass_properties
 from graspless_pin.geometry.bodies.shapes import (
     Box,
     Capsule,
@@ -49,14 +49,27 @@ def inside(shape: Shape, points: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: type(shape).__name__)
-def test_volume_and_centroid_agree_with_a_count_of_points(shape: Shape) -> None:
+def test_filling_agree_with_a_count_of_points(shape: Shape) -> None:
     steps = np.linspace(-0.4, 0.4, 101)
     steps = 0.5 * (steps[1:] + steps[:-1])
     points = np.array(np.meshgrid(steps, steps, steps)).reshape(3, -1).T
     within = points[inside(shape, points)]
-    volume, centroid = volume_and_centroid(shape)
+    volume, centroid, _ = filling(shape)
     assert volume == pytest.approx(len(within) * 0.008**3, rel=0.03)
     assert np.allclose(centroid, within.mean(axis=0), atol=5e-3)
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: type(shape).__name__)
+def test_the_inertia_agrees_with_a_sum_over_points(shape: Shape) -> None:
+    steps = np.linspace(-0.4, 0.4, 161)
+    steps = 0.5 * (steps[1:] + steps[:-1])
+    points = np.array(np.meshgrid(steps, steps, steps)).reshape(3, -1).T
+    within = points[inside(shape, points)]
+    arms = within - within.mean(axis=0)
+    second = arms.T @ arms / len(arms)
+    found = mass_properties(shape, mass=3.0).inertia
+    assert np.allclose(found, 3.0 * (np.trace(second) * np.eye(3) - second), rtol=0.02, atol=1e-6)
+    assert not found.flags.writeable
 
 
 def ell(folder: Path, name: str = "ell.stl", *, inverted: bool = False) -> Path:
@@ -82,6 +95,12 @@ def test_a_mesh_counts_with_its_own_volume_not_its_hulls(
         # 4 parts at (20, 5, 5) and 3 at (5, 5, 25) millimetres.
         assert np.allclose(found.center_of_mass, [95 / 7e3, 5e-3, 95 / 7e3], atol=1e-7)
         assert not found.center_of_mass.flags.writeable
+        # Bars of 4 and 3 g (10 mm square) by the theorem of parallel axes, in g mm^2.
+        flat = 4.0 * np.diag([200.0, 1700.0, 1700.0]) / 12.0
+        tall = 3.0 * np.diag([1000.0, 1000.0, 200.0]) / 12.0
+        apart = np.array([15.0, 0.0, -20.0])
+        reduced = 12.0 / 7.0 * (apart @ apart * np.eye(3) - np.outer(apart, apart))
+        assert np.allclose(found.inertia, 1e-9 * (flat + tall + reduced), rtol=1e-6, atol=1e-13)
 
 
 def test_a_mesh_scaled_along_each_axis_is_scaled_in_volume_and_centre(tmp_path: Path) -> None:
@@ -101,7 +120,7 @@ def test_an_open_mesh_counts_with_its_hull_and_says_so(tmp_path: Path) -> None:
     mesh.update_faces(np.arange(len(mesh.faces)) > 0)
     mesh.export(tmp_path / "open.ply")
     with pytest.warns(GrasplessPinWarning, match=r"open.ply' is not watertight: volume and centre"):
-        volume, centroid = volume_and_centroid(MeshShape(tmp_path / "open.ply"))
+        volume, centroid, _ = filling(MeshShape(tmp_path / "open.ply"))
     assert volume == pytest.approx(0.002)
     assert np.allclose(centroid, [0.05, 0.05, 0.1])
 
@@ -112,7 +131,7 @@ def test_parts_that_fill_the_same_space_twice_are_noticed(tmp_path: Path) -> Non
     )
     twice.export(tmp_path / "twice.ply")
     with pytest.warns(GrasplessPinWarning, match="has parts that lie in each other"):
-        volume, _ = volume_and_centroid(MeshShape(tmp_path / "twice.ply"))
+        volume, _, _ = filling(MeshShape(tmp_path / "twice.ply"))
     assert volume == pytest.approx(0.001)
 
 

@@ -17,6 +17,7 @@ from graspless_pin.magnitudes import (
 )
 from graspless_pin.problem.checks import (
     FloatArray,
+    checked_inertia,
     choice,
     finite_array,
     first_bad,
@@ -49,6 +50,8 @@ def checked_arguments(
     joint_names: Sequence[str] | None,
     joint_units: Sequence[str] | None,
     gravity_torques: ArrayLike | None,
+    object_inertia: ArrayLike | None,
+    joint_inertia: ArrayLike | None,
 ) -> dict[str, Any]:
     """Return the data of a problem from the arguments of its constructor, by attribute.
 
@@ -96,7 +99,19 @@ def checked_arguments(
         "joint_names": _checked_names(joint_names, count),
         "joint_units": checked_units(joint_units, count),
         "gravity_torques": gravity,
-    }
+    } | _checked_inertias(object_inertia, joint_inertia, count)
+
+
+def _checked_inertias(
+    of_object: ArrayLike | None, of_joints: ArrayLike | None, count: int
+) -> dict[str, Any]:
+    """Return the inertias that are given, by attribute."""
+    checked = {}
+    if of_object is not None:
+        checked["object_inertia"] = checked_inertia("object_inertia", of_object, 6, definite=True)
+    if of_joints is not None:
+        checked["joint_inertia"] = checked_inertia("joint_inertia", of_joints, count)
+    return checked
 
 
 def bears_load(max_normal_force: float, external_wrench: FloatArray) -> bool:

@@ -20,7 +20,11 @@ _LARGEST_OF = {"regularization": LARGEST_REGULARIZATION}
 
 FloatArray = NDArray[np.float64]
 
+SINGULAR = 1e-12
+"""An inertia matrix with ones on its diagonal is singular where an eigenvalue is below this."""
+
 _UNIT_TOLERANCE = 1e-6
+_SYMMETRIC = 1e-9
 _Choice = TypeVar("_Choice", bound=StrEnum)
 
 
@@ -223,3 +227,60 @@ def choice(options: type[_Choice], name: str, value: str) -> _Choice:
     except ValueError:
         known = ", ".join(repr(str(option)) for option in options)
         raise ArgumentError(name, f"is {value!r}; it must be one of {known}") from None
+
+
+def checked_inertia(
+    name: str, inertia: ArrayLike, count: int, *, definite: bool = False
+) -> FloatArray:
+    """Return a symmetric, positive semidefinite (count, count) matrix, read-only.
+
+    Tolerances are relative to the diagonal, so that units do not matter.
+
+    Args:
+        name: Of the argument, for messages.
+        inertia: The matrix.
+        count: Its rows.
+        definite: Whether it must be positive definite.
+
+    Raises:
+        ArgumentError: Naming the argument, the index and the value that is wrong.
+    """
+    given = finite_array(name, inertia, (count, count))
+    diagonal = given.diagonal()
+    kind = "positive" if definite else ">= 0"
+    bad = (diagonal <= 0.0) if definite else (diagonal < 0.0)
+    if bad.any():
+        index = int(np.argmax(bad))
+        raise ArgumentError(
+            name, f"is {diagonal[index]} at index {(index, index)}; the diagonal must be {kind}"
+        )
+    roots = np.sqrt(diagonal)
+    scale = np.outer(roots, roots)
+    for skew, rule in (
+        (np.abs(given - given.T) > _SYMMETRIC * scale, "the matrix must be symmetric"),
+        (np.abs(given) > (1.0 + _SYMMETRIC) * scale, "it must be positive semidefinite"),
+    ):
+        if skew.any():
+            row, column = (int(i) for i in np.argwhere(skew)[0])
+            raise ArgumentError(
+                name,
+                f"is {given[row, column]} at index {(row, column)} and {given[column, row]} at "
+                f"{(column, row)}, beside {diagonal[row]} and {diagonal[column]} on the diagonal; "
+                f"{rule}",
+            )
+    least = float(np.linalg.eigvalsh(with_unit_diagonal(given)).min(initial=1.0))
+    if least < (SINGULAR if definite else -_SYMMETRIC):
+        rule = "definite" if definite else "semidefinite"
+        raise ArgumentError(
+            name,
+            f"has the eigenvalue {least:.3g} when its diagonal is scaled to ones; it must be "
+            f"positive {rule}",
+        )
+    return read_only(0.5 * (given + given.T))
+
+
+def with_unit_diagonal(inertia: FloatArray) -> FloatArray:
+    """Return the matrix in coordinates in which its positive diagonal entries are one."""
+    diagonal = inertia.diagonal()
+    roots = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    return inertia / np.outer(roots, roots)

@@ -28,6 +28,7 @@ from graspless_pin.problem.cones import (
     room_to_faces,
     room_to_round,
 )
+from graspless_pin.problem.derived_inertias import INERTIAS, derived, keep_inertias
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.problem.matrices import (
     block_diagonal,
@@ -65,6 +66,10 @@ class QuasistaticProblem:
         joint_units: L units of their torques.
         gravity_torques: (L,) torque g(q) that the motors bear besides the contacts: the motor's
             torque is J^T f + g(q).
+        object_inertia: (6, 6) the object's inertia about the reference point, for [linear;
+            angular] accelerations in world axes, kg, kg m and kg m^2; None: not known.
+        joint_inertia: (L, L) joint-space inertia, kg m^2 (kg m, kg for linear joints); zero in a
+            hybrid finger's row and column; None: not known.
     """
 
     positions: FloatArray
@@ -82,6 +87,8 @@ class QuasistaticProblem:
     joint_names: tuple[str, ...]
     joint_units: tuple[JointUnit, ...]
     gravity_torques: FloatArray
+    object_inertia: FloatArray | None = derived("object_inertia")  # noqa: RUF009 - a descriptor
+    joint_inertia: FloatArray | None = derived("joint_inertia")  # noqa: RUF009
 
     def __init__(
         self,
@@ -100,6 +107,8 @@ class QuasistaticProblem:
         joint_names: Sequence[str] | None = None,
         joint_units: Sequence[str] | None = None,
         gravity_torques: ArrayLike | None = None,
+        object_inertia: ArrayLike | None = None,
+        joint_inertia: ArrayLike | None = None,
     ) -> None:
         """Validate and freeze the arrays.
 
@@ -121,6 +130,9 @@ class QuasistaticProblem:
             joint_names: L distinct names; None: ``joint_1`` ... ``joint_L``.
             joint_units: L units, ``N m`` or ``N``, of the torques; None: N m.
             gravity_torques: (L,) N m; None: zeros.
+            object_inertia: (6, 6) about the reference point, symmetric and positive definite; only
+                verdicts on what really happens need it.
+            joint_inertia: (L, L) symmetric and positive semidefinite; likewise.
 
         Raises:
             ArgumentError: Naming the argument, the index and the value that is wrong.
@@ -129,7 +141,8 @@ class QuasistaticProblem:
             positions, normals, external_wrench, jacobian, friction=friction, tangents=tangents,
             sliding=sliding, torque_limits=torque_limits, max_normal_force=max_normal_force,
             cone_edges=cone_edges, cone=cone, joint_names=joint_names, joint_units=joint_units,
-            gravity_torques=gravity_torques,
+            gravity_torques=gravity_torques, object_inertia=object_inertia,
+            joint_inertia=joint_inertia,
         )  # fmt: skip
         self.__dict__.update(values)
 
@@ -150,21 +163,23 @@ class QuasistaticProblem:
 
         Args:
             changes: Arguments of the constructor by name. Where the number of joints changes and
-                `joint_units` is not given, all torques are in N m.
+                `joint_units` is not given, all torques are in N m, and where `joint_inertia` is
+                not, it is not known.
 
         Raises:
             ArgumentError: See the constructor.
         """
-        own = {item.name: getattr(self, item.name) for item in fields(self)}
+        own = {item.name: getattr(self, item.name) for item in fields(self)[:-2]}
         limits = own.pop("lower_torque"), own.pop("upper_torque")
         values: dict[str, Any] = {**own, "torque_limits": limits}
-        unknown = sorted(set(changes) - set(values))
+        known = [*values, *INERTIAS]
+        unknown = sorted(set(changes) - set(known))
         if unknown:
-            raise ArgumentError(unknown[0], f"is no argument; known: {', '.join(values)}")
+            raise ArgumentError(unknown[0], f"is no argument; known: {', '.join(known)}")
         names = changes.get("joint_names", self.joint_names)
         if not isinstance(names, Sequence) or len(names) != self.joint_count:
             values["joint_units"] = None
-        return QuasistaticProblem(**{**values, **changes})
+        return keep_inertias(self, QuasistaticProblem(**{**values, **changes}), changes)
 
     @property
     def contact_count(self) -> int:

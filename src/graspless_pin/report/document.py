@@ -41,8 +41,8 @@ def solution_document(solution: TorqueSolution, scene: Scene | None = None) -> d
     Returns:
         Plain data for `json.dumps`: ``format``, ``status``, ``found``, the options, ``objective``
         (where it is none of the paper's), ``margin`` (N), ``max_torque`` with its unit, ``scales``,
-        ``gravity``, ``object``, ``hand``, ``joints``, ``contacts``, ``certificate``,
-        ``multipliers``, ``proof`` and ``provenance``.
+        ``object_inertia``, ``joint_inertia``, ``gravity``, ``object``, ``hand``, ``joints``,
+        ``contacts``, ``certificate``, ``multipliers``, ``proof`` and ``provenance``.
         Poses are (4, 4) rows of T_world_object, T_world_base.
 
     Raises:
@@ -70,6 +70,8 @@ def solution_document(solution: TorqueSolution, scene: Scene | None = None) -> d
         "cone": str(solution.problem.cone),
         "cone_edges": solution.problem.cone_edges,
         "scales": {"force": coordinates.force_scale, "length": coordinates.length_scale},
+        "object_inertia": solution.problem.object_inertia,
+        "joint_inertia": solution.problem.joint_inertia,
     }
     if solution.algorithm is None:
         document["objective"] = objective_data(solution)

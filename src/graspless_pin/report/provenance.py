@@ -13,6 +13,7 @@ import numpy as np
 from graspless_pin.errors import SceneError
 from graspless_pin.intake.files import FileKind, read_bytes
 from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.derived_inertias import INERTIAS
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.versions import versions
 
@@ -34,10 +35,12 @@ def file_sha256(path: Path) -> str | None:
 
 
 def problem_sha256(problem: QuasistaticProblem) -> str:
-    """Return the hash of a problem's arrays, as little-endian doubles, and of its cones."""
+    """Return the hash of a problem's known arrays, as little-endian doubles, and of its cones."""
     cone = "round" if problem.is_round else str(problem.cone_edges)
     digest = hashlib.sha256(cone.encode())
-    for name in _ARRAYS:
+    for name in (*_ARRAYS, *INERTIAS):
+        if getattr(problem, name) is None:
+            continue
         array = np.ascontiguousarray(getattr(problem, name), dtype="<f8")
         digest.update(f"{name}{array.shape}".encode())
         digest.update((array + 0.0).tobytes())  # -0 and 0 are the same problem
@@ -64,13 +67,14 @@ def provenance(problem: QuasistaticProblem, scene_file: Path | None) -> dict[str
 
 
 def same_problem(first: QuasistaticProblem, second: QuasistaticProblem) -> bool:
-    """Return whether two problems are the same but for rounding."""
+    """Return whether two problems are the same but for rounding and inertias that one lacks."""
     if first.cone is not second.cone or first.joint_names != second.joint_names:
         return False
     if first.cone_edges != second.cone_edges and not first.is_round:
         return False
-    pairs = [(getattr(first, name), getattr(second, name)) for name in _ARRAYS]
-    return all(a.shape == b.shape and np.allclose(a, b, atol=_SAME) for a, b in pairs)
+    pairs = [(getattr(first, name), getattr(second, name)) for name in (*_ARRAYS, *INERTIAS)]
+    known = [(a, b) for a, b in pairs if a is not None and b is not None]
+    return all(a.shape == b.shape and np.allclose(a, b, atol=_SAME) for a, b in known)
 
 
 def solve_command(solution: TorqueSolution, scene_file: Path) -> str | None:

@@ -13,7 +13,8 @@ from graspless_pin.intake.files import FileKind, read_text
 from graspless_pin.intake.json_text import parse_json
 from graspless_pin.modes.rules import Rules, SlidingMode
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray, read_only, real_number
+from graspless_pin.problem.checks import FloatArray, finite_array, read_only, real_number
+from graspless_pin.problem.derived_inertias import with_derived_inertias
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.programs.assembly import scaled_program
 from graspless_pin.programs.objectives import Algorithm, Margin, Objective, Torque, TorqueShare
@@ -190,7 +191,13 @@ def _relaxed(document: dict[str, Any]) -> dict[str, Any] | None:
 def _problem(document: dict[str, Any]) -> QuasistaticProblem:
     contacts, joints = document["contacts"], document["joints"]
     rows = 3 * len(contacts)
-    return QuasistaticProblem(
+    sizes = {"object_inertia": 6, "joint_inertia": len(joints)}
+    inertias = {
+        name: finite_array(name, document[name], (count, count))
+        for name, count in sizes.items()
+        if document.get(name) is not None
+    }
+    problem = QuasistaticProblem(
         as_numbers([c["position"] for c in contacts]) - document_origin(document),
         as_numbers([c["normal"] for c in contacts]),
         as_numbers(document["external_wrench"]),
@@ -209,6 +216,8 @@ def _problem(document: dict[str, Any]) -> QuasistaticProblem:
         joint_units=[joint.get("unit", JointUnit.TORQUE) for joint in joints],
         gravity_torques=as_numbers([joint["torque_gravity"] for joint in joints]),
     )
+    # A URDF may state inertias that are none: solutions do not hang on them.
+    return with_derived_inertias(problem, {name: lambda a=a: a for name, a in inertias.items()})
 
 
 def _figure(figures: dict[str, Any], item: Field[Any]) -> Any:

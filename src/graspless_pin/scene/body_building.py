@@ -54,6 +54,7 @@ def build_object(file: YamlSource, entry: ObjectEntry) -> ManipulatedObject:
             density=entry.density,
             center_of_mass=entry.center_of_mass,
             material=entry.material,
+            inertia=entry.inertia,
         ),
     )
 

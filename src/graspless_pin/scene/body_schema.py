@@ -27,6 +27,7 @@ def _not_zero(vector: tuple[float, float, float]) -> tuple[float, float, float]:
 
 
 Vector = tuple[Finite, Finite, Finite]
+Moments = tuple[Positive, Positive, Positive]
 Direction = Annotated[Vector, AfterValidator(_not_zero)]
 DecomposeTimeLimit = Annotated[Seconds, Field(description="s that the cut of each mesh may take")]
 Concavity = Annotated[
@@ -133,6 +134,11 @@ class ObjectEntry(Entry):
     density: Positive | None = Field(default=None, description="kg/m^3; or mass")
     center_of_mass: Vector | None = Field(
         default=None, description="in the object's frame, m; default: the centroid of the shape"
+    )
+    inertia: Moments | tuple[Vector, Vector, Vector] | None = Field(
+        default=None,
+        description="kg m^2 about the centre of mass, the object's axes: three moments, or the "
+        "rows of the matrix; default: that of the shape filled evenly with the mass",
     )
     material: Name | None = None
     pose: PoseEntry = PoseEntry()

@@ -70,7 +70,11 @@ def _assembled(file: YamlSource, parts: SceneParts, entry: HandEntry) -> Hand:
     return file.at(
         ("hand",),
         lambda: Hand.assemble(
-            mounts, q=entry.q, control=entry.control, effort_limits=entry.effort_limits
+            mounts,
+            q=entry.q,
+            control=entry.control,
+            effort_limits=entry.effort_limits,
+            armature=entry.armature,
         ),
         source,
     )

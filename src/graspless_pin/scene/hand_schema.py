@@ -76,6 +76,11 @@ class HandEntry(MountEntry):
         default={},
         description="N m, or N for linear joints, by joint or finger; a number means -x to x",
     )
+    armature: NotNegative | ByName[NotNegative] | None = Field(
+        default=None,
+        description="inertia of the motors' rotors at the joints, kg m^2, or kg for linear joints, "
+        "gear ratio squared included: one number, or by joint or finger; default: the URDF's",
+    )
     hybrid_force_limit: Positive | None = Field(
         default=None,
         description="largest commanded force of a hybrid finger, N; default max_normal_force",

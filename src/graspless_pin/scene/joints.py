@@ -59,6 +59,20 @@ def joint_columns(
     return ControlledJoints(jacobian, hand.effort_limits, weights, names, hand.effort_units)
 
 
+def inertia_of_columns(hand: Hand | None, count: int) -> FloatArray:
+    """Return the (L, L) inertia of the columns of J: zero where a hybrid finger commands a force.
+
+    Args:
+        hand: At its configuration; None: there is no column.
+        count: L.
+    """
+    inertia = np.zeros((count, count))
+    if hand is not None:
+        own = hand.joint_inertia()
+        inertia[: len(own), : len(own)] = own
+    return inertia
+
+
 def with_hybrid_fingers(
     joints: ControlledJoints, hand: Hand, touching: ContactArrays, limit: float
 ) -> ControlledJoints:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -37,11 +37,13 @@ from graspless_pin.geometry.pickling import PickledByFields
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.cones import projected_tangents
+from graspless_pin.problem.derived_inertias import with_derived_inertias
 from graspless_pin.problem.own_arrays import problem_of_own_arrays
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene.friction import FrictionTable
 from graspless_pin.scene.joints import (
     ControlledJoints,
+    inertia_of_columns,
     joint_columns,
     with_hybrid_fingers,
     without_joints,
@@ -180,7 +182,7 @@ class Scene(PickledByFields):
         joints = self._joints(touching)
         # Contacts that are given may be anything; those found are right by themselves.
         made = problem_of_own_arrays
-        return (made if self.given_contacts is None else QuasistaticProblem)(
+        problem = (made if self.given_contacts is None else QuasistaticProblem)(
             touching.positions - self.object.center_of_mass_world,
             touching.normals,
             self._once("weight", (self.object.mass, self.gravity), self._weight),
@@ -196,6 +198,9 @@ class Scene(PickledByFields):
             joint_units=joints.units,
             gravity_torques=joints.gravity_torques,
         )
+        joint_inertia = partial(inertia_of_columns, self.hand, len(joints.names))
+        sources = {"object_inertia": self.object.spatial_inertia, "joint_inertia": joint_inertia}
+        return with_derived_inertias(problem, sources)
 
     def _joints(self, touching: ContactArrays) -> ControlledJoints:
         if self.hand is None:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, PlacedBodies
-from graspless_pin.geometry.bodies.mass_properties import mass_properties
+from graspless_pin.geometry.bodies.mass_properties import checked_body_inertia, mass_properties
 from graspless_pin.geometry.bodies.shapes import HalfSpace, Shape, coal_geometries
 from graspless_pin.geometry.pickling import PickledByFields
 from graspless_pin.geometry.poses import as_pose, transformed
@@ -77,6 +77,8 @@ class ManipulatedObject(_PlacedShape):
         center_of_mass: (3,) read-only, in the object's frame, m.
         T_world_object: (4, 4) read-only pose, m.
         material: Name in a table of `Materials`; None if friction is given otherwise.
+        inertia: (3, 3) read-only, about the centre of mass, the object's axes, kg m^2; None: that
+            of the shape filled evenly with the mass, about its centroid.
     """
 
     name: str
@@ -85,6 +87,7 @@ class ManipulatedObject(_PlacedShape):
     center_of_mass: NDArray[np.float64]
     T_world_object: NDArray[np.float64]
     material: str | None = None
+    inertia: NDArray[np.float64] | None = None
 
     @classmethod
     def from_shape(
@@ -97,6 +100,7 @@ class ManipulatedObject(_PlacedShape):
         density: float | None = None,
         center_of_mass: ArrayLike | None = None,
         material: str | None = None,
+        inertia: ArrayLike | None = None,
     ) -> ManipulatedObject:
         """Make an object that its shape fills evenly.
 
@@ -108,6 +112,7 @@ class ManipulatedObject(_PlacedShape):
             density: kg/m^3.
             center_of_mass: (3,) in the object's frame, m; None: the centroid of the shape.
             material: See the attributes.
+            inertia: See the attributes; three numbers are the diagonal.
 
         Raises:
             ArgumentError: As for the constructor, or not exactly one of mass and density is given.
@@ -118,25 +123,31 @@ class ManipulatedObject(_PlacedShape):
         """
         if isinstance(shape, HalfSpace):
             raise ArgumentError("shape", f"object '{name}' cannot be a half-space")
+        filled = None
         if mass is None or density is not None or center_of_mass is None:
             filled = mass_properties(shape, mass=mass, density=density)
             mass = filled.mass
             center_of_mass = filled.center_of_mass if center_of_mass is None else center_of_mass
-        return cls(
+        made = cls(
             name,
             shape,
             mass,
             _vector("center_of_mass", center_of_mass),
             np.asarray(T_world_object, dtype=float),
             material,
+            None if inertia is None else np.asarray(inertia),
         )
+        if filled is not None and inertia is None:
+            vars(made)["own_inertia"] = filled.inertia
+        return made
 
     def __post_init__(self) -> None:
         """Check all fields and copy the arrays.
 
         Raises:
             ArgumentError: The name is empty, the shape is a half-space, the mass is not positive,
-                the centre of mass is not three finite numbers, or the pose is not rigid.
+                the centre of mass is not three finite numbers, the inertia is no rigid body's, or
+                the pose is not rigid.
         """
         _check_name(self.name)
         if isinstance(self.shape, HalfSpace):
@@ -147,6 +158,8 @@ class ManipulatedObject(_PlacedShape):
             )
         object.__setattr__(self, "center_of_mass", _vector("center_of_mass", self.center_of_mass))
         object.__setattr__(self, "T_world_object", as_pose("T_world_object", self.T_world_object))
+        if self.inertia is not None:
+            object.__setattr__(self, "inertia", checked_body_inertia(self.inertia))
 
     def with_pose(self, T_world_object: ArrayLike) -> ManipulatedObject:
         """Return this object at another pose, with the same geometries: the quick way to move it.
@@ -166,6 +179,34 @@ class ManipulatedObject(_PlacedShape):
     def center_of_mass_world(self) -> NDArray[np.float64]:
         """(3,) read-only centre of mass in the world frame, m."""
         return read_only(transformed(self.T_world_object, self.center_of_mass))
+
+    @cached_property
+    def own_inertia(self) -> NDArray[np.float64]:
+        """(3, 3) read-only inertia about the centre of mass, the object's axes, kg m^2.
+
+        Raises:
+            MeshError: The mesh file is missing, unreadable or encloses no volume.
+
+        Warns:
+            GrasplessPinWarning: A mesh is not watertight; its convex hull counts instead.
+        """
+        if self.inertia is not None:
+            return self.inertia
+        return mass_properties(self.shape, mass=self.mass).inertia
+
+    def spatial_inertia(self) -> NDArray[np.float64]:
+        """Return the (6, 6) inertia about the centre of mass for [linear; angular], world axes.
+
+        Its blocks are the mass, kg, and the inertia, kg m^2.
+
+        Raises:
+            MeshError: See `own_inertia`.
+        """
+        R = self.T_world_object[:3, :3]
+        turned = R @ self.own_inertia @ R.T
+        spatial = np.diag([self.mass, self.mass, self.mass, 0.0, 0.0, 0.0])
+        spatial[3:, 3:] = 0.5 * (turned + turned.T)
+        return spatial
 
     def _pose(self) -> NDArray[np.float64]:
         return self.T_world_object

@@ -117,6 +117,7 @@ class Hand(Record):
         q: Mapping[str, float] | None = None,
         control: ControlModes | None = None,
         effort_limits: Mapping[str, EffortLimit] | None = None,
+        armature: float | Mapping[str, float] | None = None,
     ) -> Hand:
         """Assemble a hand of one or several mounted robots.
 
@@ -129,6 +130,9 @@ class Hand(Record):
                 POSITION for joints that are not below a palm.
             effort_limits: Limits by finger, joint or tendon name (a number, or (lower, upper))
                 that replace those of the robot file and the URDF.
+            armature: Inertia of the motors' rotors at their joints, gear ratio squared included,
+                kg m^2 (kg for prismatic joints): of all independent joints, or by finger or joint
+                name; it replaces what the URDF states.
 
         Returns:
             The hand.
@@ -143,7 +147,7 @@ class Hand(Record):
                 like a placeholder or a robot file calls it unknown.
             DanglingMimicWarning: If a mimic joint follows a joint that does not exist.
         """
-        return cls(**hand_fields(mounts, q or {}, control, effort_limits or {}))
+        return cls(**hand_fields(mounts, q or {}, control, effort_limits or {}, armature or {}))
 
     def with_configuration(self, q: Mapping[str, float]) -> Hand:
         """Return this hand at another configuration; joints that ``q`` does not name stay.
@@ -278,6 +282,18 @@ class Hand(Record):
         torques = self.tree.gravity_torques(self.positions, acceleration)
         alone = self.actuation.every_joint_alone
         return torques if alone else torques @ self.actuation.from_joints
+
+    def joint_inertia(self) -> NDArray[np.float64]:
+        """Return the inertia that the actuators feel, all other joints standing still.
+
+        Returns:
+            (L, L) symmetric, kg m^2 (kg m, kg for prismatic joints and tendons): twice the kinetic
+            energy of links and rotors is ``v^T M v`` for actuator rates v. Zero where a joint
+            moves only links without mass.
+        """
+        columns = self.actuation.from_joints
+        inertia = columns.T @ self.tree.joint_inertia(self.positions) @ columns
+        return 0.5 * (inertia + inertia.T)
 
     def point_velocities(
         self,

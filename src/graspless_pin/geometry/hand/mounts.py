@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from graspless_pin.errors import ArgumentError, RobotError
 from graspless_pin.geometry.bodies.decomposition import Cut
 from graspless_pin.geometry.hand.actuation import plan_actuation
+from graspless_pin.geometry.hand.armature import joint_armatures
 from graspless_pin.geometry.hand.configuration import joint_positions
 from graspless_pin.geometry.hand.effort_limits import (
     EffortLimit,
@@ -219,6 +220,7 @@ def hand_fields(
     q: Mapping[str, float],
     control: ControlModes | None,
     effort_limits: Mapping[str, EffortLimit],
+    armature: float | Mapping[str, float],
 ) -> dict[str, Any]:
     """Return the fields of the hand that `Hand.assemble` makes; see there."""
     parts = join_mounts(mounts)
@@ -226,6 +228,8 @@ def hand_fields(
     given = expand_overrides(tree, parts.fingers, effort_limits, parts.tendons)
     plan = plan_control(tree, parts.fingers, control, arms=parts.arms, held=parts.held_joints)
     actuation = plan_actuation(tree, plan, parts.tendons)
+    for joint, value in joint_armatures(tree, parts.fingers, armature).items():
+        tree.pinocchio_model.armature[joint] = value
     return {
         "tree": tree,
         "base_poses": parts.base_poses,

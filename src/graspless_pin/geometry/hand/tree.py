@@ -40,7 +40,8 @@ class KinematicTree(Record):
     joint i + 1 and velocity coordinate i.
 
     Attributes:
-        pinocchio_model: ``pinocchio.Model`` with coupled joints independent.
+        pinocchio_model: ``pinocchio.Model`` with coupled joints independent; its armature holds
+            the inertias of the motors' rotors.
         joint_names: (n) movable joints in model order.
         link_frames: Frame index by link name.
         geometries: Collision shapes in model order.
@@ -179,6 +180,10 @@ class KinematicTree(Record):
         """
         return self._work_space.gravity_torques(self.configuration(positions), gravity)
 
+    def joint_inertia(self, positions: FloatArray) -> FloatArray:
+        """Return the (n, n) joint-space inertia at (n,) joint positions, rotors included."""
+        return self._work_space.joint_inertia(self.configuration(positions))
+
     @cached_property
     def _starts(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Where each joint starts in q, and which joints are continuous."""
@@ -230,6 +235,8 @@ def build_tree(
         mesh.name: (mesh, document.label) for document, _ in parts for mesh in document.meshes
     }
     joint_names = tuple(model.names)[1:]
+    rotors = {name: value for document, _ in parts for name, value in document.rotors.items()}
+    model.armature = np.array([rotors.get(name, 0.0) for name in joint_names])
     follows = {item.joint: item for document, _ in parts for item in document.mimics}
     follows |= {item.joint: item for item in couplings}
     single = np.array([model.nqs[joint] == 1 for joint in range(1, model.njoints)], dtype=bool)

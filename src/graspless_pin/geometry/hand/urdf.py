@@ -7,8 +7,8 @@ standard error only, drops malformed shapes and fails on relative mesh paths.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from graspless_pin.errors import RobotError
@@ -19,6 +19,7 @@ from graspless_pin.geometry.hand.urdf_links import (
     checked_number,
     numbers,
 )
+from graspless_pin.geometry.hand.urdf_rotors import rotor_inertias
 from graspless_pin.geometry.hand.urdf_visuals import LinkVisual, read_visuals
 from graspless_pin.geometry.robots.description import JointCoupling
 from graspless_pin.intake.files import FileKind, errors_of_text, read_bytes
@@ -51,6 +52,7 @@ class UrdfDocument:
         mimics: The couplings, in file order; their leaders need not exist.
         meshes: The collision meshes, in file order.
         visuals: How the links look.
+        rotors: Inertia of a motor's rotor by joint, kg m^2 (kg), gear ratio squared included.
     """
 
     label: str
@@ -60,6 +62,7 @@ class UrdfDocument:
     mimics: tuple[JointCoupling, ...]
     meshes: tuple[LinkMesh, ...]
     visuals: tuple[LinkVisual, ...] = ()
+    rotors: Mapping[str, float] = field(default_factory=dict)
 
 
 def read_urdf(
@@ -88,8 +91,8 @@ def read_urdf(
 
     Raises:
         RobotError: If the file is missing, is not a URDF, declares a DOCTYPE or entities, repeats
-            a name, lacks ``root_link``, or has a malformed link or joint or one of an unsupported
-            type.
+            a name, lacks ``root_link``, or has a malformed link, joint or rotor or a joint of an
+            unsupported type.
         MeshError: If a collision mesh cannot be found.
     """
     root = parse_robot(path)
@@ -128,6 +131,7 @@ def read_urdf(
         mimics=tuple(m.prefixed(prefix) for m in mimics if m is not None and m.joint in joints),
         meshes=tuple(meshes),
         visuals=visuals,
+        rotors={prefix + name: value for name, value in rotor_inertias(path, root).items()},
     )
 
 

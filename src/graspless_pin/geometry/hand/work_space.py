@@ -1,4 +1,4 @@
-"""Pinocchio's work space for one model, and what is read out of it: poses, Jacobians, weight."""
+"""Pinocchio's work space for one model, and what is read out of it: poses, Jacobians, inertia."""
 
 from __future__ import annotations
 
@@ -75,6 +75,12 @@ class WorkSpace:
                 self._gravity = given
             torques = np.array(pin.computeGeneralizedGravity(self._weighed, self._data, q))
         return torques.reshape(-1)
+
+    def joint_inertia(self, q: FloatArray) -> FloatArray:
+        """Return the (n, n) joint-space inertia at a configuration vector (nq,)."""
+        with self._lock:
+            inertia = np.array(pin.crba(self._model, self._data, q))
+        return inertia.reshape(self._model.nv, -1)
 
 
 def _pose_columns(data: Any) -> FloatArray | None:

@@ -1,0 +1,56 @@
+"""Inertias of a problem that are worked out when they are first asked for.
+
+Solving needs none, and loops over many states have no time for them; verdicts do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from functools import cached_property
+from typing import Any, TypeVar
+
+from graspless_pin.problem.checks import FloatArray, read_only
+
+INERTIAS = ("object_inertia", "joint_inertia")
+_SOURCES = "_inertia_sources"
+_Problem = TypeVar("_Problem")
+
+
+def derived(name: str) -> Any:
+    """Return the attribute of one of the inertias, None where nothing tells it."""
+
+    def derive(problem: object) -> FloatArray | None:
+        source = vars(problem).get(_SOURCES, {}).get(name)
+        return None if source is None else read_only(source())
+
+    return cached_property(derive)
+
+
+def with_derived_inertias(
+    problem: _Problem, sources: Mapping[str, Callable[[], FloatArray]]
+) -> _Problem:
+    """Give a new problem what its inertias are made by, and return it.
+
+    Args:
+        problem: Without inertias.
+        sources: What makes `object_inertia` and `joint_inertia`, by name; what they return is not
+            checked.
+    """
+    vars(problem)[_SOURCES] = sources
+    return problem
+
+
+def keep_inertias(problem: Any, changed: Any, given: Iterable[str]) -> Any:
+    """Give a changed problem the inertias of the one before, as they are or are made.
+
+    Args:
+        problem: The one before.
+        changed: With those that were given anew.
+        given: Their names, and others.
+    """
+    kept = set(INERTIAS).difference(given)
+    if changed.joint_count != problem.joint_count:
+        kept.discard("joint_inertia")
+    own, sources = vars(problem), vars(problem).get(_SOURCES, {})
+    vars(changed).update({name: own[name] for name in kept & own.keys()})
+    return with_derived_inertias(changed, {name: sources[name] for name in kept & sources.keys()})

@@ -1,0 +1,68 @@
+"""Which columns of J are joints with an inertia, and which are hybrid fingers' commands."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspless_pin.errors import ArgumentError
+from graspless_pin.problem.checks import SINGULAR, with_unit_diagonal
+from graspless_pin.problem.quasistatic import QuasistaticProblem
+
+_NORMAL = 1e-9
+
+
+def hybrid_contacts(problem: QuasistaticProblem) -> NDArray[np.intp]:
+    """Return which contact each column of J commands the normal force of.
+
+    A hybrid finger's column has no inertia (its row and column of `joint_inertia` are zero), equals
+    the normal of one contact and is the only column that acts there.
+
+    Returns:
+        (L,) index of the contact, -1 for joints; without `joint_inertia` all columns are joints.
+    """
+    contacts = np.full(problem.joint_count, -1, dtype=np.intp)
+    inertia = problem.joint_inertia
+    if inertia is None:
+        return contacts
+    blocks = problem.jacobian.reshape(problem.contact_count, 3, -1)
+    acts = (blocks != 0.0).any(axis=1)
+    for column in np.flatnonzero(~inertia.any(axis=0)).tolist():
+        (where,) = np.nonzero(acts[:, column])
+        if (
+            len(where) == 1
+            and acts[where[0]].sum() == 1
+            and np.abs(blocks[where[0], :, column] - problem.normals[where[0]]).max() <= _NORMAL
+        ):
+            contacts[column] = where[0]
+    return contacts
+
+
+def moving_joints(problem: QuasistaticProblem) -> NDArray[np.intp]:
+    """Return the (k,) columns of J that are joints with an inertia: all but hybrid fingers'.
+
+    Raises:
+        ArgumentError: If their inertia is missing or singular, naming the joint.
+    """
+    inertia = problem.joint_inertia
+    if inertia is None:
+        raise ArgumentError("joint_inertia", "is missing; accelerations follow from inertias")
+    joints = np.flatnonzero(hybrid_contacts(problem) < 0)
+    own = inertia[np.ix_(joints, joints)]
+    massless = own.diagonal() <= 0.0
+    values, vectors = np.linalg.eigh(with_unit_diagonal(own))
+    singular = not massless.any() and values.min(initial=1.0) < SINGULAR
+    if massless.any() or singular:
+        worst = int(np.argmax(np.abs(vectors[:, 0]) if singular else massless))
+        raise ArgumentError(
+            "joint_inertia",
+            f"is singular at joint {problem.joint_names[joints[worst]]!r}: "
+            + (
+                "together with others it moves no mass"
+                if singular
+                else "it moves no mass, and is no hybrid finger's column"
+            )
+            + "; give its links an inertia (<inertial> in the URDF) or its motor one "
+            "(hand.armature in the scene)",
+        )
+    return joints
