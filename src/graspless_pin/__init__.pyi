@@ -10,6 +10,7 @@ from .algorithms.sensitivity import MarginSensitivity, margin_sensitivity
 from .algorithms.torque import maximize_margin, minimize_torque, optimize
 from .errors import GrasplessPinError
 from .geometry.hand.model import Hand
+from .holding.free_motions import free_motions
 from .modes.enumeration import enumerate_modes
 from .modes.rules import Rules, SignRule, SlidingMode, SlidingRule, StaticFriction
 from .planning.evaluator import Evaluator
@@ -80,6 +81,7 @@ __all__ = [
     "explain",
     "fingertip_contact",
     "force_first",
+    "free_motions",
     "load_scene",
     "load_study",
     "margin_sensitivity",

@@ -1,0 +1,72 @@
+"""Motions of object and joints that no friction resists: torques alone do not hold against them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from graspless_pin.problem import QuasistaticProblem, checked_problem
+from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.problem.contact_map import contact_map
+from graspless_pin.problem.inertias import hybrid_contacts
+
+NEGLIGIBLE = 1e-6
+"""A speed below this share of the others is none, and so is a lever."""
+
+
+def free_motions(problem: QuasistaticProblem) -> FloatArray:
+    """Return a basis of the motions that move the object while every contact just rolls.
+
+    Object and joints move so that all contacts keep touching and none slips, but those that slide
+    anyway or have no friction. To first order nothing resists such a motion: whether constant
+    torques hold the object then hangs on curvatures and weights, and mostly they do not; position
+    feedback does. In a declared sliding the sliding itself is among them.
+
+    Motions of the joints alone are left out: each motion moves the joints as little as it can. At
+    a hybrid finger's contact the finger follows along the normal, and its entry is zero.
+
+    Args:
+        problem: Contacts and joints. `joint_inertia` tells which columns are hybrid fingers';
+            without it such a column is a joint that follows.
+
+    Returns:
+        (k, 6 + L) velocities, read-only: of the object [linear of the reference point; angular],
+        world axes, m/s and rad/s, then of the joints. k = 0: none. The rows are orthonormal when
+        linear velocities count in `problem.scales.length` per second, angular ones in rad/s, and a
+        joint's rate in that length over its longest lever. Those that move the object most come
+        first.
+
+    Raises:
+        ArgumentError: If it is no problem.
+    """
+    checked_problem(problem)
+    hybrid = hybrid_contacts(problem)
+    moving = np.concatenate([np.ones(6, dtype=bool), hybrid < 0])
+    units = _units(problem)[moving]
+    velocities = contact_map(problem) * np.repeat([1.0, -1.0], [6, problem.joint_count])
+    velocities = velocities[:, :, moving] * (units / problem.scales.length)
+    still = np.ones((problem.contact_count, 3), dtype=bool)
+    still[:, 1:] = problem.has_cone[:, None]
+    still[hybrid[hybrid >= 0], 0] = False
+    basis = _null_space(velocities[still])
+    _, shares, turns = np.linalg.svd(basis[:6], full_matrices=True)
+    count = int((shares > NEGLIGIBLE).sum())
+    motions = np.zeros((count, len(moving)))
+    motions[:, moving] = turns[:count] @ basis.T * units
+    return read_only(motions)
+
+
+def _units(problem: QuasistaticProblem) -> FloatArray:
+    """(6 + L,) what velocities of object and joints count in."""
+    length = problem.scales.length
+    blocks = problem.jacobian.reshape(problem.contact_count, 3, -1)
+    levers = np.linalg.norm(blocks, axis=1).max(axis=0)
+    levers = np.maximum(levers, NEGLIGIBLE * levers.max(initial=0.0))
+    joints = np.divide(length, levers, out=np.ones_like(levers), where=levers > 0.0)
+    return np.concatenate([np.full(3, length), np.ones(3), joints])
+
+
+def _null_space(rows: FloatArray) -> FloatArray:
+    """(n, d) orthonormal basis of what (r, n) rows do not notice."""
+    _, values, right = np.linalg.svd(rows, full_matrices=True)
+    rank = int((values > NEGLIGIBLE * values.max(initial=0.0)).sum())
+    return right[rank:].T
