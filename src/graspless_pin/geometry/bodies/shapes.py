@@ -200,6 +200,31 @@ def coal_geometries(shape: Shape) -> tuple[Any, ...]:
     return _decomposed(shape, file_state(shape.path))
 
 
+def shape_of(geometry: Any) -> Shape | NDArray[np.float64]:
+    """Return the shape of a coal geometry; of a convex hull, its corners (V, 3).
+
+    Raises:
+        ArgumentError: It is neither a bounded primitive nor a convex hull.
+    """
+    match geometry:
+        case coal.Box():
+            x, y, z = (2.0 * np.array(geometry.halfSide)).tolist()
+            return Box((x, y, z))
+        case coal.Sphere():
+            return Sphere(geometry.radius)
+        case coal.Capsule():
+            return Capsule(geometry.radius, 2.0 * geometry.halfLength)
+        case coal.Cylinder():
+            return Cylinder(geometry.radius, 2.0 * geometry.halfLength)
+        case coal.Cone():
+            return Cone(geometry.radius, 2.0 * geometry.halfLength)
+        case coal.ConvexBase():
+            return np.array(geometry.points())
+    raise ArgumentError(
+        "geometry", f"needs a bounded primitive or a convex hull, got {type(geometry).__name__}"
+    )
+
+
 @lru_cache(maxsize=32)
 def _decomposed(shape: MeshShape, _state: tuple[str, int, int]) -> tuple[Any, ...]:
     """Cut a mesh; the same geometries again for an object that has only been moved."""

@@ -7,7 +7,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
 import trimesh
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +22,7 @@ from graspless_pin.geometry.bodies.shapes import (
     MeshShape,
     Shape,
     Sphere,
+    shape_of,
 )
 
 _SECTIONS = 32  # of a circle
@@ -88,23 +88,10 @@ def geometry_triangles(geometry: Any) -> Triangles:
     Raises:
         ArgumentError: It is anything else.
     """
-    match geometry:
-        case coal.Box():
-            x, y, z = (2.0 * np.array(geometry.halfSide)).tolist()
-            return _primitive_triangles(Box((x, y, z)))
-        case coal.Sphere():
-            return _primitive_triangles(Sphere(geometry.radius))
-        case coal.Capsule():
-            return _primitive_triangles(Capsule(geometry.radius, 2.0 * geometry.halfLength))
-        case coal.Cylinder():
-            return _primitive_triangles(Cylinder(geometry.radius, 2.0 * geometry.halfLength))
-        case coal.Cone():
-            return _primitive_triangles(Cone(geometry.radius, 2.0 * geometry.halfLength))
-        case coal.ConvexBase():
-            return _of(trimesh.convex.convex_hull(np.array(geometry.points())))
-    raise ArgumentError(
-        "geometry", f"needs a bounded primitive or a convex hull, got {type(geometry).__name__}"
-    )
+    shape = shape_of(geometry)
+    if isinstance(shape, np.ndarray):
+        return _of(trimesh.convex.convex_hull(shape))
+    return _primitive_triangles(shape)
 
 
 def slab_triangles(center: ArrayLike, half_width: float, thickness: float) -> Triangles:

@@ -1,0 +1,63 @@
+"""A hand as rigid bodies on joints, in numpy alone: what another program needs to move it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.geometry.pickling import Record
+from graspless_pin.problem.checks import FloatArray, read_only
+
+
+@dataclass(frozen=True, eq=False)
+class JointedBody(Record):
+    """A movable joint and all that is fixed to its far side, up to the next joints.
+
+    Attributes:
+        joint: Name of the joint.
+        parent: Index of the body that the joint hangs on among the hand's n; None: the world.
+        linear: Whether the joint slides.
+        axis: (3,) unit vector of the joint, world axes; it passes through the body's origin.
+        T_world_body: (4, 4) pose of the body's frame, m.
+        mass: kg.
+        center_of_mass: (3,) in the body's frame, m.
+        inertia: (3, 3) about the centre of mass, axes of the body's frame, kg m^2.
+        rotor_inertia: What the motor adds behind its gear, kg m^2, or kg of a joint that slides.
+    """
+
+    joint: str
+    parent: int | None
+    linear: bool
+    axis: FloatArray
+    T_world_body: FloatArray
+    mass: float
+    center_of_mass: FloatArray
+    inertia: FloatArray
+    rotor_inertia: float
+
+
+def jointed_bodies(hand: Hand) -> tuple[JointedBody, ...]:
+    """Return the bodies of a hand at its configuration, one for each of its n movable joints."""
+    tree = hand.tree
+    model, placed = tree.pinocchio_model, tree.kinematics(hand.positions)
+    bodies = []
+    for index, (name, kind) in enumerate(zip(tree.joint_names, tree.joint_kinds, strict=True)):
+        carried = model.inertias[index + 1]
+        parent = int(model.parents[index + 1]) - 1
+        linear = kind == "prismatic"
+        bodies.append(
+            JointedBody(
+                name,
+                parent if parent >= 0 else None,
+                linear,
+                placed.J[:3, index] if linear else placed.J[3:, index],
+                placed.T_world_joint[index + 1],
+                float(carried.mass),
+                read_only(np.array(carried.lever)),
+                read_only(np.array(carried.inertia)),
+                float(model.armature[index]),
+            )
+        )
+    return tuple(bodies)

@@ -1,0 +1,284 @@
+"""A scene as a MuJoCo model (MJCF): the same shapes, poses, inertias, friction and motors."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from graspless_pin.errors import SceneError
+from graspless_pin.geometry import BodyKind, HalfSpace, unwanted_overlaps
+from graspless_pin.geometry.hand.jointed_bodies import JointedBody, jointed_bodies
+from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.geometry.pickling import Record
+from graspless_pin.geometry.poses import invert
+from graspless_pin.problem.checks import FloatArray, finite_array
+from graspless_pin.scene import Scene
+from graspless_pin.scene.friction import FrictionTable
+from graspless_pin.simulation.driven_joints import NOTHING_DRIVEN, DrivenJoints, driven_joints
+from graspless_pin.simulation.mjcf import Mjcf, Surface, add, add_mass
+
+TIME_STEP = 5e-4
+"""s."""
+OBJECT, FIXTURE = "object", "fixture"
+"""Names of the manipulated object's body, and of the weld that holds it before its release."""
+
+# As at a lever of 0.1 m for joints that slide.
+_DAMPING = {False: 0.02, True: 2.0}  # N m s/rad, N s/m
+_LEAST_ARMATURE = {False: 1e-4, True: 1e-2}  # kg m^2, kg
+_HAND, _SUPPORT = 2, 0  # contype; the object's is 1
+_MEETS_OBJECT, _MEETS_BOTH = 1, 3  # conaffinity
+
+
+@dataclass(frozen=True)
+class ContactModel:
+    """How hard bodies are: a simulator's contacts are never rigid.
+
+    Attributes:
+        name: ``stiff`` or ``soft``.
+        time_constant: In which an overlap goes back, s (solref).
+        impedance: Share of a contact's acceleration that its constraint takes, at no overlap and
+            at 1 mm (solimp).
+    """
+
+    name: str
+    time_constant: float
+    impedance: tuple[float, float]
+
+
+STIFF = ContactModel("stiff", 1e-3, (0.999, 0.9999))
+SOFT = ContactModel("soft", 1e-2, (0.9, 0.99))
+
+
+@dataclass(frozen=True, eq=False)
+class SimulationModel(Record):
+    """A scene with its torques, ready to be simulated.
+
+    Attributes:
+        xml: The MJCF document; its key frame ``torques`` holds what the motors do.
+        motors: Names of the motors: joints, and the normal force of hybrid fingers.
+        commands: (k,) torque or force of each motor, N m or N.
+        idle: (k,) the same while nothing is touched: what carries the hand's own weight.
+        links: Name of the hand link or support by the name of its shape in the document.
+        left_out: Links that stand in a support at the start, with that support: contacts between
+            the two are left out.
+    """
+
+    xml: str
+    motors: tuple[str, ...]
+    commands: FloatArray
+    idle: FloatArray
+    links: dict[str, str]
+    left_out: tuple[tuple[str, str], ...]
+
+
+def simulation_model(
+    scene: Scene,
+    torques: ArrayLike,
+    *,
+    feedback: float = 0.0,
+    friction_factor: float = 1.0,
+    contact_model: ContactModel = STIFF,
+) -> SimulationModel:
+    """Build the MuJoCo model of a scene at rest.
+
+    All collision shapes of object, hand and supports are there. Contacts among hand links are left
+    out: collision shapes of neighbours overlap. Joints that are position-controlled, or move no
+    link that touches the object, stand still; a hybrid finger slides along its contact's normal.
+    Joint coordinates are counted from the scene's configuration.
+
+    Args:
+        scene: The scene, without a declared motion.
+        torques: (L,) the motors' torques, as solutions of the scene's problem give them.
+        feedback: Stiffness of the position feedback at the free joints, N m/rad or N/m.
+        friction_factor: What all coefficients of friction are multiplied by.
+        contact_model: How hard bodies are.
+
+    Raises:
+        ArgumentError: If the torques have the wrong shape.
+        SceneError: If the scene declares a motion, has a body without a coefficient of friction,
+            or see `Scene.contacts`.
+    """
+    _check_at_rest(scene)
+    problem = scene.problem()
+    given = finite_array("torques", torques, (problem.joint_count,))
+    document = Mjcf(scene.name)
+    _write_options(document, scene, contact_model)
+    friction = _FrictionOf(scene, friction_factor)
+    links = dict(_write_supports(document, scene, friction))
+    left_out: tuple[tuple[str, str], ...] = ()
+    joints = NOTHING_DRIVEN
+    hand = scene.hand
+    if hand is not None:
+        bodies = jointed_bodies(hand)
+        joints = driven_joints(hand, bodies, scene.contacts, given, problem.gravity_torques)
+        elements = _write_hand(document, scene, bodies, joints, feedback)
+        links |= _write_links(document, hand, elements, friction)
+        _write_couplings(document, hand, joints)
+        left_out = _write_exclusions(document, scene, hand)
+    _write_object(document, scene)
+    add(document.section("equality"), "weld", name=FIXTURE, body1=OBJECT)
+    _write_motors(document, joints)
+    return SimulationModel(
+        document.text(), joints.motors, joints.commands, joints.idle, links, left_out
+    )
+
+
+def _check_at_rest(scene: Scene) -> None:
+    where = scene.name if scene.path is None else scene.path
+    if scene.motion is not None:
+        raise SceneError(
+            f"{where}: motion: declares a motion, and the simulation tells whether rest lasts; "
+            "leave the key out to ask for rest"
+        )
+    for support in scene.supports:
+        if support.velocity.any():
+            raise SceneError(
+                f"{where}: support {support.name!r} moves, and the simulation tells whether rest "
+                "lasts; leave its velocity out"
+            )
+
+
+class _FrictionOf:
+    """Coefficients by body, times a factor."""
+
+    def __init__(self, scene: Scene, factor: float) -> None:
+        materials = scene.hand_material, scene.object.material, scene.materials
+        self._table = FrictionTable(scene.supports, scene.friction, *materials)
+        self._where = scene.name if scene.path is None else scene.path
+        self._factor = factor
+
+    def __call__(self, group: str, body: str) -> float:
+        try:
+            return self._factor * self._table.coefficient(group, body)
+        except SceneError as error:
+            raise error.at(str(self._where)) from error
+
+
+def _write_options(document: Mjcf, scene: Scene, contact_model: ContactModel) -> None:
+    add(document.root, "compiler", angle="radian", boundmass=1e-6, boundinertia=1e-9,
+        balanceinertia=True)  # fmt: skip
+    # Defaults (pyramidal cones, impratio 1) creep at 1.3 times the critical friction.
+    option = add(document.root, "option", timestep=TIME_STEP, gravity=scene.gravity,
+        integrator="implicitfast", cone="elliptic", impratio=1000.0, noslip_iterations=30,
+        iterations=100, tolerance=1e-10)  # fmt: skip
+    # The usual estimate of a contact's inertia leaves out armature: light links would be soft.
+    add(option, "flag", diagexact="enable")
+    add(document.section("visual"), "headlight", ambient=[0.4] * 3, diffuse=[0.6] * 3)
+    geom = add(document.section("default"), "geom")
+    soft = add(document.section("default"), "equality")
+    low, high = contact_model.impedance
+    for element in (geom, soft):
+        element.set("solref", f"{contact_model.time_constant} 1")
+        element.set("solimp", f"{low} {high} 0.001 0.5 2")
+
+
+def _write_supports(
+    document: Mjcf, scene: Scene, friction: _FrictionOf
+) -> Iterator[tuple[str, str]]:
+    """Write the supports; yield the name of each shape, and the support's."""
+    for support in scene.supports:
+        name = f"support/{support.name}"
+        body = document.body(document.section("worldbody"), name, support.T_world_support)
+        half_space = isinstance(support.shape, HalfSpace)
+        pieces = (support.shape,) if half_space else support.geometries
+        surface = Surface(friction("supports", support.name), 1, _SUPPORT, _MEETS_BOTH)
+        for number, piece in enumerate(pieces):
+            document.shape(body, f"{name}/{number}", piece, np.eye(4), surface)
+            yield f"{name}/{number}", support.name
+
+
+def _write_object(document: Mjcf, scene: Scene) -> None:
+    manipulated = scene.object
+    body = document.body(document.section("worldbody"), OBJECT, manipulated.T_world_object)
+    add(body, "freejoint", name=OBJECT)
+    add_mass(body, manipulated.mass, manipulated.center_of_mass, manipulated.own_inertia)
+    surface = Surface(1.0, 0, 1, 0)  # the other body's friction counts
+    for number, piece in enumerate(manipulated.geometries):
+        document.shape(body, f"{OBJECT}/{number}", piece, np.eye(4), surface)
+
+
+def _write_hand(
+    document: Mjcf,
+    scene: Scene,
+    bodies: Sequence[JointedBody],
+    joints: DrivenJoints,
+    feedback: float,
+) -> list[ET.Element]:
+    """Write the hand's bodies and joints; return the base's element, then those of the bodies."""
+    poses: list[FloatArray] = [np.eye(4)]
+    elements = [document.body(document.section("worldbody"), "hand", np.eye(4))]
+    for index, body in enumerate(bodies):
+        above = 0 if body.parent is None else body.parent + 1
+        poses.append(body.T_world_body)
+        T = invert(poses[above]) @ body.T_world_body
+        element = document.body(elements[above], f"hand/{body.joint}", T)
+        elements.append(element)
+        add_mass(element, body.mass, body.center_of_mass, body.inertia)
+        if joints.carried[index] or not scene.count_own_weight:
+            element.set("gravcomp", "1")
+        axis = joints.axes.get(index)
+        if axis is not None:
+            add(
+                element,
+                "joint",
+                name=axis.name,
+                type="slide" if axis.linear else "hinge",
+                axis=body.T_world_body[:3, :3].T @ axis.direction,
+                damping=_DAMPING[axis.linear],
+                armature=max(body.rotor_inertia, _LEAST_ARMATURE[axis.linear]),
+                stiffness=0.0 if axis.hybrid else feedback,
+            )
+    return elements
+
+
+def _write_links(
+    document: Mjcf, hand: Hand, elements: Sequence[ET.Element], friction: _FrictionOf
+) -> Iterator[tuple[str, str]]:
+    """Write the links' shapes; yield the name of each, and the link's."""
+    carriers, placements = hand.tree.shape_placements
+    shapes = zip(hand.tree.shapes.names, hand.tree.shapes.geometries, strict=True)
+    for number, (link, geometry) in enumerate(shapes):
+        name = f"hand/{link}/{number}"
+        surface = Surface(friction("hand", link), 1, _HAND, _MEETS_OBJECT)
+        element = elements[int(carriers[number])]
+        document.shape(element, name, geometry, placements[number], surface)
+        yield name, link
+
+
+def _write_couplings(document: Mjcf, hand: Hand, joints: DrivenJoints) -> None:
+    """Tie joints that follow others to those: of tendons, the lengths stay what they are."""
+    coupling = hand.tree.coupling
+    for index in sorted(joints.axes.keys() - set(coupling.leaders)):
+        name, *_ = joints.axes[index]
+        tendon = add(document.section("tendon"), "fixed", name=f"coupling/{name}")
+        add(tendon, "joint", joint=name, coef=1.0)
+        for column, leader in enumerate(coupling.leaders):
+            factor = float(coupling.S[index, column])
+            if factor and leader in joints.axes:
+                add(tendon, "joint", joint=joints.axes[leader][0], coef=-factor)
+        add(document.section("equality"), "tendon", tendon1=f"coupling/{name}")
+
+
+def _write_exclusions(document: Mjcf, scene: Scene, hand: Hand) -> tuple[tuple[str, str], ...]:
+    """Leave out contacts of links and the supports that they stand in; return these pairs."""
+    names = ("hand", *(f"hand/{joint}" for joint in hand.joint_names))
+    pairs = [
+        (overlap.link, overlap.other)
+        for overlap in unwanted_overlaps(hand, scene.supports)
+        if overlap.kind is BodyKind.SUPPORT
+    ]
+    bodies = {(names[hand.tree.link_joints[link]], support) for link, support in pairs}
+    for body, support in sorted(bodies):
+        add(document.section("contact"), "exclude", body1=body, body2=f"support/{support}")
+    return tuple(pairs)
+
+
+def _write_motors(document: Mjcf, joints: DrivenJoints) -> None:
+    for name in joints.motors:
+        add(document.section("actuator"), "motor", name=name, joint=name)
+    if joints.motors:
+        add(document.section("keyframe"), "key", name="torques", ctrl=joints.commands)

@@ -1,0 +1,213 @@
+"""Hold the object in a fixture, ramp the torques up, let go, and see whether it stays."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from statistics import fmean
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry import ManipulatedObject
+from graspless_pin.geometry.pickling import Record
+from graspless_pin.geometry.poses import transformed
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray, finite_array, real_number
+from graspless_pin.scene import Scene
+from graspless_pin.simulation.model import (
+    SOFT,
+    STIFF,
+    TIME_STEP,
+    ContactModel,
+    SimulationModel,
+    simulation_model,
+)
+from graspless_pin.simulation.world import World, load_mujoco
+
+HELD = 1e-3, float(np.radians(0.5))
+"""m, rad: what is held goes less far than either."""
+MOVED = 5e-3, float(np.radians(2.0))
+"""m, rad: what has moved went farther than one of them."""
+
+_GONE = 10.0  # times that, and nothing new is to be seen
+_STEPS = 20  # from one look at the object to the next
+_LOOK = _STEPS * TIME_STEP  # s
+_LOOKS_OF_FORCES = 20
+_LONGEST = 600.0  # s
+
+
+class SimulatedOutcome(StrEnum):
+    """What a simulated object does after its release."""
+
+    HELD = "held"
+    """It stays within 1 mm and 0.5 degrees."""
+    CREPT = "crept"
+    """It neither stays nor moves."""
+    MOVED = "moved"
+    """It goes beyond 5 mm or 2 degrees."""
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedRun(Record):
+    """One run with one hardness of the bodies.
+
+    Attributes:
+        contact_model: How hard bodies are.
+        outcome: What the object does.
+        displacement: Largest distance of the centre of mass from where the scene has it, m.
+        rotation: Largest angle from how the scene has the object, rad.
+        moved_after: When it has moved, s after the release; None: never.
+        normal_forces: Mean normal force on the object over the last 0.2 s, N, by the hand link or
+            support that bears it.
+        times: (K,) s after the release.
+        T_world_object: (K, 4, 4) poses of the object then, m.
+        joint_moves: (K, k) how far each joint that moves has gone then, rad or m.
+    """
+
+    contact_model: ContactModel
+    outcome: SimulatedOutcome
+    displacement: float
+    rotation: float
+    moved_after: float | None
+    normal_forces: Mapping[str, float]
+    times: FloatArray
+    T_world_object: FloatArray
+    joint_moves: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """What MuJoCo says of a scene's rest under constant torques.
+
+    Attributes:
+        runs: Runs with stiff and with soft bodies.
+        model: The model of the first run.
+        problem: The scene's problem with the push and the changed friction.
+        torques: (L,) the motors' torques.
+    """
+
+    runs: tuple[SimulatedRun, ...]
+    model: SimulationModel
+    problem: QuasistaticProblem
+    torques: FloatArray
+
+    @property
+    def outcome(self) -> SimulatedOutcome:
+        """Moved if the object moves in any run; else what it does with stiff bodies."""
+        outcomes = [run.outcome for run in self.runs]
+        return SimulatedOutcome.MOVED if SimulatedOutcome.MOVED in outcomes else outcomes[0]
+
+
+def simulate(
+    scene: Scene,
+    torques: ArrayLike,
+    *,
+    feedback: float = 0.0,
+    push: ArrayLike = (0.0, 0.0, 0.0),
+    friction_factor: float = 1.0,
+    seconds: float = 2.0,
+) -> Simulation:
+    """Simulate a scene's rest with MuJoCo, with stiff bodies and with soft ones.
+
+    The object is held in a fixture for 0.3 s while torques and push grow to what they are, and is
+    then released. The torques stay constant. A run ends early where the object is far away.
+
+    Args:
+        scene: The scene, without a declared motion.
+        torques: (L,) the motors' torques, as solutions of the scene's problem give them.
+        feedback: Stiffness of a position feedback at the joints that move, N m/rad or N/m.
+        push: (3,) force on the object's centre of mass, world axes, N.
+        friction_factor: What all coefficients of friction are multiplied by.
+        seconds: From the release on.
+
+    Raises:
+        ArgumentError: If an argument is out of range or has the wrong shape.
+        SceneError: See `simulation_model`.
+        GrasplessPinError: If MuJoCo is not installed, refuses the model or cannot go on.
+    """
+    stiffness = real_number("feedback", feedback, 0.0)
+    factor = real_number("friction_factor", friction_factor, 0.0)
+    force = finite_array("push", push, (3,))
+    span = real_number("seconds", seconds, _LOOK)
+    if span > _LONGEST:
+        raise ArgumentError("seconds", f"is {span:g}; it must be at most {_LONGEST:g}")
+    load_mujoco()  # before anything else is done
+    problem = scene.problem()
+    problem = problem.with_changes(
+        friction=factor * problem.friction,
+        external_wrench=problem.external_wrench + np.concatenate([force, np.zeros(3)]),
+    )
+    given = finite_array("torques", torques, (problem.joint_count,))
+    hardness = STIFF, SOFT
+    models = [
+        simulation_model(
+            scene, given, feedback=stiffness, friction_factor=factor, contact_model=contact_model
+        )
+        for contact_model in hardness
+    ]
+    runs = [
+        _run(model, contact_model, scene.object, force, span)
+        for model, contact_model in zip(models, hardness, strict=True)
+    ]
+    return Simulation(tuple(runs), models[0], problem, given)
+
+
+def _run(
+    model: SimulationModel,
+    contact_model: ContactModel,
+    manipulated: ManipulatedObject,
+    push: FloatArray,
+    seconds: float,
+) -> SimulatedRun:
+    world = World(model)
+    world.load_in_fixture(push)
+    times, poses, moves = [0.0], [world.object_pose()], [world.joint_moves()]
+    changes = [change_of_pose(manipulated, poses[0])]
+    forces: deque[Mapping[str, float]] = deque(maxlen=_LOOKS_OF_FORCES)
+    moved_after = None
+    for look in range(1, round(seconds / _LOOK) + 1):
+        world.step(_STEPS)
+        times.append(look * _LOOK)
+        poses.append(world.object_pose())
+        moves.append(world.joint_moves())
+        changes.append(change_of_pose(manipulated, poses[-1]))
+        forces.append(world.normal_forces())
+        size = max(np.divide(changes[-1], MOVED).tolist())
+        if size > 1.0 and moved_after is None:
+            moved_after = times[-1]
+        if size > _GONE:
+            break
+    displacement, rotation = np.max(changes, axis=0).tolist()
+    touched = sorted({body for look in forces for body in look})
+    return SimulatedRun(
+        contact_model,
+        _outcome(displacement, rotation),
+        displacement,
+        rotation,
+        moved_after,
+        {body: fmean(look.get(body, 0.0) for look in forces) for body in touched},
+        np.array(times),
+        np.array(poses),
+        np.array(moves),
+    )
+
+
+def change_of_pose(manipulated: ManipulatedObject, T: FloatArray) -> tuple[float, float]:
+    """Return how far an object at a pose (4, 4) is from where it was: m, rad."""
+    center = transformed(T, manipulated.center_of_mass)
+    R = T[:3, :3] @ manipulated.T_world_object[:3, :3].T
+    axis = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    angle = np.arctan2(np.linalg.norm(axis), np.trace(R) - 1.0)
+    return float(np.linalg.norm(center - manipulated.center_of_mass_world)), float(angle)
+
+
+def _outcome(displacement: float, rotation: float) -> SimulatedOutcome:
+    if displacement < HELD[0] and rotation < HELD[1]:
+        return SimulatedOutcome.HELD
+    if displacement > MOVED[0] or rotation > MOVED[1]:
+        return SimulatedOutcome.MOVED
+    return SimulatedOutcome.CREPT

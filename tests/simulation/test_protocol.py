@@ -1,0 +1,137 @@
+"""What the protocol says of scenes whose outcome is known: held or moved, and with which forces."""
+
+import sys
+
+import numpy as np
+import pytest
+from holding_scenes import FAMILIES, holding_scenes
+from tests.scene.scene_tools import EXAMPLES, PAPER
+
+from graspless_pin import load_scene
+from graspless_pin.errors import ArgumentError, GrasplessPinError
+from graspless_pin.geometry import Box, HalfSpace, ManipulatedObject, Support
+from graspless_pin.geometry.poses import pose_matrix
+from graspless_pin.scene import Scene
+from graspless_pin.simulation import SimulatedOutcome, simulate
+
+BALL = EXAMPLES / "allegro_sphere_on_slope.yaml"
+TILT = 0.35
+
+
+def block(friction: float) -> Scene:
+    """A block of 1 kg on a slope, and no hand."""
+    T = pose_matrix((0.0, 0.0, 0.0), (0.0, TILT, 0.0))
+    shape = Box((0.1, 0.08, 0.06))
+    body = ManipulatedObject.from_shape("block", shape, T @ pose_matrix((0, 0, 0.03)), mass=1.0)
+    return Scene("block", body, {"default": friction}, supports=(Support("slope", HalfSpace(), T),))
+
+
+def outcomes(found):
+    return [run.outcome for run in found.runs]
+
+
+def test_a_block_holds_above_its_critical_friction_and_slips_below():
+    held = simulate(block(1.001 * np.tan(TILT)), (), seconds=1.0)
+    assert outcomes(held) == ["held", "held"]
+    assert held.runs[0].displacement < 1e-6
+    slipped = simulate(block(0.99 * np.tan(TILT)), (), seconds=1.0)
+    assert outcomes(slipped) == ["moved", "moved"]
+    # x = a t^2 / 2 along the slope, with 1 % of the friction missing
+    a = 0.01 * 9.81 * np.sin(TILT)
+    run = slipped.runs[0]
+    # Contacts that slide are absent in some steps: it goes a tenth faster.
+    assert run.moved_after == pytest.approx(np.sqrt(2.0 * 5e-3 / a), rel=0.15)
+    down = run.T_world_object[-1, :3, 3] - run.T_world_object[0, :3, 3]
+    assert down / np.linalg.norm(down) == pytest.approx([np.cos(TILT), 0, -np.sin(TILT)], abs=1e-3)
+
+
+def test_friction_factor_and_push_count():
+    scene = block(1.001 * np.tan(TILT))
+    assert simulate(scene, (), friction_factor=0.98, seconds=1.0).outcome == "moved"
+    steep = block(0.8)
+    along = np.array([np.cos(TILT), 0.0, -np.sin(TILT)])
+    most = 9.81 * (0.8 * np.cos(TILT) - np.sin(TILT))
+    assert simulate(steep, (), push=0.99 * most * along, seconds=0.5).outcome == "held"
+    assert simulate(steep, (), push=1.02 * most * along, seconds=1.0).outcome == "moved"
+
+
+@pytest.mark.parametrize("name", ["cuboid_at_rest", "sphere_on_slope"])
+def test_the_papers_scenes_hold(name):
+    scene = load_scene(PAPER / f"{name}.yaml")
+    solution = scene.solve("margin")
+    found = simulate(scene, solution.torques, seconds=1.0)
+    assert outcomes(found) == ["held", "held"]
+    normal = np.einsum("ij,ij->i", solution.problem.normals, solution.contact_forces)
+    for index in range(2):
+        link = scene.contacts.bodies[index]
+        assert found.runs[0].normal_forces[link] == pytest.approx(normal[index], rel=1e-3)
+
+
+def test_the_ball_needs_position_feedback():
+    """The forces are determined, and the rest is no stable one."""
+    scene = load_scene(BALL)
+    solution = scene.solve()
+    dropped = simulate(scene, solution.torques)
+    assert outcomes(dropped) == ["moved", "moved"]
+    kept = simulate(scene, solution.torques, feedback=2.0, seconds=1.0)
+    assert kept.outcome is SimulatedOutcome.HELD
+    assert kept.runs[0].normal_forces["slope"] == pytest.approx(6.477, rel=1e-3)
+
+
+def test_the_ball_falls_at_the_rate_of_its_instability():
+    """Under Algorithm 1 what is left of the settling grows at 14 /s, until 1 N m/rad stop it."""
+    scene = load_scene(BALL)
+    torques = scene.solve("margin").torques
+    run = simulate(scene, torques).runs[0]
+    gone = np.linalg.norm(run.T_world_object[:, :3, 3] - scene.object.T_world_object[:3, 3], axis=1)
+    grown = (gone > 1e-5) & (gone < 1e-3)
+    rate = np.polyfit(run.times[grown], np.log(gone[grown]), 1)[0]
+    assert rate == pytest.approx(14.0, rel=0.2)
+    assert outcomes(simulate(scene, torques, feedback=0.5))[0] == "moved"
+    assert outcomes(simulate(scene, torques, feedback=1.0, seconds=1.0))[0] == "held"
+
+
+def test_a_box_falls_between_two_walls():
+    """Algorithm 1 claims a margin of several newtons, of a squeeze that nothing makes."""
+    fell = []
+    for scene in holding_scenes("slot", 3):
+        solution = scene.solve()
+        assert solution.margin > 4.0
+        fell.append(
+            simulate(scene, solution.torques, seconds=0.5).outcome is SimulatedOutcome.MOVED
+        )
+    assert any(fell)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_families_are_the_same_scenes_each_time(family):
+    first, again = (next(holding_scenes(family, 1)).problem() for _ in range(2))
+    np.testing.assert_array_equal(first.positions, again.positions)
+    np.testing.assert_array_equal(first.jacobian, again.jacobian)
+    assert first.contact_count >= 2 and first.joint_count >= 1
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"feedback": -1.0}, "feedback: is -1.0"),
+        ({"push": (1.0, 2.0)}, "push: has shape"),
+        ({"friction_factor": np.nan}, "friction_factor: is nan"),
+        ({"seconds": 0.0}, "seconds: is 0.0"),
+        ({"seconds": 1e4}, "seconds: is 10000; it must be at most 600"),
+    ],
+)
+def test_bad_arguments_are_refused(given, message):
+    with pytest.raises(ArgumentError, match=message):
+        simulate(block(0.5), (), **given)
+
+
+def test_without_mujoco_the_message_names_the_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(GrasplessPinError, match=r"pip install 'graspless-pin\[simulate\]'"):
+        simulate(block(0.5), ())
+
+
+def test_a_simulation_that_gets_out_of_hand_is_said():
+    with pytest.raises(GrasplessPinError, match=r"no finite state any more at"):
+        simulate(block(0.5).with_changes(max_normal_force=1e3), (), push=(1e14, 0.0, 0.0))
