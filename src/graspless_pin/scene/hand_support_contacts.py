@@ -1,0 +1,49 @@
+"""Where moving links of a scene's hand touch supports: forces that no problem has."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from graspless_pin.geometry.contact.broad_phase import near_pairs
+from graspless_pin.geometry.contact.distances import separation
+from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.scene.scene import Scene
+
+
+def hand_support_contacts(scene: Scene) -> tuple[tuple[str, str], ...]:
+    """Return which links that torques or commanded forces can move touch which supports.
+
+    A problem has the contacts of the object alone. What a support does to a link counts against the
+    joints' torques all the same: verdicts on what really happens cannot be had then. Links that
+    stand still, as on joints under position control, may touch what they like.
+
+    Args:
+        scene: The scene.
+
+    Returns:
+        (link, support) of each pair that is no farther apart than the scene's `contact_tolerance`,
+        links in model order.
+    """
+    if scene.hand is None:
+        return ()
+    bodies, moving = scene.hand.placed_bodies, _moving_links(scene.hand)
+    touching = {}
+    for support in scene.supports:
+        pieces = support.placed_bodies
+        for i, k in near_pairs(bodies, pieces, scene.contact_tolerance):
+            if bodies[i].name in moving:
+                gap = separation(bodies[i], pieces[k]).distance
+                if gap <= scene.contact_tolerance:
+                    touching[bodies[i].name, support.name] = i
+    return tuple(sorted(touching, key=lambda pair: touching[pair]))
+
+
+def _moving_links(hand: Hand) -> set[str]:
+    """Return the links that force-controlled joints move, and those of hybrid fingers."""
+    rows = np.flatnonzero(hand.actuation.from_joints.any(axis=1))
+    links = {
+        link
+        for link, carrier in hand.tree.link_joints.items()
+        if hand.tree.supports[carrier, rows].any()
+    }
+    return links.union(*(hand.fingers[name].links for name in hand.control.hybrid_fingers))
