@@ -11,6 +11,14 @@ from .algorithms.torque import maximize_margin, minimize_torque, optimize
 from .errors import GrasplessPinError
 from .geometry.hand.model import Hand
 from .holding.free_motions import free_motions
+from .holding.stability import stability
+from .holding.verdict import (
+    ContactState,
+    DynamicOutcome,
+    RestProof,
+    Stability,
+    StabilityVerdict,
+)
 from .modes.enumeration import enumerate_modes
 from .modes.rules import Rules, SignRule, SlidingMode, SlidingRule, StaticFriction
 from .planning.evaluator import Evaluator
@@ -36,8 +44,10 @@ from .studies.tables import read_results
 __all__ = [
     "Certificate",
     "ContactForceBounds",
+    "ContactState",
     "ControlMode",
     "DisturbanceMargin",
+    "DynamicOutcome",
     "Evaluator",
     "Explanation",
     "FingerContacts",
@@ -56,6 +66,7 @@ __all__ = [
     "OptimumGradients",
     "ProgramBuilder",
     "QuasistaticProblem",
+    "RestProof",
     "RuleComparison",
     "Rules",
     "Scene",
@@ -63,6 +74,8 @@ __all__ = [
     "SlidingMode",
     "SlidingRule",
     "SolveOptions",
+    "Stability",
+    "StabilityVerdict",
     "StaticFriction",
     "Status",
     "Suggestion",
@@ -96,4 +109,5 @@ __all__ = [
     "run_study",
     "settle",
     "solve_each_mode",
+    "stability",
 ]

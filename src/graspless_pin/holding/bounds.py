@@ -1,0 +1,180 @@
+r"""What multipliers prove of all outcomes in which contacts are in given states.
+
+For every outcome and all multipliers, with c = q + A lambda and
+v = p - lambda + sum_l (nu_l a_n,l + A_t,l^T kappa_l),
+
+    p.y + q.f <= lambda.h + sum_l c_l.f_l + max_y [v.y + beta (h.y - |y|^2)]
+                 - sum_l (kappa_l.u_t,l + beta mu_l f_n,l |u_t,l|),
+
+because y = A^T f + h, |y|^2 + sum mu f_n |u_t| = h.y, and nu_l u_n,l >= 0 where nu_l >= 0 or
+u_n,l = 0. The terms of one contact are bounded over what its state leaves: forces of its cone or of
+the arc opposite to its slip, f_n >= its smallest load, u_t in the arc of its slip.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspless_pin.holding.dynamics import Dynamics
+from graspless_pin.holding.verdict import ContactState, DualBound
+from graspless_pin.problem.checks import FloatArray
+
+_ROUNDING = 1e-9
+"""Gains per newton below this are rounding."""
+
+
+@dataclass(frozen=True)
+class States:
+    """What is known of each contact.
+
+    Attributes:
+        state: M states.
+        center: (M,) angle of the middle of its slip, rad.
+        half_width: (M,) rad; pi where any direction is possible.
+        closes: (M,) contacts whose closing depends on that of others: relaxations need no row for
+            it, and rows that depend on others make large multipliers.
+        sticks: (M,) contacts of whose sticking that is true.
+    """
+
+    state: tuple[ContactState, ...]
+    center: FloatArray
+    half_width: FloatArray
+    closes: NDArray[np.bool_]
+    sticks: NDArray[np.bool_]
+
+    @classmethod
+    def unknown(cls, count: int) -> States:
+        """Return the states of which nothing is known."""
+        none = np.zeros(count, dtype=bool)
+        return cls((ContactState.FREE,) * count, np.zeros(count), np.full(count, np.pi), none, none)
+
+    def changed(
+        self,
+        contact: int,
+        state: ContactState,
+        center: float = 0.0,
+        half_width: float = np.pi,
+        *,
+        depends: bool = False,
+    ) -> States:
+        """Return the states with one contact's replaced."""
+        centers, widths = self.center.copy(), self.half_width.copy()
+        closes, sticks = self.closes.copy(), self.sticks.copy()
+        centers[contact], widths[contact] = center, half_width
+        closes[contact] |= depends and state is ContactState.CLOSED
+        sticks[contact] = depends and state is ContactState.STICKING
+        states = (*self.state[:contact], state, *self.state[contact + 1 :])
+        return States(states, centers, widths, closes, sticks)
+
+    def are(self, *kinds: ContactState) -> NDArray[np.bool_]:
+        """Return which contacts are in one of these states."""
+        return np.array([state in kinds for state in self.state])
+
+
+def least_along(vectors: FloatArray, center: FloatArray, half_width: FloatArray) -> FloatArray:
+    """Return the smallest product of each vector (M, 2) with a unit vector of its arc."""
+    return (vectors * least_direction(vectors, center, half_width)).sum(axis=1)
+
+
+def least_direction(vectors: FloatArray, center: FloatArray, half_width: FloatArray) -> FloatArray:
+    """Return the unit vector of each arc that has the smallest product with its vector, (M, 2)."""
+    opposite = np.arctan2(-vectors[:, 1], -vectors[:, 0]) - center
+    opposite = (opposite + np.pi) % (2.0 * np.pi) - np.pi
+    angle = center + np.clip(opposite, -half_width, half_width)
+    return np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def repaired(
+    dynamics: Dynamics, states: States, dual: DualBound, goal: tuple[FloatArray, FloatArray]
+) -> DualBound:
+    """Return multipliers of which rounding does not say that large forces pay.
+
+    The smallest change of lambda after which no contact's force gains more than it did, and those
+    that gained by rounding gain nothing.
+    """
+    arc = states.center, np.where(states.are(ContactState.SLIPPING), states.half_width, np.pi)
+    c = goal[1] + dynamics.rows @ dual.motion
+    sides = dynamics.friction[:, None] * least_direction(c[:, 1:], *arc)
+    gains = dynamics.rows[:, 0] - np.einsum("li,lin->ln", sides, dynamics.rows[:, 1:])
+    gain = c[:, 0] - (sides * c[:, 1:]).sum(axis=1)
+    unbounded = ~states.are(ContactState.OPEN) & ~dynamics.is_commanded
+    # Where no force of a contact gains, no component does; else only the best force may not.
+    vanishing = unbounded & (np.abs(c).max(axis=1) < _ROUNDING)
+    touching = unbounded & ~vanishing & (np.abs(gain) < _ROUNDING)
+    rows = np.vstack([dynamics.rows[vanishing].reshape(-1, len(dual.motion)), gains[touching]])
+    left = np.concatenate([c[vanishing].ravel(), gain[touching]])
+    change = np.linalg.lstsq(rows, -left, rcond=1e-13)[0]
+    return DualBound(dual.motion + change, dual.normal, dual.tangential)
+
+
+def closing_tolerance(dynamics: Dynamics) -> float:
+    """Return the scaled acceleration up to which closed contacts part and sticking ones slip.
+
+    A contact that cannot part by more counts as closed: without a tolerance four corners in one
+    plane, known to 16 digits, would not close each other.
+    """
+    return 1e-3 * dynamics.resolution**2
+
+
+def outcome_bound(
+    dynamics: Dynamics,
+    states: States,
+    loads: FloatArray,
+    dual: DualBound,
+    goal: tuple[FloatArray, FloatArray],
+    force_limit: float,
+) -> float:
+    """Return an upper bound of p.y + q.f over all outcomes in these states.
+
+    Args:
+        dynamics: The scaled dynamics.
+        states: Of the contacts.
+        loads: (M,) normal forces that every outcome has at least, scaled.
+        dual: The multipliers.
+        goal: p (n,) and q (M, 3).
+        force_limit: It holds for outcomes with normal forces up to this, scaled.
+    """
+    p, q = goal
+    mu, commanded = dynamics.friction, dynamics.is_commanded
+    opened, sticking = states.are(ContactState.OPEN), states.are(ContactState.STICKING)
+    arc = states.center, np.where(states.are(ContactState.SLIPPING), states.half_width, np.pi)
+    may_part = states.are(ContactState.FREE, ContactState.OPEN)
+    normal = np.where(may_part, np.maximum(dual.normal, 0.0), dual.normal)
+    normal = np.where(commanded, 0.0, normal)
+    rows = dynamics.rows
+    # Contact forces.
+    c = q + rows @ dual.motion
+    per_newton = np.where(commanded, 0.0, c[:, 0]) - mu * least_along(c[:, 1:], *arc)
+    low = np.where(commanded, dynamics.commanded, loads)
+    high = np.where(commanded, dynamics.commanded, force_limit)
+    forces = np.where(opened, 0.0, per_newton * np.where(per_newton > 0.0, high, low)).sum()
+    # Closed means u_n up to the tolerance, and sticking u_t.
+    slack = np.maximum(-normal, 0.0).sum() + np.hypot(*dual.tangential[sticking].T).sum()
+    bound = float(dual.motion @ dynamics.load) + float(forces)
+    bound += closing_tolerance(dynamics) * float(slack)
+    # Slips: what kappa takes wrongly is paid by friction's power, or by the longest slip.
+    v = p - dual.motion + normal @ rows[:, 0] + np.einsum("li,lin->n", dual.tangential, rows[:, 1:])
+    wrong = np.where(sticking, 0.0, np.maximum(-least_along(dual.tangential, *arc), 0.0))
+    power = mu * np.where(opened, 0.0, low)
+    longest = wrong * np.linalg.norm(rows[:, 1:], axis=(1, 2))
+    return bound + _least_sum(wrong, power, longest, v, dynamics.load)
+
+
+def _least_sum(
+    wrong: FloatArray, power: FloatArray, longest: FloatArray, v: FloatArray, load: FloatArray
+) -> float:
+    """Return the least of max_y v.y + beta (h.y - |y|^2), beta >= wrong / power, and of slips.
+
+    A slip is paid for by its length where that costs less than a larger beta.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        needed = np.where(wrong > 0.0, wrong / power, 0.0)
+    size, along = float(np.linalg.norm(v)), float(v @ load)
+    best = np.inf
+    for beta in {size, *needed[(needed > size) & (needed < np.inf)].tolist()}:
+        ball = 0.25 * (size * size / beta + 2.0 * along + beta) if beta > 0.0 else 0.0
+        best = min(best, ball + float(longest[needed > beta].sum()))
+    return best

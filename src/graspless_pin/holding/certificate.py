@@ -1,0 +1,112 @@
+"""Certificates of one linear program: balance without friction that contacts may not bear.
+
+If forces f* balance load and torques, with f*_n >= 0 and |f*_t| <= mu l at every contact, where l
+is a normal force that every outcome has at least, then every outcome has
+|y|^2 <= sum (|f*_t| - mu l) |u_t| <= 0: rest is the only one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspless_pin.holding.bounds import States
+from graspless_pin.holding.dynamics import Dynamics, contact_jacobian, generalized_load
+from graspless_pin.holding.relaxation import FORCE_LIMIT, Relaxation
+from graspless_pin.holding.rest import Balance, least_residual
+from graspless_pin.holding.verdict import LoadProof
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray
+
+_EXACT = 1e-8
+"""Of the load: what may stay unbalanced, or unborne, where no inertia tells what that moves."""
+
+
+def balance(
+    problem: QuasistaticProblem, torques: FloatArray, bearable: FloatArray | None = None
+) -> Balance | None:
+    """Find the contact forces that leave least of load and torques unbalanced.
+
+    Args:
+        problem: Contacts, load and joints.
+        torques: (L,) of the motors.
+        bearable: (M,) N, friction that each contact bears at most; None: mu f_n.
+    """
+    jacobian, load = in_loads(problem, torques)
+    count = problem.contact_count
+    most = np.full(count, np.nan) if bearable is None else bearable / problem.scales.force
+    sides = np.zeros(count), np.full(count, np.inf)
+    return least_residual(jacobian, load, problem.friction, most, sides)
+
+
+def in_loads(problem: QuasistaticProblem, torques: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return G (M, 3, 6 + L) and g (6 + L,), for forces in loads and in units of the load."""
+    force, length, joints = problem.scales
+    unit = np.concatenate([np.repeat([force, force * length], 3), joints])
+    return force * contact_jacobian(problem) / unit, generalized_load(problem, torques) / unit
+
+
+def proves_unrest(problem: QuasistaticProblem, torques: FloatArray, motion: FloatArray) -> float:
+    """Return what every set of contact forces leaves unbalanced at least, in loads.
+
+    Args:
+        problem: Contacts, load and joints.
+        torques: (L,) of the motors.
+        motion: (6 + L,) z with sum |z| <= 1: the forces' part z.G^T f is never negative.
+    """
+    jacobian, load = in_loads(problem, torques)
+    c = jacobian @ (motion / max(1.0, float(np.abs(motion).sum())))
+    short = np.maximum(problem.friction * np.hypot(c[:, 1], c[:, 2]) - c[:, 0], 0.0)
+    return float(motion @ load) - FORCE_LIMIT * float(short.sum())
+
+
+def is_certificate(
+    problem: QuasistaticProblem,
+    torques: FloatArray,
+    forces: FloatArray,
+    loads: FloatArray,
+    dynamics: Dynamics | None,
+) -> bool:
+    """Return whether forces prove that rest is the only outcome.
+
+    Args:
+        problem: Contacts, load and joints.
+        torques: (L,) of the motors.
+        forces: (M, 3) N, in contact frames.
+        loads: (M,) N.
+        dynamics: The scaled dynamics; None: it has to hold for every inertia.
+    """
+    unborne = np.hypot(forces[:, 1], forces[:, 2]) - problem.friction * loads
+    unborne, pulling = np.maximum(unborne, 0.0), np.maximum(-forces[:, 0], 0.0)
+    if dynamics is None:
+        scale = problem.scales.force
+        jacobian, load = in_loads(problem, torques)
+        left = np.einsum("lik,li->k", jacobian, forces / scale) + load
+        return max(np.abs(left).max(), unborne.max() / scale, pulling.max() / scale) <= _EXACT
+    unit, rows = dynamics.force_unit, dynamics.rows
+    y = np.linalg.norm(dynamics.motion(forces / unit))
+    y += unborne / unit @ np.linalg.norm(rows[:, 1:], ord=2, axis=(1, 2))
+    y += pulling / unit @ np.linalg.norm(rows[:, 0], axis=1)
+    return bool(y <= dynamics.resolution)
+
+
+def proven_loads(
+    dynamics: Dynamics, relaxation: Relaxation, contacts: NDArray[np.intp]
+) -> tuple[LoadProof, ...]:
+    """Return the smallest normal forces of contacts that every outcome has, where there are any.
+
+    Args:
+        dynamics: The scaled dynamics.
+        relaxation: Its relaxations, with the loads that are known.
+        contacts: Indices of the contacts to ask for.
+    """
+    states = States.unknown(dynamics.contact_count)
+    proofs = []
+    for contact in contacts:
+        goal = np.zeros(len(dynamics.load)), np.zeros((dynamics.contact_count, 3))
+        goal[1][contact, 0] = -1.0
+        relaxed = relaxation.solve(states, goal, elastic=False)
+        if relaxed is not None and relaxed.bound < 0.0:
+            least = -relaxed.bound * dynamics.force_unit
+            proofs.append(LoadProof(int(contact), least, relaxed.dual))
+    return tuple(proofs)

@@ -1,0 +1,134 @@
+"""The dynamics at rest, scaled: y = A^T f + h, u = A y."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.contact_map import contact_map
+from graspless_pin.problem.matrices import wrench_map
+
+
+@dataclass(frozen=True, eq=False)
+class Dynamics:
+    """What the torques and the load do to object and joints in the first instant.
+
+    With the inertia M = C C^T, the generalised load g, H = |C^-1 g| and the largest length alpha
+    of a row of G C^-T: y = C^T a / H, A = G C^-T / alpha, h = C^-1 g / H, forces in units of
+    H / alpha. Then y = A^T f + h, |h| = 1, and every outcome has
+    |y|^2 + sum mu f_n |u_t| = h.y.
+
+    Attributes:
+        rows: (M, 3, n) A: along n, t1, t2 of each contact; n = 6 + joints that are no hybrid
+            finger's. The normal row of a commanded contact is zero: its force is in the load.
+        load: (n,) h.
+        friction: (M,) coefficients.
+        commanded: (M,) normal forces that hybrid fingers command, scaled; NaN elsewhere.
+        acceleration: (6 + L, n) from y to accelerations of object and joints.
+        force_unit: H / alpha, N.
+        points: (M + 1, 3, n) from y to the accelerations of the contact points and of the
+            reference point of the object, m/s^2.
+        limit: Accelerations of those up to this count as rest, m/s^2.
+    """
+
+    rows: FloatArray
+    load: FloatArray
+    friction: FloatArray
+    commanded: FloatArray
+    acceleration: FloatArray
+    force_unit: float
+    points: FloatArray
+    limit: float
+
+    @property
+    def contact_count(self) -> int:
+        """M."""
+        return len(self.rows)
+
+    @property
+    def is_commanded(self) -> NDArray[np.bool_]:
+        """(M,) contacts whose normal force a hybrid finger commands."""
+        return np.isfinite(self.commanded)
+
+    @property
+    def resolution(self) -> float:
+        """Every y that is shorter counts as rest."""
+        return self.limit / float(np.linalg.norm(self.points, ord=2, axis=(1, 2)).max())
+
+    def point_acceleration(self, y: FloatArray) -> float:
+        """Return the largest acceleration of a point, m/s^2."""
+        return float(np.linalg.norm(self.points @ y, axis=1).max())
+
+    def slips(self, y: FloatArray) -> FloatArray:
+        """Return u, (M, 3): accelerations along n, t1, t2."""
+        return self.rows @ y
+
+    def motion(self, forces: FloatArray) -> FloatArray:
+        """Return y of scaled contact forces (M, 3)."""
+        return np.einsum("lin,li->n", self.rows, forces) + self.load
+
+
+def generalized_load(problem: QuasistaticProblem, torques: FloatArray) -> FloatArray:
+    """Return g = (w_ext, tau - g(q)), (6 + L,)."""
+    return np.concatenate([problem.external_wrench, torques - problem.gravity_torques])
+
+
+def contact_jacobian(problem: QuasistaticProblem) -> FloatArray:
+    """Return G = [W^T, -J] in contact frames, (M, 3, 6 + L)."""
+    g = contact_map(problem).copy()
+    g[:, :, 6:] *= -1.0
+    return g
+
+
+def scaled_dynamics(
+    problem: QuasistaticProblem,
+    torques: FloatArray,
+    inertia: FloatArray,
+    hybrid: NDArray[np.intp],
+    limit: float,
+) -> Dynamics | None:
+    """Return the scaled dynamics, None where the load is zero: then nothing accelerates.
+
+    Args:
+        problem: Contacts, load and joints.
+        torques: (L,) of the motors.
+        inertia: (6 + L, 6 + L) of object and joints.
+        hybrid: (L,) contact whose normal force a column commands; -1: a joint.
+        limit: Accelerations of points up to this count as rest, m/s^2.
+    """
+    count = problem.contact_count
+    jacobian, load = contact_jacobian(problem), generalized_load(problem, torques)
+    commanded = np.full(count, np.nan)
+    for column in np.flatnonzero(hybrid >= 0):
+        contact = hybrid[column]
+        commanded[contact] = load[6 + column]
+        load[:6] += load[6 + column] * jacobian[contact, 0, :6]
+        jacobian[contact, 0] = 0.0
+    kept = np.concatenate([np.ones(6, dtype=bool), hybrid < 0])
+    jacobian, load = jacobian[:, :, kept], load[kept]
+    root = np.linalg.cholesky(inertia[np.ix_(kept, kept)])
+    back = np.linalg.inv(root).T
+    h = back.T @ load
+    size = float(np.linalg.norm(h))
+    if size == 0.0:
+        return None
+    rows = jacobian @ back
+    alpha = float(np.linalg.norm(rows, axis=2).max())
+    acceleration = np.zeros((6 + problem.joint_count, len(load)))
+    acceleration[kept] = size * back
+    places = np.vstack([problem.positions, np.zeros(3)])
+    points = wrench_map(places).T.reshape(-1, 3, 6) @ acceleration[:6]
+    return Dynamics(
+        rows / alpha,
+        h / size,
+        problem.friction,
+        commanded * alpha / size,
+        acceleration,
+        size / alpha,
+        points,
+        limit,
+    )

@@ -1,0 +1,172 @@
+"""Search for moving outcomes: contact by contact from several forces, then a polish of the mode."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspless_pin.holding.dynamics import Dynamics
+from graspless_pin.problem.checks import FloatArray
+
+_STARTS = 12
+_SWEEPS = 400
+_POLISH_STEPS = 20
+_EXACT = 1e-13
+_DIVERGING = 1e3
+_TOLERANCE = 1e-6
+"""Of the motion's power: how far an outcome may miss Coulomb's law."""
+_STILL = 1e-12
+_SURFACE = 0.999
+"""Share of mu f_n from which friction may be that of a slip."""
+
+
+def is_outcome(dynamics: Dynamics, forces: FloatArray) -> bool:
+    """Return whether scaled forces and the motion that they make are a moving outcome."""
+    y = dynamics.motion(forces)
+    if dynamics.point_acceleration(y) <= dynamics.limit:
+        return False
+    power = float(dynamics.load @ y)
+    if power <= 0.0:
+        return False
+    u, mu = dynamics.slips(y), dynamics.friction
+    bound = dynamics.is_commanded
+    normal = np.where(bound, np.nan_to_num(dynamics.commanded), forces[:, 0])
+    side = np.hypot(forces[:, 1], forces[:, 2])
+    if (normal < 0.0).any() or (side > mu * normal * (1.0 + 1e-9) + _STILL).any():
+        return False
+    if (np.where(bound, 0.0, u[:, 0]) < -_TOLERANCE * np.sqrt(power)).any():
+        return False
+    gaps = np.where(bound, 0.0, normal * u[:, 0])
+    gaps = gaps + (forces[:, 1:] * u[:, 1:]).sum(axis=1)
+    gaps = gaps + mu * normal * np.hypot(u[:, 1], u[:, 2])
+    return bool(np.abs(gaps).sum() <= _TOLERANCE * power)
+
+
+def find_motion(dynamics: Dynamics, seed: int = 0) -> FloatArray | None:
+    """Return scaled forces of a moving outcome, None where the search found none.
+
+    The first start is without forces: what happens where contacts close without preload.
+    """
+    rng = np.random.default_rng(seed)
+    count = dynamics.contact_count
+    starts = np.zeros((_STARTS, count, 3))
+    starts[1:, :, 0] = (
+        rng.exponential(size=(_STARTS - 1, count)) * np.logspace(-1.0, 1.5, _STARTS - 1)[:, None]
+    )
+    turn = rng.normal(size=(_STARTS - 1, count, 2))
+    turn *= rng.random((_STARTS - 1, count, 1)) / np.linalg.norm(turn, axis=2, keepdims=True)
+    starts[1:, :, 1:] = turn * (dynamics.friction[:, None] * starts[1:, :, :1])
+    for forces in _relaxed(dynamics, starts):
+        polished = polish(dynamics, forces)
+        if polished is not None:
+            return polished
+    return None
+
+
+def _relaxed(dynamics: Dynamics, starts: FloatArray) -> FloatArray:
+    """Projected Gauss-Seidel with De Saxce's shift, all starts side by side: (K, M, 3)."""
+    rows, mu = dynamics.rows, dynamics.friction
+    blocks = np.einsum("lin,ljn->lij", rows, rows)
+    steps = 1.0 / np.maximum(np.linalg.norm(blocks, ord=2, axis=(1, 2)), 1e-12)
+    commanded = dynamics.commanded
+    forces = starts.copy()
+    held = dynamics.is_commanded
+    forces[:, held, 0] = commanded[held]
+    y = np.einsum("klj,ljn->kn", forces, rows) + dynamics.load
+    for _ in range(_SWEEPS):
+        change = 0.0
+        for contact in range(len(rows)):
+            u = y @ rows[contact].T
+            old = forces[:, contact]
+            trial = old - steps[contact] * u
+            trial[:, 0] -= steps[contact] * mu[contact] * np.hypot(u[:, 1], u[:, 2])
+            if held[contact]:
+                trial[:, 0] = commanded[contact]
+                new = _on_disk(trial, mu[contact])
+            else:
+                new = _in_cone(trial, mu[contact])
+            step = new - old
+            y += step @ rows[contact]
+            forces[:, contact] = new
+            change = max(change, float(np.abs(step).max()))
+        if change < 1e-10:
+            break
+    return forces
+
+
+def _on_disk(forces: FloatArray, mu: float) -> FloatArray:
+    side = np.hypot(forces[:, 1], forces[:, 2])
+    scale = np.minimum(1.0, mu * forces[:, 0] / np.maximum(side, _STILL))
+    return np.column_stack([forces[:, 0], scale[:, None] * forces[:, 1:]])
+
+
+def _in_cone(forces: FloatArray, mu: float) -> FloatArray:
+    """Return the nearest forces (K, 3) in the round cone."""
+    normal, side = forces[:, 0], np.hypot(forces[:, 1], forces[:, 2])
+    on_surface = np.maximum((normal + mu * side) / (1.0 + mu * mu), 0.0)
+    inside, polar = side <= mu * normal, mu * side <= -normal
+    scale = np.where(side > 0.0, mu * on_surface / np.maximum(side, _STILL), 0.0)
+    nearest = np.column_stack([on_surface, scale[:, None] * forces[:, 1:]])
+    nearest[polar] = 0.0
+    return np.where(inside[:, None], forces, nearest)
+
+
+def polish(dynamics: Dynamics, forces: FloatArray) -> FloatArray | None:
+    """Return the outcome in the contact states that forces suggest, None where there is none.
+
+    Gauss-Newton steps of least norm on: closed contacts do not accelerate apart, sticking ones not
+    sideways, slipping ones have f_t = -mu f_n u_t / |u_t|.
+    """
+    u = dynamics.slips(dynamics.motion(forces))
+    size = float(np.abs(u).max())
+    if size == 0.0:
+        return None
+    held, slips = dynamics.is_commanded, np.hypot(u[:, 1], u[:, 2])
+    normal = np.where(held, np.nan_to_num(dynamics.commanded), forces[:, 0])
+    opened = ~held & (normal <= 1e-3 * np.maximum(u[:, 0], 0.0) + _STILL)
+    on_surface = np.hypot(forces[:, 1], forces[:, 2]) >= _SURFACE * dynamics.friction * normal
+    for slipping in (slips > 1e-3 * size, slips > 1e-5 * size, slips > 1e-7 * size, on_surface):
+        found = _newton(dynamics, forces, opened, slipping & ~opened)
+        if found is not None:
+            return found
+    return None
+
+
+def _newton(
+    dynamics: Dynamics,
+    forces: FloatArray,
+    opened: NDArray[np.bool_],
+    slipping: NDArray[np.bool_],
+) -> FloatArray | None:
+    mu, held = dynamics.friction, dynamics.is_commanded
+    f = np.where(opened[:, None], 0.0, forces)
+    f[held, 0] = dynamics.commanded[held]
+    free = np.flatnonzero(~opened)
+    count, n = len(free), len(dynamics.load)
+    own, rows = dynamics.rows[free], dynamics.rows[free].reshape(3 * count, n)
+    delassus = (rows @ rows.T).reshape(count, 3, 3 * count)
+    identity = np.eye(3 * count).reshape(count, 3, 3 * count)
+    coefficient, slides, fixed = mu[free], slipping[free], held[free]
+    least = np.inf
+    for _ in range(_POLISH_STEPS):
+        u, g = own @ dynamics.motion(f), f[free]
+        slip = np.hypot(u[:, 1], u[:, 2])
+        moving = slides & (slip > 0.0)
+        d = u[:, 1:] / np.where(slip > 0.0, slip, 1.0)[:, None]
+        friction = (coefficient * g[:, 0])[:, None]
+        across = np.eye(2) - d[:, :, None] * d[:, None, :]
+        across *= (friction[:, 0] / np.where(slip > 0.0, slip, 1.0))[:, None, None]
+        residual, jacobian = u, delassus.copy()
+        law = g[:, 1:] + friction * d
+        slope = identity[:, 1:] + across @ delassus[:, 1:]
+        slope += coefficient[:, None, None] * d[:, :, None] * identity[:, :1]
+        residual[moving, 1:], jacobian[moving, 1:] = law[moving], slope[moving]
+        residual[fixed, 0], jacobian[fixed, 0] = 0.0, identity[fixed, 0]
+        size = float(np.abs(residual).max(initial=0.0))
+        if size < _EXACT or size > _DIVERGING * least:
+            break
+        least = min(least, size)
+        change = np.linalg.lstsq(jacobian.reshape(3 * count, -1), -residual.ravel(), rcond=1e-12)[0]
+        f[free] += change.reshape(-1, 3)
+    f[~held, 0] = np.maximum(f[~held, 0], 0.0)
+    return f if is_outcome(dynamics, f) else None

@@ -1,0 +1,226 @@
+"""The linear relaxation of all outcomes in which contacts are in given states."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from graspless_pin.holding.bounds import States, outcome_bound, repaired
+from graspless_pin.holding.dynamics import Dynamics
+from graspless_pin.holding.verdict import ContactState, DualBound
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.solvers.simplex import Simplex, SimplexAnswer, SimplexOutcome
+
+_DIRECTIONS = 8
+"""Directions of the tangent planes of each cone, and of the bounds of slip."""
+_MOST_CUTS = 6
+"""Rounds of tangent cuts of the ball."""
+_PENALTY = 2.0
+"""Of the share of the load that is taken away; any is sound: outcomes take none away."""
+FORCE_LIMIT = 1e6
+"""Proofs hold for normal forces up to this, in loads."""
+
+
+@dataclass(frozen=True, eq=False)
+class Relaxed:
+    """The best point of a relaxation, and what its multipliers prove.
+
+    Attributes:
+        bound: An upper bound of the goal over all outcomes in these states.
+        dual: What proves it.
+        y: (n,) the motion of the best point.
+        forces: (M, 3) its contact forces, scaled.
+        load_left: Share of the load that the best point keeps.
+    """
+
+    bound: float
+    dual: DualBound
+    y: FloatArray
+    forces: FloatArray
+    load_left: float
+
+
+class Relaxation:
+    """Linear programs in (y, f, slip bounds, share of the load taken away), from node to node.
+
+    Rows: the dynamics y - A^T f + s h = h, u_n >= 0 or = 0, tangent planes of the cones, the
+    friction's power sum mu l |u_t| <= h.y, and for each contact with a state what that says.
+    """
+
+    def __init__(self, dynamics: Dynamics, loads: FloatArray, force_limit: float) -> None:
+        """Build the rows that all nodes share.
+
+        Args:
+            dynamics: The scaled dynamics.
+            loads: (M,) normal forces that every outcome has at least, scaled.
+            force_limit: What it proves holds for normal forces up to this, scaled.
+        """
+        self.dynamics, self.loads = dynamics, loads
+        self.force_limit = force_limit
+        count, n = dynamics.contact_count, len(dynamics.load)
+        commanded = dynamics.is_commanded
+        self._power = dynamics.friction * np.where(commanded, dynamics.commanded, loads)
+        self._loaded = np.flatnonzero(self._power > 0.0)
+        self._n, self._m = n, count
+        self._slip = n + 3 * count
+        self._size = self._slip + len(self._loaded) + 1
+        angles = 2.0 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+        self._around = np.column_stack([np.cos(angles), np.sin(angles)])
+        free = np.full(self._size, np.inf)
+        self._simplex = Simplex(np.zeros(self._size), -free, free)
+        self._add_shared()
+        self._shared = self._simplex.row_count
+
+    @property
+    def programs(self) -> int:
+        """Linear programs solved."""
+        return self._simplex.solves
+
+    def _add_shared(self) -> None:
+        n, count, size = self._n, self._m, self._size
+        rows, h, mu = self.dynamics.rows, self.dynamics.load, self.dynamics.friction
+        commanded = self.dynamics.is_commanded
+        dynamics = np.zeros((n, size))
+        dynamics[:, :n] = np.eye(n)
+        dynamics[:, n : self._slip] = -rows.reshape(3 * count, n).T
+        dynamics[:, -1] = h
+        self._simplex.add_rows(dynamics, h, h)
+        normal = np.zeros((count, size))
+        normal[:, :n] = rows[:, 0]
+        self._simplex.add_rows(normal, np.zeros(count), np.full(count, np.inf))
+        power = np.zeros((1, size))
+        power[0, :n] = h
+        power[0, self._slip : -1] = -self._power[self._loaded]
+        self._simplex.add_rows(power, np.zeros(1), np.full(1, np.inf))
+        for column, contact in enumerate(self._loaded):
+            bounds = np.zeros((_DIRECTIONS, size))
+            bounds[:, self._slip + column] = 1.0
+            bounds[:, :n] = -self._around @ rows[contact, 1:]
+            self._simplex.add_rows(bounds, np.zeros(_DIRECTIONS), np.full(_DIRECTIONS, np.inf))
+        # Where load is taken away, so are the smallest normal forces.
+        least = np.zeros((count, size))
+        least[np.arange(count), n + 3 * np.arange(count)] = 1.0
+        least[:, -1] = self.loads
+        self._simplex.add_rows(least, np.where(commanded, 0.0, self.loads), np.full(count, np.inf))
+        for contact in range(count):
+            planes = np.zeros((_DIRECTIONS, size))
+            first = n + 3 * contact
+            planes[:, first] = -mu[contact]
+            planes[:, first + 1 : first + 3] = self._around
+            self._simplex.add_rows(planes, np.full(_DIRECTIONS, -np.inf), np.zeros(_DIRECTIONS))
+
+    def solve(
+        self, states: States, goal: tuple[FloatArray, FloatArray], elastic: bool = True
+    ) -> Relaxed | None:
+        """Maximise p.y + q.f over the relaxation, cut by tangents of the ball where it helps.
+
+        Args:
+            states: Of the contacts.
+            goal: p (n,) and q (M, 3).
+            elastic: Whether a share of the load may be taken away: then there is always an answer.
+
+        Returns:
+            The best point and its bound; None where the solver has no answer.
+        """
+        self._simplex.drop_rows(self._shared)
+        self._set(states, goal, elastic)
+        best: Relaxed | None = None
+        for _ in range(_MOST_CUTS):
+            answer = self._simplex.solve()
+            if answer.outcome is not SimplexOutcome.OPTIMAL:
+                break
+            relaxed = self._read(answer, states, goal)
+            if best is None or relaxed.bound < best.bound:
+                best = relaxed
+            if not self._cut(answer.x):
+                break
+        return best
+
+    def _set(self, states: States, goal: tuple[FloatArray, FloatArray], elastic: bool) -> None:
+        n, count = self._n, self._m
+        h, commanded = self.dynamics.load, self.dynamics.is_commanded
+        cost = np.zeros(self._size)
+        cost[:n], cost[n : self._slip], cost[-1] = -goal[0], -goal[1].ravel(), _PENALTY
+        self._simplex.set_cost(cost)
+        lb, ub = np.full(self._size, -np.inf), np.full(self._size, np.inf)
+        lb[:n], ub[:n] = 0.5 * h - 0.5, 0.5 * h + 0.5
+        opened = states.are(ContactState.OPEN)
+        low, high = lb[n : self._slip].reshape(count, 3), ub[n : self._slip].reshape(count, 3)
+        low[:, 0] = np.where(commanded, np.nan_to_num(self.dynamics.commanded), 0.0)
+        high[commanded, 0] = self.dynamics.commanded[commanded]
+        low[opened], high[opened] = 0.0, 0.0
+        lb[self._slip :] = 0.0
+        ub[-1] = 1.0 if elastic else 0.0
+        self._simplex.set_bounds(lb, ub)
+        may_part = states.are(ContactState.FREE, ContactState.OPEN) | commanded
+        self._simplex.set_sides(
+            np.arange(n, n + count, dtype=np.int32),
+            np.where(commanded | states.closes, -np.inf, 0.0),
+            np.where(may_part | states.closes, np.inf, 0.0),
+        )
+        self._rows_of: list[tuple[int, FloatArray]] = []
+        for contact, state in enumerate(states.state):
+            if state is ContactState.STICKING and not states.sticks[contact]:
+                self._slip_rows(contact, np.eye(2), np.zeros(2))
+            elif state is ContactState.SLIPPING and states.half_width[contact] < np.pi:
+                self._arc(contact, states.center[contact], states.half_width[contact])
+
+    def _slip_rows(self, contact: int, directions: FloatArray, high: FloatArray) -> None:
+        """Add rows on the slip of a contact along (2, 2) directions, from 0 to ``high``."""
+        rows = np.zeros((len(directions), self._size))
+        rows[:, : self._n] = directions @ self.dynamics.rows[contact, 1:]
+        self._simplex.add_rows(rows, np.zeros(len(directions)), high)
+        self._rows_of += [(contact, direction) for direction in directions]
+
+    def _arc(self, contact: int, center: float, half_width: float) -> None:
+        """Add what a slip in an arc of at most pi says: edges for slip and force."""
+        low, high = center - half_width, center + half_width
+        inward = np.array([[-np.sin(low), np.cos(low)], [np.sin(high), -np.cos(high)]])
+        self._slip_rows(contact, inward, np.full(2, np.inf))
+        forces = np.zeros((3, self._size))
+        first = self._n + 3 * contact
+        forces[:2, first + 1 : first + 3] = inward
+        forces[2, first] = self.dynamics.friction[contact] * np.cos(half_width)
+        forces[2, first + 1 : first + 3] = np.cos(center), np.sin(center)
+        self._simplex.add_rows(forces, np.full(3, -np.inf), np.zeros(3))
+        # Rows on forces say nothing of y.
+        self._rows_of += [(contact, np.zeros(2))] * 3
+
+    def _cut(self, x: FloatArray) -> bool:
+        """Add the ball's tangent beside a point outside; return whether one was added."""
+        h, y = self.dynamics.load, x[: self._n]
+        away = y - 0.5 * h
+        distance = float(np.linalg.norm(away))
+        if distance <= 0.5 * (1.0 + 1e-9):
+            return False
+        touching = 0.5 * h + 0.5 * away / distance
+        row = np.zeros((1, self._size))
+        row[0, : self._n] = h - 2.0 * touching
+        row[0, self._slip : -1] = -self._power[self._loaded]
+        self._simplex.add_rows(row, np.full(1, -float(touching @ touching)), np.full(1, np.inf))
+        self._rows_of.append((-1, np.zeros(2)))
+        return True
+
+    def _read(
+        self, answer: SimplexAnswer, states: States, goal: tuple[FloatArray, FloatArray]
+    ) -> Relaxed:
+        n, count, marginals, most = self._n, self._m, answer.rows, self.force_limit
+        tangential = np.zeros((count, 2))
+        first = n + count + 1
+        for column, contact in enumerate(self._loaded):
+            own = marginals[first + column * _DIRECTIONS : first + (column + 1) * _DIRECTIONS]
+            tangential[contact] -= own @ self._around
+        for row, (contact, direction) in enumerate(self._rows_of):
+            tangential[contact] += marginals[self._shared + row] * direction
+        dual = DualBound(-marginals[:n], marginals[n : n + count].copy(), tangential)
+        still = DualBound(np.zeros(n), dual.normal, dual.tangential)
+        dual, bound = min(
+            (
+                (tried, outcome_bound(self.dynamics, states, self.loads, tried, goal, most))
+                for tried in (dual, repaired(self.dynamics, states, dual, goal), still)
+            ),
+            key=lambda pair: pair[1],
+        )
+        forces = answer.x[n : self._slip].reshape(count, 3)
+        return Relaxed(bound, dual, answer.x[:n], forces, 1.0 - float(answer.x[-1]))

@@ -1,0 +1,245 @@
+"""Does the object stay at rest with these torques? Certificate, search and proof."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from graspless_pin.errors import ArgumentError
+from graspless_pin.holding.branching import branch
+from graspless_pin.holding.certificate import (
+    balance,
+    is_certificate,
+    proven_loads,
+    proves_unrest,
+)
+from graspless_pin.holding.dynamics import Dynamics, scaled_dynamics
+from graspless_pin.holding.moving import find_motion
+from graspless_pin.holding.relaxation import FORCE_LIMIT, Relaxation
+from graspless_pin.holding.rest import BALANCE_TOLERANCE
+from graspless_pin.holding.verdict import (
+    ContactState,
+    DynamicOutcome,
+    LoadProof,
+    RestProof,
+    Stability,
+    StabilityVerdict,
+    described,
+)
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import (
+    FloatArray,
+    finite_array,
+    read_only,
+    real_number,
+    whole_number,
+)
+from graspless_pin.problem.inertias import hybrid_contacts, moving_joints
+from graspless_pin.problem.quasistatic import checked_problem
+
+NODE_LIMIT = 3000
+"""Sets of outcomes that are looked at unless told otherwise."""
+_CLOSED = 1e-6
+"""Contacts of an outcome that bear less of the load are open; of its slips, smaller ones stick."""
+
+
+@dataclass(frozen=True)
+class _Limits:
+    nodes: int
+    deadline: float
+
+    def passed(self, nodes: int) -> bool:
+        """Return whether the search has to end after so many nodes."""
+        return nodes >= self.nodes or time.monotonic() > self.deadline
+
+
+def stability(
+    problem: QuasistaticProblem,
+    torques: ArrayLike,
+    *,
+    acceleration_resolution: float = 1e-3,
+    node_limit: int = NODE_LIMIT,
+    time_limit: float | None = None,
+) -> StabilityVerdict:
+    """Tell whether rest is what happens with these torques, and prove it.
+
+    Args:
+        problem: Contacts, load and joints, with `object_inertia` and `joint_inertia`; without them
+            only what holds for every inertia is used.
+        torques: (L,) the motors' torques, as solutions give them, N m (N).
+        acceleration_resolution: Points of the object that accelerate by less than this share of
+            load over mass count as at rest.
+        node_limit: Sets of outcomes that are looked at.
+        time_limit: Seconds; None: any time. With it a slower machine may say less.
+
+    Raises:
+        ArgumentError: If an argument is wrong.
+    """
+    checked_problem(problem)
+    tau = finite_array("torques", torques, (problem.joint_count,))
+    resolution = real_number("acceleration_resolution", acceleration_resolution, 1e-6)
+    if resolution > 1.0:
+        raise ArgumentError("acceleration_resolution", f"is {resolution}; it must be at most 1")
+    seconds = np.inf if time_limit is None else real_number("time_limit", time_limit, 0.0)
+    limits = _Limits(whole_number("node_limit", node_limit, 0), time.monotonic() + seconds)
+    limit = np.nan
+    if problem.object_inertia is not None:
+        limit = resolution * problem.scales.force / float(problem.object_inertia[0, 0])
+    blank = StabilityVerdict(
+        Stability.UNDECIDED, problem, tau, resolution, limit, rest_forces=None, motion=None,
+        proof=None, no_rest=None, programs=0, nodes=0, message="",
+    )  # fmt: skip
+    return _verdict(blank, limits)
+
+
+def _verdict(blank: StabilityVerdict, limits: _Limits) -> StabilityVerdict:
+    """Ask the cheapest question first."""
+    problem, torques = blank.problem, blank.torques
+    if problem.is_sliding.any():
+        why = "undecided: verdicts are about rest, and contacts of this problem slide"
+        return replace(blank, message=why)
+    dynamics, nothing_moves = _dynamics(blank)
+    commanded = _commanded(blank)
+    known, proof = _certified(blank, (), commanded, dynamics)
+    if proof is not None:
+        return _strong(known, proof)
+    rest = balance(problem, torques)
+    if rest is None:
+        return replace(known, message="undecided: no solver could balance the forces")
+    known = replace(known, programs=known.programs + rest.programs)
+    if rest.residual > BALANCE_TOLERANCE:
+        return _none(known, rest.proof, dynamics)
+    known = replace(known, rest_forces=_in_world(problem, rest.forces * problem.scales.force))
+    if nothing_moves:
+        return _strong(known, RestProof((), known.rest_forces, None, np.inf))
+    if dynamics is None:
+        why = "undecided: rest is an outcome; object_inertia and joint_inertia would tell more"
+        return replace(known, message=why)
+    return _searched(known, dynamics, commanded, limits)
+
+
+def _strong(known: StabilityVerdict, proof: RestProof) -> StabilityVerdict:
+    count = known.programs
+    said = f"holds: rest is the only outcome (proof: {count} LP{'s' if count != 1 else ''})"
+    return replace(known, status=Stability.STRONG, proof=proof, message=said)
+
+
+def _dynamics(blank: StabilityVerdict) -> tuple[Dynamics | None, bool]:
+    """Return the scaled dynamics, if inertias are known, and whether there is no load at all."""
+    problem = blank.problem
+    if problem.object_inertia is None or (problem.joint_inertia is None and problem.joint_count):
+        return None, False
+    joints = problem.joint_count
+    inertia = np.zeros((6 + joints, 6 + joints))
+    inertia[:6, :6] = problem.object_inertia
+    if problem.joint_inertia is not None:
+        moving_joints(problem)
+        inertia[6:, 6:] = problem.joint_inertia
+    dynamics = scaled_dynamics(
+        problem, blank.torques, inertia, hybrid_contacts(problem), blank.acceleration_limit
+    )
+    return dynamics, dynamics is None
+
+
+def _commanded(blank: StabilityVerdict) -> FloatArray:
+    """Return the (M,) normal forces that hybrid fingers command, N; zero elsewhere."""
+    problem = blank.problem
+    forces = np.zeros(problem.contact_count)
+    contacts = hybrid_contacts(problem)
+    columns = np.flatnonzero(contacts >= 0)
+    forces[contacts[columns]] = (blank.torques - problem.gravity_torques)[columns]
+    return forces
+
+
+def _certified(
+    known: StabilityVerdict,
+    loads: tuple[LoadProof, ...],
+    commanded: FloatArray,
+    dynamics: Dynamics | None,
+) -> tuple[StabilityVerdict, RestProof | None]:
+    """Return what is known after one linear program more, and the proof, where it is one."""
+    problem, torques = known.problem, known.torques
+    borne = commanded.copy()
+    for load in loads:
+        borne[load.contact] = max(borne[load.contact], load.force)
+    found = balance(problem, torques, problem.friction * borne)
+    if found is None:
+        return known, None
+    known = replace(known, programs=known.programs + found.programs)
+    forces = found.forces * problem.scales.force
+    if not is_certificate(problem, torques, forces, borne, dynamics):
+        return known, None
+    world = _in_world(problem, forces)
+    limit = np.inf if not loads else FORCE_LIMIT * problem.scales.force
+    return replace(known, rest_forces=world), RestProof(loads, world, None, limit)
+
+
+def _searched(
+    known: StabilityVerdict, dynamics: Dynamics, commanded: FloatArray, limits: _Limits
+) -> StabilityVerdict:
+    """Find the loads of the fingers, look for a motion, then branch."""
+    most = FORCE_LIMIT * known.problem.scales.force / dynamics.force_unit
+    least = commanded / dynamics.force_unit
+    relaxation = Relaxation(dynamics, least, most)
+    fingers = known.problem.jacobian.reshape(len(least), -1).any(axis=1)
+    loads = proven_loads(dynamics, relaxation, np.flatnonzero(fingers & ~dynamics.is_commanded))
+    known = replace(known, programs=known.programs + relaxation.programs)
+    if loads:
+        known, proof = _certified(known, loads, commanded, dynamics)
+        if proof is not None:
+            return _strong(known, proof)
+    forces = find_motion(dynamics)
+    if forces is None:
+        for load in loads:
+            least[load.contact] = load.force / dynamics.force_unit
+        relaxation = Relaxation(dynamics, least, most)
+        found = branch(dynamics, relaxation, limits.passed)
+        programs = known.programs + relaxation.programs
+        known, forces = replace(known, programs=programs, nodes=found.nodes), found.motion
+        if found.tree is not None:
+            return _strong(known, RestProof(loads, None, found.tree, most * dynamics.force_unit))
+        if forces is None:
+            why = "undecided: rest is an outcome; whether anything else is, was not proven: "
+            why += f"{found.nodes} sets of outcomes looked at, {found.left} left"
+            return replace(known, message=why)
+    motion = _outcome(known.problem, dynamics, forces)
+    said = f"may fail: rest is an outcome, and so is a motion: {described(motion)}"
+    return replace(known, status=Stability.WEAK, motion=motion, message=said)
+
+
+def _none(
+    known: StabilityVerdict, proof: FloatArray, dynamics: Dynamics | None
+) -> StabilityVerdict:
+    problem, torques = known.problem, known.torques
+    if proves_unrest(problem, torques, proof) <= BALANCE_TOLERANCE:
+        return replace(known, message="undecided: no forces of rest found, and no proof of it")
+    forces = None if dynamics is None else find_motion(dynamics)
+    motion, said = None, "fails: rest is no outcome"
+    if dynamics is not None and forces is not None:
+        motion = _outcome(problem, dynamics, forces)
+        said += f"; what happens: {described(motion)}"
+    return replace(
+        known, status=Stability.NONE, motion=motion, no_rest=read_only(proof), message=said
+    )
+
+
+def _in_world(problem: QuasistaticProblem, forces: FloatArray) -> FloatArray:
+    return read_only((problem.frames @ forces[:, :, None])[:, :, 0])
+
+
+def _outcome(problem: QuasistaticProblem, dynamics: Dynamics, forces: FloatArray) -> DynamicOutcome:
+    """Return the record of a moving outcome, in SI units and world axes."""
+    y = dynamics.motion(forces)
+    a, u = dynamics.acceleration @ y, dynamics.slips(y)
+    local = forces * dynamics.force_unit
+    opened = local[:, 0] <= _CLOSED * problem.scales.force
+    slips = np.hypot(u[:, 1], u[:, 2]) > _CLOSED * float(np.abs(u).max())
+    states = np.where(opened, ContactState.OPEN, ContactState.STICKING)
+    states[~opened & slips] = ContactState.SLIPPING
+    return DynamicOutcome(
+        read_only(a[:6].copy()), read_only(a[6:].copy()), _in_world(problem, local),
+        tuple(ContactState(state) for state in states), dynamics.point_acceleration(y),
+    )  # fmt: skip

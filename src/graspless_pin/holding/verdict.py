@@ -1,0 +1,195 @@
+"""Records of a verdict: does the object stay at rest with these torques, and what proves it?"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray
+
+
+class Stability(StrEnum):
+    """Whether rest is what happens (Pang and Trinkle, 2000)."""
+
+    STRONG = "strong"
+    """Rest is the only outcome."""
+    WEAK = "weak"
+    """Rest is an outcome, and so is the motion that the verdict states."""
+    NONE = "none"
+    """Rest is no outcome: no contact forces balance the load and the torques."""
+    UNDECIDED = "undecided"
+    """A limit ended the search before an answer was proven."""
+
+
+class ContactState(StrEnum):
+    """What a contact does in the instant after."""
+
+    FREE = "free"
+    """Not decided yet: any of the others."""
+    OPEN = "open"
+    """It opens or carries no force."""
+    CLOSED = "closed"
+    """It stays closed; whether it slips is not decided."""
+    STICKING = "sticking"
+    SLIPPING = "slipping"
+
+
+@dataclass(frozen=True, eq=False)
+class DynamicOutcome:
+    """Accelerations and forces that the laws of rigid bodies and of Coulomb allow together.
+
+    Attributes:
+        object_acceleration: (6,) [of the reference point; angular], m/s^2 and rad/s^2, world axes.
+        joint_accelerations: (L,) rad/s^2 (m/s^2); zero for a hybrid finger's column.
+        contact_forces: (M, 3) on the object, N, world axes.
+        states: M contact states.
+        point_acceleration: The largest acceleration of the centre of mass and of the contact
+            points on the object, m/s^2.
+    """
+
+    object_acceleration: FloatArray
+    joint_accelerations: FloatArray
+    contact_forces: FloatArray
+    states: tuple[ContactState, ...]
+    point_acceleration: float
+
+
+@dataclass(frozen=True, eq=False)
+class DualBound:
+    """Multipliers that prove an upper bound in some set of outcomes; see `holding.bounds`.
+
+    Attributes:
+        motion: (n,) lambda of the dynamics, scaled.
+        normal: (M,) nu of the normal accelerations.
+        tangential: (M, 2) kappa of the tangential ones.
+    """
+
+    motion: FloatArray
+    normal: FloatArray
+    tangential: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class LoadProof:
+    """A smallest normal force of one contact in every outcome.
+
+    Attributes:
+        contact: Its index.
+        force: N.
+        dual: What proves it.
+    """
+
+    contact: int
+    force: float
+    dual: DualBound
+
+
+@dataclass(frozen=True, eq=False)
+class SlipRange:
+    """The directions in which a contact slips.
+
+    Attributes:
+        center: Angle from t1 to t2 of the middle, rad.
+        half_width: rad; pi: all directions.
+    """
+
+    center: float
+    half_width: float
+
+
+@dataclass(frozen=True, eq=False)
+class OutcomeSet:
+    """One set of outcomes: a leaf with its proof, or split into its children.
+
+    Attributes:
+        contact: The contact that its parent was split at; -1 at the root.
+        state: What is known of that contact here.
+        slip: The directions of slip, where the state is slipping.
+        children: They cover the node; empty for a leaf.
+        dual: A leaf's proof that nothing moves in it; None where its last forced contact says that
+            the sibling of this state holds all its outcomes.
+        forced: What proves that all outcomes of the parent are in this state, where it is the only
+            child: that u_n (u_t1 and u_t2) are at most the closing tolerance.
+    """
+
+    contact: int
+    state: ContactState
+    slip: SlipRange | None
+    children: tuple[OutcomeSet, ...] = ()
+    dual: DualBound | None = None
+    forced: tuple[DualBound, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class RestProof:
+    """What proves that rest is the only outcome.
+
+    Attributes:
+        loads: Smallest normal forces that the rest of it uses, each proven with those before it.
+        forces: (M, 3) balancing forces whose friction those loads bear, N, world axes: the
+            certificate of one linear program; None where the tree proves it.
+        tree: The sets of outcomes that were looked at; None where the certificate proves it.
+        force_limit: The proof holds for normal forces up to this, N.
+    """
+
+    loads: tuple[LoadProof, ...]
+    forces: FloatArray | None
+    tree: OutcomeSet | None
+    force_limit: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StabilityVerdict:
+    """Whether an object stays at rest with given motor torques.
+
+    Attributes:
+        status: The answer.
+        problem: The problem.
+        torques: (L,) the motors' torques, N m (N).
+        acceleration_resolution: Share of load over mass.
+        acceleration_limit: That share, m/s^2: points of the object that accelerate less count as
+            at rest; NaN where the problem has no inertia.
+        rest_forces: (M, 3) contact forces of an outcome of rest, N; None where there is none.
+        motion: The moving outcome of a weak verdict, or what happens where rest is no outcome, if
+            one was found.
+        proof: What proves a strong verdict.
+        no_rest: (6 + L,) what proves that rest is no outcome: a motion of object and joints along
+            which all contact forces do work of one sign and the load the other; scaled.
+        programs: Linear programs solved.
+        nodes: Sets of outcomes looked at.
+        message: One sentence.
+    """
+
+    status: Stability
+    problem: QuasistaticProblem
+    torques: FloatArray
+    acceleration_resolution: float
+    acceleration_limit: float
+    rest_forces: FloatArray | None
+    motion: DynamicOutcome | None
+    proof: RestProof | None
+    no_rest: FloatArray | None
+    programs: int
+    nodes: int
+    message: str
+
+    def __str__(self) -> str:
+        """Return the message."""
+        return self.message
+
+    def __repr__(self) -> str:
+        """Return the status and the message, not the arrays."""
+        return f"StabilityVerdict({self.status}: {self.message})"
+
+
+def described(motion: DynamicOutcome) -> str:
+    """Return how fast an outcome moves, and what its contacts do, in words."""
+    said = [f"{motion.point_acceleration:.3g} m/s^2"]
+    for state, word in ((ContactState.OPEN, "open"), (ContactState.SLIPPING, "slip")):
+        which = [str(index) for index, own in enumerate(motion.states) if own is state]
+        if len(which) == len(motion.states):
+            said.append(f"all contacts {word}")
+        elif which:
+            said.append(f"{'contacts' if len(which) > 1 else 'contact'} {', '.join(which)} {word}")
+    return ", ".join(said[:1]) + (f" ({'; '.join(said[1:])})" if said[1:] else "")

@@ -1,0 +1,220 @@
+"""Verdicts: cases that are known by hand, invariances, what they rest on, and bad arguments."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from cases import (
+    GRAVITY,
+    block_between_walls,
+    block_on_slope,
+    hybrid_on_wall,
+    pressed_on_wall,
+)
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from graspless_pin import QuasistaticProblem, Stability, StabilityVerdict, stability
+from graspless_pin.errors import ArgumentError
+
+CRITICAL = math.atan(0.5)
+
+
+def verdict(problem: QuasistaticProblem, *torques: float, **options: Any) -> StabilityVerdict:
+    return stability(problem, torques, **options)
+
+
+@pytest.mark.parametrize(("angle", "status"), [
+    (0.0, Stability.STRONG),
+    (0.99 * CRITICAL, Stability.STRONG),
+    (1.01 * CRITICAL, Stability.NONE),
+])  # fmt: skip
+def test_a_block_slides_above_the_angle_of_friction(angle: float, status: Stability) -> None:
+    assert verdict(block_on_slope(0.5, angle)).status is status
+
+
+def test_a_block_that_slides_accelerates_as_newton_says() -> None:
+    angle = 1.5 * CRITICAL
+    motion = verdict(block_on_slope(0.5, angle)).motion
+    assert motion is not None
+    expected = GRAVITY * (math.sin(angle) - 0.5 * math.cos(angle))
+    np.testing.assert_allclose(motion.object_acceleration, [expected, 0, 0, 0, 0, 0], atol=1e-9)
+    assert set(motion.states) == {"slipping"}
+    np.testing.assert_allclose(motion.contact_forces[:, 2].sum(), GRAVITY * math.cos(angle))
+
+
+def test_a_block_between_walls_that_nothing_presses_may_fall() -> None:
+    said = verdict(block_between_walls(0.5))
+    assert said.status is Stability.WEAK
+    assert said.rest_forces is not None
+    assert said.motion is not None
+    assert said.motion.object_acceleration[2] < 0.0
+    assert "may fail" in str(said)
+
+
+@pytest.mark.parametrize("inertia", [1e-4, 1.0])
+@pytest.mark.parametrize(("force", "status"), [
+    (9.7, Stability.NONE), (11.0, Stability.STRONG), (25.0, Stability.STRONG),
+])  # fmt: skip
+def test_a_finger_holds_a_block_on_a_wall(force: float, status: Stability, inertia: float) -> None:
+    assert verdict(pressed_on_wall(inertia=inertia), force).status is status
+
+
+def test_certificates_need_few_programs() -> None:
+    assert verdict(block_on_slope(0.5, 0.0)).programs == 1
+    assert "1 LP" in str(verdict(block_on_slope(0.5, 0.0)))
+    said = verdict(pressed_on_wall(), 25.0)
+    assert said.proof is not None
+    assert said.proof.forces is not None
+    assert said.proof.loads[0].force > GRAVITY / 0.5
+
+
+def test_a_commanded_force_is_a_load_that_holds_for_every_inertia() -> None:
+    said = verdict(hybrid_on_wall(), 25.0)
+    assert said.status is Stability.STRONG
+    assert said.programs == 1
+    assert verdict(hybrid_on_wall().with_changes(object_inertia=None), 25.0).status is (
+        Stability.STRONG
+    )
+    assert verdict(hybrid_on_wall(), 9.7).status is Stability.NONE
+
+
+def test_without_inertias_only_what_holds_for_each_is_said() -> None:
+    for make, torques, status in (
+        (block_on_slope(0.5, 0.0), (), Stability.STRONG),
+        (block_on_slope(0.5, 0.2), (), Stability.UNDECIDED),
+        (pressed_on_wall(), (25.0,), Stability.UNDECIDED),
+        (pressed_on_wall(), (5.0,), Stability.NONE),
+    ):
+        bare = make.with_changes(object_inertia=None, joint_inertia=None)
+        said = verdict(bare, *torques)
+        assert said.status is status
+        assert math.isnan(said.acceleration_limit)
+        if status is Stability.UNDECIDED:
+            assert "object_inertia" in said.message
+
+
+def test_what_slides_is_not_decided() -> None:
+    sliding = np.tile([0.1, 0.0, 0.0], (4, 1))
+    said = verdict(block_on_slope(0.5, 0.4).with_changes(sliding=sliding))
+    assert said.status is Stability.UNDECIDED
+    assert "slide" in said.message
+
+
+def test_no_load_moves_nothing() -> None:
+    still = block_on_slope(0.5, 0.0).with_changes(external_wrench=np.zeros(6))
+    assert verdict(still).status is Stability.STRONG
+
+
+def test_a_limit_counts_nodes_and_says_how_far_it_came() -> None:
+    first, again = (verdict(pressed_on_wall(), 11.0, node_limit=20) for _ in range(2))
+    assert first.status is Stability.UNDECIDED
+    assert first.nodes == 20
+    assert str(first) == str(again)
+    assert "20" in first.message
+    assert verdict(pressed_on_wall(), 11.0, time_limit=0.0).status is Stability.UNDECIDED
+
+
+def test_a_coarser_resolution_takes_a_slow_slide_for_rest() -> None:
+    slow = block_on_slope(0.5, 0.0).with_changes(external_wrench=[4.95, 0, -9.81, 0, 0, 0])
+    said = verdict(slow)
+    assert said.status is Stability.NONE
+    assert said.motion is not None
+    np.testing.assert_allclose(said.motion.object_acceleration[0], 0.045, rtol=1e-6)
+    assert verdict(slow, acceleration_resolution=1e-2).motion is None
+
+
+def _turned(problem: QuasistaticProblem, turn: np.ndarray) -> QuasistaticProblem:
+    both = np.kron(np.eye(2), turn)
+    assert problem.object_inertia is not None
+    return problem.with_changes(
+        positions=problem.positions @ turn.T,
+        normals=problem.normals @ turn.T,
+        tangents=np.einsum("ij,ljk->lik", turn, problem.tangents),
+        external_wrench=both @ problem.external_wrench,
+        jacobian=np.kron(np.eye(problem.contact_count), turn) @ problem.jacobian,
+        object_inertia=both @ problem.object_inertia @ both.T,
+    )
+
+
+CASES = (
+    (block_on_slope(0.5, 0.35), ()),
+    (block_on_slope(0.5, 0.5), ()),
+    (block_between_walls(0.4), ()),
+    (pressed_on_wall(), (12.0,)),
+    (pressed_on_wall(), (25.0,)),
+)
+
+
+@settings(max_examples=12, deadline=None)
+@given(st.sampled_from(range(len(CASES))), st.integers(0, 2**32 - 1))
+def test_frame_tangents_order_and_units_do_not_turn_verdicts(case: int, seed: int) -> None:
+    problem, torques = CASES[case]
+    rng = np.random.default_rng(seed)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    turn *= np.linalg.det(turn)
+    angle = rng.uniform(0.0, 2.0 * np.pi, problem.contact_count)
+    spin = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    spun = np.einsum("lij,jkl->lik", problem.tangents, spin)
+    order = rng.permutation(problem.contact_count)
+    rows = problem.jacobian.reshape(problem.contact_count, 3, -1)[order]
+    changed = _turned(problem.with_changes(tangents=spun), turn)
+    rows = changed.jacobian.reshape(problem.contact_count, 3, -1)[order]
+    force, length = 10.0 ** rng.uniform(-3.0, 3.0, 2)
+    scale = np.repeat([force, force * length], 3)
+    inertia = (
+        changed.object_inertia
+        * np.repeat([1.0, length], 3)
+        * np.repeat([[1.0], [length]], 3, axis=0)
+    )
+    other = changed.with_changes(
+        positions=length * changed.positions[order],
+        normals=changed.normals[order],
+        tangents=changed.tangents[order],
+        friction=changed.friction[order],
+        external_wrench=scale * changed.external_wrench,
+        jacobian=rows.reshape(3 * len(order), problem.joint_count),
+        object_inertia=inertia,
+        max_normal_force=50.0 * force,
+    )
+    expected, said = stability(problem, torques), stability(other, force * np.array(torques))
+    assert {expected.status, said.status} in (
+        {expected.status}, {expected.status, Stability.UNDECIDED},
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-9, 1e-7, 1e-5, 1e-4])
+def test_corners_that_are_no_plane_do_not_turn_a_verdict(size: float) -> None:
+    rng = np.random.default_rng(3)
+    for problem, torques in (CASES[0], CASES[3]):
+        moved = problem.positions + size * rng.uniform(-1.0, 1.0, problem.positions.shape)
+        said = stability(problem.with_changes(positions=moved), torques)
+        assert said.status in (Stability.STRONG, Stability.UNDECIDED)
+
+
+@pytest.mark.parametrize(("options", "name"), [
+    ({"acceleration_resolution": 0.0}, "acceleration_resolution"),
+    ({"acceleration_resolution": 2.0}, "acceleration_resolution"),
+    ({"node_limit": -1}, "node_limit"),
+    ({"time_limit": -1.0}, "time_limit"),
+])  # fmt: skip
+def test_bad_options_are_named(options: dict[str, Any], name: str) -> None:
+    with pytest.raises(ArgumentError, match=name):
+        verdict(block_on_slope(0.5, 0.0), **options)
+
+
+def test_bad_torques_and_problems_are_named() -> None:
+    with pytest.raises(ArgumentError, match="torques"):
+        verdict(pressed_on_wall())
+    with pytest.raises(ArgumentError, match="problem"):
+        stability("scene.yaml", [])  # type: ignore[arg-type]
+    massless = pressed_on_wall().with_changes(
+        jacobian=np.hstack([pressed_on_wall().jacobian, np.ones((15, 1))]),
+        joint_units=["N", "N"], joint_inertia=np.diag([0.01, 0.0]),
+        torque_limits=(-10.0, 10.0), gravity_torques=np.zeros(2), joint_names=["a", "b"],
+    )  # fmt: skip
+    with pytest.raises(ArgumentError, match="'b'"):
+        verdict(massless, 5.0, 0.0)
