@@ -10,10 +10,11 @@ export PIP_BUILD_CONSTRAINT := $(PIP_CONSTRAINT)
 
 SCALES ?= --count 2000 --jobs 2
 ROUND_CONES ?= --count 300
+OUTCOMES ?= --few 300 --four 30
 TAMPERING ?= 1000
 FUZZ ?= --count 2000 --seed 1
 
-.PHONY: install run test lint types docs bench mutants mutants-of-loops scales round-cones tampering fuzz clean
+.PHONY: install run test lint types docs bench mutants mutants-of-loops scales round-cones outcomes tampering fuzz clean
 
 install: $(STAMP)
 
@@ -53,6 +54,9 @@ scales: install
 
 round-cones: install
 	$(BIN)/python -m tests.oracles.round_cones $(ROUND_CONES)
+
+outcomes: install
+	$(BIN)/python -m tests.oracles.compared_outcomes $(OUTCOMES)
 
 tampering: install
 	$(BIN)/python tests/verify/tampering.py $(TAMPERING)

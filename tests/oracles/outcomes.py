@@ -34,7 +34,7 @@ UNBALANCED = 1e-6
 _HALVINGS = 400
 _CUTS = 12
 _BATCH = 96
-_CLOSE = 4.0
+CLOSE = 4.0
 """Bounds up to this many resolutions, with no exact outcome above one, count as no motion."""
 
 
@@ -263,7 +263,7 @@ class Enumeration:
             if outcome and self.case.object_motion(outcome.acceleration) > self.resolution:
                 yield outcome
                 return
-            if bound <= _CLOSE * self.resolution:
+            if bound <= CLOSE * self.resolution:
                 self.bound = max(self.bound, bound)
                 continue
             slipping = [i for i, state in enumerate(one) if state.kind == "slip"]
