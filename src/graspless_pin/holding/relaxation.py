@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,7 +15,9 @@ from graspless_pin.solvers.simplex import Simplex, SimplexAnswer, SimplexOutcome
 _DIRECTIONS = 8
 """Directions of the tangent planes of each cone, and of the bounds of slip."""
 _MOST_CUTS = 6
-"""Rounds of tangent cuts of the ball."""
+"""Rounds of tangent cuts."""
+_INSIDE = 1e-8
+"""Share of the friction by which tangents of cones lie inside: the points on them are outcomes."""
 _PENALTY = 2.0
 """Of the share of the load that is taken away; any is sound: outcomes take none away."""
 FORCE_LIMIT = 1e6
@@ -98,11 +100,11 @@ class Relaxation:
             bounds[:, self._slip + column] = 1.0
             bounds[:, :n] = -self._around @ rows[contact, 1:]
             self._simplex.add_rows(bounds, np.zeros(_DIRECTIONS), np.full(_DIRECTIONS, np.inf))
-        # Where load is taken away, so are the smallest normal forces.
+        # Where load is taken away, so are the smallest normal forces, and commanded ones.
         least = np.zeros((count, size))
         least[np.arange(count), n + 3 * np.arange(count)] = 1.0
         least[:, -1] = self.loads
-        self._simplex.add_rows(least, np.where(commanded, 0.0, self.loads), np.full(count, np.inf))
+        self._simplex.add_rows(least, self.loads, np.where(commanded, self.loads, np.inf))
         for contact in range(count):
             planes = np.zeros((_DIRECTIONS, size))
             first = n + 3 * contact
@@ -113,7 +115,7 @@ class Relaxation:
     def solve(
         self, states: States, goal: tuple[FloatArray, FloatArray], elastic: bool = True
     ) -> Relaxed | None:
-        """Maximise p.y + q.f over the relaxation, cut by tangents of the ball where it helps.
+        """Maximise p.y + q.f over the relaxation, cut by tangents of ball and cones where it helps.
 
         Args:
             states: Of the contacts.
@@ -121,7 +123,7 @@ class Relaxation:
             elastic: Whether a share of the load may be taken away: then there is always an answer.
 
         Returns:
-            The best point and its bound; None where the solver has no answer.
+            The last point and the least bound; None where the solver has no answer.
         """
         self._simplex.drop_rows(self._shared)
         self._set(states, goal, elastic)
@@ -131,9 +133,10 @@ class Relaxation:
             if answer.outcome is not SimplexOutcome.OPTIMAL:
                 break
             relaxed = self._read(answer, states, goal)
-            if best is None or relaxed.bound < best.bound:
-                best = relaxed
-            if not self._cut(answer.x):
+            if best is not None and best.bound <= relaxed.bound:
+                relaxed = replace(relaxed, bound=best.bound, dual=best.dual)
+            best = relaxed
+            if not (self._cut_ball(answer.x) | self._cut_cones(answer.x, states)):
                 break
         return best
 
@@ -147,7 +150,7 @@ class Relaxation:
         lb[:n], ub[:n] = 0.5 * h - 0.5, 0.5 * h + 0.5
         opened = states.are(ContactState.OPEN)
         low, high = lb[n : self._slip].reshape(count, 3), ub[n : self._slip].reshape(count, 3)
-        low[:, 0] = np.where(commanded, np.nan_to_num(self.dynamics.commanded), 0.0)
+        low[:, 0] = 0.0
         high[commanded, 0] = self.dynamics.commanded[commanded]
         low[opened], high[opened] = 0.0, 0.0
         lb[self._slip :] = 0.0
@@ -187,7 +190,7 @@ class Relaxation:
         # Rows on forces say nothing of y.
         self._rows_of += [(contact, np.zeros(2))] * 3
 
-    def _cut(self, x: FloatArray) -> bool:
+    def _cut_ball(self, x: FloatArray) -> bool:
         """Add the ball's tangent beside a point outside; return whether one was added."""
         h, y = self.dynamics.load, x[: self._n]
         away = y - 0.5 * h
@@ -201,6 +204,28 @@ class Relaxation:
         self._simplex.add_rows(row, np.full(1, -float(touching @ touching)), np.full(1, np.inf))
         self._rows_of.append((-1, np.zeros(2)))
         return True
+
+    def _cut_cones(self, x: FloatArray, states: States) -> bool:
+        """Add the cone's tangent beside each sticking force outside; return whether any was added.
+
+        Only where no contact is left to be split: before, splitting tells more.
+        """
+        if states.are(ContactState.FREE, ContactState.CLOSED).any():
+            return False
+        forces = x[self._n : self._slip].reshape(self._m, 3)
+        sides, most = np.hypot(forces[:, 1], forces[:, 2]), self.dynamics.friction * forces[:, 0]
+        outside = np.flatnonzero(
+            states.are(ContactState.STICKING)
+            & (sides > np.maximum(most, 0.0) + 0.1 * _INSIDE * sides)
+        )
+        rows = np.zeros((len(outside), self._size))
+        for row, contact in zip(rows, outside, strict=True):
+            first = self._n + 3 * contact
+            row[first] = -(1.0 - _INSIDE) * self.dynamics.friction[contact]
+            row[first + 1 : first + 3] = forces[contact, 1:] / sides[contact]
+        self._simplex.add_rows(rows, np.full(len(rows), -np.inf), np.zeros(len(rows)))
+        self._rows_of += [(-1, np.zeros(2))] * len(rows)
+        return len(rows) > 0
 
     def _read(
         self, answer: SimplexAnswer, states: States, goal: tuple[FloatArray, FloatArray]
