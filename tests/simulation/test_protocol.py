@@ -36,11 +36,10 @@ def test_a_block_holds_above_its_critical_friction_and_slips_below():
     assert held.runs[0].displacement < 1e-6
     slipped = simulate(block(0.99 * np.tan(TILT)), (), seconds=1.0)
     assert outcomes(slipped) == ["moved", "moved"]
-    # x = a t^2 / 2 along the slope, with 1 % of the friction missing
-    a = 0.01 * 9.81 * np.sin(TILT)
     run = slipped.runs[0]
-    # Contacts that slide are absent in some steps: it goes a tenth faster.
-    assert run.moved_after == pytest.approx(np.sqrt(2.0 * 5e-3 / a), rel=0.15)
+    way = np.linalg.norm(run.T_world_object[:, :3, 3] - run.T_world_object[0, :3, 3], axis=1)
+    a = 2.0 * np.polyfit(run.times, way, 2)[0]
+    assert a == pytest.approx(0.01 * 9.81 * np.sin(TILT), rel=0.1)
     down = run.T_world_object[-1, :3, 3] - run.T_world_object[0, :3, 3]
     assert down / np.linalg.norm(down) == pytest.approx([np.cos(TILT), 0, -np.sin(TILT)], abs=1e-3)
 

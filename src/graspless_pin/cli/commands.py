@@ -7,6 +7,7 @@ import typer
 
 from graspless_pin.cli.robots import inspect, robots
 from graspless_pin.cli.showing import report, view_scene
+from graspless_pin.cli.simulating import simulate_scene
 from graspless_pin.cli.solving import schema, solve_scene, verify
 from graspless_pin.cli.studying import study
 from graspless_pin.versions import compiled_loops, versions
@@ -46,5 +47,8 @@ def _options(
     pass
 
 
-for _command in (solve_scene, verify, report, view_scene, study, robots, inspect, schema):
+_COMMANDS = (
+    solve_scene, verify, report, view_scene, simulate_scene, study, robots, inspect, schema,
+)  # fmt: skip
+for _command in _COMMANDS:
     app.command(_command.__name__.removesuffix("_scene"))(_command)

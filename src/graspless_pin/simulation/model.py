@@ -49,7 +49,7 @@ class ContactModel:
     impedance: tuple[float, float]
 
 
-STIFF = ContactModel("stiff", 1e-3, (0.999, 0.9999))
+STIFF = ContactModel("stiff", 1e-3, (0.99, 0.999))
 SOFT = ContactModel("soft", 1e-2, (0.9, 0.99))
 
 

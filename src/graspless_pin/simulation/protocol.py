@@ -113,8 +113,9 @@ def simulate(
 ) -> Simulation:
     """Simulate a scene's rest with MuJoCo, with stiff bodies and with soft ones.
 
-    The object is held in a fixture for 0.3 s while torques and push grow to what they are, and is
-    then released. The torques stay constant. A run ends early where the object is far away.
+    The object is held in a fixture for 0.3 s while torques and push grow to what they are. Then it
+    is let go, through a damping that fades within 0.2 s: contacts that just touch would close with
+    an impact otherwise. The torques stay constant. A run ends early where the object is far away.
 
     Args:
         scene: The scene, without a declared motion.
@@ -164,7 +165,7 @@ def _run(
     seconds: float,
 ) -> SimulatedRun:
     world = World(model)
-    world.load_in_fixture(push)
+    world.load_and_release(push)
     times, poses, moves = [0.0], [world.object_pose()], [world.joint_moves()]
     changes = [change_of_pose(manipulated, poses[0])]
     forces: deque[Mapping[str, float]] = deque(maxlen=_LOOKS_OF_FORCES)

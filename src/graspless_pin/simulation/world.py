@@ -14,6 +14,10 @@ from graspless_pin.simulation.model import FIXTURE, OBJECT, TIME_STEP, Simulatio
 
 FIXTURE_TIME = 0.3
 """s in which the object is held; the load grows during the first two thirds."""
+RELEASE_TIME = 0.2
+"""s in which the damping of the object's motion fades after that."""
+
+_DAMPING_RATES = 1e5, 1e-1  # 1/s, first and last: the object's damping over its inertia
 
 
 def load_mujoco() -> Any:
@@ -55,8 +59,8 @@ class World:
         names = [self.model.geom(index).name for index in range(self.model.ngeom)]
         self._others = [model.links.get(name) for name in names]
 
-    def load_in_fixture(self, push: FloatArray) -> None:
-        """Hold the object while torques and a push (3,) (N, world axes) grow; then release it.
+    def load_and_release(self, push: FloatArray) -> None:
+        """Hold the object while torques and a push (3,) (N, world axes) grow; then let it go.
 
         The torques grow from what carries the hand's own weight.
         """
@@ -67,6 +71,16 @@ class World:
             self.data.xfrc_applied[self._object, :3] = share * push
             self.step(1)
         self.data.eq_active[self.model.equality(FIXTURE).id] = False
+        self._release()
+
+    def _release(self) -> None:
+        """Let go without an impact: contacts that just touch close while all motion is slow."""
+        body = self.model.body(OBJECT)
+        inertia = np.concatenate([np.repeat(body.mass, 3), body.inertia])
+        for rate in np.geomspace(*_DAMPING_RATES, round(RELEASE_TIME / TIME_STEP)):
+            self.model.dof_damping[-6:] = rate * inertia
+            self.step(1)
+        self.model.dof_damping[-6:] = 0.0
 
     def step(self, count: int) -> None:
         """Go on by some time steps.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import gzip
 import json
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -52,6 +53,19 @@ def report_html(case: Case, bounds: ContactForceBounds | None = None) -> str:
         GrasplessPinError: If Jinja2 or matplotlib is not installed.
         ArgumentError: If the case's document is not complete.
     """
+    return render("report.html", lambda: _context(case, bounds))
+
+
+def render(template: str, context: Callable[[], dict[str, Any]]) -> str:
+    """Return a page: a template filled with what it needs of its own, and what all have.
+
+    Args:
+        template: Its file.
+        context: Makes what it needs of its own; called once all that is needed is installed.
+
+    Raises:
+        GrasplessPinError: If Jinja2 or matplotlib is not installed.
+    """
     try:
         import matplotlib  # noqa: F401
         from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -68,7 +82,29 @@ def report_html(case: Case, bounds: ContactForceBounds | None = None) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return environment.get_template("report.html").render(_context(case, bounds))
+    common = {
+        "palettes": {"light": LIGHT, "dark": DARK},
+        "style": (_FILES / "style.css").read_text(encoding="utf-8"),
+        "script": (_FILES / "view.js").read_text(encoding="utf-8"),
+    }
+    return environment.get_template(template).render(common | context())
+
+
+def view_context(picture: Picture, words: str, points: FloatArray, numbered: str) -> dict[str, Any]:
+    """Return what the 3-D view of a page is filled with.
+
+    Args:
+        picture: What there is to see.
+        words: The same, for those who do not see it.
+        points: (K, 3) points that get their numbers, m.
+        numbered: What these numbers are.
+    """
+    return {
+        "scene_words": words,
+        "legend": _legend(picture),
+        "model": _embedded(model_data(picture, points)),
+        "numbered": numbered,
+    }
 
 
 def _context(case: Case, bounds: ContactForceBounds | None) -> dict[str, Any]:
@@ -87,14 +123,10 @@ def _context(case: Case, bounds: ContactForceBounds | None) -> dict[str, Any]:
         "aim": aim,
         "joints": joint_rows(solution),
         "contacts": contact_rows(case),
-        "scene_words": scene_in_words(case.picture),
-        "legend": _legend(case),
-        "palettes": {"light": LIGHT, "dark": DARK},
-        "model": _embedded(model_data(case.picture, case.points)),
+        "title": case.title,
+        **view_context(case.picture, scene_in_words(case.picture), case.points, "contact numbers"),
         "made_of": case.document.get("provenance") or {},
         "download": base64.b64encode(json.dumps(case.document, indent=2).encode()).decode("ascii"),
-        "style": (_FILES / "style.css").read_text(encoding="utf-8"),
-        "script": (_FILES / "view.js").read_text(encoding="utf-8"),
         "force": partial(_number, size=load),
         "length": partial(_number, size=length),
         "torque": partial(_number, size=torque_size(problem, torques)),
@@ -141,12 +173,12 @@ def _checks(document: dict[str, Any]) -> list[dict[str, str]]:
         raise ArgumentError("document", str(error)) from None
 
 
-def _legend(case: Case) -> list[dict[str, Any]]:
+def _legend(picture: Picture) -> list[dict[str, Any]]:
     """Return the roles that the picture has, in the order of `Role`."""
     return [
         {"role": role, "label": role.label, "shown": role not in _HIDDEN_AT_FIRST}
         for role in Role
-        if case.picture.of(role)
+        if picture.of(role)
     ]
 
 

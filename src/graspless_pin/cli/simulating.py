@@ -1,0 +1,123 @@
+"""``graspless-pin simulate``: what MuJoCo says of a scene's rest."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from graspless_pin.algorithms.force_bounds import contact_force_bounds
+from graspless_pin.cli.outcome import ExitCode, plain_errors
+from graspless_pin.errors import ArgumentError
+from graspless_pin.holding.free_motions import free_motions
+from graspless_pin.holding.stability import stability
+from graspless_pin.modes.rules import StaticFriction
+from graspless_pin.programs.objectives import Algorithm
+from graspless_pin.report.document import write_text
+from graspless_pin.report.html.time_lapse import time_lapse_html
+from graspless_pin.report.simulation import simulation_text
+from graspless_pin.scene import load_scene
+from graspless_pin.simulation import SimulatedOutcome, Simulation, simulate
+from graspless_pin.simulation.video import write_video
+
+_RANGES_TIME = 10.0  # s; by then most ranges are proven
+
+
+def simulate_scene(
+    scene: Annotated[Path, typer.Argument(help="Scene file (YAML), without a motion.")],
+    algorithm: Annotated[
+        Algorithm | None,
+        typer.Option(
+            help="Whose torques: margin (Algorithm 1) or torque (2); default: the file's."
+        ),
+    ] = None,
+    feedback: Annotated[
+        float,
+        typer.Option(
+            metavar="K", help="Stiffness of position feedback at the joints, N m/rad or N/m."
+        ),
+    ] = 0.0,
+    push: Annotated[
+        str, typer.Option(metavar="FX,FY,FZ", help="Force on the object's centre of mass, N.")
+    ] = "0,0,0",
+    friction_factor: Annotated[
+        float, typer.Option(metavar="X", help="Multiply all coefficients of friction by this.")
+    ] = 1.0,
+    seconds: Annotated[float, typer.Option(metavar="S", help="How long after the release.")] = 2.0,
+    save: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Write a time-lapse page (.html), or a video (.mp4) where a renderer and an "
+            "encoder are found.",
+        ),
+    ] = None,
+    export: Annotated[
+        Path | None, typer.Option(metavar="FILE|-", help="Write the MuJoCo model (MJCF).")
+    ] = None,
+) -> None:
+    """Simulate a scene's rest with MuJoCo: does the object stay under constant torques?
+
+    It is held in a fixture while the torques grow, and then released.
+
+    Exit code 0: held; 1: moved or crept, or there are no torques; 2: bad input.
+    """
+    with plain_errors():
+        loaded = load_scene(scene)
+        force = _three_numbers(push)
+        if save is not None and save.suffix.lower() not in (".html", ".mp4"):
+            raise ArgumentError("--save", f"needs a file that ends in .html or .mp4, got '{save}'")
+        solution = loaded.solve(algorithm)
+        if not solution.found:
+            typer.echo(f"nothing to simulate: {solution.status.message}")
+            raise typer.Exit(ExitCode.INFEASIBLE)
+        found = simulate(
+            loaded,
+            solution.torques,
+            feedback=feedback,
+            push=force,
+            friction_factor=friction_factor,
+            seconds=seconds,
+        )
+        if export is not None:
+            write_text(found.model.xml, export, kind="model")
+        text = _words(found, loaded.contacts.bodies)
+        if str(export) != "-":
+            typer.echo(text)
+        if save is not None and save.suffix.lower() == ".html":
+            write_text(time_lapse_html(loaded, found, text), save, kind="page")
+        elif save is not None:
+            write_video(found, save)
+    raise typer.Exit(
+        ExitCode.FOUND if found.outcome is SimulatedOutcome.HELD else ExitCode.INFEASIBLE
+    )
+
+
+def _words(found: Simulation, bodies: tuple[str, ...]) -> str:
+    bounds = contact_force_bounds(
+        found.problem,
+        found.torques,
+        static_friction=StaticFriction.COULOMB,
+        time_limit=_RANGES_TIME,
+    )
+    return f"{simulation_text(found, bodies, bounds)}\n\n{_verdict(found)}"
+
+
+def _verdict(found: Simulation) -> str:
+    """Return what is proven of the same constant torques."""
+    verdict = stability(found.problem, found.torques)
+    free = len(free_motions(found.problem))
+    needs = f"; {free} free motions need position feedback" if free else ""
+    return f"verdict: {verdict.message}{needs}"
+
+
+def _three_numbers(text: str) -> list[float]:
+    try:
+        numbers = [float(word) for word in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != 3 or not np.isfinite(numbers).all():
+        raise ArgumentError("--push", f"needs three numbers FX,FY,FZ in newtons, got {text!r}")
+    return numbers

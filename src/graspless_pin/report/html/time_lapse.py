@@ -1,0 +1,79 @@
+"""A simulated run as a page: the object at some times in one picture."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspless_pin.report.html.page import render, view_context
+from graspless_pin.scene import Scene
+from graspless_pin.simulation import SimulatedOutcome, SimulatedRun, Simulation
+from graspless_pin.simulation.protocol import change_of_pose
+from graspless_pin.visualization import Role
+from graspless_pin.visualization.drawing import draw_bodies
+
+_MOST_TIMES = 6
+_FAINT, _CLEAR = 0.15, 0.6  # opacity of the first and of the last pose
+_TURN_LENGTH = 0.1  # m: what a radian counts for where poses are spread along the way
+
+
+def time_lapse_html(scene: Scene, simulation: Simulation, text: str) -> str:
+    """Return one page of the run in which the object goes farthest; it fetches nothing.
+
+    Args:
+        scene: The simulated scene.
+        simulation: The simulation.
+        text: Its figures, see `simulation_text`.
+
+    Raises:
+        GrasplessPinError: If Jinja2 or matplotlib is not installed.
+        MeshError: A mesh file is missing or unreadable.
+    """
+    return render("simulation.html", lambda: _context(scene, simulation, text))
+
+
+def _context(scene: Scene, simulation: Simulation, text: str) -> dict[str, Any]:
+    run = max(simulation.runs, key=lambda one: (one.displacement, one.rotation))
+    chosen = _spread(scene, run)
+    picture = draw_bodies(scene)
+    (first,) = picture.of(Role.OBJECT)
+    shown = [replace(first, opacity=_FAINT)]
+    for number, T in enumerate(run.T_world_object[chosen[1:]], start=1):
+        (body,) = draw_bodies(
+            scene.with_changes(object=scene.object.with_pose(T), hand=None, supports=())
+        ).of(Role.OBJECT)
+        share = number / (len(chosen) - 1)
+        opacity = _FAINT + share * (_CLEAR - _FAINT)
+        shown.append(replace(body, name=f"{body.name}/{number}", opacity=opacity))
+    rest = [mesh for mesh in picture.meshes if mesh.role is not Role.OBJECT]
+    poses = run.T_world_object[chosen]
+    centers = poses[:, :3, :3] @ scene.object.center_of_mass + poses[:, :3, 3]
+    changes = [change_of_pose(scene.object, T) for T in poses]
+    return {
+        "title": scene.name,
+        "held": simulation.outcome is SimulatedOutcome.HELD,
+        "outcome": simulation.outcome.value.capitalize(),
+        "bodies": run.contact_model.name.capitalize(),
+        "rows": [
+            (f"{time:.2f}", f"{1e3 * distance:.2f}", f"{np.degrees(angle):.2f}")
+            for time, (distance, angle) in zip(run.times[chosen], changes, strict=True)
+        ],
+        "text": text,
+        **view_context(
+            replace(picture, meshes=(*rest, *shown)),
+            f"Shows hand and supports, and the object {scene.object.name} at each time.",
+            centers,
+            "numbers of the times",
+        ),
+    }
+
+
+def _spread(scene: Scene, run: SimulatedRun) -> NDArray[np.intp]:
+    """Return looks at the object that are spread evenly along its way, the first and last, too."""
+    changes = np.array([change_of_pose(scene.object, T) for T in run.T_world_object])
+    way = np.maximum.accumulate(changes @ [1.0, _TURN_LENGTH])
+    wanted = np.linspace(way[0], way[-1], _MOST_TIMES)
+    return np.unique([0, *np.searchsorted(way, wanted[1:-1]).tolist(), len(way) - 1])

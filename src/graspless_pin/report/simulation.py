@@ -1,0 +1,85 @@
+"""What ``graspless-pin simulate`` prints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from graspless_pin.algorithms.force_bounds import ContactForceBounds
+from graspless_pin.simulation import SimulatedOutcome, Simulation
+from graspless_pin.simulation.forces import BodyForce, body_forces
+from graspless_pin.solution import Status
+from graspless_pin.solution.tables import Table, digits_of
+
+_SAME = 1e-2  # of the load: a difference that says nothing
+_WORDS = {
+    SimulatedOutcome.HELD: "held: the object stays",
+    SimulatedOutcome.CREPT: "crept: the object neither stays nor moves away",
+    SimulatedOutcome.MOVED: "moved: the object does not stay",
+}
+_RUNS = ["bodies", "outcome", "displacement [mm]", "rotation [deg]", "moved after [s]"]
+
+
+def simulation_text(
+    simulation: Simulation, bodies: Sequence[str], bounds: ContactForceBounds
+) -> str:
+    """Return the outcome in words, a table of the runs and one of normal forces.
+
+    Args:
+        simulation: The simulation.
+        bodies: (M,) names of what touches at the problem's contacts.
+        bounds: Force ranges for the same problem and torques.
+    """
+    parts = [_WORDS[simulation.outcome], str(Table(_runs(simulation), _RUNS))]
+    for link, support in simulation.model.left_out:
+        parts.append(f"note: link {link} stands in support {support}: the two do not meet")
+    if not bounds.found:
+        return "\n\n".join([*parts, f"no force ranges: {bounds.status.message}"])
+    forces = body_forces(simulation, bodies, bounds)
+    parts += [_force_table(simulation, forces, bounds), *_largest_excess(simulation, forces)]
+    return "\n\n".join(parts)
+
+
+def _runs(simulation: Simulation) -> list[list[object]]:
+    return [
+        [
+            run.contact_model.name,
+            str(run.outcome),
+            f"{run.displacement * 1e3:.3f}",
+            f"{np.degrees(run.rotation):.3f}",
+            "" if run.moved_after is None else f"{run.moved_after:.2f}",
+        ]
+        for run in simulation.runs
+    ]
+
+
+def _force_table(
+    simulation: Simulation, forces: Sequence[BodyForce], bounds: ContactForceBounds
+) -> str:
+    digits = digits_of(simulation.problem.scales.force, "")
+    known = "proven" if bounds.status is Status.OPTIMAL else "reached"
+    headers = ["normal force [N] on", *(run.contact_model.name for run in simulation.runs), known]
+    rows: list[list[object]] = [
+        [
+            force.body,
+            *("moves" if value is None else f"{value:{digits}}" for value in force.simulated),
+            f"{force.lower:{digits}} .. {force.upper:{digits}}",
+        ]
+        for force in forces
+    ]
+    return str(Table(rows, headers))
+
+
+def _largest_excess(simulation: Simulation, forces: Sequence[BodyForce]) -> list[str]:
+    """Return what there is to say of forces outside their ranges, if the object stays anywhere."""
+    if all(run.outcome is SimulatedOutcome.MOVED for run in simulation.runs):
+        return []
+    found = [
+        (force.excess(k), force.body, k) for k in range(len(simulation.runs)) for force in forces
+    ]
+    excess, body, run = max(found)
+    if excess <= _SAME * simulation.problem.scales.force:
+        return ["no force is outside these ranges by more than 1 % of the load"]
+    name = simulation.runs[run].contact_model.name
+    return [f"largest force outside these ranges: {excess:.3g} N, on {body} ({name} bodies)"]

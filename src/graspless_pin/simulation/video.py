@@ -1,0 +1,110 @@
+"""A simulated run as a video, where a renderer and an encoder are found."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import warnings
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from graspless_pin.child_process import ChildProcess
+from graspless_pin.drafts import draft_of
+from graspless_pin.errors import GrasplessPinError, GrasplessPinWarning, SceneError
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.simulation.model import OBJECT
+from graspless_pin.simulation.protocol import Simulation
+from graspless_pin.simulation.world import load_mujoco
+
+_SIZE = 480, 640  # rows, columns
+_FRAMES = 50  # a second, of simulated time; played at half the speed
+_PLAYED = 25
+_SLOWEST = 300.0  # s
+_FAR = 5.0  # radii of the object between it and the camera
+_LOOKS_PER_SECOND = 100
+
+
+def write_video(simulation: Simulation, path: Path) -> bool:
+    """Write the run with stiff bodies as a video at half the speed.
+
+    Args:
+        simulation: The simulation.
+        path: MP4 file.
+
+    Returns:
+        Whether there is one; else a warning says what is lacking.
+
+    Raises:
+        SceneError: If the file cannot be written.
+
+    Warns:
+        GrasplessPinWarning: If no encoder is found, or MuJoCo cannot draw here.
+    """
+    encoder = _encoder()
+    if encoder is None:
+        return _without("no encoder is found (the program ffmpeg, or the package imageio-ffmpeg)")
+    run = simulation.runs[0]
+    poses = run.T_world_object[:: _LOOKS_PER_SECOND // _FRAMES]
+    turns = Rotation.from_matrix(poses[:, :3, :3]).as_quat(scalar_first=True)
+    moves = run.joint_moves[:: _LOOKS_PER_SECOND // _FRAMES]
+    states = np.hstack([moves, poses[:, :3, 3], turns])
+    variables = {} if "DISPLAY" in os.environ else {"MUJOCO_GL": "egl"}
+    try:
+        with draft_of(path) as draft, ChildProcess(environment=variables) as child:
+            # Drawing needs the machine's graphics library, which may end the process.
+            child.call(_write, simulation.model.xml, states, encoder, str(draft), limit=_SLOWEST)
+    except OSError as error:
+        raise SceneError(f"{path}: cannot be written ({error.strerror})") from error
+    except Exception as error:  # of any graphics library
+        return _without(f"MuJoCo cannot draw here ({error})")
+    return True
+
+
+def _without(reason: str) -> bool:
+    warnings.warn(
+        f"there is no video: {reason}; save .html instead", GrasplessPinWarning, stacklevel=3
+    )
+    return False
+
+
+def _encoder() -> str | None:
+    """Return the program that encodes videos."""
+    program = shutil.which("ffmpeg")
+    if program is None and find_spec("imageio_ffmpeg") is not None:
+        from imageio_ffmpeg import get_ffmpeg_exe  # pyright: ignore[reportMissingImports]
+
+        program = get_ffmpeg_exe()
+    return program
+
+
+def _write(xml: str, states: FloatArray, encoder: str, path: str) -> None:
+    """Draw and encode some states (K, nq), in a process of its own."""
+    mujoco = load_mujoco()
+    model = mujoco.MjModel.from_xml_string(xml)
+    data = mujoco.MjData(model)
+    camera = mujoco.MjvCamera()
+    camera.lookat[:] = states[0, -7:-4]
+    radius = float(model.geom_rbound[model.geom_bodyid == model.body(OBJECT).id].max())
+    camera.distance, camera.azimuth, camera.elevation = _FAR * radius, 120.0, -20.0
+    rows, columns = _SIZE
+    command = [
+        encoder, "-y", "-loglevel", "error", "-f", "rawvideo", "-pixel_format", "rgb24",
+        "-video_size", f"{columns}x{rows}", "-framerate", str(_PLAYED), "-i", "-",
+        "-pix_fmt", "yuv420p", "-f", "mp4", path,
+    ]  # fmt: skip
+    with mujoco.Renderer(model, rows, columns) as renderer:
+        frames = []
+        for state in states:
+            data.qpos[:] = state
+            mujoco.mj_forward(model, data)
+            renderer.update_scene(data, camera)
+            frames.append(renderer.render().tobytes())
+    done = subprocess.run(  # noqa: S603 - the encoder that was found
+        command, input=b"".join(frames), capture_output=True, check=False
+    )
+    if done.returncode:
+        raise GrasplessPinError(f"{encoder}: {done.stderr.decode(errors='replace')[-200:]}")

@@ -1,0 +1,120 @@
+"""``graspless-pin simulate``: exit codes, what it prints and what it writes."""
+
+import sys
+
+import pytest
+from cli_tools import EXAMPLES, LINES, PAPER, assert_refused, run, spoilt
+
+from graspless_pin.simulation import video
+from graspless_pin.simulation.world import load_mujoco
+
+BALL = EXAMPLES / "allegro_sphere_on_slope.yaml"
+CUBOID = PAPER / "cuboid_at_rest.yaml"
+BRIEFLY = ("--seconds", "0.2")
+
+
+def test_a_scene_that_holds():
+    result = run("simulate", CUBOID, *BRIEFLY)
+    assert result.exit_code == 0, result.output
+    assert result.stdout.startswith("held: the object stays")
+    assert "48.3496 .. 48.3496" in result.stdout
+    assert "no force is outside these ranges by more than 1 % of the load" in result.stdout
+    assert "verdict: holds: rest is the only outcome" in result.stdout
+
+
+def test_a_scene_that_moves_and_is_held_by_feedback():
+    moved = run("simulate", BALL, "--algorithm", "margin", "--seconds", "1.2")
+    assert moved.exit_code == 1
+    assert moved.stdout.startswith("moved: the object does not stay")
+    assert "3 free motions need position feedback" in moved.stdout
+    held = run("simulate", BALL, "--feedback", "2", *BRIEFLY)
+    assert held.exit_code == 0
+    assert held.stdout.startswith("held: the object stays")
+
+
+def test_options_change_the_outcome():
+    assert run("simulate", CUBOID, "--friction-factor", "0.02", *BRIEFLY).exit_code == 1
+    pushed = run("simulate", CUBOID, "--push", "-30,0,30", *BRIEFLY)
+    assert pushed.exit_code == 1
+    assert "no force ranges:" in pushed.stdout
+
+
+def test_without_torques_there_is_nothing_to_simulate(tmp_path):
+    file = tmp_path / "scene.yaml"
+    file.write_text(LINES.replace("friction: 0.3", "friction: 0.3\nmax_normal_force: 2.0"))
+    result = run("simulate", file)
+    assert result.exit_code == 1
+    assert result.stdout.startswith("nothing to simulate: ")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--push", "1,2"), "--push: needs three numbers FX,FY,FZ in newtons, got '1,2'"),
+        (("--push", "1,2,nan"), "--push: needs three numbers"),
+        (("--save", "out.gif"), "--save: needs a file that ends in .html or .mp4, got 'out.gif'"),
+        (("--seconds", "-1"), "seconds: is -1.0"),
+        (("--feedback", "-1"), "feedback: is -1.0"),
+        (("--friction-factor", "-1"), "friction_factor: is -1.0"),
+    ],
+)
+def test_bad_options_are_refused(options, message):
+    assert_refused(run("simulate", CUBOID, *options), message)
+
+
+def test_a_motion_and_a_missing_file_are_refused():
+    moving = run("simulate", PAPER / "cuboid_sliding_up.yaml")
+    assert_refused(moving, "cuboid_sliding_up.yaml: motion: declares a motion")
+    assert_refused(run("simulate", "nowhere.yaml"), "nowhere.yaml")
+
+
+def test_a_body_without_friction_is_named(tmp_path):
+    """Tables of friction may leave out links that touch nothing; the simulation needs all."""
+    text = BALL.read_text(encoding="utf-8")
+    file = tmp_path / "scene.yaml"
+    tips = "{link_3.0_tip: 0.9, link_11.0_tip: 0.9, supports: 0.35}"
+    file.write_text(spoilt("{hand: 0.9, supports: 0.35}", tips, text), encoding="utf-8")
+    assert run("solve", file).exit_code == 0
+    assert_refused(run("simulate", file), "scene.yaml: friction: has no coefficient for")
+
+
+def test_without_mujoco_one_message_names_the_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    assert_refused(run("simulate", CUBOID), "pip install 'graspless-pin[simulate]'")
+    assert run("solve", CUBOID).exit_code == 0
+
+
+def test_the_model_is_written(tmp_path):
+    file = tmp_path / "model.xml"
+    assert run("simulate", CUBOID, "--export", file, *BRIEFLY).exit_code == 0
+    model = load_mujoco().MjModel.from_xml_path(str(file))
+    assert model.nu == 2
+    printed = run("simulate", CUBOID, "--export", "-", *BRIEFLY)
+    assert printed.stdout == file.read_text(encoding="utf-8")
+
+
+def test_a_time_lapse_page_is_written(tmp_path):
+    file = tmp_path / "ball.html"
+    run("simulate", BALL, "--algorithm", "margin", "--seconds", "1.2", "--save", file)
+    page = file.read_text(encoding="utf-8")
+    assert "<strong>Moved.</strong>" in page
+    assert "the object ball at each time" in page
+    assert "http" not in page.replace("http-equiv", "")
+
+
+def test_without_an_encoder_a_warning_says_so(tmp_path, monkeypatch):
+    monkeypatch.setattr(video, "_encoder", lambda: None)
+    file = tmp_path / "cuboid.mp4"
+    result = run("simulate", CUBOID, "--save", file, *BRIEFLY)
+    assert result.exit_code == 0
+    assert not file.exists()
+    assert "warning: there is no video: no encoder is found" in result.stderr
+
+
+def test_an_encoder_that_fails_leaves_no_file(tmp_path, monkeypatch):
+    monkeypatch.setattr(video, "_encoder", lambda: "/bin/false")
+    file = tmp_path / "cuboid.mp4"
+    result = run("simulate", CUBOID, "--save", file, *BRIEFLY)
+    assert result.exit_code == 0
+    assert list(tmp_path.iterdir()) == []
+    assert "warning: there is no video: MuJoCo cannot draw here" in result.stderr
