@@ -31,6 +31,7 @@ from .programs.builder import ProgramBuilder
 from .programs.forces import ForceCoordinates, ForceRows
 from .programs.objectives import Margin, Objective, Torque, TorqueShare
 from .scene.load import load_scene
+from .scene.minimum_stiffness import MinimumStiffness, minimum_stiffness
 from .scene.poses import close_fingers, fingertip_contact, settle
 from .scene.scene import Scene
 from .solution.certificate import Certificate
@@ -62,6 +63,7 @@ __all__ = [
     "MarginSensitivity",
     "MarginTorqueCurve",
     "MinimumFriction",
+    "MinimumStiffness",
     "Objective",
     "OptimumGradients",
     "ProgramBuilder",
@@ -102,6 +104,7 @@ __all__ = [
     "maximize_margin",
     "minimize_torque",
     "minimum_friction",
+    "minimum_stiffness",
     "moment_first",
     "optimize",
     "optimum_gradients",

@@ -41,13 +41,13 @@ def free_motions(problem: QuasistaticProblem) -> FloatArray:
     checked_problem(problem)
     hybrid = hybrid_contacts(problem)
     moving = np.concatenate([np.ones(6, dtype=bool), hybrid < 0])
-    units = _units(problem)[moving]
+    units = motion_units(problem)[moving]
     velocities = contact_map(problem) * np.repeat([1.0, -1.0], [6, problem.joint_count])
     velocities = velocities[:, :, moving] * (units / problem.scales.length)
     still = np.ones((problem.contact_count, 3), dtype=bool)
     still[:, 1:] = problem.has_cone[:, None]
     still[hybrid[hybrid >= 0], 0] = False
-    basis = _null_space(velocities[still])
+    basis = null_space(velocities[still])
     _, shares, turns = np.linalg.svd(basis[:6], full_matrices=True)
     count = int((shares > NEGLIGIBLE).sum())
     motions = np.zeros((count, len(moving)))
@@ -55,8 +55,8 @@ def free_motions(problem: QuasistaticProblem) -> FloatArray:
     return read_only(motions)
 
 
-def _units(problem: QuasistaticProblem) -> FloatArray:
-    """(6 + L,) what velocities of object and joints count in."""
+def motion_units(problem: QuasistaticProblem) -> FloatArray:
+    """Return the (6 + L,) velocities of object and joints that count as one in `free_motions`."""
     length = problem.scales.length
     blocks = problem.jacobian.reshape(problem.contact_count, 3, -1)
     levers = np.linalg.norm(blocks, axis=1).max(axis=0)
@@ -65,8 +65,8 @@ def _units(problem: QuasistaticProblem) -> FloatArray:
     return np.concatenate([np.full(3, length), np.ones(3), joints])
 
 
-def _null_space(rows: FloatArray) -> FloatArray:
-    """(n, d) orthonormal basis of what (r, n) rows do not notice."""
+def null_space(rows: FloatArray) -> FloatArray:
+    """Return an (n, d) orthonormal basis of what (r, n) rows do not notice."""
     _, values, right = np.linalg.svd(rows, full_matrices=True)
     rank = int((values > NEGLIGIBLE * values.max(initial=0.0)).sum())
     return right[rank:].T
