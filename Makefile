@@ -11,10 +11,11 @@ export PIP_BUILD_CONSTRAINT := $(PIP_CONSTRAINT)
 SCALES ?= --count 2000 --jobs 2
 ROUND_CONES ?= --count 300
 OUTCOMES ?= --few 300 --four 30
+DIRECTIONS ?= --turned 1000 --listed 100
 TAMPERING ?= 1000
 FUZZ ?= --count 2000 --seed 1
 
-.PHONY: install run test lint types docs bench mutants mutants-of-loops scales round-cones outcomes tampering fuzz clean
+.PHONY: install run test lint types docs bench mutants mutants-of-loops scales round-cones directions outcomes tampering fuzz clean
 
 install: $(STAMP)
 
@@ -51,6 +52,9 @@ bench: install
 
 scales: install
 	$(BIN)/python -m tests.oracles.scales $(SCALES)
+
+directions: install
+	$(BIN)/python -m tests.oracles.directions $(DIRECTIONS)
 
 round-cones: install
 	$(BIN)/python -m tests.oracles.round_cones $(ROUND_CONES)

@@ -11,6 +11,7 @@ SECTIONS = {
     "random": searches.random_scenes,
     "rivals": searches.rivals,
     "cones": cones.round_cones,
+    "directions": cones.directions,
     "geometry": geometry.scene_problem,
     "planning": planning.evaluator,
     "studies": studies.cuboid_study,

@@ -53,9 +53,10 @@ def _conic_form(program: Program) -> tuple[Any, ...]:
     m, n, flat = len(program.b), len(program.c), program.flat_count
     up, down = np.isfinite(program.u[:flat]), np.isfinite(program.l[:flat])
     G, cones = program.G[:flat], program.G[flat:]
-    rows = np.vstack([program.A, G[up], -G[down], -cones])
+    one, high, low = np.eye(n), np.isfinite(program.ub), np.isfinite(program.lb)
+    rows = np.vstack([program.A, G[up], -G[down], one[high], -one[low], -cones])
     sides = np.concatenate([program.b, program.u[:flat][up], -program.l[:flat][down],
-                            -program.l[flat:]])  # fmt: skip
+                            program.ub[high], -program.lb[low], -program.l[flat:]])  # fmt: skip
     kinds = [library.ZeroConeT(m), library.NonnegativeConeT(len(rows) - m - len(cones))]
     kinds += [library.SecondOrderConeT(3)] * program.cone_count
     return csc_array((n, n)), program.c, csc_array(rows), sides, kinds

@@ -144,6 +144,19 @@ def test_the_scenes_own_options_count_unless_overruled(tmp_path):
     assert best["algorithm"] == "margin"
 
 
+def test_friction_by_directions(tmp_path):
+    text = spoilt("friction: 0.3", "friction: 0.3\nsolve: {sign_rule: direction}")
+    told = run("solve", SPHERE, "--sign-rule", "direction", "--direction-gap", "1e-3")
+    for result, value in ((solve_text(tmp_path, text), "0.384001"), (told, "1.45735")):
+        assert result.exit_code == 0
+        line = result.stdout.splitlines()[-1]
+        assert line == f"rule of directions, round cones: inner value {value}, outer {value} N"
+    refused = run("solve", SPHERE, "--sign-rule", "direction", "--json", "-")
+    assert_refused(refused, "sign_rule: is 'direction', but a document needs the signs of a mode")
+    refused = run("solve", SPHERE, "--direction-gap", "1e-9")
+    assert_refused(refused, "direction_gap: is 1e-09; it must be a finite number >= 1e-06")
+
+
 def test_a_json_file_is_the_same_document_beside_the_tables(tmp_path):
     file = tmp_path / "solution.json"
     result = run("solve", SPHERE, "--json", file)

@@ -57,13 +57,13 @@ def oracle(problem, rule, requirements):
 
 
 @settings(max_examples=150, deadline=None)
-@given(questions(list(SignRule)))
+@given(questions(list(ANY_SIGNS)))
 def test_verdicts_agree_with_linprog_and_prove_themselves(question):
     assert_right_verdict(*question)
 
 
 @settings(max_examples=80, deadline=None)
-@given(questions(list(SignRule)), st.integers(0, 2000))
+@given(questions(list(ANY_SIGNS)), st.integers(0, 2000))
 def test_what_matters_most_changes_no_verdict(question, seed):
     problem, rule, requirements = question
     importance = np.random.default_rng(seed).uniform(0.03, 1.0, (len(requirements), 2))
@@ -131,7 +131,7 @@ def assert_conflict(problem, rule, requirements, conflict):
             assert not oracle(problem, rule, requirements_)
 
 
-@pytest.mark.parametrize("rule", list(SignRule))
+@pytest.mark.parametrize("rule", list(ANY_SIGNS))
 def test_nothing_asked_is_feasible(rule):
     verdict = VirtualKinematics(scene("rest")).solve([], rule)
     assert isinstance(verdict, Witness)

@@ -229,7 +229,7 @@ def test_normals_that_differ_by_rounding_share_a_motion(tilt, shared):
     normals[0] = np.array([tilt, 0.7 * tilt, 1.0])
     problem = QuasistaticProblem(corners, normals, [0, 0, -1, 0, 0, 0], friction=0.5)
     kinematics = state_of(problem).formulation.kinematics
-    assert kinematics.touching_basis((0, 1, 2, 3)).shape[1] == (3 if shared else 2)
+    assert kinematics.touching((0, 1, 2, 3)).basis.shape[1] == (3 if shared else 2)
 
 
 def test_outcomes_are_told_apart():

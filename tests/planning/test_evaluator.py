@@ -340,3 +340,19 @@ def test_an_earlier_mode_proves_what_a_search_would():
     assert first.solution.certificate.force_programs > 2
     assert again.solution.certificate.force_programs <= 2
     assert again.margin == pytest.approx(first.margin, abs=1e-8)
+
+
+def test_states_by_directions_are_solved_each_by_itself():
+    """No state's answer is carried over: where an answer has a gap, two searches may differ."""
+    scene = example("paper/cuboid_at_rest")
+    options: dict[str, Any] = {"sign_rule": "direction", "direction_gap": 1e-3}
+    evaluator = Evaluator(scene, algorithm="torque", required_margin=0.1, **options)
+    expected = scene.solve("torque", margin=0.1, **options)
+    for _ in range(2):
+        solution = evaluator.evaluate().solution
+        assert solution is not None
+        assert solution.max_torque == expected.max_torque
+        assert solution.rules.by_direction
+    most = scene.solve("margin", **options).margin
+    assert evaluator.is_feasible(margin=0.999 * most)
+    assert not evaluator.is_feasible(margin=1.01 * most)

@@ -95,6 +95,7 @@ def test_rules_side_by_side():
     compared = compare_rules(solved(SLIDING)[1].problem)
     (table,) = read_html(compared._repr_html_()).all("table")
     rows = table.rows()
-    assert len(rows) == 7 and rows[-1][0] == "coulomb"
+    assert len(rows) == 9 and rows[-1][0] == "coulomb"
+    assert [row[0] for row in rows if row[-1] == "round cones"] == [row[0] for row in rows[6:8]]
     assert rows[0][1] == "2.3001"
     assert rows[1][1] == "-" and rows[1][3].startswith("infeasible")

@@ -22,7 +22,7 @@ from graspless_pin.solution.tables import Table, shown, torque_size
 
 @dataclass(frozen=True, eq=False)
 class RuleComparison:
-    """The optimum under the six rule pairs and plain Coulomb friction.
+    """The optimum under every pair of rules and plain Coulomb friction.
 
     Attributes:
         algorithm: Algorithm 1 or 2.
@@ -47,10 +47,11 @@ class RuleComparison:
             name = f"{rules.sign} + {rules.sliding}"
             if rules.static_friction is StaticFriction.COULOMB:
                 name = "coulomb"
+            cones = "round cones" if solution.problem.is_round and not problem.is_round else ""
             if solution.found:
                 size = torque_size(problem, solution.torques)
                 figures = shown(solution.margin, force), shown(solution.max_torque, size)
-                rows.append([name, *figures, ""])
+                rows.append([name, *figures, cones])
             else:
                 rows.append([name, "-", "-", solution.status.message])
         headers = ["rule", "margin [N]", f"max |torque| [{units_text(problem.joint_units)}]", ""]
@@ -64,9 +65,10 @@ def compare_rules(
     margin: float = 0.1,
     **options: Unpack[SolveKeywords],
 ) -> RuleComparison:
-    """Solve a problem under each of the six rule pairs and plain Coulomb friction.
+    """Solve a problem under every pair of rules and plain Coulomb friction.
 
-    How much the optimum moves tells how much of the answer hangs on the rule.
+    How much the optimum moves tells how much of the answer hangs on the rule. That of
+    ``direction`` is of round cones, whatever the problem's are.
 
     Args:
         problem: Contacts, wrench, joints and limits.

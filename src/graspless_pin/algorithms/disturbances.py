@@ -112,11 +112,12 @@ def disturbance_margin(
         options: See `SolveOptions.parse`.
 
     Raises:
-        ArgumentError: If a shape is wrong, a direction is zero, the length is not positive or an
-            option is not known.
+        ArgumentError: If a shape is wrong, a direction is zero, the length is not positive, an
+            option is not known or the sign rule is ``direction``.
     """
     checked_problem(problem)
     how = SolveOptions.parse(**options)
+    how.rules.need_signs("disturbance_margin")
     limits = Limits.of(how)
     length = characteristic_length
     if length is None:

@@ -82,9 +82,9 @@ def explain(solution: TorqueSolution) -> Explanation:
     Where the force balance itself fails, each kind of limit is relaxed alone (one joint's torque,
     all torques, normal forces, friction, the required margin, an outside help in the balance) by
     the smallest amount that makes some feasible mode work. Where only the virtual-sliding rule
-    fails, the contacts in conflict are named and the weaker rules are tried. Where no change is
-    enough by itself, it is tried along with no required margin, with Coulomb friction, or with
-    all others.
+    fails, the contacts in conflict are named and the weaker rules are tried; under ``direction``
+    that and the required margin are all. Where no change is enough by itself, it is tried along
+    with no required margin, with Coulomb friction, or with all others.
 
     Args:
         solution: A solution that was not found.
@@ -100,10 +100,9 @@ def explain(solution: TorqueSolution) -> Explanation:
         return Explanation("The problem is feasible.", (), ())
     if solution.status not in (Status.INFEASIBLE_FORCES, Status.INFEASIBLE_MODES):
         return Explanation(f"Not solved: {solution.status.message}.", (), ())
-    conflicts: tuple[int, ...] = ()
-    suggestions: list[Suggestion] = []
+    conflicts, suggestions = tuple[int, ...](), list[Suggestion]()
     if solution.status is Status.INFEASIBLE_MODES:
-        conflicts = _conflicting_contacts(solution)
+        conflicts = () if solution.rules.by_direction else _conflicting_contacts(solution)
         named = ", ".join(str(contact) for contact in conflicts)
         cause = (
             "Forces that balance exist, but their friction has no kinematically feasible virtual "
@@ -118,7 +117,7 @@ def explain(solution: TorqueSolution) -> Explanation:
             f"external wrench{f' with a margin of {required:g} N' if required > 0.0 else ''}."
         )
     suggestions += [*_smaller_margin(solution), *_reliefs(solution)]
-    if not suggestions:
+    if not suggestions and not solution.rules.by_direction:
         cause += " No single change is enough."
         suggestions += _combined(solution)
     return Explanation(cause, conflicts, tuple(suggestions))
@@ -147,7 +146,7 @@ def _conflicting_contacts(solution: TorqueSolution) -> tuple[int, ...]:
 
 def _weaker_rules(solution: TorqueSolution) -> list[Suggestion]:
     """Return the first weaker sign rule, sliding rule, and Coulomb friction, where they help."""
-    rules, signs = solution.rules, list(SignRule)
+    rules, signs = solution.rules, [SignRule.DIRECTION, *list(SignRule)[:-1]]
     tried = [
         (f"sign_rule='{sign}'", replace(rules, sign=sign))
         for sign in signs[signs.index(rules.sign) + 1 :]
@@ -196,8 +195,9 @@ def _combined(solution: TorqueSolution) -> list[Suggestion]:
 
 def _reliefs(solution: TorqueSolution) -> Iterator[Suggestion]:
     """Yield the smallest widening of each kind of limit that helps alone."""
-    problem = solution.problem
-    joints = range(problem.joint_count)
+    if solution.rules.by_direction:
+        return  # it is looked for mode by mode
+    problem, joints = solution.problem, range(solution.problem.joint_count)
     alone = [(one, relief) for one in joints if (relief := _relief(solution, joint=one))]
     for joint, relief in sorted(alone, key=lambda item: item[1].amount)[:3]:
         torque = float(problem.jacobian[:, joint] @ relief.forces.ravel())

@@ -110,10 +110,11 @@ def contact_force_bounds(
             NOT_FOUND_IN_LIMIT if there was no time to hold the torques at all.
 
     Raises:
-        ArgumentError: If the torques have the wrong shape, an option is not known or the time
-            limit is negative.
+        ArgumentError: If the torques have the wrong shape, an option is not known, the time limit
+            is negative or the sign rule is ``direction``.
     """
     how = SolveOptions.parse(**options)
+    how.rules.need_signs("contact_force_bounds")
     checked_problem(problem)
     given = finite_array("torques", torques, (problem.joint_count,))
     search = ForceExtremes(problem, given, how)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -14,6 +15,7 @@ from graspless_pin.derived import Derived
 from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.kinematics import VirtualKinematics
 from graspless_pin.modes.rules import SlidingMode
+from graspless_pin.modes.sectors import Sector
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.assembly import assembled, built
@@ -21,7 +23,7 @@ from graspless_pin.programs.blocks import Block
 from graspless_pin.programs.forces import ForceCoordinates, force_coordinates
 from graspless_pin.programs.objectives import Objective
 from graspless_pin.programs.program import Program
-from graspless_pin.solvers import Answer, solve
+from graspless_pin.solvers import Answer, Outcome, solve
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +85,30 @@ class Formulation:
         cutoff = min(cutoff, self.cutoff)
         return solve(self.bounded(lb, ub, cutoff), solver, cutoff=cutoff)
 
+    def solve_along(
+        self, friction: Mapping[int, Sector | None], solver: str, *, cutoff: float
+    ) -> Answer:
+        """Solve the program with the friction of some contacts opposite to sectors of directions.
+
+        Args:
+            friction: Sectors by contact with a cone; None: without friction.
+            solver: The solver to ask first.
+            cutoff: Values above it count as infeasible.
+
+        Returns:
+            An answer of forces along t1 and t2, as any other.
+        """
+        tangent = self.coordinates.tangent
+        turned = _turned(self.program, [(tangent[one], way) for one, way in friction.items()])
+        answer = solve(turned, solver, cutoff=min(cutoff, self.cutoff))
+        if answer.outcome is not Outcome.SOLVED:
+            return answer
+        x = answer.x.copy()
+        for contact, sector in friction.items():
+            if sector is not None:
+                x[tangent[contact]] = -sector.edges @ x[tangent[contact]]
+        return answer.moved(x, answer.value, answer.residual)
+
     def bounded(self, lb: FloatArray, ub: FloatArray, cutoff: float) -> Program:
         """Return the program with other bounds; values above the cutoff are of no interest."""
         if lb is self.program.lb and ub is self.program.ub:
@@ -112,6 +138,37 @@ class Formulation:
             ub[columns[signs >= 0]] = 0.0
             lb[columns[signs <= 0]] = 0.0
         return lb, ub
+
+
+def _turned(program: Program, friction: list[tuple[NDArray[np.int_], Sector | None]]) -> Program:
+    """Return a program whose friction is made of shares opposite to the edges of sectors.
+
+    Args:
+        program: The program in friction along t1 and t2.
+        friction: Columns of some contacts, and the sectors; None: without friction.
+    """
+    rows = np.array(program.rows, order="F")
+    lb, ub, (low, high) = program.lb.copy(), program.ub.copy(), program.sides
+    boxes = [None if box is None else box.copy() for box in (program.box, program.whole_box)]
+    for columns, sector in friction:
+        lb[columns] = 0.0
+        if sector is None:
+            ub[columns] = 0.0
+            continue
+        rows[:, columns] = -rows[:, columns] @ sector.edges
+        if sector.half == 0.0:
+            ub[columns[1]] = 0.0
+        # Shares along edges at an obtuse angle may be larger than the friction.
+        most = 1.0 / np.sin(min(max(2.0 * sector.half, 0.5 * np.pi), np.pi))
+        for box in boxes:
+            if box is not None:
+                box[0, columns] = 0.0
+                box[1, columns] *= most
+    return Program.of_rows(
+        rows, len(program.b), low, high,
+        linear=True, P=program.P, c=program.c, lb=lb, ub=ub, box=boxes[0], whole_box=boxes[1],
+        cone_count=program.cone_count,
+    )  # fmt: skip
 
 
 _PER_PROBLEM = 8

@@ -110,11 +110,12 @@ def optimum_gradients(solution: TorqueSolution) -> OptimumGradients:
 
     Raises:
         NoSolutionError: If nothing was found.
-        ArgumentError: If it is no solution, or one with a regularisation.
+        ArgumentError: If it is no solution, or one with a regularisation or under ``direction``.
     """
     checked_solution(solution)
     if not solution.found:
         raise NoSolutionError(f"There is no optimum to differentiate ({solution.status.message}).")
+    solution.rules.need_signs("a gradient")
     if solution.algorithm is None:
         raise ArgumentError(
             "solution",

@@ -132,11 +132,12 @@ def margin_torque_curve(
         options: See `SolveOptions.parse`.
 
     Raises:
-        ArgumentError: If an option is not known.
+        ArgumentError: If an option is not known or the sign rule is ``direction``.
         SolverUnavailableError: If the solver is not installed.
     """
     checked_problem(problem)
     how = SolveOptions.parse(**options)
+    how.rules.need_signs("margin_torque_curve")
     torque_scale = choice(TorqueScale, "scale", scale)
     formulation = formulated(problem, Tradeoff(torque_objective(0.0, torque_scale)))
     search = CurveSearch(formulation, how, Limits.of(how))

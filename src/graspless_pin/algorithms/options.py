@@ -33,6 +33,7 @@ class SolveKeywords(RuleOptions, total=False):
     search: str
     node_limit: int | None
     time_limit: float | None
+    direction_gap: float
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,8 @@ class SolveOptions:
         search: How the modes are searched.
         node_limit: Nodes of each search over modes; None: any number.
         time_limit: Seconds for all searches of one call; None: no limit.
+        direction_gap: How near the optimum under the rule ``direction`` is found: over the optimum,
+            or over a hundredth of the load where that is larger.
     """
 
     rules: Rules = field(default_factory=Rules)
@@ -52,6 +55,7 @@ class SolveOptions:
     search: Search = Search.AUTO
     node_limit: int | None = None
     time_limit: float | None = None
+    direction_gap: float = 1e-4
 
     @classmethod
     def parse(
@@ -64,11 +68,12 @@ class SolveOptions:
         search: str = Search.AUTO,
         node_limit: int | None = None,
         time_limit: float | None = None,
+        direction_gap: float = 1e-4,
     ) -> Self:
         """Return checked options.
 
         Args:
-            sign_rule: ``strict``, ``exact`` or ``nonzero``: see `SignRule`.
+            sign_rule: ``strict``, ``exact``, ``nonzero`` or ``direction``: see `SignRule`.
             sliding_rule: ``exempt`` or ``constrained``: see `SlidingRule`.
             static_friction: ``virtual_sliding``, or ``coulomb`` to drop (22), (27) and (31).
             solver: Any of `available_solvers`; ``auto``: PIQP, and Clarabel for round cones.
@@ -76,6 +81,7 @@ class SolveOptions:
             node_limit: Stop each search after so many nodes and return the best found with its
                 gap.
             time_limit: Likewise after so many seconds in all.
+            direction_gap: Relative gap, at least 1e-6, at which a search under ``direction`` ends.
 
         Raises:
             ArgumentError: If an option is not known or a figure out of range.
@@ -89,6 +95,7 @@ class SolveOptions:
             None
             if time_limit is None
             else real_number("time_limit", time_limit, 0.0, finite=False),
+            real_number("direction_gap", direction_gap, 1e-6),
         )
 
 

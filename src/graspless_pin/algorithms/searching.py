@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from graspless_pin.algorithms.branch_and_bound import branch_and_bound
+from graspless_pin.algorithms.direction_search import search_directions
 from graspless_pin.algorithms.exhaustive import search_exhaustively
 from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.options import Search, SolveOptions
@@ -17,8 +18,15 @@ def search_modes(state: SearchState, options: SolveOptions, limits: Limits) -> S
         state: The search to run.
         options: How the modes are searched.
         limits: What is left of the limits.
+
+    Raises:
+        ArgumentError: If the rule of directions does not take the objective or the search.
     """
     try:
+        if state.rules.by_direction:
+            if options.search is Search.ENUMERATE:
+                state.rules.need_signs("search='enumerate'")
+            return search_directions(state, options.direction_gap, limits)
         if options.search is Search.ENUMERATE:
             return search_exhaustively(state, limits)
         return branch_and_bound(state, limits)

@@ -28,7 +28,11 @@ def proof_of(solution: TorqueSolution) -> SolutionProof:
 
     Args:
         solution: Found or not.
+
+    Raises:
+        ArgumentError: If it is under the rule ``direction``.
     """
+    solution.rules.need_signs("the proof that a document carries")
     if solution.status in _OPEN:
         return SolutionProof(ModeProof((), solution.status.message))
     try:
@@ -87,6 +91,8 @@ def motion_of(solution: TorqueSolution) -> FloatArray | None:
     Returns:
         (6 + L,) [V; theta_dot], m/s and rad/s; None where none is asked for, or there is none.
     """
+    if solution.rules.by_direction:
+        return solution.evidence.motion
     mode = solution.mode if solution.found else solution.given_mode
     if mode is None or not _has_modes(solution):
         return None

@@ -10,6 +10,7 @@ from graspless_pin.algorithms.options import DEFAULT_OPTIONS, SolveOptions
 from graspless_pin.algorithms.search import SearchResult, SearchState, in_mode, undecided
 from graspless_pin.algorithms.searching import search_modes
 from graspless_pin.algorithms.threshold import threshold_optima
+from graspless_pin.derived import Derived
 from graspless_pin.errors import ArgumentError, UndecidedMotionError
 from graspless_pin.modes.enumeration import requirements_of
 from graspless_pin.modes.kinematics import Requirement
@@ -20,6 +21,7 @@ from graspless_pin.modes.rules import (
     candidate_contacts,
 )
 from graspless_pin.problem import QuasistaticProblem, checked_problem
+from graspless_pin.problem.cones import ConeModel
 from graspless_pin.programs.forces import force_reach
 from graspless_pin.programs.objectives import Objective
 from graspless_pin.solution import Certificate, Evidence, TorqueSolution
@@ -41,12 +43,17 @@ def solve_problem(
         mode: Solve this (B, S) only.
 
     Raises:
-        ArgumentError: If an argument is none of its kind, or the mode not one of the problem.
+        ArgumentError: If an argument is none of its kind, or the mode not one of the problem; if
+            the rule ``direction`` does not take the objective or a mode.
     """
     checked_problem(problem)
     if not isinstance(objective, Objective):
         raise ArgumentError("objective", f"is {objective!r:.80}; it must be an Objective")
-    limits = Limits.of(options)
+    limits, gap = Limits.of(options), 0.0
+    if options.rules.by_direction:
+        if mode is not None:
+            options.rules.need_signs("the argument mode")
+        problem, gap = _ROUND.of(problem), options.direction_gap
     requirements = None if mode is None else _checked_mode(problem, options.rules, mode)
 
     def searched(formulation: Formulation) -> SearchResult:
@@ -59,8 +66,16 @@ def solve_problem(
             return undecided(state)
 
     result = searched(formulate(problem, objective))
-    optima = threshold_optima(result, searched)
+    optima = threshold_optima(result, searched, gap)
     return solution_of(result, options.rules, given_mode=mode, optima=optima)
+
+
+def _with_round_cones(problem: QuasistaticProblem) -> QuasistaticProblem:
+    """Return the problem with round cones; a copy even so, as what is derived may not be itself."""
+    return problem.with_changes(cone=ConeModel.ROUND)
+
+
+_ROUND = Derived(_with_round_cones)
 
 
 def _checked_mode(

@@ -22,7 +22,9 @@ _SAME = 1e-6
 ModeSearch = Callable[[Formulation], SearchResult]
 
 
-def threshold_optima(result: SearchResult, search: ModeSearch) -> tuple[float, float] | None:
+def threshold_optima(
+    result: SearchResult, search: ModeSearch, gap: float = 0.0
+) -> tuple[float, float] | None:
     """Return the optimum for a tenth and for ten times the threshold, where it hangs on it.
 
     Nothing is solved where the motion behind the mode is clearly fast enough and the search refused
@@ -31,10 +33,12 @@ def threshold_optima(result: SearchResult, search: ModeSearch) -> tuple[float, f
     Args:
         result: How the search ended.
         search: Repeats it with another formulation, which has another threshold.
+        gap: How near each of two optima is found, over the load or the optimum.
 
     Returns:
         Two optima, NaN where nothing is feasible or the search was not completed; None where
-        neither differs by more than 1e-6 of the load, or of the optimum where that is larger.
+        neither differs by more than 1e-6 of the load, or of the optimum where that is larger, and
+        two gaps.
     """
     state = result.state
     formulation, kinematics = state.formulation, state.formulation.kinematics
@@ -48,7 +52,7 @@ def threshold_optima(result: SearchResult, search: ModeSearch) -> tuple[float, f
         best = search(replace(formulation, kinematics=other)).state.best
         values.append(np.nan if best is None else best.value)
     own = np.nan if state.best is None else state.best.value
-    if all(_agree(own, value) for value in values):
+    if all(_agree(own, value, _SAME + 2.0 * gap) for value in values):
         return None
     return formulation.unit * values[0], formulation.unit * values[1]
 
@@ -58,6 +62,8 @@ def _is_slow(result: SearchResult) -> bool:
     state = result.state
     if state.mode is None or state.mode_is_clear:
         return False
+    if state.rules.by_direction:
+        return True  # the search itself has looked
     kinematics = state.formulation.kinematics
     try:
         slowest = kinematics.slowest(requirements_of(state.mode), state.rules.sign)
@@ -66,7 +72,7 @@ def _is_slow(result: SearchResult) -> bool:
     return slowest < CLEARLY * kinematics.threshold
 
 
-def _agree(one: float, other: float) -> bool:
+def _agree(one: float, other: float, same: float) -> bool:
     if np.isnan(one) or np.isnan(other):
         return bool(np.isnan(one) and np.isnan(other))
-    return abs(one - other) <= _SAME * max(1.0, abs(one))
+    return abs(one - other) <= same * max(1.0, abs(one))

@@ -24,7 +24,7 @@ from graspless_pin.algorithms.search import (
     undecided,
 )
 from graspless_pin.algorithms.searching import search_modes
-from graspless_pin.algorithms.solve import solution_of
+from graspless_pin.algorithms.solve import solution_of, solve_problem
 from graspless_pin.algorithms.threshold import threshold_optima
 from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.modes.rules import SlidingMode, SlidingRule, candidate_contacts
@@ -34,6 +34,8 @@ from graspless_pin.programs.active_set import ActiveSet, active_set_of, solved_o
 from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.solvers import Answer, Outcome
+
+_OPEN = (Status.NOT_FOUND_IN_LIMIT, Status.UNVERIFIED)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +76,8 @@ def solve_from(
         The solution, and what it leaves behind.
     """
     rules, limits = options.rules, Limits.of(options)
+    if rules.by_direction:
+        return solve_problem(problem, objective, options), start
     state = _WarmState(formulate(problem, objective), rules, options.solver, start=start)
 
     def cold(formulation: Formulation) -> SearchResult:
@@ -113,6 +117,12 @@ def reaches_margin(
         ArgumentError: If the margin is negative.
     """
     required = real_number("margin", margin, 0.0)
+    if options.rules.by_direction:
+        best = solve_problem(problem, Margin(), options)
+        if best.found and best.margin >= required:
+            return True, start
+        open_still = best.status in _OPEN or (best.found and best.certificate.bound >= required)
+        return (None if open_still else False), start
     full = formulate(problem, Margin())
     goal = required / full.coordinates.force_scale
     cut = replace(full, cutoff=-goal)
@@ -141,7 +151,7 @@ def _reaches(
     result = search_modes(SearchState(capped, state.rules, state.solver), options, limits)
     if result.state.best is not None:
         return True, replace(state.left_behind(), mode=result.state.mode, in_mode=None)
-    open_still = result.status in (Status.NOT_FOUND_IN_LIMIT, Status.UNVERIFIED)
+    open_still = result.status in _OPEN
     return (None if open_still else False), state.left_behind()
 
 

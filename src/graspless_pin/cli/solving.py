@@ -49,6 +49,9 @@ def solve_scene(
     search: Annotated[Search | None, typer.Option(help="How the modes are searched.")] = None,
     node_limit: Annotated[int | None, typer.Option(help="Most nodes of the search.")] = None,
     time_limit: Annotated[float | None, typer.Option(help="Most seconds of the search.")] = None,
+    direction_gap: Annotated[
+        float | None, typer.Option(help="Relative gap of --sign-rule direction.")
+    ] = None,
 ) -> None:
     """Solve a scene: which joint torques, and how robust.
 
@@ -67,6 +70,7 @@ def solve_scene(
             "search": search,
             "node_limit": node_limit,
             "time_limit": time_limit,
+            "direction_gap": direction_gap,
         }
         options = {name: value for name, value in given.items() if value is not None}
         solution = loaded.solve(algorithm, **options)

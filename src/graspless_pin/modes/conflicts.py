@@ -48,16 +48,16 @@ def conflict_of(
         for position, component in np.argwhere(share > 0.0)
     )
     # The rest of the combination is carried by rows that vanish: a basic solution names few.
-    reactions = _reactions(still, -(weights @ moving), threshold)
+    carried = reactions(still, -(weights @ moving), threshold)
     owners, places = list(contacts), [0] * len(contacts)
     if rule is SignRule.EXACT:
         zeros = np.flatnonzero(signs.ravel() == 0)
         owners += [contacts[index // 2] for index in zeros]
         places += [int(1 + index % 2) for index in zeros]
-    largest = max(1.0, np.abs(reactions).max(initial=0.0))
+    largest = max(1.0, np.abs(carried).max(initial=0.0))
     combination, carrying = np.zeros(seen.shape[:2]), set[int]()
     combination[list(contacts), 1:] = signs * share
-    for owner, place, reaction in zip(owners, places, reactions, strict=True):
+    for owner, place, reaction in zip(owners, places, carried, strict=True):
         if abs(reaction) > TAKES_PART * largest:
             carrying.add(owner)
             combination[owner, place] = reaction
@@ -65,14 +65,14 @@ def conflict_of(
     return Conflict(items, others, read_only(combination))
 
 
-def _reactions(still: FloatArray, rest: FloatArray, threshold: float) -> FloatArray:
+def reactions(still: FloatArray, rest: FloatArray, threshold: float) -> FloatArray:
     """Weights of rows that vanish which make up for the rest of a combination, few if possible."""
     try:
         halves, _ = nnls(np.hstack([still.T, -still.T]), rest)
         if np.isfinite(halves).all():
-            reactions: FloatArray = halves[: len(still)] - halves[len(still) :]
-            if np.linalg.norm(reactions @ still - rest) < threshold:
-                return reactions
+            found: FloatArray = halves[: len(still)] - halves[len(still) :]
+            if np.linalg.norm(found @ still - rest) < threshold:
+                return found
     except RuntimeError:
         pass
     return np.linalg.lstsq(still.T, rest)[0].astype(np.float64)

@@ -43,10 +43,11 @@ def enumerate_modes(
             larger mode allows every force of a smaller one.
 
     Raises:
-        ArgumentError: If a rule is not known.
+        ArgumentError: If a rule is not known or lists no modes.
     """
     checked_problem(problem)
     rules = Rules.parse(sign_rule, sliding_rule, StaticFriction.VIRTUAL_SLIDING)
+    rules.need_signs("enumerate_modes")
     return feasible_modes(problem, VirtualKinematics(problem), rules, maximal=maximal)
 
 

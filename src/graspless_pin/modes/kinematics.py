@@ -29,7 +29,7 @@ THRESHOLD = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class _Touching:
+class Touching:
     """The motions that leave some contacts touching.
 
     Attributes:
@@ -69,7 +69,7 @@ class VirtualKinematics:
         self.nearest = NearestMotions(self.rows, CLEARLY * threshold)
         self.threshold = threshold
         self.undecided_near = False
-        self._touching: dict[tuple[tuple[int, ...], tuple[int, ...]], _Touching] = {}
+        self._touching: dict[tuple[tuple[int, ...], tuple[int, ...]], Touching] = {}
 
     @cached_property
     def _seen(self) -> tuple[FloatArray, FloatArray]:
@@ -113,7 +113,7 @@ class VirtualKinematics:
             )
         y = touching.basis @ found.motion
         velocities = self.seen @ self._nudged(y, touching.basis, found, rule)
-        return Witness(self._seen[1] @ y, velocities, found.slowest)
+        return Witness(self.scaled_motion(y), velocities, found.slowest)
 
     def _nudged(
         self, y: FloatArray, basis: FloatArray, found: Sliding, rule: SignRule
@@ -178,10 +178,14 @@ class VirtualKinematics:
         still = rule is not SignRule.EXACT or bool((np.abs(here[:, 1:][zero]) <= rest).all())
         return still and bool((along[~zero] >= clear).all())
 
-    def touching_basis(self, contacts: tuple[int, ...]) -> FloatArray:
-        """(r, d) orthonormal basis of the motions y that leave contacts touching."""
+    def touching(self, contacts: tuple[int, ...]) -> Touching:
+        """Return the motions y that leave contacts touching."""
         signs = np.zeros((len(contacts), 2), dtype=int)
-        return self._touching_motions(contacts, signs, SignRule.STRICT).basis
+        return self._touching_motions(contacts, signs, SignRule.STRICT)
+
+    def scaled_motion(self, y: FloatArray) -> FloatArray:
+        """Return the (6 + L,) scaled motion of coordinates y of contact velocities."""
+        return self._seen[1] @ y
 
     def _fastest(
         self,
@@ -189,7 +193,7 @@ class VirtualKinematics:
         signs: NDArray[np.int_],
         rule: SignRule,
         importance: FloatArray | None = None,
-    ) -> tuple[_Touching, Sliding]:
+    ) -> tuple[Touching, Sliding]:
         """Return the motion that slides fastest where it is slowest.
 
         Where none is as fast as the threshold, the weights prove that.
@@ -210,7 +214,7 @@ class VirtualKinematics:
 
     def _touching_motions(
         self, contacts: tuple[int, ...], signs: NDArray[np.int_], rule: SignRule
-    ) -> _Touching:
+    ) -> Touching:
         """Return the motions on which the selected contacts stay touching, kept between calls."""
         zeros: tuple[int, ...] = ()
         if rule is SignRule.EXACT:
@@ -229,7 +233,7 @@ class VirtualKinematics:
             tangential[np.linalg.norm(tangential, axis=2) < RANK_TOLERANCE] = 0.0
             if len(self._touching) >= MOST_KEPT:
                 self._touching.clear()
-            known = self._touching[contacts, zeros] = _Touching(matrix, basis, tangential)
+            known = self._touching[contacts, zeros] = Touching(matrix, basis, tangential)
         return known
 
 

@@ -192,7 +192,7 @@ class Propagation:
             if len(self._bases) >= _MOST_KEPT:
                 self._bases.clear()
             chosen = tuple(np.flatnonzero(contacts).tolist())
-            self._bases[key] = self._kinematics.touching_basis(chosen)
+            self._bases[key] = self._kinematics.touching(chosen).basis
         return self._bases[key]
 
     def _known_ways(

@@ -26,6 +26,8 @@ class SignRule(StrEnum):
     """One component may be zero, and then there is no static friction along it."""
     NONZERO = "nonzero"
     """The vector is nonzero; where one component is zero the friction along it is free."""
+    DIRECTION = "direction"
+    """The vector is nonzero, and friction opposes it exactly: no component has a meaning."""
 
 
 class SlidingRule(StrEnum):
@@ -85,6 +87,28 @@ class Rules:
             choice(SlidingRule, "sliding_rule", sliding_rule),
             choice(StaticFriction, "static_friction", static_friction),
         )
+
+    @property
+    def by_direction(self) -> bool:
+        """Whether friction has to oppose the virtual sliding exactly."""
+        virtual = self.static_friction is StaticFriction.VIRTUAL_SLIDING
+        return self.sign is SignRule.DIRECTION and virtual
+
+    def need_signs(self, what: str) -> None:
+        """Refuse the rule of directions where modes (B, S) are needed.
+
+        Args:
+            what: What needs them, as the subject of a sentence.
+
+        Raises:
+            ArgumentError: Naming it.
+        """
+        if self.by_direction:
+            raise ArgumentError(
+                "sign_rule",
+                f"is 'direction', but {what} needs the signs of a mode; ask for "
+                "'strict', 'exact' or 'nonzero'",
+            )
 
     def options(self) -> RuleOptions:
         """Return the rules as keyword options of the algorithms."""

@@ -46,8 +46,10 @@ def solution_document(solution: TorqueSolution, scene: Scene | None = None) -> d
         Poses are (4, 4) rows of T_world_object, T_world_base.
 
     Raises:
-        ArgumentError: If it is of an objective that no document holds; see `objective_data`.
+        ArgumentError: If it is of an objective that no document holds, see `objective_data`, or
+            under the rule ``direction``.
     """
+    solution.rules.need_signs("a document")
     found, coordinates = solution.found, solution.program.coordinates
     document: dict[str, Any] = {
         "format": DOCUMENT_FORMAT,

@@ -65,7 +65,7 @@ class SolveEntry(Entry):
     algorithm: Literal["margin", "torque"] = "margin"
     margin: NotNegative = Field(default=0.1, description="required margin e_0 of Algorithm 2, N")
     scale: Literal["absolute", "limits"] = "absolute"
-    sign_rule: Literal["strict", "exact", "nonzero"] = "strict"
+    sign_rule: Literal["strict", "exact", "nonzero", "direction"] = "strict"
     sliding_rule: Literal["exempt", "constrained"] = "exempt"
     static_friction: Literal["virtual_sliding", "coulomb"] = "virtual_sliding"
     solver: Name = "auto"
@@ -73,6 +73,9 @@ class SolveEntry(Entry):
     search: Literal["auto", "enumerate"] = "auto"
     node_limit: NodeLimit | None = Field(default=None, description="nodes of the search; no limit")
     time_limit: NotNegative | None = Field(default=None, description="s; no limit")
+    direction_gap: Positive = Field(
+        default=1e-4, ge=1e-6, description="relative gap of sign_rule: direction"
+    )
 
 
 class SceneEntry(Entry):

@@ -249,7 +249,11 @@ class TorqueSolution:
             unit, size = "of the limit", 1.0
         elif self.found and self.algorithm is Algorithm.TORQUE:
             unit, size = self.max_torque_unit, torque_size(self.problem, self.torques)
-        return certificate_text(self.certificate, self.problem, unit, size, found=self.found)
+        text = certificate_text(self.certificate, self.problem, unit, size, found=self.found)
+        if self.found and self.rules.by_direction:
+            inner, outer = (figure(one, size) for one in (self.value, self.certificate.bound))
+            text += f"\nrule of directions, round cones: inner value {inner}, outer {outer} {unit}"
+        return text
 
     def _read(self, value: _Value | None) -> _Value:
         if value is None:

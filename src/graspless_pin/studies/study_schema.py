@@ -144,7 +144,7 @@ class ComputeEntry(Entry):
     algorithm: Literal["margin", "torque"] | None = None
     margin: NotNegative | None = Field(default=None, description="e_0 of Algorithm 2, N")
     scale: Literal["absolute", "limits"] | None = None
-    sign_rule: Literal["strict", "exact", "nonzero"] | None = None
+    sign_rule: Literal["strict", "exact", "nonzero", "direction"] | None = None
     sliding_rule: Literal["exempt", "constrained"] | None = None
     static_friction: Literal["virtual_sliding", "coulomb"] | None = None
     solver: Name | None = None

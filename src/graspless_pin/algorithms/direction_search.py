@@ -1,0 +1,321 @@
+"""Best-first branch and bound over sectors of directions, for the rule ``direction``.
+
+A node gives sectors to some contacts and takes the friction from others. Its program lets friction
+oppose any direction in the sector: an outer value. A virtual motion gives each contact that it
+slides at one direction, and the program with friction opposite to these is an answer: an inner
+value. Where no motion opposes the friction of a node's optimum, sectors about that friction are
+widened as long as no motion slides in all of them. In every answer at least one of those contacts
+slides in another direction or has no friction, which makes the children; no other contact is looked
+at. All sectors lie about friction, so tangents play no part.
+"""
+
+from __future__ import annotations
+
+import heapq
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from graspless_pin.algorithms.limits import NO_LIMITS, Limits
+from graspless_pin.algorithms.mode_oracle import NO_FRICTION
+from graspless_pin.algorithms.search import SearchResult, SearchState, finished
+from graspless_pin.errors import ArgumentError
+from graspless_pin.modes.nearest_motions import CLEARLY, RANK_TOLERANCE
+from graspless_pin.modes.rules import SlidingMode, SlidingRule
+from graspless_pin.modes.sectors import (
+    WIDEST,
+    Exclusion,
+    Sector,
+    SectorMotions,
+    Sectors,
+    other_directions,
+)
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.solution import Status
+from graspless_pin.solvers import PRIMAL_TOLERANCE, Answer, Outcome
+
+_SMALL = 0.01
+"""Optima below this share of the load are found to the gap of this size."""
+_EXACT = 1e-8
+"""Half the width of a sector that is one direction up to rounding, rad."""
+_NARROWEST = 1e-7
+"""Sectors that no motion slides in are not looked at closer than this, rad."""
+_RATIO = 1.3
+"""The widest sectors without a motion are found up to this factor."""
+_GUESS_EVERY = 8
+
+
+@dataclass(frozen=True, eq=False)
+class _Node:
+    """A part of all answers.
+
+    Attributes:
+        sectors: Of the contacts that are presumed to virtually slide; None: any way.
+        released: Contacts without friction.
+        depth: How many branches led here.
+    """
+
+    sectors: Sectors
+    released: frozenset[int]
+    depth: int = 0
+
+    def with_sector(self, contact: int, sector: Sector | None) -> _Node:
+        """Return the part of it in which a contact slides in a sector."""
+        return replace(self, sectors={**self.sectors, contact: sector})
+
+
+def search_directions(state: SearchState, gap: float, limits: Limits = NO_LIMITS) -> SearchResult:
+    """Find the optimum over all virtual motions, friction opposing each, to a proven gap.
+
+    Args:
+        state: The search to run, on a program with round cones.
+        gap: How near it is to be, see `SolveOptions.direction_gap`.
+        limits: When to stop.
+
+    Raises:
+        ArgumentError: If the program is not one of Algorithms 1 and 2, without a regularisation.
+    """
+    objective = state.formulation.objective
+    if objective.algorithm is None or objective.regularization > 0.0:
+        what = "a regularisation" if objective.algorithm else f"the objective {objective.name!r}"
+        raise ArgumentError(
+            "sign_rule",
+            f"is 'direction', which does not take {what}: only the largest margin and the smallest "
+            "torque without a regularisation; ask for 'strict', 'exact' or 'nonzero'",
+        )
+    answer = state.relax()
+    state.nodes += 1
+    if answer.outcome is not Outcome.SOLVED:
+        failed = answer.outcome is Outcome.FAILED
+        return SearchResult(Status.UNVERIFIED if failed else Status.INFEASIBLE_FORCES, state)
+    search = _DirectionSearch(state, gap)
+    try:
+        return search.run(answer, limits)
+    finally:
+        state.oracle.kinematic_programs += search.motions.programs
+
+
+class _DirectionSearch:
+    """What the nodes of one search share.
+
+    Attributes:
+        state: The best answer, the bound and the counters.
+        motions: Virtual motions in sectors.
+        always: Contacts in actual sliding that have to slide virtually, too.
+    """
+
+    def __init__(self, state: SearchState, gap: float) -> None:
+        self.state, self._gap = state, gap
+        self._formulation = state.formulation
+        self._cones = self._formulation.cone_contacts
+        self.motions = SectorMotions(self._formulation.kinematics)
+        problem = self._formulation.problem
+        constrained = state.rules.sliding is SlidingRule.CONSTRAINED
+        self.always = np.flatnonzero(problem.is_sliding & constrained).tolist()
+
+    def run(self, answer: Answer, limits: Limits) -> SearchResult:
+        """Search from the answer to the relaxation on."""
+        state, left, born = self.state, np.inf, 0
+        queue: list[tuple[float, int, int, _Node]] = []
+        bound, node = answer.bound, _Node(dict.fromkeys(self.always), frozenset())
+        while True:
+            if answer.outcome is Outcome.SOLVED and not self._closed(bound):
+                children = self._children(node, answer)
+            else:
+                children = None
+            if children is None:
+                left = min(left, bound)
+            for child in children or []:
+                born += 1
+                # Best bound first; among equals the deepest, then the youngest.
+                heapq.heappush(queue, (bound, -child.depth, -born, child))
+            while True:
+                if not queue:
+                    state.raise_bound(left)
+                    return finished(state)
+                bound, _, _, node = heapq.heappop(queue)
+                state.raise_bound(min(bound, left))
+                if self._closed(bound):
+                    return finished(state)
+                if limits.end(state.nodes):
+                    return finished(state, interrupted=True)
+                if not isinstance(self.motions.find(node.sectors), Exclusion):
+                    break
+            state.nodes += 1
+            answer = self._solve(self._friction(node))
+            bound = max(bound, answer.bound)
+
+    def _closed(self, bound: float) -> bool:
+        """Whether nothing at or above a bound beats the best answer by more than the gap."""
+        return self._enough <= bound
+
+    @property
+    def _enough(self) -> float:
+        """A value that is worth no further search."""
+        best = self.state.best_value
+        return best - self._gap * max(abs(best), _SMALL) if np.isfinite(best) else np.inf
+
+    def _friction(self, node: _Node) -> Sectors:
+        """Return what a node says of contacts with friction."""
+        told = {one: node.sectors.get(one) for one in self._cones}
+        return {one: way for one, way in told.items() if way is not None or one in node.released}
+
+    def _solve(self, friction: Sectors) -> Answer:
+        """Solve the program with friction opposite to sectors; None: without friction."""
+        state = self.state
+        state.force_programs += 1
+        answer = self._formulation.solve_along(friction, state.solver, cutoff=self._enough)
+        if answer.outcome is Outcome.FAILED:
+            state.unproven_bound = min(state.unproven_bound, answer.bound)
+        return answer
+
+    def _children(self, node: _Node, answer: Answer) -> list[_Node] | None:
+        """Keep what the node's optimum leads to; split the node where it is not an answer.
+
+        None where nothing in the node is better than what was kept by more than the gap, or it
+        cannot be split.
+        """
+        state = self.state
+        state.modes_examined += 1
+        rubbing = self._rubbing(answer.x)
+        held = {contact: node.sectors[contact] for contact in self.always}
+        exact = {contact: Sector(angle, _EXACT) for contact, angle in rubbing.items()}
+        found = self.motions.find({**held, **exact})
+        if isinstance(found, Exclusion):
+            motion, sectors, exclusion, width = self._widest(node, rubbing, exact, found)
+            if motion is None or not self.motions.opposes(motion, rubbing):
+                if motion is not None:
+                    self._try(motion, rubbing)
+                if motion is None or state.modes_examined % _GUESS_EVERY == 1:
+                    self._guess(answer.x, rubbing)
+                if self._closed(answer.bound):
+                    return None
+                if width < _NARROWEST:
+                    state.unproven_bound = min(state.unproven_bound, answer.bound)
+                    return None
+                return self._resolving(node, sectors, exclusion, answer.x)
+        else:
+            motion = found
+        still = [one for one in self.always if one not in self.motions.directions(motion)]
+        if still:
+            return self._moved(node, still[0])
+        self._keep(self._without_traces(answer, rubbing), motion, rubbing)
+        return None
+
+    def _rubbing(self, x: FloatArray) -> dict[int, float]:
+        """Angles of the sliding that the friction in x opposes, where there is friction."""
+        friction = x[self._formulation.cone_columns[0]]
+        rubs = np.hypot(friction[:, 0], friction[:, 1]) > NO_FRICTION
+        angles = np.arctan2(-friction[:, 1], -friction[:, 0]).tolist()
+        return {one: angles[i] for i, one in enumerate(self._cones) if rubs[i]}
+
+    def _widest(
+        self, node: _Node, rubbing: dict[int, float], exact: Sectors, exclusion: Exclusion
+    ) -> tuple[FloatArray | None, Sectors, Exclusion, float]:
+        """Widen sectors about the friction as long as no motion slides in all of them.
+
+        Returns:
+            A motion in sectors little wider, None if there is none in the widest; the sectors, why
+            no motion slides in them, and half the width of those little wider.
+        """
+        sectors, motion, low, high = exact, None, _EXACT, WIDEST
+        half = high
+        while high > _RATIO * low:
+            wider = dict(node.sectors)
+            for contact, angle in rubbing.items():
+                own = node.sectors.get(contact)
+                wider[contact] = Sector(angle, half) if own is None else own.around(angle, half)
+            found = self.motions.find(wider)
+            if isinstance(found, Exclusion):
+                low, sectors, exclusion = half, wider, found
+            else:
+                high, motion = half, found
+            half = (low * high**2) ** (1.0 / 3.0)
+        return motion, sectors, exclusion, high
+
+    def _resolving(
+        self, node: _Node, sectors: Sectors, exclusion: Exclusion, x: FloatArray
+    ) -> list[_Node]:
+        """Children that each take one contact out of an exclusion.
+
+        A child presumes that the contacts before its own slide in their sectors, so that no two
+        overlap.
+        """
+        columns = self._formulation.coordinates.tangent
+        size = {
+            contact: float(np.hypot(*x[columns[contact]])) if contact in self._cones else 0.0
+            for contact in exclusion.touching
+        }
+        # First what can only be turned, then the largest friction: those children are worst.
+        order = sorted(size, key=lambda one: (one not in node.sectors, -size[one]))
+        children, rest = [], replace(node, depth=node.depth + 1)
+        for contact in order:
+            own, part = node.sectors.get(contact), sectors.get(contact)
+            if contact not in node.sectors:
+                children.append(replace(rest, released=rest.released | {contact}))
+            if contact in exclusion.directed and part is not None:
+                others = other_directions(part) if own is None else own.beside(part)
+                children += [rest.with_sector(contact, other) for other in others]
+                own = part
+            rest = rest.with_sector(contact, own)
+        return children
+
+    def _moved(self, node: _Node, contact: int) -> list[_Node]:
+        """Children in which a contact slides somewhere, about its actual sliding."""
+        own, problem = node.sectors[contact], self._formulation.problem
+        if own is not None:
+            thirds = [Sector(own.middle + k * own.half * 2 / 3, own.half / 3) for k in (-1, 0, 1)]
+        else:
+            along = problem.tangents[contact].T @ problem.sliding[contact]
+            ahead = Sector(float(np.arctan2(along[1], along[0])), np.pi / 3.0)
+            thirds = [ahead, *other_directions(ahead)]
+        deeper = replace(node, depth=node.depth + 1)
+        return [deeper.with_sector(contact, third) for third in thirds]
+
+    def _try(self, motion: FloatArray, rubbing: dict[int, float]) -> None:
+        """Keep the best answer whose friction opposes a motion, if it is better.
+
+        Where the motion is as good as along the friction looked at, it is taken to be: rounding
+        turns slow slidings most.
+        """
+        angles, opposes = self.motions.directions(motion), self.motions.opposes
+        angles |= {one: angle for one, angle in rubbing.items() if opposes(motion, {one: angle})}
+        if not angles.keys() >= set(self.always):
+            return
+        ways = {one: Sector(angles[one], 0.0) if one in angles else None for one in self._cones}
+        answer = self._solve(ways)
+        if answer.outcome is Outcome.SOLVED:
+            self._keep(answer, motion, self._rubbing(answer.x))
+
+    def _guess(self, x: FloatArray, rubbing: dict[int, float]) -> None:
+        """Try the motion whose sliding opposes the friction in x best by least squares."""
+        contacts = [*rubbing, *self.always]
+        wanted = np.zeros((len(contacts), 2))
+        wanted[: len(rubbing)] = -x[self._formulation.coordinates.tangent[[*rubbing]]]
+        sliding, motion = self.motions.kinematics.nearest.sliding(tuple(contacts), wanted)
+        if sliding is not None:
+            self._try(motion, rubbing)
+
+    def _without_traces(self, answer: Answer, rubbing: dict[int, float]) -> Answer:
+        """Return an answer without friction too small to count, where that breaks no constraint."""
+        x, program = answer.x.copy(), self._formulation.program
+        for contact in set(self._cones) - rubbing.keys():
+            x[self._formulation.coordinates.tangent[contact]] = 0.0
+        residual = program.residual(x)
+        return answer.moved(x, answer.value, residual) if residual <= PRIMAL_TOLERANCE else answer
+
+    def _keep(self, answer: Answer, motion: FloatArray, rubbing: dict[int, float]) -> None:
+        """Keep an answer and the motion behind it, if it is the best so far."""
+        state, kinematics = self.state, self.motions.kinematics
+        if answer.value >= state.best_value:
+            return
+        velocities = kinematics.rows @ motion
+        selection = np.zeros(len(velocities), dtype=bool)
+        selection[[*rubbing, *self.always]] = True
+        size, along = float(np.linalg.norm(velocities)), velocities[:, 1:]
+        moves = selection[:, None] & (np.abs(along) > RANK_TOLERANCE * size)
+        slowest = np.linalg.norm(along[selection], axis=1).min(initial=np.inf)
+        state.oracle.is_clear = bool(slowest >= CLEARLY * kinematics.threshold * size)
+        state.oracle.witness = motion
+        signs = np.where(moves, np.sign(along), 0.0).astype(np.int8)
+        state.keep(answer, SlidingMode.unchecked(selection, signs))

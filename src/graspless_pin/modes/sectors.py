@@ -1,0 +1,167 @@
+"""Virtual motions that slide in given sectors of directions, or why there are none.
+
+The rule of directions asks friction to oppose the virtual sliding exactly. A sector is an interval
+of angles about a contact's normal: friction opposes the directions in it, the sliding is in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple, Self
+
+import numpy as np
+
+from graspless_pin.modes.conflicts import reactions
+from graspless_pin.modes.fastest_sliding import TAKES_PART, fastest_sliding
+from graspless_pin.modes.kinematics import VirtualKinematics
+from graspless_pin.modes.nearest_motions import CLEARLY, RANK_TOLERANCE
+from graspless_pin.problem.checks import FloatArray
+
+WIDEST = np.deg2rad(80.0)
+"""Half of the widest sector: beyond a half-plane a sector is no convex cone."""
+
+
+class Sector(NamedTuple):
+    """Directions from an angle less half the width to as much more, from t1 towards t2, rad."""
+
+    middle: float
+    half: float
+
+    @property
+    def edges(self) -> FloatArray:
+        """(2, 2) unit vectors along its first and its last direction, as columns."""
+        first, last = self.middle - self.half, self.middle + self.half
+        return np.array([[np.cos(first), np.cos(last)], [np.sin(first), np.sin(last)]])
+
+    def around(self, angle: float, half: float) -> Self:
+        """Return what it shares with a sector about an angle, if only the nearest direction."""
+        offset = (angle - self.middle + np.pi) % (2.0 * np.pi) - np.pi
+        low = min(max(offset - half, -self.half), self.half)
+        high = max(min(offset + half, self.half), -self.half)
+        return self._replace(middle=self.middle + 0.5 * (low + high), half=0.5 * (high - low))
+
+    def beside(self, part: Sector) -> list[Sector]:
+        """Return its pieces on both sides of a part of it."""
+        low, high = self.middle - self.half, self.middle + self.half
+        ends = (low, part.middle - part.half), (part.middle + part.half, high)
+        return [Sector(0.5 * (a + b), 0.5 * (b - a)) for a, b in ends if b > a]
+
+
+def other_directions(part: Sector) -> list[Sector]:
+    """Return sectors of equal width that are all directions but those of one sector."""
+    left = np.pi - part.half
+    count = int(np.ceil(left / WIDEST))
+    half = left / count
+    first = part.middle + part.half
+    return [Sector(first + (2 * index + 1) * half, half) for index in range(count)]
+
+
+Sectors = Mapping[int, Sector | None]
+"""Sectors by selected contact; None: it may slide any way."""
+
+
+class Exclusion(NamedTuple):
+    """A proof that no motion slides in all sectors: what they ask has a vanishing combination.
+
+    Attributes:
+        directed: Contacts whose sectors take part.
+        touching: Contacts that take part by being selected; those of `directed` are among them.
+    """
+
+    directed: frozenset[int]
+    touching: frozenset[int]
+
+
+class SectorMotions:
+    """Virtual motions of one problem that slide in sectors, by the rule for what counts as one.
+
+    Attributes:
+        kinematics: The virtual motions.
+        programs: How many feasibility problems were solved so far.
+    """
+
+    def __init__(self, kinematics: VirtualKinematics) -> None:
+        """Take the virtual motions."""
+        self.kinematics = kinematics
+        self.programs = 0
+
+    def find(self, sectors: Sectors) -> FloatArray | Exclusion:
+        """Return a motion that slides in all sectors, or why none does.
+
+        What is asked is a little less than the rule where a sector is wide: the sliding along its
+        middle, over the cosine of half its width, is held against the threshold. So an exclusion is
+        a proof; what a motion really does is told by `directions`.
+
+        Args:
+            sectors: Of the selected contacts, which keep touching.
+
+        Returns:
+            (6 + L,) the motion, scaled, zero where nothing is asked; or an exclusion.
+
+        Raises:
+            UndecidedMotionError: If no solver decides.
+        """
+        kinematics, contacts = self.kinematics, tuple(sorted(sectors))
+        touching = kinematics.touching(contacts)
+        directed = [place for place, one in enumerate(contacts) if sectors[one] is not None]
+        if not directed:
+            return np.zeros(len(kinematics.scale))
+        ways = np.array([_rows(sectors[contacts[place]]) for place in directed])
+        moving = (ways @ touching.tangential[directed]).reshape(-1, touching.basis.shape[1])
+        strict = np.tile([0.0, 0.0, 1.0], len(directed))
+        self.programs += 1
+        found = fastest_sliding(moving, strict, np.ones(len(moving)), kinematics.threshold)
+        if found.slowest >= kinematics.threshold:
+            return kinematics.scaled_motion(touching.basis @ found.motion)
+        if kinematics.threshold <= CLEARLY * np.linalg.norm(found.motion):
+            kinematics.undecided_near = True
+        weights = np.where(found.weights > TAKES_PART * found.weights.max(), found.weights, 0.0)
+        weights = weights.reshape(len(directed), 3)
+        whole = ways @ kinematics.seen[[contacts[place] for place in directed], 1:]
+        rest = -np.einsum("ki,kir->r", weights, whole)
+        carry = np.abs(reactions(touching.still, rest, kinematics.threshold))
+        least = TAKES_PART * max(1.0, carry.max(initial=0.0))
+        ruled = frozenset(
+            contacts[place] for place, own in zip(directed, weights, strict=True) if own.any()
+        )
+        carrying = {one for one, size in zip(contacts, carry, strict=True) if size > least}
+        return Exclusion(ruled, ruled | carrying)
+
+    def directions(self, motion: FloatArray) -> dict[int, float]:
+        """Angles of the sliding at the contacts that a motion may be behind the friction of.
+
+        These touch all along it and slide fast enough to count.
+
+        Args:
+            motion: (6 + L,) scaled.
+        """
+        velocities = self.kinematics.rows @ motion
+        size, speeds = np.linalg.norm(velocities), np.hypot(velocities[:, 1], velocities[:, 2])
+        counts = np.abs(velocities[:, 0]) <= RANK_TOLERANCE * size
+        counts &= (speeds > 0.0) & (speeds >= self.kinematics.threshold * size)
+        angles = np.arctan2(velocities[:, 2], velocities[:, 1])
+        return {one: float(angles[one]) for one in np.flatnonzero(counts).tolist()}
+
+    def opposes(self, motion: FloatArray, angles: Mapping[int, float]) -> bool:
+        """Return whether a motion slides at given angles, by the rule for motions.
+
+        Args:
+            motion: (6 + L,) scaled.
+            angles: Of the contacts that have to slide, rad.
+        """
+        velocities = self.kinematics.rows @ motion
+        size, here = float(np.linalg.norm(velocities)), velocities[list(angles)]
+        turn = np.array(list(angles.values()))
+        along = here[:, 1] * np.cos(turn) + here[:, 2] * np.sin(turn)
+        across = here[:, 2] * np.cos(turn) - here[:, 1] * np.sin(turn)
+        still = np.abs([here[:, 0], across]) <= RANK_TOLERANCE * size
+        return bool(still.all() and (along >= self.kinematics.threshold * size).all())
+
+
+def _rows(sector: Sector | None) -> FloatArray:
+    """(3, 2) inward normals of a sector's sides, and its middle over the cosine of half of it."""
+    middle, half = sector if sector is not None else (0.0, 0.0)
+    angles = np.array([middle - half + 0.5 * np.pi, middle + half - 0.5 * np.pi, middle])
+    rows = np.column_stack([np.cos(angles), np.sin(angles)])
+    rows[2] /= np.cos(half)
+    return rows
