@@ -17,9 +17,11 @@ import numpy as np
 
 from graspless_pin.drafts import draft_of
 from graspless_pin.errors import SceneError
+from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.report.objective_data import objective_data
 from graspless_pin.report.proof_data import multipliers_data, proof_data
 from graspless_pin.report.provenance import provenance
+from graspless_pin.report.verdict_data import verdict_data
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
 
@@ -28,7 +30,9 @@ DOCUMENT_FORMAT = 2
 _ROW = re.compile(r"\[[-+.\deE,\s]*\]")
 
 
-def solution_document(solution: TorqueSolution, scene: Scene | None = None) -> dict[str, Any]:
+def solution_document(
+    solution: TorqueSolution, scene: Scene | None = None, verdict: StabilityVerdict | None = None
+) -> dict[str, Any]:
     """Return the document of a solution, with its whole proof.
 
     Nothing is solved for it but what `solution.proof` takes when it is first asked for.
@@ -37,12 +41,14 @@ def solution_document(solution: TorqueSolution, scene: Scene | None = None) -> d
         solution: The solution, found or not.
         scene: The scene that it is of; None for a problem made from arrays, whose points are then
             relative to its own reference point.
+        verdict: Whether the object stays with the solution's torques.
 
     Returns:
         Plain data for `json.dumps`: ``format``, ``status``, ``found``, the options, ``objective``
         (where it is none of the paper's), ``margin`` (N), ``max_torque`` with its unit, ``scales``,
         ``object_inertia``, ``joint_inertia``, ``gravity``, ``object``, ``hand``, ``joints``,
-        ``contacts``, ``certificate``, ``multipliers``, ``proof`` and ``provenance``.
+        ``contacts``, ``certificate``, ``multipliers``, ``proof``, ``stability`` (see
+        `verdict_data`) and ``provenance``.
         Poses are (4, 4) rows of T_world_object, T_world_base.
 
     Raises:
@@ -87,6 +93,8 @@ def solution_document(solution: TorqueSolution, scene: Scene | None = None) -> d
     elif solution.explanation:
         document["explanation"] = solution.explanation
     document["proof"] = proof_data(solution)
+    if verdict is not None:
+        document["stability"] = verdict_data(verdict)
     document["provenance"] = provenance(solution.problem, None if scene is None else scene.path)
     return _plain(document)
 

@@ -28,6 +28,7 @@ from graspless_pin.report.verify.motions import motion_check, velocities
 from graspless_pin.report.verify.multipliers import stated_multipliers
 from graspless_pin.report.verify.outcome import Check, Verification, agrees, holds, within
 from graspless_pin.report.verify.reading import CHECKED_FORMAT, read_forces, read_mode, read_problem
+from graspless_pin.report.verify.rest import rest_checks
 from graspless_pin.report.verify.states import State
 from graspless_pin.report.verify.taken_as_given import taken_as_given
 from graspless_pin.report.verify.tree import Proof, TreeWalk
@@ -110,7 +111,7 @@ class _Checker:
             checks += self._found()
         else:
             checks += self._not_found()
-        return checks
+        return checks + rest_checks(self.document, self.problem)
 
     def _statements(self) -> list[Check]:
         """Return what is said of the answer as a whole, and the scales."""

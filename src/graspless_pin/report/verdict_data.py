@@ -1,0 +1,83 @@
+"""A verdict on rest as it stands in a document, under ``stability``."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from graspless_pin.holding.verdict import (
+    DualBound,
+    DynamicOutcome,
+    OutcomeSet,
+    RestProof,
+    StabilityVerdict,
+)
+
+
+def verdict_data(verdict: StabilityVerdict) -> dict[str, Any]:
+    """Return the data of a verdict, with its whole proof.
+
+    Multipliers are scaled: with M = C C^T the inertia of object and joints, g the load on them,
+    H = |C^-1 g| and alpha the longest row of G C^-T, accelerations count in H C^-T, forces in
+    H / alpha.
+
+    Returns:
+        ``status``, ``message``, ``acceleration_resolution``, ``acceleration_limit`` (m/s^2),
+        ``rest_forces`` (N), ``motion``, ``no_rest``, ``programs``, ``nodes`` and ``proof``.
+    """
+    return {
+        "status": str(verdict.status),
+        "message": verdict.message,
+        "acceleration_resolution": verdict.acceleration_resolution,
+        "acceleration_limit": verdict.acceleration_limit,
+        "rest_forces": verdict.rest_forces,
+        "motion": None if verdict.motion is None else _motion(verdict.motion),
+        "no_rest": verdict.no_rest,
+        "programs": verdict.programs,
+        "nodes": verdict.nodes,
+        "proof": None if verdict.proof is None else _proof(verdict.proof),
+    }
+
+
+def _motion(motion: DynamicOutcome) -> dict[str, Any]:
+    return {
+        "object_acceleration": motion.object_acceleration,
+        "joint_accelerations": motion.joint_accelerations,
+        "contact_forces": motion.contact_forces,
+        "states": [str(state) for state in motion.states],
+        "point_acceleration": motion.point_acceleration,
+    }
+
+
+def _proof(proof: RestProof) -> dict[str, Any]:
+    """Return the proof; nodes of a tree depth first, each with the number of its children."""
+    nodes = None
+    if proof.tree is not None:
+        nodes, waiting = [], [proof.tree]
+        while waiting:
+            node = waiting.pop()
+            nodes.append(_node(node))
+            waiting += reversed(node.children)
+    return {
+        "loads": [
+            {"contact": one.contact, "force": one.force, "multipliers": _multipliers(one.dual)}
+            for one in proof.loads
+        ],
+        "forces": proof.forces,
+        "force_limit": proof.force_limit,
+        "nodes": nodes,
+    }
+
+
+def _node(node: OutcomeSet) -> dict[str, Any]:
+    return {
+        "contact": node.contact,
+        "state": str(node.state),
+        "slip": None if node.slip is None else [node.slip.center, node.slip.half_width],
+        "multipliers": None if node.dual is None else _multipliers(node.dual),
+        "forced": [_multipliers(dual) for dual in node.forced],
+        "children": len(node.children),
+    }
+
+
+def _multipliers(dual: DualBound) -> dict[str, Any]:
+    return {"motion": dual.motion, "normal": dual.normal, "tangential": dual.tangential}

@@ -1,0 +1,247 @@
+"""What multipliers prove of all outcomes at rest in which contacts are in given states.
+
+An outcome is accelerations of object and joints and contact forces that the laws of rigid bodies
+and of Coulomb allow together. Scaled as `RestDynamics` says, y = A^T f + h, u = A y, and
+|y|^2 + sum mu f_n |u_t| = h.y. For any multipliers lambda, nu and kappa, and beta >= 0, with
+c = q + A lambda and v = p - lambda + sum (nu A_n + kappa.A_t), the goal p.y + q.f is therefore at
+most
+
+    lambda.h + sum c.f + v.y + beta (h.y - |y|^2) - sum (kappa.u_t + beta mu f_n |u_t|) - nu.u_n.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+
+from graspless_pin.report.verify.figures import Problem
+
+_NORMAL = 1e-9
+
+
+class Kind(StrEnum):
+    """What is known of one contact in a part of all outcomes."""
+
+    FREE = "free"
+    OPEN = "open"
+    CLOSED = "closed"
+    STICKING = "sticking"
+    SLIPPING = "slipping"
+
+
+@dataclass(frozen=True, eq=False)
+class RestDynamics:
+    """Equations of motion with M = C C^T, g the load on object and joints, H = |C^-1 g|.
+
+    Attributes:
+        rows: (M, 3, n) A = G C^-T / alpha along n, t1, t2; zero along a commanded normal.
+        load: (n,) h = C^-1 g / H, a unit vector.
+        friction: (M,).
+        commanded: (M,) forces that hybrid fingers command, scaled; NaN elsewhere.
+        force_unit: H / alpha, N, with alpha the longest row of G C^-T.
+        accelerations: (6 + L, n) H C^-T, zero for hybrid fingers' columns.
+        points: (M + 1, 3, n) from y to the accelerations of contact points and centre, m/s^2.
+    """
+
+    rows: np.ndarray
+    load: np.ndarray
+    friction: np.ndarray
+    commanded: np.ndarray
+    force_unit: float
+    accelerations: np.ndarray
+    points: np.ndarray
+
+    @property
+    def reach(self) -> float:
+        """The largest acceleration of a point at |y| = 1, m/s^2."""
+        return float(np.linalg.norm(self.points, ord=2, axis=(1, 2)).max())
+
+
+def contact_motion(problem: Problem) -> np.ndarray:
+    """(M, 3, 6 + L) G in contact frames: accelerations of the object relative to the others."""
+    x, y, z = problem.p.T
+    o = np.zeros_like(x)
+    turning = np.array([[o, z, -y], [-z, o, x], [y, -x, o]]).transpose(2, 0, 1)
+    own = np.broadcast_to(np.eye(3), turning.shape)
+    return problem.frames @ np.concatenate([own, turning, -problem.J], axis=2)
+
+
+def commanded_contacts(problem: Problem, joint_inertia: np.ndarray) -> np.ndarray:
+    """(L,) contact whose normal force a column commands; -1: a joint."""
+    contacts = np.full(len(problem.units), -1)
+    acts = (problem.J != 0.0).any(axis=1).reshape(problem.count, -1)
+    for column in np.flatnonzero(~joint_inertia.any(axis=0)).tolist():
+        where = np.flatnonzero(acts[:, column]).tolist()
+        if len(where) == 1 and acts[where[0]].sum() == 1:
+            off = problem.J[where[0], :, column] - problem.frames[where[0], 0]
+            contacts[column] = where[0] if np.abs(off).max() <= _NORMAL else -1
+    return contacts
+
+
+def rest_dynamics(
+    problem: Problem, load: np.ndarray, inertia: np.ndarray, hybrid: np.ndarray
+) -> RestDynamics | None:
+    """Return the scaled dynamics; None where there is no load, and nothing accelerates.
+
+    Args:
+        problem: Contacts and joints.
+        load: (6 + L,) external wrench, and torques less those that bear the links' weight.
+        inertia: (6 + L, 6 + L).
+        hybrid: (L,) of `commanded_contacts`.
+    """
+    motion, given = contact_motion(problem), load.copy()
+    commanded = np.full(problem.count, np.nan)
+    for column in np.flatnonzero(hybrid >= 0):
+        contact = hybrid[column]
+        commanded[contact] = load[6 + column]
+        given[:6] += load[6 + column] * motion[contact, 0, :6]
+        motion[contact, 0] = 0.0
+    kept = np.concatenate([np.ones(6, dtype=bool), hybrid < 0])
+    back = np.linalg.inv(np.linalg.cholesky(inertia[np.ix_(kept, kept)])).T
+    h = back.T @ given[kept]
+    size = float(np.linalg.norm(h))
+    if size == 0.0:
+        return None
+    rows = motion[:, :, kept] @ back
+    alpha = float(np.linalg.norm(rows, axis=2).max())
+    accelerations = np.zeros((len(load), len(h)))
+    accelerations[kept] = size * back
+    centre = np.concatenate([np.eye(3), np.zeros((3, 3))], axis=1)
+    on_object = np.swapaxes(problem.frames, 1, 2) @ contact_motion(problem)[:, :, :6]
+    points = np.concatenate([on_object, centre[None]]) @ accelerations[:6]
+    return RestDynamics(rows / alpha, h / size, problem.mu, commanded * alpha / size, size / alpha,
+                    accelerations, points)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class RestMultipliers:
+    """Of the dynamics (n,), the normal accelerations (M,) and the tangential ones (M, 2)."""
+
+    motion: np.ndarray
+    normal: np.ndarray
+    tangential: np.ndarray
+
+    def reversed(self) -> RestMultipliers:
+        """Return their opposites."""
+        return RestMultipliers(-self.motion, -self.normal, -self.tangential)
+
+
+@dataclass(frozen=True, eq=False)
+class KnownStates:
+    """What is known of each contact in a part of all outcomes.
+
+    Attributes:
+        kinds: M states: an open contact has no force; a closed one does not part; a sticking one
+            does not slip, either; a slipping one slips in its arc, with friction against it.
+        center: (M,) middle of the arc, from t1 to t2, rad.
+        half_width: (M,) rad; pi: any direction.
+        parts: (M,) largest u_n of a contact that counts as closed.
+        slips: (M,) largest |u_t| of a contact that counts as sticking.
+    """
+
+    kinds: tuple[Kind, ...]
+    center: np.ndarray
+    half_width: np.ndarray
+    parts: np.ndarray
+    slips: np.ndarray
+
+    @classmethod
+    def unknown(cls, count: int) -> KnownStates:
+        """Return the states of all outcomes."""
+        zeros = np.zeros(count)
+        return cls((Kind.FREE,) * count, zeros, np.full(count, np.pi), zeros, zeros)
+
+    def are(self, *kinds: Kind) -> np.ndarray:
+        """Return which contacts are in one of some states, (M,)."""
+        return np.array([kind in kinds for kind in self.kinds])
+
+    def changed(
+        self, contact: int, kind: Kind, arc: tuple[float, float] = (0.0, np.pi), most: float = 0.0
+    ) -> KnownStates:
+        """Return these states with one contact's replaced.
+
+        Args:
+            contact: Its index.
+            kind: Its state.
+            arc: Middle and half width of the arc of its slip, rad.
+            most: How far it parts or slips all the same.
+        """
+        kinds = (*self.kinds[:contact], kind, *self.kinds[contact + 1 :])
+        center, half_width = self.center.copy(), self.half_width.copy()
+        center[contact], half_width[contact] = arc
+        changed = replace(self, kinds=kinds, center=center, half_width=half_width)
+        name = {Kind.CLOSED: "parts", Kind.STICKING: "slips"}.get(kind)
+        if name is None:
+            return changed
+        tolerances = getattr(self, name).copy()
+        tolerances[contact] = max(float(tolerances[contact]), most)
+        return replace(changed, **{name: tolerances})
+
+
+def _least_along(vectors: np.ndarray, center: np.ndarray, half_width: np.ndarray) -> np.ndarray:
+    """Return the least product of each vector (M, 2) with a unit vector of its arc."""
+    turned = np.arctan2(vectors[:, 1], vectors[:, 0]) - center
+    away = np.abs((turned + np.pi) % (2.0 * np.pi) - np.pi)
+    return np.linalg.norm(vectors, axis=1) * np.cos(np.minimum(away + half_width, np.pi))
+
+
+def largest_goal(
+    dynamics: RestDynamics,
+    states: KnownStates,
+    loads: np.ndarray,
+    multipliers: RestMultipliers,
+    goal: tuple[np.ndarray, np.ndarray],
+    force_limit: float,
+) -> float:
+    """Return what p.y + q.f is at most in all outcomes in these states.
+
+    Args:
+        dynamics: The scaled dynamics.
+        states: Of the contacts.
+        loads: (M,) normal forces that every outcome has at least, scaled.
+        multipliers: lambda, nu and kappa.
+        goal: p (n,) and q (M, 3).
+        force_limit: Normal forces are at most this, scaled.
+    """
+    (p, q), rows, mu = goal, dynamics.rows, dynamics.friction
+    held = np.isfinite(dynamics.commanded)
+    none, sticks = states.are(Kind.OPEN), states.are(Kind.STICKING)
+    center, half_width = (
+        states.center,
+        np.where(states.are(Kind.SLIPPING), states.half_width, np.pi),
+    )
+    nu = np.where(
+        states.are(Kind.FREE, Kind.OPEN), np.maximum(multipliers.normal, 0.0), multipliers.normal
+    )
+    nu = np.where(held, 0.0, nu)
+    kappa = multipliers.tangential
+    # c.f: friction mu f_n against the slip, within the cone, or on the arc.
+    c = q + rows @ multipliers.motion
+    least = np.where(held, dynamics.commanded, loads)
+    most = np.where(held, dynamics.commanded, force_limit)
+    gain = np.where(held, q[:, 0], c[:, 0]) - mu * _least_along(c[:, 1:], center, half_width)
+    pushed = np.where(none, 0.0, np.maximum(gain * least, gain * most))
+    bound = float(multipliers.motion @ dynamics.load + pushed.sum())
+    bound += float((np.maximum(-nu, 0.0) * states.parts).sum())
+    bound += float((np.linalg.norm(kappa, axis=1) * states.slips)[sticks].sum())
+    # -kappa.u_t is paid for by beta mu f_n |u_t|, or by the longest slip, since |y| <= 1.
+    wrong = np.where(sticks, 0.0, np.maximum(-_least_along(kappa, center, half_width), 0.0))
+    power = mu * np.where(none, 0.0, least)
+    longest = wrong * np.linalg.norm(rows[:, 1:], axis=(1, 2))
+    v = p - multipliers.motion + nu @ rows[:, 0] + np.einsum("li,lin->n", kappa, rows[:, 1:])
+    return bound + _paid(wrong, power, longest, v, dynamics.load)
+
+
+def _paid(
+    wrong: np.ndarray, power: np.ndarray, longest: np.ndarray, v: np.ndarray, h: np.ndarray
+) -> float:
+    """Return the least over beta of max_y [v.y + beta (h.y - |y|^2)], and of slips not paid for."""
+    size, best = float(np.linalg.norm(v)), np.inf
+    needed = np.where(power > 0.0, wrong / np.where(power > 0.0, power, 1.0), np.inf)
+    needed = np.where(wrong > 0.0, needed, 0.0)
+    for beta in (size, *needed[(needed > size) & np.isfinite(needed)]):
+        ball = float(((v + beta * h) ** 2).sum()) / (4.0 * beta) if beta > 0.0 else 0.0
+        best = min(best, ball + float(longest[needed > beta].sum()))
+    return best

@@ -1,0 +1,241 @@
+"""Go through a proof over contact states: a tree whose leaves together leave out no outcome.
+
+A node says how one contact's state is narrowed. What its children leave out is worked out here: an
+outcome without force at a contact counts as open there, one without parting as closed; one without
+slip sticks, and the arcs of slip have to cover all that is left. Where a node is its parent's only
+child, its multipliers prove that the contact does not part, or does not slip, by more than so much;
+proofs of closed and sticking contacts bear that much. Nodes are listed depth first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from graspless_pin.report.verify.rest_bounds import (
+    Kind,
+    KnownStates,
+    RestDynamics,
+    RestMultipliers,
+    largest_goal,
+)
+from graspless_pin.report.verify.values import array, entry, items, number, whole, word
+
+_MOST_NODES = 100_000
+_DEEPEST = 400
+_ROUNDING = 1e-9
+_PASSED_OVER = {Kind.OPEN: Kind.CLOSED, Kind.SLIPPING: Kind.STICKING}
+"""KnownStates that hold no outcome beside those of another state, where that other is forced."""
+
+
+@dataclass(eq=False)
+class RestNode:
+    """A part of all outcomes as it stands in a document."""
+
+    contact: int
+    kind: Kind
+    arc: tuple[float, float]
+    bound: RestMultipliers | None
+    forced: list[RestMultipliers]
+    children: list[RestNode] = field(default_factory=list)
+
+
+def read_rest_multipliers(given: object, dynamics: RestDynamics, where: str) -> RestMultipliers:
+    """Return multipliers that stand in a document."""
+    count, size = len(dynamics.rows), len(dynamics.load)
+    return RestMultipliers(
+        array(entry(given, "motion", where), (size,), f"motion of {where}"),
+        array(entry(given, "normal", where), (count,), f"normal of {where}"),
+        array(entry(given, "tangential", where), (count, 2), f"tangential of {where}"),
+    )
+
+
+def read_rest_tree(nodes: object, dynamics: RestDynamics) -> RestNode:
+    """Return the root of the tree that the nodes of a document make.
+
+    Raises:
+        ValueError: If they make none.
+    """
+    listed = items(nodes, "nodes of the proof of rest", 1, _MOST_NODES)
+    root: RestNode | None = None
+    waiting: list[tuple[RestNode, int]] = []
+    for index, given in enumerate(listed):
+        where = f"node {index} of the proof of rest"
+        node, count = _read_node(given, dynamics, where, is_root=root is None)
+        if root is None:
+            root = node
+        else:
+            while waiting and waiting[-1][1] == 0:
+                waiting.pop()
+            if not waiting:
+                raise ValueError(f"{where} is left over")
+            parent, left = waiting[-1]
+            waiting[-1] = parent, left - 1
+            parent.children.append(node)
+        waiting.append((node, count))
+        if len(waiting) > _DEEPEST:
+            raise ValueError(f"{where} is deeper than {_DEEPEST} nodes")
+    if root is None or any(left for _, left in waiting):
+        raise ValueError("the proof of rest lacks nodes")
+    return root
+
+
+def _read_node(
+    given: Any, dynamics: RestDynamics, where: str, *, is_root: bool
+) -> tuple[RestNode, int]:
+    """Return a node without its children, and their number."""
+    count = len(dynamics.rows)
+    contact = whole(entry(given, "contact", where), f"contact of {where}", -1, count - 1)
+    kind = Kind(word(entry(given, "state", where), f"state of {where}", tuple(Kind)))
+    if (contact < 0 or kind == Kind.FREE) != is_root:
+        raise ValueError(f"{where} says nothing of a contact" if not is_root else
+                         f"{where} is the root, of which nothing is known")  # fmt: skip
+    arc, slip = (0.0, np.pi), entry(given, "slip", where)
+    if kind == Kind.SLIPPING:
+        center, half_width = array(slip, (2,), f"slip of {where}").tolist()
+        arc = number(center, where), number(half_width, where)
+        if not 0.0 <= half_width <= np.pi:
+            raise ValueError(f"slip of {where} has the half width {half_width:.6g}")
+    bound = entry(given, "multipliers", where)
+    forced = items(entry(given, "forced", where), f"forced of {where}", 0, 2)
+    node = RestNode(
+        contact,
+        kind,
+        arc,
+        None if bound is None else read_rest_multipliers(bound, dynamics, where),
+        [read_rest_multipliers(one, dynamics, where) for one in forced],
+    )
+    return node, whole(entry(given, "children", where), f"children of {where}", 0, _MOST_NODES)
+
+
+@dataclass(eq=False)
+class RestWalk:
+    """A walk through one proof.
+
+    Attributes:
+        dynamics: The scaled dynamics.
+        loads: (M,) normal forces that every outcome has at least, scaled.
+        force_limit: Normal forces that the proof has to reach, scaled.
+        bound: The largest h.y that the leaves leave.
+        leaves: How many there were.
+        failure: Why it is no proof; empty: it is one.
+    """
+
+    dynamics: RestDynamics
+    loads: np.ndarray
+    force_limit: float
+    bound: float = 0.0
+    leaves: int = 0
+    failure: str = ""
+
+    def walk(self, root: RestNode) -> None:
+        """Go through all nodes."""
+        if self._visit(root, KnownStates.unknown(len(self.dynamics.rows))):
+            self._fail("what some nodes pass over is in no other")
+
+    def _visit(self, node: RestNode, states: KnownStates) -> dict[tuple[int, str], float]:
+        """Return by how much closed or sticking contacts of siblings have to part or slip."""
+        if self.failure:
+            return {}
+        if not node.children:
+            self._leaf(node, states)
+            return {}
+        first = node.children[0]
+        if any(child.contact != first.contact for child in node.children):
+            return self._fail(f"children of one node are of contacts {first.contact} and others")
+        if len(node.children) == 1:
+            return self._forced(first, states)
+        why = self._uncovered(node.children, states)
+        if why:
+            return self._fail(f"contact {first.contact}: {why}")
+        needed: dict[tuple[int, str], float] = {}
+        # What is passed over in the others is left to these, which come last.
+        for child in sorted(
+            node.children, key=lambda one: one.kind in (Kind.CLOSED, Kind.STICKING)
+        ):
+            most = needed.pop((child.contact, child.kind), 0.0)
+            changed = states.changed(child.contact, child.kind, child.arc, most)
+            for key, value in self._visit(child, changed).items():
+                needed[key] = max(needed.get(key, 0.0), value)
+        return needed
+
+    def _fail(self, why: str) -> dict[tuple[int, str], float]:
+        self.failure = self.failure or why
+        return {}
+
+    def _leaf(self, node: RestNode, states: KnownStates) -> None:
+        if node.bound is None:
+            self._fail("a leaf has no multipliers")
+            return
+        goal = self.dynamics.load, np.zeros(self.dynamics.rows.shape[:2])
+        proven = largest_goal(self.dynamics, states, self.loads, node.bound, goal, self.force_limit)
+        self.leaves += 1
+        self.bound = max(self.bound, proven) if np.isfinite(proven) else np.inf
+
+    def _forced(self, child: RestNode, states: KnownStates) -> dict[tuple[int, str], float]:
+        """Go on with the state that a contact is proven to be in."""
+        contact, known = child.contact, states.kinds[child.contact]
+        rows, zeros = self.dynamics.rows[contact], np.zeros(self.dynamics.rows.shape[:2])
+
+        def most(row: np.ndarray, multipliers: RestMultipliers) -> float:
+            goal = row, zeros
+            return largest_goal(
+                self.dynamics, states, self.loads, multipliers, goal, self.force_limit
+            )
+
+        count, kind = len(child.forced), child.kind
+        if kind == Kind.CLOSED and known in (Kind.FREE, Kind.OPEN) and count == 1:
+            tolerance = most(rows[0], child.forced[0])
+        elif (
+            child.kind == Kind.STICKING
+            and known in (Kind.CLOSED, Kind.SLIPPING)
+            and len(child.forced) == 2
+        ):
+            ways = [(row, one) for row, one in zip(rows[1:], child.forced, strict=True)]
+            ways += [(-row, one.reversed()) for row, one in ways]
+            sides = np.array([most(row, one) for row, one in ways])
+            tolerance = float(np.linalg.norm(np.maximum(sides[:2], sides[2:])))
+        else:
+            return self._fail(f"contact {contact} cannot be told to be {child.kind}")
+        tolerance = max(tolerance, 0.0)
+        if not np.isfinite(tolerance):
+            return self._fail(f"contact {contact} is not proven to be {child.kind}")
+        if _PASSED_OVER.get(known) == child.kind and not child.children and child.bound is None:
+            return {(contact, child.kind): tolerance}
+        return self._visit(child, states.changed(contact, child.kind, most=tolerance))
+
+    def _uncovered(self, children: list[RestNode], states: KnownStates) -> str:
+        """Say what the states of the children leave out; empty: nothing."""
+        contact = children[0].contact
+        known, kinds = states.kinds[contact], sorted(child.kind for child in children)
+        if kinds == [Kind.CLOSED, Kind.OPEN]:
+            return "" if known == Kind.FREE else f"it is {known} already"
+        arcs = [child.arc for child in children if child.kind == Kind.SLIPPING]
+        if len(children) - len(arcs) > 1 or set(kinds) - {Kind.SLIPPING, Kind.STICKING}:
+            return f"no split into {', '.join(kinds)}"
+        held = np.isfinite(self.dynamics.commanded[contact]) or self.loads[contact] > 0.0
+        if known == Kind.CLOSED or (known == Kind.FREE and held):
+            whole_arc = 0.0, np.pi
+            if Kind.STICKING not in kinds:
+                return "nothing says what happens where it sticks"
+        elif known == Kind.SLIPPING:
+            whole_arc = float(states.center[contact]), float(states.half_width[contact])
+        else:
+            return f"it is {known}, and does not slip"
+        return "" if _cover(whole_arc, arcs) else "arcs of slip are left out"
+
+
+def _cover(outer: tuple[float, float], arcs: list[tuple[float, float]]) -> bool:
+    """Return whether arcs cover another one."""
+    center, half_width = outer
+    spans = []
+    for middle, half in arcs:
+        start = (middle - half - (center - half_width)) % (2.0 * np.pi)
+        spans += [(start + turn, start + turn + 2.0 * half) for turn in (-2.0 * np.pi, 0.0)]
+    covered = 0.0
+    for start, end in sorted(spans):
+        if start <= covered + _ROUNDING:
+            covered = max(covered, end)
+    return covered >= 2.0 * half_width - _ROUNDING

@@ -1,0 +1,264 @@
+"""Verdicts on rest are checked from documents alone, and no tampering with their proofs passes."""
+
+import copy
+import json
+from functools import cache
+
+import numpy as np
+import pytest
+from tests.oracles.compared_outcomes import outcome_case
+
+from graspless_pin import QuasistaticProblem, Stability, maximize_margin, stability
+from graspless_pin.report import solution_document
+from graspless_pin.report.verify import verify_document
+
+G = 9.81
+
+
+def slope(angle=0.3, friction=0.5):
+    """A block of 1 kg on three points: the certificate needs loads, so that a tree proves it."""
+    feet = [[0.05, 0.0, -0.02], [-0.05, 0.05, -0.02], [-0.05, -0.05, -0.02]]
+    weight = [G * np.sin(angle), 0.0, -G * np.cos(angle), 0.0, 0.0, 0.0]
+    inertia = np.diag([1.0] * 3 + [1e-3] * 3)
+    return QuasistaticProblem(feet, [[0, 0, 1]] * 3, weight, friction=friction, cone="round",
+                              object_inertia=inertia)  # fmt: skip
+
+
+def walls(friction=0.5):
+    """A body between two walls that do not press."""
+    sides, normals = [[-0.05, 0, 0], [0.05, 0, 0]], [[1, 0, 0], [-1, 0, 0]]
+    inertia = np.diag([1.0] * 3 + [1e-3] * 3)
+    return QuasistaticProblem(sides, normals, [0, 0, -G, 0, 0, 0], friction=friction,
+                              cone="round", object_inertia=inertia)  # fmt: skip
+
+
+def pressed(inertia=0.01):
+    """A block on a steep slope under a lever, whose least load the proof needs."""
+    block = slope(0.6)
+    positions = np.vstack([block.positions, [[0.0, 0.0, 0.03]]])
+    normals = np.vstack([block.normals, [[0.0, 0.0, -1.0]]])
+    jacobian = np.zeros((12, 1))
+    jacobian[11] = -0.1
+    return QuasistaticProblem(
+        positions, normals, block.external_wrench, jacobian, friction=0.5, cone="round",
+        torque_limits=(0.2, 0.2), object_inertia=block.object_inertia,
+        joint_inertia=[[inertia]],
+    )  # fmt: skip
+
+
+def hybrid():
+    """The same under a hybrid finger of 2 N."""
+    lever = pressed()
+    jacobian = np.zeros((12, 1))
+    jacobian[11] = -1.0
+    return lever.with_changes(jacobian=jacobian, torque_limits=(2.0, 2.0), joint_inertia=[[0.0]],
+                              joint_units=["N"])  # fmt: skip
+
+
+CASES = {"slope": slope, "walls": walls, "pressed": pressed, "hybrid": hybrid,
+         "smooth": lambda: slope(0.0, 0.0)}  # fmt: skip
+
+
+@cache
+def document(name, torque=None):
+    """A document as it comes back from a file, of the solution or of another torque."""
+    problem = CASES[name]()
+    solution = maximize_margin(problem, static_friction="coulomb")
+    torques = solution.torques if torque is None else [torque]
+    made = solution_document(solution, verdict=stability(problem, torques))
+    for joint, own in zip(made["joints"], torques, strict=True):
+        joint["torque"] = float(own)
+    return json.loads(json.dumps(made))
+
+
+def rest_lines(made):
+    """What is said of the verdict: the checks after those of the solution."""
+    lines = verify_document(made).checks
+    return lines[[line.name for line in lines].index("inertias") :]
+
+
+def is_refused(made):
+    """Whether something is said not to be so, or the document is none."""
+    try:
+        return any(line.passed is False for line in rest_lines(made))
+    except ValueError:
+        return True
+
+
+@pytest.mark.parametrize(
+    ("name", "status"),
+    [("slope", "strong"), ("walls", "weak"), ("pressed", "strong"), ("hybrid", "strong"),
+     ("smooth", "strong")],
+)  # fmt: skip
+def test_verdicts_are_proven_by_their_documents(name, status):
+    made = document(name)
+    assert made["stability"]["status"] == status
+    assert all(line.passed is True for line in rest_lines(made))
+
+
+@pytest.mark.parametrize("number", [0, 6, 24, 27, 33])
+def test_verdicts_on_seeded_scenes_are_proven(number):
+    _, problem = outcome_case(3, number)
+    solution = maximize_margin(problem)
+    assert solution.found
+    verdict = stability(problem, solution.torques)
+    assert verdict.status in (Stability.STRONG, Stability.WEAK)
+    made = json.loads(json.dumps(solution_document(solution, verdict=verdict)))
+    assert all(line.passed is True for line in rest_lines(made))
+
+
+def test_each_way_of_proof_is_among_them():
+    proofs = {name: document(name)["stability"]["proof"] for name in CASES}
+    assert proofs["slope"]["nodes"] and proofs["smooth"]["forces"]
+    assert proofs["pressed"]["loads"]
+    assert any(node["forced"] for node in proofs["slope"]["nodes"])
+
+
+def test_rest_that_is_no_outcome_is_proven():
+    made = document("pressed", 0.1)
+    assert made["stability"]["status"] == "none"
+    assert all(line.passed is True for line in rest_lines(made))
+    forged = copy.deepcopy(made)
+    forged["stability"]["no_rest"] = [-z for z in made["stability"]["no_rest"]]
+    assert is_refused(forged)
+    holding = copy.deepcopy(document("pressed"))
+    holding["stability"] |= {"status": "none", "no_rest": made["stability"]["no_rest"]}
+    assert is_refused(holding)
+
+
+def leaves(nodes):
+    """Index of each leaf, and of its parent."""
+    waiting, found = [], []
+    for index, node in enumerate(nodes):
+        while waiting and waiting[-1][1] == 0:
+            waiting.pop()
+        parent = None
+        if waiting:
+            parent = waiting[-1][0]
+            waiting[-1][1] -= 1
+        if not node["children"]:
+            found.append((index, parent))
+        waiting.append([index, node["children"]])
+    return found
+
+
+TREES = ("slope", "hybrid")
+
+
+def zeroed(multipliers):
+    return json.loads(json.dumps(multipliers), parse_float=lambda _: 0.0)
+
+
+@pytest.mark.parametrize("name", TREES)
+def test_no_leaf_can_be_dropped(name):
+    nodes = document(name)["stability"]["proof"]["nodes"]
+    assert len(leaves(nodes)) > 4
+    for leaf, parent in leaves(nodes):
+        made = copy.deepcopy(document(name))
+        left = made["stability"]["proof"]["nodes"]
+        left[parent]["children"] -= 1
+        del left[leaf]
+        assert is_refused(made), leaf
+
+
+@pytest.mark.parametrize("name", TREES)
+def test_no_node_can_say_other_than_it_proves(name):
+    nodes = document(name)["stability"]["proof"]["nodes"]
+    for index, node in enumerate(nodes):
+        changes = []
+        if node["multipliers"] is not None:
+            changes += [{"multipliers": None}, {"multipliers": zeroed(node["multipliers"])}]
+        if node["slip"] is not None:
+            center, half_width = node["slip"]
+            changes += [{"slip": [center, 0.9 * half_width]}, {"slip": [center + 0.1, half_width]}]
+        if node["forced"]:
+            changes.append({"forced": []})
+        if index:
+            changes += [{"contact": (node["contact"] + 1) % 3}, {"children": node["children"] + 1}]
+            changes.append({"state": "open" if node["state"] != "open" else "sticking"})
+        for change in changes:
+            made = copy.deepcopy(document(name))
+            made["stability"]["proof"]["nodes"][index] |= change
+            assert is_refused(made), (index, change)
+
+
+def test_a_state_that_is_not_forced_is_refused():
+    made = copy.deepcopy(document("slope"))
+    forced = [node for node in made["stability"]["proof"]["nodes"] if node["forced"]]
+    for node in forced:
+        node["forced"] = [zeroed(one) for one in node["forced"]]
+    assert forced
+    assert is_refused(made)
+
+
+def replaced(name, *path, by, torque=None):
+    made = copy.deepcopy(document(name, torque))
+    *way, last = path
+    place = made
+    for key in way:
+        place = place[key]
+    place[last] = by(place[last])
+    return made
+
+
+def times(factor):
+    return lambda value: (factor * np.array(value)).tolist()
+
+
+@pytest.mark.parametrize(
+    ("name", "path", "by"),
+    [
+        ("slope", ("external_wrench",), lambda w: [1.8 * w[0], *w[1:]]),
+        ("slope", ("contacts", 0, "friction"), times(0.5)),
+        ("slope", ("contacts", 0, "position"), times(-1.0)),
+        ("slope", ("stability", "rest_forces"), times(1.01)),
+        ("slope", ("stability", "acceleration_limit"), times(10.0)),
+        ("slope", ("stability", "acceleration_resolution"), times(0.01)),
+        ("slope", ("stability", "proof", "force_limit"), times(1e-3)),
+        ("smooth", ("stability", "proof", "forces"), times(1.01)),
+        ("smooth", ("external_wrench",), lambda w: [0.1, *w[1:]]),
+        ("pressed", ("joints", 0, "torque"), times(0.5)),
+        ("pressed", ("joint_inertia",), times(100.0)),
+        ("pressed", ("stability", "proof", "loads", 0, "force"), times(1.1)),
+        ("pressed", ("stability", "proof", "loads", 0, "contact"), lambda _: 0),
+        ("pressed", ("stability", "proof", "loads", 0, "multipliers", "motion"), times(1.1)),
+        ("pressed", ("stability", "proof", "loads"), lambda _: []),
+        ("hybrid", ("joints", 0, "torque"), times(0.5)),
+        ("hybrid", ("joint_inertia",), lambda _: [[0.1]]),
+        ("walls", ("stability", "rest_forces"), times(0.0)),
+        ("walls", ("stability", "motion", "object_acceleration"), times(1.01)),
+        (
+            "walls",
+            ("stability", "motion", "contact_forces"),
+            lambda f: (np.array(f) + 1.0).tolist(),
+        ),
+        ("walls", ("stability", "motion", "point_acceleration"), times(2.0)),
+        ("walls", ("object_inertia",), times(2.0)),
+    ],
+)
+def test_tampering_is_seen(name, path, by):
+    assert is_refused(replaced(name, *path, by=by))
+
+
+def test_a_motion_below_the_limit_proves_no_weak_verdict():
+    made = copy.deepcopy(document("walls"))
+    factor = 1.01 * made["stability"]["motion"]["point_acceleration"]
+    for key in ("acceleration_resolution", "acceleration_limit"):
+        made["stability"][key] *= factor / document("walls")["stability"]["acceleration_limit"]
+    assert {line.name for line in rest_lines(made) if line.passed is False} == {
+        "it is above the limit"
+    }
+
+
+def test_claims_without_a_proof_are_not_proven():
+    made = copy.deepcopy(document("walls"))
+    made["stability"]["status"] = "strong"
+    assert [line.passed for line in rest_lines(made)].count(None) == 1
+    made["stability"]["status"] = "undecided"
+    assert "nothing is claimed" in rest_lines(made)[-1].detail
+    made = copy.deepcopy(document("slope"))
+    made["stability"]["status"] = "weak"
+    assert is_refused(made)
+    made = copy.deepcopy(document("slope"))
+    made["object_inertia"] = None
+    assert is_refused(made)
