@@ -22,6 +22,7 @@ from graspless_pin import (
     maximize_margin,
     minimize_torque,
     minimum_friction,
+    optimize,
     optimum_gradients,
     solve_each_mode,
 )
@@ -34,6 +35,7 @@ from graspless_pin.modes.sectors import (
     SectorMotions,
     other_directions,
 )
+from graspless_pin.programs.analysis_objectives import HeldMargin
 from graspless_pin.solution import Status, TorqueSolution
 
 FLOOR, WALL, WEIGHT, PUSH = 0.2, 0.5, 10.0, 4.0
@@ -298,6 +300,13 @@ def test_another_solver_gives_the_same():
     assert other.value == pytest.approx(one.value, rel=1e-4)
 
 
+def test_shares_of_the_limits_go_by_directions():
+    """Equal limits: the largest share is the largest torque over them."""
+    options: dict[str, Any] = {"sign_rule": "direction", "direction_gap": 1e-6}
+    share = minimize_torque(corner(0.8), 0.1, scale="limits", **options)
+    assert share.value == pytest.approx(minimize_torque(corner(), 0.1, **options).value / 5.0)
+
+
 def test_coulomb_has_no_rule_and_keeps_the_cones():
     problem = scene("rest")
     options: dict[str, Any] = {"static_friction": "coulomb"}
@@ -345,6 +354,7 @@ REFUSED = {
         PROBLEM, sign_rule="direction", search="enumerate"
     ),
     "the argument mode": lambda: maximize_margin(PROBLEM, sign_rule="direction", mode=FOUND.mode),
+    "the objective": lambda: optimize(PROBLEM, HeldMargin(FOUND.torques), sign_rule="direction"),
     "a regularisation": lambda: maximize_margin(
         PROBLEM, sign_rule="direction", regularization=1e-3
     ),

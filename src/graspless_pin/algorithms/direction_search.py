@@ -264,13 +264,13 @@ class _DirectionSearch:
         """Children in which a contact slides somewhere, about its actual sliding."""
         own, problem = node.sectors[contact], self._formulation.problem
         if own is not None:
-            thirds = [Sector(own.middle + k * own.half * 2 / 3, own.half / 3) for k in (-1, 0, 1)]
+            parts = own.halves
         else:
             along = problem.tangents[contact].T @ problem.sliding[contact]
             ahead = Sector(float(np.arctan2(along[1], along[0])), np.pi / 3.0)
-            thirds = [ahead, *other_directions(ahead)]
+            parts = (ahead, *other_directions(ahead))
         deeper = replace(node, depth=node.depth + 1)
-        return [deeper.with_sector(contact, third) for third in thirds]
+        return [deeper.with_sector(contact, part) for part in parts]
 
     def _try(self, motion: FloatArray, rubbing: dict[int, float]) -> None:
         """Keep the best answer whose friction opposes a motion, if it is better.

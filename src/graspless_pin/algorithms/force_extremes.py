@@ -16,6 +16,7 @@ from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.search import SearchResult, SearchState
 from graspless_pin.algorithms.searching import search_modes
 from graspless_pin.modes.rules import SlidingMode, StaticFriction
+from graspless_pin.modes.sectors import Sector
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.analysis_objectives import (
@@ -48,19 +49,12 @@ class Extreme(NamedTuple):
     proven: bool
 
 
-class _Sector(NamedTuple):
-    """Directions of friction at a contact: from the angle less half the width to as much more."""
-
-    contact: int
-    angle: float
-    half: float
-
-
 class _Surface(NamedTuple):
-    """A plane: (n,) distance (N) of the coordinates from it; the sector that it stands for."""
+    """A plane: (n,) distance (N) of the coordinates from it; the friction that it stands for."""
 
     distance: FloatArray
-    sector: _Sector | None = None
+    contact: int = -1
+    sector: Sector | None = None
 
 
 class ForceExtremes:
@@ -172,11 +166,11 @@ class ForceExtremes:
             # Forces inside the cone keep a distance of zero at least.
             least = max(-nearest.value, least, 0.0)
             margin = min([margin, *(self._margin(x) for x in self.reached[-1:])])
-            halves = self._halves(surface.sector)
-            if not halves and least < margin - gap:
-                complete = False
-            for half in halves:
-                heappush(queue, entry(half, least))
+            if surface.sector.half < _NARROWEST:
+                complete = complete and least >= margin - gap
+                continue
+            for half in surface.sector.halves:
+                heappush(queue, entry(self._sector(surface.contact, half), least))
         return Extreme(margin, complete and bool(proven[:, 0].all()))
 
     def largest_margin(self) -> Extreme:
@@ -199,33 +193,27 @@ class ForceExtremes:
             return [_Surface(one) for one in [*(-force * rows.cones.rows), *flat]]
         width = 2.0 * np.pi / _SECTORS
         sectors = [
-            self._sector(_Sector(contact, width * (index + 0.5), width / 2.0))
+            self._sector(contact, Sector(width * (index + 0.5), width / 2.0))
             for contact in self.coordinates.layout.cones.tolist()
             for index in range(_SECTORS)
         ]
         return [*(_Surface(one) for one in flat), *sectors]
 
-    def _sector(self, sector: _Sector) -> _Surface:
+    def _sector(self, contact: int, sector: Sector) -> _Surface:
         """Return the plane that no force of a sector is nearer to than to its round cone.
 
         There |f_t| <= c^T f_t / cos(half the width) with c along the sector's middle.
         """
-        contact, angle, half = sector
+        angle, half = sector
         mu = float(self.problem.friction[contact])
         distance = np.zeros(self.rows.size)
         distance[self.coordinates.normal[contact]] = mu
         distance[self.coordinates.tangent[contact]] = -np.array(
             [np.cos(angle), np.sin(angle)]
         ) / np.cos(half)
-        return _Surface(self.coordinates.force_scale / np.sqrt(1.0 + mu**2) * distance, sector)
-
-    def _halves(self, sector: _Sector) -> list[_Surface]:
-        """Return the two halves of a sector, none of the narrowest."""
-        contact, angle, half = sector
-        if half < _NARROWEST:
-            return []
-        ways = (angle - half / 2.0, angle + half / 2.0)
-        return [self._sector(_Sector(contact, middle, half / 2.0)) for middle in ways]
+        return _Surface(
+            self.coordinates.force_scale / np.sqrt(1.0 + mu**2) * distance, contact, sector
+        )
 
     def _margin(self, x: FloatArray) -> float:
         """Return the margin of one set of forces, N."""

@@ -19,6 +19,8 @@ from graspless_pin.problem.checks import FloatArray
 
 WIDEST = np.deg2rad(80.0)
 """Half of the widest sector: beyond a half-plane a sector is no convex cone."""
+_ROUNDING = 1e-12
+"""Narrower sectors are rounding, rad."""
 
 
 class Sector(NamedTuple):
@@ -33,6 +35,12 @@ class Sector(NamedTuple):
         first, last = self.middle - self.half, self.middle + self.half
         return np.array([[np.cos(first), np.cos(last)], [np.sin(first), np.sin(last)]])
 
+    @property
+    def halves(self) -> tuple[Sector, Sector]:
+        """Its two halves."""
+        half = 0.5 * self.half
+        return Sector(self.middle - half, half), Sector(self.middle + half, half)
+
     def around(self, angle: float, half: float) -> Self:
         """Return what it shares with a sector about an angle, if only the nearest direction."""
         offset = (angle - self.middle + np.pi) % (2.0 * np.pi) - np.pi
@@ -44,7 +52,7 @@ class Sector(NamedTuple):
         """Return its pieces on both sides of a part of it."""
         low, high = self.middle - self.half, self.middle + self.half
         ends = (low, part.middle - part.half), (part.middle + part.half, high)
-        return [Sector(0.5 * (a + b), 0.5 * (b - a)) for a, b in ends if b > a]
+        return [Sector(0.5 * (a + b), 0.5 * (b - a)) for a, b in ends if b - a > _ROUNDING]
 
 
 def other_directions(part: Sector) -> list[Sector]:
