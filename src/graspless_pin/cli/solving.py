@@ -11,7 +11,7 @@ import typer
 from graspless_pin.algorithms.options import Search
 from graspless_pin.algorithms.torque import TorqueScale
 from graspless_pin.cli.outcome import ExitCode, plain_errors
-from graspless_pin.errors import SceneError
+from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.modes.rules import SignRule, SlidingRule, StaticFriction
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.report import scene_solution_text, solution_document, write_document
@@ -52,8 +52,14 @@ def solve_scene(
     direction_gap: Annotated[
         float | None, typer.Option(help="Relative gap of --sign-rule direction.")
     ] = None,
+    verdict_nodes: Annotated[
+        int, typer.Option(help="Sets of outcomes that the verdict may look at.")
+    ] = 300,
+    no_verdict: Annotated[
+        bool, typer.Option("--no-verdict", help="Do not ask whether the object stays.")
+    ] = False,
 ) -> None:
-    """Solve a scene: which joint torques, and how robust.
+    """Solve a scene: which joint torques, how robust, and does it hold.
 
     Exit code 0: found; 1: infeasible; 2: bad input.
     """
@@ -74,10 +80,16 @@ def solve_scene(
         }
         options = {name: value for name, value in given.items() if value is not None}
         solution = loaded.solve(algorithm, **options)
+        verdict, instead = None, ""
+        if solution.found and not no_verdict:
+            try:
+                verdict = loaded.stability(solution.torques, node_limit=verdict_nodes)
+            except ArgumentError as error:
+                instead = f"no verdict: {error}"
         if json_file is not None:
-            write_document(solution_document(solution, loaded), json_file)
+            write_document(solution_document(solution, loaded, verdict), json_file)
         if json_file != "-":
-            typer.echo(scene_solution_text(loaded, solution))
+            typer.echo(scene_solution_text(loaded, solution, verdict or instead))
     raise typer.Exit(ExitCode.FOUND if solution.found else ExitCode.INFEASIBLE)
 
 

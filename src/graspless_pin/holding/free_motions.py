@@ -58,7 +58,7 @@ def free_motions(problem: QuasistaticProblem) -> FloatArray:
 def motion_units(problem: QuasistaticProblem) -> FloatArray:
     """Return the (6 + L,) velocities of object and joints that count as one in `free_motions`."""
     length = problem.scales.length
-    blocks = problem.jacobian.reshape(problem.contact_count, 3, -1)
+    blocks = problem.jacobian.reshape(problem.contact_count, 3, problem.joint_count)
     levers = np.linalg.norm(blocks, axis=1).max(axis=0)
     levers = np.maximum(levers, NEGLIGIBLE * levers.max(initial=0.0))
     joints = np.divide(length, levers, out=np.ones_like(levers), where=levers > 0.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from typing import TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -56,6 +57,14 @@ class _Limits:
         return nodes >= self.nodes or time.monotonic() > self.deadline
 
 
+class StabilityKeywords(TypedDict, total=False):
+    """Options of `stability` by name."""
+
+    acceleration_resolution: float
+    node_limit: int
+    time_limit: float | None
+
+
 def stability(
     problem: QuasistaticProblem,
     torques: ArrayLike,
@@ -78,21 +87,43 @@ def stability(
     Raises:
         ArgumentError: If an argument is wrong.
     """
+    blank = undecided_verdict(problem, torques, "", acceleration_resolution=acceleration_resolution)
+    seconds = np.inf if time_limit is None else real_number("time_limit", time_limit, 0.0)
+    limits = _Limits(whole_number("node_limit", node_limit, 0), time.monotonic() + seconds)
+    return _verdict(blank, limits)
+
+
+def undecided_verdict(
+    problem: QuasistaticProblem,
+    torques: ArrayLike,
+    message: str,
+    *,
+    acceleration_resolution: float = 1e-3,
+    **_: object,
+) -> StabilityVerdict:
+    """Return a verdict that decides nothing.
+
+    Args:
+        problem: See `stability`.
+        torques: Likewise.
+        message: Why nothing is decided.
+        acceleration_resolution: See `stability`.
+
+    Raises:
+        ArgumentError: If an argument is wrong.
+    """
     checked_problem(problem)
     tau = finite_array("torques", torques, (problem.joint_count,))
     resolution = real_number("acceleration_resolution", acceleration_resolution, 1e-6)
     if resolution > 1.0:
         raise ArgumentError("acceleration_resolution", f"is {resolution}; it must be at most 1")
-    seconds = np.inf if time_limit is None else real_number("time_limit", time_limit, 0.0)
-    limits = _Limits(whole_number("node_limit", node_limit, 0), time.monotonic() + seconds)
     limit = np.nan
     if problem.object_inertia is not None:
         limit = resolution * problem.scales.force / float(problem.object_inertia[0, 0])
-    blank = StabilityVerdict(
+    return StabilityVerdict(
         Stability.UNDECIDED, problem, tau, resolution, limit, rest_forces=None, motion=None,
-        proof=None, no_rest=None, programs=0, nodes=0, message="",
+        proof=None, no_rest=None, programs=0, nodes=0, message=message,
     )  # fmt: skip
-    return _verdict(blank, limits)
 
 
 def _verdict(blank: StabilityVerdict, limits: _Limits) -> StabilityVerdict:
@@ -101,7 +132,11 @@ def _verdict(blank: StabilityVerdict, limits: _Limits) -> StabilityVerdict:
     if problem.is_sliding.any():
         why = "undecided: verdicts are about rest, and contacts of this problem slide"
         return replace(blank, message=why)
-    dynamics, nothing_moves = _dynamics(blank)
+    try:
+        dynamics, nothing_moves = _dynamics(blank)
+    except np.linalg.LinAlgError:
+        why = "undecided: the inertias differ by more than double precision resolves"
+        return replace(blank, message=why)
     commanded = _commanded(blank)
     known, proof = _certified(blank, (), commanded, dynamics)
     if proof is not None:
@@ -184,7 +219,7 @@ def _searched(
     most = FORCE_LIMIT * known.problem.scales.force / dynamics.force_unit
     least = commanded / dynamics.force_unit
     relaxation = Relaxation(dynamics, least, most)
-    fingers = known.problem.jacobian.reshape(len(least), -1).any(axis=1)
+    fingers = known.problem.jacobian.reshape(len(least), 3 * known.problem.joint_count).any(axis=1)
     loads = proven_loads(dynamics, relaxation, np.flatnonzero(fingers & ~dynamics.is_commanded))
     known = replace(known, programs=known.programs + relaxation.programs)
     if loads:

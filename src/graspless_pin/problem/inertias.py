@@ -25,7 +25,7 @@ def hybrid_contacts(problem: QuasistaticProblem) -> NDArray[np.intp]:
     inertia = problem.joint_inertia
     if inertia is None:
         return contacts
-    blocks = problem.jacobian.reshape(problem.contact_count, 3, -1)
+    blocks = problem.jacobian.reshape(problem.contact_count, 3, problem.joint_count)
     acts = (blocks != 0.0).any(axis=1)
     for column in np.flatnonzero(~inertia.any(axis=0)).tolist():
         (where,) = np.nonzero(acts[:, column])

@@ -3,12 +3,23 @@
 from __future__ import annotations
 
 from graspless_pin.geometry.contact.contact_points import BodyKind
+from graspless_pin.holding.free_motions import free_motions
+from graspless_pin.holding.verdict import Stability, StabilityVerdict
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
 
 
-def scene_solution_text(scene: Scene, solution: TorqueSolution) -> str:
-    """Return the title and the tables of a scene's solution, contacts named by what they touch."""
+def scene_solution_text(
+    scene: Scene, solution: TorqueSolution, verdict: StabilityVerdict | str = ""
+) -> str:
+    """Return the title and the tables of a scene's solution, contacts named by what they touch.
+
+    Args:
+        scene: The scene.
+        solution: Its solution.
+        verdict: Whether the object stays with the solution's torques, or why that is not known:
+            stands first.
+    """
     title = f"{scene.name}: {scene.object.name}, {scene.object.mass:g} kg"
     problem = solution.problem
     title += f", {_count(problem.contact_count, 'contact')}, {_count(problem.joint_count, 'joint')}"
@@ -18,7 +29,21 @@ def scene_solution_text(scene: Scene, solution: TorqueSolution) -> str:
             "\nno link of the hand touches the object; move the hand or close its fingers, e.g. "
             "with graspless_pin.scene.close_fingers"
         )
+    if verdict:
+        title += f"\n{verdict if isinstance(verdict, str) else verdict_text(verdict)}"
     return f"{title}\n{solution.text(_touching(scene))}"
+
+
+def verdict_text(verdict: StabilityVerdict) -> str:
+    """Return what a verdict says, and how many motions need position feedback."""
+    said = [verdict.message]
+    count = len(free_motions(verdict.problem))
+    if verdict.status is Stability.STRONG and count:
+        said.append(
+            f"needs position feedback: {_count(count, 'free motion')}, against which constant "
+            "torques seldom hold"
+        )
+    return "\n".join(said)
 
 
 def _count(number: int, noun: str) -> str:

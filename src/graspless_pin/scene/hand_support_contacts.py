@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Unpack
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from graspless_pin.geometry.contact.broad_phase import near_pairs
 from graspless_pin.geometry.contact.distances import separation
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.scene.scene import Scene
+from graspless_pin.holding.stability import StabilityKeywords, stability, undecided_verdict
+from graspless_pin.holding.verdict import StabilityVerdict
+
+if TYPE_CHECKING:
+    from graspless_pin.scene.scene import Scene
 
 
 def hand_support_contacts(scene: Scene) -> tuple[tuple[str, str], ...]:
@@ -36,6 +43,28 @@ def hand_support_contacts(scene: Scene) -> tuple[tuple[str, str], ...]:
                 if gap <= scene.contact_tolerance:
                     touching[bodies[i].name, support.name] = i
     return tuple(sorted(touching, key=lambda pair: touching[pair]))
+
+
+def verdict_of(
+    scene: Scene, torques: ArrayLike, **options: Unpack[StabilityKeywords]
+) -> StabilityVerdict:
+    """Tell whether a scene's object stays at rest with these torques.
+
+    Args:
+        scene: The scene.
+        torques: (L,) the motors' torques, as solutions give them, N m (N).
+        options: Of `stability`.
+
+    Raises:
+        SceneError: See `Scene.contacts`.
+        ArgumentError: If a link of the fingers has no mass and its motor no inertia.
+    """
+    touching = hand_support_contacts(scene)
+    if not touching:
+        return stability(scene.problem(), torques, **options)
+    pairs = ", ".join(f"{link} on {support}" for link, support in touching)
+    why = f"undecided: the hand touches supports ({pairs}); what they do to its torques is unknown"
+    return undecided_verdict(scene.problem(), torques, why, **options)
 
 
 def _moving_links(hand: Hand) -> set[str]:

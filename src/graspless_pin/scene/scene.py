@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.torque import objective_and_options
@@ -34,6 +35,7 @@ from graspless_pin.geometry.contact.motion import (
 )
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.pickling import PickledByFields
+from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.cones import projected_tangents
@@ -41,6 +43,7 @@ from graspless_pin.problem.derived_inertias import with_derived_inertias
 from graspless_pin.problem.own_arrays import problem_of_own_arrays
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene.friction import FrictionTable
+from graspless_pin.scene.hand_support_contacts import verdict_of
 from graspless_pin.scene.joints import (
     ControlledJoints,
     inertia_of_columns,
@@ -256,6 +259,14 @@ class Scene(PickledByFields):
                     "algorithm 'torque' or leave it out",
                 )
         return solve_problem(self.problem(), objective, how, mode=mode)
+
+    def stability(self, torques: ArrayLike, **options: Any) -> StabilityVerdict:
+        """Tell whether the object stays with motor torques (L,): see `graspless_pin.stability`.
+
+        Where a link that torques move touches a support, nothing is decided: the problem does not
+        have that force.
+        """
+        return verdict_of(self, torques, **options)
 
     def _label(self) -> str:
         return self.name if self.path is None else str(self.path)

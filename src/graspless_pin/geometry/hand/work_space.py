@@ -80,7 +80,7 @@ class WorkSpace:
         """Return the (n, n) joint-space inertia at a configuration vector (nq,)."""
         with self._lock:
             inertia = np.array(pin.crba(self._model, self._data, q))
-        return inertia.reshape(self._model.nv, -1)
+        return inertia.reshape(self._model.nv, self._model.nv)
 
 
 def _pose_columns(data: Any) -> FloatArray | None:

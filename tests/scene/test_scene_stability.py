@@ -1,0 +1,82 @@
+"""Verdicts on scenes: what `solve` leads with, what documents hold, and hands on supports."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from graspless_pin import Stability, load_scene
+from graspless_pin.cli.commands import app
+from graspless_pin.errors import ArgumentError
+from graspless_pin.scene.hand_support_contacts import hand_support_contacts
+
+ROOT = Path(__file__).parents[2]
+CUBOID = str(ROOT / "examples/paper/cuboid_at_rest.yaml")
+BALL = str(ROOT / "examples/allegro_sphere_on_slope.yaml")
+SLIDING = str(ROOT / "examples/paper/cuboid_sliding_up.yaml")
+
+
+def _printed(*arguments: str) -> list[str]:
+    return CliRunner().invoke(app, ["solve", *arguments]).output.splitlines()
+
+
+def test_solve_leads_with_whether_the_object_stays() -> None:
+    lines = _printed(CUBOID)
+    assert lines[1].startswith("holds: rest is the only outcome (proof: ")
+    assert "verdicts are about rest" in _printed(SLIDING)[1]
+    assert not any("outcome" in line for line in _printed(CUBOID, "--no-verdict"))
+
+
+def test_the_ball_on_the_slope_needs_position_feedback() -> None:
+    lines = _printed(BALL)
+    assert lines[1].startswith("holds")
+    assert lines[2].startswith("needs position feedback: 3 free motions")
+
+
+def test_few_nodes_leave_it_undecided() -> None:
+    line = _printed(CUBOID, "--algorithm", "torque", "--verdict-nodes", "5")[1]
+    assert line.startswith("undecided")
+    assert "5 sets of outcomes" in line
+
+
+def test_documents_hold_the_verdict(tmp_path: Path) -> None:
+    file = tmp_path / "solution.json"
+    _printed(CUBOID, "--json", str(file))
+    said = json.loads(file.read_text())["stability"]
+    assert said["status"] == "strong"
+    assert said["acceleration_limit"] == pytest.approx(1e-3 * 9.8)
+    assert len(said["rest_forces"]) == 6
+    assert said["motion"] is None
+    checked = CliRunner().invoke(app, ["verify", str(file)])
+    assert checked.exit_code == 0, checked.output
+
+
+def test_nothing_is_decided_where_the_hand_touches_a_support(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scene = load_scene(CUBOID)
+    assert hand_support_contacts(scene) == ()
+    torques = scene.solve().torques
+    assert scene.stability(torques).status is Stability.STRONG
+    monkeypatch.setattr(
+        "graspless_pin.scene.hand_support_contacts.hand_support_contacts",
+        lambda _: (("tip", "slope"),),
+    )
+    said = scene.stability(torques)
+    assert said.status is Stability.UNDECIDED
+    assert "tip on slope" in said.message
+
+
+def test_a_massless_link_costs_the_verdict_and_not_the_solution(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refuse(*_: object) -> None:
+        raise ArgumentError("joint_inertia", "is singular at joint 'knuckle'")
+
+    monkeypatch.setattr("graspless_pin.holding.stability.moving_joints", refuse)
+    lines = _printed(CUBOID)
+    assert lines[1] == "no verdict: joint_inertia: is singular at joint 'knuckle'"
+    assert any("margin e = " in line for line in lines)
