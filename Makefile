@@ -13,9 +13,10 @@ ROUND_CONES ?= --count 300
 OUTCOMES ?= --few 300 --four 30
 DIRECTIONS ?= --turned 1000 --listed 100
 TAMPERING ?= 1000
+HOLDING ?= --count 5
 FUZZ ?= --count 2000 --seed 1
 
-.PHONY: install run test lint types docs bench mutants mutants-of-loops scales round-cones directions outcomes tampering fuzz clean
+.PHONY: install run test lint types docs bench mutants mutants-of-loops scales round-cones directions outcomes tampering fuzz holding clean
 
 install: $(STAMP)
 
@@ -64,6 +65,9 @@ outcomes: install
 
 tampering: install
 	$(BIN)/python tests/verify/tampering.py $(TAMPERING)
+
+holding: install
+	$(BIN)/python -m benchmarks.holding $(HOLDING)
 
 fuzz: install
 	$(BIN)/python tests/fuzzing/fuzz.py $(FUZZ)

@@ -3,7 +3,7 @@
 import argparse
 import time
 
-from benchmarks import cones, geometry, planning, searches, studies
+from benchmarks import cones, geometry, holding, planning, searches, studies
 
 # Each section is a function without arguments that returns markdown.
 SECTIONS = {
@@ -15,6 +15,7 @@ SECTIONS = {
     "geometry": geometry.scene_problem,
     "planning": planning.evaluator,
     "studies": studies.cuboid_study,
+    "holding": holding.holding,
 }
 
 

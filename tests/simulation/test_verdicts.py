@@ -1,0 +1,21 @@
+"""Verdicts beside MuJoCo's outcomes: a slice of ``make holding``."""
+
+from dataclasses import replace
+
+import pytest
+from benchmarks import holding
+
+from graspless_pin import Stability
+from graspless_pin.simulation import SimulatedOutcome
+
+
+@pytest.mark.parametrize("family", ["corner", "groove"])
+def test_no_verdict_is_contradicted(family):
+    cases = holding.compared(family, 1)
+    assert [case.share for case in cases] == [1.0, 0.3]
+    assert cases[0].group == Stability.STRONG
+    assert not any(case.contradicts for case in cases)
+    (strong, *_) = cases
+    assert replace(strong, outcomes=(SimulatedOutcome.MOVED,) * 2).contradicts
+    assert replace(strong, group=str(Stability.NONE)).contradicts
+    assert not replace(strong, group=str(Stability.WEAK)).contradicts
