@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import null_space
 
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import FloatArray, read_only
@@ -47,7 +48,7 @@ def free_motions(problem: QuasistaticProblem) -> FloatArray:
     still = np.ones((problem.contact_count, 3), dtype=bool)
     still[:, 1:] = problem.has_cone[:, None]
     still[hybrid[hybrid >= 0], 0] = False
-    basis = null_space(velocities[still])
+    basis = null_space(velocities[still], rcond=NEGLIGIBLE)
     _, shares, turns = np.linalg.svd(basis[:6], full_matrices=True)
     count = int((shares > NEGLIGIBLE).sum())
     motions = np.zeros((count, len(moving)))
@@ -63,10 +64,3 @@ def motion_units(problem: QuasistaticProblem) -> FloatArray:
     levers = np.maximum(levers, NEGLIGIBLE * levers.max(initial=0.0))
     joints = np.divide(length, levers, out=np.ones_like(levers), where=levers > 0.0)
     return np.concatenate([np.full(3, length), np.ones(3), joints])
-
-
-def null_space(rows: FloatArray) -> FloatArray:
-    """Return an (n, d) orthonormal basis of what (r, n) rows do not notice."""
-    _, values, right = np.linalg.svd(rows, full_matrices=True)
-    rank = int((values > NEGLIGIBLE * values.max(initial=0.0)).sum())
-    return right[rank:].T

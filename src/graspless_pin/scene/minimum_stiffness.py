@@ -16,12 +16,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import null_space
 from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry.contact.convex_sets import is_hull
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.holding.free_motions import motion_units, null_space
+from graspless_pin.holding.free_motions import NEGLIGIBLE, motion_units
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only, real_number
 from graspless_pin.problem.contact_map import contact_map
 from graspless_pin.problem.inertias import moving_joints
@@ -157,7 +158,7 @@ def _linearised(
     kept = np.concatenate([np.arange(6), 6 + carriers])
     units = motion_units(problem)[kept]
     rows, load = _rolling(problem, torques, kept, units)
-    basis = null_space(rows)
+    basis = null_space(rows, rcond=NEGLIGIBLE)
     scale = problem.scales.force * problem.scales.length
     off = float(np.abs(basis.T @ load).max(initial=0.0)) / scale
     if off > _BALANCED:
