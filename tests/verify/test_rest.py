@@ -7,10 +7,20 @@ from functools import cache
 import numpy as np
 import pytest
 from tests.oracles.compared_outcomes import outcome_case
+from tests.oracles.outcomes import enumerate_outcomes
 
 from graspless_pin import QuasistaticProblem, Stability, maximize_margin, stability
 from graspless_pin.report import solution_document
 from graspless_pin.report.verify import verify_document
+from graspless_pin.report.verify.reading import read_problem
+from graspless_pin.report.verify.rest_bounds import (
+    Kind,
+    KnownStates,
+    RestMultipliers,
+    commanded_contacts,
+    largest_goal,
+    rest_dynamics,
+)
 
 G = 9.81
 
@@ -262,3 +272,80 @@ def test_claims_without_a_proof_are_not_proven():
     made = copy.deepcopy(document("slope"))
     made["object_inertia"] = None
     assert is_refused(made)
+
+
+def failures(made):
+    return {line.name for line in rest_lines(made) if line.passed is False}
+
+
+def test_each_condition_of_an_outcome_is_held_up_alone():
+    made = copy.deepcopy(document("walls"))
+    stated = made["stability"]
+    lifted = [[0.0, 0.0, 0.5 * G], [0.0, 0.0, 0.5 * G]]
+    stated["rest_forces"] = lifted
+    stated["motion"] |= {
+        "object_acceleration": [0.0, 0.0, -G, 0.0, 0.0, 0.0],
+        "contact_forces": [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]],
+        "point_acceleration": G,
+    }
+    assert failures(made) == {
+        "rest is an outcome",
+        "friction opposes its slip, and what parts bears nothing",
+    }
+    stated["motion"]["contact_forces"] = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
+    assert failures(made) == {"rest is an outcome"}
+    made["external_wrench"][0] = 1.0
+    stated["motion"]["object_acceleration"][0] = 1.0
+    stated["motion"]["point_acceleration"] = float(np.hypot(1.0, G))
+    assert "it penetrates nothing" in failures(made)
+
+
+def states_of(f, u, rng):
+    """Return states that an outcome is in, with how far closed contacts part and slip."""
+    states = KnownStates.unknown(len(f))
+    for contact, (force, slip) in enumerate(zip(f, u, strict=True)):
+        kind, speed = rng.choice(list(Kind)), float(np.hypot(*slip[1:]))
+        center = float(np.arctan2(slip[2], slip[1])) + rng.uniform(-0.2, 0.2)
+        if kind == Kind.OPEN and np.abs(force).max() < 1e-9:
+            states = states.changed(contact, Kind.OPEN)
+        elif kind in (Kind.CLOSED, Kind.STICKING, Kind.SLIPPING):
+            states = states.changed(contact, Kind.CLOSED, most=max(float(slip[0]), 0.0))
+            if kind == Kind.STICKING:
+                states = states.changed(contact, Kind.STICKING, most=speed)
+            elif kind == Kind.SLIPPING and speed > 1e-6:
+                states = states.changed(contact, Kind.SLIPPING, (center, 0.25))
+    return states
+
+
+@pytest.mark.parametrize("number", [1, 3, 4, 7, 13])
+def test_bounds_hold_for_what_happens(number):
+    """No multipliers bound an outcome away, whatever is said truly of its contacts."""
+    case, problem = outcome_case(3, number)
+    outcome = enumerate_outcomes(case, sectors=8).outcome
+    assert outcome is not None
+    rng = np.random.default_rng(number)
+    stated = read_problem(json.loads(json.dumps(solution_document(maximize_margin(problem)))))
+    inertia = np.zeros((6 + len(case.torques),) * 2)
+    inertia[:6, :6], inertia[6:, 6:] = case.object_inertia, case.joint_inertia
+    load = np.concatenate([case.external_wrench, case.torques])
+    hybrid = commanded_contacts(stated, case.joint_inertia)
+    dynamics = rest_dynamics(stated, load, inertia, hybrid)
+    assert dynamics is not None
+    y = np.linalg.lstsq(dynamics.accelerations, outcome.acceleration, rcond=None)[0]
+    f = np.einsum("lij,lj->li", stated.frames, outcome.forces) / dynamics.force_unit
+    u = dynamics.rows @ y
+    for _ in range(300):
+        states = states_of(f, u, rng)
+        loads = np.maximum(f[:, 0], 0.0) * rng.integers(0, 2, len(f))
+        motion, normal = rng.normal(size=y.shape), rng.normal(size=len(f))
+        tangential = rng.normal(size=(len(f), 2))
+        multipliers = RestMultipliers(motion, normal, tangential)
+        # Goals that the multipliers leave next to nothing of, so that no term hides another.
+        rest = np.column_stack([normal, tangential])
+        least = rng.choice([0.0, 1e-3, 1.0])
+        goal = (
+            motion - np.einsum("li,lin->n", rest, dynamics.rows) + least * rng.normal(size=y.shape),
+            least * rng.normal(size=f.shape) - dynamics.rows @ motion,
+        )
+        bound = largest_goal(dynamics, states, loads, multipliers, goal, float(f[:, 0].max()))
+        assert goal[0] @ y + (goal[1] * f).sum() <= bound + 1e-8
