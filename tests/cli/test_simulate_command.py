@@ -26,7 +26,7 @@ def test_a_scene_that_moves_and_is_held_by_feedback():
     moved = run("simulate", BALL, "--algorithm", "margin", "--seconds", "1.2")
     assert moved.exit_code == 1
     assert moved.stdout.startswith("moved: the object does not stay")
-    assert "3 free motions need position feedback" in moved.stdout
+    assert "needs position feedback: 3 free motions" in moved.stdout
     held = run("simulate", BALL, "--feedback", "2", *BRIEFLY)
     assert held.exit_code == 0
     assert held.stdout.startswith("held: the object stays")

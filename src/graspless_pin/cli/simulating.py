@@ -11,14 +11,15 @@ import typer
 from graspless_pin.algorithms.force_bounds import contact_force_bounds
 from graspless_pin.cli.outcome import ExitCode, plain_errors
 from graspless_pin.errors import ArgumentError
-from graspless_pin.holding.free_motions import free_motions
 from graspless_pin.holding.stability import stability
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.report.document import write_text
 from graspless_pin.report.html.time_lapse import time_lapse_html
 from graspless_pin.report.simulation import simulation_text
-from graspless_pin.scene import load_scene
+from graspless_pin.report.text import verdict_text
+from graspless_pin.scene import Scene, load_scene
+from graspless_pin.scene.hand_support_contacts import hand_support_contacts
 from graspless_pin.simulation import SimulatedOutcome, Simulation, simulate
 from graspless_pin.simulation.video import write_video
 
@@ -83,7 +84,7 @@ def simulate_scene(
         )
         if export is not None:
             write_text(found.model.xml, export, kind="model")
-        text = _words(found, loaded.contacts.bodies)
+        text = _words(loaded, found)
         if str(export) != "-":
             typer.echo(text)
         if save is not None and save.suffix.lower() == ".html":
@@ -95,22 +96,22 @@ def simulate_scene(
     )
 
 
-def _words(found: Simulation, bodies: tuple[str, ...]) -> str:
+def _words(scene: Scene, found: Simulation) -> str:
+    """Return the outcome, and what is proven of the same constant torques."""
     bounds = contact_force_bounds(
         found.problem,
         found.torques,
         static_friction=StaticFriction.COULOMB,
         time_limit=_RANGES_TIME,
     )
-    return f"{simulation_text(found, bodies, bounds)}\n\n{_verdict(found)}"
-
-
-def _verdict(found: Simulation) -> str:
-    """Return what is proven of the same constant torques."""
-    verdict = stability(found.problem, found.torques)
-    free = len(free_motions(found.problem))
-    needs = f"; {free} free motions need position feedback" if free else ""
-    return f"verdict: {verdict.message}{needs}"
+    # The scene knows why nothing is decided where the hand touches a support; not of the push.
+    verdict = (
+        scene.stability(found.torques)
+        if hand_support_contacts(scene)
+        else stability(found.problem, found.torques)
+    )
+    text = simulation_text(found, scene.contacts.bodies, bounds)
+    return f"{text}\n\nverdict: {verdict_text(verdict)}"
 
 
 def _three_numbers(text: str) -> list[float]:
