@@ -18,9 +18,12 @@ from graspless_pin import (
     optimum_gradients,
 )
 
-PACKAGES = ("problem", "modes", "programs", "solvers", "solution", "algorithms", "report.verify")
+PACKAGES = (
+    "problem", "modes", "programs", "solvers", "solution", "holding", "algorithms", "report.verify",
+)  # fmt: skip
 MUTABLE = {
-    "CurveSearch", "ModeProver", "ModeOracle", "Proof", "SearchState", "TreeWalk", "_WarmState",
+    "CurveSearch", "ModeProver", "ModeOracle", "Proof", "RestWalk", "SearchState", "TreeWalk",
+    "_Node", "_WarmState",
 }  # fmt: skip
 """They gather what they find."""
 

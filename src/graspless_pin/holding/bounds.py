@@ -26,7 +26,7 @@ _ROUNDING = 1e-9
 """Gains per newton below this are rounding."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class States:
     """What is known of each contact.
 

@@ -30,7 +30,7 @@ _PASSED_OVER = {Kind.OPEN: Kind.CLOSED, Kind.SLIPPING: Kind.STICKING}
 """KnownStates that hold no outcome beside those of another state, where that other is forced."""
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class RestNode:
     """A part of all outcomes as it stands in a document."""
 
