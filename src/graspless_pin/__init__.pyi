@@ -3,6 +3,7 @@ from .algorithms.disturbances import DisturbanceMargin, disturbance_margin
 from .algorithms.explanation import Explanation, Suggestion, explain
 from .algorithms.force_bounds import ContactForceBounds, contact_force_bounds
 from .algorithms.gradients import Gradients, OptimumGradients, optimum_gradients
+from .algorithms.guaranteed_torques import GuaranteedTorques, guaranteed_torques
 from .algorithms.margin_torque_curve import MarginTorqueCurve, margin_torque_curve
 from .algorithms.minimum_friction import MinimumFriction, minimum_friction
 from .algorithms.options import SolveOptions
@@ -56,6 +57,7 @@ __all__ = [
     "ForceRows",
     "Gradients",
     "GrasplessPinError",
+    "GuaranteedTorques",
     "Hand",
     "JointSpace",
     "JointUnit",
@@ -97,6 +99,7 @@ __all__ = [
     "fingertip_contact",
     "force_first",
     "free_motions",
+    "guaranteed_torques",
     "load_scene",
     "load_study",
     "margin_sensitivity",
