@@ -218,3 +218,13 @@ def test_bad_torques_and_problems_are_named() -> None:
     )  # fmt: skip
     with pytest.raises(ArgumentError, match="'b'"):
         verdict(massless, 5.0, 0.0)
+
+
+def test_rest_forces_balance_the_load_however_coarse_the_resolution() -> None:
+    said = verdict(block_on_slope(0.5, 1e-4))
+    assert said.status is Stability.STRONG
+    assert said.rest_forces is not None
+    problem = said.problem
+    left = problem.W @ said.rest_forces.ravel() + problem.external_wrench
+    assert np.abs(left).max() < 1e-6 * problem.scales.force
+    assert verdict(block_on_slope(0.0, 1e-4)).status is Stability.NONE

@@ -35,8 +35,7 @@ def balance(
     jacobian, load = in_loads(problem, torques)
     count = problem.contact_count
     most = np.full(count, np.nan) if bearable is None else bearable / problem.scales.force
-    sides = np.zeros(count), np.full(count, np.inf)
-    return least_residual(jacobian, load, problem.friction, most, sides)
+    return least_residual(jacobian, load, problem.friction, most)
 
 
 def in_loads(problem: QuasistaticProblem, torques: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -55,9 +54,10 @@ def proves_unrest(problem: QuasistaticProblem, torques: FloatArray, motion: Floa
         motion: (6 + L,) z with sum |z| <= 1: the forces' part z.G^T f is never negative.
     """
     jacobian, load = in_loads(problem, torques)
-    c = jacobian @ (motion / max(1.0, float(np.abs(motion).sum())))
+    z = motion / max(1.0, float(np.abs(motion).sum()))
+    c = jacobian @ z
     short = np.maximum(problem.friction * np.hypot(c[:, 1], c[:, 2]) - c[:, 0], 0.0)
-    return float(motion @ load) - FORCE_LIMIT * float(short.sum())
+    return float(z @ load) - FORCE_LIMIT * float(short.sum())
 
 
 def is_certificate(

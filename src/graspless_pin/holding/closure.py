@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import null_space
 from scipy.optimize import nnls
 
 from graspless_pin.holding.bounds import States, closing_tolerance
@@ -44,7 +45,7 @@ def forced_state(dynamics: Dynamics, states: States) -> Forced | None:
     closed = ~held & states.are(ContactState.CLOSED, ContactState.STICKING, ContactState.SLIPPING)
     sticking = states.are(ContactState.STICKING)
     fixed = np.vstack([rows[closed, 0], rows[sticking, 1:].reshape(-1, rows.shape[2])])
-    still = _null_space(fixed, rows.shape[2])
+    still = null_space(fixed, rcond=_RANK) if len(fixed) else np.eye(rows.shape[2])
     parting = np.flatnonzero(~held & states.are(ContactState.FREE, ContactState.OPEN))
     normals = rows[parting, 0] @ still
     for index, contact in enumerate(parting):
@@ -65,13 +66,6 @@ def forced_state(dynamics: Dynamics, states: States) -> Forced | None:
             duals = [_completed(row, none, fixed, closed, sticking) for row in rows[contact, 1:]]
             return Forced(int(contact), ContactState.STICKING, tuple(duals), depends=True)
     return None
-
-
-def _null_space(rows: FloatArray, size: int) -> FloatArray:
-    if not len(rows):
-        return np.eye(size)
-    _, values, directions = np.linalg.svd(rows)
-    return directions[int((values > _RANK * values[0]).sum()) :].T
 
 
 def _completed(

@@ -44,7 +44,6 @@ def least_residual(
     load: FloatArray,
     friction: FloatArray,
     bearable: FloatArray,
-    normal_bounds: tuple[FloatArray, FloatArray],
 ) -> Balance | None:
     """Find the contact forces that leave least of the load unbalanced.
 
@@ -53,15 +52,13 @@ def least_residual(
         load: (k,) g in those units.
         friction: (M,) coefficients.
         bearable: (M,) friction that each contact bears at most, in loads; NaN: mu f_n.
-        normal_bounds: (M,) each.
 
     Returns:
         The forces; None where the solver has no answer.
     """
     count, size = len(jacobian), 3 * len(jacobian) + 1
     lb, ub = np.full(size, -np.inf), np.full(size, np.inf)
-    lb[0:-1:3], ub[0:-1:3] = normal_bounds
-    lb[-1] = 0.0
+    lb[::3] = 0.0  # normal forces, and what is left of the load
     cost = np.zeros(size)
     cost[-1] = 1.0
     simplex = Simplex(cost, lb, ub)

@@ -139,7 +139,7 @@ def _verdict(blank: StabilityVerdict, limits: _Limits) -> StabilityVerdict:
         return replace(blank, message=why)
     commanded = _commanded(blank)
     known, proof = _certified(blank, (), commanded, dynamics)
-    if proof is not None:
+    if known.rest_forces is not None and proof is not None:
         return _strong(known, proof)
     rest = balance(problem, torques)
     if rest is None:
@@ -149,7 +149,9 @@ def _verdict(blank: StabilityVerdict, limits: _Limits) -> StabilityVerdict:
         return _none(known, rest.proof, dynamics)
     known = replace(known, rest_forces=_in_world(problem, rest.forces * problem.scales.force))
     if nothing_moves:
-        return _strong(known, RestProof((), known.rest_forces, None, np.inf))
+        proof = RestProof((), known.rest_forces, None, np.inf)
+    if proof is not None:
+        return _strong(known, proof)
     if dynamics is None:
         why = "undecided: rest is an outcome; object_inertia and joint_inertia would tell more"
         return replace(known, message=why)
@@ -195,7 +197,11 @@ def _certified(
     commanded: FloatArray,
     dynamics: Dynamics | None,
 ) -> tuple[StabilityVerdict, RestProof | None]:
-    """Return what is known after one linear program more, and the proof, where it is one."""
+    """Return what is known after one linear program more, and the proof, where it is one.
+
+    Forces that only nearly balance the load may prove that nothing moves fast, and those that lean
+    on proven loads may leave their cones: neither are forces of rest.
+    """
     problem, torques = known.problem, known.torques
     borne = commanded.copy()
     for load in loads:
@@ -208,8 +214,10 @@ def _certified(
     if not is_certificate(problem, torques, forces, borne, dynamics):
         return known, None
     world = _in_world(problem, forces)
+    if not loads and found.residual <= BALANCE_TOLERANCE:
+        known = replace(known, rest_forces=world)
     limit = np.inf if not loads else FORCE_LIMIT * problem.scales.force
-    return replace(known, rest_forces=world), RestProof(loads, world, None, limit)
+    return known, RestProof(loads, world, None, limit)
 
 
 def _searched(
