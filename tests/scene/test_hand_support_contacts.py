@@ -10,7 +10,7 @@ from graspless_pin import load_scene
 from graspless_pin.geometry.bodies.object_and_supports import Support
 from graspless_pin.geometry.bodies.shapes import Box, HalfSpace
 from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
-from graspless_pin.scene.hand_support_contacts import hand_support_contacts
+from graspless_pin.scene.scene_stability import hand_support_contacts
 
 
 def with_wall(folder, gap, control=None, **wall):

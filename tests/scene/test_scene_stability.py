@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from graspless_pin import Stability, load_scene
 from graspless_pin.cli.commands import app
 from graspless_pin.errors import ArgumentError
-from graspless_pin.scene.hand_support_contacts import hand_support_contacts
+from graspless_pin.scene.scene_stability import hand_support_contacts
 
 ROOT = Path(__file__).parents[2]
 CUBOID = str(ROOT / "examples/paper/cuboid_at_rest.yaml")
@@ -62,12 +62,16 @@ def test_nothing_is_decided_where_the_hand_touches_a_support(
     torques = scene.solve().torques
     assert scene.stability(torques).status is Stability.STRONG
     monkeypatch.setattr(
-        "graspless_pin.scene.hand_support_contacts.hand_support_contacts",
+        "graspless_pin.scene.scene_stability.hand_support_contacts",
         lambda _: (("tip", "slope"),),
     )
     said = scene.stability(torques)
     assert said.status is Stability.UNDECIDED
     assert "tip on slope" in said.message
+    with pytest.raises(TypeError, match="nodes"):
+        scene.stability(torques, nodes=3)
+    with pytest.raises(ArgumentError, match="node_limit"):
+        scene.stability(torques, node_limit=-1)
 
 
 def test_a_massless_link_costs_the_verdict_and_not_the_solution(

@@ -19,7 +19,7 @@ from graspless_pin.report.html.time_lapse import time_lapse_html
 from graspless_pin.report.simulation import simulation_text
 from graspless_pin.report.text import verdict_text
 from graspless_pin.scene import Scene, load_scene
-from graspless_pin.scene.hand_support_contacts import hand_support_contacts
+from graspless_pin.scene.scene_stability import hand_support_contacts
 from graspless_pin.simulation import SimulatedOutcome, Simulation, simulate
 from graspless_pin.simulation.video import write_video
 

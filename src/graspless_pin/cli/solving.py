@@ -16,6 +16,7 @@ from graspless_pin.modes.rules import SignRule, SlidingRule, StaticFriction
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.report import scene_solution_text, solution_document, write_document
 from graspless_pin.report.reading import read_document
+from graspless_pin.report.text import verdict_text
 from graspless_pin.report.verify import Verification, verify_document
 from graspless_pin.scene import load_scene, scene_json_schema
 
@@ -80,16 +81,17 @@ def solve_scene(
         }
         options = {name: value for name, value in given.items() if value is not None}
         solution = loaded.solve(algorithm, **options)
-        verdict, instead = None, ""
+        verdict, said = None, ""
         if solution.found and not no_verdict:
             try:
                 verdict = loaded.stability(solution.torques, node_limit=verdict_nodes)
+                said = verdict_text(verdict)
             except ArgumentError as error:
-                instead = f"no verdict: {error}"
+                said = f"no verdict: {error}"
         if json_file is not None:
             write_document(solution_document(solution, loaded, verdict), json_file)
         if json_file != "-":
-            typer.echo(scene_solution_text(loaded, solution, verdict or instead))
+            typer.echo(scene_solution_text(loaded, solution, said))
     raise typer.Exit(ExitCode.FOUND if solution.found else ExitCode.INFEASIBLE)
 
 

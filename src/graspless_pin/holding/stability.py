@@ -87,10 +87,7 @@ def stability(
     Raises:
         ArgumentError: If an argument is wrong.
     """
-    blank = undecided_verdict(problem, torques, "", acceleration_resolution=acceleration_resolution)
-    seconds = np.inf if time_limit is None else real_number("time_limit", time_limit, 0.0)
-    limits = _Limits(whole_number("node_limit", node_limit, 0), time.monotonic() + seconds)
-    return _verdict(blank, limits)
+    return _verdict(*_asked(problem, torques, acceleration_resolution, node_limit, time_limit))
 
 
 def undecided_verdict(
@@ -99,31 +96,41 @@ def undecided_verdict(
     message: str,
     *,
     acceleration_resolution: float = 1e-3,
-    **_: object,
+    node_limit: int = NODE_LIMIT,
+    time_limit: float | None = None,
 ) -> StabilityVerdict:
-    """Return a verdict that decides nothing.
-
-    Args:
-        problem: See `stability`.
-        torques: Likewise.
-        message: Why nothing is decided.
-        acceleration_resolution: See `stability`.
+    """Return a verdict that decides nothing, for one sentence why. Arguments as of `stability`.
 
     Raises:
         ArgumentError: If an argument is wrong.
     """
+    blank, _ = _asked(problem, torques, acceleration_resolution, node_limit, time_limit)
+    return replace(blank, message=message)
+
+
+def _asked(
+    problem: QuasistaticProblem,
+    torques: ArrayLike,
+    acceleration_resolution: float,
+    node_limit: int,
+    time_limit: float | None,
+) -> tuple[StabilityVerdict, _Limits]:
+    """Return the verdict of which nothing is decided yet, and the limits; all checked."""
     checked_problem(problem)
     tau = finite_array("torques", torques, (problem.joint_count,))
     resolution = real_number("acceleration_resolution", acceleration_resolution, 1e-6)
     if resolution > 1.0:
         raise ArgumentError("acceleration_resolution", f"is {resolution}; it must be at most 1")
+    seconds = np.inf if time_limit is None else real_number("time_limit", time_limit, 0.0)
+    limits = _Limits(whole_number("node_limit", node_limit, 0), time.monotonic() + seconds)
     limit = np.nan
     if problem.object_inertia is not None:
         limit = resolution * problem.scales.force / float(problem.object_inertia[0, 0])
-    return StabilityVerdict(
+    blank = StabilityVerdict(
         Stability.UNDECIDED, problem, tau, resolution, limit, rest_forces=None, motion=None,
-        proof=None, no_rest=None, programs=0, nodes=0, message=message,
+        proof=None, no_rest=None, programs=0, nodes=0, message="",
     )  # fmt: skip
+    return blank, limits
 
 
 def _verdict(blank: StabilityVerdict, limits: _Limits) -> StabilityVerdict:

@@ -9,16 +9,13 @@ from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
 
 
-def scene_solution_text(
-    scene: Scene, solution: TorqueSolution, verdict: StabilityVerdict | str = ""
-) -> str:
+def scene_solution_text(scene: Scene, solution: TorqueSolution, verdict: str = "") -> str:
     """Return the title and the tables of a scene's solution, contacts named by what they touch.
 
     Args:
         scene: The scene.
         solution: Its solution.
-        verdict: Whether the object stays with the solution's torques, or why that is not known:
-            stands first.
+        verdict: What is said of whether the object stays: stands before the tables.
     """
     title = f"{scene.name}: {scene.object.name}, {scene.object.mass:g} kg"
     problem = solution.problem
@@ -30,7 +27,7 @@ def scene_solution_text(
             "with graspless_pin.scene.close_fingers"
         )
     if verdict:
-        title += f"\n{verdict if isinstance(verdict, str) else verdict_text(verdict)}"
+        title += f"\n{verdict}"
     return f"{title}\n{solution.text(_touching(scene))}"
 
 

@@ -43,7 +43,6 @@ from graspless_pin.problem.derived_inertias import with_derived_inertias
 from graspless_pin.problem.own_arrays import problem_of_own_arrays
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene.friction import FrictionTable
-from graspless_pin.scene.hand_support_contacts import verdict_of
 from graspless_pin.scene.joints import (
     ControlledJoints,
     inertia_of_columns,
@@ -57,6 +56,7 @@ from graspless_pin.scene.motion_and_contacts import (
     SceneContacts,
     given_arrays,
 )
+from graspless_pin.scene.scene_stability import verdict_of
 from graspless_pin.solution import TorqueSolution
 
 _Made = TypeVar("_Made")

@@ -1,4 +1,4 @@
-"""Where moving links of a scene's hand touch supports: forces that no problem has."""
+"""Verdicts on scenes, and where moving links touch supports: forces that no problem has."""
 
 from __future__ import annotations
 
