@@ -12,10 +12,10 @@ from graspless_pin.simulation import SimulatedOutcome
 @pytest.mark.parametrize("family", ["corner", "groove"])
 def test_no_verdict_is_contradicted(family):
     cases = holding.compared(family, 1)
-    assert [case.share for case in cases] == [1.0, 0.3]
+    assert len(cases) == 3
     assert cases[0].group == Stability.STRONG
-    assert not any(case.contradicts for case in cases)
+    assert not any(case.contradicts() for case in cases)
     (strong, *_) = cases
-    assert replace(strong, outcomes=(SimulatedOutcome.MOVED,) * 2).contradicts
-    assert replace(strong, group=str(Stability.NONE)).contradicts
-    assert not replace(strong, group=str(Stability.WEAK)).contradicts
+    assert replace(strong, outcomes=(SimulatedOutcome.MOVED,) * 2).contradicts()
+    assert replace(strong, group=str(Stability.NONE)).contradicts()
+    assert not replace(strong, group=str(Stability.WEAK)).contradicts()

@@ -17,7 +17,6 @@ from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.report.document import write_text
 from graspless_pin.report.html.time_lapse import time_lapse_html
 from graspless_pin.report.simulation import simulation_text
-from graspless_pin.report.text import verdict_text
 from graspless_pin.scene import Scene, load_scene
 from graspless_pin.scene.scene_stability import hand_support_contacts
 from graspless_pin.simulation import SimulatedOutcome, Simulation, simulate
@@ -111,7 +110,7 @@ def _words(scene: Scene, found: Simulation) -> str:
         else stability(found.problem, found.torques)
     )
     text = simulation_text(found, scene.contacts.bodies, bounds)
-    return f"{text}\n\nverdict: {verdict_text(verdict)}"
+    return f"{text}\n\nverdict: {verdict}"
 
 
 def _three_numbers(text: str) -> list[float]:

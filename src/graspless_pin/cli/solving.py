@@ -16,7 +16,6 @@ from graspless_pin.modes.rules import SignRule, SlidingRule, StaticFriction
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.report import scene_solution_text, solution_document, write_document
 from graspless_pin.report.reading import read_document
-from graspless_pin.report.text import verdict_text
 from graspless_pin.report.verify import Verification, verify_document
 from graspless_pin.scene import load_scene, scene_json_schema
 
@@ -85,7 +84,7 @@ def solve_scene(
         if solution.found and not no_verdict:
             try:
                 verdict = loaded.stability(solution.torques, node_limit=verdict_nodes)
-                said = verdict_text(verdict)
+                said = str(verdict)
             except ArgumentError as error:
                 said = f"no verdict: {error}"
         if json_file is not None:

@@ -18,6 +18,8 @@ from graspless_pin.holding.certificate import (
     proves_unrest,
 )
 from graspless_pin.holding.dynamics import Dynamics, scaled_dynamics
+from graspless_pin.holding.free_motions import free_motions
+from graspless_pin.holding.motion_words import motion_words
 from graspless_pin.holding.moving import find_motion
 from graspless_pin.holding.relaxation import FORCE_LIMIT, Relaxation
 from graspless_pin.holding.rest import BALANCE_TOLERANCE
@@ -28,7 +30,6 @@ from graspless_pin.holding.verdict import (
     RestProof,
     Stability,
     StabilityVerdict,
-    described,
 )
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import (
@@ -128,7 +129,8 @@ def _asked(
         limit = resolution * problem.scales.force / float(problem.object_inertia[0, 0])
     blank = StabilityVerdict(
         Stability.UNDECIDED, problem, tau, resolution, limit, rest_forces=None, motion=None,
-        proof=None, no_rest=None, programs=0, nodes=0, message="",
+        proof=None, no_rest=None, programs=0, nodes=0, free_motions=len(free_motions(problem)),
+        message="",
     )  # fmt: skip
     return blank, limits
 
@@ -168,6 +170,8 @@ def _verdict(blank: StabilityVerdict, limits: _Limits) -> StabilityVerdict:
 def _strong(known: StabilityVerdict, proof: RestProof) -> StabilityVerdict:
     count = known.programs
     said = f"holds: rest is the only outcome (proof: {count} LP{'s' if count != 1 else ''})"
+    if free := known.free_motions:
+        said += f"; needs position feedback: {free} free motion{'s' if free != 1 else ''}"
     return replace(known, status=Stability.STRONG, proof=proof, message=said)
 
 
@@ -256,7 +260,7 @@ def _searched(
             why += f"{found.nodes} sets of outcomes looked at, {found.left} left"
             return replace(known, message=why)
     motion = _outcome(known.problem, dynamics, forces)
-    said = f"may fail: rest is an outcome, and so is a motion: {described(motion)}"
+    said = f"may fail: the object can {motion_words(known.problem, motion)}"
     return replace(known, status=Stability.WEAK, motion=motion, message=said)
 
 
@@ -270,7 +274,7 @@ def _none(
     motion, said = None, "fails: rest is no outcome"
     if dynamics is not None and forces is not None:
         motion = _outcome(problem, dynamics, forces)
-        said += f"; what happens: {described(motion)}"
+        said += f"; the object can {motion_words(problem, motion)}"
     return replace(
         known, status=Stability.NONE, motion=motion, no_rest=read_only(proof), message=said
     )

@@ -158,6 +158,8 @@ class StabilityVerdict:
             which all contact forces do work of one sign and the load the other; scaled.
         programs: Linear programs solved.
         nodes: Sets of outcomes looked at.
+        free_motions: How many motions no friction resists, see `free_motions`; where an object at
+            rest has some, constant torques seldom hold.
         message: One sentence.
     """
 
@@ -172,6 +174,7 @@ class StabilityVerdict:
     no_rest: FloatArray | None
     programs: int
     nodes: int
+    free_motions: int
     message: str
 
     def __str__(self) -> str:
@@ -181,15 +184,3 @@ class StabilityVerdict:
     def __repr__(self) -> str:
         """Return the status and the message, not the arrays."""
         return f"StabilityVerdict({self.status}: {self.message})"
-
-
-def described(motion: DynamicOutcome) -> str:
-    """Return how fast an outcome moves, and what its contacts do, in words."""
-    said = [f"{motion.point_acceleration:.3g} m/s^2"]
-    for state, word in ((ContactState.OPEN, "open"), (ContactState.SLIPPING, "slip")):
-        which = [str(index) for index, own in enumerate(motion.states) if own is state]
-        if len(which) == len(motion.states):
-            said.append(f"all contacts {word}")
-        elif which:
-            said.append(f"{'contacts' if len(which) > 1 else 'contact'} {', '.join(which)} {word}")
-    return ", ".join(said[:1]) + (f" ({'; '.join(said[1:])})" if said[1:] else "")

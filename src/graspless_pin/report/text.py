@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from graspless_pin.geometry.contact.contact_points import BodyKind
-from graspless_pin.holding.free_motions import free_motions
-from graspless_pin.holding.verdict import Stability, StabilityVerdict
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
 
@@ -29,18 +27,6 @@ def scene_solution_text(scene: Scene, solution: TorqueSolution, verdict: str = "
     if verdict:
         title += f"\n{verdict}"
     return f"{title}\n{solution.text(_touching(scene))}"
-
-
-def verdict_text(verdict: StabilityVerdict) -> str:
-    """Return what a verdict says, and how many motions need position feedback."""
-    said = [verdict.message]
-    count = len(free_motions(verdict.problem))
-    if verdict.status is Stability.STRONG and count:
-        said.append(
-            f"needs position feedback: {_count(count, 'free motion')}, against which constant "
-            "torques seldom hold"
-        )
-    return "\n".join(said)
 
 
 def _count(number: int, noun: str) -> str:

@@ -22,7 +22,8 @@ def verdict_data(verdict: StabilityVerdict) -> dict[str, Any]:
 
     Returns:
         ``status``, ``message``, ``acceleration_resolution``, ``acceleration_limit`` (m/s^2),
-        ``rest_forces`` (N), ``motion``, ``no_rest``, ``programs``, ``nodes`` and ``proof``.
+        ``rest_forces`` (N), ``motion``, ``no_rest``, ``programs``, ``nodes``,
+        ``free_motions`` and ``proof``.
     """
     return {
         "status": str(verdict.status),
@@ -34,6 +35,7 @@ def verdict_data(verdict: StabilityVerdict) -> dict[str, Any]:
         "no_rest": verdict.no_rest,
         "programs": verdict.programs,
         "nodes": verdict.nodes,
+        "free_motions": verdict.free_motions,
         "proof": None if verdict.proof is None else _proof(verdict.proof),
     }
 
