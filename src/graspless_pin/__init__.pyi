@@ -3,7 +3,6 @@ from .algorithms.disturbances import DisturbanceMargin, disturbance_margin
 from .algorithms.explanation import Explanation, Suggestion, explain
 from .algorithms.force_bounds import ContactForceBounds, contact_force_bounds
 from .algorithms.gradients import Gradients, OptimumGradients, optimum_gradients
-from .algorithms.guaranteed_torques import GuaranteedTorques, guaranteed_torques
 from .algorithms.margin_torque_curve import MarginTorqueCurve, margin_torque_curve
 from .algorithms.minimum_friction import MinimumFriction, minimum_friction
 from .algorithms.options import SolveOptions
@@ -36,6 +35,7 @@ from .scene.minimum_stiffness import MinimumStiffness, minimum_stiffness
 from .scene.poses import close_fingers, fingertip_contact, settle
 from .scene.scene import Scene
 from .solution.certificate import Certificate
+from .solution.guarantee import Guarantee
 from .solution.status import Status
 from .solution.torque_solution import TorqueSolution
 from .solvers.solving import available_solvers
@@ -57,7 +57,7 @@ __all__ = [
     "ForceRows",
     "Gradients",
     "GrasplessPinError",
-    "GuaranteedTorques",
+    "Guarantee",
     "Hand",
     "JointSpace",
     "JointUnit",
@@ -99,7 +99,6 @@ __all__ = [
     "fingertip_contact",
     "force_first",
     "free_motions",
-    "guaranteed_torques",
     "load_scene",
     "load_study",
     "margin_sensitivity",

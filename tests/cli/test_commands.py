@@ -38,6 +38,17 @@ def test_exit_code_0_prints_the_tables():
     assert "margin e = 0.743" in result.stdout
 
 
+def test_guaranteed_torques_state_what_they_cost_and_verify(tmp_path):
+    file = tmp_path / "solution.json"
+    result = run("solve", PAPER / "cuboid_at_rest.yaml", "--stability", "strong", "--json", file)
+    assert result.exit_code == 0, result.output
+    assert "holds: rest is the only outcome (proof: 15 LPs)" in result.stdout
+    assert "guaranteed: 0 N from the best case (1.65039 N)" in result.stdout
+    checked = run("verify", file)
+    assert checked.exit_code == 0, checked.output
+    assert "the torques are guaranteed: verdict: strong" in checked.stdout
+
+
 def test_exit_code_1_says_why(tmp_path):
     result = solve_text(tmp_path, HEAVY)
     assert result.exit_code == 1 and result.stderr == ""

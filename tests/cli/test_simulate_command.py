@@ -22,6 +22,12 @@ def test_a_scene_that_holds():
     assert "verdict: holds: rest is the only outcome" in result.stdout
 
 
+def test_guaranteed_torques_are_simulated():
+    result = run("simulate", CUBOID, "--stability", "strong", *BRIEFLY)
+    assert result.exit_code == 0, result.output
+    assert "verdict: holds: rest is the only outcome" in result.stdout
+
+
 def test_a_scene_that_moves_and_is_held_by_feedback():
     moved = run("simulate", BALL, "--algorithm", "margin", "--seconds", "1.2")
     assert moved.exit_code == 1

@@ -48,6 +48,17 @@ def pressed_on_wall(friction: float = 0.5, inertia: float = 0.01) -> Quasistatic
     )  # fmt: skip
 
 
+def pressed_in_slot(friction: float = 0.5) -> QuasistaticProblem:
+    """The same with a second wall, which may press or not: 9.81 N hold whatever it does."""
+    one = pressed_on_wall(friction)
+    corners = one.positions[:4] * [-1.0, 1.0, 1.0]
+    return QuasistaticProblem(
+        np.vstack([one.positions, corners]), np.vstack([one.normals, [(-1.0, 0.0, 0.0)] * 4]),
+        one.external_wrench, np.vstack([one.jacobian, np.zeros((12, 1))]), friction=friction,
+        joint_units=["N"], object_inertia=box_inertia(), joint_inertia=[[0.01]],
+    )  # fmt: skip
+
+
 def hybrid_on_wall(friction: float = 0.5) -> QuasistaticProblem:
     """The same with a hybrid finger: its one column commands the normal force."""
     problem = pressed_on_wall(friction)

@@ -1,84 +1,228 @@
-"""Torques of which rest is the only outcome: in a slot whose best case may drop its box."""
+"""Torques of which rest is the only outcome: in slots whose best case may drop the box."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
 import numpy as np
 import pytest
-from cases import block_between_walls, pressed_on_wall
+from cases import GRAVITY, block_between_walls, pressed_in_slot, pressed_on_wall
 from tests.simulation.holding_scenes import holding_scenes
 
 from graspless_pin import (
-    GuaranteedTorques,
+    Evaluator,
+    Margin,
     QuasistaticProblem,
+    Scene,
     Stability,
-    Torque,
-    guaranteed_torques,
+    Status,
+    TorqueSolution,
+    Waypoint,
+    contact_force_bounds,
+    disturbance_margin,
+    evaluate_path,
+    explain,
+    load_scene,
+    margin_torque_curve,
+    maximize_margin,
+    minimize_torque,
+    minimum_friction,
+    optimize,
+    optimum_gradients,
     stability,
 )
 from graspless_pin.errors import ArgumentError, NoSolutionError
+from graspless_pin.report import read_solution, solution_document
+
+CUBOID = "examples/paper/cuboid_at_rest.yaml"
 
 
 @pytest.fixture(scope="module")
-def slot() -> QuasistaticProblem:
+def slot() -> Scene:
     (scene,) = holding_scenes("slot", 1)
-    return scene.problem()
+    return scene
 
 
 @pytest.fixture(scope="module")
-def found(slot: QuasistaticProblem) -> GuaranteedTorques:
-    return guaranteed_torques(slot)
+def best(slot: Scene) -> TorqueSolution:
+    return slot.solve("margin")
 
 
-def test_the_best_case_in_a_slot_may_fail_and_others_do_not(
-    slot: QuasistaticProblem, found: GuaranteedTorques
+@pytest.fixture(scope="module")
+def strong(slot: Scene) -> TorqueSolution:
+    return slot.solve("margin", stability="strong")
+
+
+def is_strong(problem: QuasistaticProblem, solution: TorqueSolution) -> bool:
+    return stability(problem, solution.torques).status is Stability.STRONG
+
+
+def test_the_best_case_in_a_slot_may_fail_and_guaranteed_torques_do_not(
+    best: TorqueSolution, strong: TorqueSolution
 ) -> None:
-    assert stability(slot, found.best_case.torques).status is Stability.WEAK
+    problem = best.problem
+    assert stability(problem, best.torques).status is Stability.WEAK
+    assert strong.status is Status.STRONG
+    assert is_strong(problem, strong)
+    assert strong.guarantee is not None
+    assert strong.guarantee.verdict is not None
+    np.testing.assert_array_equal(strong.guarantee.verdict.torques, strong.torques)
+    assert strong.guarantee.tried > 1
+
+
+def test_the_certificate_states_both_gaps(best: TorqueSolution, strong: TorqueSolution) -> None:
+    assert strong.guarantee is not None
+    assert strong.guarantee.best_case == pytest.approx(best.margin, rel=1e-9)
+    assert 0.0 < strong.margin < best.margin
+    assert strong.value == pytest.approx(strong.margin, rel=1e-12)
+    assert strong.guarantee.gap == pytest.approx(best.margin - strong.margin, rel=1e-9)
+    assert strong.certificate.bound == best.certificate.bound
+    assert strong.certificate.gap == pytest.approx(best.certificate.bound - strong.margin, rel=1e-9)
+    assert f"N from the best case ({best.margin:.5f} N)" in str(strong)
+
+
+def test_the_forces_are_the_best_of_the_torques(strong: TorqueSolution) -> None:
+    """Forces of the problem's own cones, with the largest margin that these torques leave open."""
+    problem = strong.problem
+    unbalanced = problem.W @ strong.contact_forces.ravel() + problem.external_wrench
+    assert np.abs(unbalanced).max() < 1e-9 * problem.scales.force
+    ranges = contact_force_bounds(problem, strong.torques, static_friction="coulomb")
+    assert strong.margin <= ranges.largest_margin + 1e-6
+    assert strong.margin == pytest.approx(ranges.largest_margin, rel=1e-3)
+
+
+@pytest.mark.parametrize("solve", [
+    maximize_margin, partial(minimize_torque, margin=0.1),
+    partial(minimize_torque, margin=0.1, scale="limits"), partial(optimize, objective=Margin()),
+    partial(minimize_torque, margin=0.0, regularization=1e-4),
+])  # fmt: skip
+def test_a_finger_has_to_press_with_the_weight_where_the_far_wall_may_not(
+    solve: Callable[..., TorqueSolution],
+) -> None:
+    """By hand: finger and near wall bear mu F each, and with less than 9.81 N the box falls."""
+    problem = pressed_in_slot().with_changes(torque_limits=(0.0, 40.0))
+    found = solve(problem, stability="strong")
     assert found.found
-    assert found.verdict is not None
-    assert found.verdict.status is Stability.STRONG
-    assert stability(slot, found.torques).status is Stability.STRONG
-    assert found.tried > 1
-    assert 0.0 <= found.friction_share < 1.0
+    assert found.torques[0] >= GRAVITY
+    assert is_strong(problem, found)
+    assert found.guarantee is not None
+    assert found.guarantee.gap >= 0.0
 
 
-def test_the_margin_is_that_of_the_problem_s_own_cones(
-    slot: QuasistaticProblem, found: GuaranteedTorques
-) -> None:
-    assert found.solution is not None
-    forces = found.solution.contact_forces
-    unbalanced = slot.W @ forces.ravel() + slot.external_wrench
-    assert np.abs(unbalanced).max() < 1e-6 * slot.scales.force
-    assert 0.0 < found.margin < found.best_case.margin
-    assert "rest is the only outcome" in str(found)
-    assert f"{found.best_case.margin:.4g} N" in str(found)
+def test_less_than_the_weight_needs_luck_and_the_best_case_asks_for_little() -> None:
+    problem = pressed_in_slot().with_changes(torque_limits=(0.0, 40.0))
+    falls = stability(problem, [0.99 * GRAVITY])
+    assert falls.status is Stability.WEAK
+    assert minimize_torque(problem, 0.1).torques[0] < 0.1 * GRAVITY
 
 
 def test_torques_that_hold_are_left_as_they_are() -> None:
     problem = pressed_on_wall().with_changes(torque_limits=(0.0, 40.0))
-    found = guaranteed_torques(problem)
-    assert found.tried == 1
-    assert found.solution is found.best_case
-    least = guaranteed_torques(problem, Torque(0.1))
-    assert least.found
-    assert least.torques[0] <= found.torques[0]
+    best, found = maximize_margin(problem), maximize_margin(problem, stability="strong")
+    assert found.status is Status.OPTIMAL
+    assert found.guarantee is not None
+    assert (found.guarantee.tried, found.guarantee.gap) == (1, 0.0)
+    np.testing.assert_array_equal(found.torques, best.torques)
+    gradients = optimum_gradients(found).values.friction
+    np.testing.assert_array_equal(gradients, optimum_gradients(best).values.friction)
+
+
+def test_gradients_of_guaranteed_torques_that_are_no_optimum_are_refused(
+    strong: TorqueSolution,
+) -> None:
+    with pytest.raises(ArgumentError, match=r"guaranteed torques .* solve with stability='weak'"):
+        optimum_gradients(strong)
+    with pytest.raises(NoSolutionError, match="multipliers"):
+        _ = strong.multipliers
 
 
 def test_where_none_is_found_it_says_whether_that_is_proven() -> None:
-    hopeless = guaranteed_torques(block_between_walls(0.5), static_friction="coulomb")
-    assert not hopeless.found
-    assert hopeless.verdict is not None
-    assert hopeless.verdict.status is Stability.WEAK
-    assert "not proven" in str(hopeless)
-    with pytest.raises(NoSolutionError, match="not proven"):
-        _ = hopeless.torques
-    weak = guaranteed_torques(pressed_on_wall().with_changes(torque_limits=(0.0, 1.0)))
-    assert not weak.found
-    assert weak.tried == 0
-    assert "not even the best case" in str(weak)
+    none = maximize_margin(block_between_walls(0.5), static_friction="coulomb", stability="strong")
+    assert none.status is Status.INFEASIBLE_STRONG
+    assert none.guarantee is not None
+    assert none.guarantee.verdict is not None
+    assert none.guarantee.verdict.status is Stability.WEAK
+    assert "may fail" in none.explanation
+    assert "not proven" not in str(explain(none))
+    with pytest.raises(NoSolutionError, match="no torques"):
+        _ = none.torques
+    short = pressed_in_slot().with_changes(torque_limits=(0.0, 5.0))
+    assert maximize_margin(short, stability="strong").status is Status.STRONG_NOT_FOUND
+    weak = pressed_on_wall().with_changes(torque_limits=(0.0, 1.0))
+    assert maximize_margin(weak, stability="strong").status is Status.INFEASIBLE_FORCES
+
+
+def test_a_scene_that_verdicts_cannot_decide_on_has_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        "graspless_pin.scene.scene_stability.hand_support_contacts", lambda _: (("tip", "wall"),)
+    )
+    none = load_scene(CUBOID).solve(stability="strong")
+    assert none.status is Status.STRONG_NOT_FOUND
+    assert "the hand touches supports (tip on wall)" in none.explanation
+    said = Evaluator(load_scene(CUBOID), stability="strong").evaluate()
+    assert not said.found
+    assert said.status.name == "UNDECIDED"
+
+
+def test_the_time_limit_is_that_of_the_whole_call(strong: TorqueSolution) -> None:
+    none = maximize_margin(strong.problem, stability="strong", time_limit=1e-9)
+    assert none.status in (Status.NOT_FOUND_IN_LIMIT, Status.STRONG_NOT_FOUND)
+
+
+def test_verdict_nodes_bound_each_verdict() -> None:
+    problem = pressed_in_slot().with_changes(torque_limits=(0.0, 19.0))
+    assert not maximize_margin(problem, stability="strong", verdict_nodes=0).found
+
+
+@pytest.mark.parametrize(
+    "ask",
+    [
+        lambda problem, **how: contact_force_bounds(problem, [10.0], **how),
+        disturbance_margin,
+        minimum_friction,
+        margin_torque_curve,
+    ],
+)
+def test_what_takes_torques_or_the_best_case_refuses_it(ask: Callable[..., Any]) -> None:
+    with pytest.raises(ArgumentError, match=r"stability: is 'strong', but .*; .*ask"):
+        ask(pressed_on_wall(), stability="strong")
 
 
 def test_bad_arguments_are_named() -> None:
-    with pytest.raises(ArgumentError, match="problem"):
-        guaranteed_torques("slot")  # type: ignore[arg-type]
-    with pytest.raises(ArgumentError, match="objective"):
-        guaranteed_torques(pressed_on_wall(), "margin")  # type: ignore[arg-type]
+    problem = pressed_on_wall().with_changes(torque_limits=(0.0, 40.0))
+    mode = maximize_margin(problem).mode
+    with pytest.raises(ArgumentError, match="stability: is 'strong', but the argument mode"):
+        maximize_margin(problem, mode=mode, stability="strong")
+    with pytest.raises(ArgumentError, match="stability"):
+        maximize_margin(problem, stability="certain")
+    with pytest.raises(ArgumentError, match="verdict_nodes"):
+        maximize_margin(problem, stability="strong", verdict_nodes=-1)
+
+
+def test_an_evaluator_gives_guaranteed_torques_and_verdicts(slot: Scene, strong: Any) -> None:
+    evaluator = Evaluator(slot, stability="strong")
+    said = evaluator.evaluate()
+    np.testing.assert_allclose(said.torques, strong.torques, atol=1e-6)
+    assert said.stability(node_limit=300).status is Stability.STRONG
+    assert evaluator.is_feasible(margin=0.9 * strong.margin)
+    assert Evaluator(slot).evaluate().stability().status is Stability.WEAK
+
+
+def test_paths_give_a_verdict_for_each_state() -> None:
+    scene = load_scene(CUBOID)
+    profile = evaluate_path(Evaluator(scene, stability="strong"), [Waypoint(), Waypoint()])
+    assert [said and said.status for said in profile.verdicts()] == [Stability.STRONG] * 2
+    assert all(item.solution.guarantee is not None for item in profile.evaluations)
+
+
+def test_documents_keep_what_is_guaranteed(slot: Scene, strong: TorqueSolution) -> None:
+    again = read_solution(json.loads(json.dumps(solution_document(strong, slot))))
+    assert again.status is Status.STRONG
+    assert again.guarantee is not None
+    assert strong.guarantee is not None
+    assert again.guarantee.gap == strong.guarantee.gap
+    np.testing.assert_allclose(again.torques, strong.torques, atol=1e-12)
+    assert str(again) == str(strong)

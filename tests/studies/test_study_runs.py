@@ -107,6 +107,16 @@ def test_an_explanation_on_request(tmp_path):
     assert table["reason"][0].count("\n") >= 1 and "N m" in table["reason"][0]
 
 
+def test_guaranteed_torques_and_verdicts_have_their_column(tmp_path):
+    vary = {"friction": {"values": [0.3]}}
+    made = study(vary, compute={"stability": "strong", "verdict": True, "verdict_nodes": 400})
+    assert made.scene.data["solve"].items() >= {"stability": "strong", "verdict_nodes": 400}.items()
+    row = run(made, tmp_path / "out.csv").iloc[0]
+    assert (row["status"], row["verdict"]) == ("optimal", "strong")
+    plain = run(study(vary, compute={"verdict": True}), tmp_path / "plain.csv").iloc[0]
+    assert plain["verdict"] == "strong"
+
+
 def test_analyses_have_columns(tmp_path):
     made = study(
         {"friction": {"values": [0.3]}},

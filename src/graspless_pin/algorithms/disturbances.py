@@ -113,11 +113,13 @@ def disturbance_margin(
 
     Raises:
         ArgumentError: If a shape is wrong, a direction is zero, the length is not positive, an
-            option is not known or the sign rule is ``direction``.
+            option is not known, the sign rule is ``direction`` or ``stability="strong"``.
     """
     checked_problem(problem)
     how = SolveOptions.parse(**options)
     how.rules.need_signs("disturbance_margin")
+    what = "disturbance_margin is what can be borne at best"
+    how.need_weak(what, "leave it out, and ask `stability` under a disturbance")
     limits = Limits.of(how)
     length = characteristic_length
     if length is None:

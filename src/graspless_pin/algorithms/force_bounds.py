@@ -111,10 +111,11 @@ def contact_force_bounds(
 
     Raises:
         ArgumentError: If the torques have the wrong shape, an option is not known, the time limit
-            is negative or the sign rule is ``direction``.
+            is negative, the sign rule is ``direction`` or ``stability="strong"``.
     """
     how = SolveOptions.parse(**options)
     how.rules.need_signs("contact_force_bounds")
+    how.need_weak("contact_force_bounds takes torques as they are", "ask `stability` of them")
     checked_problem(problem)
     given = finite_array("torques", torques, (problem.joint_count,))
     search = ForceExtremes(problem, given, how)

@@ -23,7 +23,7 @@ from graspless_pin.problem.cones import face_directions, room_to_round
 from graspless_pin.programs.marginals import Marginals
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.renamed import former_names
-from graspless_pin.solution import TorqueSolution, checked_solution
+from graspless_pin.solution import Status, TorqueSolution, checked_solution
 
 _SAME = 1e-6
 _ROUNDING = 1e-9
@@ -110,7 +110,8 @@ def optimum_gradients(solution: TorqueSolution) -> OptimumGradients:
 
     Raises:
         NoSolutionError: If nothing was found.
-        ArgumentError: If it is no solution, or one with a regularisation or under ``direction``.
+        ArgumentError: If it is no solution, or one with a regularisation, under ``direction`` or
+            with status STRONG.
     """
     checked_solution(solution)
     if not solution.found:
@@ -121,6 +122,12 @@ def optimum_gradients(solution: TorqueSolution) -> OptimumGradients:
             "solution",
             f"is of the objective '{solution.objective.name}'; gradients are those of Algorithms "
             "1 and 2",
+        )
+    if solution.status is Status.STRONG:
+        raise ArgumentError(
+            "solution",
+            "has guaranteed torques that are worse than the best case and no optimum; gradients "
+            "are those of the best case: solve with stability='weak'",
         )
     if solution.regularization > 0.0:
         raise ArgumentError(

@@ -132,12 +132,14 @@ def margin_torque_curve(
         options: See `SolveOptions.parse`.
 
     Raises:
-        ArgumentError: If an option is not known or the sign rule is ``direction``.
+        ArgumentError: If an option is not known, for ``direction`` or ``strong``.
         SolverUnavailableError: If the solver is not installed.
     """
     checked_problem(problem)
     how = SolveOptions.parse(**options)
     how.rules.need_signs("margin_torque_curve")
+    what = "margin_torque_curve is of the best case"
+    how.need_weak(what, "leave it out, or ask `minimize_torque` for each margin")
     torque_scale = choice(TorqueScale, "scale", scale)
     formulation = formulated(problem, Tradeoff(torque_objective(0.0, torque_scale)))
     search = CurveSearch(formulation, how, Limits.of(how))

@@ -54,10 +54,13 @@ def minimum_friction(
         options: See `SolveOptions.parse`.
 
     Raises:
-        ArgumentError: If an option is not known.
+        ArgumentError: If an option is not known, or ``stability="strong"``.
     """
     checked_problem(problem)
-    factor, proven = smallest_factor(problem, Margin(), SolveOptions.parse(**options))
+    how = SolveOptions.parse(**options)
+    what = "minimum_friction is what can be held with at best"
+    how.need_weak(what, "leave it out, and ask for guaranteed torques at a factor")
+    factor, proven = smallest_factor(problem, Margin(), how)
     return MinimumFriction(factor, proven)
 
 

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Self
 
+from graspless_pin.errors import ArgumentError
+from graspless_pin.holding.stability import NODE_LIMIT
 from graspless_pin.modes.rules import (
     RuleOptions,
     Rules,
@@ -26,6 +28,15 @@ class Search(StrEnum):
     """The relaxation, then every maximal mode."""
 
 
+class RequiredStability(StrEnum):
+    """What rest under the torques has to be."""
+
+    WEAK = "weak"
+    """An outcome: forces that statics leave open may balance."""
+    STRONG = "strong"
+    """The only outcome, proven by a verdict."""
+
+
 class SolveKeywords(RuleOptions, total=False):
     """The options by name, as functions take them; see `SolveOptions.parse`."""
 
@@ -34,6 +45,8 @@ class SolveKeywords(RuleOptions, total=False):
     node_limit: int | None
     time_limit: float | None
     direction_gap: float
+    stability: str
+    verdict_nodes: int
 
 
 @dataclass(frozen=True)
@@ -48,6 +61,8 @@ class SolveOptions:
         time_limit: Seconds for all searches of one call; None: no limit.
         direction_gap: How near the optimum under the rule ``direction`` is found: over the optimum,
             or over a hundredth of the load where that is larger.
+        stability: What rest under the torques has to be.
+        verdict_nodes: Sets of outcomes that each verdict on torques may look at.
     """
 
     rules: Rules = field(default_factory=Rules)
@@ -56,6 +71,8 @@ class SolveOptions:
     node_limit: int | None = None
     time_limit: float | None = None
     direction_gap: float = 1e-4
+    stability: RequiredStability = RequiredStability.WEAK
+    verdict_nodes: int = NODE_LIMIT
 
     @classmethod
     def parse(
@@ -69,6 +86,8 @@ class SolveOptions:
         node_limit: int | None = None,
         time_limit: float | None = None,
         direction_gap: float = 1e-4,
+        stability: str = RequiredStability.WEAK,
+        verdict_nodes: int = NODE_LIMIT,
     ) -> Self:
         """Return checked options.
 
@@ -82,6 +101,10 @@ class SolveOptions:
                 gap.
             time_limit: Likewise after so many seconds in all.
             direction_gap: Relative gap, at least 1e-6, at which a search under ``direction`` ends.
+            stability: ``weak``: rest is an outcome of the torques, or ``strong``: it is the only
+                one, which the solution's `guarantee` proves.
+            verdict_nodes: Sets of outcomes that each verdict on torques may look at, for
+                ``strong``.
 
         Raises:
             ArgumentError: If an option is not known or a figure out of range.
@@ -96,7 +119,27 @@ class SolveOptions:
             if time_limit is None
             else real_number("time_limit", time_limit, 0.0, finite=False),
             real_number("direction_gap", direction_gap, 1e-6),
+            choice(RequiredStability, "stability", stability),
+            whole_number("verdict_nodes", verdict_nodes, 0),
         )
+
+    @property
+    def strong(self) -> bool:
+        """Whether rest has to be the only outcome."""
+        return self.stability is RequiredStability.STRONG
+
+    def need_weak(self, what: str, instead: str) -> None:
+        """Refuse ``stability="strong"`` where it has no meaning.
+
+        Args:
+            what: What cannot have it, as the subject of a sentence.
+            instead: What to do.
+
+        Raises:
+            ArgumentError: Naming it.
+        """
+        if self.strong:
+            raise ArgumentError("stability", f"is 'strong', but {what}; {instead}")
 
 
 DEFAULT_OPTIONS = SolveOptions()

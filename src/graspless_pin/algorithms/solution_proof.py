@@ -16,7 +16,12 @@ from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.solution.proof import ModeProof, SolutionProof
 from graspless_pin.solvers import ANY_SOLVER, Outcome
 
-_OPEN = (Status.NOT_FOUND_IN_LIMIT, Status.UNVERIFIED)
+_OPEN = (
+    Status.NOT_FOUND_IN_LIMIT,
+    Status.UNVERIFIED,
+    Status.STRONG_NOT_FOUND,
+    Status.INFEASIBLE_STRONG,
+)
 
 
 def proof_of(solution: TorqueSolution) -> SolutionProof:

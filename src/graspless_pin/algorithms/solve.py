@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from graspless_pin.algorithms.formulation import Formulation, formulate
+from graspless_pin.algorithms.guaranteed_torques import guaranteed
 from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.options import DEFAULT_OPTIONS, SolveOptions
 from graspless_pin.algorithms.search import SearchResult, SearchState, in_mode, undecided
@@ -33,6 +34,7 @@ def solve_problem(
     options: SolveOptions = DEFAULT_OPTIONS,
     *,
     mode: SlidingMode | None = None,
+    unknown: str = "",
 ) -> TorqueSolution:
     """Solve a problem for an objective.
 
@@ -41,15 +43,53 @@ def solve_problem(
         objective: What is optimised.
         options: How.
         mode: Solve this (B, S) only.
+        unknown: Why no verdict on torques can be had; empty: one can.
 
     Raises:
         ArgumentError: If an argument is none of its kind, or the mode not one of the problem; if
-            the rule ``direction`` does not take the objective or a mode.
+            the rule ``direction`` does not take the objective or a mode, or ``stability="strong"``
+            a mode.
     """
     checked_problem(problem)
     if not isinstance(objective, Objective):
         raise ArgumentError("objective", f"is {objective!r:.80}; it must be an Objective")
-    limits, gap = Limits.of(options), 0.0
+    limits = Limits.of(options)
+    if mode is not None:
+        what = "the argument mode is about forces that may balance in it"
+        options.need_weak(what, "ask `stability` of its torques")
+    best = _best_case(problem, objective, options, limits, mode)
+    return as_stable(best, options, limits, unknown)
+
+
+def as_stable(
+    best: TorqueSolution, options: SolveOptions, limits: Limits, unknown: str
+) -> TorqueSolution:
+    """Return the best case, or the best torques found whose rest is as stable as is asked for.
+
+    Args:
+        best: The best case, found or not.
+        options: What is asked for.
+        limits: Of the whole call.
+        unknown: Why no verdict on torques can be had; empty: one can.
+    """
+    if not options.strong:
+        return best
+
+    def optimum(problem: QuasistaticProblem, objective: Objective) -> TorqueSolution:
+        return _best_case(problem, objective, options, limits)
+
+    return guaranteed(best, optimum, options, limits, unknown)
+
+
+def _best_case(
+    problem: QuasistaticProblem,
+    objective: Objective,
+    options: SolveOptions,
+    limits: Limits,
+    mode: SlidingMode | None = None,
+) -> TorqueSolution:
+    """Return the optimum over all forces that statics leave open."""
+    gap = 0.0
     if options.rules.by_direction:
         if mode is not None:
             options.rules.need_signs("the argument mode")

@@ -24,7 +24,7 @@ from graspless_pin.algorithms.search import (
     undecided,
 )
 from graspless_pin.algorithms.searching import search_modes
-from graspless_pin.algorithms.solve import solution_of, solve_problem
+from graspless_pin.algorithms.solve import as_stable, solution_of, solve_problem
 from graspless_pin.algorithms.threshold import threshold_optima
 from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.modes.rules import SlidingMode, SlidingRule, candidate_contacts
@@ -35,7 +35,7 @@ from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.solvers import Answer, Outcome
 
-_OPEN = (Status.NOT_FOUND_IN_LIMIT, Status.UNVERIFIED)
+_OPEN = (Status.NOT_FOUND_IN_LIMIT, Status.UNVERIFIED, Status.STRONG_NOT_FOUND)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +63,7 @@ def solve_from(
     objective: Objective,
     options: SolveOptions,
     start: WarmStart = COLD_START,
+    unknown: str = "",
 ) -> tuple[TorqueSolution, WarmStart]:
     """Solve a problem as `solve_problem` does, trying first what was best before.
 
@@ -71,13 +72,14 @@ def solve_from(
         objective: What is optimised.
         options: How the problem is solved.
         start: What a similar problem with the same contacts left behind.
+        unknown: See `solve_problem`.
 
     Returns:
         The solution, and what it leaves behind.
     """
     rules, limits = options.rules, Limits.of(options)
     if rules.by_direction:
-        return solve_problem(problem, objective, options), start
+        return solve_problem(problem, objective, options, unknown=unknown), start
     state = _WarmState(formulate(problem, objective), rules, options.solver, start=start)
 
     def cold(formulation: Formulation) -> SearchResult:
@@ -88,7 +90,8 @@ def solve_from(
     except UndecidedMotionError:
         result = undecided(state)
     optima = threshold_optima(result, cold)
-    return solution_of(result, rules, optima=optima), state.left_behind()
+    best = solution_of(result, rules, optima=optima)
+    return as_stable(best, options, limits, unknown), state.left_behind()
 
 
 def reaches_margin(
@@ -96,6 +99,7 @@ def reaches_margin(
     margin: float,
     options: SolveOptions,
     start: WarmStart = COLD_START,
+    unknown: str = "",
 ) -> tuple[bool | None, WarmStart]:
     """Decide whether any feasible mode reaches a margin, with the first proof either way.
 
@@ -108,6 +112,7 @@ def reaches_margin(
         margin: The margin to reach, N.
         options: How the problem is solved.
         start: What a similar problem with the same contacts left behind.
+        unknown: See `solve_problem`.
 
     Returns:
         Whether it is reached, None if a limit ended the search before a proof; and what that leaves
@@ -117,8 +122,8 @@ def reaches_margin(
         ArgumentError: If the margin is negative.
     """
     required = real_number("margin", margin, 0.0)
-    if options.rules.by_direction:
-        best = solve_problem(problem, Margin(), options)
+    if options.rules.by_direction or options.strong:
+        best = solve_problem(problem, Margin(), options, unknown=unknown)
         if best.found and best.margin >= required:
             return True, start
         open_still = best.status in _OPEN or (best.found and best.certificate.bound >= required)

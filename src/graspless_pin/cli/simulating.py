@@ -9,6 +9,7 @@ import numpy as np
 import typer
 
 from graspless_pin.algorithms.force_bounds import contact_force_bounds
+from graspless_pin.algorithms.options import RequiredStability
 from graspless_pin.cli.outcome import ExitCode, plain_errors
 from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.stability import stability
@@ -32,6 +33,10 @@ def simulate_scene(
         typer.Option(
             help="Whose torques: margin (Algorithm 1) or torque (2); default: the file's."
         ),
+    ] = None,
+    required: Annotated[
+        RequiredStability | None,
+        typer.Option("--stability", help="strong: torques of which rest is the only outcome."),
     ] = None,
     feedback: Annotated[
         float,
@@ -69,7 +74,7 @@ def simulate_scene(
         force = _three_numbers(push)
         if save is not None and save.suffix.lower() not in (".html", ".mp4"):
             raise ArgumentError("--save", f"needs a file that ends in .html or .mp4, got '{save}'")
-        solution = loaded.solve(algorithm)
+        solution = loaded.solve(algorithm, **({} if required is None else {"stability": required}))
         if not solution.found:
             typer.echo(f"nothing to simulate: {solution.status.message}")
             raise typer.Exit(ExitCode.INFEASIBLE)

@@ -8,16 +8,21 @@ from typing import Annotated, Any
 
 import typer
 
-from graspless_pin.algorithms.options import Search
+from graspless_pin.algorithms.options import RequiredStability, Search
 from graspless_pin.algorithms.torque import TorqueScale
 from graspless_pin.cli.outcome import ExitCode, plain_errors
 from graspless_pin.errors import ArgumentError, SceneError
+from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.modes.rules import SignRule, SlidingRule, StaticFriction
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.report import scene_solution_text, solution_document, write_document
 from graspless_pin.report.reading import read_document
 from graspless_pin.report.verify import Verification, verify_document
-from graspless_pin.scene import load_scene, scene_json_schema
+from graspless_pin.scene import Scene, load_scene, scene_json_schema
+from graspless_pin.solution import TorqueSolution
+
+_NODES = 300
+"""Sets of outcomes that a verdict may look at which nobody asked for."""
 
 
 def solve_scene(
@@ -52,9 +57,17 @@ def solve_scene(
     direction_gap: Annotated[
         float | None, typer.Option(help="Relative gap of --sign-rule direction.")
     ] = None,
+    stability: Annotated[
+        RequiredStability | None,
+        typer.Option(help="strong: torques of which rest is the only outcome."),
+    ] = None,
     verdict_nodes: Annotated[
-        int, typer.Option(help="Sets of outcomes that the verdict may look at.")
-    ] = 300,
+        int | None,
+        typer.Option(
+            help="Sets of outcomes that a verdict may look at; default: 300, and 3000 for "
+            "--stability strong."
+        ),
+    ] = None,
     no_verdict: Annotated[
         bool, typer.Option("--no-verdict", help="Do not ask whether the object stays.")
     ] = False,
@@ -77,13 +90,15 @@ def solve_scene(
             "node_limit": node_limit,
             "time_limit": time_limit,
             "direction_gap": direction_gap,
+            "stability": stability,
+            "verdict_nodes": verdict_nodes,
         }
         options = {name: value for name, value in given.items() if value is not None}
         solution = loaded.solve(algorithm, **options)
         verdict, said = None, ""
         if solution.found and not no_verdict:
             try:
-                verdict = loaded.stability(solution.torques, node_limit=verdict_nodes)
+                verdict = _verdict(loaded, solution, verdict_nodes)
                 said = str(verdict)
             except ArgumentError as error:
                 said = f"no verdict: {error}"
@@ -92,6 +107,11 @@ def solve_scene(
         if json_file != "-":
             typer.echo(scene_solution_text(loaded, solution, said))
     raise typer.Exit(ExitCode.FOUND if solution.found else ExitCode.INFEASIBLE)
+
+
+def _verdict(scene: Scene, solution: TorqueSolution, nodes: int | None) -> StabilityVerdict:
+    known = solution.guarantee and solution.guarantee.verdict
+    return known or scene.stability(solution.torques, node_limit=_NODES if nodes is None else nodes)
 
 
 def verify(

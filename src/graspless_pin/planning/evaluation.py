@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
+from typing import Unpack
 
 import numpy as np
 
 from graspless_pin.errors import NoSolutionError, StateFault
+from graspless_pin.holding.stability import StabilityKeywords
+from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.scene import Scene, SceneContacts
@@ -109,3 +112,14 @@ class Evaluation:
         if not self.found:
             raise NoSolutionError(f"This state has no torques ({self.reason}); check .found first.")
         return read_only(self.solution.torques)
+
+    def stability(self, **options: Unpack[StabilityKeywords]) -> StabilityVerdict:
+        """Tell whether the object stays with the torques: see `Scene.stability`.
+
+        Args:
+            options: Of `graspless_pin.stability`.
+
+        Raises:
+            NoSolutionError: If there are no torques; with the reason.
+        """
+        return self.scene.stability(self.torques, **options)

@@ -24,10 +24,11 @@ from graspless_pin.problem.checks import FloatArray, finite_array, real_number
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
 from graspless_pin.scene.motion_and_contacts import Motion
+from graspless_pin.scene.scene_stability import unknown_of
 from graspless_pin.solution import Status
 
 _MOST_KEPT = 256
-_UNDECIDED = (Status.NOT_FOUND_IN_LIMIT, Status.UNVERIFIED)
+_UNDECIDED = (Status.NOT_FOUND_IN_LIMIT, Status.UNVERIFIED, Status.STRONG_NOT_FOUND)
 
 
 class Evaluator:
@@ -169,6 +170,7 @@ class Evaluator:
             self._objective,
             self._options,
             self._warm_starts.get(key, COLD_START),
+            self._unknown(scene),
         )
         self._learn(key, learned)
         if solution.found:
@@ -215,6 +217,7 @@ class Evaluator:
             required,
             self._options,
             self._warm_starts.get(key, COLD_START),
+            self._unknown(scene),
         )
         self._learn(key, learned)
         return bool(reached)
@@ -284,6 +287,9 @@ class Evaluator:
                 twist if isinstance(twist, Motion) else Motion(finite_array("twist", twist, (6,)))
             )
         return self.scene.with_changes(**changes)
+
+    def _unknown(self, scene: Scene) -> str:
+        return unknown_of(scene) if self._options.strong else ""
 
     def _learn(self, key: tuple[Any, ...], learned: WarmStart) -> None:
         if len(self._warm_starts) >= _MOST_KEPT:

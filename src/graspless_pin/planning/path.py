@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,6 +14,8 @@ from scipy.spatial.transform import Rotation
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.poses import as_pose
+from graspless_pin.holding.stability import StabilityKeywords
+from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.planning.configurations import Configuration
 from graspless_pin.planning.contact_changes import ContactChange, contact_changes
 from graspless_pin.planning.evaluation import Evaluation, StateStatus
@@ -103,6 +106,14 @@ class PathProfile:
     def failure_reason(self, waypoint: int) -> str:
         """Return why a waypoint has no torques; empty if it has some."""
         return self.arrivals[waypoint].reason or self.evaluations[waypoint].reason
+
+    def verdicts(self, **options: Unpack[StabilityKeywords]) -> tuple[StabilityVerdict | None, ...]:
+        """Tell of each waypoint whether the object stays; None where there are no torques.
+
+        Args:
+            options: Of `graspless_pin.stability`.
+        """
+        return tuple(item.stability(**options) if item.found else None for item in self.evaluations)
 
     def __str__(self) -> str:
         """Return a short account, a line for each thing that happens."""

@@ -41,14 +41,16 @@ def solution_document(
         solution: The solution, found or not.
         scene: The scene that it is of; None for a problem made from arrays, whose points are then
             relative to its own reference point.
-        verdict: Whether the object stays with the solution's torques.
+        verdict: Whether the object stays with the solution's torques; None: that of the solution's
+            guarantee, if it has one.
 
     Returns:
         Plain data for `json.dumps`: ``format``, ``status``, ``found``, the options, ``objective``
         (where it is none of the paper's), ``margin`` (N), ``max_torque`` with its unit, ``scales``,
         ``object_inertia``, ``joint_inertia``, ``gravity``, ``object``, ``hand``, ``joints``,
-        ``contacts``, ``certificate``, ``multipliers``, ``proof``, ``stability`` (see
-        `verdict_data`) and ``provenance``.
+        ``contacts``, ``certificate``, ``multipliers``, ``proof``, ``guarantee``
+        (best case, gap to it, sets of torques tried), ``stability`` (see `verdict_data`) and
+        ``provenance``.
         Poses are (4, 4) rows of T_world_object, T_world_base.
 
     Raises:
@@ -88,11 +90,22 @@ def solution_document(
     document["joints"] = _joints(solution)
     document["contacts"] = _contacts(solution, scene)
     document["certificate"] = _certificate(solution)
-    if found:
+    if found and solution.evidence.in_mode is not None:
         document["multipliers"] = multipliers_data(solution, *solution.scaled_multipliers)
     elif solution.explanation:
         document["explanation"] = solution.explanation
     document["proof"] = proof_data(solution)
+    guarantee = solution.guarantee
+    if guarantee is not None:
+        # Where torques are there to check it on.
+        verdict = verdict or (
+            guarantee.verdict if found or not solution.problem.joint_count else None
+        )
+        document["guarantee"] = {
+            "best_case": guarantee.best_case,
+            "gap": guarantee.gap,
+            "tried": guarantee.tried,
+        }
     if verdict is not None:
         document["stability"] = verdict_data(verdict)
     document["provenance"] = provenance(solution.problem, None if scene is None else scene.path)

@@ -25,6 +25,7 @@ from graspless_pin.solution import (
     FOUND,
     Certificate,
     Evidence,
+    Guarantee,
     Status,
     TorqueSolution,
 )
@@ -113,7 +114,7 @@ def _solution(document: dict[str, Any]) -> TorqueSolution:
         mode = SlidingMode([c["selected"] for c in contacts], [c["signs"] for c in contacts])
     if status in FOUND:
         forces = read_only(as_numbers([c["force"] for c in contacts]).reshape(-1, 3))
-        in_mode = read_multipliers(own, problem, objective)
+        in_mode = read_multipliers(own, problem, objective) if status is not Status.STRONG else None
         stated = isinstance(objective, StatedObjective)
         added = objective.values if stated else _added(problem, objective, forces)
     elif "forces" in document.get("proof", {}):
@@ -132,8 +133,18 @@ def _solution(document: dict[str, Any]) -> TorqueSolution:
         _forces=forces,
         _mode=mode,
         evidence=Evidence(relaxation, in_mode, added, balanced, _motion(document, problem)),
+        guarantee=_guarantee(document),
         _explanation=str(document.get("explanation", "")),
     )
+
+
+def _guarantee(document: dict[str, Any]) -> Guarantee | None:
+    """Return what is stated of a guarantee; its verdict stays in the document."""
+    stated = document.get("guarantee")
+    if stated is None:
+        return None
+    gap = np.nan if stated["gap"] is None else as_number(stated["gap"])
+    return Guarantee(None, as_number(stated["best_case"]), gap, int(as_number(stated["tried"])))
 
 
 def _objective(document: dict[str, Any]) -> tuple[Objective, dict[str, Any]]:

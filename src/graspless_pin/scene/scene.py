@@ -56,7 +56,7 @@ from graspless_pin.scene.motion_and_contacts import (
     SceneContacts,
     given_arrays,
 )
-from graspless_pin.scene.scene_stability import verdict_of
+from graspless_pin.scene.scene_stability import unknown_of, verdict_of
 from graspless_pin.solution import TorqueSolution
 
 _Made = TypeVar("_Made")
@@ -258,7 +258,8 @@ class Scene(PickledByFields):
                     "is an option of Algorithm 2 and would change nothing here; ask for the "
                     "algorithm 'torque' or leave it out",
                 )
-        return solve_problem(self.problem(), objective, how, mode=mode)
+        unknown = unknown_of(self) if how.strong else ""
+        return solve_problem(self.problem(), objective, how, mode=mode, unknown=unknown)
 
     def stability(self, torques: ArrayLike, **options: Any) -> StabilityVerdict:
         """Tell whether the object stays with motor torques (L,): see `graspless_pin.stability`.

@@ -13,6 +13,7 @@ from pydantic import (
     Field,
 )
 
+from graspless_pin.holding.stability import NODE_LIMIT
 from graspless_pin.intake.fields import (
     ByName,
     Description,
@@ -75,6 +76,12 @@ class SolveEntry(Entry):
     time_limit: NotNegative | None = Field(default=None, description="s; no limit")
     direction_gap: Positive = Field(
         default=1e-4, ge=1e-6, description="relative gap of sign_rule: direction"
+    )
+    stability: Literal["weak", "strong"] = Field(
+        default="weak", description="strong: torques of which rest is the only outcome"
+    )
+    verdict_nodes: NodeLimit = Field(
+        default=NODE_LIMIT, description="sets of outcomes that each verdict may look at"
     )
 
 

@@ -59,12 +59,19 @@ def verdict_of(
         SceneError: See `Scene.contacts`.
         ArgumentError: If a link of the fingers has no mass and its motor no inertia.
     """
+    why = unknown_of(scene)
+    if not why:
+        return stability(scene.problem(), torques, **options)
+    return undecided_verdict(scene.problem(), torques, why, **options)
+
+
+def unknown_of(scene: Scene) -> str:
+    """Return why no verdict on torques of a scene can be had; empty: one can."""
     touching = hand_support_contacts(scene)
     if not touching:
-        return stability(scene.problem(), torques, **options)
+        return ""
     pairs = ", ".join(f"{link} on {support}" for link, support in touching)
-    why = f"undecided: the hand touches supports ({pairs}); what they do to its torques is unknown"
-    return undecided_verdict(scene.problem(), torques, why, **options)
+    return f"undecided: the hand touches supports ({pairs}); what they do to its torques is unknown"
 
 
 def _moving_links(hand: Hand) -> set[str]:

@@ -24,6 +24,11 @@ class Status(Enum):
     INFEASIBLE_MODE = "the given virtual-sliding mode has no virtual motion behind it"
     NOT_FOUND_IN_LIMIT = "nothing found when a node or time limit ended the search"
     UNVERIFIED = "no solver gave an answer that passes the check"
+    STRONG = "the best found of the torques of which rest is the only outcome"
+    STRONG_NOT_FOUND = (
+        "no torques found of which rest is the only outcome; that there are none is not proven"
+    )
+    INFEASIBLE_STRONG = "infeasible: rest is the only outcome of no torques"
 
     @property
     def message(self) -> str:
@@ -31,4 +36,4 @@ class Status(Enum):
         return self.value
 
 
-FOUND = frozenset({Status.OPTIMAL, Status.OPTIMAL_IN_MODE, Status.LIMIT_REACHED})
+FOUND = frozenset({Status.OPTIMAL, Status.OPTIMAL_IN_MODE, Status.LIMIT_REACHED, Status.STRONG})

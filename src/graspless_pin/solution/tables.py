@@ -141,10 +141,10 @@ def certificate_text(
     """
     lines = []
     if found:
+        own = f", duality gap {proof.duality_gap:.1e}" if np.isfinite(proof.duality_gap) else ""
         lines.append(
-            f"certificate: primal residual {proof.primal_residual:.1e}, duality gap "
-            f"{proof.duality_gap:.1e} (scaled); proven bound {figure(proof.bound, size)} {unit}, "
-            f"gap {proof.gap + 0.0:.1e} {unit}"
+            f"certificate: primal residual {proof.primal_residual:.1e}{own} (scaled); proven bound "
+            f"{figure(proof.bound, size)} {unit}, gap {proof.gap + 0.0:.1e} {unit}"
         )
     elif proof.infeasibility > 0.0:
         lines.append(

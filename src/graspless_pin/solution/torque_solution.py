@@ -19,6 +19,7 @@ from graspless_pin.programs.assembly import ScaledProgram, scaled_program
 from graspless_pin.programs.marginals import Marginals, marginals
 from graspless_pin.programs.objectives import Algorithm, Objective
 from graspless_pin.solution.certificate import Certificate
+from graspless_pin.solution.guarantee import Guarantee
 from graspless_pin.solution.proof import NO_EVIDENCE, DualVariables, Evidence, SolutionProof
 from graspless_pin.solution.status import FOUND, Status
 from graspless_pin.solution.tables import (
@@ -48,6 +49,8 @@ class TorqueSolution:
         problem: The problem that was solved.
         given_mode: The mode that alone was asked for; None: all modes were.
         evidence: What the search has left of the proof.
+        guarantee: What was found where rest had to be the only outcome; None: that was not asked
+            for, or there is not even a best case.
     """
 
     status: Status
@@ -57,6 +60,7 @@ class TorqueSolution:
     problem: QuasistaticProblem
     given_mode: SlidingMode | None = None
     evidence: Evidence = NO_EVIDENCE
+    guarantee: Guarantee | None = None
     _forces: FloatArray | None = None
     _mode: SlidingMode | None = None
     _explanation: str | None = None
@@ -122,7 +126,14 @@ class TorqueSolution:
 
     @property
     def scaled_multipliers(self) -> DualVariables:
-        """Multipliers (y, z) of the scaled program in which the solution was found."""
+        """Multipliers (y, z) of the scaled program in which the solution was found.
+
+        Raises:
+            NoSolutionError: If nothing was found, or torques with status STRONG: they are no
+                optimum of one program.
+        """
+        if self.status is Status.STRONG:
+            raise NoSolutionError("Guaranteed torques are no optimum of a program of multipliers.")
         return self._read(self.evidence.in_mode)
 
     @property
@@ -250,6 +261,11 @@ class TorqueSolution:
         elif self.found and self.algorithm is Algorithm.TORQUE:
             unit, size = self.max_torque_unit, torque_size(self.problem, self.torques)
         text = certificate_text(self.certificate, self.problem, unit, size, found=self.found)
+        if self.found and self.guarantee is not None:
+            gap, best = (
+                figure(one, size) for one in (self.guarantee.gap, self.guarantee.best_case)
+            )
+            text += f"\nguaranteed: {gap} {unit} from the best case ({best} {unit})"
         if self.found and self.rules.by_direction:
             inner, outer = (figure(one, size) for one in (self.value, self.certificate.bound))
             text += f"\nrule of directions, round cones: inner value {inner}, outer {outer} {unit}"

@@ -13,6 +13,7 @@ from graspless_pin.algorithms.disturbances import disturbance_margin
 from graspless_pin.algorithms.force_bounds import contact_force_bounds
 from graspless_pin.algorithms.minimum_friction import minimum_friction
 from graspless_pin.errors import GrasplessPinError, StudyError
+from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.joint_units import JointUnit
@@ -103,11 +104,23 @@ def _results(study: Study, number: int, scene: Scene) -> Row:
         row |= {f"torque_{name}_{_suffix(unit)}": torque for name, unit, torque in named}
     row["contacts"] = problem.contact_count
     row["nodes"] = solution.certificate.nodes
+    if compute.verdict and solution.found:
+        row["verdict"] = str(_verdict(study, scene, solution).status)
     row |= _analyses(study, solution)
     if not solution.found:
         why = solution.explanation if compute.explain else ""
         row["reason"] = why or solution.status.message
     return row
+
+
+def _verdict(study: Study, scene: Scene, solution: TorqueSolution) -> StabilityVerdict:
+    """Return the verdict on a sample's torques: its own where they are guaranteed."""
+    known = solution.guarantee and solution.guarantee.verdict
+    if known:
+        return known
+    nodes = scene.solve_options["verdict_nodes"]
+    limit = study.entry.compute.time_limit
+    return scene.stability(solution.torques, node_limit=nodes, time_limit=limit)
 
 
 def _largest(problem: QuasistaticProblem, torques: FloatArray) -> Row:

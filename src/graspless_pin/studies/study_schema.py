@@ -151,6 +151,12 @@ class ComputeEntry(Entry):
     regularization: Regularization | None = None
     node_limit: Count | None = Field(default=None, description="of each search over modes")
     time_limit: Seconds | None = Field(default=None, description="s, of each search over modes")
+    stability: Literal["weak", "strong"] | None = Field(
+        default=None, description="strong: torques of which rest is the only outcome"
+    )
+    verdict_nodes: Count | None = Field(
+        default=None, description="sets of outcomes that each verdict may look at"
+    )
     sample_time_limit: Seconds | None = Field(
         default=None, description="s, of all that is computed for a sample, its scene included"
     )
@@ -161,6 +167,7 @@ class ComputeEntry(Entry):
     minimum_friction: bool = Field(
         default=False, description="the smallest factor on all friction coefficients"
     )
+    verdict: bool = Field(default=False, description="whether rest is the only outcome")
     explain: bool = Field(
         default=False, description="full explanations of infeasible samples; they take long"
     )
@@ -174,6 +181,7 @@ class ComputeEntry(Entry):
             "force_bounds",
             "disturbance_margin",
             "minimum_friction",
+            "verdict",
             "explain",
         }
         return self.model_dump(exclude_none=True, exclude=beside)

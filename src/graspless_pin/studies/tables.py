@@ -23,6 +23,7 @@ _COUNTS = ("contacts", "nodes")
 _FIRST = ("status", "found", "margin_N")
 _LARGEST = tuple(f"{LARGEST_TORQUE}{unit}" for unit in ("Nm", "N"))
 _LAST = (
+    "verdict",
     "smallest_margin_N",
     "largest_margin_N",
     "disturbance_N",
@@ -32,7 +33,7 @@ _LAST = (
     "reason",
     "error",
 )
-_TEXT = ("status", "reason", "error")
+_TEXT = ("status", "verdict", "reason", "error")
 _ATTRS = "PANDAS_ATTRS"
 """Where ``pandas.read_parquet`` finds ``DataFrame.attrs``."""
 _CSV_MARK = f"# {KEY} "

@@ -13,6 +13,7 @@ from graspless_pin.report.verify.figures import (
     INFEASIBLE,
     LONGEST_REACH,
     OPEN,
+    UNGUARANTEED,
     Forces,
     Problem,
 )
@@ -24,6 +25,7 @@ from graspless_pin.report.verify.forces import (
     frames_check,
     residual,
 )
+from graspless_pin.report.verify.guarantee import guarantee_checks, unit_of
 from graspless_pin.report.verify.motions import motion_check, velocities
 from graspless_pin.report.verify.multipliers import stated_multipliers
 from graspless_pin.report.verify.outcome import Check, Verification, agrees, holds, within
@@ -36,6 +38,8 @@ from graspless_pin.report.verify.values import array, entry, number, text, truth
 
 _VIOLATION = 1e-4
 """The share by which a common violation may be overstated: it depends on how rows are scaled."""
+_WITH_GAP = ("limit_reached", "strong")
+"""Answers that are not proven to be the best."""
 _MESSAGES = {
     "optimal": "optimal over all feasible virtual-sliding modes",
     "optimal_in_mode": "optimal in the given virtual-sliding mode",
@@ -46,6 +50,9 @@ _MESSAGES = {
     "infeasible_mode": "the given virtual-sliding mode has no virtual motion",
     "not_found_in_limit": "nothing found",
     "unverified": "no solver gave",
+    "strong": "the best found of the torques of which rest is the only outcome",
+    "strong_not_found": "no torques found of which rest is the only outcome",
+    "infeasible_strong": "infeasible: rest is the only outcome of no torques",
 }
 """How the message of each status begins."""
 
@@ -93,7 +100,9 @@ class _Checker:
         self.document = document
         self.problem: Problem = read_problem(document)
         self.status = word(
-            entry(document, "status", "the document"), "status", FOUND_STATES + INFEASIBLE + OPEN
+            entry(document, "status", "the document"),
+            "status",
+            FOUND_STATES + INFEASIBLE + OPEN + UNGUARANTEED,
         )
         self.certificate = entry(document, "certificate", "the document")
         self.proof = entry(document, "proof", "the document")
@@ -111,6 +120,7 @@ class _Checker:
             checks += self._found()
         else:
             checks += self._not_found()
+        checks += guarantee_checks(self.document, self.problem, self.status)
         return checks + rest_checks(self.document, self.problem)
 
     def _statements(self) -> list[Check]:
@@ -205,39 +215,27 @@ class _Checker:
         problem = self.problem
         value = problem.objective(forces)
         size = max(problem.unit, abs(value))
-        bound, gap, inner = (
-            number(entry(self.certificate, key, "certificate"), key)
-            for key in ("bound", "gap", "duality_gap")
+        bound, gap = (
+            number(entry(self.certificate, key, "certificate"), key) for key in ("bound", "gap")
         )
         bound = -bound if problem.maximizes else bound
-        unit = "" if problem.by_limits else "N" if problem.is_margin else "N m, N"
-        checks = []
+        checks, unit = [], unit_of(problem)
         if problem.own is not None:
-            unit, own_value = "", -value if problem.maximizes else value
+            own_value = -value if problem.maximizes else value
             stated = problem.own.value
             checks.append(agrees("value as stated", stated, own_value, ROUNDING * size))
         checks.append(agrees("gap as stated", gap, value - bound, FORCE_ERROR * size, unit))
-        if self.status != "limit_reached":
+        if self.status not in _WITH_GAP:
             checks.append(within("gap is closed", abs(value - bound), FORCE_ERROR * size, unit))
         reach = min(self._stated_reach(), float(problem.limit.max()))
-        m = stated_multipliers(
-            entry(self.document, "multipliers", "the document"), problem, "multipliers"
-        )
-        # Friction of the solution's own signs, where there is any.
-        friction = forces.local[:, 1:] * problem.cone[:, None]
-        least = FORCE_ERROR * problem.force
-        rubs = np.stack([friction < -least, friction > least], axis=2)
-        own = value - proven_bound(problem, m, rubs, reach)
-        checks.append(within("multipliers of these forces", own, FORCE_ERROR * size, unit))
-        checks.append(
-            agrees("duality gap as stated", inner * problem.unit, own, FORCE_ERROR * size, unit)
-        )
+        if self.status != "strong":
+            checks += self._duality(forces, value, reach, unit)
         name = "optimal over all modes"
         if self.status == "optimal_in_mode":
             name = "optimal within its mode"
         elif not self.has_modes:
             name = "optimal over all friction"
-        if self.status == "limit_reached":
+        if self.status in _WITH_GAP:
             name = "bound over all modes" if self.has_modes else "bound over all friction"
         if not self.complete:
             return [*checks, self._incomplete(name), self._within_mode(value, selected, signs)]
@@ -247,6 +245,24 @@ class _Checker:
         good = not proof.failure and proof.bound >= bound - FORCE_ERROR * size
         shown = proof.failure or f"{_leaves(proof)}, proven gap {value - proof.bound:.1e} {unit}"
         return [*checks, holds(name, good, shown.rstrip())]
+
+    def _duality(self, forces: Forces, value: float, reach: float, unit: str) -> list[Check]:
+        """Return what the multipliers of the forces' own program prove."""
+        problem = self.problem
+        size = max(problem.unit, abs(value))
+        inner = number(entry(self.certificate, "duality_gap", "certificate"), "duality_gap")
+        m = stated_multipliers(
+            entry(self.document, "multipliers", "the document"), problem, "multipliers"
+        )
+        # Friction of the solution's own signs, where there is any.
+        friction = forces.local[:, 1:] * problem.cone[:, None]
+        least = FORCE_ERROR * problem.force
+        rubs = np.stack([friction < -least, friction > least], axis=2)
+        own = value - proven_bound(problem, m, rubs, reach)
+        return [
+            within("multipliers of these forces", own, FORCE_ERROR * size, unit),
+            agrees("duality gap as stated", inner * problem.unit, own, FORCE_ERROR * size, unit),
+        ]
 
     def _within_mode(self, value: float, selected: np.ndarray, signs: np.ndarray) -> Check:
         problem, name = self.problem, "optimal within its mode"
@@ -270,9 +286,12 @@ class _Checker:
         empty = all(one is None for one in stated)
         checks = [holds("states no forces", empty, "null" if empty else "some are there")]
         shared = number(entry(self.certificate, "infeasibility", "certificate"), "infeasibility")
-        if self.status in OPEN:
+        if self.status in (*OPEN, *UNGUARANTEED):
             checks.append(holds("states no infeasibility", shared <= 0.0, f"{shared:.3g}"))
-            return [*checks, Check("whether there is an answer", None, "the search did not end")]
+            if self.status in OPEN:
+                why = "the search did not end"
+                checks.append(Check("whether there is an answer", None, why))
+            return checks
         name = _MESSAGES[self.status].split(":")[0]
         if not self.complete:
             return [*checks, self._incomplete(name)]

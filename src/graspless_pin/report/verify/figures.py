@@ -11,9 +11,10 @@ from graspless_pin.report.verify.own_objective import OwnObjective
 
 LONGEST_REACH = 1e8
 """Bounds need to be proven for normal forces up to so many loads."""
-FOUND_STATES = ("optimal", "optimal_in_mode", "limit_reached")
+FOUND_STATES = ("optimal", "optimal_in_mode", "limit_reached", "strong")
 INFEASIBLE = ("infeasible_forces", "infeasible_modes", "infeasible_in_mode", "infeasible_mode")
 OPEN = ("not_found_in_limit", "unverified")
+UNGUARANTEED = ("strong_not_found", "infeasible_strong")
 IN_MODE = ("optimal_in_mode", "infeasible_in_mode", "infeasible_mode")
 _AT_REST = 1e-12
 _LEAST_LEVER = 1e-12

@@ -1,0 +1,115 @@
+"""What documents say of guaranteed torques is checked, and no false claim passes."""
+
+from __future__ import annotations
+
+import copy
+import json
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from graspless_pin import QuasistaticProblem, Torque, optimize
+from graspless_pin.report import solution_document
+from graspless_pin.report.verify import verify_document
+
+G = 9.81
+
+
+def slot(joints: int = 1) -> QuasistaticProblem:
+    """A cube between two walls that a linear finger presses on one of them, or none does."""
+    half = 0.05
+    corners = [(x, y, z) for x in (-half, half) for y in (-half, half) for z in (-half, half)]
+    normals = [(-np.sign(x), 0.0, 0.0) for x, _, _ in corners]
+    jacobian, limits = np.zeros((24, 0)), (0.0, 0.0)
+    if joints:
+        corners, normals = [*corners, (half, 0.0, 0.0)], [*normals, (-1.0, 0.0, 0.0)]
+        jacobian, limits = np.zeros((27, 1)), (0.0, 40.0)
+        jacobian[24] = -1.0
+    inertia = np.diag([1.0] * 3 + [1.7e-3] * 3)
+    return QuasistaticProblem(
+        corners, normals, [0.0, 0.0, -G, 0.0, 0.0, 0.0], jacobian, friction=0.5,
+        torque_limits=limits, joint_units=["N"] * joints,
+        object_inertia=inertia, joint_inertia=0.01 * np.eye(joints),
+    )  # fmt: skip
+
+
+@cache
+def _document(kind: str) -> dict[str, Any]:
+    problem = slot(0 if kind == "infeasible_strong" else 1)
+    if kind == "strong_not_found":
+        problem = problem.with_changes(torque_limits=(0.0, 5.0))
+    found = optimize(problem, Torque(0.1), stability="strong", static_friction="coulomb")
+    assert found.status.name.lower() == kind
+    return json.loads(json.dumps(solution_document(found)))
+
+
+def document(kind: str) -> dict[str, Any]:
+    return copy.deepcopy(_document(kind))
+
+
+def failed(changed: dict[str, Any]) -> list[str]:
+    return [one.name for one in verify_document(changed).checks if one.passed is False]
+
+
+def test_guaranteed_torques_are_proven_and_their_gaps_worked_out_again() -> None:
+    made = document("strong")
+    checked = verify_document(made)
+    assert checked.proven, str(checked)
+    names = {one.name for one in checked.checks}
+    assert {"the torques are guaranteed", "rest is the only outcome"} <= names
+    assert {"gap as stated", "gap to the best case as stated"} <= names
+    torque = made["joints"][0]["torque"]
+    assert made["guarantee"]["gap"] == pytest.approx(torque - made["guarantee"]["best_case"])
+
+
+def test_that_there_are_none_is_proven_without_joints_and_said_to_be_open_elsewhere() -> None:
+    assert verify_document(document("infeasible_strong")).proven
+    open_still = verify_document(document("strong_not_found"))
+    assert open_still.passed
+    assert not open_still.proven
+
+
+@pytest.mark.parametrize(("key", "change", "check"), [
+    ("gap", lambda gap: 0.5 * gap, "gap to the best case as stated"),
+    ("gap", lambda _: 0.0, "gap to the best case as stated"),
+    ("best_case", lambda best: 0.5 * best, "the best case is within its bound"),
+    ("best_case", lambda best: best + 1e-4, "gap to the best case as stated"),
+    ("best_case", lambda _: 100.0, "the best case is no worse"),
+])  # fmt: skip
+def test_false_costs_are_found(key: str, change: Any, check: str) -> None:
+    made = document("strong")
+    made["guarantee"][key] = change(made["guarantee"][key])
+    assert check in failed(made)
+
+
+def test_a_guarantee_needs_a_strong_verdict() -> None:
+    made = document("strong")
+    made["stability"]["status"] = "undecided"
+    assert "the torques are guaranteed" in failed(made)
+    del made["stability"]
+    assert failed(made) == ["the torques are guaranteed"]
+
+
+def test_a_smaller_gap_to_the_bound_is_found() -> None:
+    made = document("strong")
+    made["certificate"]["gap"] *= 0.5
+    assert "gap as stated" in failed(made)
+    made = document("strong")
+    made["certificate"]["bound"] = made["joints"][0]["torque"]
+    made["certificate"]["gap"] = 0.0
+    assert {"bound over all friction", "the best case is within its bound"} <= set(failed(made))
+
+
+def test_a_guarantee_is_not_left_out() -> None:
+    made = document("strong")
+    del made["guarantee"]
+    with pytest.raises(ValueError, match="guarantee"):
+        verify_document(made)
+    made = document("infeasible_strong")
+    made["stability"]["status"] = "undecided"
+    assert "no torques are guaranteed" in failed(made)
+    made = document("strong_not_found")
+    made["status"], made["message"] = "infeasible_strong", "infeasible: rest is the only outcome"
+    assert "no torques are guaranteed" in failed(made)
