@@ -3,6 +3,7 @@ from .algorithms.disturbances import DisturbanceMargin, disturbance_margin
 from .algorithms.explanation import Explanation, Suggestion, explain
 from .algorithms.force_bounds import ContactForceBounds, contact_force_bounds
 from .algorithms.gradients import Gradients, OptimumGradients, optimum_gradients
+from .algorithms.guaranteed_disturbance import GuaranteedDisturbance, guaranteed_disturbance
 from .algorithms.margin_torque_curve import MarginTorqueCurve, margin_torque_curve
 from .algorithms.minimum_friction import MinimumFriction, minimum_friction
 from .algorithms.options import SolveOptions
@@ -58,6 +59,7 @@ __all__ = [
     "Gradients",
     "GrasplessPinError",
     "Guarantee",
+    "GuaranteedDisturbance",
     "Hand",
     "JointSpace",
     "JointUnit",
@@ -99,6 +101,7 @@ __all__ = [
     "fingertip_contact",
     "force_first",
     "free_motions",
+    "guaranteed_disturbance",
     "load_scene",
     "load_study",
     "margin_sensitivity",

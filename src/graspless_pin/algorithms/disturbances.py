@@ -121,15 +121,10 @@ def disturbance_margin(
     what = "disturbance_margin is what can be borne at best"
     how.need_weak(what, "leave it out, and ask `stability` under a disturbance")
     limits = Limits.of(how)
-    length = characteristic_length
-    if length is None:
-        length = float(np.linalg.norm(problem.positions, axis=1).max()) or 1.0
-    if not (np.isfinite(length) and length > 0.0):
-        raise ArgumentError("characteristic_length", f"is {length}; it must be positive")
+    units, length = unit_disturbances(problem, directions, characteristic_length)
     held = None
     if torques is not None:
         held = finite_array("torques", torques, (problem.joint_count,))
-    units = _unit_directions(directions)
     scale = np.repeat([1.0, length], 3)
     magnitudes = np.full(len(units), np.nan)
     status = Status.OPTIMAL
@@ -144,7 +139,7 @@ def disturbance_margin(
         if status is not Status.OPTIMAL:
             magnitudes[:] = np.nan
             break
-    return DisturbanceMargin(status, units, read_only(magnitudes), float(length), problem)
+    return DisturbanceMargin(status, units, read_only(magnitudes), length, problem)
 
 
 def _undisturbed(formulation: Formulation, how: SolveOptions, limits: Limits) -> Status:
@@ -199,15 +194,33 @@ def _first(formulation: Formulation, mode: SlidingMode, how: SolveOptions) -> fl
     return None if answer.outcome is Outcome.FAILED else answer.value
 
 
-def _unit_directions(directions: ArrayLike | None) -> FloatArray:
+def unit_disturbances(
+    problem: QuasistaticProblem, directions: ArrayLike | None, characteristic_length: float | None
+) -> tuple[FloatArray, float]:
+    """Return (K, 6) unit directions, and the length (m) that makes moments comparable to forces.
+
+    Args:
+        problem: The contacts.
+        directions: (K, 6) of any length; None: both ways along all six axes and 64 others.
+        characteristic_length: m; None: the largest distance of a contact from the reference point.
+
+    Raises:
+        ArgumentError: If a direction is zero or has another shape, or the length is not positive.
+    """
+    length = characteristic_length
+    if length is None:
+        length = float(np.linalg.norm(problem.positions, axis=1).max()) or 1.0
+    if not (np.isfinite(length) and length > 0.0):
+        raise ArgumentError("characteristic_length", f"is {length}; it must be positive")
     if directions is None:
         axes = np.vstack([np.eye(6), -np.eye(6)])
         points = qmc.Sobol(6, scramble=False).random(2 * _SAMPLES)[_SAMPLES:]
         spread = norm.ppf(points)
-        return read_only(np.vstack([axes, spread / np.linalg.norm(spread, axis=1, keepdims=True)]))
+        given = np.vstack([axes, spread / np.linalg.norm(spread, axis=1, keepdims=True)])
+        return read_only(given), float(length)
     given = finite_array("directions", directions, (None, 6))
     lengths = np.linalg.norm(given, axis=1)
     if (lengths == 0.0).any():
         index = int(np.argmin(lengths))
         raise ArgumentError("directions", f"is zero at index {index}; each needs a length")
-    return read_only(given / lengths[:, None])
+    return read_only(given / lengths[:, None]), float(length)

@@ -6,7 +6,7 @@ v = p - lambda + sum_l (nu_l a_n,l + A_t,l^T kappa_l),
     p.y + q.f <= lambda.h + sum_l c_l.f_l + max_y [v.y + beta (h.y - |y|^2)]
                  - sum_l (kappa_l.u_t,l + beta mu_l f_n,l |u_t,l|),
 
-because y = A^T f + h, |y|^2 + sum mu f_n |u_t| = h.y, and nu_l u_n,l >= 0 where nu_l >= 0 or
+because y = A^T f + h, |y|^2 + sum mu f_n |u_t| <= h.y, and nu_l u_n,l >= 0 where nu_l >= 0 or
 u_n,l = 0. The terms of one contact are bounded over what its state leaves: forces of its cone or of
 the arc opposite to its slip, f_n >= its smallest load, u_t in the arc of its slip.
 """
@@ -155,10 +155,13 @@ def outcome_bound(
     slack = np.maximum(-normal, 0.0).sum() + np.hypot(*dual.tangential[sticking].T).sum()
     bound = float(dual.motion @ dynamics.load) + float(forces)
     bound += closing_tolerance(dynamics) * float(slack)
+    # The load along its spread that helps most.
+    rise = float(dual.motion @ dynamics.spread + per_newton @ dynamics.commanded_spread)
+    bound += max(rise, 0.0)
     # Slips: what kappa takes wrongly is paid by friction's power, or by the longest slip.
     v = p - dual.motion + normal @ rows[:, 0] + np.einsum("li,lin->n", dual.tangential, rows[:, 1:])
     wrong = np.where(sticking, 0.0, np.maximum(-least_along(dual.tangential, *arc), 0.0))
-    power = mu * np.where(opened, 0.0, low)
+    power = mu * np.where(opened, 0.0, low + np.minimum(dynamics.commanded_spread, 0.0))
     longest = wrong * np.linalg.norm(rows[:, 1:], axis=(1, 2))
     return bound + _least_sum(wrong, power, longest, v, dynamics.load)
 

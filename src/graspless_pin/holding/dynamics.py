@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,9 @@ class Dynamics:
         points: (M + 1, 3, n) from y to the accelerations of the contact points and of the
             reference point of the object, m/s^2.
         limit: Accelerations of those up to this count as rest, m/s^2.
+        spread: (n,) loads are h + theta spread for any theta from 0 to 1, of those outcomes that
+            have |y|^2 + sum mu f_n |u_t| <= h.y; zero: one load.
+        commanded_spread: (M,) what theta adds to commanded forces, scaled.
     """
 
     rows: FloatArray
@@ -43,6 +46,8 @@ class Dynamics:
     force_unit: float
     points: FloatArray
     limit: float
+    spread: FloatArray
+    commanded_spread: FloatArray
 
     @property
     def contact_count(self) -> int:
@@ -131,4 +136,27 @@ def scaled_dynamics(
         size / alpha,
         points,
         limit,
+        np.zeros_like(h),
+        np.zeros(count),
+    )
+
+
+def spread_towards(dynamics: Dynamics, other: Dynamics | None) -> Dynamics:
+    """Return dynamics whose load is any between its own and another one of the same bodies.
+
+    The power of a load between two is at most the larger of theirs. So each outcome of such a load
+    is one of the dynamics spread from here to there, or of those spread from there to here.
+
+    Args:
+        dynamics: Of one load.
+        other: Of the other one; None: without load.
+    """
+    ratio = 0.0 if other is None else other.force_unit / dynamics.force_unit
+    load, commanded = (
+        (dynamics.load, dynamics.commanded) if other is None else (other.load, other.commanded)
+    )
+    return replace(
+        dynamics,
+        spread=ratio * load - dynamics.load,
+        commanded_spread=np.nan_to_num(ratio * commanded - dynamics.commanded),
     )

@@ -46,8 +46,9 @@ class Relaxed:
 class Relaxation:
     """Linear programs in (y, f, slip bounds, share of the load taken away), from node to node.
 
-    Rows: the dynamics y - A^T f + s h = h, u_n >= 0 or = 0, tangent planes of the cones, the
-    friction's power sum mu l |u_t| <= h.y, and for each contact with a state what that says.
+    Where loads spread, theta is a variable, too. Rows: the dynamics y - A^T f - theta spread + s h
+    = h, u_n >= 0 or = 0, tangent planes of the cones, the friction's power sum mu l |u_t| <= h.y,
+    and for each contact with a state what that says.
     """
 
     def __init__(self, dynamics: Dynamics, loads: FloatArray, force_limit: float) -> None:
@@ -62,11 +63,13 @@ class Relaxation:
         self.force_limit = force_limit
         count, n = dynamics.contact_count, len(dynamics.load)
         commanded = dynamics.is_commanded
-        self._power = dynamics.friction * np.where(commanded, dynamics.commanded, loads)
+        least = dynamics.commanded + np.minimum(dynamics.commanded_spread, 0.0)
+        self._power = dynamics.friction * np.where(commanded, least, loads)
         self._loaded = np.flatnonzero(self._power > 0.0)
         self._n, self._m = n, count
         self._slip = n + 3 * count
-        self._size = self._slip + len(self._loaded) + 1
+        self._spread = self._slip + len(self._loaded)
+        self._size = self._spread + int(dynamics.spread.any()) + 1
         angles = 2.0 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
         self._around = np.column_stack([np.cos(angles), np.sin(angles)])
         free = np.full(self._size, np.inf)
@@ -86,6 +89,7 @@ class Relaxation:
         dynamics = np.zeros((n, size))
         dynamics[:, :n] = np.eye(n)
         dynamics[:, n : self._slip] = -rows.reshape(3 * count, n).T
+        dynamics[:, self._spread : -1] = -self.dynamics.spread[:, None]
         dynamics[:, -1] = h
         self._simplex.add_rows(dynamics, h, h)
         normal = np.zeros((count, size))
@@ -93,7 +97,7 @@ class Relaxation:
         self._simplex.add_rows(normal, np.zeros(count), np.full(count, np.inf))
         power = np.zeros((1, size))
         power[0, :n] = h
-        power[0, self._slip : -1] = -self._power[self._loaded]
+        power[0, self._slip : self._spread] = -self._power[self._loaded]
         self._simplex.add_rows(power, np.zeros(1), np.full(1, np.inf))
         for column, contact in enumerate(self._loaded):
             bounds = np.zeros((_DIRECTIONS, size))
@@ -103,6 +107,7 @@ class Relaxation:
         # Where load is taken away, so are the smallest normal forces, and commanded ones.
         least = np.zeros((count, size))
         least[np.arange(count), n + 3 * np.arange(count)] = 1.0
+        least[:, self._spread : -1] = -self.dynamics.commanded_spread[:, None]
         least[:, -1] = self.loads
         self._simplex.add_rows(least, self.loads, np.where(commanded, self.loads, np.inf))
         for contact in range(count):
@@ -151,9 +156,11 @@ class Relaxation:
         opened = states.are(ContactState.OPEN)
         low, high = lb[n : self._slip].reshape(count, 3), ub[n : self._slip].reshape(count, 3)
         low[:, 0] = 0.0
-        high[commanded, 0] = self.dynamics.commanded[commanded]
+        most = self.dynamics.commanded + np.maximum(self.dynamics.commanded_spread, 0.0)
+        high[commanded, 0] = most[commanded]
         low[opened], high[opened] = 0.0, 0.0
         lb[self._slip :] = 0.0
+        ub[self._spread : -1] = 1.0
         ub[-1] = 1.0 if elastic else 0.0
         self._simplex.set_bounds(lb, ub)
         may_part = states.are(ContactState.FREE, ContactState.OPEN) | commanded
@@ -200,7 +207,7 @@ class Relaxation:
         touching = 0.5 * h + 0.5 * away / distance
         row = np.zeros((1, self._size))
         row[0, : self._n] = h - 2.0 * touching
-        row[0, self._slip : -1] = -self._power[self._loaded]
+        row[0, self._slip : self._spread] = -self._power[self._loaded]
         self._simplex.add_rows(row, np.full(1, -float(touching @ touching)), np.full(1, np.inf))
         self._rows_of.append((-1, np.zeros(2)))
         return True

@@ -39,7 +39,7 @@ from graspless_pin.problem.checks import (
     real_number,
     whole_number,
 )
-from graspless_pin.problem.inertias import hybrid_contacts, moving_joints
+from graspless_pin.problem.inertias import hybrid_contacts, whole_inertia
 from graspless_pin.problem.quasistatic import checked_problem
 
 NODE_LIMIT = 3000
@@ -178,14 +178,9 @@ def _strong(known: StabilityVerdict, proof: RestProof) -> StabilityVerdict:
 def _dynamics(blank: StabilityVerdict) -> tuple[Dynamics | None, bool]:
     """Return the scaled dynamics, if inertias are known, and whether there is no load at all."""
     problem = blank.problem
-    if problem.object_inertia is None or (problem.joint_inertia is None and problem.joint_count):
+    inertia = whole_inertia(problem)
+    if inertia is None:
         return None, False
-    joints = problem.joint_count
-    inertia = np.zeros((6 + joints, 6 + joints))
-    inertia[:6, :6] = problem.object_inertia
-    if problem.joint_inertia is not None:
-        moving_joints(problem)
-        inertia[6:, 6:] = problem.joint_inertia
     dynamics = scaled_dynamics(
         problem, blank.torques, inertia, hybrid_contacts(problem), blank.acceleration_limit
     )

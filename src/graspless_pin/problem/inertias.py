@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.problem.checks import SINGULAR, with_unit_diagonal
+from graspless_pin.problem.checks import SINGULAR, FloatArray, with_unit_diagonal
 from graspless_pin.problem.quasistatic import QuasistaticProblem
 
 _NORMAL = 1e-9
@@ -66,3 +66,20 @@ def moving_joints(problem: QuasistaticProblem) -> NDArray[np.intp]:
             "(hand.armature in the scene)",
         )
     return joints
+
+
+def whole_inertia(problem: QuasistaticProblem) -> FloatArray | None:
+    """Return the (6 + L, 6 + L) inertia of object and joints, None where some of it is not known.
+
+    Raises:
+        ArgumentError: If that of the joints is singular; see `moving_joints`.
+    """
+    joints, own = problem.joint_count, problem.object_inertia
+    if own is None or (problem.joint_inertia is None and joints):
+        return None
+    inertia = np.zeros((6 + joints, 6 + joints))
+    inertia[:6, :6] = own
+    if problem.joint_inertia is not None:
+        moving_joints(problem)
+        inertia[6:, 6:] = problem.joint_inertia
+    return inertia

@@ -1,0 +1,132 @@
+"""The largest disturbances up to which rest stays the only outcome, direction by direction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from graspless_pin.algorithms.disturbances import unit_disturbances
+from graspless_pin.algorithms.load_brackets import LoadBracket, check_bracket_options, load_bracket
+from graspless_pin.errors import NoSolutionError
+from graspless_pin.holding.stability import stability
+from graspless_pin.holding.verdict import Stability, StabilityVerdict
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray, read_only, real_number
+
+
+@dataclass(frozen=True, eq=False)
+class GuaranteedDisturbance:
+    """What disturbances certainly do no harm, which may, and which certainly do.
+
+    Along direction d the disturbance of magnitude t is t [d_f; characteristic_length * d_m].
+
+    Attributes:
+        verdict: On the torques without disturbance.
+        directions: (K, 6) unit directions [force; moment / characteristic length].
+        guaranteed: (K,) N: rest is proven to be the only outcome of every magnitude from zero up to
+            this. NaN where it is not even without disturbance.
+        failing: (K,) N: the smallest magnitude found at which the object may or must move; inf
+            where none was found up to `largest`. Between the two it is open what happens.
+        possible: (K,) N: the largest magnitude that forces in round cones without limits balance,
+            as far as was looked: the best case. Beyond it rest is no outcome.
+        failures: K verdicts at `failing`; None where that is inf.
+        characteristic_length: m; what makes a moment comparable to a force.
+        largest: Magnitudes up to this were looked at, N.
+    """
+
+    verdict: StabilityVerdict
+    directions: FloatArray
+    guaranteed: FloatArray
+    failing: FloatArray
+    possible: FloatArray
+    failures: tuple[StabilityVerdict | None, ...]
+    characteristic_length: float
+    largest: float
+
+    @property
+    def found(self) -> bool:
+        """Whether rest is the only outcome without disturbance."""
+        return self.verdict.status is Stability.STRONG
+
+    @property
+    def worst(self) -> int:
+        """Index of the direction in which the least is guaranteed.
+
+        Raises:
+            NoSolutionError: If nothing is, not even without disturbance.
+        """
+        if not self.found:
+            raise NoSolutionError(f"No disturbance is guaranteed to be borne ({self.verdict}).")
+        return int(np.argmin(self.guaranteed))
+
+    def __str__(self) -> str:
+        """Return one line: the direction in which the least is guaranteed."""
+        if not self.found:
+            return f"nothing guaranteed: {self.verdict}"
+        at = self.worst
+        wrench = self.directions[at] * np.repeat([1.0, self.characteristic_length], 3)
+        bracket = LoadBracket(
+            float(self.guaranteed[at]), float(self.failing[at]), float(self.possible[at]),
+            self.failures[at],
+        )  # fmt: skip
+        return (
+            f"least of {len(self.directions)} directions, per newton of force "
+            f"{np.round(wrench[:3], 4).tolist()} N and moment {np.round(wrench[3:], 5).tolist()} "
+            f"N m: {bracket.words('N')}"
+        )
+
+
+def guaranteed_disturbance(
+    problem: QuasistaticProblem,
+    torques: ArrayLike,
+    directions: ArrayLike | None = None,
+    *,
+    characteristic_length: float | None = None,
+    largest: float | None = None,
+    precision: float = 0.02,
+    node_limit: int = 1000,
+    acceleration_resolution: float = 1e-3,
+) -> GuaranteedDisturbance:
+    """Bracket the largest disturbance up to which rest stays the only outcome, in each direction.
+
+    `disturbance_margin` tells what can be borne if the contact forces are the best ones; this tells
+    what is borne whichever they are. Each lower end is proven for all magnitudes up to it, not only
+    for those that were tried; each upper end has a verdict that shows a motion, or that rest is no
+    outcome.
+
+    Args:
+        problem: At rest, with `object_inertia` and `joint_inertia`.
+        torques: (L,) the motors' torques, N m (N).
+        directions: As of `disturbance_margin`; None: its 76, which may take minutes.
+        characteristic_length: As of `disturbance_margin`, m.
+        largest: Magnitudes up to this are looked at, N; None: ten loads.
+        precision: Relative width of the brackets with which the search ends, where it gets so far.
+        node_limit: Sets of outcomes that each tree of a proof may look at.
+        acceleration_resolution: As of `stability`; of the load without disturbance.
+
+    Raises:
+        ArgumentError: If an argument is wrong.
+    """
+    check_bracket_options(problem, precision, node_limit)
+    units, length = unit_disturbances(problem, directions, characteristic_length)
+    most = 10.0 * problem.scales.force if largest is None else real_number("largest", largest, 0.0)
+    verdict = stability(problem, torques, acceleration_resolution=acceleration_resolution)
+    brackets = [LoadBracket(np.nan, np.nan, np.nan, None)] * len(units)
+    if verdict.status is Stability.STRONG:
+        scale, still = np.repeat([1.0, length], 3), np.zeros(problem.joint_count)
+        brackets = [
+            load_bracket(
+                verdict, np.concatenate([scale * unit, still]), most, precision, node_limit
+            )
+            for unit in units
+        ]
+    guaranteed, failing, possible = (
+        read_only(np.array([getattr(one, name) for one in brackets]))
+        for name in ("guaranteed", "failing", "possible")
+    )
+    failures = tuple(one.failure for one in brackets)
+    return GuaranteedDisturbance(
+        verdict, units, guaranteed, failing, possible, failures, length, float(most)
+    )

@@ -1,0 +1,131 @@
+"""Up to which multiple of a change of the load rest stays the only outcome, and where it fails."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from graspless_pin.errors import ArgumentError
+from graspless_pin.holding.load_spans import LoadLine, SpanAnswer
+from graspless_pin.holding.stability import stability
+from graspless_pin.holding.verdict import Stability, StabilityVerdict
+from graspless_pin.problem import QuasistaticProblem, checked_problem
+from graspless_pin.problem.checks import FloatArray, real_number, whole_number
+
+_WIDEST = 0.5
+_MOST_SPANS = 12
+_MOST_HALVINGS = 16
+_FAILING = (Stability.WEAK, Stability.NONE)
+_BEYOND = (1e-5, 1e-4, 1e-3)
+"""Of the load: so far beyond the last balanced multiple a verdict is asked for."""
+
+
+@dataclass(frozen=True, eq=False)
+class LoadBracket:
+    """Where rest stops to be the only outcome along a change of load or torques.
+
+    Attributes:
+        guaranteed: Rest is proven to be the only outcome of every multiple from zero up to this.
+        failing: The smallest multiple that was found to have a moving outcome, or none of rest;
+            inf: none was found.
+        possible: The largest multiple of which rest is an outcome, or up to which was looked.
+        failure: The verdict at `failing`.
+    """
+
+    guaranteed: float
+    failing: float
+    possible: float
+    failure: StabilityVerdict | None
+
+    def words(self, unit: str) -> str:
+        """Return the three figures in words."""
+        said = f"rest is the only outcome up to {self.guaranteed:.4g} {unit}"
+        if self.failure is None:
+            return f"{said}; nothing else was found up to {self.possible:.4g} {unit}"
+        said += f"; at {self.failing:.4g} {unit} it {self.failure}"
+        if self.failure.status is Stability.NONE:
+            return said
+        return f"{said}; forces balance up to {self.possible:.4g} {unit} at least"
+
+
+def check_bracket_options(problem: QuasistaticProblem, precision: float, node_limit: int) -> None:
+    """Check what every search for brackets is given.
+
+    Raises:
+        ArgumentError: If it is no problem or one that slides, or an option is out of range.
+    """
+    if checked_problem(problem).is_sliding.any():
+        raise ArgumentError("problem", "slides; what certainly holds is known of rest alone")
+    if real_number("precision", precision, 1e-3) > _WIDEST:
+        raise ArgumentError("precision", f"is {precision}; it must be at most {_WIDEST}")
+    whole_number("node_limit", node_limit, 0)
+
+
+def load_bracket(
+    undisturbed: StabilityVerdict,
+    direction: FloatArray,
+    most: float,
+    precision: float,
+    node_limit: int,
+) -> LoadBracket:
+    """Bracket the largest multiple of a change up to which rest stays the only outcome.
+
+    Motions are looked for first, at ever smaller multiples. Then spans from zero on are proven,
+    each as a whole; a span that is not proven is halved.
+
+    Args:
+        undisturbed: The verdict without the change: rest is the only outcome.
+        direction: (6 + L,) what each multiple adds to wrench and torques.
+        most: Multiples up to this are looked at.
+        precision: Relative width of the bracket with which the search ends.
+        node_limit: Sets of outcomes that each of the two trees of a span may look at.
+    """
+    line = LoadLine(
+        undisturbed.problem, undisturbed.torques, direction, undisturbed.acceleration_limit
+    )
+    possible = line.last_balanced(most)
+    low, high = 0.0, possible
+    end = possible if possible >= most else (1.0 - 0.5 * precision) * possible
+    while high - low > 0.5 * precision * high and high > 0.5**_MOST_HALVINGS * possible:
+        low, high = (low, end) if line.moves(end) else (end, high)
+        end = 0.5 * (low + high)
+    guaranteed, ends, below = 0.0, [low] if low > 0.0 else [], 0.5 * precision
+    for _ in range(_MOST_SPANS):
+        if not ends:
+            break
+        end = ends[-1]
+        said = line.answer(guaranteed, end, node_limit)
+        if said is SpanAnswer.ONLY_REST:
+            guaranteed = ends.pop()
+        elif said is SpanAnswer.MOVES:
+            high, ends, below = end, [], 2.0 * below
+        elif end - guaranteed > 0.5 * precision * end:
+            ends.append(0.5 * (guaranteed + end))
+        else:
+            break
+        if not ends and high - guaranteed > precision * high:
+            ends = [max(0.5 * (guaranteed + high), (1.0 - below) * high)]
+    failing, failure = _failure(line, undisturbed, high, possible, most)
+    return LoadBracket(guaranteed, failing, possible, failure)
+
+
+def _failure(
+    line: LoadLine, undisturbed: StabilityVerdict, high: float, possible: float, most: float
+) -> tuple[float, StabilityVerdict | None]:
+    """Return a multiple that fails, with its verdict, near the one that the search found."""
+    if high >= most:
+        return np.inf, None
+    size = float(np.abs(line.in_loads).max())
+    beyond = [share / size for share in _BEYOND] if high >= possible else [0.0]
+    for more in beyond:
+        problem, torques = line.at(high + more)
+        resolution = undisturbed.acceleration_resolution
+        # One limit for all loads: that of the undisturbed one.
+        resolution *= undisturbed.problem.scales.force / problem.scales.force
+        verdict = stability(
+            problem, torques, acceleration_resolution=float(np.clip(resolution, 1e-6, 1.0))
+        )
+        if verdict.status in _FAILING:
+            return high + more, verdict
+    return np.inf, None
