@@ -122,7 +122,12 @@ def _torques(scene: Scene, *, alone: bool) -> dict[str, FloatArray]:
 def holding(count: int = SCENES, jobs: int = 2) -> str:
     """A table of verdicts and outcomes, and each contradiction."""
     with ProcessPoolExecutor(jobs) as pool:
-        results = list(chain.from_iterable(pool.map(partial(compared, count=count), FAMILIES)))
+        found = pool.map(partial(compared, count=count), FAMILIES)
+        return compared_text(list(chain.from_iterable(found)))
+
+
+def compared_text(results: Sequence[Compared]) -> str:
+    """Return the table of all cases, and each contradiction."""
     groups = dict.fromkeys(sorted((one.family, one.group) for one in results))
     rows = [
         _row(family, [one for one in results if (one.family, one.group) == (family, group)])

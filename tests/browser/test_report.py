@@ -46,12 +46,16 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         "infeasible": case_of_scene(sliding, sliding.solve(sliding_rule="constrained")),
         "arrays": case_of_document(json.loads(json.dumps(solution_document(arrays)))),
     }
+    walls = load_scene(EXAMPLES / "box_between_walls.yaml")
+    dropped = walls.solve()
+    verdict = walls.stability(dropped.torques)
+    cases["walls"] = case_of_scene(walls, dropped, walls.path, verdict)
     arm = load_scene(EXAMPLES / "panda_arm_drag_board.yaml")
     cases["arm"] = case_of_scene(arm, arm.solve(), arm.path)
     files = {name: folder / f"{name}.html" for name in cases}
     for name, case in cases.items():
         solution, bounds = case.solution, None
-        if solution.found and name != "arm":
+        if solution.found and name not in ("arm", "walls"):
             bounds = contact_force_bounds(solution.problem, solution.torques)
         files[name].write_text(report_html(case, bounds), encoding="utf-8")
     return files
@@ -66,9 +70,10 @@ def opened(page: Page, reports: dict[str, Path]) -> Iterator[Opened]:
     page.on("console", lambda message: said.append(message.text))
     page.context.set_offline(True)
 
-    def open_report(name: str, *, dark: bool = False) -> Page:
+    def open_report(name: str, *, dark: bool = False, calm: bool = False) -> Page:
         page.set_viewport_size({"width": WIDTH, "height": HEIGHT})
-        page.emulate_media(color_scheme="dark" if dark else "light")
+        motion = "reduce" if calm else "no-preference"
+        page.emulate_media(color_scheme="dark" if dark else "light", reduced_motion=motion)
         page.goto(reports[name].as_uri())
         page.wait_for_selector('#view[data-state="drawn"]', timeout=PATIENCE)
         return page
@@ -215,7 +220,7 @@ def test_the_wheel_scrolls_the_page_until_the_view_is_used(opened: Opened):
     expect(page.get_by_role("heading", level=1)).not_to_be_in_viewport()
 
 
-@pytest.mark.parametrize("name", ["allegro", "infeasible", "arrays"])
+@pytest.mark.parametrize("name", ["allegro", "infeasible", "arrays", "walls"])
 @pytest.mark.parametrize("dark", [False, True])
 def test_it_is_accessible(opened: Opened, name: str, dark: bool):
     page = opened(name, dark=dark)
@@ -273,6 +278,57 @@ def test_all_is_reached_by_the_keyboard(opened: Opened):
     assert {"A", "CANVAS", "INPUT", "BUTTON"} <= set(tags)
     labels = {label for _, _, label in reached}
     assert {"Contacts, table", "Force ranges, table", "Command"} <= labels
+
+
+def share(page: Page) -> float:
+    """How much of the motion the view shows."""
+    return float(page.locator("#motion-view").get_attribute("data-share") or "nan")
+
+
+def number_below(page: Page) -> float:
+    """Where the lowest contact's number is in the view of the motion, px."""
+    places = page.locator("#motion-view .labels span").evaluate_all(
+        "spans => spans.map((s) => new DOMMatrix(s.style.transform).f)"
+    )
+    return max(places)
+
+
+def test_a_motion_is_played_until_the_reader_stops_it(opened: Opened):
+    page = opened("walls")
+    button = page.locator("#motion-view").get_by_role("button", name="Pause")
+    button.scroll_into_view_if_needed()
+    before = share(page)
+    page.wait_for_function(
+        "(before) => document.getElementById('motion-view').dataset.share != before",
+        arg=f"{before:.3f}",
+        timeout=PATIENCE,
+    )
+    button.click()
+    stopped = share(page)
+    page.wait_for_timeout(200)
+    assert share(page) == stopped
+    slider = page.locator("#motion-view input[type=range]")
+    slider.fill("0")
+    drawing(page)
+    first = number_below(page)
+    slider.fill("1")
+    drawing(page)
+    assert share(page) == 1.0
+    assert number_below(page) > first + 10.0, "the box goes down"
+    assert page.locator("#view").get_attribute("data-share") is None
+    page.locator("#motion-view").get_by_role("button", name="Play").click()
+    page.wait_for_function(
+        "() => document.getElementById('motion-view').dataset.share < 0.9", timeout=PATIENCE
+    )
+
+
+def test_who_wants_little_motion_sees_its_end_and_no_motion(opened: Opened):
+    page = opened("walls", calm=True)
+    page.wait_for_selector('#motion-view[data-state="drawn"]', timeout=PATIENCE)
+    page.locator("#motion-view").scroll_into_view_if_needed()
+    expect(page.locator("#motion-view").get_by_role("button", name="Play")).to_be_visible()
+    page.wait_for_timeout(200)
+    assert share(page) == 1.0
 
 
 def test_without_webgl_the_page_says_so(page: Page, reports: dict[str, Path]):

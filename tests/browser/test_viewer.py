@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable, Iterator
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -298,3 +299,37 @@ def test_impossible_addresses_are_refused(allegro):
         view(allegro, host="198.51.100.1")
     with pytest.raises(ArgumentError, match="port"):
         view(allegro, port=70_000)
+
+
+def test_a_motion_is_shown_when_it_is_asked_for(page: Page):
+    """The box between the walls goes down, and comes back to where it stands."""
+    walls = load_scene(EXAMPLES / "box_between_walls.yaml")
+    viewer = view(walls, port=0)
+    try:
+        page.goto(viewer.url)
+        said = page.locator("#graspless-verdict")
+        expect(said).to_contain_text("May fail the object can slip down", timeout=PATIENCE)
+        assert said.get_attribute("data-status") == "weak"
+        page.get_by_role("alert").get_by_role("button").first.click()
+        page.wait_for_timeout(500)
+        at_rest = middle(drawing(page))
+        show = page.get_by_role("checkbox", name="show", exact=True)
+        show.check(force=True)
+        page.wait_for_timeout(500)
+        moved = middle(drawing(page))
+        assert (np.abs(moved - at_rest).sum(axis=2) > 60.0).mean() > 0.01
+        show.uncheck(force=True)
+        page.wait_for_timeout(500)
+        again = middle(drawing(page))
+        assert (np.abs(again - at_rest).sum(axis=2) > 60.0).mean() < 0.001
+        page.get_by_role("checkbox", name="play", exact=True).check(force=True)
+        expect(show).to_be_checked()
+        page.wait_for_timeout(300)
+        frames = []
+        for _ in range(3):
+            frames.append(middle(drawing(page)))
+            page.wait_for_timeout(250)
+        differs = [np.abs(a - b).sum(axis=2).max() for a, b in pairwise(frames)]
+        assert max(differs) > 60.0
+    finally:
+        viewer.stop()

@@ -14,6 +14,7 @@ from graspless_pin.report import solution_document
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 ALLEGRO = EXAMPLES / "allegro_box_on_slope.yaml"
 SLIDING = EXAMPLES / "paper" / "cuboid_sliding_up.yaml"
+WALLS = EXAMPLES / "box_between_walls.yaml"
 AT_REST = EXAMPLES / "paper" / "cuboid_at_rest.yaml"
 
 _VOID = {"meta", "link", "br", "img", "input", "hr"}

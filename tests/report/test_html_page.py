@@ -175,7 +175,7 @@ def test_what_does_not_see_is_told(page: Element):
         (title,) = (child for child in drawing.children if child.tag == "title")
         assert drawing.attributes["aria-labelledby"] == title.attributes["id"]
         assert len(title.text) > 30
-    words = page.with_id("scene-words").text
+    words = page.with_id("view-words").text
     assert "the object box" in words and "supported by slope" in words and "7 contact" in words
 
 

@@ -4,7 +4,7 @@ import json
 
 import pytest
 import typer
-from report_cases import AT_REST, SLIDING, pinched_block, read_html, solved, through_json
+from report_cases import AT_REST, SLIDING, WALLS, pinched_block, read_html, solved, through_json
 from typer.testing import CliRunner, Result
 
 from graspless_pin import maximize_margin
@@ -81,3 +81,23 @@ def test_a_folder_that_cannot_be_made(tmp_path):
     result = run(AT_REST, "-o", tmp_path / "file" / "report.html")
     assert result.exit_code == 2
     assert "cannot be made" in result.stderr
+
+
+def test_a_verdict_and_a_simulation(tmp_path):
+    target = tmp_path / "report.html"
+    assert run(WALLS, "-o", target, "--no-ranges", "--simulate").exit_code == 0
+    text = target.read_text(encoding="utf-8")
+    page = read_html(text)
+    assert "May fail: the object can slip down" in page.text
+    section = page.section("simulation").text
+    assert "Moved." in section and "moved: the object does not stay" in section
+    assert run(WALLS, "-o", target, "--no-ranges", "--no-verdict").exit_code == 0
+    assert "was not asked" in target.read_text(encoding="utf-8")
+
+
+def test_a_simulation_needs_the_scene(tmp_path):
+    file = tmp_path / "solution.json"
+    file.write_text(json.dumps(through_json(maximize_margin(pinched_block()))), encoding="utf-8")
+    result = run(file, "-o", tmp_path / "report.html", "--no-ranges", "--simulate")
+    assert result.exit_code == 2
+    assert "--simulate: needs the scene. The document names no scene file." in result.stderr

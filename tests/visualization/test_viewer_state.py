@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from graspless_pin import maximize_margin
+from graspless_pin import Stability, maximize_margin
 from graspless_pin.errors import ArgumentError
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import load_scene
@@ -18,7 +18,8 @@ from graspless_pin.viewer import (
     controls_of,
     initial_settings,
 )
-from graspless_pin.viewer.panels import legend_html, result_html, torque_html
+from graspless_pin.viewer.panels import legend_html, result_html, torque_html, verdict_html
+from graspless_pin.viewer.scene_process import with_verdict
 from graspless_pin.visualization import Role
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -258,3 +259,30 @@ def test_the_largest_torque_has_the_unit_of_its_joint(allegro):
         assert result.torque_unit == unit
         shown = result_html(result, None, dark=False)
         assert f"</b> {unit}</span>" in shown.partition("max torque")[2]
+
+
+def test_the_verdict_comes_after_the_solution(paper):
+    first = answer_settings(paper, initial_settings(paper))
+    assert (first.verdict, first.stability, first.motion) == (None, None, None)
+    assert "being worked out" in verdict_html(first, dark=False)
+    judged = with_verdict(first)
+    assert first.solution is not None
+    assert (judged.stability, judged.motion) == (Stability.STRONG, None)
+    assert judged.verdict == str(paper.stability(first.solution.torques, node_limit=300))
+    assert "<b>Holds</b> rest is the only outcome (proof" in verdict_html(judged, dark=False)
+    walls = load_scene(EXAMPLES / "box_between_walls.yaml")
+    may_fall = with_verdict(answer_settings(walls, initial_settings(walls)))
+    assert may_fall.stability is Stability.WEAK and may_fall.motion is not None
+    assert "<b>May fail</b> the object can slip down" in verdict_html(may_fall, dark=True)
+    nothing = replace(first, solution=None, reason="why")
+    assert with_verdict(nothing) is nothing and verdict_html(nothing, dark=False) == ""
+
+
+def test_a_verdict_that_cannot_be_had_says_why(paper, monkeypatch):
+    def refuse(*_, **__):
+        raise ArgumentError("joint_inertia", "no mass")
+
+    monkeypatch.setattr("graspless_pin.scene.scene.verdict_of", refuse)
+    judged = with_verdict(answer_settings(paper, initial_settings(paper)))
+    assert judged.verdict == "no verdict: joint_inertia: no mass"
+    assert judged.stability is None

@@ -10,11 +10,15 @@ import typer
 
 from graspless_pin.algorithms.force_bounds import contact_force_bounds
 from graspless_pin.cli.outcome import ExitCode, plain_errors
+from graspless_pin.cli.simulating import simulated_words
+from graspless_pin.cli.solving import VERDICT_NODES, asked_verdict
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.report.document import write_text
 from graspless_pin.report.html import Case, case_of_document, case_of_scene, report_html
+from graspless_pin.report.html.time_lapse import TimeLapse, time_lapse
 from graspless_pin.report.reading import read_document
 from graspless_pin.scene import load_scene
+from graspless_pin.simulation import simulate
 from graspless_pin.viewer.page import DEFAULT_PORT
 from graspless_pin.viewer.page import view as show
 
@@ -50,15 +54,26 @@ def report(
             "proven.",
         ),
     ] = 60.0,
+    verdict_nodes: Annotated[
+        int, typer.Option(help="Sets of outcomes that the verdict may look at.")
+    ] = VERDICT_NODES,
+    no_verdict: Annotated[
+        bool, typer.Option("--no-verdict", help="Do not ask whether the object stays.")
+    ] = False,
+    simulated: Annotated[
+        bool,
+        typer.Option("--simulate", help="Simulate the torques with MuJoCo, with a time-lapse."),
+    ] = False,
 ) -> None:
     """Write a solution as one HTML page that fetches nothing: 3-D view, torques, contacts, proof.
 
-    A scene is solved with its own options; for others, solve it with --json and report that file.
+    A scene is solved with its own options; for others, solve it with --json and report that file,
+    with the verdict that it holds.
 
     Exit code 0: found; 1: infeasible, and the page says why; 2: bad input.
     """
     with plain_errors():
-        case = _case(source, scene)
+        case = _case(source, scene, None if no_verdict else verdict_nodes)
         try:
             output.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -71,24 +86,38 @@ def report(
                 time_limit=ranges_time,
                 **solution.rules.options(),
             )
-        page = report_html(case, bounds)
+        page = report_html(case, bounds, _lapse(case) if simulated else None)
         write_text(page, output, kind="report")
         if str(output) != "-":
             typer.echo(f"wrote {output} ({len(page.encode()) / 1e6:.1f} MB)")
     raise typer.Exit(ExitCode.FOUND if case.solution.found else ExitCode.INFEASIBLE)
 
 
-def _case(source: Path, scene_file: Path | None) -> Case:
+def _case(source: Path, scene_file: Path | None, verdict_nodes: int | None) -> Case:
     if source.suffix.lower() != ".json":
         if scene_file is not None:
             raise ArgumentError("--scene", "goes with a solution document (.json) alone")
         scene = load_scene(source)
-        return case_of_scene(scene, scene.solve(), source)
+        solution, verdict = scene.solve(), None
+        if solution.found and verdict_nodes is not None:
+            verdict, said = asked_verdict(scene, solution, verdict_nodes)
+            if verdict is None:
+                typer.echo(said, err=True)
+        return case_of_scene(scene, solution, source, verdict)
     document = read_document(source)
     try:
         return case_of_document(document, scene_file)
     except ArgumentError as error:
         raise SceneError(f"{source}: {error}") from error
+
+
+def _lapse(case: Case) -> TimeLapse | None:
+    if not case.solution.found:
+        return None
+    if case.scene is None:
+        raise ArgumentError("--simulate", f"needs the scene. {case.missing}")
+    found = simulate(case.scene, case.solution.torques)
+    return time_lapse(case.scene, found, simulated_words(case.scene, found))
 
 
 def view_scene(

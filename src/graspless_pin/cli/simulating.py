@@ -13,10 +13,11 @@ from graspless_pin.algorithms.options import RequiredStability
 from graspless_pin.cli.outcome import ExitCode, plain_errors
 from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.stability import stability
+from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.report.document import write_text
-from graspless_pin.report.html.time_lapse import time_lapse_html
+from graspless_pin.report.html.time_lapse import time_lapse, time_lapse_html
 from graspless_pin.report.simulation import simulation_text
 from graspless_pin.scene import Scene, load_scene
 from graspless_pin.scene.scene_stability import hand_support_contacts
@@ -88,11 +89,11 @@ def simulate_scene(
         )
         if export is not None:
             write_text(found.model.xml, export, kind="model")
-        text = _words(loaded, found)
+        text = f"{simulated_words(loaded, found)}\n\nverdict: {_verdict(loaded, found)}"
         if str(export) != "-":
             typer.echo(text)
         if save is not None and save.suffix.lower() == ".html":
-            write_text(time_lapse_html(loaded, found, text), save, kind="page")
+            write_text(time_lapse_html(time_lapse(loaded, found, text)), save, kind="page")
         elif save is not None:
             write_video(found, save)
     raise typer.Exit(
@@ -100,22 +101,22 @@ def simulate_scene(
     )
 
 
-def _words(scene: Scene, found: Simulation) -> str:
-    """Return the outcome, and what is proven of the same constant torques."""
+def simulated_words(scene: Scene, found: Simulation) -> str:
+    """Return the outcome beside the forces that are proven for the same constant torques."""
     bounds = contact_force_bounds(
         found.problem,
         found.torques,
         static_friction=StaticFriction.COULOMB,
         time_limit=_RANGES_TIME,
     )
+    return simulation_text(found, scene.contacts.bodies, bounds)
+
+
+def _verdict(scene: Scene, found: Simulation) -> StabilityVerdict:
     # The scene knows why nothing is decided where the hand touches a support; not of the push.
-    verdict = (
-        scene.stability(found.torques)
-        if hand_support_contacts(scene)
-        else stability(found.problem, found.torques)
-    )
-    text = simulation_text(found, scene.contacts.bodies, bounds)
-    return f"{text}\n\nverdict: {verdict}"
+    if hand_support_contacts(scene):
+        return scene.stability(found.torques)
+    return stability(found.problem, found.torques)
 
 
 def _three_numbers(text: str) -> list[float]:

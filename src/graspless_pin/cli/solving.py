@@ -21,8 +21,8 @@ from graspless_pin.report.verify import Verification, verify_document
 from graspless_pin.scene import Scene, load_scene, scene_json_schema
 from graspless_pin.solution import TorqueSolution
 
-_NODES = 300
-"""Sets of outcomes that a verdict may look at which nobody asked for."""
+VERDICT_NODES = 300
+"""Sets of outcomes that a verdict may look at which nobody asked for: about a second."""
 
 
 def solve_scene(
@@ -97,11 +97,7 @@ def solve_scene(
         solution = loaded.solve(algorithm, **options)
         verdict, said = None, ""
         if solution.found and not no_verdict:
-            try:
-                verdict = _verdict(loaded, solution, verdict_nodes)
-                said = str(verdict)
-            except ArgumentError as error:
-                said = f"no verdict: {error}"
+            verdict, said = asked_verdict(loaded, solution, verdict_nodes)
         if json_file is not None:
             write_document(solution_document(solution, loaded, verdict), json_file)
         if json_file != "-":
@@ -109,9 +105,17 @@ def solve_scene(
     raise typer.Exit(ExitCode.FOUND if solution.found else ExitCode.INFEASIBLE)
 
 
-def _verdict(scene: Scene, solution: TorqueSolution, nodes: int | None) -> StabilityVerdict:
-    known = solution.guarantee and solution.guarantee.verdict
-    return known or scene.stability(solution.torques, node_limit=_NODES if nodes is None else nodes)
+def asked_verdict(
+    scene: Scene, solution: TorqueSolution, nodes: int | None = None
+) -> tuple[StabilityVerdict | None, str]:
+    """Return whether the object stays, and what is said of it; a verdict may not be had."""
+    limit = VERDICT_NODES if nodes is None else nodes
+    try:
+        known = solution.guarantee and solution.guarantee.verdict
+        verdict = known or scene.stability(solution.torques, node_limit=limit)
+    except ArgumentError as error:
+        return None, f"no verdict: {error}"
+    return verdict, str(verdict)
 
 
 def verify(

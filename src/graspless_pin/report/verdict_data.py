@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
+from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.verdict import (
+    ContactState,
     DualBound,
     DynamicOutcome,
     OutcomeSet,
     RestProof,
     StabilityVerdict,
 )
+from graspless_pin.problem.checks import finite_array, real_number
 
 
 def verdict_data(verdict: StabilityVerdict) -> dict[str, Any]:
@@ -38,6 +41,28 @@ def verdict_data(verdict: StabilityVerdict) -> dict[str, Any]:
         "free_motions": verdict.free_motions,
         "proof": None if verdict.proof is None else _proof(verdict.proof),
     }
+
+
+def read_motion(document: dict[str, Any]) -> DynamicOutcome | None:
+    """Return the motion of the verdict that a document holds, if it has one.
+
+    Raises:
+        ArgumentError: If it is no such document.
+    """
+    try:
+        stated = (document.get("stability") or {}).get("motion")
+        if stated is None:
+            return None
+        count = len(document["contacts"])
+        return DynamicOutcome(
+            finite_array("motion", stated["object_acceleration"], (6,)),
+            finite_array("motion", stated["joint_accelerations"], (len(document["joints"]),)),
+            finite_array("motion", stated["contact_forces"], (count, 3)),
+            tuple(ContactState(state) for state in stated["states"][:count]),
+            real_number("motion", stated["point_acceleration"], 0.0),
+        )
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise ArgumentError("document", f"holds a motion that is none: {error}") from None
 
 
 def _motion(motion: DynamicOutcome) -> dict[str, Any]:

@@ -21,12 +21,12 @@ from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry.contact.convex_sets import is_hull
-from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.holding.free_motions import NEGLIGIBLE, motion_units
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only, real_number
 from graspless_pin.problem.contact_map import contact_map
 from graspless_pin.problem.inertias import moving_joints
 from graspless_pin.problem.quasistatic import QuasistaticProblem
+from graspless_pin.scene.moved import bent_hand, moved_scene
 from graspless_pin.scene.scene import Scene
 
 STEP = 1e-3
@@ -239,7 +239,7 @@ def _stiffness(
         velocity[kept] = units * motion
         sides = []
         for side in (step, -step):
-            there = _moved(scene, side * velocity).problem()
+            there = moved_scene(scene, side * velocity).problem()
             if there.contact_count != problem.contact_count:
                 raise SceneError(f"{scene.name}: contacts come or go where others roll")
             rows, load = _rolling(there, torques, kept, units)
@@ -251,26 +251,6 @@ def _stiffness(
             sides.append(basis.T @ (right[rank:].T @ (right[rank:] @ load)))
         stiffness[:, column] = (sides[1] - sides[0]) / (2.0 * step)
     return stiffness
-
-
-def _moved(scene: Scene, change: FloatArray) -> Scene:
-    """Return the scene with object and joints moved by (6 + L,) m and rad."""
-    T = np.array(scene.object.T_world_object)
-    T[:3, :3] = Rotation.from_rotvec(change[3:6]).as_matrix() @ T[:3, :3]
-    center = scene.object.center_of_mass_world + change[:3]
-    T[:3, 3] = center - T[:3, :3] @ scene.object.center_of_mass
-    hand = None if scene.hand is None else _bent(scene.hand, change[6:])
-    return scene.with_changes(object=scene.object.with_pose(T), hand=hand)
-
-
-def _bent(hand: Hand, change: FloatArray) -> Hand:
-    """Return the hand with its actuators moved by (L,) rad or m."""
-    leaders = list(hand.tree.coupling.leaders)
-    moved = hand.positions[leaders] + hand.actuation.from_independent @ change
-    try:
-        return hand.with_positions(moved)
-    except ArgumentError as error:
-        raise SceneError(f"a joint that rolls along stands at its limit: {error}") from error
 
 
 def _refuse_rolling_meshes(scene: Scene, velocities: FloatArray) -> None:
@@ -289,7 +269,7 @@ def _refuse_rolling_meshes(scene: Scene, velocities: FloatArray) -> None:
             turn = change[3:6]
             if hand is not None and body in hand.tree.link_frames:
                 R = hand.link_pose(body)[:3, :3]
-                there = _bent(hand, change[6:]).link_pose(body)[:3, :3]
+                there = bent_hand(hand, change[6:]).link_pose(body)[:3, :3]
                 turn = turn - Rotation.from_matrix(there @ R.T).as_rotvec()
             mesh = body if body in meshes else own
             if mesh is not None and np.linalg.norm(np.cross(turn, normal)) > _TURNING * STEP:

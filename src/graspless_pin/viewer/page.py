@@ -17,7 +17,8 @@ from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
 from graspless_pin.viewer.controls import Control, controls_of
 from graspless_pin.viewer.gate import Gate, gated, is_switch, number_between, one_of
-from graspless_pin.viewer.panels import legend_html, result_html, torque_html
+from graspless_pin.viewer.panels import legend_html, result_html, torque_html, verdict_html
+from graspless_pin.viewer.player import Player
 from graspless_pin.viewer.scene_process import (
     SceneProcess,
     Settings,
@@ -38,6 +39,7 @@ _ALGORITHMS = {
 _OPEN_GROUPS = ("Load",)
 _RESULT_WIDTH = 330  # px
 _LISTEN_EVERY = 0.5  # s
+_PAUSE = 0.5  # s without a change before the verdict is asked for
 _BODIES = (Role.HAND, Role.OBJECT, Role.SUPPORT)
 _log = logging.getLogger(__name__)
 
@@ -161,6 +163,7 @@ class Viewer:
             self._changed.notify()
         self._solving.kill()
         self._worker.join()
+        self._player.stop()
         self._solving.close()
         _stop(self._server)
 
@@ -169,6 +172,8 @@ class Viewer:
         gui = self._server.gui
         results = gui.add_panel()
         with results.add_tab("Result"):
+            self._verdict = gui.add_html("")
+            self._player = Player(self._server, self._gate, self._stage)
             self._result = gui.add_html("")
             self._torques = gui.add_html("")
         with results.add_tab("Layers"):
@@ -259,13 +264,19 @@ class Viewer:
             self._changed.notify()
 
     def _work(self) -> None:
-        """Work settings out and show them until the page is stopped."""
+        """Work settings out and show them, and their verdict once no others come, until the end."""
+        judged = False
         while True:
             with self._changed:
-                self._changed.wait_for(lambda: self._waiting or self._stopped.is_set())
+                pause = None if judged else _PAUSE
+                asked = self._changed.wait_for(self._has_work, pause)
                 if self._stopped.is_set():
                     return
                 settings, self._waiting = self._settings, False
+            judged = not asked
+            if judged:
+                self._judge()
+                continue
             try:
                 self._show(self._solving.evaluate(settings))
             except CrashError as error:
@@ -274,6 +285,21 @@ class Viewer:
             except Exception as error:  # a page that goes on and says so is better than a dead one
                 _log.exception("the settings %s cannot be shown", settings)
                 self._say(settings, str(error))
+
+    def _has_work(self) -> bool:
+        return self._waiting or self._stopped.is_set()
+
+    def _judge(self) -> None:
+        """Show the verdict on the torques that are shown."""
+        shown = self._shown
+        if shown.solution is None or not shown.solution.found:
+            return
+        try:
+            self._show(self._solving.judge())
+        except CrashError as error:
+            if not self._stopped.is_set():
+                said = f"no verdict: a solver failed and took its process along: {error}"
+                self._show(replace(shown, verdict=said))
 
     def _say(self, settings: Settings, reason: str) -> None:
         """Say why settings are not shown; of what was shown before, the bodies stay."""
@@ -285,7 +311,7 @@ class Viewer:
         """Bring meshes and readings up to date."""
         self._shown = result
         with self._server.atomic():
-            self._stage.draw(result.picture)
+            self._player.set(result.picture, result.motion)
             self._write()
         self._server.flush()
 
@@ -294,6 +320,7 @@ class Viewer:
         shown = self._shown
         same = shown.settings.algorithm is self._initial.settings.algorithm
         before = self._initial.solution if same else None
+        self._verdict.content = verdict_html(shown, dark=self._dark)
         self._result.content = result_html(shown, before, dark=self._dark)
         self._torques.content = torque_html(shown, dark=self._dark)
         self._legend.content = legend_html(Role, dark=self._dark)

@@ -7,6 +7,7 @@ from html import escape
 
 import numpy as np
 
+from graspless_pin.holding.verdict import Stability
 from graspless_pin.problem.joint_units import units_text
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.solution import TorqueSolution
@@ -62,6 +63,26 @@ def result_html(result: SettingsAnswer, as_loaded: TorqueSolution | None, *, dar
         f'style="{_TEXT}">'
         f"{margin}{torque}"
         f'<div style="{_MUTED}">{escape(what)}; {escape(solution.status.message)}</div></div>'
+    )
+
+
+def verdict_html(result: SettingsAnswer, *, dark: bool) -> str:
+    """Return what is said of whether the object stays; nothing without torques."""
+    solution = result.solution
+    if solution is None or not solution.found:
+        return ""
+    roles = (DARK if dark else LIGHT).roles
+    color = roles[Role.SUPPORT]
+    if result.stability is Stability.STRONG:
+        color = roles[Role.FRICTION_FORCE]
+    elif result.motion is not None or result.stability is Stability.NONE:
+        color = roles[Role.FRICTION_AT_LIMIT]
+    said = result.verdict or "does it hold?: being worked out"
+    lead, _, words = said.replace("^2", "²").partition(": ")
+    return (
+        f'<div id="graspless-verdict" data-status="{result.stability or ""}" style="{_TEXT}">'
+        f'<div style="border-left:4px solid {color};padding-left:8px;margin-bottom:8px">'
+        f"<b>{escape(lead.capitalize())}</b> {escape(words)}</div></div>"
     )
 
 

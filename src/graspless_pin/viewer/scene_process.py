@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from graspless_pin.child_process import ChildProcess
-from graspless_pin.errors import CrashError, GrasplessPinError, GrasplessPinWarning
+from graspless_pin.errors import ArgumentError, CrashError, GrasplessPinError, GrasplessPinWarning
+from graspless_pin.holding.stability import StabilityKeywords
+from graspless_pin.holding.verdict import Stability
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
@@ -16,8 +18,10 @@ from graspless_pin.solution import TorqueSolution
 from graspless_pin.viewer.controls import changed_scene
 from graspless_pin.visualization import Picture, draw_scene
 from graspless_pin.visualization.drawing import draw_bodies
+from graspless_pin.visualization.motion import MovingPicture, draw_motion
 
 _DEFAULT_MARGIN = 0.1
+_VERDICT_LIMITS: StabilityKeywords = {"node_limit": 300, "time_limit": 3.0}
 
 
 @dataclass(frozen=True)
@@ -45,6 +49,9 @@ class SettingsAnswer:
         solution: The solution, found or not; None if there is no problem to solve.
         picture: What it looks like; without contacts if there are none.
         reason: Why there are no torques; empty if there are.
+        verdict: What is said of whether the object stays; None: nothing yet.
+        stability: The answer to that, if there is one.
+        motion: What would happen, where the verdict states a motion.
     """
 
     settings: Settings
@@ -52,6 +59,9 @@ class SettingsAnswer:
     solution: TorqueSolution | None
     picture: Picture
     reason: str
+    verdict: str | None = None
+    stability: Stability | None = None
+    motion: MovingPicture | None = None
 
     @property
     def torque_unit(self) -> str:
@@ -98,6 +108,21 @@ def answer_settings(scene: Scene, settings: Settings) -> SettingsAnswer:
         return SettingsAnswer(settings, changed, solution, draw_scene(changed, solution), reason)
 
 
+def with_verdict(answer: SettingsAnswer) -> SettingsAnswer:
+    """Return an answer with the verdict on its torques; without torques as it is."""
+    if answer.solution is None or not answer.solution.found:
+        return answer
+    known = answer.solution.guarantee and answer.solution.guarantee.verdict
+    try:
+        found = known or answer.scene.stability(answer.solution.torques, **_VERDICT_LIMITS)
+    except ArgumentError as error:
+        return replace(answer, verdict=f"no verdict: {error}")
+    motion = None
+    if found.motion is not None:
+        motion = draw_motion(found.problem, found.motion, scene=answer.scene)
+    return replace(answer, verdict=found.message, stability=found.status, motion=motion)
+
+
 class SceneProcess:
     """Evaluates settings of one scene in a process of its own, which may die without harm.
 
@@ -126,6 +151,14 @@ class SceneProcess:
             self._knows_scene = True
         return self._child.call(_evaluate_kept, settings)
 
+    def judge(self) -> SettingsAnswer:
+        """Return the last answer of `evaluate` with its verdict.
+
+        Raises:
+            CrashError: The process died of it.
+        """
+        return self._child.call(_judge_kept)
+
     def evaluate_first(self, settings: Settings) -> SettingsAnswer:
         """Return what `evaluate` does; if the process dies of it, the bodies and that as reason."""
         try:
@@ -143,6 +176,7 @@ class SceneProcess:
 
 
 _kept: list[Scene] = []
+_answered: list[SettingsAnswer] = []
 
 
 def _keep(scene: Scene) -> None:
@@ -150,4 +184,9 @@ def _keep(scene: Scene) -> None:
 
 
 def _evaluate_kept(settings: Settings) -> SettingsAnswer:
-    return answer_settings(_kept[0], settings)
+    _answered[:] = [answer_settings(_kept[0], settings)]
+    return _answered[0]
+
+
+def _judge_kept() -> SettingsAnswer:
+    return with_verdict(_answered[0])

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from graspless_pin.visualization import DARK, LIGHT, Mesh, Picture, Role
 from graspless_pin.visualization.looking import framing
+from graspless_pin.visualization.motion import MovingPicture
 
 HIDDEN_AT_FIRST = frozenset({Role.TOTAL_FORCE})
 
@@ -16,6 +17,7 @@ _ROOT = "/scene"
 _FIELD_OF_VIEW = 0.7  # rad, vertical
 _ASPECT = 0.75  # of what lies between the panels on a screen of 1280 x 800
 _AMBIENT = 1.6
+_NO_TURN = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 class Stage:
@@ -45,6 +47,8 @@ class Stage:
         names = {_node(mesh): mesh for mesh in picture.meshes}
         for name in [name for name in self._meshes if name not in names]:
             self._meshes.pop(name)[1].remove()
+        for _, handle in self._meshes.values():  # where a motion has left them
+            handle.wxyz, handle.position = _NO_TURN, np.zeros(3)
         for name, mesh in names.items():
             if name not in self._meshes or not _same_faces(self._meshes[name][0], mesh):
                 self._meshes[name] = (mesh, self._add_mesh(name, mesh))
@@ -54,6 +58,15 @@ class Stage:
                 handle.vertices = mesh.vertices.astype(np.float32)
                 self._meshes[name] = (mesh, handle)
         self._tilt(picture)
+
+    def move(self, moving: MovingPicture, index: int) -> None:
+        """Bring the meshes of a moving picture to where they are at one of its times."""
+        poses = [path[index] for path in moving.paths]
+        turns = Rotation.from_matrix([pose[:3, :3] for pose in poses]).as_quat(scalar_first=True)
+        for mesh, handle in self._meshes.values():
+            path = moving.path_of.get(mesh.name)
+            if path is not None:
+                handle.wxyz, handle.position = turns[path], poses[path][:3, 3]
 
     def show_layer(self, role: Role, *, visible: bool) -> None:
         """Show or hide all meshes of a role."""

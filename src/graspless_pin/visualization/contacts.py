@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspless_pin.holding.verdict import ContactState, DynamicOutcome
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array
@@ -28,6 +29,17 @@ _CONE_OPACITY = 0.4
 _ROUND = 64  # edges of a round cone
 _SECTIONS = 12  # of an arrow's circles
 _BALL_RINGS = 6
+OUTCOME_ROLES = {
+    ContactState.STICKING: Role.STICKING_CONTACT,
+    ContactState.SLIPPING: Role.SLIPPING_CONTACT,
+    ContactState.OPEN: Role.OPEN_CONTACT,
+}
+# Radius as a share of the object's, rings and opacity: told apart without colours, too.
+_MARKS = {
+    Role.STICKING_CONTACT: (_BALL, _BALL_RINGS, 1.0),
+    Role.SLIPPING_CONTACT: (1.8 * _BALL, 2, 1.0),
+    Role.OPEN_CONTACT: (1.8 * _BALL, _BALL_RINGS, 0.6),
+}
 _Surface = tuple[FloatArray, NDArray[np.int64]]
 """(V, 3) vertices and (F, 3) faces."""
 
@@ -76,15 +88,45 @@ def contact_meshes(
     meshes += _cones(problem, points, _CONE_HEIGHT * size)
     meshes += _velocities(Role.SLIDING, problem.sliding, points, size)
     if solution is not None and solution.found:
+        forces = solution.contact_forces
         scale = default_force_scale(solution, size) if force_scale is None else force_scale
-        meshes += _forces(solution, points, scale, _SHAFT * size)
+        states = [contact_state(problem, forces, index) for index in range(len(points))]
+        at_limit = [state in ("sliding", "at its limit") for state in states]
+        meshes += _forces(problem, forces, at_limit, points, scale, _SHAFT * size)
         meshes += _velocities(Role.VIRTUAL_SLIDING, virtual_velocities(solution), points, size)
     return tuple(meshes)
 
 
+def outcome_meshes(
+    problem: QuasistaticProblem, motion: DynamicOutcome, origin: FloatArray, size: float
+) -> tuple[Mesh, ...]:
+    """Return each contact by what it does in an outcome, and the forces there.
+
+    Args:
+        problem: What it is an outcome of.
+        motion: The outcome.
+        origin: (3,) the problem's reference point in the picture, m.
+        size: Radius of the object, m.
+    """
+    points, forces = problem.positions + origin, motion.contact_forces
+    meshes = []
+    for index, state in enumerate(motion.states):
+        role = OUTCOME_ROLES[state]
+        radius, rings, opacity = _MARKS[role]
+        mark = _ball(points[index], radius * size, rings)
+        meshes.append(_mesh(role, index, mark, opacity))
+    slips = [state is ContactState.SLIPPING for state in motion.states]
+    scale = _fitting_scale(forces, size)
+    return (*meshes, *_forces(problem, forces, slips, points, scale, _SHAFT * size))
+
+
 def default_force_scale(solution: TorqueSolution, size: float) -> float:
     """Metres per newton at which the largest contact force fits an object of this radius (m)."""
-    largest = float(np.linalg.norm(solution.contact_forces, axis=1).max())
+    return _fitting_scale(solution.contact_forces, size)
+
+
+def _fitting_scale(forces: FloatArray, size: float) -> float:
+    largest = float(np.linalg.norm(forces, axis=1).max())
     return _LONGEST_FORCE * size / largest if largest > 0.0 else 0.0
 
 
@@ -120,18 +162,21 @@ def _cones(problem: QuasistaticProblem, points: FloatArray, height: float) -> It
 
 
 def _forces(
-    solution: TorqueSolution, points: FloatArray, scale: float, radius: float
+    problem: QuasistaticProblem,
+    forces: FloatArray,
+    at_limit: Sequence[bool],
+    points: FloatArray,
+    scale: float,
+    radius: float,
 ) -> Iterator[Mesh]:
     """Return normal force, friction and their sum at each contact, as far as they can be seen."""
-    problem, forces = solution.problem, solution.contact_forces
     normal = np.einsum("ij,ij->i", problem.normals, forces)[:, None] * problem.normals
     friction = forces - normal
     seen = _NO_FORCE * max(1.0, float(np.linalg.norm(forces, axis=1).max()))
     for index, point in enumerate(points):
-        at_limit = contact_state(problem, forces, index) in ("sliding", "at its limit")
         parts = {
             Role.NORMAL_FORCE: normal[index],
-            Role.FRICTION_AT_LIMIT if at_limit else Role.FRICTION_FORCE: friction[index],
+            Role.FRICTION_AT_LIMIT if at_limit[index] else Role.FRICTION_FORCE: friction[index],
         }
         if np.linalg.norm(friction[index]) > seen:
             parts[Role.TOTAL_FORCE] = forces[index]
@@ -174,9 +219,9 @@ def _arrow(start: ArrayLike, along: ArrayLike, radius: float) -> _Surface:
     return _turned([*profile, (0.0, length)], start, vector / length)
 
 
-def _ball(center: ArrayLike, radius: float) -> _Surface:
-    """Return a ball about (3,) ``center``, m."""
-    angles = np.linspace(0.0, np.pi, _BALL_RINGS + 1)
+def _ball(center: ArrayLike, radius: float, rings: int = _BALL_RINGS) -> _Surface:
+    """Return a ball about (3,) ``center``, m; of two rings: a diamond."""
+    angles = np.linspace(0.0, np.pi, rings + 1)
     profile = [(radius * np.sin(angle), -radius * np.cos(angle)) for angle in angles]
     profile[0], profile[-1] = (0.0, -radius), (0.0, radius)
     return _turned(profile, center, np.array([0.0, 0.0, 1.0]))

@@ -20,6 +20,9 @@ from graspless_pin.visualization.looking import look_across, up_against
 from graspless_pin.visualization.picture import Mesh, Picture, Role
 
 _OBJECT_OPACITY = 0.45
+# Of a wall between the object and who looks at it.
+_WALL_OPACITY = 0.3
+_FACING = 0.1
 # Of a hand that is an arm, what is farther from the object than so many of its radii is context.
 _NEAR = 3.5
 # A half-space is drawn this wide on each side of the object, and this deep, in its radii.
@@ -53,7 +56,7 @@ def draw_scene(
     if len(points) != problem.contact_count or not np.allclose(points, problem.positions + origin):
         raise ArgumentError("solution", "is of a problem whose contacts are not the scene's")
     bodies = draw_bodies(scene, max_faces=max_faces)
-    _, size = _enclosing(bodies.of(Role.OBJECT)[0].vertices)
+    size = object_radius(bodies)
     contacts = contact_meshes(problem, solution, origin, size, force_scale)
     return replace(bodies, meshes=(*bodies.meshes, *contacts))
 
@@ -79,18 +82,24 @@ def draw_bodies(scene: Scene, *, max_faces: int = 1500) -> Picture:
     shown = np.vstack([body.vertices, *near])
     center, radius = _enclosing(shown)
     up = up_against(scene.gravity)
-    meshes = (
-        *hand,
-        _mesh(f"object/{scene.object.name}", Role.OBJECT, body, _OBJECT_OPACITY),
-        *(_support(support, middle, size, max_faces) for support in scene.supports),
-    )
     away = shown[len(body.vertices) :].mean(axis=0) - middle if any(map(len, near)) else 0.0 * up
     walls = [
         support.T_world_support[:3, 2]
         for support in scene.supports
         if isinstance(support.shape, HalfSpace)
     ]
-    return Picture(meshes, read_only(center), radius, up, look_across(away, up, walls))
+    view_from = look_across(away, up, walls)
+    meshes = (
+        *hand,
+        _mesh(f"object/{scene.object.name}", Role.OBJECT, body, _OBJECT_OPACITY),
+        *(_support(support, middle, size, max_faces, view_from) for support in scene.supports),
+    )
+    return Picture(meshes, read_only(center), radius, up, view_from)
+
+
+def object_radius(picture: Picture) -> float:
+    """Return the radius of the sphere that holds the picture's object, m."""
+    return _enclosing(picture.of(Role.OBJECT)[0].vertices)[1]
 
 
 def _hand(hand: Hand, max_faces: int) -> list[Mesh]:
@@ -100,15 +109,18 @@ def _hand(hand: Hand, max_faces: int) -> list[Mesh]:
     ]
 
 
-def _support(support: Support, middle: FloatArray, size: float, max_faces: int) -> Mesh:
-    """Return a support; of a half-space the slab below the object."""
-    T = support.T_world_support
+def _support(
+    support: Support, middle: FloatArray, size: float, max_faces: int, view_from: FloatArray
+) -> Mesh:
+    """Return a support; of a half-space the slab below the object, translucent from behind."""
+    T, opacity = support.T_world_support, 1.0
     if isinstance(support.shape, HalfSpace):
         local = T[:3, :3].T @ (middle - T[:3, 3])
         surface = slab_triangles(local[:2], _SLAB_WIDTH * size, _SLAB_THICKNESS * size)
+        opacity = 1.0 if T[:3, 2] @ view_from > -_FACING else _WALL_OPACITY
     else:
         surface = shape_triangles(support.shape, max_faces=max_faces)
-    return _mesh(f"support/{support.name}", Role.SUPPORT, surface.moved(T), 1.0)
+    return _mesh(f"support/{support.name}", Role.SUPPORT, surface.moved(T), opacity)
 
 
 def _enclosing(points: FloatArray) -> tuple[FloatArray, float]:

@@ -48,6 +48,9 @@ LIGHT = Palette(
             Role.TOTAL_FORCE: "#4b4f55",
             Role.VIRTUAL_SLIDING: "#b8508e",
             Role.SLIDING: "#e69f00",
+            Role.STICKING_CONTACT: "#2c3138",
+            Role.SLIPPING_CONTACT: "#f08c00",
+            Role.OPEN_CONTACT: "#d6336c",
         }
     ),
 )
@@ -69,6 +72,9 @@ DARK = Palette(
             Role.TOTAL_FORCE: "#d5d9de",
             Role.VIRTUAL_SLIDING: "#e58fc2",
             Role.SLIDING: "#ffb733",
+            Role.STICKING_CONTACT: "#eef0f2",
+            Role.SLIPPING_CONTACT: "#ffa94d",
+            Role.OPEN_CONTACT: "#ff7aa8",
         }
     ),
 )

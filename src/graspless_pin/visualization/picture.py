@@ -26,6 +26,9 @@ class Role(StrEnum):
     TOTAL_FORCE = "total_force"
     VIRTUAL_SLIDING = "virtual_sliding"
     SLIDING = "sliding"
+    STICKING_CONTACT = "sticking_contact"
+    SLIPPING_CONTACT = "slipping_contact"
+    OPEN_CONTACT = "open_contact"
 
     @property
     def label(self) -> str:
@@ -45,6 +48,9 @@ _LABELS = {
     Role.TOTAL_FORCE: "total force",
     Role.VIRTUAL_SLIDING: "virtual sliding",
     Role.SLIDING: "actual sliding",
+    Role.STICKING_CONTACT: "sticking contact",
+    Role.SLIPPING_CONTACT: "slipping contact",
+    Role.OPEN_CONTACT: "open contact",
 }
 
 

@@ -7,15 +7,18 @@ from pathlib import Path
 from typing import Any
 
 from graspless_pin.errors import GrasplessPinError
+from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.renamed import refusing_former_keywords
 from graspless_pin.report.document import solution_document
 from graspless_pin.report.provenance import file_sha256, same_problem, solve_command
 from graspless_pin.report.reading import document_bodies, document_origin, read_solution
+from graspless_pin.report.verdict_data import read_motion
 from graspless_pin.scene import Scene, load_scene
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.visualization import Picture, draw_scene
 from graspless_pin.visualization.contacts import draw_contacts
+from graspless_pin.visualization.motion import MovingPicture, draw_motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,8 +32,10 @@ class Case:
         bodies: M names of what touches the object; None: not known.
         points: (M, 3) contact points in the picture's frame, m.
         picture: What there is to see.
+        motion: What would happen, where the document's verdict states a motion.
         missing: Why the picture lacks the scene's bodies; empty: it does not.
         command: The command that solves it again; None: there is none.
+        scene: The scene, where it still is the same.
     """
 
     title: str
@@ -39,11 +44,18 @@ class Case:
     bodies: tuple[str, ...] | None
     points: FloatArray
     picture: Picture
+    motion: MovingPicture | None
     missing: str
     command: str | None
+    scene: Scene | None
 
 
-def case_of_scene(scene: Scene, solution: TorqueSolution, file: Path | None = None) -> Case:
+def case_of_scene(
+    scene: Scene,
+    solution: TorqueSolution,
+    file: Path | None = None,
+    verdict: StabilityVerdict | None = None,
+) -> Case:
     """Return the case of a scene and a solution of its problem.
 
     Args:
@@ -51,20 +63,24 @@ def case_of_scene(scene: Scene, solution: TorqueSolution, file: Path | None = No
         solution: A solution of its problem.
         file: The scene file that leads to it, for the command that solves it again; None: the scene
             was changed in Python, or made there.
+        verdict: Whether the object stays with the solution's torques; None: it was not asked.
 
     Raises:
         ArgumentError: If the solution is of other contacts.
         MeshError: If a mesh file is missing or unreadable.
     """
+    motion = None if verdict is None else verdict.motion
     return Case(
         scene.name,
         solution,
-        solution_document(solution, scene),
+        solution_document(solution, scene, verdict),
         scene.contacts.bodies,
         solution.problem.positions + scene.object.center_of_mass_world,
         draw_scene(scene, solution),
+        None if motion is None else draw_motion(solution.problem, motion, scene=scene),
         "",
         None if file is None else solve_command(solution, file),
+        scene,
     )
 
 
@@ -82,16 +98,13 @@ def case_of_document(document: dict[str, Any], scene_file: Path | None = None) -
     solution = read_solution(document)
     origin = document_origin(document)
     found = _scene_of(document, solution, scene_file)
+    scene, command, missing = None, None, ""
     if isinstance(found, str):
-        picture, missing, command = (
-            draw_contacts(solution.problem, solution, origin=origin),
-            found,
-            None,
-        )
+        picture, missing = draw_contacts(solution.problem, solution, origin=origin), found
     else:
         scene, path = found
-        picture, missing = draw_scene(scene, solution), ""
-        command = solve_command(solution, path)
+        picture, command = draw_scene(scene, solution), solve_command(solution, path)
+    motion = read_motion(document)
     return Case(
         str(document.get("scene", "A problem made from arrays")),
         solution,
@@ -99,8 +112,12 @@ def case_of_document(document: dict[str, Any], scene_file: Path | None = None) -
         document_bodies(document),
         solution.problem.positions + origin,
         picture,
+        None
+        if motion is None
+        else draw_motion(solution.problem, motion, scene=scene, origin=origin),
         missing,
         command,
+        scene,
     )
 
 

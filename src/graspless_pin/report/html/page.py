@@ -8,12 +8,13 @@ import json
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from graspless_pin.algorithms.force_bounds import ContactForceBounds
 from graspless_pin.errors import ArgumentError, GrasplessPinError
+from graspless_pin.holding.verdict import Stability
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.renamed import refusing_former_keywords
@@ -23,37 +24,53 @@ from graspless_pin.report.html.sections import (
     contact_rows,
     friction_figures,
     joint_rows,
+    motion_rows,
     range_figure,
     range_rows,
     scene_in_words,
     torque_figure,
 )
+from graspless_pin.report.verdict_data import read_motion
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.solution.tables import shown, torque_size
 from graspless_pin.visualization import DARK, LIGHT, Picture, Role
+from graspless_pin.visualization.motion import MovingPicture
+
+if TYPE_CHECKING:
+    from graspless_pin.report.html.time_lapse import TimeLapse
 
 _FILES = Path(__file__).with_name("files")
 _MODEL_STEPS = 65535
 _MODEL_DIGITS = 7
 _SUGGESTION = "- "
+_PLAYED = 2.6  # s that the page takes for a motion
+_MARKS = {
+    Stability.STRONG: "good",
+    Stability.WEAK: "bad",
+    Stability.NONE: "bad",
+    Stability.UNDECIDED: "care",
+}
 # A sum of two arrows that are drawn anyway.
 _HIDDEN_AT_FIRST = (Role.TOTAL_FORCE,)
 
 
 @refusing_former_keywords
-def report_html(case: Case, bounds: ContactForceBounds | None = None) -> str:
+def report_html(
+    case: Case, bounds: ContactForceBounds | None = None, lapse: TimeLapse | None = None
+) -> str:
     """Return a case as one HTML page that fetches nothing.
 
     Args:
         case: What the report is of.
         bounds: The force ranges of the solution's torques, of `contact_force_bounds`. What is not
             proven in them is marked. None: the page has none.
+        lapse: A simulation of the solution's torques; None: the page has none.
 
     Raises:
         GrasplessPinError: If Jinja2 or matplotlib is not installed.
         ArgumentError: If the case's document is not complete.
     """
-    return render("report.html", lambda: _context(case, bounds))
+    return render("report.html", lambda: _context(case, bounds) | {"lapse": lapse})
 
 
 def render(template: str, context: Callable[[], dict[str, Any]]) -> str:
@@ -90,20 +107,34 @@ def render(template: str, context: Callable[[], dict[str, Any]]) -> str:
     return environment.get_template(template).render(common | context())
 
 
-def view_context(picture: Picture, words: str, points: FloatArray, numbered: str) -> dict[str, Any]:
-    """Return what the 3-D view of a page is filled with.
+def view_context(
+    name: str,
+    label: str,
+    picture: Picture,
+    words: str,
+    points: FloatArray,
+    numbered: str,
+    moving: MovingPicture | None = None,
+) -> dict[str, Any]:
+    """Return what a 3-D view of a page is filled with.
 
     Args:
+        name: Its id, unique in the page.
+        label: What it is a view of.
         picture: What there is to see.
         words: The same, for those who do not see it.
         points: (K, 3) points that get their numbers, m.
         numbered: What these numbers are.
+        moving: How the picture moves; its points go with the object. None: it stands still.
     """
     return {
-        "scene_words": words,
+        "name": name,
+        "label": label,
+        "words": words,
         "legend": _legend(picture),
-        "model": _embedded(model_data(picture, points)),
+        "model": _embedded(model_data(picture, points, moving)),
         "numbered": numbered,
+        "moves": moving is not None,
     }
 
 
@@ -124,7 +155,15 @@ def _context(case: Case, bounds: ContactForceBounds | None) -> dict[str, Any]:
         "joints": joint_rows(solution),
         "contacts": contact_rows(case),
         "title": case.title,
-        **view_context(case.picture, scene_in_words(case.picture), case.points, "contact numbers"),
+        "scene_view": view_context(
+            "view",
+            "the scene",
+            case.picture,
+            scene_in_words(case.picture),
+            case.points,
+            "contact numbers",
+        ),
+        **_verdict(case),
         "made_of": case.document.get("provenance") or {},
         "download": base64.b64encode(json.dumps(case.document, indent=2).encode()).decode("ascii"),
         "force": partial(_number, size=load),
@@ -141,6 +180,37 @@ def _context(case: Case, bounds: ContactForceBounds | None) -> dict[str, Any]:
             **_ranges(solution, bounds),
         }
     return context
+
+
+def _verdict(case: Case) -> dict[str, Any]:
+    """Return what the document's verdict says, and the view of its motion."""
+    stated, motion = case.document.get("stability"), read_motion(case.document)
+    if stated is None:
+        return {"verdict": None, "motion_view": None}
+    lead, _, said = str(stated["message"]).replace("^2", "²").partition(": ")
+    status = Stability(stated["status"])
+    mark = _MARKS[status]
+    if status is Stability.STRONG and stated.get("free_motions"):
+        mark = "care"
+    context: dict[str, Any] = {
+        "verdict": {"lead": lead.capitalize(), "said": said, "mark": mark},
+        "motion_view": None,
+    }
+    if case.motion is None or motion is None:
+        return context
+    return context | {
+        "motion_view": view_context(
+            "motion-view",
+            "the motion",
+            case.motion.picture,
+            "Shows the object and what touches it in this motion; the table says what contacts do.",
+            case.points,
+            "contact numbers",
+            case.motion,
+        ),
+        "slower": max(1, round(_PLAYED / float(case.motion.times[-1]))),
+        "motion_rows": motion_rows(case.solution.problem, motion),
+    }
 
 
 def _aim(solution: TorqueSolution) -> tuple[str, str]:
@@ -196,7 +266,9 @@ def _number(value: float | None, *, size: float, signed: bool = False) -> str:
     return shown(value, size, "+" if signed else "").replace("-", "−")
 
 
-def model_data(picture: Picture, points: FloatArray) -> dict[str, Any]:
+def model_data(
+    picture: Picture, points: FloatArray, moving: MovingPicture | None = None
+) -> dict[str, Any]:
     """Return a picture as plain data for `json.dumps`.
 
     Vertices are rounded to 1/65535 of their mesh's size. ``data`` is base64 of the gzipped bytes
@@ -206,6 +278,8 @@ def model_data(picture: Picture, points: FloatArray) -> dict[str, Any]:
     Args:
         picture: The picture.
         points: (M, 3) contact points, m, to be labelled with their numbers.
+        moving: How its meshes move, if they do: ``paths`` of poses, three rows of four numbers
+            each, and each mesh's ``path`` among them.
     """
     meshes, corners, faces = [], [], []
     for mesh in picture.meshes:
@@ -214,8 +288,10 @@ def model_data(picture: Picture, points: FloatArray) -> dict[str, Any]:
         steps = (mesh.vertices - low) / np.where(size > 0.0, size, 1.0)
         corners.append(np.round(_MODEL_STEPS * steps).astype("<u2").tobytes())
         faces.append(np.ascontiguousarray(mesh.faces, dtype="<u4").tobytes())
+        moves = {} if moving is None else {"path": moving.path_of.get(mesh.name)}
         meshes.append(
             {
+                **moves,
                 "role": str(mesh.role),
                 "opacity": mesh.opacity,
                 "vertices": len(mesh.vertices),
@@ -227,7 +303,12 @@ def model_data(picture: Picture, points: FloatArray) -> dict[str, Any]:
     first = b"".join(corners)
     first += bytes(-len(first) % 4)
     data = gzip.compress(first + b"".join(faces), compresslevel=9, mtime=0)
+    motion = {}
+    if moving is not None:
+        paths = [[_rounded(pose[:3].ravel()) for pose in path] for path in moving.paths]
+        motion = {"seconds": float(moving.times[-1]), "paths": paths}
     return {
+        **motion,
         "center": _rounded(picture.center),
         "radius": picture.radius,
         "up": _rounded(picture.up),

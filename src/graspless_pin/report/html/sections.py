@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from graspless_pin.algorithms.force_bounds import ContactForceBounds
+from graspless_pin.holding.verdict import DynamicOutcome
 from graspless_pin.plots import friction_section, normal_force_ranges, torque_bars
+from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.report.html.case import Case
 from graspless_pin.report.verify import verify_document
 from graspless_pin.solution import TorqueSolution
@@ -90,6 +92,15 @@ def contact_rows(case: Case) -> list[dict[str, Any]]:
             }
         rows.append(row)
     return rows
+
+
+def motion_rows(problem: QuasistaticProblem, motion: DynamicOutcome) -> list[dict[str, Any]]:
+    """Return a row a contact: what it does in a motion, and the force there in its own frame."""
+    local = np.einsum("mij,mi->mj", problem.frames, motion.contact_forces)
+    return [
+        {"state": str(state), "force": force}
+        for state, force in zip(motion.states, local, strict=True)
+    ]
 
 
 def torque_figure(solution: TorqueSolution) -> str:

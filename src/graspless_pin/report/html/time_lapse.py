@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,8 +20,40 @@ _FAINT, _CLEAR = 0.15, 0.6  # opacity of the first and of the last pose
 _TURN_LENGTH = 0.1  # m: what a radian counts for where poses are spread along the way
 
 
-def time_lapse_html(scene: Scene, simulation: Simulation, text: str) -> str:
-    """Return one page of the run in which the object goes farthest; it fetches nothing.
+@dataclass(frozen=True)
+class TimeLapse:
+    """A simulation as pages show it: the run in which the object goes farthest.
+
+    Attributes:
+        title: Of the scene.
+        held: Whether the object stays.
+        outcome: Capitalised.
+        bodies: How hard they are.
+        rows: Time (s), displacement (mm) and rotation (deg) of each pose.
+        text: Its figures, see `simulation_text`.
+        view: What its 3-D view is filled with.
+    """
+
+    title: str
+    held: bool
+    outcome: str
+    bodies: str
+    rows: list[tuple[str, str, str]]
+    text: str
+    view: dict[str, Any]
+
+
+def time_lapse_html(lapse: TimeLapse) -> str:
+    """Return a simulation as a page of its own; it fetches nothing.
+
+    Raises:
+        GrasplessPinError: If Jinja2 or matplotlib is not installed.
+    """
+    return render("simulation.html", lambda: {"title": lapse.title, "lapse": lapse})
+
+
+def time_lapse(scene: Scene, simulation: Simulation, text: str) -> TimeLapse:
+    """Return a simulation as pages show it.
 
     Args:
         scene: The simulated scene.
@@ -29,13 +61,8 @@ def time_lapse_html(scene: Scene, simulation: Simulation, text: str) -> str:
         text: Its figures, see `simulation_text`.
 
     Raises:
-        GrasplessPinError: If Jinja2 or matplotlib is not installed.
         MeshError: A mesh file is missing or unreadable.
     """
-    return render("simulation.html", lambda: _context(scene, simulation, text))
-
-
-def _context(scene: Scene, simulation: Simulation, text: str) -> dict[str, Any]:
     run = max(simulation.runs, key=lambda one: (one.displacement, one.rotation))
     chosen = _spread(scene, run)
     picture = draw_bodies(scene)
@@ -52,23 +79,25 @@ def _context(scene: Scene, simulation: Simulation, text: str) -> dict[str, Any]:
     poses = run.T_world_object[chosen]
     centers = poses[:, :3, :3] @ scene.object.center_of_mass + poses[:, :3, 3]
     changes = [change_of_pose(scene.object, T) for T in poses]
-    return {
-        "title": scene.name,
-        "held": simulation.outcome is SimulatedOutcome.HELD,
-        "outcome": simulation.outcome.value.capitalize(),
-        "bodies": run.contact_model.name.capitalize(),
-        "rows": [
+    return TimeLapse(
+        scene.name,
+        simulation.outcome is SimulatedOutcome.HELD,
+        simulation.outcome.value.capitalize(),
+        run.contact_model.name.capitalize(),
+        [
             (f"{time:.2f}", f"{1e3 * distance:.2f}", f"{np.degrees(angle):.2f}")
             for time, (distance, angle) in zip(run.times[chosen], changes, strict=True)
         ],
-        "text": text,
-        **view_context(
+        text,
+        view_context(
+            "lapse-view",
+            "the simulation",
             replace(picture, meshes=(*rest, *shown)),
             f"Shows hand and supports, and the object {scene.object.name} at each time.",
             centers,
             "numbers of the times",
         ),
-    }
+    )
 
 
 def _spread(scene: Scene, run: SimulatedRun) -> NDArray[np.intp]:

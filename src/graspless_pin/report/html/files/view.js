@@ -1,12 +1,13 @@
-// Draws the scene of the page with WebGL 2: turn, move, zoom, layers by role. Nothing is fetched.
-(() => {
+// Draws the views of the page with WebGL 2: turn, move, zoom, layers by role, motions. Nothing is
+// fetched.
+for (const root of document.querySelectorAll(".view")) (() => {
   "use strict";
-  const root = document.getElementById("view");
   const canvas = root.querySelector("canvas");
   const labels = root.querySelector(".labels");
-  const model = JSON.parse(document.getElementById("model").textContent);
+  const model = JSON.parse(root.querySelector("script").textContent);
   const CREASE = Math.cos((35 * Math.PI) / 180);
   const FIELD = (32 * Math.PI) / 180;
+  const PLAYED = 2600, SHOWN_STILL = 900; // ms of one round: the motion, then its end
   const OUTLINED = new Set(["object", "support"]);
   const BODIES = new Set(["hand", "object", "support"]);
 
@@ -14,6 +15,8 @@
   const add = (a, b, k = 1) => [a[0] + k * b[0], a[1] + k * b[1], a[2] + k * b[2]];
   const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
   const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+  // A pose is three rows of four numbers.
+  const placed = (pose, a) => [0, 4, 8].map((k) => pose[k] * a[0] + pose[k + 1] * a[1] + pose[k + 2] * a[2] + pose[k + 3]);
   const unit = (a) => { const n = Math.hypot(...a) || 1; return a.map((x) => x / n); };
 
   function fail(text) {
@@ -42,7 +45,9 @@
       for (let i = 0; i < mesh.faces; i++, f += 3) mesh.triangles.push([faces[f], faces[f + 1], faces[f + 2]]);
       mesh.middle = add(mesh.low, mesh.size, 0.5);
       (parts[mesh.role] ||= []).push(mesh.middle);
-      near.push(...mesh.points.filter((point) => Math.hypot(...sub(point, model.center)) < 2.3 * model.radius));
+      const seen = mesh.points.filter((point) => Math.hypot(...sub(point, model.center)) < 2.3 * model.radius);
+      near.push(...seen);
+      if (mesh.path != null) near.push(...seen.map((point) => placed(model.paths[mesh.path].at(-1), point)));
     }
     for (const [role, all] of Object.entries(parts)) {
       middles[role] = all.reduce((sum, one) => add(sum, one, 1 / all.length), [0, 0, 0]);
@@ -75,8 +80,8 @@
   }
 
   const VERTEX = `#version 300 es
-    in vec3 point; in vec3 normal; uniform mat4 view; uniform mat4 lens; out vec3 n;
-    void main() { n = mat3(view) * normal; gl_Position = lens * view * vec4(point, 1.0); }`;
+    in vec3 point; in vec3 normal; uniform mat4 view; uniform mat4 lens; uniform mat4 pose; out vec3 n;
+    void main() { n = mat3(view) * mat3(pose) * normal; gl_Position = lens * view * pose * vec4(point, 1.0); }`;
   const FRAGMENT = `#version 300 es
     precision highp float;
     in vec3 n; uniform vec3 color; uniform float alpha; uniform bool lit; out vec4 result;
@@ -179,10 +184,57 @@
     return { view, lens, tall };
   }
 
+  // Between the poses of a path.
+  function along(path, share) {
+    const at = share * (path.length - 1), k = Math.min(Math.floor(at), path.length - 2);
+    return path[k].map((x, i) => x + (at - k) * (path[k + 1][i] - x));
+  }
+
+  // The motion that the view shows: from rest to its end, again and again, unless the reader wants
+  // little motion or stops it; then the slider says where it is.
+  const motion = { share: 0, playing: false, since: 0 };
+
+  function player(redraw) {
+    const button = root.querySelector("[data-do=play]"), slider = root.querySelector("input[type=range]");
+    const calm = matchMedia("(prefers-reduced-motion: reduce)");
+    let seen = true;
+    const at = (share) => {
+      motion.share = share;
+      slider.value = share;
+      slider.setAttribute("aria-valuetext", `${Math.round(1000 * share * model.seconds)} ms`);
+      root.dataset.share = share.toFixed(3);
+      redraw();
+    };
+    const step = (now) => {
+      if (!motion.playing || !seen) return;
+      // A frame's time may lie a little before the click that asked for it.
+      const since = Math.max(0, now - motion.since);
+      at(Math.min(1, (since % (PLAYED + SHOWN_STILL)) / PLAYED));
+      requestAnimationFrame(step);
+    };
+    const play = (on) => {
+      motion.playing = on;
+      button.textContent = on ? "Pause" : "Play";
+      button.setAttribute("aria-pressed", on);
+      motion.since = performance.now() - (motion.share < 1 ? motion.share * PLAYED : 0);
+      if (on) requestAnimationFrame(step);
+    };
+    button.addEventListener("click", () => play(!motion.playing));
+    slider.addEventListener("input", () => { play(false); at(Number(slider.value)); });
+    new IntersectionObserver(([entry]) => {
+      const again = entry.isIntersecting && !seen;
+      seen = entry.isIntersecting;
+      if (again && motion.playing) play(true);
+    }).observe(canvas);
+    calm.addEventListener("change", () => { if (calm.matches) { play(false); at(1); } });
+    at(calm.matches ? 1 : 0);
+    play(!calm.matches);
+  }
+
   function viewer(gl) {
     const shader = program(gl);
     const place = Object.fromEntries(
-      ["view", "lens", "color", "alpha", "lit"].map((name) => [name, gl.getUniformLocation(shader, name)]));
+      ["view", "lens", "pose", "color", "alpha", "lit"].map((name) => [name, gl.getUniformLocation(shader, name)]));
     for (const mesh of model.meshes) {
       const { data, lines } = surface(mesh);
       mesh.body = upload(gl, shader, data);
@@ -194,7 +246,7 @@
       mark.textContent = index;
       return labels.appendChild(mark);
     });
-    const boxes = [...root.querySelectorAll("input")];
+    const boxes = [...root.querySelectorAll("input[type=checkbox]")];
     let asked = false;
 
     function draw() {
@@ -214,7 +266,15 @@
       };
       const shown = new Set(boxes.filter((box) => box.checked).map((box) => box.value));
       const visible = model.meshes.filter((mesh) => shown.has(mesh.role));
+      const poses = (model.paths || []).map((path) => along(path, motion.share));
+      const still = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0];
+      const poseOf = (mesh) => (mesh.path == null ? still : poses[mesh.path]);
+      const put = (mesh) => {
+        const p = poseOf(mesh);
+        gl.uniformMatrix4fv(place.pose, false, [p[0], p[4], p[8], 0, p[1], p[5], p[9], 0, p[2], p[6], p[10], 0, p[3], p[7], p[11], 1]);
+      };
       const paint = (mesh, alpha) => {
+        put(mesh);
         gl.uniform3fv(place.color, colorOf(mesh.role));
         gl.uniform1f(place.alpha, alpha);
         gl.bindVertexArray(mesh.body.array);
@@ -231,7 +291,12 @@
       gl.disable(gl.CULL_FACE);
       gl.disable(gl.BLEND);
       gl.depthFunc(gl.LESS);
-      const solid = visible.filter((mesh) => mesh.opacity >= 1);
+      // A support between the reader and the object must not hide it.
+      const reach = (point) => Math.hypot(...sub(point, axes.eye));
+      const hides = (mesh) => reach(mesh.middle) < reach(model.center) - 0.05 * model.radius;
+      const opacity = new Map(visible.map((mesh) =>
+        [mesh, mesh.role !== "support" ? mesh.opacity : hides(mesh) ? 0.3 : 1]));
+      const solid = visible.filter((mesh) => opacity.get(mesh) >= 1);
       // A surface that a contact ball or an arrow's foot lies in must not flicker through it.
       gl.enable(gl.POLYGON_OFFSET_FILL);
       gl.polygonOffset(1, 1);
@@ -250,20 +315,22 @@
         if (!mesh.outline) continue;
         gl.uniform3fv(place.color, colorOf("text"));
         gl.uniform1f(place.alpha, 0.55);
+        put(mesh);
         gl.bindVertexArray(mesh.outline.array);
         gl.drawArrays(gl.LINES, 0, mesh.outline.count);
       }
       gl.uniform1i(place.lit, 1);
-      const depth = (mesh) => dot(sub(mesh.middle, axes.eye), axes.back);
+      const depth = (mesh) => dot(sub(placed(poseOf(mesh), mesh.middle), axes.eye), axes.back);
       gl.enable(gl.CULL_FACE);
-      for (const mesh of visible.filter((m) => m.opacity < 1).sort((a, b) => depth(a) - depth(b))) {
+      for (const mesh of visible.filter((m) => opacity.get(m) < 1).sort((a, b) => depth(a) - depth(b))) {
         for (const side of [gl.FRONT, gl.BACK]) {
           gl.cullFace(side);
-          paint(mesh, 0.6 * mesh.opacity);
+          paint(mesh, 0.6 * opacity.get(mesh));
         }
       }
       marks.forEach((mark, index) => {
-        const from = sub(model.points[index], axes.eye);
+        const point = model.paths ? placed(poses[0], model.points[index]) : model.points[index];
+        const from = sub(point, axes.eye);
         const deep = -dot(from, axes.back);
         const x = (dot(from, axes.right) / (deep * tall)) * 0.5 * height + 0.5 * width;
         const y = (-dot(from, axes.over) / (deep * tall)) * 0.5 * height + 0.5 * height;
@@ -303,7 +370,7 @@
       top: () => { camera.tilt = 1.55; redraw(); },
       reset,
     };
-    root.querySelectorAll("button").forEach((button) =>
+    root.querySelectorAll(".buttons button").forEach((button) =>
       button.addEventListener("click", actions[button.dataset.do]));
     canvas.addEventListener("keydown", (event) => {
       const arrow = { ArrowLeft: [1, 0], ArrowRight: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] }[event.key];
@@ -355,6 +422,7 @@
     start();
     const redraw = viewer(gl);
     controls(redraw);
+    if (model.paths) player(redraw);
     redraw();
   }
 

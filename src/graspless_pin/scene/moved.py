@@ -1,0 +1,39 @@
+"""A scene whose object and actuators have gone a given way."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from graspless_pin.errors import ArgumentError, SceneError
+from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.scene.scene import Scene
+
+
+def moved_scene(scene: Scene, change: FloatArray) -> Scene:
+    """Return the scene with object and actuators moved by (6 + L,) m and rad.
+
+    Raises:
+        SceneError: If a joint would leave its limits.
+    """
+    T = np.array(scene.object.T_world_object)
+    T[:3, :3] = Rotation.from_rotvec(change[3:6]).as_matrix() @ T[:3, :3]
+    center = scene.object.center_of_mass_world + change[:3]
+    T[:3, 3] = center - T[:3, :3] @ scene.object.center_of_mass
+    hand = None if scene.hand is None else bent_hand(scene.hand, change[6:])
+    return scene.with_changes(object=scene.object.with_pose(T), hand=hand)
+
+
+def bent_hand(hand: Hand, change: FloatArray) -> Hand:
+    """Return the hand with its actuators moved by (L,) rad or m; entries after them are left out.
+
+    Raises:
+        SceneError: If a joint would leave its limits.
+    """
+    columns = hand.actuation.from_independent
+    moved = hand.positions[list(hand.tree.coupling.leaders)] + columns @ change[: columns.shape[1]]
+    try:
+        return hand.with_positions(moved)
+    except ArgumentError as error:
+        raise SceneError(f"a joint stands at its limit: {error}") from error

@@ -1,0 +1,113 @@
+"""The page leads with the verdict, and its motion is the one that the verdict states."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from report_cases import AT_REST, WALLS, Element, read_html, solved
+
+from graspless_pin import Scene, StabilityVerdict, TorqueSolution
+from graspless_pin.errors import ArgumentError
+from graspless_pin.report import solution_document
+from graspless_pin.report.html import case_of_document, case_of_scene, report_html
+from graspless_pin.visualization.motion import draw_motion
+
+Weak = tuple[Scene, TorqueSolution, StabilityVerdict]
+
+
+@pytest.fixture(scope="module")
+def weak() -> Weak:
+    scene, solution = solved(WALLS)
+    return scene, solution, scene.stability(solution.torques)
+
+
+def status(page: Element) -> str:
+    (line,) = (p for p in page.all("p") if "status" in (p.attributes.get("class") or "").split())
+    return line.text
+
+
+def model_of(page: Element, name: str) -> dict[str, Any]:
+    (view,) = (item for item in page.everything() if item.attributes.get("id") == name)
+    return json.loads(view.all("script")[0].text)
+
+
+def test_rest_that_is_proven():
+    scene, solution = solved(AT_REST)
+    verdict = scene.stability(solution.torques)
+    page = read_html(report_html(case_of_scene(scene, solution, None, verdict)))
+    assert status(page) == "Holds: rest is the only outcome (proof: 15 LPs)"
+    assert "That the object stays is proven all the same" in page.text
+    assert "What can happen" not in page.text
+    rows = {row[0]: row[1] for row in page.section("modes").rows()}
+    assert "FAILS" not in rows.values()
+    counted = json.loads(json.dumps(solution_document(solution, scene, verdict)))
+    counted["stability"] |= {"message": "holds: so; 3 free motions", "free_motions": 3}
+    (line,) = (
+        p
+        for p in read_html(report_html(case_of_document(counted))).all("p")
+        if "care" in (p.attributes.get("class") or "")
+    )
+    assert line.text == "Holds: so; 3 free motions"
+
+
+def test_a_motion_that_may_happen(weak: Weak):
+    scene, solution, verdict = weak
+    page = read_html(report_html(case_of_scene(scene, solution, None, verdict)))
+    assert status(page).startswith("May fail: the object can slip down, 9.3 m/s² (contacts 2, 3,")
+    assert verdict.motion is not None
+    rows = page.section("motion").rows()
+    assert [row[2] for row in rows] == [str(state) for state in verdict.motion.states]
+    normal = np.einsum("ij,ij->i", solution.problem.normals, verdict.motion.contact_forces)
+    np.testing.assert_allclose([float(row[3]) for row in rows], normal, atol=5.1e-5)
+
+
+def test_the_motion_of_the_page_is_that_of_the_verdict(weak: Weak):
+    scene, solution, verdict = weak
+    assert verdict.motion is not None
+    expected = draw_motion(solution.problem, verdict.motion, scene=scene)
+    page = read_html(report_html(case_of_scene(scene, solution, None, verdict)))
+    model = model_of(page, "motion-view")
+    assert model["seconds"] == expected.times[-1]
+    for mesh, stated in zip(expected.picture.meshes, model["meshes"], strict=True):
+        path = expected.path_of.get(mesh.name)
+        assert stated["path"] == path
+        if path is not None:
+            shown = np.array(model["paths"][path]).reshape(-1, 3, 4)
+            np.testing.assert_allclose(shown, expected.paths[path][:, :3], atol=1e-6)
+    assert "paths" not in model_of(page, "view")
+
+
+def test_a_document_says_the_same_without_its_scene(weak: Weak):
+    scene, solution, verdict = weak
+    document = json.loads(json.dumps(solution_document(solution, scene, verdict)))
+    alone = read_html(report_html(case_of_document(document)))
+    whole = read_html(report_html(case_of_document(document, WALLS)))
+    assert status(alone) == status(whole)
+    first, second = (model_of(page, "motion-view") for page in (alone, whole))
+    assert first["paths"] == second["paths"][:1]  # the object's; no link is known
+    roles = [{mesh["role"] for mesh in model["meshes"]} for model in (first, second)]
+    assert "object" not in roles[0] and "object" in roles[1]
+
+
+def test_where_nobody_asked(weak: Weak):
+    scene, solution, _ = weak
+    page = read_html(report_html(case_of_scene(scene, solution)))
+    assert status(page).endswith("Whether the object stays was not asked.")
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda motion: motion.pop("states"),
+        lambda motion: motion.update(states=["flying"] * 10),
+        lambda motion: motion.update(object_acceleration=[1.0]),
+        lambda motion: motion.update(point_acceleration="fast"),
+    ],
+)
+def test_a_motion_that_is_none_is_refused(weak: Weak, spoil: Any):
+    scene, solution, verdict = weak
+    document = json.loads(json.dumps(solution_document(solution, scene, verdict)))
+    spoil(document["stability"]["motion"])
+    with pytest.raises(ArgumentError, match="motion"):
+        case_of_document(document)
