@@ -201,3 +201,29 @@ def test_bad_arguments_are_named():
         contact_force_bounds(problem, [1.0])
     with pytest.raises(ArgumentError, match=r"^sign_rule: is 'lax'"):
         contact_force_bounds(problem, [1.0, 1.0], sign_rule="lax")
+
+
+def test_who_may_squeeze_with_any_force_is_said_in_words():
+    problem = QuasistaticProblem(
+        [(-0.05, 0.0, 0.0), (0.05, 0.0, 0.0), (0.0, 0.0, -0.05)],
+        [(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)],
+        [0.0, 0.0, -9.81, 0.0, 0.0, 0.0],
+        friction=[0.0, 0.0, 0.5],
+        cone="round",
+    )
+    every = contact_force_bounds(problem, [], static_friction="coulomb")
+    assert every.covers == "over all forces of rest (Coulomb's law)"
+    assert every.squeeze_words() == (
+        "the supports may squeeze the object with any force: contacts 0 and 1"
+    )
+    assert every.squeeze_words(["left", "right", "floor"]).startswith("left and right may squeeze")
+    assert every.squeeze_words() in str(every)
+    assert every.covers in str(every)
+    pyramids = contact_force_bounds(
+        problem.with_changes(cone="edges"), [], static_friction="coulomb"
+    )
+    assert pyramids.covers == "over all forces of rest (32 edges)"
+    ruled = contact_force_bounds(problem, [])
+    assert ruled.covers == "over the forces that the virtual-sliding rule admits"
+    hung = problem.with_changes(external_wrench=[0.0, 0.0, 9.81, 0.0, 0.0, 0.0], friction=0.0)
+    assert contact_force_bounds(hung, []).squeeze_words() == ""

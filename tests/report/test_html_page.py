@@ -24,6 +24,7 @@ from report_cases import (
 from graspless_pin import (
     Objective,
     ProgramBuilder,
+    QuasistaticProblem,
     Status,
     contact_force_bounds,
     maximize_margin,
@@ -142,6 +143,25 @@ def test_the_ranges(allegro, page: Element):
             assert (len(ends) == 2) == bounds.indeterminate[index, k]
             assert ends[0] == pytest.approx(bounds.lower[index, k], abs=1e-4)
             assert ends[-1] == pytest.approx(bounds.upper[index, k], abs=1e-4)
+
+
+def test_ranges_over_all_outcomes_of_rest_stand_beside_those_under_the_rule():
+    walls = QuasistaticProblem(
+        [(-0.05, 0.0, 0.0), (0.05, 0.0, 0.0), (0.0, 0.0, -0.05)],
+        [(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)],
+        [0.0, 0.0, -9.81, 0.0, 0.0, 0.0],
+        friction=[0.0, 0.0, 0.5],
+        cone="round",
+    )
+    solution = maximize_margin(walls)
+    case = case_of_document(through_json(solution))
+    ruled = contact_force_bounds(walls, solution.torques)
+    every = contact_force_bounds(walls, solution.torques, static_friction="coulomb")
+    section = read_html(report_html(case, ruled, rest_bounds=every)).section("ranges")
+    assert "the virtual-sliding rule admits" in section.text
+    assert "the supports may squeeze the object with any force: contacts 0 and 1" in section.text
+    assert len(section.all("table")) == 2
+    assert ruled.covers in section.text and every.covers in section.text
 
 
 def test_the_proof_and_its_checks(allegro, page: Element):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Unpack
 
@@ -10,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.algorithms.force_extremes import ForceExtremes
 from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
+from graspless_pin.modes.rules import Rules, StaticFriction
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
 from graspless_pin.solution import FOUND, Status
@@ -38,6 +40,7 @@ class ContactForceBounds:
             LIMIT_REACHED the largest one reached.
         torques: (L,) the motor torques that were given.
         problem: The problem.
+        rules: The rules on static friction that the forces keep.
     """
 
     status: Status
@@ -48,6 +51,7 @@ class ContactForceBounds:
     largest_margin: float
     torques: FloatArray
     problem: QuasistaticProblem
+    rules: Rules
 
     @property
     def found(self) -> bool:
@@ -59,6 +63,32 @@ class ContactForceBounds:
         """(M, 3) components that the torques do not determine, as far as is known."""
         width = self.upper - self.lower
         return width > _DETERMINATE * self.problem.scales.force
+
+    @property
+    def covers(self) -> str:
+        """Over which forces the ranges go, in words."""
+        if self.rules.static_friction is not StaticFriction.COULOMB:
+            return "over the forces that the virtual-sliding rule admits"
+        cones = "Coulomb's law" if self.problem.is_round else f"{self.problem.cone_edges} edges"
+        return f"over all forces of rest ({cones})"
+
+    def squeeze_words(self, bodies: Sequence[str] | None = None) -> str:
+        """Return who may press with any force, because the torques do not limit it; empty: none.
+
+        Args:
+            bodies: (M,) names of what touches at each contact; None: not named.
+        """
+        free = np.flatnonzero(np.isinf(self.upper[:, 0])).tolist() if self.found else []
+        if not free:
+            return ""
+        rows = self.problem.jacobian.reshape(len(self.upper), 3 * self.problem.joint_count)
+        who = "contacts" if rows[free].any() else "the supports"
+        if bodies is not None:
+            who = " and ".join(dict.fromkeys(bodies[contact] for contact in free))
+        listed = ", ".join(str(contact) for contact in free[:-1])
+        listed += f" and {free[-1]}" if listed else str(free[-1])
+        noun = "contact" if len(free) == 1 else "contacts"
+        return f"{who} may squeeze the object with any force: {noun} {listed}"
 
     def __str__(self) -> str:
         """Return a readable table."""
@@ -85,6 +115,11 @@ class ContactForceBounds:
         return f"{self.lower[at]:{digits}} .. {self.upper[at]:{digits}}{mark}"
 
     def _margins(self) -> str:
+        said = f"{self._margin_range()}, {self.covers}"
+        squeezed = self.squeeze_words()
+        return f"{said}\n{squeezed}" if squeezed else said
+
+    def _margin_range(self) -> str:
         least, most = f"{self.smallest_margin:.4g}", f"{self.largest_margin:.4g}"
         if self.status is Status.OPTIMAL:
             return f"margin between {least} and {most} N with these torques"
@@ -102,6 +137,9 @@ def contact_force_bounds(
     Every component is minimised and maximised over all feasible modes by branch and bound. The
     force set (32) has no normal-force limit: a component is infinite where a direction exists that
     keeps balance, torques, cones and one feasible mode (a free ray, found and not presumed).
+
+    With ``static_friction="coulomb"`` there is no virtual-sliding rule, and with round cones
+    (``problem.with_changes(cone="round")``) the ranges are over all outcomes of rest.
 
     Args:
         problem: Contacts, wrench and joints.
@@ -140,5 +178,5 @@ def contact_force_bounds(
         status = Status.OPTIMAL if complete else Status.LIMIT_REACHED
     proven.setflags(write=False)
     return ContactForceBounds(
-        status, read_only(lower), read_only(upper), proven, *margins, given, problem
+        status, read_only(lower), read_only(upper), proven, *margins, given, problem, how.rules
     )

@@ -13,6 +13,8 @@ from graspless_pin.cli.outcome import ExitCode, plain_errors
 from graspless_pin.cli.simulating import simulated_words
 from graspless_pin.cli.solving import VERDICT_NODES, asked_verdict
 from graspless_pin.errors import ArgumentError, SceneError
+from graspless_pin.modes.rules import StaticFriction
+from graspless_pin.problem.cones import ConeModel
 from graspless_pin.report.document import write_text
 from graspless_pin.report.html import Case, case_of_document, case_of_scene, report_html
 from graspless_pin.report.html.time_lapse import TimeLapse, time_lapse
@@ -78,7 +80,7 @@ def report(
             output.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise SceneError(f"{output.parent}: cannot be made ({error.strerror})") from error
-        solution, bounds = case.solution, None
+        solution, bounds, rest_bounds = case.solution, None, None
         if ranges and solution.found:
             bounds = contact_force_bounds(
                 solution.problem,
@@ -86,7 +88,15 @@ def report(
                 time_limit=ranges_time,
                 **solution.rules.options(),
             )
-        page = report_html(case, bounds, _lapse(case) if simulated else None)
+            # Those of rest alone: kinetic friction has no cone.
+            if not solution.problem.is_sliding.any():
+                rest_bounds = contact_force_bounds(
+                    solution.problem.with_changes(cone=ConeModel.ROUND),
+                    solution.torques,
+                    time_limit=ranges_time,
+                    static_friction=StaticFriction.COULOMB,
+                )
+        page = report_html(case, bounds, _lapse(case) if simulated else None, rest_bounds)
         write_text(page, output, kind="report")
         if str(output) != "-":
             typer.echo(f"wrote {output} ({len(page.encode()) / 1e6:.1f} MB)")

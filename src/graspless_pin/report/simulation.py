@@ -37,7 +37,8 @@ def simulation_text(
     if not bounds.found:
         return "\n\n".join([*parts, f"no force ranges: {bounds.status.message}"])
     forces = body_forces(simulation, bodies, bounds)
-    parts += [_force_table(simulation, forces, bounds), *_largest_excess(simulation, forces)]
+    parts += [_force_table(simulation, forces, bounds), f"ranges go {bounds.covers}"]
+    parts += [*filter(None, [bounds.squeeze_words(bodies)]), *_largest_excess(simulation, forces)]
     return "\n\n".join(parts)
 
 

@@ -56,7 +56,10 @@ _HIDDEN_AT_FIRST = (Role.TOTAL_FORCE,)
 
 @refusing_former_keywords
 def report_html(
-    case: Case, bounds: ContactForceBounds | None = None, lapse: TimeLapse | None = None
+    case: Case,
+    bounds: ContactForceBounds | None = None,
+    lapse: TimeLapse | None = None,
+    rest_bounds: ContactForceBounds | None = None,
 ) -> str:
     """Return a case as one HTML page that fetches nothing.
 
@@ -65,12 +68,14 @@ def report_html(
         bounds: The force ranges of the solution's torques, of `contact_force_bounds`. What is not
             proven in them is marked. None: the page has none.
         lapse: A simulation of the solution's torques; None: the page has none.
+        rest_bounds: Those over all outcomes of rest: with ``static_friction="coulomb"`` and round
+            cones. Stand beside `bounds`.
 
     Raises:
         GrasplessPinError: If Jinja2 or matplotlib is not installed.
         ArgumentError: If the case's document is not complete.
     """
-    return render("report.html", lambda: _context(case, bounds) | {"lapse": lapse})
+    return render("report.html", lambda: _context(case, bounds, rest_bounds) | {"lapse": lapse})
 
 
 def render(template: str, context: Callable[[], dict[str, Any]]) -> str:
@@ -138,7 +143,9 @@ def view_context(
     }
 
 
-def _context(case: Case, bounds: ContactForceBounds | None) -> dict[str, Any]:
+def _context(
+    case: Case, bounds: ContactForceBounds | None, rest_bounds: ContactForceBounds | None
+) -> dict[str, Any]:
     solution = case.solution
     problem, why = solution.problem, solution.explanation.splitlines()
     load, length, _ = problem.scales
@@ -177,7 +184,7 @@ def _context(case: Case, bounds: ContactForceBounds | None) -> dict[str, Any]:
             "torque_figure": torque_figure(solution) if problem.joint_count else "",
             "friction_figures": friction_figures(solution),
             "checks": _checks(case.document),
-            **_ranges(solution, bounds),
+            **_ranges(case, bounds, rest_bounds),
         }
     return context
 
@@ -222,7 +229,9 @@ def _aim(solution: TorqueSolution) -> tuple[str, str]:
     return solution.objective.name, "an objective of its own"
 
 
-def _ranges(solution: TorqueSolution, bounds: ContactForceBounds | None) -> dict[str, Any]:
+def _ranges(
+    case: Case, bounds: ContactForceBounds | None, rest_bounds: ContactForceBounds | None
+) -> dict[str, Any]:
     """Return the force ranges of the solution's torques, or why there are none."""
     if bounds is None:
         return {"bounds": None, "no_bounds": "they were not asked for."}
@@ -232,7 +241,10 @@ def _ranges(solution: TorqueSolution, bounds: ContactForceBounds | None) -> dict
         "bounds": bounds,
         "proven": bounds.status is Status.OPTIMAL,
         "ranges": range_rows(bounds),
-        "range_figure": range_figure(bounds, solution),
+        "range_figure": range_figure(bounds, case.solution),
+        "rest_bounds": rest_bounds,
+        "rest_ranges": range_rows(rest_bounds) if rest_bounds and rest_bounds.found else [],
+        "squeezed": (rest_bounds or bounds).squeeze_words(case.bodies),
     }
 
 
