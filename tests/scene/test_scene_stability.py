@@ -80,7 +80,7 @@ def test_a_massless_link_costs_the_verdict_and_not_the_solution(
     def refuse(*_: object) -> None:
         raise ArgumentError("joint_inertia", "is singular at joint 'knuckle'")
 
-    monkeypatch.setattr("graspless_pin.holding.stability.moving_joints", refuse)
+    monkeypatch.setattr("graspless_pin.problem.inertias.moving_joints", refuse)
     lines = _printed(CUBOID)
     assert lines[1] == "no verdict: joint_inertia: is singular at joint 'knuckle'"
     assert any("margin e = " in line for line in lines)
