@@ -16,7 +16,7 @@ TAMPERING ?= 1000
 HOLDING ?= --count 5
 FUZZ ?= --count 2000 --seed 1
 
-.PHONY: install run test lint types docs bench mutants mutants-of-loops scales round-cones directions outcomes tampering fuzz holding clean
+.PHONY: install run test lint types docs bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz holding clean
 
 install: $(STAMP)
 
@@ -62,6 +62,9 @@ round-cones: install
 
 outcomes: install
 	$(BIN)/python -m tests.oracles.compared_outcomes $(OUTCOMES)
+
+kept-outcomes: install
+	$(BIN)/python -m tests.oracles.kept_cases $(KEPT_OUTCOMES)
 
 tampering: install
 	$(BIN)/python tests/verify/tampering.py $(TAMPERING)

@@ -97,13 +97,6 @@ def test_without_inertias_only_what_holds_for_each_is_said() -> None:
             assert "object_inertia" in said.message
 
 
-def test_what_slides_is_not_decided() -> None:
-    sliding = np.tile([0.1, 0.0, 0.0], (4, 1))
-    said = verdict(block_on_slope(0.5, 0.4).with_changes(sliding=sliding))
-    assert said.status is Stability.UNDECIDED
-    assert "slide" in said.message
-
-
 def test_no_load_moves_nothing() -> None:
     still = block_on_slope(0.5, 0.0).with_changes(external_wrench=np.zeros(6))
     assert verdict(still).status is Stability.STRONG

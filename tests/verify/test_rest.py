@@ -6,12 +6,12 @@ from functools import cache
 
 import numpy as np
 import pytest
+from rest_documents import is_refused, leaves, rest_lines, times, zeroed
 from tests.oracles.compared_outcomes import outcome_case
 from tests.oracles.outcomes import enumerate_outcomes
 
 from graspless_pin import QuasistaticProblem, Stability, maximize_margin, stability
 from graspless_pin.report import solution_document
-from graspless_pin.report.verify import verify_document
 from graspless_pin.report.verify.reading import read_problem
 from graspless_pin.report.verify.rest_bounds import (
     Kind,
@@ -81,20 +81,6 @@ def document(name, torque=None):
     return json.loads(json.dumps(made))
 
 
-def rest_lines(made):
-    """What is said of the verdict: the checks after those of the solution."""
-    lines = verify_document(made).checks
-    return lines[[line.name for line in lines].index("inertias") :]
-
-
-def is_refused(made):
-    """Whether something is said not to be so, or the document is none."""
-    try:
-        return any(line.passed is False for line in rest_lines(made))
-    except ValueError:
-        return True
-
-
 @pytest.mark.parametrize(
     ("name", "status"),
     [("slope", "strong"), ("walls", "weak"), ("pressed", "strong"), ("hybrid", "strong"),
@@ -136,27 +122,7 @@ def test_rest_that_is_no_outcome_is_proven():
     assert is_refused(holding)
 
 
-def leaves(nodes):
-    """Index of each leaf, and of its parent."""
-    waiting, found = [], []
-    for index, node in enumerate(nodes):
-        while waiting and waiting[-1][1] == 0:
-            waiting.pop()
-        parent = None
-        if waiting:
-            parent = waiting[-1][0]
-            waiting[-1][1] -= 1
-        if not node["children"]:
-            found.append((index, parent))
-        waiting.append([index, node["children"]])
-    return found
-
-
 TREES = ("slope", "hybrid")
-
-
-def zeroed(multipliers):
-    return json.loads(json.dumps(multipliers), parse_float=lambda _: 0.0)
 
 
 @pytest.mark.parametrize("name", TREES)
@@ -209,10 +175,6 @@ def replaced(name, *path, by, torque=None):
         place = place[key]
     place[last] = by(place[last])
     return made
-
-
-def times(factor):
-    return lambda value: (factor * np.array(value)).tolist()
 
 
 @pytest.mark.parametrize(

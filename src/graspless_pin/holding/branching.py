@@ -10,14 +10,14 @@ import numpy as np
 from graspless_pin.holding.bounds import States
 from graspless_pin.holding.closure import forced_state
 from graspless_pin.holding.dynamics import Dynamics
-from graspless_pin.holding.moving import polish
+from graspless_pin.holding.moving import coulomb_gaps, polish
 from graspless_pin.holding.relaxation import Relaxation, Relaxed
 from graspless_pin.holding.verdict import ContactState, DualBound, OutcomeSet, SlipRange
 from graspless_pin.problem.checks import FloatArray
 
 _QUADRANT = 0.25 * np.pi
 """Half the width of the first sectors of slip."""
-_NEAR = 0.3
+NEAR = 0.3
 """Share of the power that a point may miss Coulomb's law by where an outcome is looked for."""
 _NARROWEST = 1e-4
 """Half the width of a sector that is not halved any more, rad."""
@@ -36,12 +36,7 @@ class _Node:
 
     def finished(self) -> OutcomeSet:
         """Return the node of the proof."""
-        slip = None
-        if self.state is ContactState.SLIPPING:
-            center, half_width = (
-                float(part[self.contact]) for part in (self.states.center, self.states.half_width)
-            )
-            slip = SlipRange(center, half_width)
+        slip = slip_range(self.states, self.contact)
         children = tuple(child.finished() for child in self.children)
         dual = None if self.relaxed is None or children else self.relaxed.dual
         return OutcomeSet(self.contact, self.state, slip, children, dual, self.forced)
@@ -91,7 +86,11 @@ def branch(dynamics: Dynamics, relaxation: Relaxation, is_over: Callable[[int], 
             motion = _near(dynamics, node.relaxed)
             if motion is not None:
                 return Branched(None, motion, nodes, len(open_nodes))
-        node.children = _split(dynamics, relaxation.loads, node)
+        y, forces = (goal[0] * 0.0, goal[1]) if node.relaxed is None else (
+            node.relaxed.y, node.relaxed.forces,
+        )  # fmt: skip
+        contact, parts = split(dynamics, relaxation.loads, node.states, y, forces)
+        node.children = [_Node(contact, each.state[contact], each) for each in parts]
         if not node.children:
             given_up += 1
         open_nodes += reversed(node.children)
@@ -121,62 +120,59 @@ def _near(dynamics: Dynamics, relaxed: Relaxed) -> FloatArray | None:
     if relaxed.load_left < 0.5 or dynamics.point_acceleration(relaxed.y) <= dynamics.limit:
         return None
     power = float(dynamics.load @ relaxed.y)
-    if float(_gaps(dynamics, relaxed).sum()) > _NEAR * power:
+    gaps = coulomb_gaps(dynamics, relaxed.forces, dynamics.slips(relaxed.y))
+    if float(gaps.sum()) > NEAR * power:
         return None
     return polish(dynamics, relaxed.forces)
 
 
-def _gaps(dynamics: Dynamics, relaxed: Relaxed) -> FloatArray:
-    """Return by how much each contact's force and slip miss Coulomb's law, as power; (M,)."""
-    f, u = relaxed.forces, dynamics.slips(relaxed.y)
-    held = dynamics.is_commanded
-    normal = np.where(held, np.nan_to_num(dynamics.commanded), f[:, 0])
-    gaps = (f[:, 1:] * u[:, 1:]).sum(axis=1)
-    gaps += dynamics.friction * normal * np.hypot(u[:, 1], u[:, 2])
-    return np.abs(gaps) + np.where(held, 0.0, np.abs(f[:, 0] * u[:, 0]))
+def split(
+    dynamics: Dynamics, loads: FloatArray, states: States, y: FloatArray, forces: FloatArray
+) -> tuple[int, list[States]]:
+    """Split the contact whose force and slip miss Coulomb's law most.
 
+    Args:
+        dynamics: The scaled dynamics.
+        loads: (M,) normal forces that every outcome has at least, scaled.
+        states: Of the contacts.
+        y: (n,) the motion of a point.
+        forces: (M, 3) its contact forces, scaled.
 
-def _split(dynamics: Dynamics, loads: FloatArray, node: _Node) -> list[_Node]:
-    """Return the children: at the contact whose force and slip miss Coulomb's law most."""
-    states = node.states
-    splittable = ~states.are(ContactState.OPEN, ContactState.STICKING)
-    splittable &= ~(states.are(ContactState.SLIPPING) & (states.half_width <= _NARROWEST))
-    if not splittable.any():
-        return []
-    slips = gaps = np.zeros(dynamics.contact_count)
-    u = np.zeros((dynamics.contact_count, 3))
-    if node.relaxed is not None:
-        u, gaps = dynamics.slips(node.relaxed.y), _gaps(dynamics, node.relaxed)
-        slips = np.hypot(u[:, 1], u[:, 2])
+    Returns:
+        The contact, and states that together leave out nothing; none where no contact is left.
+    """
+    never_opens = dynamics.is_commanded | (loads > 0.0)
+    whole = ~states.are(ContactState.OPEN, ContactState.STICKING)
+    whole &= ~(states.are(ContactState.SLIPPING) & (states.half_width <= _NARROWEST))
+    # Without friction it does not matter where a closed contact slips.
+    whole &= ~((dynamics.friction == 0.0) & (never_opens | states.are(ContactState.CLOSED)))
+    u = dynamics.slips(y)
+    gaps, slips = coulomb_gaps(dynamics, forces, u), np.hypot(u[:, 1], u[:, 2])
     # A narrow sector has little left to give.
-    score = np.where(splittable, (gaps + 1e-9 * slips) * states.half_width, -1.0)
+    score = np.where(whole, (gaps + 1e-9 * slips) * states.half_width, -1.0)
     contact = int(np.argmax(score))
-    return _children(states, contact, u[contact, 1:], loads, dynamics)
+    if not whole[contact]:
+        return contact, []
+    return contact, _parts(states, contact, u[contact, 1:], may_open=not never_opens[contact])
 
 
-def _children(
-    states: States, contact: int, slip: FloatArray, loads: FloatArray, dynamics: Dynamics
-) -> list[_Node]:
-    state, held = states.state[contact], bool(dynamics.is_commanded[contact])
-    if state is ContactState.FREE and not held:
-        kinds = [ContactState.CLOSED] if loads[contact] > 0.0 else [
-            ContactState.OPEN, ContactState.CLOSED,
-        ]  # fmt: skip
-        if len(kinds) > 1:
-            return [_Node(contact, kind, states.changed(contact, kind)) for kind in kinds]
-        states = states.changed(contact, ContactState.CLOSED)
-        state = ContactState.CLOSED
-    if state in (ContactState.CLOSED, ContactState.FREE):
+def _parts(states: States, contact: int, slip: FloatArray, *, may_open: bool) -> list[States]:
+    """Return open and closed, or sticking and four sectors of slip, or two halves of a sector."""
+    state, slipping = states.state[contact], ContactState.SLIPPING
+    if state is ContactState.FREE and may_open:
+        return [states.changed(contact, kind) for kind in (ContactState.OPEN, ContactState.CLOSED)]
+    if state is slipping:
+        half, middle = 0.5 * float(states.half_width[contact]), float(states.center[contact])
+        sectors, first = [(middle - half, half), (middle + half, half)], []
+    else:
         middle = float(np.arctan2(slip[1], slip[0]))
         sectors = [(middle + k * 2.0 * _QUADRANT, _QUADRANT) for k in range(4)]
-        sticking = states.changed(contact, ContactState.STICKING)
-        first = [_Node(contact, ContactState.STICKING, sticking)]
-    else:
-        half = 0.5 * float(states.half_width[contact])
-        middle = float(states.center[contact])
-        sectors, first = [(middle - half, half), (middle + half, half)], []
-    slipping = ContactState.SLIPPING
-    return first + [
-        _Node(contact, slipping, states.changed(contact, slipping, center, half_width))
-        for center, half_width in sectors
-    ]
+        first = [states.changed(contact, ContactState.STICKING)]
+    return first + [states.changed(contact, slipping, *sector) for sector in sectors]
+
+
+def slip_range(states: States, contact: int) -> SlipRange | None:
+    """Return the directions in which a contact slips; None where it is in another state."""
+    if contact < 0 or states.state[contact] is not ContactState.SLIPPING:
+        return None
+    return SlipRange(float(states.center[contact]), float(states.half_width[contact]))

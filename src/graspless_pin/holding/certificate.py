@@ -11,7 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.holding.bounds import States
-from graspless_pin.holding.dynamics import Dynamics, contact_jacobian, generalized_load
+from graspless_pin.holding.dynamics import (
+    Dynamics,
+    force_jacobian,
+    free_friction,
+    generalized_load,
+)
 from graspless_pin.holding.relaxation import FORCE_LIMIT, Relaxation
 from graspless_pin.holding.rest import Balance, least_residual
 from graspless_pin.holding.verdict import LoadProof
@@ -35,14 +40,14 @@ def balance(
     jacobian, load = in_loads(problem, torques)
     count = problem.contact_count
     most = np.full(count, np.nan) if bearable is None else bearable / problem.scales.force
-    return least_residual(jacobian, load, problem.friction, most)
+    return least_residual(jacobian, load, free_friction(problem), most)
 
 
 def in_loads(problem: QuasistaticProblem, torques: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return G (M, 3, 6 + L) and g (6 + L,), for forces in loads and in units of the load."""
+    """Return G as forces see it (M, 3, 6 + L), and g (6 + L,), for forces in loads, in loads."""
     force, length, joints = problem.scales
     unit = np.concatenate([np.repeat([force, force * length], 3), joints])
-    return force * contact_jacobian(problem) / unit, generalized_load(problem, torques) / unit
+    return force * force_jacobian(problem) / unit, generalized_load(problem, torques) / unit
 
 
 def proves_unrest(problem: QuasistaticProblem, torques: FloatArray, motion: FloatArray) -> float:

@@ -1,4 +1,4 @@
-"""The dynamics at rest, scaled: y = A^T f + h, u = A y."""
+"""The dynamics in the first instant, scaled: y = B^T f + h, u = A y; at rest B = A."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.contact_map import contact_map
 from graspless_pin.problem.matrices import wrench_map
 
@@ -22,16 +22,21 @@ class Dynamics:
     H / alpha. Then y = A^T f + h, |h| = 1, and every outcome has
     |y|^2 + sum mu f_n |u_t| = h.y.
 
+    A contact that slides by the declared motion has the force f_n (n - mu v/|v|) whatever the
+    acceleration. Then y = B^T f + h, and where it rubs the power of its friction has no sign.
+
     Attributes:
         rows: (M, 3, n) A: along n, t1, t2 of each contact; n = 6 + joints that are no hybrid
             finger's. The normal row of a commanded contact is zero: its force is in the load.
-        load: (n,) h.
-        friction: (M,) coefficients.
+        pushes: (M, 3, n) B: A, but along n - mu v/|v| and zeros where a contact slides.
+        load: (n,) h; zero where there is none.
+        friction: (M,) coefficients; zero where a contact slides: its friction is in B.
         commanded: (M,) normal forces that hybrid fingers command, scaled; NaN elsewhere.
         acceleration: (6 + L, n) from y to accelerations of object and joints.
         force_unit: H / alpha, N.
         points: (M + 1, 3, n) from y to the accelerations of the contact points and of the
             reference point of the object, m/s^2.
+        lever: From the reference point to the farthest contact point, m.
         limit: Accelerations of those up to this count as rest, m/s^2.
         spread: (n,) loads are h + theta spread for any theta from 0 to 1, of those outcomes that
             have |y|^2 + sum mu f_n |u_t| <= h.y; zero: one load.
@@ -39,12 +44,14 @@ class Dynamics:
     """
 
     rows: FloatArray
+    pushes: FloatArray
     load: FloatArray
     friction: FloatArray
     commanded: FloatArray
     acceleration: FloatArray
     force_unit: float
     points: FloatArray
+    lever: float
     limit: float
     spread: FloatArray
     commanded_spread: FloatArray
@@ -74,7 +81,7 @@ class Dynamics:
 
     def motion(self, forces: FloatArray) -> FloatArray:
         """Return y of scaled contact forces (M, 3)."""
-        return np.einsum("lin,li->n", self.rows, forces) + self.load
+        return np.einsum("lin,li->n", self.pushes, forces) + self.load
 
 
 def generalized_load(problem: QuasistaticProblem, torques: FloatArray) -> FloatArray:
@@ -89,6 +96,34 @@ def contact_jacobian(problem: QuasistaticProblem) -> FloatArray:
     return g
 
 
+def force_jacobian(problem: QuasistaticProblem) -> FloatArray:
+    """Return G as forces see it, (M, 3, 6 + L): n - mu v/|v| and zeros where a contact slides."""
+    g = contact_jacobian(problem)
+    sliding = problem.is_sliding
+    along = np.einsum("lji,lj->li", problem.frames, problem.kinetic_directions)[sliding]
+    g[sliding, 0] = np.einsum("li,lik->lk", along, g[sliding])
+    g[sliding, 1:] = 0.0
+    return g
+
+
+def world_forces(problem: QuasistaticProblem, forces: FloatArray) -> FloatArray:
+    """Return forces (M, 3) in contact frames in world axes; a sliding one by its normal force."""
+    world = (problem.frames @ forces[:, :, None])[:, :, 0]
+    sliding = problem.is_sliding
+    world[sliding] = forces[sliding, :1] * problem.kinetic_directions[sliding]
+    return read_only(world)
+
+
+def rubs(problem: QuasistaticProblem) -> NDArray[np.bool_]:
+    """Return the (M,) contacts that slide with friction."""
+    return problem.is_sliding & (problem.friction > 0.0)
+
+
+def free_friction(problem: QuasistaticProblem) -> FloatArray:
+    """Return the (M,) coefficients of friction whose direction is free; zero where one slides."""
+    return np.where(problem.is_sliding, 0.0, problem.friction)
+
+
 def scaled_dynamics(
     problem: QuasistaticProblem,
     torques: FloatArray,
@@ -96,7 +131,7 @@ def scaled_dynamics(
     hybrid: NDArray[np.intp],
     limit: float,
 ) -> Dynamics | None:
-    """Return the scaled dynamics, None where the load is zero: then nothing accelerates.
+    """Return the scaled dynamics; None where nothing accelerates: without load, if nothing rubs.
 
     Args:
         problem: Contacts, load and joints.
@@ -107,21 +142,24 @@ def scaled_dynamics(
     """
     count = problem.contact_count
     jacobian, load = contact_jacobian(problem), generalized_load(problem, torques)
+    acting = force_jacobian(problem)
     commanded = np.full(count, np.nan)
     for column in np.flatnonzero(hybrid >= 0):
         contact = hybrid[column]
         commanded[contact] = load[6 + column]
-        load[:6] += load[6 + column] * jacobian[contact, 0, :6]
-        jacobian[contact, 0] = 0.0
+        load[:6] += load[6 + column] * acting[contact, 0, :6]
+        jacobian[contact, 0] = acting[contact, 0] = 0.0
     kept = np.concatenate([np.ones(6, dtype=bool), hybrid < 0])
-    jacobian, load = jacobian[:, :, kept], load[kept]
+    jacobian, acting, load = jacobian[:, :, kept], acting[:, :, kept], load[kept]
     root = np.linalg.cholesky(inertia[np.ix_(kept, kept)])
     back = np.linalg.inv(root).T
     h = back.T @ load
     size = float(np.linalg.norm(h))
     if size == 0.0:
-        return None
-    rows = jacobian @ back
+        if not rubs(problem).any():
+            return None
+        size = 1.0
+    rows, pushes = jacobian @ back, acting @ back
     alpha = float(np.linalg.norm(rows, axis=2).max())
     acceleration = np.zeros((6 + problem.joint_count, len(load)))
     acceleration[kept] = size * back
@@ -129,12 +167,14 @@ def scaled_dynamics(
     points = wrench_map(places).T.reshape(-1, 3, 6) @ acceleration[:6]
     return Dynamics(
         rows / alpha,
+        pushes / alpha,
         h / size,
-        problem.friction,
+        free_friction(problem),
         commanded * alpha / size,
         acceleration,
         size / alpha,
         points,
+        float(np.linalg.norm(places, axis=1).max()),
         limit,
         np.zeros_like(h),
         np.zeros(count),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
 from graspless_pin.holding.verdict import ContactState, DynamicOutcome
@@ -13,7 +15,8 @@ _NEAR = float(np.cos(np.radians(20.0)))
 _ACROSS = float(np.sin(np.radians(20.0)))
 _NOTICED = 0.2
 """Of the largest acceleration: a part of the motion that is smaller is not named."""
-_STATES = (ContactState.OPEN, "open"), (ContactState.SLIPPING, "slip")
+_MOVING = {ContactState.OPEN: "open", ContactState.SLIPPING: "slip"}
+_STATES = _MOVING | {ContactState.CLOSED: "stay closed", ContactState.STICKING: "stick"}
 
 
 def motion_words(problem: QuasistaticProblem, motion: DynamicOutcome) -> str:
@@ -38,7 +41,10 @@ def motion_words(problem: QuasistaticProblem, motion: DynamicOutcome) -> str:
         axis = _unit(angular)
         word = "tilt" if abs(float(axis @ _unit(load))) < _NEAR else "turn"
         said.append(f"{word} about {_axis(axis)}")
-    return f"{' and '.join(said)}, {motion.point_acceleration:.3g} m/s^2{_states(motion.states)}"
+    states = state_words(motion.states, _MOVING)
+    return f"{' and '.join(said)}, {motion.point_acceleration:.3g} m/s^2" + (
+        f" ({states})" if states else ""
+    )
 
 
 def _moving(way: FloatArray, load: FloatArray, states: tuple[ContactState, ...]) -> str:
@@ -61,19 +67,19 @@ def _axis(way: FloatArray) -> str:
     return f"({', '.join(f'{part + 0.0:.2f}' for part in np.round(way, 2))})"
 
 
-def _states(states: tuple[ContactState, ...]) -> str:
+def state_words(states: Sequence[ContactState], words: Mapping[ContactState, str] = _STATES) -> str:
+    """Return which contacts are in which states."""
     said = []
-    for state, word in _STATES:
+    for state, word in words.items():
         which = [str(index) for index, own in enumerate(states) if own is state]
         if len(which) == len(states):
             said.append(f"all contacts {word}")
+        elif which[1:]:
+            said.append(f"contacts {', '.join(which)} {word}")
         elif which:
-            said.append(
-                f"contacts {', '.join(which)} {word}"
-                if which[1:]
-                else f"contact {which[0]} {word}s"
-            )
-    return f" ({'; '.join(said)})" if said else ""
+            verb, *after = word.split()
+            said.append(" ".join([f"contact {which[0]} {verb}s", *after]))
+    return "; ".join(said)
 
 
 def _unit(vector: FloatArray) -> FloatArray:

@@ -5,17 +5,23 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.holding.dynamics import Dynamics
-from graspless_pin.problem.checks import FloatArray
+from graspless_pin.holding.dynamics import Dynamics, world_forces
+from graspless_pin.holding.verdict import ContactState, DynamicOutcome
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray, read_only
 
 _STARTS = 12
 _SWEEPS = 400
 _POLISH_STEPS = 20
 _EXACT = 1e-13
 _DIVERGING = 1e3
+_DIVERGED = 1e6
+"""Forces that change by so much jam: more sweeps tell nothing."""
 _TOLERANCE = 1e-6
 """Of the motion's power: how far an outcome may miss Coulomb's law."""
 _STILL = 1e-12
+_CLOSED = 1e-6
+"""Contacts of an outcome that bear less of the load are open; of its slips, smaller ones stick."""
 _SURFACE = 0.999
 """Share of mu f_n from which friction may be that of a slip."""
 
@@ -25,21 +31,25 @@ def is_outcome(dynamics: Dynamics, forces: FloatArray) -> bool:
     y = dynamics.motion(forces)
     if dynamics.point_acceleration(y) <= dynamics.limit:
         return False
-    power = float(dynamics.load @ y)
-    if power <= 0.0:
-        return False
     u, mu = dynamics.slips(y), dynamics.friction
     bound = dynamics.is_commanded
     normal = np.where(bound, np.nan_to_num(dynamics.commanded), forces[:, 0])
+    power = float(y @ y + mu * normal @ np.hypot(u[:, 1], u[:, 2]))
     side = np.hypot(forces[:, 1], forces[:, 2])
     if (normal < 0.0).any() or (side > mu * normal * (1.0 + 1e-9) + _STILL).any():
         return False
     if (np.where(bound, 0.0, u[:, 0]) < -_TOLERANCE * np.sqrt(power)).any():
         return False
-    gaps = np.where(bound, 0.0, normal * u[:, 0])
-    gaps = gaps + (forces[:, 1:] * u[:, 1:]).sum(axis=1)
-    gaps = gaps + mu * normal * np.hypot(u[:, 1], u[:, 2])
-    return bool(np.abs(gaps).sum() <= _TOLERANCE * power)
+    return bool(coulomb_gaps(dynamics, forces, u).sum() <= _TOLERANCE * power)
+
+
+def coulomb_gaps(dynamics: Dynamics, forces: FloatArray, slips: FloatArray) -> FloatArray:
+    """Return by how much each contact's force and slip miss Coulomb's law, as power; (M,)."""
+    held = dynamics.is_commanded
+    normal = np.where(held, np.nan_to_num(dynamics.commanded), forces[:, 0])
+    gaps = (forces[:, 1:] * slips[:, 1:]).sum(axis=1)
+    gaps += dynamics.friction * normal * np.hypot(slips[:, 1], slips[:, 2])
+    return np.abs(gaps) + np.where(held, 0.0, np.abs(forces[:, 0] * slips[:, 0]))
 
 
 def find_motion(dynamics: Dynamics, seed: int = 0) -> FloatArray | None:
@@ -65,14 +75,14 @@ def find_motion(dynamics: Dynamics, seed: int = 0) -> FloatArray | None:
 
 def _relaxed(dynamics: Dynamics, starts: FloatArray) -> FloatArray:
     """Projected Gauss-Seidel with De Saxce's shift, all starts side by side: (K, M, 3)."""
-    rows, mu = dynamics.rows, dynamics.friction
-    blocks = np.einsum("lin,ljn->lij", rows, rows)
+    rows, pushes, mu = dynamics.rows, dynamics.pushes, dynamics.friction
+    blocks = np.einsum("lin,ljn->lij", rows, pushes)
     steps = 1.0 / np.maximum(np.linalg.norm(blocks, ord=2, axis=(1, 2)), 1e-12)
     commanded = dynamics.commanded
     forces = starts.copy()
     held = dynamics.is_commanded
     forces[:, held, 0] = commanded[held]
-    y = np.einsum("klj,ljn->kn", forces, rows) + dynamics.load
+    y = np.einsum("klj,ljn->kn", forces, pushes) + dynamics.load
     for _ in range(_SWEEPS):
         change = 0.0
         for contact in range(len(rows)):
@@ -86,10 +96,10 @@ def _relaxed(dynamics: Dynamics, starts: FloatArray) -> FloatArray:
             else:
                 new = _in_cone(trial, mu[contact])
             step = new - old
-            y += step @ rows[contact]
+            y += step @ pushes[contact]
             forces[:, contact] = new
             change = max(change, float(np.abs(step).max()))
-        if change < 1e-10:
+        if change < 1e-10 or change > _DIVERGED:
             break
     return forces
 
@@ -125,8 +135,9 @@ def polish(dynamics: Dynamics, forces: FloatArray) -> FloatArray | None:
     normal = np.where(held, np.nan_to_num(dynamics.commanded), forces[:, 0])
     opened = ~held & (normal <= 1e-3 * np.maximum(u[:, 0], 0.0) + _STILL)
     on_surface = np.hypot(forces[:, 1], forces[:, 2]) >= _SURFACE * dynamics.friction * normal
+    smooth = dynamics.friction == 0.0
     for slipping in (slips > 1e-3 * size, slips > 1e-5 * size, slips > 1e-7 * size, on_surface):
-        found = _newton(dynamics, forces, opened, slipping & ~opened)
+        found = _newton(dynamics, forces, opened, (slipping | smooth) & ~opened)
         if found is not None:
             return found
     return None
@@ -143,8 +154,8 @@ def _newton(
     f[held, 0] = dynamics.commanded[held]
     free = np.flatnonzero(~opened)
     count, n = len(free), len(dynamics.load)
-    own, rows = dynamics.rows[free], dynamics.rows[free].reshape(3 * count, n)
-    delassus = (rows @ rows.T).reshape(count, 3, 3 * count)
+    own, pushes = dynamics.rows[free], dynamics.pushes[free].reshape(3 * count, n)
+    delassus = (own @ pushes.T).reshape(count, 3, 3 * count)
     identity = np.eye(3 * count).reshape(count, 3, 3 * count)
     coefficient, slides, fixed = mu[free], slipping[free], held[free]
     least = np.inf
@@ -170,3 +181,21 @@ def _newton(
         f[free] += change.reshape(-1, 3)
     f[~held, 0] = np.maximum(f[~held, 0], 0.0)
     return f if is_outcome(dynamics, f) else None
+
+
+def outcome_record(
+    problem: QuasistaticProblem, dynamics: Dynamics, forces: FloatArray
+) -> DynamicOutcome:
+    """Return the record of a moving outcome, in SI units and world axes."""
+    y = dynamics.motion(forces)
+    a, u = dynamics.acceleration @ y, dynamics.slips(y)
+    local = forces * dynamics.force_unit
+    opened = local[:, 0] <= _CLOSED * problem.scales.force
+    slips = np.hypot(u[:, 1], u[:, 2]) > _CLOSED * float(np.abs(u).max())
+    states = np.where(opened, ContactState.OPEN, ContactState.STICKING)
+    states[~opened & slips] = ContactState.SLIPPING
+    states[~opened & problem.is_sliding] = ContactState.CLOSED
+    return DynamicOutcome(
+        read_only(a[:6].copy()), read_only(a[6:].copy()), world_forces(problem, local),
+        tuple(ContactState(state) for state in states), dynamics.point_acceleration(y),
+    )  # fmt: skip

@@ -17,14 +17,14 @@ from graspless_pin.holding.certificate import (
     proven_loads,
     proves_unrest,
 )
-from graspless_pin.holding.dynamics import Dynamics, scaled_dynamics
+from graspless_pin.holding.dynamics import Dynamics, rubs, scaled_dynamics, world_forces
 from graspless_pin.holding.free_motions import free_motions
-from graspless_pin.holding.motion_words import motion_words
-from graspless_pin.holding.moving import find_motion
+from graspless_pin.holding.kept_motion import other_motion
+from graspless_pin.holding.motion_words import motion_words, state_words
+from graspless_pin.holding.moving import find_motion, outcome_record
 from graspless_pin.holding.relaxation import FORCE_LIMIT, Relaxation
 from graspless_pin.holding.rest import BALANCE_TOLERANCE
 from graspless_pin.holding.verdict import (
-    ContactState,
     DynamicOutcome,
     LoadProof,
     RestProof,
@@ -44,8 +44,6 @@ from graspless_pin.problem.quasistatic import checked_problem
 
 NODE_LIMIT = 3000
 """Sets of outcomes that are looked at unless told otherwise."""
-_CLOSED = 1e-6
-"""Contacts of an outcome that bear less of the load are open; of its slips, smaller ones stick."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +73,9 @@ def stability(
     time_limit: float | None = None,
 ) -> StabilityVerdict:
     """Tell whether rest is what happens with these torques, and prove it.
+
+    Where contacts slide by a declared motion, tell whether that motion is kept: accelerations then
+    are those beside the motion's own, which are neglected.
 
     Args:
         problem: Contacts, load and joints, with `object_inertia` and `joint_inertia`; without them
@@ -138,16 +139,16 @@ def _asked(
 def _verdict(blank: StabilityVerdict, limits: _Limits) -> StabilityVerdict:
     """Ask the cheapest question first."""
     problem, torques = blank.problem, blank.torques
-    if problem.is_sliding.any():
-        why = "undecided: verdicts are about rest, and contacts of this problem slide"
-        return replace(blank, message=why)
     try:
         dynamics, nothing_moves = _dynamics(blank)
     except np.linalg.LinAlgError:
         why = "undecided: the inertias differ by more than double precision resolves"
         return replace(blank, message=why)
     commanded = _commanded(blank)
-    known, proof = _certified(blank, (), commanded, dynamics)
+    # Where friction rubs its power has no sign: no certificate is one.
+    known, proof = (blank, None) if rubs(problem).any() else (
+        _certified(blank, (), commanded, dynamics)
+    )  # fmt: skip
     if known.rest_forces is not None and proof is not None:
         return _strong(known, proof)
     rest = balance(problem, torques)
@@ -155,21 +156,29 @@ def _verdict(blank: StabilityVerdict, limits: _Limits) -> StabilityVerdict:
         return replace(known, message="undecided: no solver could balance the forces")
     known = replace(known, programs=known.programs + rest.programs)
     if rest.residual > BALANCE_TOLERANCE:
-        return _none(known, rest.proof, dynamics)
-    known = replace(known, rest_forces=_in_world(problem, rest.forces * problem.scales.force))
+        return _none(known, rest.proof, dynamics, limits)
+    known = replace(known, rest_forces=world_forces(problem, rest.forces * problem.scales.force))
     if nothing_moves:
         proof = RestProof((), known.rest_forces, None, np.inf)
     if proof is not None:
         return _strong(known, proof)
     if dynamics is None:
-        why = "undecided: rest is an outcome; object_inertia and joint_inertia would tell more"
-        return replace(known, message=why)
+        why = f"undecided: {_kept(problem)} is an outcome; object_inertia and joint_inertia would "
+        return replace(known, message=why + "tell more")
     return _searched(known, dynamics, commanded, limits)
 
 
+def _kept(problem: QuasistaticProblem) -> str:
+    """Return what is asked for, in words."""
+    return "keeping the motion" if problem.is_sliding.any() else "rest"
+
+
 def _strong(known: StabilityVerdict, proof: RestProof) -> StabilityVerdict:
-    count = known.programs
-    said = f"holds: rest is the only outcome (proof: {count} LP{'s' if count != 1 else ''})"
+    count, under_motion = known.programs, known.problem.is_sliding.any()
+    said = "holds: rest is the only outcome"
+    if under_motion:
+        said = "keeps its motion: nothing else is an outcome"
+    said += f" (proof: {count} LP{'s' if count != 1 else ''})"
     if free := known.free_motions:
         said += f"; needs position feedback: {free} free motion{'s' if free != 1 else ''}"
     return replace(known, status=Stability.STRONG, proof=proof, message=said)
@@ -219,7 +228,7 @@ def _certified(
     forces = found.forces * problem.scales.force
     if not is_certificate(problem, torques, forces, borne, dynamics):
         return known, None
-    world = _in_world(problem, forces)
+    world = world_forces(problem, forces)
     if not loads and found.residual <= BALANCE_TOLERANCE:
         known = replace(known, rest_forces=world)
     limit = np.inf if not loads else FORCE_LIMIT * problem.scales.force
@@ -230,7 +239,9 @@ def _searched(
     known: StabilityVerdict, dynamics: Dynamics, commanded: FloatArray, limits: _Limits
 ) -> StabilityVerdict:
     """Find the loads of the fingers, look for a motion, then branch."""
-    most = FORCE_LIMIT * known.problem.scales.force / dynamics.force_unit
+    if rubs(known.problem).any():
+        return _under_motion(known, dynamics, limits)
+    most = _force_limit(known.problem, dynamics)
     least = commanded / dynamics.force_unit
     relaxation = Relaxation(dynamics, least, most)
     fingers = known.problem.jacobian.reshape(len(least), 3 * known.problem.joint_count).any(axis=1)
@@ -251,44 +262,61 @@ def _searched(
         if found.tree is not None:
             return _strong(known, RestProof(loads, None, found.tree, most * dynamics.force_unit))
         if forces is None:
-            why = "undecided: rest is an outcome; whether anything else is, was not proven: "
-            why += f"{found.nodes} sets of outcomes looked at, {found.left} left"
-            return replace(known, message=why)
-    motion = _outcome(known.problem, dynamics, forces)
-    said = f"may fail: the object can {motion_words(known.problem, motion)}"
+            return _unproven(known, found.left)
+    return _weak(known, outcome_record(known.problem, dynamics, forces))
+
+
+def _unproven(known: StabilityVerdict, left: int) -> StabilityVerdict:
+    why = f"undecided: {_kept(known.problem)} is an outcome; whether anything else is, was not "
+    why += f"proven: {known.nodes} sets of outcomes looked at, {left} left"
+    return replace(known, message=why)
+
+
+def _weak(known: StabilityVerdict, motion: DynamicOutcome) -> StabilityVerdict:
+    said = "may lose its motion" if known.problem.is_sliding.any() else "may fail"
+    said += f": the object can {motion_words(known.problem, motion)}"
     return replace(known, status=Stability.WEAK, motion=motion, message=said)
 
 
+def _under_motion(known: StabilityVerdict, dynamics: Dynamics, limits: _Limits) -> StabilityVerdict:
+    """Look for what else happens under a declared motion, then prove that nothing does."""
+    forces = find_motion(dynamics)
+    if forces is not None:
+        return _weak(known, outcome_record(known.problem, dynamics, forces))
+    found = other_motion(dynamics, _force_limit(known.problem, dynamics), limits.passed)
+    known = replace(known, programs=known.programs + found.programs, nodes=found.nodes)
+    if found.motion is not None:
+        return _weak(known, outcome_record(known.problem, dynamics, found.motion))
+    if found.tree is None:
+        known = _unproven(known, found.left)
+        resists = state_words(found.resisting) or "no contact's state is known"
+        return replace(known, message=f"{known.message}; what resists: {resists}")
+    limit = FORCE_LIMIT * known.problem.scales.force
+    return _strong(known, RestProof((), None, found.tree, limit))
+
+
+def _force_limit(problem: QuasistaticProblem, dynamics: Dynamics) -> float:
+    return FORCE_LIMIT * problem.scales.force / dynamics.force_unit
+
+
 def _none(
-    known: StabilityVerdict, proof: FloatArray, dynamics: Dynamics | None
+    known: StabilityVerdict, proof: FloatArray, dynamics: Dynamics | None, limits: _Limits
 ) -> StabilityVerdict:
     problem, torques = known.problem, known.torques
     if proves_unrest(problem, torques, proof) <= BALANCE_TOLERANCE:
         return replace(known, message="undecided: no forces of rest found, and no proof of it")
     forces = None if dynamics is None else find_motion(dynamics)
-    motion, said = None, "fails: rest is no outcome"
+    motion, said = None, "loses its motion" if problem.is_sliding.any() else "fails"
+    said += f": {_kept(problem)} is no outcome"
+    if dynamics is not None and forces is None and rubs(problem).any():
+        found = other_motion(dynamics, _force_limit(problem, dynamics), limits.passed)
+        known = replace(known, programs=known.programs + found.programs, nodes=found.nodes)
+        forces = found.motion
+        if found.tree is not None and found.tree.is_empty:
+            said += ", and nothing else is: rubbing contacts jam"
     if dynamics is not None and forces is not None:
-        motion = _outcome(problem, dynamics, forces)
+        motion = outcome_record(problem, dynamics, forces)
         said += f"; the object can {motion_words(problem, motion)}"
     return replace(
         known, status=Stability.NONE, motion=motion, no_rest=read_only(proof), message=said
     )
-
-
-def _in_world(problem: QuasistaticProblem, forces: FloatArray) -> FloatArray:
-    return read_only((problem.frames @ forces[:, :, None])[:, :, 0])
-
-
-def _outcome(problem: QuasistaticProblem, dynamics: Dynamics, forces: FloatArray) -> DynamicOutcome:
-    """Return the record of a moving outcome, in SI units and world axes."""
-    y = dynamics.motion(forces)
-    a, u = dynamics.acceleration @ y, dynamics.slips(y)
-    local = forces * dynamics.force_unit
-    opened = local[:, 0] <= _CLOSED * problem.scales.force
-    slips = np.hypot(u[:, 1], u[:, 2]) > _CLOSED * float(np.abs(u).max())
-    states = np.where(opened, ContactState.OPEN, ContactState.STICKING)
-    states[~opened & slips] = ContactState.SLIPPING
-    return DynamicOutcome(
-        read_only(a[:6].copy()), read_only(a[6:].copy()), _in_world(problem, local),
-        tuple(ContactState(state) for state in states), dynamics.point_acceleration(y),
-    )  # fmt: skip

@@ -1,4 +1,7 @@
-"""Records of a verdict: does the object stay at rest with these torques, and what proves it?"""
+"""Records of a verdict: does the object stay at rest with these torques, and what proves it?
+
+Where contacts slide by a declared motion, rest stands for keeping that motion.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +33,7 @@ class ContactState(StrEnum):
     OPEN = "open"
     """It opens or carries no force."""
     CLOSED = "closed"
-    """It stays closed; whether it slips is not decided."""
+    """It stays closed; whether it slips is not decided, or it slides on as declared."""
     STICKING = "sticking"
     SLIPPING = "slipping"
 
@@ -111,6 +114,8 @@ class OutcomeSet:
             the sibling of this state holds all its outcomes.
         forced: What proves that all outcomes of the parent are in this state, where it is the only
             child: that u_n (u_t1 and u_t2) are at most the closing tolerance.
+        sides: Under a declared motion, what is proven here and below: numbers of goals of
+            `holding.kept_bounds` with their multipliers; goal 0: no outcome is here.
     """
 
     contact: int
@@ -119,6 +124,14 @@ class OutcomeSet:
     children: tuple[OutcomeSet, ...] = ()
     dual: DualBound | None = None
     forced: tuple[DualBound, ...] = ()
+    sides: tuple[tuple[int, DualBound], ...] = ()
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether it is proven, under a declared motion, that it holds no outcome."""
+        if any(goal == 0 for goal, _ in self.sides):
+            return True
+        return bool(self.children) and all(child.is_empty for child in self.children)
 
 
 @dataclass(frozen=True, eq=False)

@@ -102,6 +102,7 @@ def _node(node: OutcomeSet) -> dict[str, Any]:
         "slip": None if node.slip is None else [node.slip.center, node.slip.half_width],
         "multipliers": None if node.dual is None else _multipliers(node.dual),
         "forced": [_multipliers(dual) for dual in node.forced],
+        "sides": [{"goal": goal, "multipliers": _multipliers(dual)} for goal, dual in node.sides],
         "children": len(node.children),
     }
 

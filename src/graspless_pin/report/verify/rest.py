@@ -7,12 +7,14 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.report.verify.figures import Problem
+from graspless_pin.report.verify.kept_tree import KeptWalk, kept_goals
 from graspless_pin.report.verify.outcome import Check, agrees, given, holds, within
 from graspless_pin.report.verify.rest_bounds import (
     KnownStates,
     RestDynamics,
     commanded_contacts,
     contact_motion,
+    force_motion,
     largest_goal,
     rest_dynamics,
 )
@@ -59,7 +61,7 @@ class _Verdict:
         torques = [entry(joint, "torque", "a joint") for joint in document["joints"]]
         motors = array(torques, (len(problem.units),), "the joints' torques")
         self.load = np.concatenate([problem.w, motors - problem.gravity])
-        self.local_motion = contact_motion(problem)
+        self.local_motion, self.acting = contact_motion(problem), force_motion(problem)
         force, length = problem.force, problem.length
         self.unit = np.concatenate([np.repeat([force, force * length], 3), problem.joint_scale])
         self.resolution = number(
@@ -116,15 +118,22 @@ class _Verdict:
         size = self.problem.force
         slip = np.linalg.norm(local[:, 1:], axis=1) - self.problem.mu * local[:, 0]
         worst = max(
-            self._unbalanced(local), float(-local[:, 0].min()) / size, float(slip.max()) / size
-        )
+            self._unbalanced(local), float(-local[:, 0].min()) / size, float(slip.max()) / size,
+            self._misdirected(local) / size,
+        )  # fmt: skip
         return within("rest is an outcome", worst, _BALANCED, "loads")
+
+    def _misdirected(self, local: np.ndarray) -> float:
+        """Return the most by which friction is not against the sliding that is declared, N."""
+        along = np.einsum("lij,lj->li", self.problem.frames, self.problem.directions)
+        off = np.linalg.norm(local - local[:, :1] * along, axis=1)
+        return float(off[self.problem.slides].max(initial=0.0))
 
     def _no_rest(self) -> Check:
         """Along some motion all contact forces do work of one sign, and the load of the other."""
         z = array(entry(self.stated, "no_rest", "stability"), self.load.shape, "no_rest")
         z = z / max(1.0, float(np.abs(z).sum()))
-        c = self.local_motion @ (z * self.problem.force / self.unit)
+        c = self.acting @ (z * self.problem.force / self.unit)
         gain = self.problem.mu * np.linalg.norm(c[:, 1:], axis=1) - c[:, 0]
         left = float(z @ (self.load / self.unit))
         left -= _FORCE_LIMIT * float(np.maximum(gain, 0.0).sum())
@@ -149,16 +158,19 @@ class _Verdict:
         )
         y = np.linalg.solve(dynamics.accelerations[kept], acceleration[kept])
         f = self._forces("contact_forces", motion, where) / dynamics.force_unit
+        off = self._misdirected(f)
+        f[self.problem.slides, 1:] = 0.0  # it is in the pushes
         u = dynamics.rows @ y
         held = np.isfinite(dynamics.commanded)
-        power = float(dynamics.load @ y)
+        most = dynamics.friction * f[:, 0]
+        slips = np.linalg.norm(u[:, 1:], axis=1)
+        power = float(y @ y + most @ slips)
         scale = np.sqrt(max(power, 0.0))
-        most = self.problem.mu * f[:, 0]
         commanded = np.abs(f[:, 0] - dynamics.commanded)[held].max(initial=0.0)
-        left = y - np.einsum("lin,li->n", dynamics.rows, f) - dynamics.load
-        rubbing, slips = np.linalg.norm(f[:, 1:], axis=1), np.linalg.norm(u[:, 1:], axis=1)
+        left = y - np.einsum("lin,li->n", dynamics.pushes, f) - dynamics.load
+        rubbing = np.linalg.norm(f[:, 1:], axis=1)
         gaps = np.abs((f * u).sum(axis=1) + most * slips)
-        outside = max(float((rubbing - most).max()), -f[:, 0].min())
+        outside = max(float((rubbing - most).max()), -f[:, 0].min(), off)
         speed = float(np.linalg.norm(dynamics.points @ y, axis=1).max())
         told = number(entry(motion, "point_acceleration", where), "point_acceleration")
         largest_force = max(1.0, float(np.abs(f).max()))
@@ -181,8 +193,6 @@ class _Verdict:
 
     def _strong(self) -> list[Check]:
         name, proof = "rest is the only outcome", entry(self.stated, "proof", "stability")
-        if self.problem.slides.any():
-            return [holds(name, passed=False, detail="the object slides")]
         if proof is None:
             return [Check(name, None, "no proof in the document")]
         limit = entry(proof, "force_limit", "proof of rest")
@@ -193,6 +203,8 @@ class _Verdict:
         if self.is_known and self.dynamics is None:
             return [holds(name, passed=True, detail="there is no load")]
         limit = limit if np.isfinite(limit) else wanted
+        if (self.problem.slides & (self.problem.mu > 0.0)).any():
+            return [reach, self._kept(proof, limit)]
         loads, checks = self._loads(proof, limit)
         if entry(proof, "forces", "proof of rest") is not None:
             certificate = self._certificate(name, self._forces("forces", proof, "proof"), loads)
@@ -206,6 +218,17 @@ class _Verdict:
         proven = not walk.failure and walk.bound <= (1.0 + _ROUNDING) * most
         shown = f"{walk.leaves} leaves, power {walk.bound:.3g} of {most:.3g} (scaled)"
         return [*checks, reach, holds(name, proven, walk.failure or shown)]
+
+    def _kept(self, proof: Any, limit: float) -> Check:
+        """Check that nothing but the declared motion is an outcome."""
+        name, dynamics = "the declared motion is the only outcome", self.dynamics
+        if dynamics is None or not np.isfinite(self.limit):
+            return holds(name, passed=False, detail="no inertia is known")
+        lever = float(np.linalg.norm(self.problem.p, axis=1).max())
+        goals = kept_goals(dynamics, lever, self.limit)
+        walk = KeptWalk(dynamics, goals, limit / dynamics.force_unit)
+        walk.walk(read_rest_tree(entry(proof, "nodes", "proof of the motion"), dynamics))
+        return holds(name, not walk.failure, walk.failure or f"{walk.leaves} leaves")
 
     def _loads(self, proof: Any, limit: float) -> tuple[np.ndarray, list[Check]]:
         """Return the normal forces that every outcome has, N, and the checks of their proofs."""

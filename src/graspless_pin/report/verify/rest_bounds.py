@@ -37,8 +37,9 @@ class RestDynamics:
 
     Attributes:
         rows: (M, 3, n) A = G C^-T / alpha along n, t1, t2; zero along a commanded normal.
+        pushes: (M, 3, n) B, y = B^T f + h: A, but along n - mu v/|v| and zeros where one slides.
         load: (n,) h = C^-1 g / H, a unit vector.
-        friction: (M,).
+        friction: (M,), zero where one slides.
         commanded: (M,) forces that hybrid fingers command, scaled; NaN elsewhere.
         force_unit: H / alpha, N, with alpha the longest row of G C^-T.
         accelerations: (6 + L, n) H C^-T, zero for hybrid fingers' columns.
@@ -46,6 +47,7 @@ class RestDynamics:
     """
 
     rows: np.ndarray
+    pushes: np.ndarray
     load: np.ndarray
     friction: np.ndarray
     commanded: np.ndarray
@@ -68,6 +70,15 @@ def contact_motion(problem: Problem) -> np.ndarray:
     return problem.frames @ np.concatenate([own, turning, -problem.J], axis=2)
 
 
+def force_motion(problem: Problem) -> np.ndarray:
+    """(M, 3, 6 + L) G as forces see it: along n - mu v/|v| and zeros where a contact slides."""
+    motion, slides = contact_motion(problem), problem.slides
+    along = np.einsum("lij,lj->li", problem.frames, problem.directions)[slides]
+    motion[slides, 0] = np.einsum("li,lik->lk", along, motion[slides])
+    motion[slides, 1:] = 0.0
+    return motion
+
+
 def commanded_contacts(problem: Problem, joint_inertia: np.ndarray) -> np.ndarray:
     """(L,) contact whose normal force a column commands; -1: a joint."""
     contacts = np.full(len(problem.units), -1)
@@ -83,7 +94,7 @@ def commanded_contacts(problem: Problem, joint_inertia: np.ndarray) -> np.ndarra
 def rest_dynamics(
     problem: Problem, load: np.ndarray, inertia: np.ndarray, hybrid: np.ndarray
 ) -> RestDynamics | None:
-    """Return the scaled dynamics; None where there is no load, and nothing accelerates.
+    """Return the scaled dynamics; None where nothing accelerates: without load, if nothing rubs.
 
     Args:
         problem: Contacts and joints.
@@ -91,19 +102,21 @@ def rest_dynamics(
         inertia: (6 + L, 6 + L).
         hybrid: (L,) of `commanded_contacts`.
     """
-    motion, given = contact_motion(problem), load.copy()
+    motion, acting, given = contact_motion(problem), force_motion(problem), load.copy()
     commanded = np.full(problem.count, np.nan)
     for column in np.flatnonzero(hybrid >= 0):
         contact = hybrid[column]
         commanded[contact] = load[6 + column]
-        given[:6] += load[6 + column] * motion[contact, 0, :6]
-        motion[contact, 0] = 0.0
+        given[:6] += load[6 + column] * acting[contact, 0, :6]
+        motion[contact, 0] = acting[contact, 0] = 0.0
     kept = np.concatenate([np.ones(6, dtype=bool), hybrid < 0])
     back = np.linalg.inv(np.linalg.cholesky(inertia[np.ix_(kept, kept)])).T
     h = back.T @ given[kept]
     size = float(np.linalg.norm(h))
     if size == 0.0:
-        return None
+        if not (problem.slides & (problem.mu > 0.0)).any():
+            return None
+        size = 1.0
     rows = motion[:, :, kept] @ back
     alpha = float(np.linalg.norm(rows, axis=2).max())
     accelerations = np.zeros((len(load), len(h)))
@@ -111,8 +124,9 @@ def rest_dynamics(
     centre = np.concatenate([np.eye(3), np.zeros((3, 3))], axis=1)
     on_object = np.swapaxes(problem.frames, 1, 2) @ contact_motion(problem)[:, :, :6]
     points = np.concatenate([on_object, centre[None]]) @ accelerations[:6]
-    return RestDynamics(rows / alpha, h / size, problem.mu, commanded * alpha / size, size / alpha,
-                    accelerations, points)  # fmt: skip
+    friction = np.where(problem.slides, 0.0, problem.mu)
+    return RestDynamics(rows / alpha, acting[:, :, kept] @ back / alpha, h / size, friction,
+                    commanded * alpha / size, size / alpha, accelerations, points)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,7 +194,7 @@ class KnownStates:
         return replace(changed, **{name: tolerances})
 
 
-def _least_along(vectors: np.ndarray, center: np.ndarray, half_width: np.ndarray) -> np.ndarray:
+def least_product(vectors: np.ndarray, center: np.ndarray, half_width: np.ndarray) -> np.ndarray:
     """Return the least product of each vector (M, 2) with a unit vector of its arc."""
     turned = np.arctan2(vectors[:, 1], vectors[:, 0]) - center
     away = np.abs((turned + np.pi) % (2.0 * np.pi) - np.pi)
@@ -221,13 +235,13 @@ def largest_goal(
     c = q + rows @ multipliers.motion
     least = np.where(held, dynamics.commanded, loads)
     most = np.where(held, dynamics.commanded, force_limit)
-    gain = np.where(held, q[:, 0], c[:, 0]) - mu * _least_along(c[:, 1:], center, half_width)
+    gain = np.where(held, q[:, 0], c[:, 0]) - mu * least_product(c[:, 1:], center, half_width)
     pushed = np.where(none, 0.0, np.maximum(gain * least, gain * most))
     bound = float(multipliers.motion @ dynamics.load + pushed.sum())
     bound += float((np.maximum(-nu, 0.0) * states.parts).sum())
     bound += float((np.linalg.norm(kappa, axis=1) * states.slips)[sticks].sum())
     # -kappa.u_t is paid for by beta mu f_n |u_t|, or by the longest slip, since |y| <= 1.
-    wrong = np.where(sticks, 0.0, np.maximum(-_least_along(kappa, center, half_width), 0.0))
+    wrong = np.where(sticks, 0.0, np.maximum(-least_product(kappa, center, half_width), 0.0))
     power = mu * np.where(none, 0.0, least)
     longest = wrong * np.linalg.norm(rows[:, 1:], axis=(1, 2))
     v = p - multipliers.motion + nu @ rows[:, 0] + np.einsum("li,lin->n", kappa, rows[:, 1:])

@@ -26,6 +26,8 @@ from graspless_pin.report.verify.values import array, entry, items, number, whol
 _MOST_NODES = 100_000
 _DEEPEST = 400
 _ROUNDING = 1e-9
+GOALS = 13
+"""Under a declared motion: no outcome at all, and both signs of six accelerations."""
 _PASSED_OVER = {Kind.OPEN: Kind.CLOSED, Kind.SLIPPING: Kind.STICKING}
 """KnownStates that hold no outcome beside those of another state, where that other is forced."""
 
@@ -39,6 +41,7 @@ class RestNode:
     arc: tuple[float, float]
     bound: RestMultipliers | None
     forced: list[RestMultipliers]
+    sides: list[tuple[int, RestMultipliers]]
     children: list[RestNode] = field(default_factory=list)
 
 
@@ -100,14 +103,21 @@ def _read_node(
             raise ValueError(f"slip of {where} has the half width {half_width:.6g}")
     bound = entry(given, "multipliers", where)
     forced = items(entry(given, "forced", where), f"forced of {where}", 0, 2)
+    sides = items(entry(given, "sides", where), f"sides of {where}", 0, GOALS)
     node = RestNode(
         contact,
         kind,
         arc,
         None if bound is None else read_rest_multipliers(bound, dynamics, where),
         [read_rest_multipliers(one, dynamics, where) for one in forced],
+        [_read_side(one, dynamics, f"a side of {where}") for one in sides],
     )
     return node, whole(entry(given, "children", where), f"children of {where}", 0, _MOST_NODES)
+
+
+def _read_side(given: object, dynamics: RestDynamics, where: str) -> tuple[int, RestMultipliers]:
+    multipliers = read_rest_multipliers(entry(given, "multipliers", where), dynamics, where)
+    return whole(entry(given, "goal", where), f"goal of {where}", 0, GOALS - 1), multipliers
 
 
 @dataclass(eq=False)
@@ -147,7 +157,8 @@ class RestWalk:
             return self._fail(f"children of one node are of contacts {first.contact} and others")
         if len(node.children) == 1:
             return self._forced(first, states)
-        why = self._uncovered(node.children, states)
+        held = np.isfinite(self.dynamics.commanded) | (self.loads > 0.0)
+        why = uncovered(node.children, states, held)
         if why:
             return self._fail(f"contact {first.contact}: {why}")
         needed: dict[tuple[int, str], float] = {}
@@ -206,25 +217,31 @@ class RestWalk:
             return {(contact, child.kind): tolerance}
         return self._visit(child, states.changed(contact, child.kind, most=tolerance))
 
-    def _uncovered(self, children: list[RestNode], states: KnownStates) -> str:
-        """Say what the states of the children leave out; empty: nothing."""
-        contact = children[0].contact
-        known, kinds = states.kinds[contact], sorted(child.kind for child in children)
-        if kinds == [Kind.CLOSED, Kind.OPEN]:
-            return "" if known == Kind.FREE else f"it is {known} already"
-        arcs = [child.arc for child in children if child.kind == Kind.SLIPPING]
-        if len(children) - len(arcs) > 1 or set(kinds) - {Kind.SLIPPING, Kind.STICKING}:
-            return f"no split into {', '.join(kinds)}"
-        held = np.isfinite(self.dynamics.commanded[contact]) or self.loads[contact] > 0.0
-        if known == Kind.CLOSED or (known == Kind.FREE and held):
-            whole_arc = 0.0, np.pi
-            if Kind.STICKING not in kinds:
-                return "nothing says what happens where it sticks"
-        elif known == Kind.SLIPPING:
-            whole_arc = float(states.center[contact]), float(states.half_width[contact])
-        else:
-            return f"it is {known}, and does not slip"
-        return "" if _cover(whole_arc, arcs) else "arcs of slip are left out"
+
+def uncovered(children: list[RestNode], states: KnownStates, held: np.ndarray) -> str:
+    """Say what the states of the children of a node leave out; empty: nothing.
+
+    Args:
+        children: Of one contact.
+        states: What is known at the node.
+        held: (M,) contacts that never open.
+    """
+    contact = children[0].contact
+    known, kinds = states.kinds[contact], sorted(child.kind for child in children)
+    if kinds == [Kind.CLOSED, Kind.OPEN]:
+        return "" if known == Kind.FREE else f"it is {known} already"
+    arcs = [child.arc for child in children if child.kind == Kind.SLIPPING]
+    if len(children) - len(arcs) > 1 or set(kinds) - {Kind.SLIPPING, Kind.STICKING}:
+        return f"no split into {', '.join(kinds)}"
+    if known == Kind.CLOSED or (known == Kind.FREE and held[contact]):
+        whole_arc = 0.0, np.pi
+        if Kind.STICKING not in kinds:
+            return "nothing says what happens where it sticks"
+    elif known == Kind.SLIPPING:
+        whole_arc = float(states.center[contact]), float(states.half_width[contact])
+    else:
+        return f"it is {known}, and does not slip"
+    return "" if _cover(whole_arc, arcs) else "arcs of slip are left out"
 
 
 def _cover(outer: tuple[float, float], arcs: list[tuple[float, float]]) -> bool:
