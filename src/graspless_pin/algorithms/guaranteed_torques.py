@@ -72,7 +72,7 @@ def _candidates(best: TorqueSolution, optimum: Optimum) -> Iterator[TorqueSoluti
     yield best
     problem, objective = best.problem, best.objective
     rows = problem.jacobian.reshape(problem.contact_count, 3 * problem.joint_count)
-    supports = ~rows.any(axis=1)
+    supports = ~rows.any(axis=1) & ~problem.is_sliding
     for share in _SHARES if problem.joint_count else ():
         friction = np.where(supports, share, 1.0) * problem.friction
         less = optimum(problem.with_changes(friction=friction), objective)
