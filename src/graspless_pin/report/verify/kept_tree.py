@@ -62,7 +62,7 @@ def kept_goal(
     nu = np.where(held, 0.0, multipliers.normal)
     nu = np.where(states.are(Kind.FREE, Kind.OPEN), np.maximum(nu, 0.0), nu)
     sticks, slips = states.are(Kind.STICKING), states.are(Kind.SLIPPING)
-    kappa = np.where((sticks | slips)[:, None], multipliers.tangential, 0.0)
+    kappa = multipliers.tangential
     half_width = np.where(slips, states.half_width, np.pi)
     motion = goal + nu @ rows[:, 0] + np.einsum("li,lin->n", kappa, rows[:, 1:])
     c = dynamics.pushes @ motion
