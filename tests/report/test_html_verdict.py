@@ -90,6 +90,17 @@ def test_a_document_says_the_same_without_its_scene(weak: Weak):
     assert "object" not in roles[0] and "object" in roles[1]
 
 
+def test_a_declared_motion_that_is_lost():
+    """Contacts that slide as declared are closed in the verdict, and slip in the view."""
+    scene, solution = solved(WALLS.parent / "trihand_push_box.yaml")
+    verdict = scene.stability(0.8 * solution.torques, node_limit=20)
+    page = read_html(report_html(case_of_scene(scene, solution, None, verdict)))
+    assert status(page).startswith("Loses its motion: keeping the motion is no outcome")
+    assert "on top of the declared one" in page.section("motion").text
+    roles = [mesh["role"] for mesh in model_of(page, "motion-view")["meshes"]]
+    assert roles.count("slipping_contact") == 4
+
+
 def test_where_nobody_asked(weak: Weak):
     scene, solution, _ = weak
     page = read_html(report_html(case_of_scene(scene, solution)))
@@ -101,6 +112,8 @@ def test_where_nobody_asked(weak: Weak):
     [
         lambda motion: motion.pop("states"),
         lambda motion: motion.update(states=["flying"] * 10),
+        lambda motion: motion.update(states=["free"] * 10),
+        lambda motion: motion["states"].pop(),
         lambda motion: motion.update(object_acceleration=[1.0]),
         lambda motion: motion.update(point_acceleration="fast"),
     ],

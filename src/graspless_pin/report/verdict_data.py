@@ -51,18 +51,23 @@ def read_motion(document: dict[str, Any]) -> DynamicOutcome | None:
     """
     try:
         stated = (document.get("stability") or {}).get("motion")
-        if stated is None:
-            return None
-        count = len(document["contacts"])
-        return DynamicOutcome(
-            finite_array("motion", stated["object_acceleration"], (6,)),
-            finite_array("motion", stated["joint_accelerations"], (len(document["joints"]),)),
-            finite_array("motion", stated["contact_forces"], (count, 3)),
-            tuple(ContactState(state) for state in stated["states"][:count]),
-            real_number("motion", stated["point_acceleration"], 0.0),
-        )
+        return None if stated is None else _read(stated, document)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise ArgumentError("document", f"holds a motion that is none: {error}") from None
+
+
+def _read(stated: dict[str, Any], document: dict[str, Any]) -> DynamicOutcome:
+    count = len(document["contacts"])
+    states = tuple(ContactState(state) for state in stated["states"])
+    if len(states) != count or ContactState.FREE in states:
+        raise ValueError("each contact needs a state")
+    return DynamicOutcome(
+        finite_array("motion", stated["object_acceleration"], (6,)),
+        finite_array("motion", stated["joint_accelerations"], (len(document["joints"]),)),
+        finite_array("motion", stated["contact_forces"], (count, 3)),
+        states,
+        real_number("motion", stated["point_acceleration"], 0.0),
+    )
 
 
 def _motion(motion: DynamicOutcome) -> dict[str, Any]:

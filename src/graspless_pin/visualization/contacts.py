@@ -32,6 +32,7 @@ _BALL_RINGS = 6
 OUTCOME_ROLES = {
     ContactState.STICKING: Role.STICKING_CONTACT,
     ContactState.SLIPPING: Role.SLIPPING_CONTACT,
+    ContactState.CLOSED: Role.SLIPPING_CONTACT,  # it slides as declared
     ContactState.OPEN: Role.OPEN_CONTACT,
 }
 # Radius as a share of the object's, rings and opacity: told apart without colours, too.
@@ -115,7 +116,7 @@ def outcome_meshes(
         radius, rings, opacity = _MARKS[role]
         mark = _ball(points[index], radius * size, rings)
         meshes.append(_mesh(role, index, mark, opacity))
-    slips = [state is ContactState.SLIPPING for state in motion.states]
+    slips = [OUTCOME_ROLES[state] is Role.SLIPPING_CONTACT for state in motion.states]
     scale = _fitting_scale(forces, size)
     return (*meshes, *_forces(problem, forces, slips, points, scale, _SHAFT * size))
 
