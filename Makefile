@@ -14,9 +14,10 @@ OUTCOMES ?= --few 300 --four 30
 DIRECTIONS ?= --turned 1000 --listed 100
 TAMPERING ?= 1000
 HOLDING ?= --count 5
+GUARANTEED ?= --count 20
 FUZZ ?= --count 2000 --seed 1
 
-.PHONY: install run test lint types docs bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz holding clean
+.PHONY: install run test lint types docs bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding clean
 
 install: $(STAMP)
 
@@ -68,6 +69,9 @@ kept-outcomes: install
 
 tampering: install
 	$(BIN)/python tests/verify/tampering.py $(TAMPERING)
+
+guaranteed: install
+	$(BIN)/python -m benchmarks.guaranteed $(GUARANTEED)
 
 holding: install
 	$(BIN)/python -m benchmarks.holding $(HOLDING)

@@ -14,7 +14,6 @@ from tests.simulation.holding_scenes import holding_scenes
 
 from graspless_pin import (
     Evaluator,
-    Margin,
     QuasistaticProblem,
     Scene,
     Stability,
@@ -34,7 +33,10 @@ from graspless_pin import (
     optimum_gradients,
     stability,
 )
+from graspless_pin.algorithms import guaranteed_torques
+from graspless_pin.algorithms.guaranteed_torques import half_space
 from graspless_pin.errors import ArgumentError, NoSolutionError
+from graspless_pin.programs.guarantee_objectives import InsideHalfSpaces
 from graspless_pin.report import read_solution, solution_document
 
 CUBOID = "examples/paper/cuboid_at_rest.yaml"
@@ -53,7 +55,7 @@ def best(slot: Scene) -> TorqueSolution:
 
 @pytest.fixture(scope="module")
 def strong(slot: Scene) -> TorqueSolution:
-    return slot.solve("margin", stability="strong")
+    return slot.solve("margin", stability="strong", verdict_nodes=100)
 
 
 def is_strong(problem: QuasistaticProblem, solution: TorqueSolution) -> bool:
@@ -95,8 +97,7 @@ def test_the_forces_are_the_best_of_the_torques(strong: TorqueSolution) -> None:
 
 
 @pytest.mark.parametrize("solve", [
-    maximize_margin, partial(minimize_torque, margin=0.1),
-    partial(minimize_torque, margin=0.1, scale="limits"), partial(optimize, objective=Margin()),
+    maximize_margin, partial(minimize_torque, margin=0.1, scale="limits"),
     partial(minimize_torque, margin=0.0, regularization=1e-4),
 ])  # fmt: skip
 def test_a_finger_has_to_press_with_the_weight_where_the_far_wall_may_not(
@@ -104,7 +105,7 @@ def test_a_finger_has_to_press_with_the_weight_where_the_far_wall_may_not(
 ) -> None:
     """By hand: finger and near wall bear mu F each, and with less than 9.81 N the box falls."""
     problem = pressed_in_slot().with_changes(torque_limits=(0.0, 40.0))
-    found = solve(problem, stability="strong")
+    found = solve(problem, stability="strong", verdict_nodes=100)
     assert found.found
     assert found.torques[0] >= GRAVITY
     assert is_strong(problem, found)
@@ -117,6 +118,45 @@ def test_less_than_the_weight_needs_luck_and_the_best_case_asks_for_little() -> 
     falls = stability(problem, [0.99 * GRAVITY])
     assert falls.status is Stability.WEAK
     assert minimize_torque(problem, 0.1).torques[0] < 0.1 * GRAVITY
+
+
+def test_counterexamples_lead_to_torques(
+    slot: Scene, monkeypatch: pytest.MonkeyPatch, strong: TorqueSolution
+) -> None:
+    """Without the guesses that rely on less of the supports' friction, too."""
+    monkeypatch.setattr(guaranteed_torques, "_SHARES", ())
+    found = slot.solve("margin", stability="strong", verdict_nodes=100)
+    assert found.status is Status.STRONG
+    assert found.guarantee is not None
+    assert found.guarantee.tried > 2
+    assert found.margin <= strong.margin + 1e-6
+
+
+def test_a_counterexample_s_half_space_leaves_its_torques_out_by_the_motion_s_power() -> None:
+    problem = pressed_in_slot()
+    torques = np.array([12.0])
+    motion = stability(problem, torques).motion
+    assert motion is not None
+    normal, side = half_space(problem, motion, 1.0)
+    a, joint = motion.object_acceleration, motion.joint_accelerations
+    assert problem.object_inertia is not None
+    assert problem.joint_inertia is not None
+    power = a @ problem.object_inertia @ a + joint @ problem.joint_inertia @ joint
+    assert power > 0.1
+    assert normal @ torques - side == pytest.approx(power, rel=1e-6)
+    assert half_space(problem, motion, 0.5)[1] < side
+
+
+@pytest.mark.parametrize(("least", "most", "expected"), [(12.0, 40.0, None), (18.0, 19.0, 19.0)])
+def test_torques_are_looked_for_well_inside_half_spaces(
+    least: float, most: float, expected: float | None
+) -> None:
+    """The load makes 9.81 N on the joint: 0.3 of that is deep enough."""
+    problem = pressed_in_slot().with_changes(torque_limits=(0.0, most))
+    inside = InsideHalfSpaces(np.array([[-2.0]]), np.array([-2.0 * least]), 0.3, 0.0)
+    torque = optimize(problem, inside, static_friction="coulomb").torques[0]
+    assert torque >= least + (0.3 * GRAVITY if expected is None else 0.0) - 1e-6
+    assert expected is None or torque == pytest.approx(expected)
 
 
 def test_torques_that_hold_are_left_as_they_are() -> None:
@@ -203,12 +243,18 @@ def test_bad_arguments_are_named() -> None:
 
 
 def test_an_evaluator_gives_guaranteed_torques_and_verdicts(slot: Scene, strong: Any) -> None:
-    evaluator = Evaluator(slot, stability="strong")
+    evaluator = Evaluator(slot, stability="strong", verdict_nodes=100)
     said = evaluator.evaluate()
     np.testing.assert_allclose(said.torques, strong.torques, atol=1e-6)
     assert said.stability(node_limit=300).status is Stability.STRONG
-    assert evaluator.is_feasible(margin=0.9 * strong.margin)
     assert Evaluator(slot).evaluate().stability().status is Stability.WEAK
+
+
+def test_a_state_is_feasible_with_guaranteed_torques_alone() -> None:
+    evaluator = Evaluator(load_scene(CUBOID), stability="strong")
+    best = evaluator.evaluate().margin
+    assert evaluator.is_feasible(margin=0.9 * best)
+    assert not evaluator.is_feasible(margin=1.1 * best)
 
 
 def test_paths_give_a_verdict_for_each_state() -> None:

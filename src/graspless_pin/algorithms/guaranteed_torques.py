@@ -1,31 +1,52 @@
-"""Torques of which rest is the only outcome: those that need little friction at the supports.
+"""Torques of which rest is the only outcome: guesses, and what their counterexamples teach.
 
 The best case may rest on a squeeze between supports that nothing guarantees. Torques that balance
 the load with less of the supports' friction rely on the fingers, whose loads the torques make: the
-first guesses are optima with that friction reduced. Only the verdict guarantees.
+first guesses are optima with that friction reduced. A guess that fails comes with a motion a, and
+every outcome a has a^T M a = g(tau).a - sum mu f_n |u_t|. So the next torques are looked for where
+load and torques do less work along all motions met than the friction that they met: a half-space
+of torques for each. Only the verdict guarantees.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.options import SolveOptions
+from graspless_pin.holding.dynamics import contact_jacobian, generalized_load
 from graspless_pin.holding.stability import stability, undecided_verdict
-from graspless_pin.holding.verdict import Stability, StabilityVerdict
+from graspless_pin.holding.verdict import DynamicOutcome, Stability, StabilityVerdict
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.programs.analysis_objectives import at_torques
-from graspless_pin.programs.objectives import Objective
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.programs.guarantee_objectives import InsideHalfSpaces, at_torques
+from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.solution import Evidence, Guarantee, Status, TorqueSolution
 
 _SHARES = (0.75, 0.5, 0.25, 0.0)
 """Of the supports' friction, tried one after the other."""
+_FRICTION_LEFT = (0.9, 0.5)
+"""Shares of a counterexample's friction that its motion's power has to stay below."""
+_DEPTH = 0.3
+"""Of the joint scales: how far inside the half-spaces torques are looked for."""
+_STEPS = 12
+"""Counterexamples that one search learns from."""
+_HALVINGS = 3
+"""Of the way from guaranteed torques to the best case's."""
+_SAME = 1e-6
+"""Of the joint scales: torques that differ by less were tried."""
+_STILL = 1e-9
+"""Power per second of the joint scales along a motion, W/s: less has no part in it."""
+_FIRST_NODES = 300
+"""Sets of outcomes of a first verdict; what that leaves undecided is asked again, with all."""
 
 Optimum = Callable[[QuasistaticProblem, Objective], TorqueSolution]
 """Finds the best case of a problem for an objective."""
+Tried = tuple[TorqueSolution, StabilityVerdict]
+"""Torques and the verdict on them."""
 
 
 def guaranteed(
@@ -46,40 +67,148 @@ def guaranteed(
     """
     if not best.found:
         return best
-    problem, first, tried = best.problem, None, 0
-    for candidate in _candidates(best, optimum):
-        if unknown:
-            verdict = undecided_verdict(problem, candidate.torques, unknown)
-        else:
-            verdict = stability(
-                problem, candidate.torques,
-                node_limit=options.verdict_nodes, time_limit=limits.within(options).time_limit,
-            )  # fmt: skip
-        tried += 1
-        if verdict.status is Stability.STRONG:
-            return _certified(best, candidate, verdict, tried)
-        first = first or verdict
-        if unknown or limits.passed:
-            break
-    return _none_found(best, first, tried)
+    if unknown:
+        said = undecided_verdict(best.problem, best.torques, unknown)
+        return _none_found(best, [(best, said)])
+    search = _Search(best, optimum, options, limits)
+    said = search.judged(best, options.verdict_nodes)
+    if said.status is Stability.STRONG:
+        return _certified(best, best, said, 1)
+    found = [one for one in map(search.first, (search.led(said), search.guesses())) if one]
+    if not found and options.verdict_nodes > _FIRST_NODES:
+        open_still = [one for one, told in search.tried[1:] if told.status is Stability.UNDECIDED]
+        again = search.first(open_still, options.verdict_nodes)
+        found = [] if again is None else [again]
+    if not found:
+        return _none_found(best, search.tried)
+    sign = 1.0 if best.objective.maximizes else -1.0
+    candidate, said = search.improved(*max(found, key=lambda one: sign * one[0].value))
+    return _certified(best, candidate, said, len(search.tried))
 
 
-def _candidates(best: TorqueSolution, optimum: Optimum) -> Iterator[TorqueSolution]:
-    """Yield the best case, then optima with less friction at contacts that no joint moves.
+@dataclass
+class _Search:
+    """A search for torques, one candidate after the other.
 
-    Each is the optimum of the problem itself with the torques held.
+    Attributes:
+        best: The best case.
+        optimum: Finds that of another problem, for another objective.
+        options: How the verdicts are asked for.
+        limits: Of the whole call.
+        tried: Each candidate with its verdict.
     """
-    yield best
-    problem, objective = best.problem, best.objective
-    rows = problem.jacobian.reshape(problem.contact_count, 3 * problem.joint_count)
-    supports = ~rows.any(axis=1) & ~problem.is_sliding
-    for share in _SHARES if problem.joint_count else ():
-        friction = np.where(supports, share, 1.0) * problem.friction
-        less = optimum(problem.with_changes(friction=friction), objective)
-        if less.found:
-            held = optimum(problem, at_torques(objective, less.torques))
-            if held.found:
-                yield replace(held, objective=objective)
+
+    best: TorqueSolution
+    optimum: Optimum
+    options: SolveOptions
+    limits: Limits
+    tried: list[Tried] = field(default_factory=list)
+
+    def judged(self, candidate: TorqueSolution, nodes: int = _FIRST_NODES) -> StabilityVerdict:
+        """Return the verdict on a candidate's torques, after so many sets of outcomes at most."""
+        said = stability(
+            self.best.problem,
+            candidate.torques,
+            node_limit=min(nodes, self.options.verdict_nodes),
+            time_limit=self.limits.within(self.options).time_limit,
+        )
+        self.tried.append((candidate, said))
+        return said
+
+    def first(
+        self, candidates: Iterable[TorqueSolution], nodes: int = _FIRST_NODES
+    ) -> Tried | None:
+        """Return the first candidate whose torques are guaranteed."""
+        for candidate in candidates:
+            said = self.judged(candidate, nodes)
+            if said.status is Stability.STRONG:
+                return candidate, said
+            if self.limits.passed:
+                break
+        return None
+
+    def led(self, said: StabilityVerdict) -> Iterator[TorqueSolution]:
+        """Yield torques inside the half-spaces that the motions met leave.
+
+        Under a declared motion the power of friction has no sign, and motions teach nothing.
+        """
+        problem, objective = self.best.problem, self.best.objective
+        if problem.is_sliding.any():
+            return
+        for share in _FRICTION_LEFT:
+            cuts, motion, last = [], said.motion, self.best.torques
+            while motion is not None and len(cuts) < _STEPS:
+                normal, side = half_space(problem, motion, share)
+                if np.abs(normal * problem.scales.joints).max(initial=0.0) <= _STILL:
+                    break
+                cuts.append((normal, side))
+                normals, sides = (np.array(part) for part in zip(*cuts, strict=True))
+                inside = InsideHalfSpaces(normals, sides, _DEPTH, objective.required_margin)
+                candidate = self._held(self.optimum(problem, inside))
+                if candidate is None:
+                    break
+                change, last = np.abs(candidate.torques - last), candidate.torques
+                if (change <= _SAME * problem.scales.joints).all():
+                    break
+                yield candidate
+                motion = self.tried[-1][1].motion
+
+    def guesses(self) -> Iterator[TorqueSolution]:
+        """Yield optima with less friction at resting contacts that no joint moves.
+
+        Of the objective, then of the margin: large loads make proofs.
+        """
+        problem, objective = self.best.problem, self.best.objective
+        rows = problem.jacobian.reshape(problem.contact_count, 3 * problem.joint_count)
+        supports = ~rows.any(axis=1) & ~problem.is_sliding
+        shares: list[tuple[Objective, float]] = [(objective, share) for share in _SHARES]
+        if not isinstance(objective, Margin):
+            shares += [(Margin(), share) for share in (1.0, *_SHARES)]
+        for aim, share in shares if problem.joint_count else ():
+            friction = np.where(supports, share, 1.0) * problem.friction
+            held = self._held(self.optimum(problem.with_changes(friction=friction), aim))
+            if held is not None:
+                yield held
+
+    def improved(self, found: TorqueSolution, said: StabilityVerdict) -> Tried:
+        """Return guaranteed torques on the way to the best case's, by halving what is left."""
+        known, far = found.torques, self.best.torques
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (known + far)
+            candidate = self._at(middle)
+            verdict = None if candidate is None else self.judged(candidate)
+            if candidate is None or verdict is None or verdict.status is not Stability.STRONG:
+                far = middle
+            else:
+                known, found, said = middle, candidate, verdict
+        return found, said
+
+    def _held(self, found: TorqueSolution) -> TorqueSolution | None:
+        """Return the optimum of the problem itself with the torques of another."""
+        return self._at(found.torques) if found.found else None
+
+    def _at(self, torques: FloatArray) -> TorqueSolution | None:
+        objective = self.best.objective
+        held = self.optimum(self.best.problem, at_torques(objective, torques))
+        return replace(held, objective=objective) if held.found else None
+
+
+def half_space(
+    problem: QuasistaticProblem, motion: DynamicOutcome, share: float
+) -> tuple[FloatArray, float]:
+    """Return (L,) normal and side of the torques that do too little work for a motion.
+
+    Args:
+        problem: Contacts, load and joints.
+        motion: An outcome.
+        share: Of the power of its friction, which load and torques have to stay below.
+    """
+    a = np.concatenate([motion.object_acceleration, motion.joint_accelerations])
+    u = contact_jacobian(problem) @ a
+    normal_forces = np.einsum("li,li->l", motion.contact_forces, problem.normals)
+    friction = problem.friction * normal_forces @ np.hypot(u[:, 1], u[:, 2])
+    load = generalized_load(problem, np.zeros(problem.joint_count))
+    return motion.joint_accelerations, share * float(friction) - float(load @ a)
 
 
 def _certified(
@@ -90,12 +219,11 @@ def _certified(
     guarantee = Guarantee(verdict, best.value, gap, tried)
     if found is best:
         return replace(best, guarantee=guarantee)
-    bound = best.certificate.bound
     certificate = replace(
         best.certificate,
         primal_residual=found.certificate.primal_residual,
         duality_gap=np.inf,
-        gap=sign * (bound - found.value),
+        gap=sign * (best.certificate.bound - found.value),
     )
     evidence = Evidence(
         relaxation=best.evidence.relaxation,
@@ -107,18 +235,16 @@ def _certified(
     )
 
 
-def _none_found(
-    best: TorqueSolution, verdict: StabilityVerdict | None, tried: int
-) -> TorqueSolution:
+def _none_found(best: TorqueSolution, tried: list[Tried]) -> TorqueSolution:
     """Return that no torques were found, and that there are none where there is no choice."""
-    moves = verdict is not None and verdict.status in (Stability.WEAK, Stability.NONE)
+    verdict = next(said for one, said in reversed(tried) if one is best)
+    moves = verdict.status in (Stability.WEAK, Stability.NONE)
     proven = moves and not best.problem.joint_count
-    said = "" if verdict is None else f"Verdict on the best case's torques: {verdict.message}."
     return replace(
         best,
         status=Status.INFEASIBLE_STRONG if proven else Status.STRONG_NOT_FOUND,
-        guarantee=Guarantee(verdict, best.value, np.nan, tried),
+        guarantee=Guarantee(verdict, best.value, np.nan, len(tried)),
         _forces=None,
         _mode=None,
-        _explanation=said,
+        _explanation=f"Verdict on the best case's torques: {verdict.message}.",
     )

@@ -155,51 +155,6 @@ class HeldMargin(Objective):
 
 
 @dataclass(frozen=True, eq=False)
-class AtTorques(Objective):
-    """Another objective with the motors' torques given; see `at_torques`.
-
-    Attributes:
-        base: The objective.
-        torques: (L,) N m.
-        maximizes: As of the objective.
-        required_margin: As of the objective, N.
-        regularization: As of the objective.
-    """
-
-    base: Objective
-    torques: FloatArray
-    maximizes: bool
-    required_margin: float
-    regularization: float
-    name = "at given torques"
-
-    def build(self, program: ProgramBuilder) -> None:
-        """Add what the objective does, and hold the torques."""
-        self.base.build(program)
-        program.held_torques(contact_torques(program.forces, self.torques))
-
-    def unit(self, problem: QuasistaticProblem, coordinates: ForceCoordinates) -> float:
-        """Return the objective's."""
-        return self.base.unit(problem, coordinates)
-
-    @property
-    def cutoff(self) -> float:
-        """A value of the program from which on there is no solution."""
-        return self.base.cutoff
-
-
-def at_torques(objective: Objective, torques: FloatArray) -> AtTorques:
-    """Return an objective with the motors' torques (L,) given, N m."""
-    return AtTorques(
-        objective,
-        torques,
-        objective.maximizes,
-        objective.required_margin,
-        objective.regularization,
-    )
-
-
-@dataclass(frozen=True, eq=False)
 class Disturbance(Objective):
     """The largest multiple s of a disturbance wrench that the contacts still balance.
 
