@@ -7,8 +7,10 @@ from .algorithms.guaranteed_disturbance import GuaranteedDisturbance, guaranteed
 from .algorithms.margin_torque_curve import MarginTorqueCurve, margin_torque_curve
 from .algorithms.minimum_friction import MinimumFriction, minimum_friction
 from .algorithms.options import SolveOptions
+from .algorithms.robustness import Robustness, robustness
 from .algorithms.sensitivity import MarginSensitivity, margin_sensitivity
 from .algorithms.torque import maximize_margin, minimize_torque, optimize
+from .algorithms.what_would_hold import HoldingChange, what_would_hold
 from .errors import GrasplessPinError
 from .geometry.hand.model import Hand
 from .holding.free_motions import free_motions
@@ -61,6 +63,7 @@ __all__ = [
     "Guarantee",
     "GuaranteedDisturbance",
     "Hand",
+    "HoldingChange",
     "JointSpace",
     "JointUnit",
     "Margin",
@@ -73,6 +76,7 @@ __all__ = [
     "ProgramBuilder",
     "QuasistaticProblem",
     "RestProof",
+    "Robustness",
     "RuleComparison",
     "Rules",
     "Scene",
@@ -114,8 +118,10 @@ __all__ = [
     "optimize",
     "optimum_gradients",
     "read_results",
+    "robustness",
     "run_study",
     "settle",
     "solve_each_mode",
     "stability",
+    "what_would_hold",
 ]

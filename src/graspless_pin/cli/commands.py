@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from graspless_pin.cli.bearing import robustness_scene
 from graspless_pin.cli.robots import inspect, robots
 from graspless_pin.cli.showing import report, view_scene
 from graspless_pin.cli.simulating import simulate_scene
@@ -48,7 +49,8 @@ def _options(
 
 
 _COMMANDS = (
-    solve_scene, verify, report, view_scene, simulate_scene, study, robots, inspect, schema,
+    solve_scene, robustness_scene, verify, report, view_scene, simulate_scene, study, robots,
+    inspect, schema,
 )  # fmt: skip
 for _command in _COMMANDS:
     app.command(_command.__name__.removesuffix("_scene"))(_command)

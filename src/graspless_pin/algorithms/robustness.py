@@ -1,0 +1,166 @@
+"""How much rest bears: errors of the torques, and contacts that are not there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspless_pin.algorithms.load_brackets import (
+    LoadBracket,
+    check_bracket_options,
+    load_bracket,
+)
+from graspless_pin.holding.stability import stability
+from graspless_pin.holding.verdict import Stability, StabilityVerdict
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.inertias import hybrid_contacts
+
+
+@dataclass(frozen=True, eq=False)
+class Robustness:
+    """What torques bear of which rest is the only outcome.
+
+    Attributes:
+        verdict: On the torques as they are. The rest is empty unless it is ``strong``.
+        less: L brackets: how much smaller each joint's torque may be, N m (N).
+        more: L brackets: how much larger.
+        all_less: By which share of themselves all torques together may be smaller.
+        all_more: By which share they may be larger.
+        without: M verdicts without each contact; None where it is the only one.
+    """
+
+    verdict: StabilityVerdict
+    less: tuple[LoadBracket, ...] = ()
+    more: tuple[LoadBracket, ...] = ()
+    all_less: LoadBracket | None = None
+    all_more: LoadBracket | None = None
+    without: tuple[StabilityVerdict | None, ...] = ()
+
+    @property
+    def relies_on(self) -> tuple[int, ...]:
+        """The contacts without which rest is not proven to be the only outcome."""
+        return tuple(
+            contact
+            for contact, verdict in enumerate(self.without)
+            if verdict is None or verdict.status is not Stability.STRONG
+        )
+
+    def __str__(self) -> str:
+        """Return the figures, one line each."""
+        lines = [self.verdict.message]
+        problem = self.verdict.problem
+        for name, unit, less, more in (
+            zip(problem.joint_names, problem.joint_units, self.less, self.more, strict=True)
+            if self.less
+            else ()
+        ):
+            lines.append(f"{name}: {_error(less, more, 1.0, str(unit))}")
+        if self.all_less is not None and self.all_more is not None and self.less:
+            lines.append(
+                f"all torques together: {_error(self.all_less, self.all_more, 100.0, '%')}"
+            )
+        if self.without:
+            listed = ", ".join(str(contact) for contact in self.relies_on) or "none"
+            lines.append(f"relies on contacts: {listed}")
+        return "\n".join(lines)
+
+
+def _error(less: LoadBracket, more: LoadBracket, scale: float, unit: str) -> str:
+    """Return what two brackets bear, and where they fail."""
+    fails = [
+        f"{sign}{scale * one.failing:.3g}"
+        for sign, one in (("-", less), ("+", more))
+        if one.failure is not None
+    ]
+    said = f"bears -{scale * less.guaranteed:.3g} to +{scale * more.guaranteed:.3g} {unit}, "
+    return said + (f"fails at {' and '.join(fails)} {unit}" if fails else "no failure was found")
+
+
+def robustness(
+    problem: QuasistaticProblem,
+    torques: ArrayLike,
+    *,
+    precision: float = 0.1,
+    node_limit: int = 300,
+) -> Robustness:
+    """Tell how much torques of which rest is the only outcome bear.
+
+    Errors of one joint's torque, and of all by one share, are bracketed like disturbances: up to
+    one figure rest is proven to stay the only outcome, at another a verdict fails. Then each
+    contact is taken away: contacts that the rest relies on have to touch.
+
+    Args:
+        problem: At rest, with `object_inertia` and `joint_inertia`.
+        torques: (L,) the motors' torques, N m (N).
+        precision: Relative width of the brackets with which the search ends.
+        node_limit: Sets of outcomes that each tree and each verdict may look at.
+
+    Raises:
+        ArgumentError: If an argument is wrong.
+    """
+    check_bracket_options(problem, precision, node_limit)
+    verdict = stability(problem, torques)
+    if verdict.status is not Stability.STRONG:
+        return Robustness(verdict)
+    count = problem.joint_count
+
+    def bracket(change: FloatArray, most: float) -> LoadBracket:
+        direction = np.concatenate([np.zeros(6), change])
+        return load_bracket(verdict, direction, most, precision, node_limit)
+
+    largest = np.maximum(np.abs(verdict.torques), problem.scales.joints)
+    less, more = (
+        tuple(
+            bracket(sign * axis, float(most))
+            for axis, most in zip(np.eye(count), largest, strict=True)
+        )
+        for sign in (-1.0, 1.0)
+    )
+    together: list[LoadBracket | None] = [None, None]
+    if verdict.torques.any():
+        together = [bracket(sign * verdict.torques, 1.0) for sign in (-1.0, 1.0)]
+    without = tuple(
+        _without(verdict, contact, node_limit) for contact in range(len(problem.normals))
+    )
+    return Robustness(verdict, less, more, together[0], together[1], without)
+
+
+def _without(verdict: StabilityVerdict, contact: int, node_limit: int) -> StabilityVerdict | None:
+    """Return the verdict without a contact, None where no other is left."""
+    problem = verdict.problem
+    kept: NDArray[np.intp] = np.delete(np.arange(problem.contact_count), contact)
+    if not len(kept):
+        return None
+    blocks = problem.jacobian.reshape(problem.contact_count, 3, problem.joint_count)
+    fewer = problem.with_changes(
+        positions=problem.positions[kept],
+        normals=problem.normals[kept],
+        jacobian=blocks[kept].reshape(3 * len(kept), problem.joint_count),
+        friction=problem.friction[kept],
+        tangents=problem.tangents[kept],
+        sliding=problem.sliding[kept],
+        max_normal_force=problem.max_normal_force[kept],
+    )
+    # A hybrid finger that touches nothing commands nothing.
+    idle = np.flatnonzero(hybrid_contacts(problem) == contact)
+    return stability(*with_joints_still(fewer, verdict.torques, idle), node_limit=node_limit)
+
+
+def with_joints_still(
+    problem: QuasistaticProblem, tau: FloatArray, joints: NDArray[np.intp]
+) -> tuple[QuasistaticProblem, FloatArray]:
+    """Return the problem without these joints, which stand still, and the others' torques."""
+    kept = np.delete(np.arange(problem.joint_count), joints)
+    inertia = problem.joint_inertia
+    changed = problem.with_changes(
+        jacobian=problem.jacobian[:, kept],
+        torque_limits=(problem.lower_torque[kept], problem.upper_torque[kept]),
+        joint_names=[problem.joint_names[joint] for joint in kept],
+        joint_units=[problem.joint_units[joint] for joint in kept],
+        gravity_torques=problem.gravity_torques[kept],
+        joint_inertia=None if inertia is None else inertia[np.ix_(kept, kept)],
+    )
+    return changed, tau[kept]

@@ -1,0 +1,158 @@
+"""What would make rest the only outcome: the smallest changes of each kind, tried one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from graspless_pin.algorithms.load_brackets import check_bracket_options
+from graspless_pin.algorithms.robustness import with_joints_still
+from graspless_pin.algorithms.torque import maximize_margin
+from graspless_pin.holding.stability import stability
+from graspless_pin.holding.verdict import Stability, StabilityVerdict
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray, finite_array
+
+_SHARES = (0.25, 0.5, 1.0, 2.0, 4.0)
+"""Of torques or of the load, by which torques grow, tried one after the other."""
+_MOST_FRICTION = 4.0
+_BISECTIONS = 6
+
+_Changed = tuple[QuasistaticProblem, FloatArray]
+
+
+@dataclass(frozen=True, eq=False)
+class HoldingChange:
+    """A change with which rest is the only outcome.
+
+    Attributes:
+        words: The change.
+        problem: With the change.
+        torques: (L,) motors' torques with it, N m (N).
+        verdict: On these: rest is the only outcome.
+    """
+
+    words: str
+    problem: QuasistaticProblem
+    torques: FloatArray
+    verdict: StabilityVerdict
+
+    def __str__(self) -> str:
+        """Return the change in words."""
+        return self.words
+
+
+def what_would_hold(
+    problem: QuasistaticProblem, torques: ArrayLike, *, node_limit: int = 1000
+) -> tuple[HoldingChange, ...]:
+    """Find changes with which rest is the only outcome, each tried by a verdict.
+
+    Of each kind the smallest that was found: larger torques of the same proportions; a preload, the
+    torques of the largest margin without load, on top; other torques (`maximize_margin` with
+    ``stability="strong"``); more friction at one contact or at all, up to four times as much; one
+    joint, or all joints behind one contact, under position control.
+
+    Args:
+        problem: At rest, with `object_inertia` and `joint_inertia`.
+        torques: (L,) the motors' torques, of which rest is not the only outcome, N m (N).
+        node_limit: Sets of outcomes that each verdict may look at.
+
+    Returns:
+        The changes; empty where none of those tried was enough.
+
+    Raises:
+        ArgumentError: If an argument is wrong.
+    """
+    check_bracket_options(problem, 0.1, node_limit)
+    tau = finite_array("torques", torques, (problem.joint_count,))
+    return tuple(_found(problem, tau, node_limit))
+
+
+def _found(problem: QuasistaticProblem, tau: FloatArray, nodes: int) -> Iterator[HoldingChange]:
+    if problem.joint_count:
+        excess = tau - problem.gravity_torques
+        yield from _smallest(
+            lambda share: (problem, tau + share * excess), _SHARES,
+            lambda share: f"contact torques {100.0 * share:.0f} % larger",
+            nodes,
+        )  # fmt: skip
+        yield from _preload(problem, tau, nodes)
+        other = maximize_margin(problem, stability="strong", verdict_nodes=nodes)
+        if other.found:
+            words = "torques of maximize_margin with stability='strong'"
+            yield from _tried((problem, other.torques), words, nodes)
+    everywhere = np.ones(problem.contact_count, dtype=bool)
+    each = np.eye(problem.contact_count, dtype=bool)
+    for where, place in [
+        *((row, f"contact {contact}") for contact, row in enumerate(each)),
+        (everywhere, "all contacts"),
+    ]:
+        yield from _smallest(
+            lambda more, where=where: (
+                problem.with_changes(friction=(1.0 + more * where) * problem.friction), tau
+            ),
+            (_MOST_FRICTION - 1.0,),
+            lambda more, place=place: f"{1.0 + more:.2f} times the friction at {place}",
+            nodes,
+        )  # fmt: skip
+    for joint, name in enumerate(problem.joint_names):
+        held = with_joints_still(problem, tau, np.array([joint], dtype=np.intp))
+        yield from _tried(held, f"joint {name} under position control", nodes)
+    blocks = problem.jacobian.reshape(problem.contact_count, 3, problem.joint_count)
+    acts = (blocks != 0.0).any(axis=1)
+    for contact in np.flatnonzero(acts.sum(axis=1) > 1).tolist():
+        held = with_joints_still(problem, tau, np.flatnonzero(acts[contact]))
+        words = f"all joints behind contact {contact} under position control"
+        yield from _tried(held, words, nodes)
+
+
+def _preload(problem: QuasistaticProblem, tau: FloatArray, nodes: int) -> Iterator[HoldingChange]:
+    """Try torques on top that squeeze the object without load."""
+    unloaded = problem.with_changes(
+        external_wrench=np.zeros(6), gravity_torques=np.zeros(problem.joint_count)
+    )
+    squeeze = maximize_margin(unloaded, static_friction="coulomb")
+    if not squeeze.found or squeeze.margin <= 1e-6 * problem.scales.force:
+        return
+    largest = float(np.linalg.norm(squeeze.contact_forces, axis=1).max())
+    per_newton, load = squeeze.torques / largest, problem.scales.force
+    yield from _smallest(
+        lambda share: (problem, tau + share * load * per_newton), _SHARES,
+        lambda share: f"a preload of up to {share * load:.3g} N at the contacts, by the torques",
+        nodes,
+    )  # fmt: skip
+
+
+def _tried(changed: _Changed, words: str, nodes: int) -> Iterator[HoldingChange]:
+    problem, torques = changed
+    beyond = (torques < problem.lower_torque) | (torques > problem.upper_torque)
+    if beyond.any():
+        return
+    verdict = stability(problem, torques, node_limit=nodes)
+    if verdict.status is Stability.STRONG:
+        yield HoldingChange(words, problem, torques, verdict)
+
+
+def _smallest(
+    change: Callable[[float], _Changed],
+    sizes: tuple[float, ...],
+    words: Callable[[float], str],
+    nodes: int,
+) -> Iterator[HoldingChange]:
+    """Yield the smallest change found: the first size that holds, then halved towards the last."""
+    too_small = 0.0
+    for size in sizes:
+        found = next(_tried(change(size), words(size), nodes), None)
+        if found is None:
+            too_small = size
+            continue
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (too_small + size)
+            less = next(_tried(change(middle), words(middle), nodes), None)
+            too_small, size = (middle, size) if less is None else (too_small, middle)
+            found = less or found
+        yield found
+        return

@@ -1,0 +1,81 @@
+"""``graspless-pin robustness``: how much a scene's rest bears, or what would make it hold."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from graspless_pin.algorithms.force_bounds import contact_force_bounds
+from graspless_pin.algorithms.robustness import Robustness, robustness
+from graspless_pin.algorithms.what_would_hold import what_would_hold
+from graspless_pin.cli.outcome import ExitCode, plain_errors
+from graspless_pin.holding.verdict import Stability
+from graspless_pin.modes.rules import StaticFriction
+from graspless_pin.problem.cones import ConeModel
+from graspless_pin.programs.objectives import Algorithm
+from graspless_pin.scene import Scene, load_scene
+from graspless_pin.scene.scene_stability import unknown_of
+from graspless_pin.solution import TorqueSolution
+
+_TOUCHING = 1e-9  # m; what is no farther apart touches
+_RANGES_TIME = 10.0  # s; by then most free rays are found
+
+
+def robustness_scene(
+    scene: Annotated[Path, typer.Argument(help="Scene file (YAML), without a motion.")],
+    algorithm: Annotated[
+        Algorithm | None,
+        typer.Option(help="Whose torques: margin (Algorithm 1) or torque (2)."),
+    ] = None,
+    nodes: Annotated[
+        int, typer.Option(min=0, help="Sets of outcomes that each proof may look at.")
+    ] = 300,
+) -> None:
+    """Tell how much a scene's rest bears; where it may fail, what would make it hold.
+
+    Exit code 0: rest is the only outcome; 1: it is not, or not proven, or there are no torques;
+    2: bad input.
+    """
+    with plain_errors():
+        loaded = load_scene(scene)
+        solution = loaded.solve(algorithm)
+        if not solution.found:
+            typer.echo(f"nothing to tell: {solution.status.message}")
+            raise typer.Exit(ExitCode.INFEASIBLE)
+        if why := unknown_of(loaded):
+            typer.echo(why)
+            raise typer.Exit(ExitCode.INFEASIBLE)
+        found = robustness(solution.problem, solution.torques, node_limit=nodes)
+        strong = found.verdict.status is Stability.STRONG
+        typer.echo(str(found))
+        for line in _gaps(loaded, found) if strong else _changes(loaded, solution, nodes):
+            typer.echo(line)
+    raise typer.Exit(ExitCode.FOUND if strong else ExitCode.INFEASIBLE)
+
+
+def _gaps(scene: Scene, found: Robustness) -> list[str]:
+    """Return the contacts that are relied on though they do not quite touch, widest gap first."""
+    points = scene.contacts.points
+    apart = [contact for contact in found.relies_on if points[contact].distance > _TOUCHING]
+    return [
+        f"contact {contact} ({points[contact].body}) has to close its gap of "
+        f"{1e3 * points[contact].distance:.3g} mm"
+        for contact in sorted(apart, key=lambda contact: -points[contact].distance)
+    ]
+
+
+def _changes(scene: Scene, solution: TorqueSolution, nodes: int) -> list[str]:
+    """Return who may squeeze the object, and what would make it hold."""
+    problem = solution.problem
+    bounds = contact_force_bounds(
+        problem.with_changes(cone=ConeModel.ROUND),
+        solution.torques,
+        static_friction=StaticFriction.COULOMB,
+        time_limit=_RANGES_TIME,
+    )
+    squeezed = bounds.squeeze_words(scene.contacts.bodies)
+    changes = what_would_hold(problem, solution.torques, node_limit=nodes)
+    lines = [f"it would hold with {change}" for change in changes]
+    return [*filter(None, [squeezed]), *(lines or ["no change that was tried makes it hold"])]

@@ -1,0 +1,84 @@
+"""How much rest bears, and what would make it hold: figures that are known by hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cases import GRAVITY, block_between_walls, block_on_slope, hybrid_on_wall, pressed_on_wall
+from tests.cli.cli_tools import LINES, run
+
+from graspless_pin import Robustness, Stability, robustness, what_would_hold
+from graspless_pin.errors import ArgumentError
+
+
+@pytest.fixture(scope="module")
+def commanded() -> Robustness:
+    # 25 N bear the weight with the finger's friction alone: certificates prove all but the ends.
+    return robustness(hybrid_on_wall(), [25.0], precision=0.4, node_limit=20)
+
+
+def test_torque_errors_are_borne_up_to_what_friction_needs(commanded: Robustness) -> None:
+    (less,), (more,) = commanded.less, commanded.more
+    exact = 25.0 - GRAVITY
+    # The finger's own friction is a certificate down to 19.62 N.
+    assert 0.9 * (25.0 - 2.0 * GRAVITY) <= less.guaranteed <= exact
+    np.testing.assert_allclose(less.failing, exact, rtol=1e-2)
+    assert more.guaranteed == more.possible
+    assert more.failing == np.inf
+    assert commanded.all_less is not None
+    np.testing.assert_allclose(commanded.all_less.failing, exact / 25.0, rtol=1e-2)
+
+
+def test_the_rest_relies_on_the_finger_alone(commanded: Robustness) -> None:
+    assert 4 in commanded.relies_on
+    assert len(commanded.without) == 5
+    for contact, verdict in enumerate(commanded.without):
+        assert verdict is not None
+        assert verdict.problem.contact_count == 4
+        assert (verdict.status is Stability.STRONG) == (contact not in commanded.relies_on)
+    assert "relies on contacts:" in str(commanded)
+    assert "joint_1: bears -" in str(commanded)
+
+
+def test_nothing_is_said_of_what_may_move() -> None:
+    found = robustness(block_between_walls(0.5), [])
+    assert found.without == found.less == ()
+    assert str(found) == found.verdict.message
+
+
+def test_what_no_change_mends_is_not_mended() -> None:
+    assert what_would_hold(block_between_walls(0.5), []) == ()
+
+
+def test_each_change_of_a_weak_grip_was_tried() -> None:
+    problem = hybrid_on_wall().with_changes(torque_limits=(0.0, 40.0))
+    changes = what_would_hold(problem, [9.0], node_limit=40)
+    words = " | ".join(str(change) for change in changes)
+    for part in ("contact torques", "a preload", "maximize_margin", "friction at contact 4"):
+        assert part in words
+    for change in changes:
+        assert change.verdict.status is Stability.STRONG
+    assert GRAVITY <= changes[0].torques[0] <= 2.0 * GRAVITY * 1.05
+    rubbed = next(change for change in changes if "at contact 4" in change.words)
+    # 9 N press on finger and wall: less friction balances no weight.
+    assert 2.0 * GRAVITY / 9.0 - 1.0 <= rubbed.problem.friction[4] / 0.5 <= 3.0
+
+
+def test_what_slides_is_refused() -> None:
+    sliding = block_on_slope(0.5, 0.4).with_changes(sliding=np.tile([0.1, 0.0, 0.0], (4, 1)))
+    for ask in (robustness, what_would_hold):
+        with pytest.raises(ArgumentError, match="slides"):
+            ask(sliding, [])
+    with pytest.raises(ArgumentError, match="torques"):
+        what_would_hold(pressed_on_wall(), [])
+
+
+def test_the_command_line_lists_the_gaps_of_what_is_relied_on(tmp_path: Path) -> None:
+    file = tmp_path / "scene.yaml"
+    file.write_text(LINES.replace("position: [0, 0, 0]", "position: [0, 0, 2.0e-4]"))
+    result = run("robustness", file, "--nodes", "5")
+    assert result.exit_code == 0, result.output
+    assert "relies on contacts" in result.output
+    assert "has to close its gap of 0.2 mm" in result.output
