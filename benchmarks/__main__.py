@@ -3,7 +3,7 @@
 import argparse
 import time
 
-from benchmarks import cones, geometry, holding, planning, searches, studies
+from benchmarks import cones, geometry, holding, planning, searches, studies, verdicts
 
 # Each section is a function without arguments that returns markdown.
 SECTIONS = {
@@ -16,6 +16,7 @@ SECTIONS = {
     "planning": planning.evaluator,
     "studies": studies.cuboid_study,
     "holding": holding.holding,
+    "verdicts": verdicts.verdicts,
 }
 
 

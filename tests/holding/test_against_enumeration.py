@@ -1,7 +1,9 @@
 """A slice of `make outcomes`: no verdict contradicts the enumeration of contact states."""
 
 import pytest
-from tests.oracles.compared_outcomes import compared
+from tests.oracles.compared_outcomes import compared, outcome_case
+
+from graspless_pin import Stability, stability
 
 FEWER_SECTORS = 8
 SLICE = [(2 + (number % 4 == 0), number) for number in range(40)]
@@ -23,3 +25,9 @@ def test_commanded_forces_leave_no_relaxation_without_an_answer(contacts, number
 def test_a_sticking_force_on_the_round_cone_is_found():
     line = compared(3, 78, FEWER_SECTORS)
     assert (line.verdict, line.fault) == ("weak", "")
+
+
+def test_multipliers_of_narrow_sectors_prove_what_they_should():
+    """Nearly parallel edges of a sector have large multipliers, whose rounding forces magnify."""
+    case, problem = outcome_case(4, 4)
+    assert stability(problem, case.torques, node_limit=1000).status is Stability.STRONG

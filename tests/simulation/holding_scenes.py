@@ -86,6 +86,14 @@ def two_fingers(rng: np.random.Generator) -> Scene:
     return _scene(rng, "two fingers", shape, [_below(shape, up)], lean, fingers=(2, 3))
 
 
+def room_corner(rng: np.random.Generator) -> Scene:
+    """A box in a corner of floor and two walls: twelve contacts, and those of the fingers."""
+    shape = _shape(rng, "box")
+    tilt = Rotation.from_rotvec(rng.uniform(-0.5, 0.5, 3))
+    planes = [_below(shape, way) for way in (_Z, _X, _Y)]
+    return _scene(rng, "room corner", shape, planes, tilt, fingers=(1, 3))
+
+
 FAMILIES: dict[str, Callable[[np.random.Generator], Scene]] = {
     "slope": slope,
     "corner": corner,
@@ -98,11 +106,18 @@ FAMILIES: dict[str, Callable[[np.random.Generator], Scene]] = {
 
 def holding_scenes(family: str, number: int, seed: int = 0) -> Iterator[Scene]:
     """Yield so many scenes of a family for which Algorithm 1 finds torques with a margin."""
+    return solvable_scenes(FAMILIES[family], [seed, list(FAMILIES).index(family)], number)
+
+
+def solvable_scenes(
+    family: Callable[[np.random.Generator], Scene], seeds: Sequence[int], number: int
+) -> Iterator[Scene]:
+    """Yield so many scenes of what draws them for which Algorithm 1 finds torques with a margin."""
     found = 0
     for draw in count():
         if found == number:
             return
-        scene = FAMILIES[family](np.random.default_rng([seed, list(FAMILIES).index(family), draw]))
+        scene = family(np.random.default_rng([*seeds, draw]))
         try:
             solution = scene.solve("margin")
         except GrasplessPinError:

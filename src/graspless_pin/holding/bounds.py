@@ -22,8 +22,14 @@ from graspless_pin.holding.dynamics import Dynamics
 from graspless_pin.holding.verdict import ContactState, DualBound
 from graspless_pin.problem.checks import FloatArray
 
+RANK = 1e-9
+"""Rows that are shorter than this share of the longest, after the others, add nothing."""
 _ROUNDING = 1e-9
 """Gains per newton below this are rounding."""
+_EXACT = 1e-15
+"""Gains per newton up to this are left: a million loads make little of them."""
+_REPAIRS = 4
+"""Changes of multipliers: the best force of a contact changes with them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,22 +98,59 @@ def repaired(
 ) -> DualBound:
     """Return multipliers of which rounding does not say that large forces pay.
 
-    The smallest change of lambda after which no contact's force gains more than it did, and those
-    that gained by rounding gain nothing.
+    The smallest changes of lambda after which no contact's force gains: forces are unbounded, so
+    that a gain of 1e-9 for each newton proves nothing.
     """
     arc = states.center, np.where(states.are(ContactState.SLIPPING), states.half_width, np.pi)
-    c = goal[1] + dynamics.rows @ dual.motion
-    sides = dynamics.friction[:, None] * least_direction(c[:, 1:], *arc)
-    gains = dynamics.rows[:, 0] - np.einsum("li,lin->ln", sides, dynamics.rows[:, 1:])
-    gain = c[:, 0] - (sides * c[:, 1:]).sum(axis=1)
     unbounded = ~states.are(ContactState.OPEN) & ~dynamics.is_commanded
-    # Where no force of a contact gains, no component does; else only the best force may not.
-    vanishing = unbounded & (np.abs(c).max(axis=1) < _ROUNDING)
-    touching = unbounded & ~vanishing & (np.abs(gain) < _ROUNDING)
-    rows = np.vstack([dynamics.rows[vanishing].reshape(-1, len(dual.motion)), gains[touching]])
-    left = np.concatenate([c[vanishing].ravel(), gain[touching]])
-    change = np.linalg.lstsq(rows, -left, rcond=1e-13)[0]
-    return DualBound(dual.motion + change, dual.normal, dual.tangential)
+    motion = dual.motion
+    for _ in range(_REPAIRS):
+        c = goal[1] + dynamics.rows @ motion
+        sides = dynamics.friction[:, None] * least_direction(c[:, 1:], *arc)
+        gain = c[:, 0] - (sides * c[:, 1:]).sum(axis=1)
+        # Where no force of a contact gains, no component does; else only the best force may not.
+        vanishing = unbounded & (np.abs(c).max(axis=1) < _ROUNDING)
+        touching = unbounded & ~vanishing & (gain > -_ROUNDING)
+        gains = dynamics.rows[:, 0] - np.einsum("li,lin->ln", sides, dynamics.rows[:, 1:])
+        rows = np.vstack([dynamics.rows[vanishing].reshape(-1, len(motion)), gains[touching]])
+        left = np.concatenate([c[vanishing].ravel(), gain[touching]])
+        if (gain[unbounded] <= _EXACT).all():
+            break
+        motion = motion + np.linalg.lstsq(rows, -left, rcond=1e-13)[0]
+    return DualBound(motion, dual.normal, dual.tangential)
+
+
+def fixed_rows(dynamics: Dynamics, states: States) -> FloatArray:
+    """Return the rows along which closed contacts do not part and sticking ones do not slip."""
+    rows = dynamics.rows
+    sticking = rows[states.are(ContactState.STICKING), 1:]
+    return np.vstack(
+        [rows[_stays_closed(dynamics, states), 0], sticking.reshape(-1, rows.shape[2])]
+    )
+
+
+def kinematic_dual(
+    dynamics: Dynamics, states: States, goal: FloatArray, normal: FloatArray
+) -> DualBound:
+    """Return the multipliers with which the fixed rows take away most of a goal, without forces.
+
+    Args:
+        dynamics: The scaled dynamics.
+        states: Of the contacts.
+        goal: (n,) what is left of p after the normal rows.
+        normal: (M,) multipliers of those.
+    """
+    weights = np.linalg.lstsq(fixed_rows(dynamics, states).T, -goal, rcond=RANK)[0]
+    nu, kappa = normal.copy(), np.zeros((len(normal), 2))
+    closed = _stays_closed(dynamics, states)
+    nu[closed] += weights[: closed.sum()]
+    kappa[states.are(ContactState.STICKING)] = weights[closed.sum() :].reshape(-1, 2)
+    return DualBound(np.zeros(len(goal)), nu, kappa)
+
+
+def _stays_closed(dynamics: Dynamics, states: States) -> NDArray[np.bool_]:
+    closed = states.are(ContactState.CLOSED, ContactState.STICKING, ContactState.SLIPPING)
+    return closed & ~dynamics.is_commanded
 
 
 def closing_tolerance(dynamics: Dynamics) -> float:

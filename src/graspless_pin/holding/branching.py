@@ -149,7 +149,8 @@ def split(
     u = dynamics.slips(y)
     gaps, slips = coulomb_gaps(dynamics, forces, u), np.hypot(u[:, 1], u[:, 2])
     # A narrow sector has little left to give.
-    score = np.where(whole, (gaps + 1e-9 * slips) * states.half_width, -1.0)
+    widths = np.minimum(states.half_width, _QUADRANT)
+    score = np.where(whole, (gaps + 1e-9 * slips) * widths, -1.0)
     contact = int(np.argmax(score))
     if not whole[contact]:
         return contact, []

@@ -8,17 +8,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import null_space
 from scipy.optimize import nnls
 
-from graspless_pin.holding.bounds import States, closing_tolerance
+from graspless_pin.holding.bounds import RANK, States, closing_tolerance, fixed_rows, kinematic_dual
 from graspless_pin.holding.dynamics import Dynamics
 from graspless_pin.holding.verdict import ContactState, DualBound
-from graspless_pin.problem.checks import FloatArray
-
-_RANK = 1e-9
-"""Rows that are shorter than this share of the longest, after the others, add nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,10 +37,8 @@ def forced_state(dynamics: Dynamics, states: States) -> Forced | None:
     """Return one contact whose state follows from the others', None where there is none."""
     tolerance, rows = closing_tolerance(dynamics), dynamics.rows
     held = dynamics.is_commanded
-    closed = ~held & states.are(ContactState.CLOSED, ContactState.STICKING, ContactState.SLIPPING)
-    sticking = states.are(ContactState.STICKING)
-    fixed = np.vstack([rows[closed, 0], rows[sticking, 1:].reshape(-1, rows.shape[2])])
-    still = null_space(fixed, rcond=_RANK) if len(fixed) else np.eye(rows.shape[2])
+    fixed = fixed_rows(dynamics, states)
+    still = null_space(fixed, rcond=RANK) if len(fixed) else np.eye(rows.shape[2])
     parting = np.flatnonzero(~held & states.are(ContactState.FREE, ContactState.OPEN))
     normals = rows[parting, 0] @ still
     for index, contact in enumerate(parting):
@@ -57,28 +50,12 @@ def forced_state(dynamics: Dynamics, states: States) -> Forced | None:
             weights = np.zeros(len(rows))
             weights[parting[others]] = shares
             goal = rows[contact, 0] + weights @ rows[:, 0]
-            dual = _completed(goal, weights, fixed, closed, sticking)
+            dual = kinematic_dual(dynamics, states, goal, weights)
             return Forced(int(contact), ContactState.CLOSED, (dual,), not shares.any())
     slipping = states.are(ContactState.CLOSED, ContactState.SLIPPING)
     for contact in np.flatnonzero(slipping):
         if np.linalg.norm(rows[contact, 1:] @ still) <= tolerance:
             none = np.zeros(len(rows))
-            duals = [_completed(row, none, fixed, closed, sticking) for row in rows[contact, 1:]]
+            duals = [kinematic_dual(dynamics, states, row, none) for row in rows[contact, 1:]]
             return Forced(int(contact), ContactState.STICKING, tuple(duals), depends=True)
     return None
-
-
-def _completed(
-    goal: FloatArray,
-    normal: FloatArray,
-    fixed: FloatArray,
-    closed: NDArray[np.bool_],
-    sticking: NDArray[np.bool_],
-) -> DualBound:
-    """Return the multipliers with which the fixed rows take away what is left of a goal."""
-    weights = np.linalg.lstsq(fixed.T, -goal, rcond=_RANK)[0] if len(fixed) else np.zeros(0)
-    nu, kappa = normal.copy(), np.zeros((len(normal), 2))
-    count = int(closed.sum())
-    nu[closed] += weights[:count]
-    kappa[sticking] = weights[count:].reshape(-1, 2)
-    return DualBound(np.zeros(len(goal)), nu, kappa)

@@ -59,7 +59,7 @@ class KeptPrograms:
 
     def set(self, states: States) -> None:
         """Go to the outcomes in these states, with any share of the load."""
-        self._simplex.drop_rows(self._shared)
+        self._simplex.drop_rows(self._shared, self._simplex.row_count)
         self._edges = []
         count, held = self._dynamics.contact_count, self._dynamics.is_commanded
         lb, ub = np.full(self._size, -np.inf), np.full(self._size, np.inf)

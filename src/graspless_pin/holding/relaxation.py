@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from graspless_pin.holding.bounds import States, outcome_bound, repaired
+from graspless_pin.holding.bounds import States, kinematic_dual, outcome_bound, repaired
 from graspless_pin.holding.dynamics import Dynamics
 from graspless_pin.holding.verdict import ContactState, DualBound
 from graspless_pin.problem.checks import FloatArray
@@ -16,6 +17,12 @@ _DIRECTIONS = 8
 """Directions of the tangent planes of each cone, and of the bounds of slip."""
 _MOST_CUTS = 6
 """Rounds of tangent cuts."""
+_MOST_KEPT = 40
+"""Tangents that later programs keep."""
+_HOPELESS = 1e-3
+"""Of the goal: where the best point has more, splitting contacts tells more than tangents do."""
+_STILL = 1e-9
+"""Power of a point, in its square, below which the way to rest tells nothing."""
 _INSIDE = 1e-8
 """Share of the friction by which tangents of cones lie inside: the points on them are outcomes."""
 _PENALTY = 2.0
@@ -29,6 +36,7 @@ class Relaxed:
     """The best point of a relaxation, and what its multipliers prove.
 
     Attributes:
+        value: The goal there, less what the load taken away costs.
         bound: An upper bound of the goal over all outcomes in these states.
         dual: What proves it.
         y: (n,) the motion of the best point.
@@ -36,6 +44,7 @@ class Relaxed:
         load_left: Share of the load that the best point keeps.
     """
 
+    value: float
     bound: float
     dual: DualBound
     y: FloatArray
@@ -76,6 +85,8 @@ class Relaxation:
         self._simplex = Simplex(np.zeros(self._size), -free, free)
         self._add_shared()
         self._shared = self._simplex.row_count
+        self._first = self._shared
+        self._rows_of: list[tuple[int, FloatArray]] = []
 
     @property
     def programs(self) -> int:
@@ -130,20 +141,32 @@ class Relaxation:
         Returns:
             The last point and the least bound; None where the solver has no answer.
         """
-        self._simplex.drop_rows(self._shared)
+        self._drop()
         self._set(states, goal, elastic)
         best: Relaxed | None = None
+        enough = self.dynamics.resolution**2 if elastic else -np.inf
+        splits = elastic and states.are(ContactState.FREE, ContactState.CLOSED).any()
         for _ in range(_MOST_CUTS):
             answer = self._simplex.solve()
             if answer.outcome is not SimplexOutcome.OPTIMAL:
                 break
-            relaxed = self._read(answer, states, goal)
+            relaxed = self._read(answer, states, goal, enough)
             if best is not None and best.bound <= relaxed.bound:
                 relaxed = replace(relaxed, bound=best.bound, dual=best.dual)
             best = relaxed
-            if not (self._cut_ball(answer.x) | self._cut_cones(answer.x, states)):
+            is_cut = self._cut_ball(answer.x, elastic) | self._cut_cones(answer.x, states)
+            if not is_cut or best.bound <= enough or (splits and best.value > _HOPELESS):
                 break
         return best
+
+    def _drop(self) -> None:
+        """Take away the rows of the last states; the tangents found there hold for all."""
+        self._simplex.drop_rows(self._first, self._first + len(self._rows_of))
+        self._rows_of = []
+        too_many = self._simplex.row_count - self._shared - _MOST_KEPT
+        if too_many > 0:
+            self._simplex.drop_rows(self._shared, self._shared + too_many)
+        self._first = self._simplex.row_count
 
     def _set(self, states: States, goal: tuple[FloatArray, FloatArray], elastic: bool) -> None:
         n, count = self._n, self._m
@@ -169,7 +192,6 @@ class Relaxation:
             np.where(commanded | states.closes, -np.inf, 0.0),
             np.where(may_part | states.closes, np.inf, 0.0),
         )
-        self._rows_of: list[tuple[int, FloatArray]] = []
         for contact, state in enumerate(states.state):
             if state is ContactState.STICKING and not states.sticks[contact]:
                 self._slip_rows(contact, np.eye(2), np.zeros(2))
@@ -197,19 +219,27 @@ class Relaxation:
         # Rows on forces say nothing of y.
         self._rows_of += [(contact, np.zeros(2))] * 3
 
-    def _cut_ball(self, x: FloatArray) -> bool:
-        """Add the ball's tangent beside a point outside; return whether one was added."""
+    def _cut_ball(self, x: FloatArray, toward_rest: bool) -> bool:
+        """Add a tangent of the ball |y|^2 <= h.y before a point outside; return whether it did.
+
+        Args:
+            x: The point.
+            toward_rest: Whether the tangent is at the way to rest, which suits the power h.y best,
+                or at the nearest point of the ball.
+        """
         h, y = self.dynamics.load, x[: self._n]
-        away = y - 0.5 * h
-        distance = float(np.linalg.norm(away))
-        if distance <= 0.5 * (1.0 + 1e-9):
+        power, square = float(h @ y), float(y @ y)
+        if square <= power * (1.0 + 1e-9):
             return False
-        touching = 0.5 * h + 0.5 * away / distance
+        if toward_rest and power > _STILL * square:
+            touching = power / square * y
+        else:
+            away = y - 0.5 * h
+            touching = 0.5 * h + 0.5 * away / float(np.linalg.norm(away))
         row = np.zeros((1, self._size))
         row[0, : self._n] = h - 2.0 * touching
         row[0, self._slip : self._spread] = -self._power[self._loaded]
         self._simplex.add_rows(row, np.full(1, -float(touching @ touching)), np.full(1, np.inf))
-        self._rows_of.append((-1, np.zeros(2)))
         return True
 
     def _cut_cones(self, x: FloatArray, states: States) -> bool:
@@ -231,12 +261,16 @@ class Relaxation:
             row[first] = -(1.0 - _INSIDE) * self.dynamics.friction[contact]
             row[first + 1 : first + 3] = forces[contact, 1:] / sides[contact]
         self._simplex.add_rows(rows, np.full(len(rows), -np.inf), np.zeros(len(rows)))
-        self._rows_of += [(-1, np.zeros(2))] * len(rows)
         return len(rows) > 0
 
     def _read(
-        self, answer: SimplexAnswer, states: States, goal: tuple[FloatArray, FloatArray]
+        self,
+        answer: SimplexAnswer,
+        states: States,
+        goal: tuple[FloatArray, FloatArray],
+        enough: float,
     ) -> Relaxed:
+        """Return the best point, and the first multipliers whose bound is enough, or the best."""
         n, count, marginals, most = self._n, self._m, answer.rows, self.force_limit
         tangential = np.zeros((count, 2))
         first = n + count + 1
@@ -244,15 +278,23 @@ class Relaxation:
             own = marginals[first + column * _DIRECTIONS : first + (column + 1) * _DIRECTIONS]
             tangential[contact] -= own @ self._around
         for row, (contact, direction) in enumerate(self._rows_of):
-            tangential[contact] += marginals[self._shared + row] * direction
-        dual = DualBound(-marginals[:n], marginals[n : n + count].copy(), tangential)
-        still = DualBound(np.zeros(n), dual.normal, dual.tangential)
-        dual, bound = min(
-            (
-                (tried, outcome_bound(self.dynamics, states, self.loads, tried, goal, most))
-                for tried in (dual, repaired(self.dynamics, states, dual, goal), still)
-            ),
-            key=lambda pair: pair[1],
-        )
-        forces = answer.x[n : self._slip].reshape(count, 3)
-        return Relaxed(bound, dual, answer.x[:n], forces, 1.0 - float(answer.x[-1]))
+            tangential[contact] += marginals[self._first + row] * direction
+        y, forces = answer.x[:n], answer.x[n : self._slip].reshape(count, 3)
+        value = float(goal[0] @ y + (goal[1] * forces).sum() - _PENALTY * answer.x[-1])
+        raw = DualBound(-marginals[:n], marginals[n : n + count].copy(), tangential)
+        dual, bound = raw, np.inf
+        for tried in self._repairs(states, raw, goal):
+            proven = outcome_bound(self.dynamics, states, self.loads, tried, goal, most)
+            if proven < bound:
+                dual, bound = tried, proven
+            if bound <= enough or value > _HOPELESS:
+                break
+        return Relaxed(value, bound, dual, y, forces, 1.0 - float(answer.x[-1]))
+
+    def _repairs(
+        self, states: States, raw: DualBound, goal: tuple[FloatArray, FloatArray]
+    ) -> Iterator[DualBound]:
+        """Yield the solver's multipliers, and what may prove more where rounding spoils them."""
+        yield raw
+        yield repaired(self.dynamics, states, raw, goal)
+        yield kinematic_dual(self.dynamics, states, goal[0], np.zeros(self._m))

@@ -85,12 +85,12 @@ class Simplex:
         self._highs.addRows(len(rows), low, high, len(values), starts, columns, values)
         self.row_count += len(rows)
 
-    def drop_rows(self, count: int) -> None:
-        """Take away all rows but the first ``count``."""
-        gone = np.arange(count, self.row_count, dtype=np.int32)
+    def drop_rows(self, first: int, after: int) -> None:
+        """Take away the rows from ``first`` to before ``after``."""
+        gone = np.arange(first, after, dtype=np.int32)
         if len(gone):
             self._highs.deleteRows(len(gone), gone)
-            self.row_count = count
+            self.row_count -= len(gone)
 
     def set_sides(self, rows: NDArray[np.int32], low: FloatArray, high: FloatArray) -> None:
         """Set the sides of some rows."""
