@@ -19,6 +19,8 @@ from graspless_pin.algorithms.torque import torque_objective
 from graspless_pin.algorithms.warm_start import solve_from
 from graspless_pin.modes.rules import Rules
 from graspless_pin.programs.objectives import Margin
+from graspless_pin.report import solution_document
+from graspless_pin.report.verify import verify_document
 
 PLACEHOLDERS = (1e7, 1e8, 1e12, np.inf)
 DECADES = st.integers(-9, 9).map(lambda power: 10.0**power)
@@ -218,3 +220,29 @@ def test_limits_that_do_not_bind_change_nothing_when_raised(question, decades, d
     raised[list(chosen)] *= 10.0**decades
     two = solved(problem.with_changes(max_normal_force=raised), which, options)
     assert_alike(one, two, which, 1.0, 1.0)
+
+
+POINTS = st.tuples(*[st.floats(-0.1, 0.1)] * 3).map(np.array)
+
+
+@settings(max_examples=20, deadline=None)
+@given(POINTS, POINTS, st.floats(-1.0, 1.0), st.integers(1, 3))
+def test_rounding_of_the_moment_is_no_length(point, side, rounding, count):
+    """It gave a length of 1e-18 m, and said that a contact below the load cannot bear it."""
+    force = np.array([side[0], side[1], -9.7])
+    moment = np.cross(point, force)
+    moment += 1e-14 * rounding * np.abs(point).max()
+    problem = QuasistaticProblem(
+        [point] * count, [[0.0, 0.0, 1.0]] * count, np.concatenate([force, moment]), friction=0.5
+    )
+    assert problem.scales.length == 1.0
+    solution = maximize_margin(problem, static_friction="coulomb")
+    assert solution.status is Status.OPTIMAL
+    assert_holds(solution, 1e-6)
+    assert all(check.passed for check in verify_document(solution_document(solution)).checks)
+
+
+def test_a_moment_on_contacts_at_one_point_is_a_length():
+    wrench = [0.0, 0.0, -2.0, -0.4, 0.2, 1e-6]
+    problem = QuasistaticProblem([[0.1, 0.2, 0.3]], [[0, 0, 1]], wrench, friction=0.5)
+    assert problem.scales.length == pytest.approx(5e-7, rel=1e-9)

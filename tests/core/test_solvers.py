@@ -23,6 +23,7 @@ from graspless_pin.programs.elastic import elastic
 from graspless_pin.programs.program import Program
 from graspless_pin.solvers import Outcome, available_solvers, check_solver, solve, solving
 from graspless_pin.solvers.other_backends import by_qpsolvers
+from graspless_pin.solvers.simplex import Simplex, SimplexOutcome
 
 SEEDS = st.integers(0, 100_000)
 
@@ -399,3 +400,10 @@ def test_the_certificate_bounds_the_optimum(seed, search):
     assert smallest.found
     assert smallest.certificate.bound <= smallest.max_torque + 1e-6
     assert smallest.max_torque - smallest.certificate.bound <= 1e-5
+
+
+def test_rows_that_highs_does_not_take_are_no_program():
+    """It drops them and says so in its status alone."""
+    simplex = Simplex(np.ones(1), np.zeros(1), np.full(1, np.inf))
+    simplex.add_rows(np.full((1, 1), 1e16), np.ones(1), np.full(1, np.inf))
+    assert simplex.solve().outcome is SimplexOutcome.FAILED

@@ -23,6 +23,11 @@ def margin(
     face_directions: Array,
 ) -> float: ...
 def scales(
-    positions: Array, wrench: Array, jacobian: Array, limits: Array, least_lever: float
+    positions: Array,
+    wrench: Array,
+    jacobian: Array,
+    limits: Array,
+    least_lever: float,
+    rounding: float,
 ) -> tuple[float, float, Array]: ...
 def squared_lengths(vectors: Array) -> Array: ...

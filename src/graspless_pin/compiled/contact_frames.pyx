@@ -177,7 +177,7 @@ def margin(forces, normals, tangents, friction, has_cone, most, face_directions)
     return least
 
 
-def scales(positions, wrench, jacobian, limits, double least_lever):
+def scales(positions, wrench, jacobian, limits, double least_lever, double rounding):
     """Force, length and joint scales of a problem, see `problem.scales`.
 
     Args:
@@ -186,6 +186,7 @@ def scales(positions, wrench, jacobian, limits, double least_lever):
         jacobian: (3M, L).
         limits: (M,) largest normal forces, N.
         least_lever: Shortest lever that counts, over the longest.
+        rounding: Smallest distance and moment that count, over what they are differences of.
     """
     cdef cnp.ndarray points = as_reals(positions, 2), J = as_reals(jacobian, 2)
     cdef Py_ssize_t M = points.shape[0], L = J.shape[1], contact, k
@@ -193,7 +194,7 @@ def scales(positions, wrench, jacobian, limits, double least_lever):
     cdef cnp.ndarray load = as_vector(wrench, 6), most = as_vector(limits, M), joints = empty1(L)
     cdef double* lever = data(joints)
     cdef const double* row
-    cdef double length = 0.0, longest = 0.0, force = INFINITY, size, turn
+    cdef double length = 0.0, longest = 0.0, force = INFINITY, reach = 0.0, size, turn, least
     cdef double pull = sqrt(dot(data(load), data(load)))
     cdef double center[3]
     cdef double arm[3]
@@ -208,14 +209,17 @@ def scales(positions, wrench, jacobian, limits, double least_lever):
         for i in range(3):
             arm[i] = data(points)[3 * contact + i] - center[i]
         length = max(length, dot(arm, arm))
+        reach = max(reach, dot(data(points) + 3 * contact, data(points) + 3 * contact))
         force = min(force, data(most)[contact])
     arm[0] = f[3] - (center[1] * f[2] - center[2] * f[1])
     arm[1] = f[4] - (center[2] * f[0] - center[0] * f[2])
     arm[2] = f[5] - (center[0] * f[1] - center[1] * f[0])
     turn = sqrt(dot(arm, arm))
     length = sqrt(length)
-    if length == 0.0:
-        length = turn / pull if pull > 0.0 and turn > 0.0 else 1.0
+    reach = sqrt(reach)
+    if length <= rounding * reach:
+        least = rounding * (sqrt(dot(f + 3, f + 3)) + reach * pull)
+        length = turn / pull if pull > 0.0 and turn > least else 1.0
     if pull > 0.0 or turn > 0.0:
         force = max(pull, turn / length)
     for k in range(L):

@@ -12,6 +12,8 @@ from graspless_pin.problem.checks import FloatArray, read_only, squared_lengths
 
 LEAST_LEVER = 1e-12
 """A joint's lever shorter than this share of the longest counts as so long."""
+ROUNDING = 1e-12
+"""Of what it is the difference of: smaller distances and moments are rounding."""
 
 
 class Scales(NamedTuple):
@@ -22,7 +24,8 @@ class Scales(NamedTuple):
             contacts' centre over the length. A wrench of zero has the smallest normal-force limit
             in its place (Algorithm 2: a positive required margin).
         length: The distance of the farthest contact from the contacts' centre, m; where all are
-            there, that moment over the external force, or 1 m.
+            there, that moment over the external force, or 1 m. Rounding is neither distance nor
+            moment.
         joints: (L,) torques that the load makes on each joint's longest lever, N m (N).
     """
 
@@ -48,15 +51,17 @@ def scales_of(
     """
     if contact_frames is not None:
         force, length, joints = contact_frames.scales(
-            positions, wrench, jacobian, limits, LEAST_LEVER
+            positions, wrench, jacobian, limits, LEAST_LEVER, ROUNDING
         )
         return Scales(force, length, read_only(joints))
     center = positions.mean(axis=0)
     moment = wrench[3:] - np.cross(center, wrench[:3])
     pull, turn = (math.sqrt(float(part @ part)) for part in (wrench[:3], moment))
     length = math.sqrt(float(squared_lengths(positions - center).max()))
-    if length == 0.0:
-        length = turn / pull if pull > 0.0 and turn > 0.0 else 1.0
+    reach = math.sqrt(float(squared_lengths(positions).max()))
+    if length <= ROUNDING * reach:
+        least = ROUNDING * (math.sqrt(float(wrench[3:] @ wrench[3:])) + reach * pull)
+        length = turn / pull if pull > 0.0 and turn > least else 1.0
     force = max(pull, turn / length) or float(limits.min())
     blocks = jacobian.reshape(len(positions), 3, -1)
     levers = np.sqrt(np.einsum("lij,lij->lj", blocks, blocks).max(axis=0))

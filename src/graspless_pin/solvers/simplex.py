@@ -73,6 +73,7 @@ class Simplex:
         self._all = np.arange(self._size, dtype=np.int32)
         empty = np.zeros(0, dtype=np.int32)
         self._highs.addCols(self._size, cost, lb, ub, 0, empty, empty, np.zeros(0))
+        self._is_whole = True
         self.row_count = 0
         self.solves = 0
 
@@ -82,7 +83,8 @@ class Simplex:
         starts = np.concatenate([[0], np.cumsum(where.sum(axis=1))[:-1]]).astype(np.int32)
         columns = np.nonzero(where)[1].astype(np.int32)
         values = rows[where]
-        self._highs.addRows(len(rows), low, high, len(values), starts, columns, values)
+        added = self._highs.addRows(len(rows), low, high, len(values), starts, columns, values)
+        self._is_whole &= added != highspy.HighsStatus.kError
         self.row_count += len(rows)
 
     def drop_rows(self, first: int, after: int) -> None:
@@ -106,8 +108,13 @@ class Simplex:
         self._highs.changeColsCost(self._size, self._all, cost)
 
     def solve(self) -> SimplexAnswer:
-        """Solve from the last basis; from none where that fails."""
+        """Solve from the last basis; from none where that fails.
+
+        Rows that HiGHS does not take, for numbers above 1e15, leave another program: it fails.
+        """
         self.solves += 1
+        if not self._is_whole:
+            return SimplexAnswer(SimplexOutcome.FAILED, np.zeros(0), np.zeros(0))
         answer = self._run()
         if answer.outcome is SimplexOutcome.FAILED:
             self._highs.clearSolver()

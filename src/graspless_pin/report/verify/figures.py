@@ -18,6 +18,7 @@ UNGUARANTEED = ("strong_not_found", "infeasible_strong")
 IN_MODE = ("optimal_in_mode", "infeasible_in_mode", "infeasible_mode")
 _AT_REST = 1e-12
 _LEAST_LEVER = 1e-12
+_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,9 +116,11 @@ class Problem:
         """L, the distance of the farthest contact from the contacts' centre, m."""
         farthest = float(np.linalg.norm(self.p - self.p.mean(axis=0), axis=1).max())
         force, moment = self._load
-        if farthest > 0.0:
+        reach = float(np.linalg.norm(self.p, axis=1).max())
+        if farthest > _ROUNDING * reach:
             return farthest
-        return moment / force if force > 0.0 and moment > 0.0 else 1.0
+        least = _ROUNDING * (float(np.linalg.norm(self.w[3:])) + reach * force)
+        return moment / force if force > 0.0 and moment > least else 1.0
 
     @cached_property
     def force(self) -> float:
