@@ -22,8 +22,8 @@ PACKAGES = (
     "problem", "modes", "programs", "solvers", "solution", "holding", "algorithms", "report.verify",
 )  # fmt: skip
 MUTABLE = {
-    "CurveSearch", "ModeProver", "ModeOracle", "Proof", "RestWalk", "SearchState", "TreeWalk",
-    "_Node", "_WarmState",
+    "CurveSearch", "KeptWalk", "ModeProver", "ModeOracle", "Proof", "RestWalk", "SearchState",
+    "TreeWalk", "_Node", "_Search", "_WarmState",
 }  # fmt: skip
 """They gather what they find."""
 

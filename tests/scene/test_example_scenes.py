@@ -2,7 +2,7 @@
 
 import json
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -31,6 +31,7 @@ class Expected:
     corners: int
     lifted: int = 0
     slides: bool = False
+    other_supports: dict[str, int] = field(default_factory=dict)
 
 
 def tips(*numbers: int, prefix: str = "") -> dict[str, int]:
@@ -40,9 +41,11 @@ def tips(*numbers: int, prefix: str = "") -> dict[str, int]:
 THREE = tips(3, 7, 11)
 TRIHAND = {f"finger_{finger}_tip": 1 for finger in (1, 2, 3)}
 PADS = {"panda_leftfinger": 4, "panda_rightfinger": 4}
+LEVERS = {"right/tip": 1, "left/tip": 1}
 BOTH = tips(3, 7, 11, prefix="right/") | tips(3, 7, 11, prefix="left/")
 
 SCENES = {
+    "box_between_walls": Expected(LEVERS, "front wall", 4, other_supports={"back wall": 4}),
     "allegro_box_on_slope": Expected(THREE, "slope", 4),
     "allegro_push_up_slope": Expected(THREE, "slope", 4, slides=True),
     "allegro_sphere_on_slope": Expected(tips(3, 11), "slope", 1),
@@ -74,9 +77,10 @@ def test_every_example_scene_is_expected_here():
 def test_contacts(case):
     scene, expected = case
     resting = scene.with_changes(motion=None).contacts
-    assert Counter(resting.bodies) == {**expected.hand, expected.support: expected.corners}
+    supports = {expected.support: expected.corners, **expected.other_supports}
+    assert Counter(resting.bodies) == {**expected.hand, **supports}
     kinds = {point.body: point.kind for point in resting.points}
-    assert kinds.pop(expected.support) is BodyKind.SUPPORT
+    assert {kinds.pop(support) for support in supports} == {BodyKind.SUPPORT}
     assert set(kinds.values()) == {BodyKind.HAND}
     assert max(abs(point.distance) for point in resting.points) < GAP < scene.contact_tolerance / 10
 
