@@ -77,7 +77,7 @@ MISTAKES = tuple(
         (FRAMES, "data(limit)[contact] - along)", "data(limit)[contact])"),
         (FRAMES, "along / sqrt(1.0 + data(slope)[contact] ** 2)", "along"),
         (FRAMES, "arm[1] = f[4] - (center[2] * f[0] - center[0] * f[2])", "arm[1] = f[4]"),
-        (FRAMES, "length = turn / pull if pull > 0.0 and turn > 0.0 else 1.0", "length = 1.0"),
+        (FRAMES, "length = turn / pull if pull > 0.0 and turn > least else 1.0", "length = 1.0"),
         (FRAMES, "max(lever[k], least_lever * longest)", "lever[k]"),
         (SEARCH, "fabs(local[i]) > half[i] + others.reaches[k] + tolerance",
          "fabs(local[i]) > half[i] + tolerance"),

@@ -12,7 +12,7 @@ from graspless_pin.problem.checks import FloatArray, read_only, squared_lengths
 
 LEAST_LEVER = 1e-12
 """A joint's lever shorter than this share of the longest counts as so long."""
-ROUNDING = 1e-12
+LEAST_DIFFERENCE = 1e-12
 """Of what it is the difference of: smaller distances and moments are rounding."""
 
 
@@ -51,7 +51,7 @@ def scales_of(
     """
     if contact_frames is not None:
         force, length, joints = contact_frames.scales(
-            positions, wrench, jacobian, limits, LEAST_LEVER, ROUNDING
+            positions, wrench, jacobian, limits, LEAST_LEVER, LEAST_DIFFERENCE
         )
         return Scales(force, length, read_only(joints))
     center = positions.mean(axis=0)
@@ -59,8 +59,8 @@ def scales_of(
     pull, turn = (math.sqrt(float(part @ part)) for part in (wrench[:3], moment))
     length = math.sqrt(float(squared_lengths(positions - center).max()))
     reach = math.sqrt(float(squared_lengths(positions).max()))
-    if length <= ROUNDING * reach:
-        least = ROUNDING * (math.sqrt(float(wrench[3:] @ wrench[3:])) + reach * pull)
+    if length <= LEAST_DIFFERENCE * reach:
+        least = LEAST_DIFFERENCE * (math.sqrt(float(wrench[3:] @ wrench[3:])) + reach * pull)
         length = turn / pull if pull > 0.0 and turn > least else 1.0
     force = max(pull, turn / length) or float(limits.min())
     blocks = jacobian.reshape(len(positions), 3, -1)
