@@ -1,0 +1,104 @@
+"""What limits a solution: the contacts that keep just its margin, the joint nearest its limit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import StrEnum
+
+import numpy as np
+
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.programs.objectives import Algorithm
+from graspless_pin.solution.status import Status
+from graspless_pin.solution.tables import shown, torque_size
+from graspless_pin.solution.torque_solution import TorqueSolution
+from graspless_pin.solution.utilization import limit_shares
+
+_AS_NEAR = 1e-6
+_AS_MUCH = 0.25
+
+
+class ContactLimit(StrEnum):
+    """Where a contact force may end; the words go on after "from"."""
+
+    LOSS = "losing contact"
+    PRESS = "its normal-force limit"
+    SLIP = "slipping"
+
+
+def contact_rooms(problem: QuasistaticProblem, forces: FloatArray) -> FloatArray:
+    """(M, 3) distance of each contact force from each `ContactLimit` in turn, N.
+
+    The smallest of all is the margin. Infinite where there is no such limit.
+
+    Args:
+        problem: The problem.
+        forces: (M, 3) contact forces on the object, N.
+    """
+    normal = np.einsum("ij,ij->i", problem.normals, forces)
+    rooms = normal, problem.max_normal_force - normal, problem.room_in_cones(forces)
+    return np.column_stack(rooms)
+
+
+def limiting_contacts(solution: TorqueSolution) -> dict[ContactLimit, list[int]]:
+    """Return the contacts that limit the margin, by what they are nearest to.
+
+    Of the contacts that keep no more than the margin, those whose multipliers are at least a
+    quarter of the largest: there more room would raise the margin most. All of them where something
+    else was optimised, or no multiplier tells them apart.
+
+    Args:
+        solution: A solution that was found.
+    """
+    problem = solution.problem
+    rooms = contact_rooms(problem, solution.contact_forces)
+    near = rooms <= solution.margin + _AS_NEAR * problem.scales.force
+    if solution.algorithm is Algorithm.MARGIN and solution.status is not Status.STRONG:
+        found = solution.multipliers
+        # The first of a round cone's multipliers is its force in the direction of the margin.
+        sides = found["round_cones"][:, 0] if problem.is_round else found["faces"].sum(axis=1)
+        weights = near * np.column_stack([found["normal_lower"], found["normal_upper"], sides])
+        if weights.any():
+            near = weights >= _AS_MUCH * weights.max()
+    return {
+        limit: np.flatnonzero(column).tolist()
+        for limit, column in zip(ContactLimit, near.T, strict=True)
+        if column.any()
+    }
+
+
+def margin_limit_words(solution: TorqueSolution, bodies: Sequence[str] | None = None) -> str:
+    """Return a sentence that says which contacts limit the margin, and how.
+
+    Args:
+        solution: A solution that was found.
+        bodies: M names of what touches the object at each contact; None: left out.
+    """
+    parts = []
+    for limit, contacts in limiting_contacts(solution).items():
+        numbers = ", ".join(map(str, contacts))
+        names = "" if bodies is None else f" ({', '.join({bodies[c]: 0 for c in contacts})})"
+        parts.append(f"{limit} at contact{'s' * (len(contacts) > 1)} {numbers}{names}")
+    return f"The margin is limited by {' and by '.join(parts)}."
+
+
+def joint_limit_words(solution: TorqueSolution) -> str:
+    """Return a sentence that says which joint is nearest its limit; empty without joints.
+
+    Args:
+        solution: A solution that was found.
+    """
+    problem, torques = solution.problem, solution.torques
+    if not problem.joint_count:
+        return ""
+    shares = limit_shares(torques, problem.lower_torque, problem.upper_torque)
+    if np.isnan(shares).all():
+        return "No joint has a finite limit on the side of its torque."
+    joint = int(np.nanargmax(shares))
+    torque, size = float(torques[joint]), torque_size(problem, torques)
+    limit = (problem.upper_torque if torque >= 0.0 else problem.lower_torque)[joint]
+    return (
+        f"Joint {problem.joint_names[joint]} is nearest its limit: {shown(torque, size, '+')} of "
+        f"{limit:+.6g} {problem.joint_units[joint]}, {100.0 * shares[joint]:.1f} %."
+    )
