@@ -18,11 +18,13 @@ from graspless_pin.holding.dynamics import (
     generalized_load,
 )
 from graspless_pin.holding.relaxation import FORCE_LIMIT, Relaxation
-from graspless_pin.holding.rest import Balance, least_residual
+from graspless_pin.holding.rest import BALANCE_TOLERANCE, Balance, least_residual
 from graspless_pin.holding.verdict import LoadProof
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 
+_HOPELESS = 0.03
+"""Of the load: forces that leave more unbalanced let the object move."""
 _EXACT = 1e-8
 """Of the load: what may stay unbalanced, or unborne, where no inertia tells what that moves."""
 
@@ -32,6 +34,8 @@ def balance(
 ) -> Balance | None:
     """Find the contact forces that leave least of load and torques unbalanced.
 
+    Where they leave far too much to be forces of rest, or a certificate, they are not the least.
+
     Args:
         problem: Contacts, load and joints.
         torques: (L,) of the motors.
@@ -40,7 +44,8 @@ def balance(
     jacobian, load = in_loads(problem, torques)
     count = problem.contact_count
     most = np.full(count, np.nan) if bearable is None else bearable / problem.scales.force
-    return least_residual(jacobian, load, free_friction(problem), most)
+    enough = BALANCE_TOLERANCE if bearable is None else _HOPELESS
+    return least_residual(jacobian, load, free_friction(problem), most, enough)
 
 
 def in_loads(problem: QuasistaticProblem, torques: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,12 +62,12 @@ class Dynamics:
         """M."""
         return len(self.rows)
 
-    @property
+    @cached_property
     def is_commanded(self) -> NDArray[np.bool_]:
         """(M,) contacts whose normal force a hybrid finger commands."""
         return np.isfinite(self.commanded)
 
-    @property
+    @cached_property
     def resolution(self) -> float:
         """Every y that is shorter counts as rest."""
         return self.limit / float(np.linalg.norm(self.points, ord=2, axis=(1, 2)).max())

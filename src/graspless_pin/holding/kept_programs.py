@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.holding.bounds import States
+from graspless_pin.holding.cuts import arc_rows, around, cone_planes, cone_tangents
 from graspless_pin.holding.dynamics import Dynamics
 from graspless_pin.holding.verdict import ContactState, DualBound
 from graspless_pin.problem.checks import FloatArray
@@ -17,8 +18,6 @@ _BOX = 1e3
 """Normal forces of best points, scaled; no proof leans on it."""
 _MOST_CUTS = 6
 """Rounds of tangent cuts."""
-_INSIDE = 1e-8
-"""Share of the friction by which tangents of cones lie inside: the points on them are outcomes."""
 _WHOLE = 1.0 - 1e-9
 """Share of the load from which a point has the whole of it."""
 
@@ -45,10 +44,9 @@ class KeptPrograms:
         given[np.arange(len(held)), 3 * held] = 1.0
         given[:, -1] = -dynamics.commanded[held]
         self._simplex.add_rows(given, np.zeros(len(held)), np.zeros(len(held)))
-        angles = 2.0 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
-        around = np.column_stack([np.cos(angles), np.sin(angles)])
         for contact in range(count):
-            self._add_planes(np.full(_DIRECTIONS, contact), around, dynamics.friction)
+            planes = cone_planes(dynamics.friction[contact], around(_DIRECTIONS))
+            self._add_planes(np.full(_DIRECTIONS, contact), planes)
         self._shared = self._simplex.row_count
         self._edges: list[tuple[int, FloatArray]] = []
 
@@ -126,29 +124,20 @@ class KeptPrograms:
             tangential[contact] += rows[self._shared + row] * direction
         return DualBound(np.zeros(len(self._dynamics.load)), rows[:count].copy(), tangential)
 
-    def _add_planes(
-        self, contacts: NDArray[np.int_], directions: FloatArray, friction: FloatArray
-    ) -> None:
-        """Add d.f_t <= mu f_n."""
+    def _add_planes(self, contacts: NDArray[np.int_], planes: FloatArray) -> None:
+        """Add r.f <= 0 for rows r (k, 3) of contacts (k,)."""
         rows = np.zeros((len(contacts), self._size))
-        for row, contact, direction in zip(rows, contacts, directions, strict=True):
-            row[3 * contact] = -friction[contact]
-            row[3 * contact + 1 : 3 * contact + 3] = direction
+        for row, contact, plane in zip(rows, contacts, planes, strict=True):
+            row[3 * contact : 3 * contact + 3] = plane
         self._simplex.add_rows(rows, np.full(len(rows), -np.inf), np.zeros(len(rows)))
 
     def _add_arc(self, contact: int, center: float, half_width: float) -> None:
         """Add what a slip in an arc of less than pi says: edges for slip and force."""
-        low, high = center - half_width, center + half_width
-        inward = np.array([[-np.sin(low), np.cos(low)], [np.sin(high), -np.cos(high)]])
-        self._simplex.add_rows(inward @ self._slips[contact, 1:], np.zeros(2), np.full(2, np.inf))
-        first = 3 * contact
-        forces = np.zeros((3, self._size))
-        forces[:2, first + 1 : first + 3] = inward
-        forces[2, first] = self._dynamics.friction[contact] * np.cos(half_width)
-        forces[2, first + 1 : first + 3] = np.cos(center), np.sin(center)
-        self._simplex.add_rows(forces, np.full(3, -np.inf), np.zeros(3))
+        edges, faces = arc_rows(center, half_width, self._dynamics.friction[contact])
+        self._simplex.add_rows(edges @ self._slips[contact, 1:], np.zeros(2), np.full(2, np.inf))
+        self._add_planes(np.full(3, contact), faces)
         # Rows on forces alone have no multiplier of their own.
-        self._edges += [(contact, edge) for edge in (*inward, *np.zeros((3, 2)))]
+        self._edges += [(contact, edge) for edge in (*edges, *np.zeros((3, 2)))]
 
     def _cut_cones(self, answer: SimplexAnswer, states: States) -> bool:
         """Add the cone's tangent beside each sticking force outside; return whether any was added.
@@ -159,11 +148,8 @@ class KeptPrograms:
         if (states.are(ContactState.FREE, ContactState.CLOSED) & ~smooth).any():
             return False
         forces = answer.x[:-1].reshape(-1, 3)
-        sides = np.hypot(forces[:, 1], forces[:, 2])
-        most = self._dynamics.friction * np.maximum(forces[:, 0], 0.0)
-        outside = states.are(ContactState.STICKING) & ~smooth
-        outside = np.flatnonzero(outside & (sides > most + 0.1 * _INSIDE * sides))
-        toward = forces[outside, 1:] / sides[outside, None]
-        self._add_planes(outside, toward, (1.0 - _INSIDE) * self._dynamics.friction)
+        sticking = states.are(ContactState.STICKING) & ~smooth
+        outside, planes = cone_tangents(forces, self._dynamics.friction, sticking)
+        self._add_planes(outside, planes)
         self._edges += [(0, np.zeros(2))] * len(outside)
         return len(outside) > 0

@@ -81,7 +81,7 @@ class LoadLine:
         step, friction = self.in_loads, self.problem.friction
         multiple, none = most, np.full(len(jacobian), np.nan)
         for _ in range(_MOST_STEPS):
-            found = least_residual(jacobian, load + multiple * step, friction, none)
+            found = least_residual(jacobian, load + multiple * step, friction, none, np.inf)
             if found is None:
                 break
             if found.residual <= BALANCE_TOLERANCE:

@@ -12,6 +12,10 @@ from graspless_pin.problem.checks import FloatArray, read_only
 
 _STARTS = 12
 _SWEEPS = 400
+_LOOK = 25
+"""Sweeps after which it looks whether all go to rest."""
+_SLOW = 0.1
+"""Of the accelerations that count as motion: what is slower goes to rest."""
 _POLISH_STEPS = 20
 _EXACT = 1e-13
 _DIVERGING = 1e3
@@ -66,10 +70,12 @@ def find_motion(dynamics: Dynamics, seed: int = 0) -> FloatArray | None:
     turn = rng.normal(size=(_STARTS - 1, count, 2))
     turn *= rng.random((_STARTS - 1, count, 1)) / np.linalg.norm(turn, axis=2, keepdims=True)
     starts[1:, :, 1:] = turn * (dynamics.friction[:, None] * starts[1:, :, :1])
+    tried: set[bytes] = set()
     for forces in _relaxed(dynamics, starts):
-        polished = polish(dynamics, forces)
-        if polished is not None:
-            return polished
+        if dynamics.point_acceleration(dynamics.motion(forces)) > dynamics.limit:
+            polished = polish(dynamics, forces, tried)
+            if polished is not None:
+                return polished
     return None
 
 
@@ -82,8 +88,10 @@ def _relaxed(dynamics: Dynamics, starts: FloatArray) -> FloatArray:
     forces = starts.copy()
     held = dynamics.is_commanded
     forces[:, held, 0] = commanded[held]
-    y = np.einsum("klj,ljn->kn", forces, pushes) + dynamics.load
-    for _ in range(_SWEEPS):
+    y, still = np.einsum("klj,ljn->kn", forces, pushes) + dynamics.load, _SLOW * dynamics.limit
+    for sweep in range(_SWEEPS):
+        if sweep % _LOOK == _LOOK - 1 and max(map(dynamics.point_acceleration, y)) < still:
+            break
         change = 0.0
         for contact in range(len(rows)):
             u = y @ rows[contact].T
@@ -121,12 +129,20 @@ def _in_cone(forces: FloatArray, mu: float) -> FloatArray:
     return np.where(inside[:, None], forces, nearest)
 
 
-def polish(dynamics: Dynamics, forces: FloatArray) -> FloatArray | None:
+def polish(
+    dynamics: Dynamics, forces: FloatArray, tried: set[bytes] | None = None
+) -> FloatArray | None:
     """Return the outcome in the contact states that forces suggest, None where there is none.
 
     Gauss-Newton steps of least norm on: closed contacts do not accelerate apart, sticking ones not
     sideways, slipping ones have f_t = -mu f_n u_t / |u_t|.
+
+    Args:
+        dynamics: The scaled dynamics.
+        forces: (M, 3) scaled, where to begin.
+        tried: Contact states that are not tried again; those of this call are added.
     """
+    tried = set() if tried is None else tried
     u = dynamics.slips(dynamics.motion(forces))
     size = float(np.abs(u).max())
     if size == 0.0:
@@ -136,8 +152,13 @@ def polish(dynamics: Dynamics, forces: FloatArray) -> FloatArray | None:
     opened = ~held & (normal <= 1e-3 * np.maximum(u[:, 0], 0.0) + _STILL)
     on_surface = np.hypot(forces[:, 1], forces[:, 2]) >= _SURFACE * dynamics.friction * normal
     smooth = dynamics.friction == 0.0
-    for slipping in (slips > 1e-3 * size, slips > 1e-5 * size, slips > 1e-7 * size, on_surface):
-        found = _newton(dynamics, forces, opened, (slipping | smooth) & ~opened)
+    for sliding in (slips > 1e-3 * size, slips > 1e-5 * size, slips > 1e-7 * size, on_surface):
+        slipping = (sliding | smooth) & ~opened
+        states = opened.tobytes() + slipping.tobytes()
+        if states in tried:
+            continue
+        tried.add(states)
+        found = _newton(dynamics, forces, opened, slipping)
         if found is not None:
             return found
     return None

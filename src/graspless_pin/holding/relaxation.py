@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from graspless_pin.holding.bounds import States, kinematic_dual, outcome_bound, repaired
+from graspless_pin.holding.cuts import arc_rows, around, cone_planes, cone_tangents
 from graspless_pin.holding.dynamics import Dynamics
 from graspless_pin.holding.verdict import ContactState, DualBound
 from graspless_pin.problem.checks import FloatArray
@@ -23,8 +24,6 @@ _HOPELESS = 1e-3
 """Of the goal: where the best point has more, splitting contacts tells more than tangents do."""
 _STILL = 1e-9
 """Power of a point, in its square, below which the way to rest tells nothing."""
-_INSIDE = 1e-8
-"""Share of the friction by which tangents of cones lie inside: the points on them are outcomes."""
 _PENALTY = 2.0
 """Of the share of the load that is taken away; any is sound: outcomes take none away."""
 FORCE_LIMIT = 1e6
@@ -79,8 +78,7 @@ class Relaxation:
         self._slip = n + 3 * count
         self._spread = self._slip + len(self._loaded)
         self._size = self._spread + int(dynamics.spread.any()) + 1
-        angles = 2.0 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
-        self._around = np.column_stack([np.cos(angles), np.sin(angles)])
+        self._around = around(_DIRECTIONS)
         free = np.full(self._size, np.inf)
         self._simplex = Simplex(np.zeros(self._size), -free, free)
         self._add_shared()
@@ -124,8 +122,7 @@ class Relaxation:
         for contact in range(count):
             planes = np.zeros((_DIRECTIONS, size))
             first = n + 3 * contact
-            planes[:, first] = -mu[contact]
-            planes[:, first + 1 : first + 3] = self._around
+            planes[:, first : first + 3] = cone_planes(mu[contact], self._around)
             self._simplex.add_rows(planes, np.full(_DIRECTIONS, -np.inf), np.zeros(_DIRECTIONS))
 
     def solve(
@@ -192,11 +189,11 @@ class Relaxation:
             np.where(commanded | states.closes, -np.inf, 0.0),
             np.where(may_part | states.closes, np.inf, 0.0),
         )
-        for contact, state in enumerate(states.state):
-            if state is ContactState.STICKING and not states.sticks[contact]:
-                self._slip_rows(contact, np.eye(2), np.zeros(2))
-            elif state is ContactState.SLIPPING and states.half_width[contact] < np.pi:
-                self._arc(contact, states.center[contact], states.half_width[contact])
+        for contact in np.flatnonzero(states.are(ContactState.STICKING) & ~states.sticks):
+            self._slip_rows(int(contact), np.eye(2), np.zeros(2))
+        narrow = states.are(ContactState.SLIPPING) & (states.half_width < np.pi)
+        for contact in np.flatnonzero(narrow):
+            self._arc(int(contact), states.center[contact], states.half_width[contact])
 
     def _slip_rows(self, contact: int, directions: FloatArray, high: FloatArray) -> None:
         """Add rows on the slip of a contact along (2, 2) directions, from 0 to ``high``."""
@@ -207,14 +204,11 @@ class Relaxation:
 
     def _arc(self, contact: int, center: float, half_width: float) -> None:
         """Add what a slip in an arc of at most pi says: edges for slip and force."""
-        low, high = center - half_width, center + half_width
-        inward = np.array([[-np.sin(low), np.cos(low)], [np.sin(high), -np.cos(high)]])
-        self._slip_rows(contact, inward, np.full(2, np.inf))
-        forces = np.zeros((3, self._size))
+        edges, faces = arc_rows(center, half_width, self.dynamics.friction[contact])
+        self._slip_rows(contact, edges, np.full(2, np.inf))
         first = self._n + 3 * contact
-        forces[:2, first + 1 : first + 3] = inward
-        forces[2, first] = self.dynamics.friction[contact] * np.cos(half_width)
-        forces[2, first + 1 : first + 3] = np.cos(center), np.sin(center)
+        forces = np.zeros((3, self._size))
+        forces[:, first : first + 3] = faces
         self._simplex.add_rows(forces, np.full(3, -np.inf), np.zeros(3))
         # Rows on forces say nothing of y.
         self._rows_of += [(contact, np.zeros(2))] * 3
@@ -250,16 +244,11 @@ class Relaxation:
         if states.are(ContactState.FREE, ContactState.CLOSED).any():
             return False
         forces = x[self._n : self._slip].reshape(self._m, 3)
-        sides, most = np.hypot(forces[:, 1], forces[:, 2]), self.dynamics.friction * forces[:, 0]
-        outside = np.flatnonzero(
-            states.are(ContactState.STICKING)
-            & (sides > np.maximum(most, 0.0) + 0.1 * _INSIDE * sides)
-        )
+        sticking = states.are(ContactState.STICKING)
+        outside, planes = cone_tangents(forces, self.dynamics.friction, sticking)
         rows = np.zeros((len(outside), self._size))
-        for row, contact in zip(rows, outside, strict=True):
-            first = self._n + 3 * contact
-            row[first] = -(1.0 - _INSIDE) * self.dynamics.friction[contact]
-            row[first + 1 : first + 3] = forces[contact, 1:] / sides[contact]
+        for row, contact, plane in zip(rows, outside, planes, strict=True):
+            row[self._n + 3 * contact : self._n + 3 * contact + 3] = plane
         self._simplex.add_rows(rows, np.full(len(rows), -np.inf), np.zeros(len(rows)))
         return len(rows) > 0
 

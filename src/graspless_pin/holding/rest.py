@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from graspless_pin.holding.cuts import around
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solvers.simplex import Simplex, SimplexOutcome
 
@@ -44,6 +45,7 @@ def least_residual(
     load: FloatArray,
     friction: FloatArray,
     bearable: FloatArray,
+    enough: float,
 ) -> Balance | None:
     """Find the contact forces that leave least of the load unbalanced.
 
@@ -52,6 +54,7 @@ def least_residual(
         load: (k,) g in those units.
         friction: (M,) coefficients.
         bearable: (M,) friction that each contact bears at most, in loads; NaN: mu f_n.
+        enough: Whether forces leave more is all that is asked beyond that: no round follows then.
 
     Returns:
         The forces; None where the solver has no answer.
@@ -67,10 +70,9 @@ def least_residual(
     simplex.add_rows(balance, -load, above)
     balance[:, -1] = -1.0
     simplex.add_rows(balance, -above, -load)
-    angles = 2.0 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
     for contact in range(count):
-        planes = np.column_stack([np.cos(angles), np.sin(angles)])
-        _add_planes(simplex, np.full(_DIRECTIONS, contact), planes, friction, bearable)
+        contacts = np.full(_DIRECTIONS, contact)
+        _add_planes(simplex, contacts, around(_DIRECTIONS), friction, bearable)
     best: Balance | None = None
     for _ in range(_MOST_ROUNDS):
         answer = simplex.solve()
@@ -83,7 +85,8 @@ def least_residual(
         sides = np.hypot(forces[:, 1], forces[:, 2])
         most = np.where(np.isnan(bearable), friction * forces[:, 0], bearable)
         outside = np.flatnonzero(sides > most + _OUTSIDE * np.maximum(1.0, forces[:, 0]))
-        if not len(outside):
+        # Tangent planes lie outside the cones: forces inside leave no less.
+        if not len(outside) or best.residual > enough:
             return best
         toward = forces[outside, 1:] / sides[outside, None]
         _add_planes(simplex, outside, toward, friction, bearable)
