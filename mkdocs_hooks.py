@@ -56,7 +56,7 @@ def motion_svg(file: Path) -> str:
     axes.set_aspect("equal")
     depths = [mesh.vertices.mean(axis=0) @ picture.view_from for mesh in picture.meshes]
     for mesh in (picture.meshes[index] for index in np.argsort(depths)):
-        if mesh.role in (Role.TOTAL_FORCE, Role.CONE):
+        if mesh.role in (Role.TOTAL_FORCE, Role.CONE, Role.AXES, Role.GRAVITY, Role.FORCE_SCALE):
             continue
         path = moving.path_of.get(mesh.name)
         looks = _TIMES if mesh.role is Role.OBJECT else _TIMES[-1:]

@@ -6,7 +6,7 @@ import gzip
 import numpy as np
 from report_cases import SLIDING, solved
 
-from graspless_pin.report.html.page import model_data
+from graspless_pin.report.html.view import model_data
 from graspless_pin.visualization import draw_scene
 
 
@@ -14,7 +14,7 @@ def test_the_data_are_the_meshes():
     scene, solution = solved(SLIDING)
     picture = draw_scene(scene, solution)
     points = solution.problem.positions + scene.object.center_of_mass_world
-    model = model_data(picture, points)
+    model = model_data(picture)
     data = gzip.decompress(base64.b64decode(model["data"]))
     count = sum(mesh["vertices"] for mesh in model["meshes"])
     corners = np.frombuffer(data, "<u2", 3 * count).reshape(-1, 3)
@@ -29,13 +29,13 @@ def test_the_data_are_the_meshes():
         assert (entry["role"], entry["opacity"]) == (str(mesh.role), mesh.opacity)
         v, f = v + entry["vertices"], f + entry["faces"]
     assert v == count and f == len(faces)
-    np.testing.assert_allclose(model["points"], points, atol=1e-6)
+    numbers = [mark for mark in model["marks"] if mark["contact"] is not None]
+    assert [mark["text"] for mark in numbers] == [str(index) for index in range(len(points))]
+    np.testing.assert_allclose([mark["at"] for mark in numbers], points, atol=1e-6)
     np.testing.assert_allclose(model["center"], picture.center, atol=1e-6)
 
 
 def test_two_reports_have_the_same_data():
     scene, solution = solved(SLIDING)
-    first, second = (
-        model_data(draw_scene(scene, solution), solution.problem.positions) for _ in range(2)
-    )
+    first, second = (model_data(draw_scene(scene, solution)) for _ in range(2))
     assert first == second

@@ -25,8 +25,9 @@ from graspless_pin.viewer.scene_process import (
     SettingsAnswer,
     initial_settings,
 )
-from graspless_pin.viewer.stage import HIDDEN_AT_FIRST, Stage
+from graspless_pin.viewer.stage import Stage
 from graspless_pin.visualization import Role
+from graspless_pin.visualization.picture import HIDDEN_AT_FIRST
 
 DEFAULT_PORT = 8080
 

@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 from graspless_pin.visualization import DARK, LIGHT, Mesh, Picture, Role
 from graspless_pin.visualization.looking import framing
 from graspless_pin.visualization.motion import MovingPicture
-
-HIDDEN_AT_FIRST = frozenset({Role.TOTAL_FORCE})
+from graspless_pin.visualization.picture import HIDDEN_AT_FIRST
 
 _ROOT = "/scene"
 _FIELD_OF_VIEW = 0.7  # rad, vertical
@@ -79,7 +78,7 @@ class Stage:
             handle.color = self._color(mesh)
 
     def _color(self, mesh: Mesh) -> tuple[int, int, int]:
-        return (DARK if self._dark else LIGHT).rgb(mesh.role)
+        return (DARK if self._dark else LIGHT).of_mesh(mesh)
 
     def _tilt(self, picture: Picture) -> None:
         """Turn all that is drawn about its middle so that up stays up on the page."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,14 +16,17 @@ from graspless_pin.geometry.hand.visuals import hand_triangles
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
-from graspless_pin.visualization.contacts import contact_meshes
-from graspless_pin.visualization.looking import look_across, up_against
+from graspless_pin.visualization.bearings import with_bearings
+from graspless_pin.visualization.contacts import with_contacts
+from graspless_pin.visualization.looking import look_across, preset_views, up_against
 from graspless_pin.visualization.picture import Mesh, Picture, Role
 
 _OBJECT_OPACITY = 0.45
 # Of a wall between the object and who looks at it.
 _WALL_OPACITY = 0.3
 _FACING = 0.1
+# The least upward part of a normal of what somebody would not look up through.
+_UPWARD = 0.2
 # Of a hand that is an arm, what is farther from the object than so many of its radii is context.
 _NEAR = 3.5
 # A half-space is drawn this wide on each side of the object, and this deep, in its radii.
@@ -42,7 +46,7 @@ def draw_scene(
     Args:
         scene: The scene.
         solution: A solution of ``scene.problem()``; None, or not found: without forces.
-        force_scale: Metres per newton; None: fitted to the object.
+        force_scale: Metres per newton; None: a round figure, fitted to the object.
         max_faces: Most triangles of one link, object or support; finer meshes are simplified.
 
     Raises:
@@ -56,9 +60,10 @@ def draw_scene(
     if len(points) != problem.contact_count or not np.allclose(points, problem.positions + origin):
         raise ArgumentError("solution", "is of a problem whose contacts are not the scene's")
     bodies = draw_bodies(scene, max_faces=max_faces)
-    size = object_radius(bodies)
-    contacts = contact_meshes(problem, solution, origin, size, force_scale)
-    return replace(bodies, meshes=(*bodies.meshes, *contacts))
+    names = scene.contacts.bodies
+    return with_contacts(
+        bodies, problem, solution, origin, object_radius(bodies), force_scale, names
+    )
 
 
 def draw_bodies(scene: Scene, *, max_faces: int = 1500) -> Picture:
@@ -89,12 +94,42 @@ def draw_bodies(scene: Scene, *, max_faces: int = 1500) -> Picture:
         if isinstance(support.shape, HalfSpace)
     ]
     view_from = look_across(away, up, walls)
+    supports = [_support(one, middle, size, max_faces, view_from) for one in scene.supports]
+    planes = _planes(scene.supports, supports, body, up)
+    floors = planes[planes[:, :3] @ up > _UPWARD]
+    fingers = () if scene.hand is None else tuple(scene.hand.fingers)
     meshes = (
         *hand,
         _mesh(f"object/{scene.object.name}", Role.OBJECT, body, _OBJECT_OPACITY),
-        *(_support(support, middle, size, max_faces, view_from) for support in scene.supports),
+        *supports,
     )
-    return Picture(meshes, read_only(center), radius, up, view_from)
+    upright = [wall for wall in walls if wall @ up <= _UPWARD]
+    views = preset_views(away, up, upright, floors)
+    picture = Picture(
+        meshes, read_only(center), radius, up, view_from, views, read_only(floors), fingers
+    )
+    return with_bearings(picture, size, scene.gravity, planes)
+
+
+def _planes(
+    supports: Sequence[Support], meshes: Sequence[Mesh], body: Triangles, up: FloatArray
+) -> FloatArray:
+    """(K, 4) planes that the object is in front of: of half-spaces, and below it what carries it.
+
+    Args:
+        supports: The supports.
+        meshes: What they look like.
+        body: The object's triangles.
+        up: (3,) unit.
+    """
+    lowest, planes = float((body.vertices @ up).min()), []
+    for support, mesh in zip(supports, meshes, strict=True):
+        if isinstance(support.shape, HalfSpace):
+            T = support.T_world_support
+            planes.append([*T[:3, 2], T[:3, 2] @ T[:3, 3]])
+        elif np.median(mesh.vertices @ up) < lowest:
+            planes.append([*up, lowest])
+    return np.array(planes).reshape(-1, 4)
 
 
 def object_radius(picture: Picture) -> float:
@@ -103,10 +138,15 @@ def object_radius(picture: Picture) -> float:
 
 
 def _hand(hand: Hand, max_faces: int) -> list[Mesh]:
-    return [
-        _mesh(f"hand/{index}/{link}", Role.HAND, triangles, 1.0)
-        for index, (link, triangles) in enumerate(hand_triangles(hand, max_faces=max_faces))
-    ]
+    names = list(hand.fingers)
+    found = []
+    for index, (link, triangles) in enumerate(hand_triangles(hand, max_faces=max_faces)):
+        mesh, finger = (
+            _mesh(f"hand/{index}/{link}", Role.HAND, triangles, 1.0),
+            hand.finger_of(link),
+        )
+        found.append(mesh if finger is None else replace(mesh, finger=names.index(finger)))
+    return found
 
 
 def _support(

@@ -1,4 +1,4 @@
-"""What an object does that does not stay: its motion from rest on, and what each contact does."""
+"""Motions that are played: what an object does that does not stay, and the virtual sliding."""
 
 from __future__ import annotations
 
@@ -17,13 +17,16 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.scene import Scene
 from graspless_pin.scene.moved import bent_hand
-from graspless_pin.visualization.contacts import draw_contacts, outcome_meshes
+from graspless_pin.solution import TorqueSolution
+from graspless_pin.visualization.contacts import draw_contacts, with_outcome
 from graspless_pin.visualization.drawing import draw_bodies, object_radius
 from graspless_pin.visualization.picture import Picture, Role
 
 _TIMES = 31
 _WAY = 0.6  # of the object's radius: how far a point of it goes
 _TURN = 0.6  # rad, of object and joints
+_SLID, _SLID_TURN = 0.35, 0.4  # the same of the virtual sliding
+_STILL = (Role.HAND, Role.SUPPORT, Role.AXES, Role.GRAVITY, Role.FORCE_SCALE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,23 +71,75 @@ def draw_motion(
     """
     if scene is None:
         center = np.zeros(3) if origin is None else origin
-        picture = draw_contacts(problem, origin=center)
-        size = picture.radius / 1.2
-        kept = [mesh for mesh in picture.meshes if mesh.role is not Role.CONTACT]
+        bare = draw_contacts(problem, origin=center)
+        drawn = (Role.CONTACT, Role.CONE, Role.SLIDING)
+        kept = tuple(mesh for mesh in bare.meshes if mesh.role not in drawn)
+        marks = tuple(mark for mark in bare.marks if mark.contact is None)
+        picture, size = replace(bare, meshes=kept, marks=marks), bare.radius / 1.2
     else:
         center, picture = scene.object.center_of_mass_world, draw_bodies(scene)
-        size, kept = object_radius(picture), list(picture.meshes)
-    contacts = outcome_meshes(problem, motion, center, size)
+        size = object_radius(picture)
     times = np.linspace(0.0, _duration(motion, size), _TIMES)
-    paths = [_object_path(motion, center, times)]
-    path_of = {mesh.name: 0 for mesh in (*picture.of(Role.OBJECT), *contacts)}
-    if scene is not None and scene.hand is not None:
-        for link, path in _link_paths(scene.hand, motion, times).items():
+    ways = 0.5 * times[:, None] ** 2
+    return _played(
+        with_outcome(picture, problem, motion, center, size),
+        None if scene is None else scene.hand,
+        times,
+        _object_path(ways * motion.object_acceleration, center),
+        ways * motion.joint_accelerations,
+    )
+
+
+def draw_virtual_sliding(
+    picture: Picture, solution: TorqueSolution, hand: Hand | None, origin: FloatArray
+) -> MovingPicture | None:
+    """Let a picture of a solution go along the virtual motion behind its mode.
+
+    Enlarged: a point at the radius of the contacts goes 0.35 of that, or something turns by 0.4
+    rad. The contacts go with the object.
+
+    Args:
+        picture: Of `draw_scene` or `draw_contacts`.
+        solution: The solution that it is of.
+        hand: The hand; None: it is not drawn.
+        origin: (3,) the problem's reference point in the picture, m.
+
+    Returns:
+        The motion; None where no virtual sliding is asked for.
+    """
+    if not picture.of(Role.VIRTUAL_SLIDING) or solution.motion is None:
+        return None
+    velocity, bends = solution.motion[:6], solution.motion[6:]
+    size = float(np.linalg.norm(solution.problem.positions, axis=1).max())
+    speed = float(np.linalg.norm(velocity[:3]) + size * np.linalg.norm(velocity[3:]))
+    rates = [*np.abs(bends).tolist(), float(np.linalg.norm(velocity[3:]))]
+    ways = (_SLID * size, speed), *((_SLID_TURN, rate) for rate in rates)
+    end = min((way / rate for way, rate in ways if rate > 0.0), default=1.0)
+    times = np.linspace(0.0, end, _TIMES)
+    path = _object_path(times[:, None] * velocity, origin)
+    return _played(picture, hand, times, path, times[:, None] * bends)
+
+
+def _played(
+    picture: Picture, hand: Hand | None, times: FloatArray, path: FloatArray, bends: FloatArray
+) -> MovingPicture:
+    """Return a picture whose object and contacts go along a path, and whose links follow joints.
+
+    Args:
+        picture: The picture.
+        hand: Its hand; None: there is none.
+        times: (K,) s.
+        path: (K, 4, 4) poses of the object, relative to where it is.
+        bends: (K, L) how far the joints have gone.
+    """
+    paths = [path]
+    path_of = {mesh.name: 0 for mesh in picture.meshes if mesh.role not in _STILL}
+    if hand is not None:
+        for link, way in _link_paths(hand, bends).items():
             names = [m.name for m in picture.of(Role.HAND) if m.name.split("/", 2)[2] == link]
             path_of |= dict.fromkeys(names, len(paths))
-            paths.append(path)
-    shown = replace(picture, meshes=(*kept, *contacts))
-    return MovingPicture(shown, read_only(times), tuple(map(read_only, paths)), path_of)
+            paths.append(way)
+    return MovingPicture(picture, read_only(times), tuple(map(read_only, paths)), path_of)
 
 
 def _duration(motion: DynamicOutcome, size: float) -> float:
@@ -95,22 +150,21 @@ def _duration(motion: DynamicOutcome, size: float) -> float:
     return min(float(np.sqrt(2.0 * way / rate)) for way, rate in ways if rate > 0.0)
 
 
-def _object_path(motion: DynamicOutcome, center: FloatArray, times: FloatArray) -> FloatArray:
-    """Return (K, 4, 4): the object turns about its centre, which goes along."""
-    ways = 0.5 * times[:, None] ** 2 * motion.object_acceleration
-    path = np.tile(np.eye(4), (len(times), 1, 1))
+def _object_path(ways: FloatArray, center: FloatArray) -> FloatArray:
+    """Return (K, 4, 4) after (K, 6) ways: the object turns about its centre, which goes along."""
+    path = np.tile(np.eye(4), (len(ways), 1, 1))
     path[:, :3, :3] = Rotation.from_rotvec(ways[:, 3:]).as_matrix()
     path[:, :3, 3] = center + ways[:, :3] - path[:, :3, :3] @ center
     return path
 
 
-def _link_paths(hand: Hand, motion: DynamicOutcome, times: FloatArray) -> dict[str, FloatArray]:
+def _link_paths(hand: Hand, bends: FloatArray) -> dict[str, FloatArray]:
     """Return (K, 4, 4) of each link that moves, by the hand's forward kinematics."""
     bent = hand
     hands: list[Hand] = []
-    for time in times:
+    for bend in bends:
         with suppress(SceneError):  # at a limit it stays
-            bent = bent_hand(hand, 0.5 * time**2 * motion.joint_accelerations)
+            bent = bent_hand(hand, bend)
         hands.append(bent)
     paths = {}
     for link in hand.tree.link_frames:

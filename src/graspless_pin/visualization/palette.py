@@ -1,6 +1,7 @@
 """Colours by role, for light and dark backgrounds, told apart by colour-blind readers as well.
 
-What carries meaning has the hues of Okabe and Ito's set; hand, object and supports are muted.
+What carries meaning has the hues of Okabe and Ito's set; hand, object and supports are muted. The
+fingers differ in lightness, too.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from graspless_pin.visualization.picture import Role
+from graspless_pin.visualization.picture import Mesh, Role
 
 
 @dataclass(frozen=True)
@@ -20,16 +21,31 @@ class Palette:
         background: ``#rrggbb``.
         text: ``#rrggbb``, to be read on the background.
         roles: ``#rrggbb`` by role.
+        fingers: ``#rrggbb`` of fingers in turn; more of them begin again.
     """
 
     background: str
     text: str
     roles: Mapping[Role, str]
+    fingers: tuple[str, ...]
 
     def rgb(self, role: Role) -> tuple[int, int, int]:
         """Return a role's colour as three numbers from 0 to 255."""
-        red, green, blue = bytes.fromhex(self.roles[role].removeprefix("#"))
-        return red, green, blue
+        return _numbers(self.roles[role])
+
+    def of_finger(self, finger: int) -> str:
+        """Return the colour of a finger by its index, ``#rrggbb``."""
+        return self.fingers[finger % len(self.fingers)]
+
+    def of_mesh(self, mesh: Mesh) -> tuple[int, int, int]:
+        """Return a mesh's colour as three numbers from 0 to 255: its finger's, or its role's."""
+        own = self.roles[mesh.role] if mesh.finger is None else self.of_finger(mesh.finger)
+        return _numbers(own)
+
+
+def _numbers(color: str) -> tuple[int, int, int]:
+    red, green, blue = bytes.fromhex(color.removeprefix("#"))
+    return red, green, blue
 
 
 LIGHT = Palette(
@@ -51,8 +67,13 @@ LIGHT = Palette(
             Role.STICKING_CONTACT: "#2c3138",
             Role.SLIPPING_CONTACT: "#f08c00",
             Role.OPEN_CONTACT: "#d6336c",
+            Role.EXTERNAL_FORCE: "#b0284f",
+            Role.AXES: "#5a6068",
+            Role.GRAVITY: "#8a1538",
+            Role.FORCE_SCALE: "#0b5394",
         }
     ),
+    fingers=("#2b505d", "#d9b4f2", "#9a7348", "#8fcea4", "#5e3a17"),
 )
 """Colours on white."""
 
@@ -75,7 +96,12 @@ DARK = Palette(
             Role.STICKING_CONTACT: "#eef0f2",
             Role.SLIPPING_CONTACT: "#ffa94d",
             Role.OPEN_CONTACT: "#ff7aa8",
+            Role.EXTERNAL_FORCE: "#ff5c74",
+            Role.AXES: "#c3c8ce",
+            Role.GRAVITY: "#ff8a9a",
+            Role.FORCE_SCALE: "#8fc4f2",
         }
     ),
+    fingers=("#c79c66", "#8f4238", "#b3e6ac", "#8560a0", "#dccaea"),
 )
 """Colours on dark grey."""

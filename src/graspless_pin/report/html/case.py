@@ -18,7 +18,11 @@ from graspless_pin.scene import Scene, load_scene
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.visualization import Picture, draw_scene
 from graspless_pin.visualization.contacts import draw_contacts
-from graspless_pin.visualization.motion import MovingPicture, draw_motion
+from graspless_pin.visualization.motion import (
+    MovingPicture,
+    draw_motion,
+    draw_virtual_sliding,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +37,7 @@ class Case:
         points: (M, 3) contact points in the picture's frame, m.
         picture: What there is to see.
         motion: What would happen, where the document's verdict states a motion.
+        sliding: The picture along the mode's virtual motion; None: there is none.
         missing: Why the picture lacks the scene's bodies; empty: it does not.
         command: The command that solves it again; None: there is none.
         scene: The scene, where it still is the same.
@@ -45,6 +50,7 @@ class Case:
     points: FloatArray
     picture: Picture
     motion: MovingPicture | None
+    sliding: MovingPicture | None
     missing: str
     command: str | None
     scene: Scene | None
@@ -70,14 +76,16 @@ def case_of_scene(
         MeshError: If a mesh file is missing or unreadable.
     """
     motion = None if verdict is None else verdict.motion
+    origin, picture = scene.object.center_of_mass_world, draw_scene(scene, solution)
     return Case(
         scene.name,
         solution,
         solution_document(solution, scene, verdict),
         scene.contacts.bodies,
-        solution.problem.positions + scene.object.center_of_mass_world,
-        draw_scene(scene, solution),
+        solution.problem.positions + origin,
+        picture,
         None if motion is None else draw_motion(solution.problem, motion, scene=scene),
+        draw_virtual_sliding(picture, solution, scene.hand, origin),
         "",
         None if file is None else solve_command(solution, file),
         scene,
@@ -100,7 +108,8 @@ def case_of_document(document: dict[str, Any], scene_file: Path | None = None) -
     found = _scene_of(document, solution, scene_file)
     scene, command, missing = None, None, ""
     if isinstance(found, str):
-        picture, missing = draw_contacts(solution.problem, solution, origin=origin), found
+        bodies, missing = document_bodies(document), found
+        picture = draw_contacts(solution.problem, solution, origin=origin, bodies=bodies)
     else:
         scene, path = found
         picture, command = draw_scene(scene, solution), solve_command(solution, path)
@@ -115,6 +124,7 @@ def case_of_document(document: dict[str, Any], scene_file: Path | None = None) -
         None
         if motion is None
         else draw_motion(solution.problem, motion, scene=scene, origin=origin),
+        draw_virtual_sliding(picture, solution, None if scene is None else scene.hand, origin),
         missing,
         command,
         scene,

@@ -1,9 +1,8 @@
-"""The page: what the template is filled with, the data of its 3-D view included."""
+"""The page: what the template is filled with."""
 
 from __future__ import annotations
 
 import base64
-import gzip
 import json
 from collections.abc import Callable
 from functools import partial
@@ -15,7 +14,6 @@ import numpy as np
 from graspless_pin.algorithms.force_bounds import ContactForceBounds
 from graspless_pin.errors import ArgumentError, GrasplessPinError
 from graspless_pin.holding.verdict import Stability
-from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.renamed import refusing_former_keywords
 from graspless_pin.report.html.case import Case
@@ -30,18 +28,17 @@ from graspless_pin.report.html.sections import (
     scene_in_words,
     torque_figure,
 )
+from graspless_pin.report.html.view import view_context
 from graspless_pin.report.verdict_data import read_motion
 from graspless_pin.solution import Status, TorqueSolution
+from graspless_pin.solution.nearest_limits import joint_limit_words, margin_limit_words
 from graspless_pin.solution.tables import shown, torque_size
-from graspless_pin.visualization import DARK, LIGHT, Picture, Role
-from graspless_pin.visualization.motion import MovingPicture
+from graspless_pin.visualization import DARK, LIGHT
 
 if TYPE_CHECKING:
     from graspless_pin.report.html.time_lapse import TimeLapse
 
 _FILES = Path(__file__).with_name("files")
-_MODEL_STEPS = 65535
-_MODEL_DIGITS = 7
 _SUGGESTION = "- "
 _PLAYED = 2.6  # s that the page takes for a motion
 _MARKS = {
@@ -50,8 +47,6 @@ _MARKS = {
     Stability.NONE: "bad",
     Stability.UNDECIDED: "care",
 }
-# A sum of two arrows that are drawn anyway.
-_HIDDEN_AT_FIRST = (Role.TOTAL_FORCE,)
 
 
 @refusing_former_keywords
@@ -112,37 +107,6 @@ def render(template: str, context: Callable[[], dict[str, Any]]) -> str:
     return environment.get_template(template).render(common | context())
 
 
-def view_context(
-    name: str,
-    label: str,
-    picture: Picture,
-    words: str,
-    points: FloatArray,
-    numbered: str,
-    moving: MovingPicture | None = None,
-) -> dict[str, Any]:
-    """Return what a 3-D view of a page is filled with.
-
-    Args:
-        name: Its id, unique in the page.
-        label: What it is a view of.
-        picture: What there is to see.
-        words: The same, for those who do not see it.
-        points: (K, 3) points that get their numbers, m.
-        numbered: What these numbers are.
-        moving: How the picture moves; its points go with the object. None: it stands still.
-    """
-    return {
-        "name": name,
-        "label": label,
-        "words": words,
-        "legend": _legend(picture),
-        "model": _embedded(model_data(picture, points, moving)),
-        "numbered": numbered,
-        "moves": moving is not None,
-    }
-
-
 def _context(
     case: Case, bounds: ContactForceBounds | None, rest_bounds: ContactForceBounds | None
 ) -> dict[str, Any]:
@@ -160,6 +124,7 @@ def _context(
         "algorithm": algorithm,
         "aim": aim,
         "joints": joint_rows(solution),
+        "largest_joint": problem.joint_names[int(np.abs(torques).argmax())] if len(torques) else "",
         "contacts": contact_rows(case),
         "title": case.title,
         "scene_view": view_context(
@@ -167,8 +132,9 @@ def _context(
             "the scene",
             case.picture,
             scene_in_words(case.picture),
-            case.points,
             "contact numbers",
+            case.sliding,
+            played="virtual sliding",
         ),
         **_verdict(case),
         "made_of": case.document.get("provenance") or {},
@@ -181,6 +147,7 @@ def _context(
     }
     if solution.found:
         context |= {
+            "limits": [margin_limit_words(solution, case.bodies), joint_limit_words(solution)],
             "torque_figure": torque_figure(solution) if problem.joint_count else "",
             "friction_figures": friction_figures(solution),
             "checks": _checks(case.document),
@@ -211,7 +178,6 @@ def _verdict(case: Case) -> dict[str, Any]:
             "the motion",
             case.motion.picture,
             "Shows the object and what touches it in this motion; the table says what contacts do.",
-            case.points,
             "contact numbers",
             case.motion,
         ),
@@ -255,20 +221,6 @@ def _checks(document: dict[str, Any]) -> list[dict[str, str]]:
         raise ArgumentError("document", str(error)) from None
 
 
-def _legend(picture: Picture) -> list[dict[str, Any]]:
-    """Return the roles that the picture has, in the order of `Role`."""
-    return [
-        {"role": role, "label": role.label, "shown": role not in _HIDDEN_AT_FIRST}
-        for role in Role
-        if picture.of(role)
-    ]
-
-
-def _embedded(data: Any) -> str:
-    """JSON that no ``</script>`` inside a name can end early."""
-    return json.dumps(data, allow_nan=False).replace("<", "\\u003c")
-
-
 def _number(value: float | None, *, size: float, signed: bool = False) -> str:
     """Return a figure beside others of a size, with a true minus sign; a dash for none."""
     if value is None or np.isnan(value):
@@ -276,59 +228,3 @@ def _number(value: float | None, *, size: float, signed: bool = False) -> str:
     if np.isinf(value):
         return ("+∞" if signed else "∞") if value > 0.0 else "−∞"
     return shown(value, size, "+" if signed else "").replace("-", "−")
-
-
-def model_data(
-    picture: Picture, points: FloatArray, moving: MovingPicture | None = None
-) -> dict[str, Any]:
-    """Return a picture as plain data for `json.dumps`.
-
-    Vertices are rounded to 1/65535 of their mesh's size. ``data`` is base64 of the gzipped bytes
-    of all vertices (uint16 triples, mesh by mesh), filled up to a multiple of 4, then of all
-    faces (uint32 triples).
-
-    Args:
-        picture: The picture.
-        points: (M, 3) contact points, m, to be labelled with their numbers.
-        moving: How its meshes move, if they do: ``paths`` of poses, three rows of four numbers
-            each, and each mesh's ``path`` among them.
-    """
-    meshes, corners, faces = [], [], []
-    for mesh in picture.meshes:
-        low = mesh.vertices.min(axis=0)
-        size = mesh.vertices.max(axis=0) - low
-        steps = (mesh.vertices - low) / np.where(size > 0.0, size, 1.0)
-        corners.append(np.round(_MODEL_STEPS * steps).astype("<u2").tobytes())
-        faces.append(np.ascontiguousarray(mesh.faces, dtype="<u4").tobytes())
-        moves = {} if moving is None else {"path": moving.path_of.get(mesh.name)}
-        meshes.append(
-            {
-                **moves,
-                "role": str(mesh.role),
-                "opacity": mesh.opacity,
-                "vertices": len(mesh.vertices),
-                "faces": len(mesh.faces),
-                "low": _rounded(low),
-                "size": _rounded(size),
-            }
-        )
-    first = b"".join(corners)
-    first += bytes(-len(first) % 4)
-    data = gzip.compress(first + b"".join(faces), compresslevel=9, mtime=0)
-    motion = {}
-    if moving is not None:
-        paths = [[_rounded(pose[:3].ravel()) for pose in path] for path in moving.paths]
-        motion = {"seconds": float(moving.times[-1]), "paths": paths}
-    return {
-        **motion,
-        "center": _rounded(picture.center),
-        "radius": picture.radius,
-        "up": _rounded(picture.up),
-        "points": [_rounded(point) for point in points],
-        "meshes": meshes,
-        "data": base64.b64encode(data).decode("ascii"),
-    }
-
-
-def _rounded(values: FloatArray) -> list[float]:
-    return [round(float(value), _MODEL_DIGITS) for value in values]

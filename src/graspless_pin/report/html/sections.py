@@ -73,9 +73,15 @@ def contact_rows(case: Case) -> list[dict[str, Any]]:
     """Return a row a contact; what only a solution knows is None where nothing was found."""
     solution = case.solution
     problem = solution.problem
+    fingers = {
+        mesh.name.split("/", 2)[2]: mesh.finger % len(LIGHT.fingers)
+        for mesh in case.picture.of(Role.HAND)
+        if mesh.finger is not None
+    }
     rows = []
     for index in range(problem.contact_count):
         row: dict[str, Any] = {
+            "finger": None if case.bodies is None else fingers.get(case.bodies[index]),
             "body": None if case.bodies is None else case.bodies[index],
             "position": case.points[index],
             "friction": problem.friction[index],

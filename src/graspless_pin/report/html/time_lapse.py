@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.report.html.page import render, view_context
+from graspless_pin.report.html.page import render
+from graspless_pin.report.html.view import view_context
 from graspless_pin.scene import Scene
 from graspless_pin.simulation import SimulatedOutcome, SimulatedRun, Simulation
 from graspless_pin.simulation.protocol import change_of_pose
 from graspless_pin.visualization import Role
 from graspless_pin.visualization.drawing import draw_bodies
+from graspless_pin.visualization.picture import Mark
 
 _MOST_TIMES = 6
 _FAINT, _CLEAR = 0.15, 0.6  # opacity of the first and of the last pose
@@ -79,22 +81,27 @@ def time_lapse(scene: Scene, simulation: Simulation, text: str) -> TimeLapse:
     poses = run.T_world_object[chosen]
     centers = poses[:, :3, :3] @ scene.object.center_of_mass + poses[:, :3, 3]
     changes = [change_of_pose(scene.object, T) for T in poses]
+    rows = [
+        (f"{time:.2f}", f"{1e3 * distance:.2f}", f"{np.degrees(angle):.2f}")
+        for time, (distance, angle) in zip(run.times[chosen], changes, strict=True)
+    ]
+    marks = [
+        Mark(str(index), Role.CONTACT, center, index,
+             (f"after {row[0]} s", f"displacement {row[1]} mm", f"rotation {row[2]} deg"))
+        for index, (center, row) in enumerate(zip(centers, rows, strict=True))
+    ]  # fmt: skip
     return TimeLapse(
         scene.name,
         simulation.outcome is SimulatedOutcome.HELD,
         simulation.outcome.value.capitalize(),
         run.contact_model.name.capitalize(),
-        [
-            (f"{time:.2f}", f"{1e3 * distance:.2f}", f"{np.degrees(angle):.2f}")
-            for time, (distance, angle) in zip(run.times[chosen], changes, strict=True)
-        ],
+        rows,
         text,
         view_context(
             "lapse-view",
             "the simulation",
-            replace(picture, meshes=(*rest, *shown)),
+            replace(picture, meshes=(*rest, *shown), marks=(*picture.marks, *marks)),
             f"Shows hand and supports, and the object {scene.object.name} at each time.",
-            centers,
             "numbers of the times",
         ),
     )

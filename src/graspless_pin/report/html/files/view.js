@@ -1,15 +1,18 @@
-// Draws the views of the page with WebGL 2: turn, move, zoom, layers by role, motions. Nothing is
-// fetched.
+// Draws the views of the page with WebGL 2: turn, move, zoom, layers by role, motions, figures at
+// contacts. Nothing is fetched.
 for (const root of document.querySelectorAll(".view")) (() => {
   "use strict";
   const canvas = root.querySelector("canvas");
   const labels = root.querySelector(".labels");
   const model = JSON.parse(root.querySelector("script").textContent);
   const CREASE = Math.cos((35 * Math.PI) / 180);
-  const FIELD = (32 * Math.PI) / 180;
+  const FIELD = (32 * Math.PI) / 180, ROOM = 1.08;
+  const NEAREST = 0.06, FARTHEST = 1.2; // of the picture's radius: the eye from floors, the target from the middle
+  const REACH = 9; // px: what counts as pointed at
   const PLAYED = 2600, SHOWN_STILL = 900; // ms of one round: the motion, then its end
   const OUTLINED = new Set(["object", "support"]);
   const BODIES = new Set(["hand", "object", "support"]);
+  const FORCES = new Set(["normal_force", "friction_force", "friction_at_limit", "total_force"]);
 
   const sub = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
   const add = (a, b, k = 1) => [a[0] + k * b[0], a[1] + k * b[1], a[2] + k * b[2]];
@@ -34,7 +37,6 @@ for (const root of document.querySelectorAll(".view")) (() => {
     const count = model.meshes.reduce((sum, mesh) => sum + mesh.vertices, 0);
     const corners = new Uint16Array(buffer, 0, 3 * count);
     const faces = new Uint32Array(buffer, 4 * Math.ceil((6 * count) / 4));
-    const parts = {};
     let v = 0, f = 0;
     for (const mesh of model.meshes) {
       mesh.points = [];
@@ -44,13 +46,9 @@ for (const root of document.querySelectorAll(".view")) (() => {
       mesh.triangles = [];
       for (let i = 0; i < mesh.faces; i++, f += 3) mesh.triangles.push([faces[f], faces[f + 1], faces[f + 2]]);
       mesh.middle = add(mesh.low, mesh.size, 0.5);
-      (parts[mesh.role] ||= []).push(mesh.middle);
-      const seen = mesh.points.filter((point) => Math.hypot(...sub(point, model.center)) < 2.3 * model.radius);
+      const seen = mesh.points.filter((point) => mesh.framed && Math.hypot(...sub(point, model.center)) < 2.3 * model.radius);
       near.push(...seen);
       if (mesh.path != null) near.push(...seen.map((point) => placed(model.paths[mesh.path].at(-1), point)));
-    }
-    for (const [role, all] of Object.entries(parts)) {
-      middles[role] = all.reduce((sum, one) => add(sum, one, 1 / all.length), [0, 0, 0]);
     }
   }
 
@@ -125,42 +123,40 @@ for (const root of document.querySelectorAll(".view")) (() => {
   const up = unit(model.up);
   const east = unit(cross(Math.abs(up[1]) < 0.9 ? [0, 1, 0] : [1, 0, 0], up));
   const north = cross(up, east);
-  const near = []; // what the first view has to hold
-  const middles = {}; // of hand, object and supports
+  const near = []; // what a view has to hold
   let camera;
 
-  // From the side of the line between object and hand, so that neither hides the contacts, and
-  // from the free side of the supports.
-  function bestTurn() {
-    const level = (a) => add(a, up, -dot(a, up));
-    const small = 0.1 * model.radius;
-    let back = add(add([0, 0, 0], east, 0.54), north, -0.84);
-    const free = middles.support ? level(sub(model.center, middles.support)) : [0, 0, 0];
-    const reach = middles.hand && middles.object ? level(sub(middles.hand, middles.object)) : [0, 0, 0];
-    if (Math.hypot(...reach) > small) {
-      const side = unit(cross(up, reach));
-      const sign = dot(side, add(back, free, 4 / model.radius)) < 0 ? -1 : 1;
-      back = add([0, 0, 0], side, sign);
+  // Looks from a direction, from where all that matters is seen.
+  function look(toward) {
+    camera = { turn: Math.atan2(dot(toward, north), dot(toward, east)), tilt: Math.asin(dot(toward, up)),
+      distance: 1, target: [...model.center] };
+    const { right, over, back } = frame();
+    const low = [Infinity, Infinity], high = [-Infinity, -Infinity];
+    const seen = near.map((point) => [right, over, back].map((axis) => dot(sub(point, model.center), axis)));
+    for (const point of seen) for (const k of [0, 1]) {
+      low[k] = Math.min(low[k], point[k]);
+      high[k] = Math.max(high[k], point[k]);
     }
-    if (Math.hypot(...free) > small) back = add(back, unit(free), 0.45);
-    return Math.atan2(dot(back, north), dot(back, east));
+    const middle = [0, 1].map((k) => 0.5 * (low[k] + high[k]));
+    camera.target = add(add(camera.target, right, middle[0]), over, middle[1]);
+    const aspect = (canvas.clientWidth / canvas.clientHeight) || 1, tall = slope(aspect);
+    camera.distance = Math.max(...seen.map(([x, y, z]) =>
+      (ROOM * Math.max(Math.abs(x - middle[0]) / aspect, Math.abs(y - middle[1]))) / tall + z));
+    stay();
   }
 
-  function start() {
-    camera = { turn: bestTurn(), tilt: 0.38, distance: 1, target: [...model.center] };
-    const { right, over, back } = frame();
-    const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
-    for (const point of near) {
-      const from = sub(point, model.center);
-      [right, over, back].forEach((axis, k) => {
-        low[k] = Math.min(low[k], dot(from, axis));
-        high[k] = Math.max(high[k], dot(from, axis));
-      });
-    }
-    camera.target = add(add(camera.target, right, 0.5 * (low[0] + high[0])), over, 0.5 * (low[1] + high[1]));
-    const wide = (canvas.clientWidth / canvas.clientHeight) || 1;
-    const tall = Math.max(high[1] - low[1], (high[0] - low[0]) / Math.max(1, wide)) / 2;
-    camera.distance = high[2] + (1.12 * tall) / Math.tan(FIELD / 2);
+  // On a narrow stage the field is that of the width.
+  const slope = (aspect) => Math.tan(FIELD / 2) * Math.max(1, 1 / aspect);
+
+  // Keeps what matters in view, and the eye above the supports that the object may stand on.
+  function stay() {
+    const away = sub(camera.target, model.center), far = Math.hypot(...away), most = FARTHEST * model.radius;
+    if (far > most) camera.target = add(model.center, away, most / far);
+    camera.distance = Math.min(20 * model.radius, Math.max(0.3 * model.radius, camera.distance));
+    const above = (point) => Math.min(...model.floors.map((p) => dot(p, point) - p[3]), Infinity);
+    for (let k = 0; k < 50 && above(camera.target) < 0; k++) camera.target = add(camera.target, up, 0.05 * model.radius);
+    camera.tilt = Math.min(1.55, Math.max(-1.55, camera.tilt));
+    while (camera.tilt < 1.55 && above(frame().eye) < NEAREST * model.radius) camera.tilt += 0.01;
   }
 
   function frame() {
@@ -177,8 +173,7 @@ for (const root of document.querySelectorAll(".view")) (() => {
     for (let k = 0; k < 3; k++) view.push(right[k], over[k], back[k], 0);
     view.push(-dot(right, eye), -dot(over, eye), -dot(back, eye), 1);
     const near = 0.02 * camera.distance, far = camera.distance + 40 * model.radius;
-    // On a narrow stage the field is that of the width.
-    const tall = Math.tan(FIELD / 2) * Math.max(1, 1 / aspect);
+    const tall = slope(aspect);
     const lens = [1 / (tall * aspect), 0, 0, 0, 0, 1 / tall, 0, 0, 0, 0, (far + near) / (near - far), -1,
       0, 0, (2 * far * near) / (near - far), 0];
     return { view, lens, tall };
@@ -201,7 +196,8 @@ for (const root of document.querySelectorAll(".view")) (() => {
     const at = (share) => {
       motion.share = share;
       slider.value = share;
-      slider.setAttribute("aria-valuetext", `${Math.round(1000 * share * model.seconds)} ms`);
+      slider.setAttribute("aria-valuetext",
+        model.plays ? `${Math.round(1000 * share * model.seconds)} ms` : `${Math.round(100 * share)} %`);
       root.dataset.share = share.toFixed(3);
       redraw();
     };
@@ -227,8 +223,90 @@ for (const root of document.querySelectorAll(".view")) (() => {
       if (again && motion.playing) play(true);
     }).observe(canvas);
     calm.addEventListener("change", () => { if (calm.matches) { play(false); at(1); } });
-    at(calm.matches ? 1 : 0);
-    play(!calm.matches);
+    // A virtual motion is played only when it is asked for.
+    at(calm.matches && model.plays ? 1 : 0);
+    play(!calm.matches && model.plays);
+  }
+
+  // What there is to say of a contact, beside it: pointed at, or reached by the keyboard.
+  function tooltip() {
+    const tip = root.querySelector(".tip"), stage = root.querySelector(".stage");
+    const all = [];
+    let told = null;
+    const tell = (one) => {
+      if (told === one) return;
+      if (told) told.label.setAttribute("aria-expanded", "false");
+      told = one;
+      tip.hidden = !one;
+      if (!one) return;
+      one.label.setAttribute("aria-expanded", "true");
+      tip.replaceChildren(...one.mark.words.map((line, k) => {
+        const part = document.createElement(k ? "span" : "b");
+        part.textContent = line;
+        return part;
+      }));
+      put();
+    };
+    const put = () => {
+      const [x, y] = told.at, { offsetWidth: wide, offsetHeight: high } = tip;
+      const left = Math.max(4, Math.min(x + 24, stage.clientWidth - wide - 4));
+      const top = y + 24 + high < stage.clientHeight ? y + 24 : Math.max(4, y - high - 8);
+      tip.style.transform = `translate(${left}px, ${top}px)`;
+    };
+    const between = ([x, y], [[ax, ay], [bx, by]]) => {
+      const [dx, dy] = [bx - ax, by - ay];
+      const t = Math.max(0, Math.min(1, ((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy || 1)));
+      return Math.hypot(x - ax - t * dx, y - ay - t * dy);
+    };
+    canvas.addEventListener("pointermove", (event) => {
+      if (event.buttons) return;
+      const at = [event.offsetX, event.offsetY];
+      let best = null, least = REACH;
+      for (const one of all) for (const way of one.ways) {
+        const apart = between(at, way);
+        if (apart < least) [best, least] = [one, apart];
+      }
+      tell(best);
+    });
+    canvas.addEventListener("pointerdown", () => tell(null));
+    root.querySelector(".stage").addEventListener("pointerleave", () => {
+      if (!labels.contains(document.activeElement)) tell(null);
+    });
+    labels.addEventListener("keydown", (event) => {
+      const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
+      if (event.key === "Escape") tell(null);
+      if (!step || !all.length) return;
+      const now = all.findIndex((one) => one.label === document.activeElement);
+      all[(now + step + all.length) % all.length].label.focus();
+      event.preventDefault();
+    });
+    return {
+      about(label, mark) {
+        const one = { label, mark, at: [0, 0], ways: [] };
+        label.type = "button";
+        label.tabIndex = all.length ? -1 : 0;
+        const words = mark.words.length ? mark.words : [`contact ${mark.text}`];
+        one.mark = { ...mark, words };
+        label.setAttribute("aria-label", words.join(", "));
+        label.setAttribute("aria-expanded", "false");
+        for (const kind of ["focus", "pointerenter", "click"]) label.addEventListener(kind, () => tell(one));
+        label.addEventListener("focus", () => all.forEach((other) => { other.label.tabIndex = other === one ? 0 : -1; }));
+        label.addEventListener("blur", () => tell(null));
+        all.push(one);
+      },
+      place(mark, at, ways) {
+        const one = all.find((other) => other.mark.contact === mark.contact);
+        one.at = at;
+        one.ways = [[at.map((x) => x - 6), at.map((x) => x - 6)], ...ways];
+        if (told === one) put();
+      },
+    };
+  }
+
+  // The object stands on it, so it is never between the object and the eye.
+  function isBelow(mesh) {
+    const object = model.meshes.find((one) => one.role === "object");
+    return object && dot(sub(mesh.middle, object.middle), up) < -0.25 * Math.max(...object.size);
   }
 
   function viewer(gl) {
@@ -241,21 +319,25 @@ for (const root of document.querySelectorAll(".view")) (() => {
       mesh.outline = OUTLINED.has(mesh.role) && lines.length ? upload(gl, shader, lines) : null;
       mesh.points = mesh.triangles = null;
     }
-    const marks = model.points.map((_, index) => {
-      const mark = document.createElement("span");
-      mark.textContent = index;
-      return labels.appendChild(mark);
+    const tell = tooltip();
+    const marks = model.marks.map((mark) => {
+      const label = document.createElement(mark.contact == null ? "span" : "button");
+      label.textContent = mark.text;
+      label.dataset.role = mark.role;
+      if (mark.contact != null) tell.about(label, mark);
+      else label.setAttribute("aria-hidden", "true");
+      return labels.appendChild(label);
     });
     const boxes = [...root.querySelectorAll("input[type=checkbox]")];
     let asked = false;
 
     function draw() {
       asked = false;
-      const scale = window.devicePixelRatio || 1;
+      const fine = window.devicePixelRatio || 1;
       const width = canvas.clientWidth, height = canvas.clientHeight;
       if (!width || !height) return;
-      canvas.width = Math.round(scale * width);
-      canvas.height = Math.round(scale * height);
+      canvas.width = Math.round(fine * width);
+      canvas.height = Math.round(fine * height);
       gl.viewport(0, 0, canvas.width, canvas.height);
       const axes = frame();
       const { view, lens, tall } = matrices(axes, width / height);
@@ -264,8 +346,10 @@ for (const root of document.querySelectorAll(".view")) (() => {
         const hex = style.getPropertyValue("--" + name).trim();
         return [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16) / 255);
       };
-      const shown = new Set(boxes.filter((box) => box.checked).map((box) => box.value));
+      const shown = new Set(boxes.filter((box) => box.checked).flatMap((box) => box.value.split(" ")));
       const visible = model.meshes.filter((mesh) => shown.has(mesh.role));
+      const scale = root.querySelector(".scale");
+      if (scale) scale.hidden = !shown.has("force_scale");
       const poses = (model.paths || []).map((path) => along(path, motion.share));
       const still = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0];
       const poseOf = (mesh) => (mesh.path == null ? still : poses[mesh.path]);
@@ -275,7 +359,7 @@ for (const root of document.querySelectorAll(".view")) (() => {
       };
       const paint = (mesh, alpha) => {
         put(mesh);
-        gl.uniform3fv(place.color, colorOf(mesh.role));
+        gl.uniform3fv(place.color, colorOf(mesh.finger == null ? mesh.role : `finger-${mesh.finger}`));
         gl.uniform1f(place.alpha, alpha);
         gl.bindVertexArray(mesh.body.array);
         gl.drawArrays(gl.TRIANGLES, 0, mesh.body.count);
@@ -293,7 +377,7 @@ for (const root of document.querySelectorAll(".view")) (() => {
       gl.depthFunc(gl.LESS);
       // A support between the reader and the object must not hide it.
       const reach = (point) => Math.hypot(...sub(point, axes.eye));
-      const hides = (mesh) => reach(mesh.middle) < reach(model.center) - 0.05 * model.radius;
+      const hides = (mesh) => reach(mesh.middle) < reach(model.center) - 0.05 * model.radius && !isBelow(mesh);
       const opacity = new Map(visible.map((mesh) =>
         [mesh, mesh.role !== "support" ? mesh.opacity : hides(mesh) ? 0.3 : 1]));
       const solid = visible.filter((mesh) => opacity.get(mesh) >= 1);
@@ -328,14 +412,29 @@ for (const root of document.querySelectorAll(".view")) (() => {
           paint(mesh, 0.6 * opacity.get(mesh));
         }
       }
-      marks.forEach((mark, index) => {
-        const point = model.paths ? placed(poses[0], model.points[index]) : model.points[index];
-        const from = sub(point, axes.eye);
-        const deep = -dot(from, axes.back);
-        const x = (dot(from, axes.right) / (deep * tall)) * 0.5 * height + 0.5 * width;
-        const y = (-dot(from, axes.over) / (deep * tall)) * 0.5 * height + 0.5 * height;
-        mark.hidden = !shown.has("labels") || deep <= 0;
-        mark.style.transform = `translate(${x + 6}px, ${y + 6}px)`;
+      const onScreen = (point) => {
+        const from = sub(point, axes.eye), deep = -dot(from, axes.back);
+        return [(dot(from, axes.right) / (deep * tall)) * 0.5 * height + 0.5 * width,
+          (-dot(from, axes.over) / (deep * tall)) * 0.5 * height + 0.5 * height, deep];
+      };
+      const taken = [];
+      model.marks.forEach((mark, index) => {
+        const label = marks[index], moves = model.paths && mark.contact != null;
+        const [x, y, deep] = onScreen(moves ? placed(poses[0], mark.at) : mark.at);
+        const numbered = mark.contact != null;
+        label.hidden = deep <= 0 || !shown.has(numbered ? "labels" : mark.role);
+        label.dataset.at = `${x} ${y}`;
+        if (!numbered) {
+          label.style.transform = `translate(${x}px, ${y}px) translate(-50%, -50%)`;
+          return;
+        }
+        // Beside its contact, and below another number that is there.
+        let at = [x + 6, y + 6];
+        for (let k = 0; k < 8 && taken.some((one) => Math.hypot(one[0] - at[0], one[1] - at[1]) < 19); k++) at[1] += 6;
+        taken.push(at);
+        label.style.transform = `translate(${at[0]}px, ${at[1]}px)`;
+        tell.place(mark, at, visible.filter((m) => m.contact === mark.contact && FORCES.has(m.role)).map((m) =>
+          [[x, y], onScreen(placed(poseOf(m), add(mark.at, sub(m.middle, mark.at), 2)))]));
       });
       root.dataset.state = "drawn";
     }
@@ -348,28 +447,24 @@ for (const root of document.querySelectorAll(".view")) (() => {
   }
 
   function controls(redraw) {
+    const changed = () => { stay(); redraw(); };
     const turn = (x, y) => {
       camera.turn -= x;
-      camera.tilt = Math.min(1.55, Math.max(-1.55, camera.tilt + y));
-      redraw();
+      camera.tilt += y;
+      changed();
     };
     const move = (x, y) => {
       const { right, over } = frame();
       const size = (2 * camera.distance * Math.tan(FIELD / 2)) / canvas.clientHeight;
       camera.target = add(add(camera.target, right, -x * size), over, y * size);
-      redraw();
+      changed();
     };
     const zoom = (factor) => {
-      camera.distance = Math.min(30 * model.radius, Math.max(0.1 * model.radius, camera.distance * factor));
-      redraw();
+      camera.distance *= factor;
+      changed();
     };
-    const reset = () => { start(); redraw(); };
-    const actions = {
-      closer: () => zoom(0.8),
-      farther: () => zoom(1.25),
-      top: () => { camera.tilt = 1.55; redraw(); },
-      reset,
-    };
+    const actions = { closer: () => zoom(0.8), farther: () => zoom(1.25) };
+    for (const [name, toward] of Object.entries(model.views)) actions[name] = () => { look(toward); redraw(); };
     root.querySelectorAll(".buttons button").forEach((button) =>
       button.addEventListener("click", actions[button.dataset.do]));
     canvas.addEventListener("keydown", (event) => {
@@ -379,7 +474,7 @@ for (const root of document.querySelectorAll(".view")) (() => {
       else if (arrow) turn(0.08 * arrow[0], 0.08 * arrow[1]);
       else if (event.key === "+" || event.key === "=") zoom(0.85);
       else if (event.key === "-") zoom(1 / 0.85);
-      else if (event.key === "Home") reset();
+      else if (event.key === "Home") actions.fit();
       else return;
       event.preventDefault();
     });
@@ -419,7 +514,7 @@ for (const root of document.querySelectorAll(".view")) (() => {
       return;
     }
     await unpack();
-    start();
+    look(model.views.fit);
     const redraw = viewer(gl);
     controls(redraw);
     if (model.paths) player(redraw);

@@ -1,0 +1,96 @@
+"""What tells directions and sizes in a picture: world axes, gravity and the scale of forces."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.visualization.picture import ForceScale, Mark, Mesh, Picture, Role
+from graspless_pin.visualization.solids import arrow_surface
+
+# Lengths as shares of the size of the object.
+_ASIDE, _BEFORE = 1.15, 1.0
+_HEIGHT = 0.45
+_ARM = 0.3
+_DOWN = 0.38
+_LETTER = 1.25
+_CLEAR = 0.05
+_SHAFT = 0.018
+_LONGEST = 0.55
+_STEPS = (1, 2, 5, 10, 20, 50, 100)
+
+
+def with_bearings(
+    picture: Picture, size: float, gravity: ArrayLike | None, planes: FloatArray
+) -> Picture:
+    """Return a picture with the directions of the world axes and of gravity beside the object.
+
+    They stand away from the hand, towards who looks, in front of all planes.
+
+    Args:
+        picture: The picture.
+        size: Radius of the object, m.
+        gravity: (3,) m/s^2; None or zero: it is not drawn.
+        planes: (K, 4) planes (n, d), to stay in n^T x > d of.
+    """
+    up = picture.up
+    right = np.cross(up, picture.view_from)
+    right /= np.linalg.norm(right)
+    before = np.cross(right, up)
+    bodies = picture.of(Role.OBJECT) or picture.meshes
+    corners = np.vstack([mesh.vertices for mesh in bodies]) if bodies else picture.center[None]
+    middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+    hand = [mesh.vertices - middle for mesh in picture.of(Role.HAND)]
+    near = [vertices[np.linalg.norm(vertices, axis=1) < 3.0 * size] for vertices in hand]
+    reach = float(np.vstack(near).mean(axis=0) @ right) if any(map(len, near)) else 0.0
+    aside = -1.0 if reach >= 0.0 else 1.0
+    foot = middle + size * (aside * _ASIDE * right + _BEFORE * before)
+    foot += (float((corners @ up).min()) - foot @ up) * up
+    for plane in planes:
+        normal, along = plane[:3], up if plane[:3] @ up > _CLEAR else plane[:3]
+        behind = plane[3] + _CLEAR * size - normal @ foot
+        foot = foot + max(behind, 0.0) / (normal @ along) * along
+    start = foot + _HEIGHT * size * up
+    meshes, marks = [], []
+    ways = dict(zip("xyz", _ARM * np.eye(3), strict=True))
+    pull = np.zeros(3) if gravity is None else np.asarray(gravity, dtype=float)
+    if pull.any():
+        ways["g"] = _DOWN * pull / np.linalg.norm(pull)
+    for name, way in ways.items():
+        role = Role.GRAVITY if name == "g" else Role.AXES
+        arrow = arrow_surface(start, size * way, _SHAFT * size)
+        meshes.append(Mesh(f"{role}/{name}", role, *arrow))
+        beside = _LETTER * way if role is Role.AXES else 0.6 * way - 0.12 * right
+        marks.append(Mark(name, role, read_only(start + size * beside)))
+    return replace(picture, meshes=(*picture.meshes, *meshes), marks=(*picture.marks, *marks))
+
+
+def with_force_scale(picture: Picture, metres_per_newton: float, size: float) -> Picture:
+    """Return a picture that states the scale of its forces, with an arrow of a round force.
+
+    Args:
+        picture: A picture with bearings; the arrow starts below the axes.
+        metres_per_newton: The scale; 0: there are no forces.
+        size: Radius of the object, m.
+    """
+    if metres_per_newton <= 0.0:
+        return picture
+    scale = ForceScale.of(metres_per_newton, size)
+    times = max((k for k in _STEPS if k * scale.length <= _LONGEST * size), default=1)
+    right = np.cross(picture.up, picture.view_from)
+    right /= np.linalg.norm(right)
+    start = picture.of(Role.AXES)[0].vertices[0] - 1.3 * _HEIGHT * size * picture.up
+    along = times * scale.length * right
+    arrow = arrow_surface(start - 0.5 * along, along, _SHAFT * size)
+    words = str(scale._replace(force=times * scale.force)).partition(" = ")[2]
+    mark = Mark(words, Role.FORCE_SCALE, read_only(start - 0.1 * size * picture.up))
+    mesh = Mesh(str(Role.FORCE_SCALE), Role.FORCE_SCALE, *arrow)
+    return replace(
+        picture,
+        meshes=(*picture.meshes, mesh),
+        marks=(*picture.marks, mark),
+        force_scale=scale,
+    )
