@@ -34,14 +34,16 @@ class ParsedYaml:
     lines: dict[Location, int]
 
 
-class _Loader(yaml.SafeLoader):
+class YamlLoader(yaml.SafeLoader):
     """PyYAML's plain loader with bounds, which come before any recursion or slow search."""
 
     def fetch_flow_collection_start(self, TokenClass: Any) -> None:
+        """Refuse to go too deep."""
         self._check_depth()
         super().fetch_flow_collection_start(TokenClass)
 
     def add_indent(self, column: int) -> bool:
+        """Refuse to go too deep."""
         self._check_depth()
         return super().add_indent(column)
 
@@ -60,7 +62,7 @@ _NUMBERS = {
         r"|\.(nan|NaN|NAN)"
     ),
 }
-_Loader.yaml_implicit_resolvers = {
+YamlLoader.yaml_implicit_resolvers = {
     first: [
         (tag, re.compile(rf"(?:{_NUMBERS[tag].pattern})\Z") if tag in _NUMBERS else pattern)
         for tag, pattern in resolvers
@@ -83,7 +85,7 @@ def parse_yaml(text: str) -> ParsedYaml:
             more than 30 000 entries, anchors written out.
     """
     try:
-        return _parsed(_Loader(text))
+        return _parsed(YamlLoader(text))
     except yaml.MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else None
         raise TextError(f"is not plain YAML: {_advice(error)}", line) from None
@@ -93,7 +95,7 @@ def parse_yaml(text: str) -> ParsedYaml:
         raise TextError(f"is not plain YAML: {problem}; put text in quotes") from error
 
 
-def _parsed(loader: _Loader) -> ParsedYaml:
+def _parsed(loader: YamlLoader) -> ParsedYaml:
     root = loader.get_single_node()
     if root is None:
         return ParsedYaml(None, {})

@@ -6,7 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+
+from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
 from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays, ContactPoint
+from graspless_pin.geometry.contact.motion import support_velocities, velocities_at
+from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.problem.checks import FloatArray
 
 
@@ -59,6 +64,45 @@ class Motion:
 
     object_twist: FloatArray
     hand: HandMotion | None = None
+
+
+def body_velocities(
+    touching: ContactArrays,
+    moved: ManipulatedObject,
+    hand: Hand | None,
+    supports: Sequence[Support],
+    motion: Motion,
+    twist: FloatArray,
+) -> FloatArray:
+    """Return the velocities of what the object touches; hand contacts follow it by default.
+
+    Args:
+        touching: M contacts, hand first.
+        moved: The object.
+        hand: The hand, if there is one.
+        supports: All supports; none if all stand still.
+        motion: The declared motion.
+        twist: (6,) the object's, checked.
+
+    Returns:
+        (M, 3) m/s, world axes.
+    """
+    count = touching.hand_count
+    velocities = np.zeros((len(touching), 3))
+    if supports:
+        velocities, _ = support_velocities(touching, supports)
+    if motion.hand is None:
+        velocities[:count] = velocities_at(
+            twist, moved.center_of_mass_world, touching.positions[:count]
+        )
+    elif hand is not None:
+        velocities[:count] = hand.point_velocities(
+            touching.bodies[:count],
+            touching.positions[:count],
+            motion.hand.joint_velocities,
+            motion.hand.base_twist,
+        )
+    return velocities
 
 
 @dataclass(frozen=True, eq=False)

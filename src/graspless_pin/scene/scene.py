@@ -30,8 +30,6 @@ from graspless_pin.geometry.contact.motion import (
     checked_twist,
     classified,
     contacts_that_stay,
-    support_velocities,
-    velocities_at,
 )
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.pickling import PickledByFields
@@ -54,6 +52,7 @@ from graspless_pin.scene.motion_and_contacts import (
     GivenContact,
     Motion,
     SceneContacts,
+    body_velocities,
     given_arrays,
 )
 from graspless_pin.scene.scene_stability import unknown_of, verdict_of
@@ -151,13 +150,15 @@ class Scene(PickledByFields):
             )
         motion = self.motion
         if motion is None:
-            if not self._once("moving", (self.supports,), self._supports_move):
+            if not self._supports_moving():
                 return SceneContacts(touching, np.zeros((len(touching), 3)))
             motion = Motion(np.zeros(6))
         center = self.object.center_of_mass_world
         try:
             twist = checked_twist("object_twist", motion.object_twist)
-            others = self._body_velocities(touching, twist, motion)
+            moving_supports = self.supports if self._supports_moving() else ()
+            bodies = self.object, self.hand, moving_supports
+            others = body_velocities(touching, *bodies, motion, twist)
             moving = classified(touching, twist, center, others)
             kept = contacts_that_stay(touching, moving, self.object.name)
         except SceneError as error:
@@ -269,6 +270,24 @@ class Scene(PickledByFields):
         """
         return verdict_of(self, torques, **options)
 
+    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
+        """Write a scene file that loads to the same problem, and return its path.
+
+        What the file that the scene came from says stays, comments too, but for what has changed.
+        Relative paths are written as they are from the new place, absolute ones as they are.
+
+        Args:
+            path: The file, ``.yaml``.
+            overwrite: Whether a file of that name may be replaced.
+
+        Raises:
+            SceneError: If the file is there already or cannot be written, or no scene file can say
+                what the scene is.
+        """
+        from graspless_pin.scene.saving import save_scene
+
+        return save_scene(self, path, overwrite=overwrite)
+
     def _label(self) -> str:
         return self.name if self.path is None else str(self.path)
 
@@ -322,29 +341,9 @@ class Scene(PickledByFields):
         self._kept[name] = sources, made
         return made
 
-    def _supports_move(self) -> bool:
-        return any(support.velocity.any() for support in self.supports)
-
-    def _body_velocities(
-        self, touching: ContactArrays, twist: FloatArray, motion: Motion
-    ) -> FloatArray:
-        """(M, 3) velocities of what the object touches; hand contacts follow it by default."""
-        count = touching.hand_count
-        velocities = np.zeros((len(touching), 3))
-        if self._once("moving", (self.supports,), self._supports_move):
-            velocities, _ = support_velocities(touching, self.supports)
-        if motion.hand is None:
-            velocities[:count] = velocities_at(
-                twist, self.object.center_of_mass_world, touching.positions[:count]
-            )
-        elif self.hand is not None:
-            velocities[:count] = self.hand.point_velocities(
-                touching.bodies[:count],
-                touching.positions[:count],
-                motion.hand.joint_velocities,
-                motion.hand.base_twist,
-            )
-        return velocities
+    def _supports_moving(self) -> bool:
+        supports = self.supports
+        return self._once("moving", (supports,), lambda: any(s.velocity.any() for s in supports))
 
 
 _FIELDS = frozenset(item.name for item in fields(Scene))

@@ -55,6 +55,7 @@ class Hand(Record):
 
     Attributes:
         tree: Kinematics and shapes of all mounted robots.
+        mounts: The robots that it was assembled from, each found.
         base_poses: (4, 4) ``T_world_base`` by mount prefix, in mounting order.
         palms: The links that carry fingers, empty if there is no branching link.
         fingers: Fingers by (prefixed) name.
@@ -66,6 +67,7 @@ class Hand(Record):
     """
 
     tree: KinematicTree
+    mounts: tuple[Mount, ...]
     base_poses: Mapping[str, NDArray[np.float64]]
     palms: tuple[str, ...]
     fingers: Mapping[str, FingerSpec]

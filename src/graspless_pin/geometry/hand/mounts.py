@@ -225,6 +225,15 @@ def hand_fields(
     """Return the fields of the hand that `Hand.assemble` makes; see there."""
     parts = join_mounts(mounts)
     tree = parts.tree
+    mounted = tuple(
+        replace(
+            mount,
+            source=find_robot(mount.source, mount.package_dirs),
+            T_world_base=parts.base_poses[mount.prefix],
+            package_dirs=(),
+        )
+        for mount in mounts
+    )
     given = expand_overrides(tree, parts.fingers, effort_limits, parts.tendons)
     plan = plan_control(tree, parts.fingers, control, arms=parts.arms, held=parts.held_joints)
     actuation = plan_actuation(tree, plan, parts.tendons)
@@ -232,6 +241,7 @@ def hand_fields(
         tree.pinocchio_model.armature[joint] = value
     return {
         "tree": tree,
+        "mounts": mounted,
         "base_poses": parts.base_poses,
         "palms": parts.palms,
         "fingers": parts.fingers,

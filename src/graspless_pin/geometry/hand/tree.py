@@ -85,6 +85,11 @@ class KinematicTree(Record):
         most = np.finfo(float).max
         return np.maximum(self.lower - slack, -most), np.minimum(self.upper + slack, most)
 
+    @property
+    def armature(self) -> FloatArray:
+        """(n,) inertia of each joint's rotor, gear ratio squared included, kg m^2 (kg)."""
+        return np.array(self.pinocchio_model.armature)
+
     @cached_property
     def link_joints(self) -> Mapping[str, int]:
         """Pinocchio index of the joint that carries each link, 0 for the base."""

@@ -1,0 +1,263 @@
+"""Save a scene as YAML that loads to the same problem, with the comments of the file it came from.
+
+That file is loaded as it is now, and changed only where it says something else than the scene is.
+"""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from graspless_pin.drafts import draft_of
+from graspless_pin.errors import GrasplessPinWarning, SceneError
+from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.intake.files import is_file, read_text
+from graspless_pin.intake.yaml_edit import edited_yaml, same_data, yaml_of
+from graspless_pin.intake.yaml_text import parse_yaml
+from graspless_pin.scene.load import build_scene
+from graspless_pin.scene.messages import validated
+from graspless_pin.scene.scene import Scene
+from graspless_pin.scene.scene_schema import SceneEntry
+from graspless_pin.scene.stated import described, stated_hand, stated_rotation, stated_scene
+from graspless_pin.scene.yaml_source import SCENE, Location, YamlSource, key_text
+
+_SAME = 1e-11
+_POSE = {"position", "matrix"}
+_WHOLE = ("materials", "inertia")
+_MAY_BE_EMPTY = ("materials", "supports", "tangent_axes")
+_WITH_PATHS = ("hand", "object", "supports")
+PathText = Callable[[Path], str]
+
+
+def save_scene(scene: Scene, path: str | Path, *, overwrite: bool = False) -> Path:
+    """Write a scene file: see `Scene.save`."""
+    target = Path(path)
+    if target.suffix.lower() not in (".yaml", ".yml"):
+        raise SceneError(f"{target}: a scene file ends in .yaml or .yml; choose such a name")
+    if os.path.lexists(target) and not overwrite:
+        raise SceneError(f"{target}: is there already; choose another name, or give overwrite=True")
+    text = scene_text(scene, target)
+    try:
+        with draft_of(target) as draft:
+            draft.write_text(text, encoding="utf-8", newline="")
+    except OSError as error:
+        raise SceneError(
+            f"{target}: cannot be written ({error.strerror}); choose another place"
+        ) from error
+    return target
+
+
+def scene_text(scene: Scene, target: Path) -> str:
+    """Return the text of the file that `save_scene` writes.
+
+    Args:
+        scene: The scene.
+        target: The file: paths in it are relative to its folder.
+
+    Raises:
+        SceneError: If no scene file can say what the scene is, or the one that it came from is no
+            scene any more.
+    """
+
+    def path_text(path: Path) -> str:
+        file = path.parent.resolve() / path.name
+        try:
+            return Path(os.path.relpath(file, target.parent.resolve())).as_posix()
+        except ValueError:  # on another drive
+            return str(file)
+
+    wanted = stated_scene(scene, path_text)
+    if scene.path is not None and is_file(scene.path):
+        source = YamlSource.read(scene.path)
+        meant = stated_scene(build_scene(source), path_text)
+        data = _rebased(source, path_text)
+        text = edited_yaml(read_text(scene.path, SCENE), _said_again(data, meant, wanted, scene))
+    else:
+        data = _said_again({}, {"hand": None}, wanted, scene)
+        if scene.name == target.stem:
+            del data["name"]
+        entry = validated(YamlSource(target, data), SceneEntry)
+        text = yaml_of(entry.model_dump(mode="json", exclude_defaults=True))
+    _check(text, target, scene, path_text)
+    return text
+
+
+def _said_again(data: Any, meant: Any, wanted: Any, scene: Scene) -> dict[str, Any]:
+    """Return what a file has to say to mean what is wanted, given what it says and that means."""
+    if scene.hand is not None:
+        hand = _said_of_hand(data.get("hand"), meant["hand"], wanted["hand"], scene.hand)
+        data = data | {"hand": hand}
+        meant = meant | {"hand": wanted["hand"]}
+    return _said(data, meant, wanted)
+
+
+def _said_of_hand(data: Any, meant: Any, wanted: Any, hand: Hand) -> Any:
+    if meant is None or _robots(meant) != _robots(wanted):
+        meant = {"mounts": wanted["mounts"], **_stated_alone(hand)}
+        mounts = [_plainly(mount) for mount in wanted["mounts"]]
+        data = mounts[0] if len(mounts) == 1 and not mounts[0]["prefix"] else {"mounts": mounts}
+        if data is mounts[0]:
+            del data["prefix"]
+    meant_own, wanted_own = (
+        {name: one[name] for name in one if name != "mounts"} for one in (meant, wanted)
+    )
+    pairs = [*zip(meant["mounts"], wanted["mounts"], strict=True)]
+    if "mounts" in data:
+        each = zip(data["mounts"], pairs, strict=True)
+        data = data | {"mounts": [_said(said, *pair) for said, pair in each]}
+    else:
+        data = _said(data, *pairs[0])
+    return _said(data, meant_own, wanted_own)
+
+
+def _robots(stated: dict[str, Any]) -> list[dict[str, Any]]:
+    return [
+        {name: value for name, value in mount.items() if name != "base_pose"}
+        for mount in stated["mounts"]
+    ]
+
+
+def _stated_alone(hand: Hand) -> dict[str, Any]:
+    """Return what its robots alone would make of a hand."""
+    mounts = [replace(one, T_world_base=hand.base_poses[one.prefix]) for one in hand.mounts]
+    with warnings.catch_warnings():
+        # Of limits that the scene replaces.
+        warnings.simplefilter("ignore", GrasplessPinWarning)
+        alone = stated_hand(Hand.assemble(mounts), str)
+    return alone | {"hybrid_force_limit": None, "material": None, "count_own_weight": True}
+
+
+def _said(data: Any, meant: Any, wanted: Any, key: str = "") -> Any:
+    """Return what a part of a file has to say: see `_said_again`."""
+    if same_data(meant, wanted):
+        return data
+    if key not in _WHOLE and all(isinstance(one, list) for one in (data, meant, wanted)):
+        return _said_items(data, meant, wanted)
+    maps = isinstance(meant, dict) and isinstance(wanted, dict) and isinstance(data, dict | None)
+    if key in _WHOLE or not maps:
+        return _plainly(wanted, key)
+    said = dict(data or {})
+    if wanted.keys() == _POSE:
+        return _said_pose(said, meant, wanted)
+    if key == "shape" and meant["type"] != wanted["type"]:
+        return _plainly(wanted)
+    for name in {**meant, **wanted}:
+        value = wanted.get(name)
+        if value is None or (not value and name in _MAY_BE_EMPTY):
+            said.pop(name, None)
+        elif name not in meant or not same_data(meant[name], value):
+            said[name] = _said(said.get(name), meant.get(name), value, name)
+    if key == "q":  # not what follows a joint that has moved
+        said = {name: value for name, value in said.items() if name in wanted}
+    if key == "object":
+        reshaped = not same_data(meant["shape"], wanted["shape"])
+        if reshaped or not same_data(meant["mass"], wanted["mass"]):
+            said.pop("density", None)
+            said["mass"] = wanted["mass"]
+        if reshaped:  # the centroid has moved
+            said["center_of_mass"] = wanted["center_of_mass"]
+    return said
+
+
+def _said_items(data: list[Any], meant: list[Any], wanted: list[Any]) -> list[Any]:
+    """Return what a list of a file has to say; supports are told by their names."""
+    known = {_name(item, index): index for index, item in enumerate(meant)}
+    said = []
+    for index, item in enumerate(wanted):
+        old = known.get(_name(item, index))
+        said.append(_plainly(item) if old is None else _said(data[old], meant[old], item))
+    return said
+
+
+def _name(item: Any, index: int) -> Any:
+    return item.get("name", index) if isinstance(item, dict) else index
+
+
+def _said_pose(said: dict[str, Any], meant: dict[str, Any], wanted: dict[str, Any]) -> Any:
+    if not same_data(meant["position"], wanted["position"]):
+        said["position"] = wanted["position"]
+    if not same_data(meant["matrix"], wanted["matrix"]):
+        forms = [name for name in said if name != "position"]
+        for name in forms:
+            del said[name]
+        said |= stated_rotation(wanted["matrix"], *forms)
+    return said
+
+
+def _plainly(wanted: Any, key: str = "") -> Any:
+    """Return what is wanted as a file says it that says nothing yet."""
+    if isinstance(wanted, list):
+        return [_plainly(item) for item in wanted]
+    if not isinstance(wanted, dict):
+        return wanted
+    if wanted.keys() == _POSE:
+        return {"position": wanted["position"], **stated_rotation(wanted["matrix"])}
+    if key == "friction" and wanted.keys() == {"default"}:
+        return wanted["default"]
+    return {name: _plainly(value, name) for name, value in wanted.items() if value is not None}
+
+
+def _rebased(source: YamlSource, path_text: PathText) -> Any:
+    """Return what a file says with its relative paths as the new file says them."""
+
+    def moved(text: Any) -> Any:
+        if isinstance(text, list):
+            return [moved(item) for item in text]
+        return text if Path(text).is_absolute() else path_text(source.file(text))
+
+    def walked(data: Any) -> Any:
+        if isinstance(data, list):
+            return [walked(item) for item in data]
+        if not isinstance(data, dict):
+            return data
+        return {
+            name: moved(data[name]) if _is_path(name, data) else walked(data[name]) for name in data
+        }
+
+    parts = {name: walked(source.data[name]) for name in _WITH_PATHS if name in source.data}
+    return {**source.data, **parts}
+
+
+def _is_path(name: str, data: dict[str, Any]) -> bool:
+    robot_file = name == "robot" and data[name].endswith((".yaml", ".yml"))
+    return robot_file or name in ("urdf", "package_dirs") or (name == "path" and "type" in data)
+
+
+def _check(text: str, target: Path, scene: Scene, path_text: PathText) -> None:
+    """Refuse a text that loads to another scene.
+
+    Raises:
+        SceneError: If it does: a scene may hold what was made in Python in a way of its own.
+    """
+    parsed = parse_yaml(text)
+    again = build_scene(YamlSource(target, parsed.data, SCENE, parsed.lines))
+    place = _first_difference(stated_scene(again, path_text), stated_scene(scene, path_text), ())
+    hands = [one.hand for one in (again, scene) if one.hand is not None]
+    robots = [[described(mount) for mount in hand.mounts] for hand in hands]
+    if place is None and robots and robots[0] != robots[-1]:
+        place = ("hand",)
+    if place is not None and place != ("name",):
+        raise SceneError(
+            f"{target}: {key_text(place)}: no scene file leads to what this scene has there; if a "
+            "robot was changed in Python, write a robot file that says so, and mount that"
+        )
+
+
+def _first_difference(one: Any, other: Any, place: Location) -> Location | None:
+    if isinstance(one, dict) and isinstance(other, dict) and one.keys() == other.keys():
+        pairs = [((*place, name), one[name], other[name]) for name in one]
+    elif isinstance(one, list) and isinstance(other, list) and len(one) == len(other):
+        pairs = [
+            ((*place, index), *pair) for index, pair in enumerate(zip(one, other, strict=True))
+        ]
+    elif isinstance(one, float) and isinstance(other, int | float):
+        near = one == other or abs(one - other) <= _SAME * max(1.0, abs(other))
+        return None if near else place
+    else:
+        return None if one == other else place
+    found = (_first_difference(first, second, inner) for inner, first, second in pairs)
+    return next((inner for inner in found if inner is not None), None)

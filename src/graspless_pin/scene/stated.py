@@ -1,0 +1,244 @@
+"""What a scene file says of a scene: plain data with every key that the schema has."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
+from graspless_pin.geometry.bodies.shapes import (
+    Box,
+    Capsule,
+    Cone,
+    Cylinder,
+    HalfSpace,
+    MeshShape,
+    Shape,
+    Sphere,
+)
+from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.geometry.hand.mounts import Mount
+from graspless_pin.geometry.poses import pose_matrix
+from graspless_pin.geometry.robots.description import RobotDescription
+from graspless_pin.geometry.robots.files import find_robot, load_robot, robot_names
+from graspless_pin.problem import ControlMode
+from graspless_pin.scene.motion_and_contacts import Motion
+from graspless_pin.scene.scene import Scene
+from graspless_pin.scene.scene_schema import SolveEntry
+
+_SAME_ROTATION = 1e-12
+_TYPES: dict[type, str] = {
+    Box: "box", Sphere: "sphere", Cylinder: "cylinder", Capsule: "capsule", Cone: "cone",
+    HalfSpace: "half_space", MeshShape: "mesh",
+}  # fmt: skip
+_AS_THEY_ARE = (
+    "max_normal_force", "cone_edges", "cone", "contact_tolerance", "points_per_patch",
+)  # fmt: skip
+ROBOT = ("robot", "urdf", "package_dirs", "fingers", "convex", "concavity", "decompose_time_limit")
+"""Keys of a mount that tell which robot it is of."""
+
+
+def stated_scene(scene: Scene, path_text: Callable[[Path], str]) -> dict[str, Any]:
+    """Return what a scene file says of a scene, whether or not it is a default.
+
+    Rotations are matrices, masses are not densities, materials stand once a pair, robots stand
+    under ``hand.mounts``, and joints and limits by joint. What is not there is None.
+
+    Args:
+        scene: The scene.
+        path_text: Returns how the file names another file.
+    """
+    motion = scene.motion
+    stated = {
+        "name": scene.name,
+        "gravity": scene.gravity,
+        "hand": None if scene.hand is None else _hand(scene, scene.hand, path_text),
+        "object": _object(scene.object, path_text),
+        "supports": [_support(support, path_text) for support in scene.supports],
+        "friction": dict(scene.friction),
+        "materials": _materials(scene),
+        "contacts": None,
+        "motion": None if motion is None else _motion(motion),
+        **{name: getattr(scene, name) for name in _AS_THEY_ARE},
+        "tangent_axes": list(scene.tangent_axes),
+        "solve": SolveEntry().model_dump() | dict(scene.solve_options),
+    }
+    if scene.given_contacts is not None:
+        stated["contacts"] = [vars(contact) for contact in scene.given_contacts]
+    return plain(stated)
+
+
+def stated_hand(hand: Hand, path_text: Callable[[Path], str]) -> dict[str, Any]:
+    """Return what a scene file says of a hand alone: see `stated_scene`."""
+    tree, actuation, control = hand.tree, hand.actuation, hand.control
+    modes = {name: mode for name, mode in control.joints.items() if mode is not ControlMode.HYBRID}
+    armature = tree.armature
+    limits = zip(actuation.names, *hand.effort_limits, strict=True)
+    return plain(
+        {
+            "mounts": [_mount(hand, mount, path_text) for mount in hand.mounts],
+            "q": {name: hand.q[name] for name in control.joints},
+            "control": modes | dict.fromkeys(control.hybrid_fingers, ControlMode.HYBRID),
+            "effort_limits": {
+                name: upper if upper == -lower and name not in actuation.tendons else (lower, upper)
+                for name, lower, upper in limits
+                if name not in actuation.passive
+            },
+            "armature": {name: armature[tree.joint_index[name]] for name in control.joints},
+        }
+    )
+
+
+def stated_rotation(R: ArrayLike, form: str = "rpy") -> dict[str, Any]:
+    """Return what a scene file says of a rotation.
+
+    Args:
+        R: (3, 3).
+        form: ``rpy``, ``quaternion`` or ``matrix``; where rounding would show, the matrix is taken.
+    """
+    matrix = np.asarray(R)
+    if form == "quaternion":
+        numbers = Rotation.from_matrix(matrix).as_quat().tolist()
+    elif form == "rpy":
+        numbers = [float(f"{angle:.13g}") + 0.0 for angle in _roll_pitch_yaw(matrix)]
+    else:
+        return {"matrix": plain(matrix)}
+    if np.abs(pose_matrix(np.zeros(3), numbers)[:3, :3] - matrix).max() > _SAME_ROTATION:
+        return {"matrix": plain(matrix)}
+    return {form: numbers} if form != "rpy" or any(numbers) else {}
+
+
+def _roll_pitch_yaw(R: NDArray[np.float64]) -> tuple[float, float, float]:
+    flat = math.hypot(R[0, 0], R[1, 0])
+    pitch = math.atan2(-R[2, 0], flat)
+    if flat < _SAME_ROTATION:  # looking straight up or down, roll and yaw are one turn
+        return 0.0, pitch, math.atan2(-R[0, 1], R[1, 1])
+    return math.atan2(R[2, 1], R[2, 2]), pitch, math.atan2(R[1, 0], R[0, 0])
+
+
+def described(mount: Mount) -> RobotDescription:
+    """Return a mount's robot with its paths in one form, so that two can be compared."""
+    robot = find_robot(mount.source)
+    return replace(
+        robot,
+        urdf_path=_one_form(robot.urdf_path),
+        package_dirs=tuple(map(_one_form, robot.package_dirs)),
+        file=None if robot.file is None else _one_form(robot.file),
+    )
+
+
+def plain(value: Any) -> Any:
+    """Return plain data: arrays and tuples as lists, numpy's numbers as Python's, enums as text."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, Enum):
+        return value.value
+    return value + 0.0 if isinstance(value, float) else value  # no -0
+
+
+def _hand(scene: Scene, hand: Hand, path_text: Callable[[Path], str]) -> dict[str, Any]:
+    return stated_hand(hand, path_text) | {
+        "hybrid_force_limit": scene.hybrid_force_limit,
+        "material": scene.hand_material,
+        "count_own_weight": scene.count_own_weight,
+    }
+
+
+def _mount(hand: Hand, mount: Mount, path_text: Callable[[Path], str]) -> dict[str, Any]:
+    meshes = mount.meshes
+    fingers = mount.fingers
+    return {
+        "prefix": mount.prefix,
+        **dict.fromkeys(ROBOT),
+        **_robot(find_robot(mount.source), path_text),
+        "base_pose": _pose(hand.base_poses[mount.prefix]),
+        "fingers": None if fingers is None else {name: vars(one) for name, one in fingers.items()},
+        **({} if meshes is None else vars(meshes)),
+    }
+
+
+def _robot(robot: RobotDescription, path_text: Callable[[Path], str]) -> dict[str, Any]:
+    if robot.file is not None:
+        name = robot.file.stem
+        own = name in robot_names() and load_robot(name).file == robot.file
+        return {"robot": name if own else path_text(robot.file)}
+    if robot.model is not None:
+        return {"robot": robot.model}
+    folders = [path_text(folder) for folder in robot.package_dirs]
+    return {"urdf": path_text(robot.urdf_path), "package_dirs": folders or None}
+
+
+def _object(made: ManipulatedObject, path_text: Callable[[Path], str]) -> dict[str, Any]:
+    return {
+        "name": made.name,
+        "shape": _shape(made.shape, path_text),
+        "mass": made.mass,
+        "center_of_mass": made.center_of_mass,
+        "inertia": made.inertia,
+        "material": made.material,
+        "pose": _pose(made.T_world_object),
+    }
+
+
+def _support(support: Support, path_text: Callable[[Path], str]) -> dict[str, Any]:
+    return {
+        "name": support.name,
+        "shape": _shape(support.shape, path_text),
+        "pose": _pose(support.T_world_support),
+        "friction": support.friction,
+        "velocity": _twist(support.velocity),
+        "material": support.material,
+    }
+
+
+def _shape(shape: Shape, path_text: Callable[[Path], str]) -> dict[str, Any]:
+    stated = {"type": _TYPES[type(shape)], **vars(shape)}
+    if isinstance(shape, MeshShape):
+        stated["path"] = path_text(shape.path)
+    return stated
+
+
+def _materials(scene: Scene) -> dict[str, dict[str, float]]:
+    table: dict[str, dict[str, float]] = {}
+    for pair, value in scene.materials.coefficients.items():
+        first, last = min(pair), max(pair)
+        table.setdefault(first, {})[last] = value
+    return table
+
+
+def _motion(motion: Motion) -> dict[str, Any]:
+    own = motion.hand
+    return {
+        "object_twist": _twist(motion.object_twist),
+        "hand": own
+        and {
+            "base_twist": _twist(own.base_twist),
+            "joint_velocities": own.joint_velocities,
+        },
+    }
+
+
+def _pose(T: ArrayLike) -> dict[str, Any]:
+    T = np.asarray(T)
+    return {"position": T[:3, 3], "matrix": T[:3, :3]}
+
+
+def _twist(twist: NDArray[np.float64]) -> dict[str, Any]:
+    return {"linear": twist[:3], "angular": twist[3:]}
+
+
+def _one_form(path: Path) -> Path:
+    return Path(os.path.normpath(path.absolute()))
