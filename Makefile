@@ -17,7 +17,7 @@ HOLDING ?= --count 5
 GUARANTEED ?= --count 20
 FUZZ ?= --count 2000 --seed 1
 
-.PHONY: install run test lint types docs bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding clean
+.PHONY: install run test lint types docs readme-pictures notebooks bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding clean
 
 install: $(STAMP)
 
@@ -48,6 +48,12 @@ types: install
 docs: export NO_MKDOCS_2_WARNING = 1
 docs: install
 	$(BIN)/mkdocs build --strict --quiet
+
+readme-pictures: install
+	$(BIN)/python mkdocs_hooks/readme_pictures.py
+
+notebooks: install
+	$(BIN)/jupyter execute --inplace --NotebookClient.record_timing=False examples/notebooks/*.ipynb
 
 bench: install
 	$(BIN)/python -m benchmarks$(if $(BASE),.against $(BASE) $(if $(ROUNDS),--rounds $(ROUNDS)))

@@ -19,7 +19,7 @@ from graspless_pin.geometry.robots.robot_schema import RobotFile
 from graspless_pin.scene import scene_json_schema
 from graspless_pin.studies.study_schema import StudyEntry
 
-KINDS = {"", "python", "console", "yaml", "xml", "text"}
+KINDS = {"", "python", "console", "yaml", "xml", "text", "bibtex"}
 PATH = re.compile(r"`((?:examples|docs|robots|src|tests|benchmarks)/[\w./-]*)`")
 REPOSITORY = ("examples", "docs", "robots", "src", "tests", "benchmarks", "Makefile")
 UNTIL_INTERRUPTED = {"view"}

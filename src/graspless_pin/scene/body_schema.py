@@ -29,10 +29,16 @@ def _not_zero(vector: tuple[float, float, float]) -> tuple[float, float, float]:
 Vector = tuple[Finite, Finite, Finite]
 Moments = tuple[Positive, Positive, Positive]
 Direction = Annotated[Vector, AfterValidator(_not_zero)]
-DecomposeTimeLimit = Annotated[Seconds, Field(description="s that the cut of each mesh may take")]
+DecomposeTimeLimit = Annotated[
+    Seconds, Field(description="[s] time that the cut of each mesh may take")
+]
 Concavity = Annotated[
     float,
-    Field(ge=0.01, le=1.0, description="coarseness of the cut"),
+    Field(
+        ge=0.01,
+        le=1.0,
+        description="[1] coarseness of the cut into convex pieces: smaller is finer",
+    ),
     BeforeValidator(no_truth_value),
 ]
 
@@ -40,15 +46,17 @@ Concavity = Annotated[
 class PoseEntry(Entry):
     """A pose: where the frame's origin is, and at most one form of its rotation."""
 
-    position: Vector = (0.0, 0.0, 0.0)
+    position: Vector = Field(default=(0.0, 0.0, 0.0), description="[m] of the frame's origin")
     rpy: Vector | None = Field(
         default=None,
-        description="roll, pitch, yaw in radians, R = Rz(yaw) Ry(pitch) Rx(roll) as in URDF",
+        description="[rad] roll, pitch, yaw, R = Rz(yaw) Ry(pitch) Rx(roll) as in URDF",
     )
     quaternion: tuple[Finite, Finite, Finite, Finite] | None = Field(
-        default=None, description="x, y, z, w"
+        default=None, description="[1] x, y, z, w"
     )
-    matrix: tuple[Vector, Vector, Vector] | None = Field(default=None, description="rows of R")
+    matrix: tuple[Vector, Vector, Vector] | None = Field(
+        default=None, description="[1] rows of the rotation matrix R"
+    )
 
     @model_validator(mode="after")
     def _one_rotation(self) -> PoseEntry:
@@ -61,49 +69,52 @@ class PoseEntry(Entry):
 class BoxEntry(Entry):
     """A box with full edge lengths."""
 
-    type: Literal["box"]
-    size: tuple[Length, Length, Length]
+    type: Literal["box"] = Field(description="says that it is a box")
+    size: tuple[Length, Length, Length] = Field(description="[m] full edge lengths along x, y, z")
 
 
 class SphereEntry(Entry):
     """A sphere."""
 
-    type: Literal["sphere"]
-    radius: Length
+    type: Literal["sphere"] = Field(description="says that it is a sphere")
+    radius: Length = Field(description="[m] from the origin of its frame")
 
 
 class CylinderEntry(Entry):
     """A cylinder along z, its full height."""
 
-    type: Literal["cylinder"]
-    radius: Length
-    length: Length
+    type: Literal["cylinder"] = Field(description="says that it is a cylinder")
+    radius: Length = Field(description="[m] about z")
+    length: Length = Field(description="[m] full height, half of it on each side of the origin")
 
 
 class CapsuleEntry(Entry):
     """A capsule along z; the length is the cylinder's without its ends."""
 
-    type: Literal["capsule"]
-    radius: Length
-    length: Length
+    type: Literal["capsule"] = Field(description="says that it is a capsule")
+    radius: Length = Field(description="[m] of the cylinder and of its round ends")
+    length: Length = Field(description="[m] of the cylinder, without its ends")
 
 
 class ConeEntry(Entry):
     """A cone, tip up along z."""
 
-    type: Literal["cone"]
-    radius: Length
-    length: Length
+    type: Literal["cone"] = Field(description="says that it is a cone")
+    radius: Length = Field(description="[m] of the base")
+    length: Length = Field(description="[m] from the base to the tip, the origin in its middle")
 
 
 class MeshEntry(Entry):
     """A mesh file, as its convex hull or cut into convex pieces; relative to the scene file."""
 
-    type: Literal["mesh"]
-    path: FilePath
-    scale: Length | tuple[Length, Length, Length] = 1.0
+    type: Literal["mesh"] = Field(description="says that it is a mesh")
+    path: FilePath = Field(description="STL, OBJ, DAE or PLY file")
+    scale: Length | tuple[Length, Length, Length] = Field(
+        default=1.0, description="[m] length of one unit of the file: 0.001 for millimetres"
+    )
     convex: Convex = Field(
-        default="hull", description="decompose: cut a non-convex mesh into convex pieces, cached"
+        default="hull",
+        description="hull: its convex hull; decompose: convex pieces of a non-convex mesh, cached",
     )
     concavity: Concavity = 0.02
     decompose_time_limit: DecomposeTimeLimit = 60.0
@@ -112,7 +123,7 @@ class MeshEntry(Entry):
 class HalfSpaceEntry(Entry):
     """Everything at z <= 0 of its frame: a floor, table or slope."""
 
-    type: Literal["half_space"]
+    type: Literal["half_space"] = Field(description="says that it is a half-space")
 
 
 SolidEntry = Annotated[
@@ -128,20 +139,20 @@ ShapeEntry = Annotated[
 class ObjectEntry(Entry):
     """The manipulated object, with its mass or its density."""
 
-    name: Name = "object"
-    shape: SolidEntry
-    mass: Positive | None = Field(default=None, description="kg; or density")
-    density: Positive | None = Field(default=None, description="kg/m^3; or mass")
+    name: Name = Field(default="object", description="how results call it")
+    shape: SolidEntry = Field(description="one of the shapes below, but for a half-space")
+    mass: Positive | None = Field(default=None, description="[kg] or give density")
+    density: Positive | None = Field(default=None, description="[kg/m^3] or give mass")
     center_of_mass: Vector | None = Field(
-        default=None, description="in the object's frame, m; default: the centroid of the shape"
+        default=None, description="[m] in the object's frame; default: the centroid of the shape"
     )
     inertia: Moments | tuple[Vector, Vector, Vector] | None = Field(
         default=None,
-        description="kg m^2 about the centre of mass, the object's axes: three moments, or the "
+        description="[kg m^2] about the centre of mass, the object's axes: three moments, or the "
         "rows of the matrix; default: that of the shape filled evenly with the mass",
     )
-    material: Name | None = None
-    pose: PoseEntry = PoseEntry()
+    material: Name | None = Field(default=None, description="its name in materials")
+    pose: PoseEntry = Field(default=PoseEntry(), description="of the object's frame in the world")
 
     @model_validator(mode="after")
     def _mass_or_density(self) -> ObjectEntry:
@@ -154,19 +165,21 @@ class ObjectEntry(Entry):
 class TwistEntry(Entry):
     """A velocity: linear (m/s) and angular (rad/s), world axes."""
 
-    linear: Vector = (0.0, 0.0, 0.0)
-    angular: Vector = (0.0, 0.0, 0.0)
+    linear: Vector = Field(default=(0.0, 0.0, 0.0), description="[m/s] linear velocity")
+    angular: Vector = Field(default=(0.0, 0.0, 0.0), description="[rad/s] angular velocity")
 
 
 class SupportEntry(Entry):
     """Something that the object may touch: fixed, or moving with a velocity of its own."""
 
-    name: Name
-    shape: ShapeEntry
-    pose: PoseEntry = PoseEntry()
-    friction: Friction | None = None
+    name: Name = Field(description="unique among the supports")
+    shape: ShapeEntry = Field(description="one of the shapes below")
+    pose: PoseEntry = Field(default=PoseEntry(), description="of the shape's frame in the world")
+    friction: Friction | None = Field(
+        default=None, description="[1] coefficient to the object; default: as friction says"
+    )
     velocity: TwistEntry = Field(
         default=TwistEntry(),
-        description="about the support frame's origin: a conveyor, a turntable",
+        description="of the support frame's origin: a conveyor, a turntable",
     )
-    material: Name | None = None
+    material: Name | None = Field(default=None, description="its name in materials")

@@ -39,9 +39,17 @@ class MountEntry(Entry):
     urdf: FilePath | None = Field(
         default=None, description="path of a URDF, relative to the scene file"
     )
-    package_dirs: Few[FilePath] = []
-    base_pose: PoseEntry = PoseEntry()
-    fingers: ByName[FingerEntry] | None = None
+    package_dirs: Few[FilePath] = Field(
+        default=[], description="folders in which the URDF's package:// addresses are looked for"
+    )
+    base_pose: PoseEntry = Field(
+        default=PoseEntry(), description="of the robot's root link in the world"
+    )
+    fingers: ByName[FingerEntry] | None = Field(
+        default=None,
+        description="the fingers by name; default: the robot file's, else the branches below the "
+        "palm",
+    )
     convex: LinkConvex = None
     concavity: Concavity | None = None
     decompose_time_limit: DecomposeTimeLimit | None = None
@@ -56,7 +64,7 @@ class MountEntry(Entry):
 class PrefixedMountEntry(MountEntry):
     """One of several robots: the prefix goes before the names of its joints, links, fingers."""
 
-    prefix: Name
+    prefix: Name = Field(description="such as left/")
 
 
 ModeName = Literal["force", "position", "hybrid"]
@@ -65,8 +73,12 @@ ModeName = Literal["force", "position", "hybrid"]
 class HandEntry(MountEntry):
     """The hand: one robot, or several under ``mounts``."""
 
-    mounts: Annotated[list[PrefixedMountEntry], Field(max_length=16)] = []
-    q: ByName[Finite] = Field(default={}, description="rad or m by joint name")
+    mounts: Annotated[list[PrefixedMountEntry], Field(max_length=16)] = Field(
+        default=[], description="several robots, each with a prefix; instead of robot or urdf"
+    )
+    q: ByName[Finite] = Field(
+        default={}, description="[rad, m] positions by joint name, those left out are 0"
+    )
     control: ModeName | ByName[ModeName] | None = Field(
         default=None,
         description="one mode for all joints, or modes by finger or joint; default: force, and "
@@ -74,16 +86,16 @@ class HandEntry(MountEntry):
     )
     effort_limits: ByName[NotNegative | tuple[Signed, Signed]] = Field(
         default={},
-        description="N m, or N for linear joints, by joint or finger; a number means -x to x",
+        description="[N m, N] by joint or finger; a number means -x to x",
     )
     armature: NotNegative | ByName[NotNegative] | None = Field(
         default=None,
-        description="inertia of the motors' rotors at the joints, kg m^2, or kg for linear joints, "
+        description="[kg m^2, kg] inertia of the motors' rotors at the joints, "
         "gear ratio squared included: one number, or by joint or finger; default: the URDF's",
     )
     hybrid_force_limit: Positive | None = Field(
         default=None,
-        description="largest commanded force of a hybrid finger, N; default max_normal_force",
+        description="[N] largest commanded force of a hybrid finger; default: max_normal_force",
     )
     material: Name | None = Field(default=None, description="of all its links")
     count_own_weight: bool = Field(

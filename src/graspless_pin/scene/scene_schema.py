@@ -41,41 +41,65 @@ PatchPoints = Annotated[int, Field(ge=3, le=64), BeforeValidator(no_truth_value)
 class ContactEntry(Entry):
     """A given contact: what touches the object (a hand link or support), where, and the normal."""
 
-    body: Name
-    position: Vector = Field(description="world frame, m")
-    normal: Direction = Field(description="into the object, world axes; any length")
+    body: Name = Field(description="the hand's link or the support that touches the object")
+    position: Vector = Field(description="[m] of the point, in the world")
+    normal: Direction = Field(description="[1] into the object, world axes; any length")
 
 
 class HandMotionEntry(Entry):
     """The hand's own motion; without it, its contacts follow the object and stick."""
 
-    base_twist: TwistEntry = TwistEntry()
-    joint_velocities: ByName[Finite] = {}
+    base_twist: TwistEntry = Field(default=TwistEntry(), description="of the hand's base")
+    joint_velocities: ByName[Finite] = Field(
+        default={}, description="[rad/s, m/s] by joint name, those left out stand still"
+    )
 
 
 class MotionEntry(Entry):
     """The declared motion: the object's twist about its centre of mass, and the hand's own."""
 
-    object_twist: TwistEntry
-    hand: HandMotionEntry | None = None
+    object_twist: TwistEntry = Field(description="of the object, about its centre of mass")
+    hand: HandMotionEntry | None = Field(
+        default=None, description="of the hand; default: its contacts go with the object and stick"
+    )
 
 
 class SolveEntry(Entry):
     """What to solve, unless the caller says otherwise."""
 
-    algorithm: Literal["margin", "torque"] = "margin"
-    margin: NotNegative = Field(default=0.1, description="required margin e_0 of Algorithm 2, N")
-    scale: Literal["absolute", "limits"] = "absolute"
-    sign_rule: Literal["strict", "exact", "nonzero", "direction"] = "strict"
-    sliding_rule: Literal["exempt", "constrained"] = "exempt"
-    static_friction: Literal["virtual_sliding", "coulomb"] = "virtual_sliding"
-    solver: Name = "auto"
-    regularization: Regularization = 0.0
-    search: Literal["auto", "enumerate"] = "auto"
-    node_limit: NodeLimit | None = Field(default=None, description="nodes of the search; no limit")
-    time_limit: NotNegative | None = Field(default=None, description="s; no limit")
+    algorithm: Literal["margin", "torque"] = Field(
+        default="margin",
+        description="margin: Algorithm 1, largest margin; torque: Algorithm 2, least torque",
+    )
+    margin: NotNegative = Field(default=0.1, description="[N] required margin e_0 of Algorithm 2")
+    scale: Literal["absolute", "limits"] = Field(
+        default="absolute",
+        description="of Algorithm 2: the least torque, or the least share of the limits",
+    )
+    sign_rule: Literal["strict", "exact", "nonzero", "direction"] = Field(
+        default="strict", description="what counts as a virtual sliding of a selected contact"
+    )
+    sliding_rule: Literal["exempt", "constrained"] = Field(
+        default="exempt", description="whether contacts that really slide limit virtual motions"
+    )
+    static_friction: Literal["virtual_sliding", "coulomb"] = Field(
+        default="virtual_sliding",
+        description="coulomb: any force inside the cones is believed, without a virtual sliding",
+    )
+    solver: Name = Field(default="auto", description="auto, or the name of an installed solver")
+    regularization: Regularization = Field(
+        default=0.0,
+        description="[1] weight of the sum of squared forces, which makes them small and even",
+    )
+    search: Literal["auto", "enumerate"] = Field(
+        default="auto", description="enumerate: list all modes rather than search among them"
+    )
+    node_limit: NodeLimit | None = Field(
+        default=None, description="most nodes of the search; default: no limit"
+    )
+    time_limit: NotNegative | None = Field(default=None, description="[s] default: no limit")
     direction_gap: Positive = Field(
-        default=1e-4, ge=1e-6, description="relative gap of sign_rule: direction"
+        default=1e-4, ge=1e-6, description="[1] relative gap of sign_rule: direction"
     )
     stability: Literal["weak", "strong"] = Field(
         default="weak", description="strong: torques of which rest is the only outcome"
@@ -88,36 +112,46 @@ class SolveEntry(Entry):
 class SceneEntry(Entry):
     """A whole scene."""
 
-    name: Name = ""
-    description: Description = ""
-    gravity: Vector = (0.0, 0.0, -9.81)
-    hand: HandEntry | None = None
-    object: ObjectEntry
-    supports: Few[SupportEntry] = []
+    name: Name = Field(default="", description="title of what is printed")
+    description: Description = Field(default="", description="for whoever reads the file or report")
+    gravity: Vector = Field(default=(0.0, 0.0, -9.81), description="[m/s^2] world axes")
+    hand: HandEntry | None = Field(
+        default=None, description="the hand; default: supports alone hold the object"
+    )
+    object: ObjectEntry = Field(description="what is manipulated")
+    supports: Few[SupportEntry] = Field(default=[], description="what the object may lean on")
     friction: Friction | ByName[Friction] = Field(
-        description="one coefficient, or by hand link, support, 'hand', 'supports' and 'default'"
+        description="[1] one coefficient, or by hand link, support, 'hand', 'supports', 'default'"
     )
     materials: Annotated[dict[Name, ByName[Friction]], Field(max_length=1000)] = Field(
-        default={}, description="coefficient per pair of materials, e.g. {rubber: {steel: 0.6}}"
+        default={}, description="[1] coefficient per pair of materials, e.g. {rubber: {steel: 0.6}}"
     )
     contacts: Many[ContactEntry] | None = Field(
         default=None, description="given contacts; without this key they are found from the shapes"
     )
-    motion: MotionEntry | None = None
-    max_normal_force: Positive = Field(default=50.0, description="N")
-    cone_edges: ConeEdges = 32
+    motion: MotionEntry | None = Field(
+        default=None, description="the declared slow motion; default: everything is at rest"
+    )
+    max_normal_force: Positive = Field(
+        default=50.0, description="[N] largest normal force that a contact bears"
+    )
+    cone_edges: ConeEdges = Field(
+        default=32, description="edges of the pyramid that stands for each friction cone"
+    )
     cone: Literal["edges", "round"] = Field(
         default="edges", description="pyramids of cone_edges edges, or Coulomb's round cones"
     )
-    contact_tolerance: Length = Field(default=1e-3, description="m")
+    contact_tolerance: Length = Field(
+        default=1e-3, description="[m] gap or overlap up to which two bodies touch"
+    )
     points_per_patch: PatchPoints = Field(
         default=8, description="most contacts that stand for one face on a face"
     )
     tangent_axes: Few[Direction] = Field(
         default=[],
-        description="t1 is the projection of the first of these axes that is not along the normal",
+        description="[1] t1 is the projection of the first of these that is not along the normal",
     )
-    solve: SolveEntry = SolveEntry()
+    solve: SolveEntry = Field(default=SolveEntry(), description="what is asked, and how")
 
 
 def scene_json_schema() -> dict[str, Any]:

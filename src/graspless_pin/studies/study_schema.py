@@ -29,6 +29,7 @@ def _listed(value: Any) -> Any:
     return [value] if isinstance(value, str) else value
 
 
+_AS_SOLVE = "as in the scene's solve"
 Scalar = bool | int | float | str
 What = Annotated[
     Few[Name],
@@ -44,22 +45,22 @@ What = Annotated[
 class SetEntry(Entry):
     """A scene key that gets factor * value + offset, in SI units."""
 
-    key: Name
-    factor: Signed = 1.0
-    offset: Signed = 0.0
+    key: Name = Field(description="the scene key, parts joined by dots")
+    factor: Signed = Field(default=1.0, description="[1] what the value is multiplied by")
+    offset: Signed = Field(default=0.0, description="[SI] what is added to it")
 
 
 class TurnEntry(Entry):
     """Turns bodies by the value about an axis through a point."""
 
     what: What
-    axis: Direction
-    point: Vector = (0.0, 0.0, 0.0)
+    axis: Direction = Field(description="[1] direction, any length")
+    point: Vector = Field(default=(0.0, 0.0, 0.0), description="[m] that the axis goes through")
     frame: Name | None = Field(
         default=None, description="body in whose frame axis and point are; default: the world"
     )
     as_in_scene: Finite = Field(
-        default=0.0, description="the value that the scene's own poses stand for"
+        default=0.0, description="[rad, m] the value that the scene's own poses stand for"
     )
 
 
@@ -67,12 +68,12 @@ class MoveEntry(Entry):
     """Moves bodies by the value along a direction."""
 
     what: What
-    along: Direction
+    along: Direction = Field(description="[1] direction, any length")
     frame: Name | None = Field(
         default=None, description="body in whose frame the direction is; default: the world"
     )
     as_in_scene: Finite = Field(
-        default=0.0, description="the value that the scene's own poses stand for"
+        default=0.0, description="[rad, m] the value that the scene's own poses stand for"
     )
 
 
@@ -82,18 +83,26 @@ class VariableEntry(Entry):
     values: Annotated[list[Scalar], Field(min_length=1, max_length=10_000)] | ByName[Any] | None = (
         Field(
             default=None,
-            description="the values, or by label, for values that are no single number",
+            description="[SI] the values, or by label, for values that are no single number",
         )
     )
-    start: Signed | None = Field(default=None, alias="from")
-    to: Signed | None = None
+    start: Signed | None = Field(
+        default=None, alias="from", description="[SI] first value of a range, in unit if given"
+    )
+    to: Signed | None = Field(default=None, description="[SI] last value of the range")
     steps: Count | None = Field(default=None, description="points of the grid, ends included")
-    scale: Literal["linear", "log"] = "linear"
-    unit: Name | None = Field(default=None, description="of the values; default SI")
+    scale: Literal["linear", "log"] = Field(
+        default="linear", description="how the range is divided"
+    )
+    unit: Name | None = Field(
+        default=None, description="of the values, such as deg or mm; default: SI"
+    )
     key: Name | None = Field(default=None, description="a scene key; default: the variable's name")
-    set: Few[SetEntry] | None = Field(default=None, min_length=1)
-    turn: TurnEntry | None = None
-    move: MoveEntry | None = None
+    set: Few[SetEntry] | None = Field(
+        default=None, min_length=1, description="several scene keys that go with the value"
+    )
+    turn: TurnEntry | None = Field(default=None, description="bodies that turn by the value")
+    move: MoveEntry | None = Field(default=None, description="bodies that move by the value")
 
     @model_validator(mode="after")
     def _consistent(self) -> VariableEntry:
@@ -125,9 +134,13 @@ class VariableEntry(Entry):
 class SamplingEntry(Entry):
     """How the samples are chosen."""
 
-    method: Literal["grid", "latin_hypercube", "sobol"] = "grid"
-    samples: Count | None = None
-    seed: Whole = 0
+    method: Literal["grid", "latin_hypercube", "sobol"] = Field(
+        default="grid", description="all combinations, or a number of well spread samples"
+    )
+    samples: Count | None = Field(default=None, description="how many, unless it is a grid")
+    seed: Whole = Field(
+        default=0, description="of the random numbers; the same seed, the same study"
+    )
 
     @model_validator(mode="after")
     def _samples_where_needed(self) -> SamplingEntry:
@@ -141,16 +154,22 @@ class SamplingEntry(Entry):
 class ComputeEntry(Entry):
     """What is computed for each sample; what is not said is as in the scene."""
 
-    algorithm: Literal["margin", "torque"] | None = None
-    margin: NotNegative | None = Field(default=None, description="e_0 of Algorithm 2, N")
-    scale: Literal["absolute", "limits"] | None = None
-    sign_rule: Literal["strict", "exact", "nonzero", "direction"] | None = None
-    sliding_rule: Literal["exempt", "constrained"] | None = None
-    static_friction: Literal["virtual_sliding", "coulomb"] | None = None
-    solver: Name | None = None
-    regularization: Regularization | None = None
+    algorithm: Literal["margin", "torque"] | None = Field(default=None, description=_AS_SOLVE)
+    margin: NotNegative | None = Field(default=None, description="[N] e_0 of Algorithm 2")
+    scale: Literal["absolute", "limits"] | None = Field(default=None, description=_AS_SOLVE)
+    sign_rule: Literal["strict", "exact", "nonzero", "direction"] | None = Field(
+        default=None, description=_AS_SOLVE
+    )
+    sliding_rule: Literal["exempt", "constrained"] | None = Field(
+        default=None, description=_AS_SOLVE
+    )
+    static_friction: Literal["virtual_sliding", "coulomb"] | None = Field(
+        default=None, description=_AS_SOLVE
+    )
+    solver: Name | None = Field(default=None, description=_AS_SOLVE)
+    regularization: Regularization | None = Field(default=None, description=f"[1] {_AS_SOLVE}")
     node_limit: Count | None = Field(default=None, description="of each search over modes")
-    time_limit: Seconds | None = Field(default=None, description="s, of each search over modes")
+    time_limit: Seconds | None = Field(default=None, description="[s] of each search over modes")
     stability: Literal["weak", "strong"] | None = Field(
         default=None, description="strong: torques of which rest is the only outcome"
     )
@@ -158,7 +177,7 @@ class ComputeEntry(Entry):
         default=None, description="sets of outcomes that each verdict may look at"
     )
     sample_time_limit: Seconds | None = Field(
-        default=None, description="s, of all that is computed for a sample, its scene included"
+        default=None, description="[s] of all that is computed for a sample, its scene included"
     )
     force_bounds: bool = Field(default=False, description="the range of the margin, eq. (32)")
     disturbance_margin: bool = Field(
@@ -190,9 +209,15 @@ class ComputeEntry(Entry):
 class StudyEntry(Entry):
     """A whole study."""
 
-    name: Name = ""
-    description: Description = ""
+    name: Name = Field(default="", description="title of what is printed")
+    description: Description = Field(default="", description="for whoever reads the file")
     scene: FilePath = Field(description="path of the scene, relative to the study file")
-    vary: dict[Name, VariableEntry] = Field(min_length=1, max_length=100)
-    sampling: SamplingEntry = SamplingEntry()
-    compute: ComputeEntry = ComputeEntry()
+    vary: dict[Name, VariableEntry] = Field(
+        min_length=1, max_length=100, description="the variables by name"
+    )
+    sampling: SamplingEntry = Field(
+        default=SamplingEntry(), description="which combinations of values are computed"
+    )
+    compute: ComputeEntry = Field(
+        default=ComputeEntry(), description="what is computed for each of them"
+    )

@@ -34,9 +34,11 @@ Source = Annotated[str, Field(max_length=2000)]
 class FingerEntry(Entry):
     """A finger: its joints, and the links whose contacts are its own (default: all it moves)."""
 
-    joints: Many[Name] = Field(min_length=1)
-    links: Many[Name] = []
-    tip: Name | None = None
+    joints: Many[Name] = Field(min_length=1, description="its joints, from the palm outwards")
+    links: Many[Name] = Field(
+        default=[], description="links whose contacts are its own; default: all that it moves"
+    )
+    tip: Name | None = Field(default=None, description="its last link, which touches first")
 
     def spec(self) -> FingerSpec:
         """Return the finger as a record."""
@@ -46,9 +48,15 @@ class FingerEntry(Entry):
 class EffortEntry(Entry):
     """A limit and where it comes from, or what is known while the real limit is not."""
 
-    limit: Signed | tuple[Signed, Signed] | None = None
-    source: Source | None = Field(default=None, min_length=1)
-    unknown: Source | None = Field(default=None, min_length=1)
+    limit: Signed | tuple[Signed, Signed] | None = Field(
+        default=None, description="[N m, N] largest effort, or the lowest and the highest"
+    )
+    source: Source | None = Field(
+        default=None, min_length=1, description="where the limit comes from, such as a data sheet"
+    )
+    unknown: Source | None = Field(
+        default=None, min_length=1, description="instead of both: what is known"
+    )
 
     @model_validator(mode="after")
     def _one_form(self) -> EffortEntry:
@@ -64,9 +72,11 @@ class EffortEntry(Entry):
 class CouplingEntry(Entry):
     """A coupled joint: it follows one joint with a multiplier, or several by name."""
 
-    follows: Name | ByName[Finite] = Field(min_length=1)
-    multiplier: Finite = 1.0
-    offset: Finite = 0.0
+    follows: Name | ByName[Finite] = Field(
+        min_length=1, description="[1] the leading joint, or multipliers by leading joint"
+    )
+    multiplier: Finite = Field(default=1.0, description="[1] of the one leading joint")
+    offset: Finite = Field(default=0.0, description="[rad, m] added to what follows from that")
 
     @model_validator(mode="after")
     def _one_multiplier(self) -> CouplingEntry:
@@ -85,24 +95,49 @@ class CouplingEntry(Entry):
 class TendonEntry(Entry):
     """A tendon: torque on each joint per newton of tension, that is its moment arm in metres."""
 
-    moment_arms: ByName[Finite] = Field(min_length=1)
+    moment_arms: ByName[Finite] = Field(
+        min_length=1, description="[m] torque per newton of tension, by joint"
+    )
 
 
 class RobotFile(Entry):
     """A robot file."""
 
-    name: Name = Field(min_length=1)
-    urdf: FilePath | None = None
-    model: Name | None = None
-    root_link: Name | None = None
-    palm: Name | Few[Name] = []
-    fingers: ByName[FingerEntry] = {}
-    couplings: ByName[CouplingEntry] = {}
-    tendons: ByName[TendonEntry] = {}
-    effort_limits: ByName[EffortEntry] = {}
-    convex: Convex | ByName[Convex] = "hull"
-    concavity: Number = Field(default=DEFAULT_CONCAVITY, ge=0.01, le=1.0)
-    decompose_time_limit: Seconds = DEFAULT_TIME_LIMIT
+    name: Name = Field(min_length=1, description="how messages call the robot")
+    urdf: FilePath | None = Field(default=None, description="path relative to this file")
+    model: Name | None = Field(
+        default=None, description="instead of urdf: name of an example-robot-data model"
+    )
+    root_link: Name | None = Field(
+        default=None, description="link to keep with all below it; default: the whole model"
+    )
+    palm: Name | Few[Name] = Field(
+        default=[], description="link or links from which the fingers branch; default: found"
+    )
+    fingers: ByName[FingerEntry] = Field(
+        default={}, description="the fingers by name; default: the branches below the palm"
+    )
+    couplings: ByName[CouplingEntry] = Field(
+        default={}, description="joints that follow others, beside the URDF's mimic joints"
+    )
+    tendons: ByName[TendonEntry] = Field(
+        default={}, description="tendons by name, each one motor for several joints"
+    )
+    effort_limits: ByName[EffortEntry] = Field(
+        default={}, description="limits by joint, finger or tendon; default: the URDF's"
+    )
+    convex: Convex | ByName[Convex] = Field(
+        default="hull", description="how collision meshes are made convex, for all or by link"
+    )
+    concavity: Number = Field(
+        default=DEFAULT_CONCAVITY,
+        ge=0.01,
+        le=1.0,
+        description="[1] coarseness of the cut into convex pieces: smaller is finer",
+    )
+    decompose_time_limit: Seconds = Field(
+        default=DEFAULT_TIME_LIMIT, description="[s] time that the cut of each mesh may take"
+    )
 
     @model_validator(mode="after")
     def _one_source(self) -> RobotFile:
