@@ -33,11 +33,23 @@ __all__ = [
 
 
 class GrasplessPinError(Exception):
-    """Root of all errors raised by this package."""
+    """Root of all errors raised by this package.
+
+    Examples:
+        >>> from graspless_pin import load_scene
+        >>> from graspless_pin import GrasplessPinError
+        >>> try:
+        ...     load_scene("no_such_scene.yaml")
+        ... except GrasplessPinError as error:
+        ...     print(error)
+        no_such_scene.yaml: there is no such file; check the path
+    """
 
 
 class ArgumentError(GrasplessPinError, ValueError):
     """An argument has a wrong shape, a wrong value or contradicts another one.
+
+    See the example of `GrasplessPinError`.
 
     Attributes:
         argument: Name of the offending argument.
@@ -55,11 +67,14 @@ class ArgumentError(GrasplessPinError, ValueError):
 
 
 class JointLimitError(ArgumentError):
-    """A joint is told to stand outside its limits."""
+    """A joint is told to stand outside its limits. See the example of `GrasplessPinError`."""
 
 
 class SceneError(GrasplessPinError, ValueError):
-    """A scene file, or what it describes, cannot be used."""
+    """A scene file, or what it describes, cannot be used.
+
+    See the example of `GrasplessPinError`.
+    """
 
     def at(self, where: str) -> Self:
         """Return the same error with a place before its message."""
@@ -67,7 +82,10 @@ class SceneError(GrasplessPinError, ValueError):
 
 
 class StateFault(Enum):
-    """What can be wrong with the state of a sound scene; the value is the message."""
+    """What can be wrong with the state of a sound scene; the value is the message.
+
+    See the example of `GrasplessPinError`.
+    """
 
     NO_CONTACT = "nothing touches the object"
     OVERLAP = "bodies overlap by more than passes for contact"
@@ -78,6 +96,8 @@ class StateFault(Enum):
 
 class StateError(SceneError):
     """A scene has no problem to solve in this state; with other poses or motions it may.
+
+    See the example of `GrasplessPinError`.
 
     Attributes:
         kind: What is wrong.
@@ -98,19 +118,30 @@ class StateError(SceneError):
 
 
 class StudyError(GrasplessPinError, ValueError):
-    """A study, or the file that its results go to, cannot be used."""
+    """A study, or the file that its results go to, cannot be used.
+
+    See the example of `GrasplessPinError`.
+    """
 
 
 class RobotError(GrasplessPinError, ValueError):
-    """A URDF, robot file or named robot model cannot be used."""
+    """A URDF, robot file or named robot model cannot be used.
+
+    See the example of `GrasplessPinError`.
+    """
 
 
 class MeshError(GrasplessPinError, ValueError):
-    """A mesh file is missing, unreadable or has no volume."""
+    """A mesh file is missing, unreadable or has no volume.
+
+    See the example of `GrasplessPinError`.
+    """
 
 
 class TextError(GrasplessPinError):
     """A text is not YAML, JSON or XML as this package reads it.
+
+    See the example of `GrasplessPinError`.
 
     Attributes:
         line: Where, from 1; None: not known.
@@ -127,43 +158,66 @@ class TextError(GrasplessPinError):
 
 
 class NoSolutionError(GrasplessPinError, RuntimeError):
-    """Torques, forces or a mode were asked of a solution that has none."""
+    """Torques, forces or a mode were asked of a solution that has none.
+
+    See the example of `GrasplessPinError`.
+    """
 
 
 class SolverUnavailableError(GrasplessPinError, ValueError):
-    """The named solver is not known or not installed."""
+    """The named solver is not known or not installed.
+
+    See the example of `GrasplessPinError`.
+    """
 
 
 class UndecidedMotionError(GrasplessPinError, ArithmeticError):
     """No solver decided whether there is a virtual motion behind a mode.
 
     `maximize_margin`, `minimize_torque` and `Evaluator` turn it into a status.
+
+    See the example of `GrasplessPinError`.
     """
 
 
 class CrashError(GrasplessPinError, RuntimeError):
-    """A process that computed something ended in the middle of it."""
+    """A process that computed something ended in the middle of it.
+
+    See the example of `GrasplessPinError`.
+    """
 
 
 class OverrunError(GrasplessPinError, TimeoutError):
-    """Something took longer than its time limit."""
+    """Something took longer than its time limit. See the example of `GrasplessPinError`."""
 
 
 class GrasplessPinWarning(UserWarning):
-    """Root of all warnings issued by this package."""
+    """Root of all warnings issued by this package. See the example of `GrasplessPinError`."""
 
 
 class PlaceholderEffortWarning(GrasplessPinWarning):
-    """An effort limit looks like a placeholder rather than a motor's limit."""
+    """An effort limit looks like a placeholder rather than a motor's limit.
+
+    See the example of `GrasplessPinError`.
+    """
 
 
 class DanglingMimicWarning(GrasplessPinWarning):
-    """A mimic joint follows a joint that does not exist or cannot move."""
+    """A mimic joint follows a joint that does not exist or cannot move.
+
+    See the example of `GrasplessPinError`.
+    """
 
 
 class UnusedMaterialWarning(GrasplessPinWarning):
-    """A table of materials has a name that looks misspelt, or no pair that counts."""
+    """A table of materials has a name that looks misspelt, or no pair that counts.
+
+    See the example of `GrasplessPinError`.
+    """
 
 
 class MeshScaleWarning(GrasplessPinWarning):
-    """A mesh is so large or so small that its unit is probably not the metre."""
+    """A mesh is so large or so small that its unit is probably not the metre.
+
+    See the example of `GrasplessPinError`.
+    """

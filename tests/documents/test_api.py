@@ -1,6 +1,7 @@
 """The index, the pages and `__all__` of the public packages promise the same names."""
 
 import ast
+import doctest
 import inspect
 import json
 import re
@@ -127,3 +128,28 @@ def test_the_package_loads_nothing_before_it_is_needed():
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
     assert result.stdout.strip() == ""
+
+
+def test_each_name_has_an_example_that_runs(monkeypatch):
+    """Of its own, or that of the name which it is used with."""
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    values = {name: loaded(name) for name in PROMISED}
+    docs = {
+        name: inspect.getdoc(value) or ""
+        for name, value in values.items()
+        if inspect.isfunction(value) or inspect.isclass(value)
+    }
+    texts = {name.rpartition(".")[2]: text for name, text in docs.items()}
+    for name, text in docs.items():
+        if ">>>" not in text:
+            named = re.search(r"See the example\s+of\s+`(\w+)`", text)
+            assert named, f"{name}: has no example"
+            assert ">>>" in texts[named[1]], f"{name}: {named[1]} has no example"
+    found = {text[text.index("Examples:") :]: n for n, text in docs.items() if ">>>" in text}
+    runner = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE)
+    for text, name in found.items():
+        said: list[str] = []
+        runner.run(doctest.DocTestParser().get_doctest(text, {}, name, name, 0), out=said.append)
+        assert not said, "".join(said)
+    assert runner.tries > 250

@@ -24,6 +24,8 @@ from graspless_pin.solution.tables import Table, shown, torque_size
 class RuleComparison:
     """The optimum under every pair of rules and plain Coulomb friction.
 
+    See the example of `compare_rules`.
+
     Attributes:
         algorithm: Algorithm 1 or 2.
         solutions: Solution by rules.
@@ -78,6 +80,13 @@ def compare_rules(
 
     Raises:
         ArgumentError: If an option is not known or the margin is negative.
+
+    Examples:
+        >>> from graspless_pin import load_scene, compare_rules
+        >>> problem = load_scene("examples/paper/cuboid_at_rest.yaml").problem()
+        >>> table = compare_rules(problem, "torque", margin=0.1)
+        >>> print(str(table).splitlines()[2])
+        strict + exempt                   0.1                0.9618
     """
     how, objective = SolveOptions.parse(**options), paper_objective(algorithm, margin)
     limits = Limits.of(how)
@@ -107,6 +116,13 @@ def solve_each_mode(
 
     Raises:
         ArgumentError: If an option is not known.
+
+    Examples:
+        >>> from graspless_pin import load_scene, solve_each_mode
+        >>> problem = load_scene("examples/paper/cuboid_at_rest.yaml").problem()
+        >>> best = max(s.margin for s in solve_each_mode(problem) if s.found)
+        >>> print(f"{best:.4f} N")
+        1.6504 N
     """
     options["static_friction"] = StaticFriction.VIRTUAL_SLIDING
     how, objective = SolveOptions.parse(**options), paper_objective(algorithm, margin)

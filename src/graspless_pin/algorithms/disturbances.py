@@ -31,6 +31,8 @@ _STEP = 1e-6
 class DisturbanceMargin:
     """The largest balanced disturbance in each direction.
 
+    See the example of `disturbance_margin`.
+
     Attributes:
         status: OPTIMAL, LIMIT_REACHED where a limit ended the search, or why not even the
             undisturbed object is balanced.
@@ -114,6 +116,13 @@ def disturbance_margin(
     Raises:
         ArgumentError: If a shape is wrong, a direction is zero, the length is not positive, an
             option is not known, the sign rule is ``direction`` or ``stability="strong"``.
+
+    Examples:
+        >>> from graspless_pin import load_scene, disturbance_margin
+        >>> problem = load_scene("examples/paper/cuboid_at_rest.yaml").problem()
+        >>> along_x = disturbance_margin(problem, directions=[[1, 0, 0, 0, 0, 0]])
+        >>> print(f"{along_x.magnitudes[0]:.1f} N")
+        22.3 N
     """
     checked_problem(problem)
     how = SolveOptions.parse(**options)

@@ -37,7 +37,7 @@ _FACTOR_STEP = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Suggestion:
-    """A change that makes the problem feasible; it was tried.
+    """A change that makes the problem feasible; it was tried. See the example of `Status`.
 
     Attributes:
         text: The change in words.
@@ -54,7 +54,7 @@ class Suggestion:
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """Why a problem is infeasible.
+    """Why a problem is infeasible. See the example of `Status`.
 
     Attributes:
         cause: One sentence.
@@ -84,7 +84,7 @@ def explain(solution: TorqueSolution) -> Explanation:
     the smallest amount that makes some feasible mode work. Where only the virtual-sliding rule
     fails, the contacts in conflict are named and the weaker rules are tried; under ``direction``
     that and the required margin are all. Where no change is enough by itself, it is tried along
-    with no required margin, with Coulomb friction, or with all others.
+    with no required margin, with Coulomb friction, or with all others. See the example of `Status`.
 
     Args:
         solution: A solution that was not found.

@@ -27,6 +27,8 @@ _NOTE = "* reached; no proof yet that these torques allow no wider range"
 class ContactForceBounds:
     """The range of every contact force over all feasible virtual-sliding modes.
 
+    See the example of `contact_force_bounds`.
+
     Attributes:
         status: OPTIMAL where all is proven; LIMIT_REACHED where the time limit ended the search or
             no solver answered some program; or why there is no range.
@@ -150,6 +152,14 @@ def contact_force_bounds(
     Raises:
         ArgumentError: If the torques have the wrong shape, an option is not known, the time limit
             is negative, the sign rule is ``direction`` or ``stability="strong"``.
+
+    Examples:
+        >>> from graspless_pin import load_scene, contact_force_bounds, minimize_torque
+        >>> problem = load_scene("examples/paper/cuboid_at_rest.yaml").problem()
+        >>> torques = minimize_torque(problem, margin=0.1).torques
+        >>> bounds = contact_force_bounds(problem, torques)
+        >>> print(f"margins up to {bounds.largest_margin:.1f} N")
+        margins up to 0.1 N
     """
     how = SolveOptions.parse(**options)
     how.rules.need_signs("contact_force_bounds")

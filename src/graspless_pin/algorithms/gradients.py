@@ -33,6 +33,8 @@ _ROUNDING = 1e-9
 class Gradients:
     """Derivatives of one optimum: of the largest margin e (N) or of the smallest torque t (N m).
 
+    See the example of `optimum_gradients`.
+
     Attributes:
         positions: (M, 3) per m of each contact point; its frame and the joints' lever arms stay.
         normals: (M, 3) per rad, tangential: the contact's frame, its sliding and the force in it
@@ -64,6 +66,8 @@ class Gradients:
 @dataclass(frozen=True, eq=False)
 class OptimumGradients:
     """Gradients of an optimum, and where they are only one of several one-sided derivatives.
+
+    See the example of `optimum_gradients`.
 
     Attributes:
         values: The derivatives.
@@ -112,6 +116,13 @@ def optimum_gradients(solution: TorqueSolution) -> OptimumGradients:
         NoSolutionError: If nothing was found.
         ArgumentError: If it is no solution, or one with a regularisation, under ``direction`` or
             with status STRONG.
+
+    Examples:
+        >>> from graspless_pin import load_scene, maximize_margin, optimum_gradients
+        >>> problem = load_scene("examples/paper/cuboid_at_rest.yaml").problem()
+        >>> gradients = optimum_gradients(maximize_margin(problem))
+        >>> gradients.values.external_wrench.shape
+        (6,)
     """
     checked_solution(solution)
     if not solution.found:

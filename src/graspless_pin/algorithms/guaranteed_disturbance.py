@@ -22,6 +22,8 @@ class GuaranteedDisturbance:
 
     Along direction d the disturbance of magnitude t is t [d_f; characteristic_length * d_m].
 
+    See the example of `guaranteed_disturbance`.
+
     Attributes:
         verdict: On the torques without disturbance.
         directions: (K, 6) unit directions [force; moment / characteristic length].
@@ -108,6 +110,17 @@ def guaranteed_disturbance(
 
     Raises:
         ArgumentError: If an argument is wrong.
+
+    Examples:
+        >>> import numpy as np
+        >>> from graspless_pin import QuasistaticProblem, guaranteed_disturbance
+        >>> feet = [[0.1, 0.0, -0.05], [-0.1, 0.1, -0.05], [-0.1, -0.1, -0.05]]  # m
+        >>> normals, weight = [[0.0, 0.0, 1.0]] * 3, [0.0, 0.0, -4.9, 0.0, 0.0, 0.0]
+        >>> inertia = np.diag([0.5, 0.5, 0.5, 1e-3, 1e-3, 1e-3])
+        >>> stool = QuasistaticProblem(feet, normals, weight, friction=0.5, object_inertia=inertia)
+        >>> found = guaranteed_disturbance(stool, [], [[1, 0, 0, 0, 0, 0]], precision=0.1)
+        >>> print(f"pushed along x it stays up to {found.guaranteed[0]:.1f} N at least")
+        pushed along x it stays up to 2.4 N at least
     """
     check_bracket_options(problem, precision, node_limit)
     units, length = unit_disturbances(problem, directions, characteristic_length)

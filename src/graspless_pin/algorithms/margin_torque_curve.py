@@ -37,6 +37,8 @@ class MarginTorqueCurve:
     each begins where the one before it ends, at the same torque or, after a jump, at a larger one.
     ``margins.ravel()`` against ``torques.ravel()`` draws the curve with its jumps.
 
+    See the example of `margin_torque_curve`.
+
     Attributes:
         status: OPTIMAL where every piece is proven over all modes; LIMIT_REACHED where a limit
             ended a search, and a mode may lie below; or why nothing is feasible.
@@ -134,6 +136,13 @@ def margin_torque_curve(
     Raises:
         ArgumentError: If an option is not known, for ``direction`` or ``strong``.
         SolverUnavailableError: If the solver is not installed.
+
+    Examples:
+        >>> from graspless_pin import load_scene, margin_torque_curve
+        >>> problem = load_scene("examples/paper/cuboid_at_rest.yaml").problem()
+        >>> curve = margin_torque_curve(problem)
+        >>> print(f"{float(curve.torque_at(0.1)):.4f} N m for 0.1 N")
+        0.9618 N m for 0.1 N
     """
     checked_problem(problem)
     how = SolveOptions.parse(**options)

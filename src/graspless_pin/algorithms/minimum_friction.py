@@ -24,6 +24,8 @@ _RELATIVE = 1e-7
 class MinimumFriction:
     """The smallest common factor on all friction coefficients.
 
+    See the example of `minimum_friction`.
+
     Attributes:
         factor: Smallest factor with which the scene is feasible (at margin zero); 0 if it needs no
             friction, NaN if no factor up to 16 does. Where a limit ended a search, the smallest
@@ -55,6 +57,12 @@ def minimum_friction(
 
     Raises:
         ArgumentError: If an option is not known, or ``stability="strong"``.
+
+    Examples:
+        >>> from graspless_pin import load_scene, minimum_friction
+        >>> problem = load_scene("examples/paper/cuboid_at_rest.yaml").problem()
+        >>> print(f"{minimum_friction(problem).factor:.2f} of the friction is needed")
+        0.22 of the friction is needed
     """
     checked_problem(problem)
     how = SolveOptions.parse(**options)

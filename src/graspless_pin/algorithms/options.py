@@ -63,6 +63,12 @@ class SolveOptions:
             or over a hundredth of the load where that is larger.
         stability: What rest under the torques has to be.
         verdict_nodes: Sets of outcomes that each verdict on torques may look at.
+
+    Examples:
+        >>> from graspless_pin import load_scene, SolveOptions, maximize_margin
+        >>> problem = load_scene("examples/paper/cuboid_at_rest.yaml").problem()
+        >>> maximize_margin(problem, static_friction="coulomb", node_limit=10).found
+        True
     """
 
     rules: Rules = field(default_factory=Rules)

@@ -21,7 +21,7 @@ from graspless_pin.problem.inertias import hybrid_contacts
 
 @dataclass(frozen=True, eq=False)
 class Robustness:
-    """What torques bear of which rest is the only outcome.
+    """What torques bear of which rest is the only outcome. See the example of `robustness`.
 
     Attributes:
         verdict: On the torques as they are. The rest is empty unless it is ``strong``.
@@ -100,6 +100,16 @@ def robustness(
 
     Raises:
         ArgumentError: If an argument is wrong.
+
+    Examples:
+        >>> import numpy as np
+        >>> from graspless_pin import QuasistaticProblem, robustness
+        >>> feet = [[0.1, 0.0, -0.05], [-0.1, 0.1, -0.05], [-0.1, -0.1, -0.05]]  # m
+        >>> normals, weight = [[0.0, 0.0, 1.0]] * 3, [0.0, 0.0, -4.9, 0.0, 0.0, 0.0]
+        >>> inertia = np.diag([0.5, 0.5, 0.5, 1e-3, 1e-3, 1e-3])
+        >>> stool = QuasistaticProblem(feet, normals, weight, friction=0.5, object_inertia=inertia)
+        >>> robustness(stool, []).relies_on
+        (0, 1, 2)
     """
     check_bracket_options(problem, precision, node_limit)
     verdict = stability(problem, torques)

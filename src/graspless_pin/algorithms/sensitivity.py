@@ -18,7 +18,7 @@ class MarginSensitivity:
     """Derivatives of the largest margin in its optimal mode.
 
     Where the optimum is degenerate or the mode is about to change, they are one of several
-    one-sided derivatives.
+    one-sided derivatives. See the example of `margin_sensitivity`.
 
     Attributes:
         gradients: By all that the problem is made of, with where they are not unique.
@@ -77,5 +77,11 @@ def margin_sensitivity(
 
     Raises:
         NoSolutionError: If no margin is feasible.
+
+    Examples:
+        >>> from graspless_pin import load_scene, margin_sensitivity
+        >>> problem = load_scene("examples/paper/cuboid_at_rest.yaml").problem()
+        >>> margin_sensitivity(problem).friction.round(2)  # N a unit of each coefficient
+        array([2.24, 2.24, 0.41, 1.87, 1.87, 0.41])
     """
     return MarginSensitivity(optimum_gradients(maximize_margin(problem, **options)))

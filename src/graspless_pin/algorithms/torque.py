@@ -92,6 +92,13 @@ def maximize_margin(
     Raises:
         ArgumentError: If an option is not known.
         SolverUnavailableError: If the solver is not installed.
+
+    Examples:
+        >>> from graspless_pin import load_scene, maximize_margin
+        >>> problem = load_scene("examples/paper/cuboid_at_rest.yaml").problem()
+        >>> solution = maximize_margin(problem)
+        >>> print(f"{solution.margin:.4f} N, {solution.torques.round(4)} N m")
+        1.6504 N, [-4.835  4.835] N m
     """
     return optimize(problem, Margin(regularization), mode=mode, **options)
 
@@ -127,6 +134,13 @@ def minimize_torque(
     Raises:
         ArgumentError: If an option is not known or the margin is negative.
         SolverUnavailableError: If the solver is not installed.
+
+    Examples:
+        >>> from graspless_pin import load_scene, minimize_torque
+        >>> problem = load_scene("examples/paper/cuboid_at_rest.yaml").problem()
+        >>> solution = minimize_torque(problem, margin=0.1)
+        >>> print(f"{solution.max_torque:.4f} N m")
+        0.9618 N m
     """
     objective = torque_objective(margin, scale, regularization)
     return optimize(problem, objective, mode=mode, **options)
@@ -153,6 +167,12 @@ def optimize(
     Raises:
         ArgumentError: If an argument is none of its kind or an option is not known.
         SolverUnavailableError: If the solver is not installed.
+
+    Examples:
+        >>> from graspless_pin import Torque, load_scene, optimize
+        >>> problem = load_scene("examples/paper/cuboid_at_rest.yaml").problem()
+        >>> print(f"{optimize(problem, Torque(required_margin=0.1)).max_torque:.4f} N m")
+        0.9618 N m
     """
     how = SolveOptions.parse(**options) if options else DEFAULT_OPTIONS
     return solve_problem(problem, objective, how, mode=mode)

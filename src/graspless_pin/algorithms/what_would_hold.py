@@ -26,7 +26,7 @@ _Changed = tuple[QuasistaticProblem, FloatArray]
 
 @dataclass(frozen=True, eq=False)
 class HoldingChange:
-    """A change with which rest is the only outcome.
+    """A change with which rest is the only outcome. See the example of `what_would_hold`.
 
     Attributes:
         words: The change.
@@ -65,6 +65,14 @@ def what_would_hold(
 
     Raises:
         ArgumentError: If an argument is wrong.
+
+    Examples:
+        >>> from graspless_pin import load_scene, what_would_hold
+        >>> scene = load_scene("examples/box_between_walls.yaml")
+        >>> torques = scene.solve().torques  # may fail
+        >>> changes = what_would_hold(scene.problem(), torques, node_limit=10)
+        >>> len(changes) > 0
+        True
     """
     check_bracket_options(problem, 0.1, node_limit)
     tau = finite_array("torques", torques, (problem.joint_count,))

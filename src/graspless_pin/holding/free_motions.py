@@ -38,6 +38,12 @@ def free_motions(problem: QuasistaticProblem) -> FloatArray:
 
     Raises:
         ArgumentError: If it is no problem.
+
+    Examples:
+        >>> from graspless_pin import load_scene, free_motions
+        >>> scene = load_scene("examples/allegro_sphere_on_slope.yaml")
+        >>> len(free_motions(scene.problem()))
+        3
     """
     checked_problem(problem)
     hybrid = hybrid_contacts(problem)

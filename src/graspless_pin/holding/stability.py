@@ -88,6 +88,12 @@ def stability(
 
     Raises:
         ArgumentError: If an argument is wrong.
+
+    Examples:
+        >>> from graspless_pin import load_scene, maximize_margin, stability
+        >>> problem = load_scene("examples/paper/cuboid_at_rest.yaml").problem()
+        >>> print(stability(problem, maximize_margin(problem).torques))
+        holds: rest is the only outcome (proof: 15 LPs)
     """
     return _verdict(*_asked(problem, torques, acceleration_resolution, node_limit, time_limit))
 

@@ -13,7 +13,7 @@ from graspless_pin.problem.checks import FloatArray
 
 
 class Stability(StrEnum):
-    """Whether rest is what happens (Pang and Trinkle, 2000)."""
+    """Whether rest is what happens (Pang and Trinkle, 2000). See the example of `stability`."""
 
     STRONG = "strong"
     """Rest is the only outcome."""
@@ -26,7 +26,7 @@ class Stability(StrEnum):
 
 
 class ContactState(StrEnum):
-    """What a contact does in the instant after."""
+    """What a contact does in the instant after. See the example of `stability`."""
 
     FREE = "free"
     """Not decided yet: any of the others."""
@@ -41,6 +41,8 @@ class ContactState(StrEnum):
 @dataclass(frozen=True, eq=False)
 class DynamicOutcome:
     """Accelerations and forces that the laws of rigid bodies and of Coulomb allow together.
+
+    See the example of `stability`.
 
     Attributes:
         object_acceleration: (6,) [of the reference point; angular], m/s^2 and rad/s^2, world axes.
@@ -136,7 +138,7 @@ class OutcomeSet:
 
 @dataclass(frozen=True, eq=False)
 class RestProof:
-    """What proves that rest is the only outcome.
+    """What proves that rest is the only outcome. See the example of `stability`.
 
     Attributes:
         loads: Smallest normal forces that the rest of it uses, each proven with those before it.
@@ -155,6 +157,8 @@ class RestProof:
 @dataclass(frozen=True, eq=False, repr=False)
 class StabilityVerdict:
     """Whether an object stays at rest with given motor torques.
+
+    See the example of `stability`.
 
     Attributes:
         status: The answer.

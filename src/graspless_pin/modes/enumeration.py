@@ -44,6 +44,12 @@ def enumerate_modes(
 
     Raises:
         ArgumentError: If a rule is not known or lists no modes.
+
+    Examples:
+        >>> from graspless_pin import load_scene, enumerate_modes
+        >>> problem = load_scene("examples/paper/cuboid_at_rest.yaml").problem()
+        >>> sum(1 for _ in enumerate_modes(problem, maximal=True))
+        262
     """
     checked_problem(problem)
     rules = Rules.parse(sign_rule, sliding_rule, StaticFriction.VIRTUAL_SLIDING)

@@ -18,7 +18,10 @@ SIGN_VALUES = (-1, 0, 1)
 
 
 class SignRule(StrEnum):
-    """What the virtual sliding of a selected contact must be, eqs. (29) and (30)."""
+    """What the virtual sliding of a selected contact must be, eqs. (29) and (30).
+
+    See the example of `maximize_margin`.
+    """
 
     STRICT = "strict"
     """Both components are nonzero: (29) and (30) taken literally."""
@@ -31,7 +34,10 @@ class SignRule(StrEnum):
 
 
 class SlidingRule(StrEnum):
-    """Whether (22) is asked of the contacts in actual sliding."""
+    """Whether (22) is asked of the contacts in actual sliding.
+
+    See the example of `maximize_margin`.
+    """
 
     EXEMPT = "exempt"
     """(22) is not asked of them."""
@@ -40,7 +46,7 @@ class SlidingRule(StrEnum):
 
 
 class StaticFriction(StrEnum):
-    """Which static friction is believed."""
+    """Which static friction is believed. See the example of `maximize_margin`."""
 
     VIRTUAL_SLIDING = "virtual_sliding"
     """Only against a feasible virtual sliding: (22), (27) and (31) hold."""
@@ -58,7 +64,7 @@ class RuleOptions(TypedDict, total=False):
 
 @dataclass(frozen=True)
 class Rules:
-    """One reading of the virtual-sliding constraint.
+    """One reading of the virtual-sliding constraint. See the example of `maximize_margin`.
 
     Attributes:
         sign: The rule on the signs of a virtual sliding.
@@ -122,6 +128,8 @@ class Rules:
 @dataclass(frozen=True, eq=False)
 class SlidingMode:
     """A virtual-sliding mode (B, S): which contacts virtually slide, and which way.
+
+    See the example of `enumerate_modes`.
 
     Attributes:
         selection: (M,) bool, b_l of eq. (21).

@@ -31,6 +31,8 @@ from graspless_pin.scene import Scene
 class ConfigurationGradient:
     """The gradient of the largest margin or smallest torque by the hand's configuration.
 
+    See the example of `configuration_gradient`.
+
     Attributes:
         joint_names: a independent joints, those of `Evaluator.joint_names`.
         values: (a,) N or N m per rad (per m for linear joints).
@@ -78,6 +80,14 @@ def configuration_gradient(
         NoSolutionError: If the state has no torques.
         ArgumentError: If the scene has no hand, the evaluator a regularisation, or ``follows`` is
             not known.
+
+    Examples:
+        >>> from graspless_pin import Evaluator, load_scene
+        >>> from graspless_pin.planning import configuration_gradient
+        >>> evaluator = Evaluator(load_scene("examples/trihand_pivot_box.yaml"))
+        >>> gradient = configuration_gradient(evaluator.evaluate())
+        >>> gradient.joint_names[0], gradient.values.shape
+        ('finger_1_spread', (9,))
     """
     way = choice(Follows, "follows", follows)
     scene = evaluation.scene

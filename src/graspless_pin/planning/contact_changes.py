@@ -13,7 +13,7 @@ from graspless_pin.planning.evaluation import Evaluation
 class ContactChange:
     """How the contacts of a waypoint differ from those of the one before.
 
-    Torques may jump here, and only here.
+    Torques may jump here, and only here. See the example of `evaluate_path`.
 
     Attributes:
         waypoint: Index of the waypoint with the new contacts.

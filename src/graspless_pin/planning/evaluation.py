@@ -19,7 +19,7 @@ from graspless_pin.solution import TorqueSolution
 
 
 class StateStatus(Enum):
-    """What is known of a state; the value is the message."""
+    """What is known of a state; the value is the message. See the example of `Evaluator`."""
 
     FOUND = "torques were found"
     INFEASIBLE = "no torques hold the object in this state"
@@ -40,6 +40,8 @@ class StateStatus(Enum):
 @dataclass(frozen=True, eq=False)
 class Evaluation:
     """The answer for one state. That there is none is an answer, too: then ``found`` is False.
+
+    See the example of `Evaluator`.
 
     Attributes:
         status: What is known.

@@ -49,6 +49,13 @@ class Evaluator:
     Attributes:
         scene: The scene that the states are of.
         required_margin: Margin that Algorithm 2 and `is_feasible` ask for, N.
+
+    Examples:
+        >>> from graspless_pin import Evaluator, load_scene
+        >>> evaluator = Evaluator(load_scene("examples/trihand_pivot_box.yaml"))
+        >>> state = evaluator.evaluate({"finger_1_distal": 0.6805})  # rad
+        >>> print(f"{state.status}: {state.margin:.3f} N")
+        StateStatus.FOUND: 1.131 N
     """
 
     def __init__(

@@ -41,6 +41,13 @@ class Waypoint:
         q: Hand configuration as `Evaluator.evaluate` takes it, rad or m.
         T_world_object: (4, 4) pose of the object, m.
         time: When it is passed, s; None for all waypoints: one second for each segment.
+
+    Examples:
+        >>> from graspless_pin import Waypoint, evaluate_path, load_scene
+        >>> scene = load_scene("examples/trihand_pivot_box.yaml")
+        >>> profile = evaluate_path(scene, [Waypoint(time=0.0), Waypoint(time=1.0)])
+        >>> profile.found, profile.margins.round(3).tolist()
+        (True, [1.131, 1.131])
     """
 
     q: Configuration | None = None
@@ -50,7 +57,7 @@ class Waypoint:
 
 @dataclass(frozen=True, eq=False)
 class PathProfile:
-    """What was found at the K waypoints of a path.
+    """What was found at the K waypoints of a path. See the example of `evaluate_path`.
 
     Attributes:
         hand: The hand that moves, in the scene's configuration; None without one.
@@ -165,6 +172,13 @@ def evaluate_path(
     Raises:
         ArgumentError: If there is no waypoint, only some have a time, times do not increase, or a
             configuration or pose is wrong.
+
+    Examples:
+        >>> from graspless_pin import Waypoint, evaluate_path, load_scene
+        >>> scene = load_scene("examples/trihand_pivot_box.yaml")
+        >>> profile = evaluate_path(scene, [Waypoint(time=0.0), Waypoint(time=1.0)])
+        >>> profile.found, profile.margins.round(3).tolist()
+        (True, [1.131, 1.131])
     """
     if isinstance(evaluator, Scene):
         evaluator = Evaluator(evaluator)

@@ -31,6 +31,18 @@ def write_path_csv(profile: PathProfile, path: str | Path) -> None:
 
     Raises:
         ArgumentError: If the file cannot be written.
+
+    Examples:
+        >>> from graspless_pin import Waypoint, evaluate_path, load_scene
+        >>> from pathlib import Path
+        >>> from tempfile import TemporaryDirectory
+        >>> from graspless_pin.planning import write_path_csv
+        >>> scene = load_scene("examples/trihand_pivot_box.yaml")
+        >>> profile = evaluate_path(scene, [Waypoint(time=0.0), Waypoint(time=1.0)])
+        >>> with TemporaryDirectory() as folder:
+        ...     write_path_csv(profile, f"{folder}/path.csv")
+        ...     len(Path(folder, "path.csv").read_text().splitlines())
+        3
     """
     hand = profile.hand
     positions = [f"position_{name}_{_position_unit(hand, name)}" for name in profile.position_names]
@@ -90,6 +102,14 @@ def joint_trajectory(profile: PathProfile) -> dict[str, Any]:
 
     Raises:
         NoSolutionError: If a waypoint has no torques.
+
+    Examples:
+        >>> from graspless_pin import Waypoint, evaluate_path, load_scene
+        >>> from graspless_pin.planning import joint_trajectory
+        >>> scene = load_scene("examples/trihand_pivot_box.yaml")
+        >>> profile = evaluate_path(scene, [Waypoint(time=0.0), Waypoint(time=1.0)])
+        >>> len(joint_trajectory(profile)["points"])
+        2
     """
     if not profile.found:
         first = profile.failures[0]

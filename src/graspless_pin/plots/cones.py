@@ -42,6 +42,13 @@ def friction_section(solution: TorqueSolution, contact: int, ax: Axes | None = N
     Raises:
         NoSolutionError: If the solution was not found.
         ArgumentError: If there is no such contact.
+
+    Examples:
+        >>> from graspless_pin import load_scene
+        >>> from graspless_pin.plots import friction_section
+        >>> scene = load_scene("examples/paper/cuboid_at_rest.yaml")
+        >>> friction_section(scene.solve(), contact=0).get_xlabel()
+        '$f_{t1}$ [N]'
     """
     problem = solution.problem
     if not 0 <= contact < problem.contact_count:

@@ -32,6 +32,14 @@ def plane_directions(first: str, second: str, count: int = 72) -> FloatArray:
 
     Raises:
         ArgumentError: If a component is not known, both are the same or there are fewer than 3.
+
+    Examples:
+        >>> from graspless_pin.plots import plane_directions
+        >>> plane_directions("fx", "fz", 4).round(1)
+        array([[ 1.,  0.,  0.,  0.,  0.,  0.],
+               [ 0.,  0.,  1.,  0.,  0.,  0.],
+               [-1.,  0.,  0.,  0.,  0.,  0.],
+               [-0.,  0., -1.,  0.,  0.,  0.]])
     """
     plane = _plane(first, second)
     if count < _FEWEST:
@@ -59,6 +67,14 @@ def disturbance_polar(
     Raises:
         ArgumentError: If fewer than 3 directions lie in the plane or a component is not known.
         NoSolutionError: If not even the undisturbed object is balanced.
+
+    Examples:
+        >>> from graspless_pin import disturbance_margin, load_scene
+        >>> from graspless_pin.plots import disturbance_polar, plane_directions
+        >>> problem = load_scene("examples/paper/cuboid_at_rest.yaml").problem()
+        >>> around = disturbance_margin(problem, directions=plane_directions("fx", "fz", 8))
+        >>> disturbance_polar(around).name
+        'polar'
     """
     plane = _plane(first, second)
     if not margin.found:
@@ -106,6 +122,13 @@ def margin_torque_plot(curve: MarginTorqueCurve, ax: Axes | None = None) -> Axes
 
     Raises:
         NoSolutionError: If no margin is feasible.
+
+    Examples:
+        >>> from graspless_pin import load_scene, margin_torque_curve
+        >>> from graspless_pin.plots import margin_torque_plot
+        >>> scene = load_scene("examples/paper/cuboid_at_rest.yaml")
+        >>> margin_torque_plot(margin_torque_curve(scene.problem())).get_xlabel()
+        'required margin $e_0$ [N]'
     """
     if not curve.found:
         raise NoSolutionError(f"There is no curve to draw ({curve.status.message}).")

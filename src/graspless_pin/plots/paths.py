@@ -27,6 +27,14 @@ def path_margins(profile: PathProfile, ax: Axes | None = None) -> Axes:
     Returns:
         The axes: s to the right, N up. Crosses are waypoints without torques, dashed lines
         changes of contacts.
+
+    Examples:
+        >>> from graspless_pin import Waypoint, evaluate_path, load_scene
+        >>> from graspless_pin.plots import path_margins
+        >>> scene = load_scene("examples/trihand_pivot_box.yaml")
+        >>> profile = evaluate_path(scene, [Waypoint(time=0.0), Waypoint(time=1.0)])
+        >>> path_margins(profile).get_ylabel()
+        'margin e [N]'
     """
     axes = axes_for(ax)
     margins = np.where(np.isfinite(profile.margins), profile.margins, np.nan)
@@ -47,6 +55,14 @@ def path_torques(profile: PathProfile, ax: Axes | None = None) -> Axes:
     Returns:
         The axes: s to the right, N m (N for linear and hybrid joints) up, a line a joint. Crosses
         are waypoints without torques, dashed lines changes of contacts.
+
+    Examples:
+        >>> from graspless_pin import Waypoint, evaluate_path, load_scene
+        >>> from graspless_pin.plots import path_torques
+        >>> scene = load_scene("examples/trihand_pivot_box.yaml")
+        >>> profile = evaluate_path(scene, [Waypoint(time=0.0), Waypoint(time=1.0)])
+        >>> path_torques(profile).get_ylabel()
+        'motor torque [N m]'
     """
     from matplotlib import colormaps
 

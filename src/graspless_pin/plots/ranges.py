@@ -36,6 +36,15 @@ def normal_force_ranges(
 
     Raises:
         NoSolutionError: If the torques cannot be held.
+
+    Examples:
+        >>> from graspless_pin import contact_force_bounds, load_scene
+        >>> from graspless_pin.plots import normal_force_ranges
+        >>> scene = load_scene("examples/paper/cuboid_at_rest.yaml")
+        >>> solution = scene.solve("torque", margin=0.1)
+        >>> bounds = contact_force_bounds(solution.problem, solution.torques)
+        >>> normal_force_ranges(bounds, solution).get_xlabel()
+        'normal force $f_n$ [N]'
     """
     if not bounds.found:
         raise NoSolutionError(f"There are no force ranges ({bounds.status.message}).")

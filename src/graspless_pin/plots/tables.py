@@ -30,6 +30,13 @@ def margin_plot(table: Any, x: str, ax: Axes | None = None, *, value: str = "mar
 
     Raises:
         ArgumentError: If a column is missing or not of numbers.
+
+    Examples:
+        >>> import pandas as pd
+        >>> from graspless_pin.plots import margin_plot
+        >>> table = pd.DataFrame({"mass_kg": [1.0, 2.0], "margin_N": [0.7, 0.4]})
+        >>> len(margin_plot(table, "mass_kg").lines)
+        1
     """
     at, results = _column(table, "x", x), _column(table, "value", value)
     axes = axes_for(ax)
@@ -77,6 +84,14 @@ def margin_heat_map(
 
     Raises:
         ArgumentError: If a column is missing or not of numbers.
+
+    Examples:
+        >>> import pandas as pd
+        >>> from graspless_pin.plots import margin_heat_map
+        >>> rows = [(x, y, x + y) for x in (1.0, 2.0) for y in (0.3, 0.5)]
+        >>> table = pd.DataFrame(rows, columns=["mass_kg", "friction", "margin_N"])
+        >>> len(margin_heat_map(table, "mass_kg", "friction").collections)
+        1
     """
     columns, rows = _column(table, "x", x), _column(table, "y", y)
     cells = heat_cells(columns, rows, _column(table, "value", value))

@@ -34,6 +34,13 @@ def torque_bars(solution: TorqueSolution, ax: Axes | None = None) -> Axes:
 
     Raises:
         NoSolutionError: If the solution was not found.
+
+    Examples:
+        >>> from graspless_pin import load_scene
+        >>> from graspless_pin.plots import torque_bars
+        >>> scene = load_scene("examples/paper/cuboid_at_rest.yaml")
+        >>> torque_bars(scene.solve()).get_xlabel()
+        'motor torque [N m]'
     """
     problem, torques = solution.problem, solution.torques
     count = problem.joint_count

@@ -22,7 +22,10 @@ from graspless_pin.problem.joint_units import JointUnit, checked_units
 
 
 class ControlMode(StrEnum):
-    """How a finger is controlled (Sec. II-A of the paper)."""
+    """How a finger is controlled (Sec. II-A of the paper).
+
+    See the example of `assemble_joint_space`.
+    """
 
     FORCE = "force"
     """Joint torques set the contact force: J^T f = tau."""
@@ -44,6 +47,13 @@ class FingerContacts:
         max_force: Largest commanded force, N, for HYBRID.
         joint_names: Names of the L_i joints (one name for HYBRID); None: made from the finger.
         joint_units: ``N m`` or ``N`` for each of the L_i joints for FORCE; None: N m.
+
+    Examples:
+        >>> from graspless_pin import FingerContacts, assemble_joint_space
+        >>> finger = FingerContacts("force", (0,), [[0.1], [0.0], [0.0]])  # 0.1 N m a newton
+        >>> normals = [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+        >>> assemble_joint_space(normals, [finger]).jacobian.ravel()
+        array([0.1, 0. , 0. , 0. , 0. , 0. ])
     """
 
     mode: ControlMode
@@ -58,6 +68,8 @@ class FingerContacts:
 @dataclass(frozen=True, eq=False)
 class JointSpace:
     """The joint side of a problem: pass the fields to `QuasistaticProblem`.
+
+    See the example of `assemble_joint_space`.
 
     Attributes:
         jacobian: (3M, L), eqs. (12) and (13).
@@ -85,6 +97,13 @@ def assemble_joint_space(normals: ArrayLike, fingers: Sequence[FingerContacts]) 
     Raises:
         ArgumentError: If a contact index is out of range or used twice, a hybrid finger has not
             exactly one contact, or a Jacobian has the wrong shape.
+
+    Examples:
+        >>> from graspless_pin import FingerContacts, assemble_joint_space
+        >>> finger = FingerContacts("force", (0,), [[0.1], [0.0], [0.0]])  # 0.1 N m a newton
+        >>> normals = [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+        >>> assemble_joint_space(normals, [finger]).jacobian.ravel()
+        array([0.1, 0. , 0. , 0. , 0. , 0. ])
     """
     n = finite_array("normals", normals, (None, 3))
     unit_rows("normals", n)

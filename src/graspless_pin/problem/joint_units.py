@@ -9,7 +9,10 @@ from graspless_pin.errors import ArgumentError
 
 
 class JointUnit(StrEnum):
-    """What the generalised force of a joint is measured in."""
+    """What the generalised force of a joint is measured in.
+
+    See the example of `assemble_joint_space`.
+    """
 
     TORQUE = "N m"
     """Of a turning joint."""

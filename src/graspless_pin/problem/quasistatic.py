@@ -70,6 +70,13 @@ class QuasistaticProblem:
             angular] accelerations in world axes, kg, kg m and kg m^2; None: not known.
         joint_inertia: (L, L) joint-space inertia, kg m^2 (kg m, kg for linear joints); zero in a
             hybrid finger's row and column; None: not known.
+
+    Examples:
+        >>> from graspless_pin import QuasistaticProblem
+        >>> feet = [[0.1, 0.0, -0.05], [-0.1, 0.1, -0.05], [-0.1, -0.1, -0.05]]  # m
+        >>> weight = [0.0, 0.0, -4.9, 0.0, 0.0, 0.0]  # N, N m
+        >>> QuasistaticProblem(feet, [[0.0, 0.0, 1.0]] * 3, weight, friction=0.5)
+        QuasistaticProblem(3 contacts, 0 sliding, 0 joints, 32 cone edges)
     """
 
     positions: FloatArray

@@ -22,6 +22,11 @@ def moment_first(wrench: ArrayLike) -> FloatArray:
 
     Raises:
         ArgumentError: If the shape is another one or an entry is not a number.
+
+    Examples:
+        >>> from graspless_pin import moment_first
+        >>> moment_first([4.0, 5.0, 6.0, 0.1, 0.2, 0.3])
+        array([0.1, 0.2, 0.3, 4. , 5. , 6. ])
     """
     return _halves_swapped(wrench)
 
@@ -40,6 +45,11 @@ def force_first(wrench: ArrayLike) -> FloatArray:
 
     Raises:
         ArgumentError: If the shape is another one or an entry is not a number.
+
+    Examples:
+        >>> from graspless_pin import force_first
+        >>> force_first([0.1, 0.2, 0.3, 4.0, 5.0, 6.0])
+        array([4. , 5. , 6. , 0.1, 0.2, 0.3])
     """
     return _halves_swapped(wrench)
 

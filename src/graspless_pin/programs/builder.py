@@ -39,6 +39,8 @@ class _Rows(NamedTuple):
 class ProgramBuilder:
     """A program on the forces of a problem, built block by block.
 
+    See the example of `Torque`.
+
     Attributes:
         forces: The constraints of the problem, scaled.
     """

@@ -26,7 +26,7 @@ from graspless_pin.programs.program import FARTHEST
 
 @dataclass(frozen=True, eq=False)
 class ForceCoordinates:
-    """The map from scaled contact coordinates to forces.
+    """The map from scaled contact coordinates to forces. See the example of `Torque`.
 
     Attributes:
         directions: (M, 3, 3) rows n, t1, t2 of each contact; the first is the force per newton of
@@ -115,6 +115,8 @@ def _directions(problem: QuasistaticProblem, layout: ForceLayout) -> FloatArray:
 @dataclass(frozen=True, eq=False)
 class ForceRows:
     """The constraints on scaled contact coordinates x that programs are made of.
+
+    See the example of `Torque`.
 
     Attributes:
         problem: The problem.

@@ -39,7 +39,7 @@ class Objective(ABC):
     """What is optimised over all contact forces that a sliding mode admits.
 
     Subclasses are frozen dataclasses whose fields are the figures of the objective; two with equal
-    figures are equal.
+    figures are equal. See the example of `Torque`.
 
     Attributes:
         name: What it is called in reports and documents.
@@ -83,7 +83,7 @@ class Margin(Objective):
     """Algorithm 1 (44): the largest margin e; the program minimises -e/F + (eps/2) |f/F|^2.
 
     Without a regularisation e may become negative: then it says by how much the cones would have to
-    be widened, and its dual proves that no force set exists.
+    be widened, and its dual proves that no force set exists. See the example of `Torque`.
     """
 
     name = "margin"
@@ -202,6 +202,12 @@ class Torque(Objective):
 
     The program minimises t + (eps/2) |f/F|^2 with t over the largest torque that the load makes on
     any joint. The motors' torques J^T f + g obey their limits.
+
+    Examples:
+        >>> from graspless_pin import Torque, load_scene, optimize
+        >>> problem = load_scene("examples/paper/cuboid_at_rest.yaml").problem()
+        >>> print(f"{optimize(problem, Torque(required_margin=0.1)).max_torque:.4f} N m")
+        0.9618 N m
     """
 
     name = "torque"
@@ -236,7 +242,10 @@ class Torque(Objective):
 
 @dataclass(frozen=True)
 class TorqueShare(Torque):
-    """Algorithm 2 with each torque as a share of its joint's own limit."""
+    """Algorithm 2 with each torque as a share of its joint's own limit.
+
+    See the example of `Torque`.
+    """
 
     by_limits = True
 

@@ -56,6 +56,13 @@ def solution_document(
     Raises:
         ArgumentError: If it is of an objective that no document holds, see `objective_data`, or
             under the rule ``direction``.
+
+    Examples:
+        >>> from graspless_pin import load_scene
+        >>> from graspless_pin.report import solution_document
+        >>> scene = load_scene("examples/paper/cuboid_at_rest.yaml")
+        >>> solution_document(scene.solve(), scene)["algorithm"]
+        <Algorithm.MARGIN: 'margin'>
     """
     solution.rules.need_signs("a document")
     found, coordinates = solution.found, solution.program.coordinates
@@ -120,6 +127,18 @@ def write_document(document: dict[str, Any], target: str | Path) -> None:
 
     Raises:
         SceneError: If the file cannot be written.
+
+    Examples:
+        >>> from graspless_pin import load_scene
+        >>> from pathlib import Path
+        >>> from tempfile import TemporaryDirectory
+        >>> from graspless_pin.report import read_document, solution_document, write_document
+        >>> scene = load_scene("examples/paper/cuboid_at_rest.yaml")
+        >>> with TemporaryDirectory() as folder:
+        ...     file = Path(folder, "solution.json")
+        ...     write_document(solution_document(scene.solve()), file)
+        ...     sorted(read_document(file))[:2]
+        ['algorithm', 'certificate']
     """
     laid_out = json.dumps(document, indent=2, allow_nan=False)
     # Rows of numbers on one line each.

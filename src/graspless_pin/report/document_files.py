@@ -28,6 +28,16 @@ def write_path_documents(profile: PathProfile, folder: str | Path) -> tuple[Path
 
     Raises:
         SceneError: If one cannot be written.
+
+    Examples:
+        >>> from graspless_pin import Waypoint, evaluate_path, load_scene
+        >>> from tempfile import TemporaryDirectory
+        >>> from graspless_pin.report import write_path_documents
+        >>> scene = load_scene("examples/trihand_pivot_box.yaml")
+        >>> profile = evaluate_path(scene, [Waypoint(time=0.0), Waypoint(time=1.0)])
+        >>> with TemporaryDirectory() as folder:
+        ...     len(write_path_documents(profile, folder))
+        2
     """
     made = _made(Path(folder))
     files = []

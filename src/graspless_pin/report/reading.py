@@ -39,6 +39,18 @@ def read_document(path: Path) -> Any:
     Raises:
         SceneError: If the file cannot be opened (see `read_bytes`) or is not JSON as
             `parse_json` reads it.
+
+    Examples:
+        >>> from graspless_pin import load_scene
+        >>> from pathlib import Path
+        >>> from tempfile import TemporaryDirectory
+        >>> from graspless_pin.report import read_document, solution_document, write_document
+        >>> scene = load_scene("examples/paper/cuboid_at_rest.yaml")
+        >>> with TemporaryDirectory() as folder:
+        ...     file = Path(folder, "solution.json")
+        ...     write_document(solution_document(scene.solve()), file)
+        ...     sorted(read_document(file))[:2]
+        ['algorithm', 'certificate']
     """
     try:
         return parse_json(read_text(path, DOCUMENT))
@@ -57,6 +69,14 @@ def read_solution(document: dict[str, Any]) -> TorqueSolution:
 
     Raises:
         ArgumentError: If it is no such document.
+
+    Examples:
+        >>> from graspless_pin import load_scene
+        >>> from graspless_pin.report import read_solution, solution_document
+        >>> scene = load_scene("examples/paper/cuboid_at_rest.yaml")
+        >>> again = read_solution(solution_document(scene.solve()))
+        >>> print(f"{again.margin:.4f} N")
+        1.6504 N
     """
     if not isinstance(document, dict):
         raise ArgumentError("document", "is no JSON object; it must be one written by solve")

@@ -14,6 +14,13 @@ def scene_solution_text(scene: Scene, solution: TorqueSolution, verdict: str = "
         scene: The scene.
         solution: Its solution.
         verdict: What is said of whether the object stays: stands before the tables.
+
+    Examples:
+        >>> from graspless_pin import load_scene
+        >>> from graspless_pin.report import scene_solution_text
+        >>> scene = load_scene("examples/paper/cuboid_at_rest.yaml")
+        >>> print(scene_solution_text(scene, scene.solve()).splitlines()[0])
+        Cuboid pinched on a slope, at rest: cuboid, 1 kg, 6 contacts, 2 joints
     """
     title = f"{scene.name}: {scene.object.name}, {scene.object.mass:g} kg"
     problem = solution.problem

@@ -38,6 +38,14 @@ def load_scene(path: str | Path) -> Scene:
 
     Raises:
         SceneError: Naming file, line and key, what was found and what would do.
+
+    Examples:
+        >>> from graspless_pin import load_scene
+        >>> scene = load_scene("examples/paper/cuboid_at_rest.yaml")
+        >>> scene.name
+        'Cuboid pinched on a slope, at rest'
+        >>> print(f"{scene.solve().margin:.4f} N")
+        1.6504 N
     """
     return build_scene(YamlSource.read(Path(path)))
 

@@ -43,6 +43,8 @@ _HALVINGS = 40
 class MinimumStiffness:
     """The position feedback that makes a rest stable to second order.
 
+    See the example of `minimum_stiffness`.
+
     Attributes:
         stiffness: Smallest k, N m/rad (N/m for linear joints), of the same feedback at every joint
             that carries a touching link; 0 where none is needed, inf where none is enough.
@@ -120,6 +122,13 @@ def minimum_stiffness(
         SceneError: If contacts are stated, a finger is hybrid, a mesh turns on something, contacts
             come or go a little aside, or surfaces are not smooth within a thousandth of the
             contacts' distance.
+
+    Examples:
+        >>> from graspless_pin import load_scene, minimum_stiffness
+        >>> scene = load_scene("examples/allegro_sphere_on_slope.yaml")
+        >>> found = minimum_stiffness(scene, scene.solve().torques)
+        >>> print(f"{found.stiffness:.1f} N m/rad")
+        0.4 N m/rad
     """
     scene = scene.with_changes(motion=None)
     problem = scene.problem()

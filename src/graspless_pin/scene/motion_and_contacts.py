@@ -19,6 +19,8 @@ from graspless_pin.problem.checks import FloatArray
 class GivenContact:
     """A contact that the scene states instead of having it found.
 
+    See the example of `load_scene`.
+
     Attributes:
         body: Hand link or support.
         position: (3,) world frame, m.
@@ -42,7 +44,7 @@ def given_arrays(given: Sequence[GivenContact], links: Sequence[str]) -> Contact
 
 @dataclass(frozen=True, eq=False)
 class HandMotion:
-    """The hand's own motion.
+    """The hand's own motion. See the example of `load_scene`.
 
     Attributes:
         base_twist: (6,) [v; omega], world axes, m/s and rad/s.
@@ -55,7 +57,7 @@ class HandMotion:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """The declared motion.
+    """The declared motion. See the example of `load_scene`.
 
     Attributes:
         object_twist: (6,) [v; omega] of the object about its centre of mass, world axes.
@@ -107,7 +109,7 @@ def body_velocities(
 
 @dataclass(frozen=True, eq=False)
 class SceneContacts:
-    """The contacts of a scene that carry force.
+    """The contacts of a scene that carry force. See the example of `load_scene`.
 
     Attributes:
         arrays: M contacts, hand first.

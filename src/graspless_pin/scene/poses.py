@@ -18,7 +18,7 @@ from graspless_pin.scene.scene import Scene
 
 @dataclass(frozen=True, eq=False)
 class ClosedScene:
-    """A scene after its fingers were closed.
+    """A scene after its fingers were closed. See the example of `close_fingers`.
 
     Attributes:
         scene: The scene with the closed hand.
@@ -33,7 +33,7 @@ class ClosedScene:
 
 @dataclass(frozen=True, eq=False)
 class PlacedScene:
-    """A scene after its fingertips were placed.
+    """A scene after its fingertips were placed. See the example of `fingertip_contact`.
 
     Attributes:
         scene: The scene with the moved hand.
@@ -64,6 +64,13 @@ def close_fingers(
     Raises:
         SceneError: If the scene has no hand, or a finger starts inside the object.
         ArgumentError: If a finger or joint is unknown.
+
+    Examples:
+        >>> from graspless_pin import load_scene, close_fingers
+        >>> scene = load_scene("examples/allegro_box_on_slope.yaml")
+        >>> closed = close_fingers(scene, fingers=["index"])
+        >>> print(closed.closing)
+        index: touches with link_3.0_tip
     """
     result = close_hand(_hand(scene), scene.object, fingers=fingers, wrap=wrap, rates=rates)
     return ClosedScene(
@@ -86,6 +93,14 @@ def fingertip_contact(
     Raises:
         SceneError: If the scene has no hand.
         ArgumentError: If a finger is unknown, or a point is not on the surface.
+
+    Examples:
+        >>> from graspless_pin import load_scene, fingertip_contact
+        >>> scene = load_scene("examples/trihand_push_box.yaml")
+        >>> point = scene.contacts.points[0]
+        >>> placed = fingertip_contact(scene, {"finger_1": (point.position, point.normal)})
+        >>> placed.overlaps
+        ()
     """
     result = place_fingertips(_hand(scene), scene.object, goals)
     return PlacedScene(
@@ -100,6 +115,12 @@ def settle(scene: Scene) -> Scene:
 
     Raises:
         SceneError: If the object meets no support on its way.
+
+    Examples:
+        >>> from graspless_pin import load_scene, settle
+        >>> scene = load_scene("examples/trihand_push_box.yaml")
+        >>> settle(scene).object.T_world_object[2, 3].round(3).item()  # m
+        0.05
     """
     moved = settle_object(scene.object, scene.supports, scene.gravity)
     return scene.with_changes(object=moved)

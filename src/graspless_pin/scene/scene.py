@@ -63,7 +63,7 @@ _Made = TypeVar("_Made")
 
 @dataclass(frozen=True, eq=False)
 class Scene(PickledByFields):
-    """Everything that `QuasistaticProblem` is made of.
+    """Everything that `QuasistaticProblem` is made of. See the example of `load_scene`.
 
     Attributes:
         name: For titles.

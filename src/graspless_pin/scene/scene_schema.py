@@ -155,7 +155,13 @@ class SceneEntry(Entry):
 
 
 def scene_json_schema() -> dict[str, Any]:
-    """Return the JSON schema of a scene file."""
+    """Return the JSON schema of a scene file.
+
+    Examples:
+        >>> from graspless_pin.scene import scene_json_schema
+        >>> scene_json_schema()["required"]
+        ['object', 'friction']
+    """
     document = SceneEntry.model_json_schema()
     document["$defs"]["ObjectEntry"]["oneOf"] = [{"required": ["mass"]}, {"required": ["density"]}]
     return document

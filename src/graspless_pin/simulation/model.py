@@ -37,6 +37,8 @@ _MEETS_OBJECT, _MEETS_BOTH = 1, 3  # conaffinity
 class ContactModel:
     """How hard bodies are: a simulator's contacts are never rigid.
 
+    See the example of `simulate`.
+
     Attributes:
         name: ``stiff`` or ``soft``.
         time_constant: In which an overlap goes back, s (solref).
@@ -56,6 +58,8 @@ SOFT = ContactModel("soft", 1e-2, (0.9, 0.99))
 @dataclass(frozen=True, eq=False)
 class SimulationModel(Record):
     """A scene with its torques, ready to be simulated.
+
+    See the example of `simulation_model`.
 
     Attributes:
         xml: The MJCF document; its key frame ``torques`` holds what the motors do.
@@ -101,6 +105,14 @@ def simulation_model(
         ArgumentError: If the torques have the wrong shape.
         SceneError: If the scene declares a motion, has a body without a coefficient of friction,
             or see `Scene.contacts`.
+
+    Examples:
+        >>> from graspless_pin import load_scene
+        >>> from graspless_pin.simulation import simulation_model
+        >>> scene = load_scene("examples/paper/sphere_on_slope.yaml")
+        >>> model = simulation_model(scene, scene.solve().torques)
+        >>> type(model).__name__
+        'SimulationModel'
     """
     _check_at_rest(scene)
     problem = scene.problem()

@@ -41,7 +41,7 @@ _LONGEST = 600.0  # s
 
 
 class SimulatedOutcome(StrEnum):
-    """What a simulated object does after its release."""
+    """What a simulated object does after its release. See the example of `simulate`."""
 
     HELD = "held"
     """It stays within 1 mm and 0.5 degrees."""
@@ -53,7 +53,7 @@ class SimulatedOutcome(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class SimulatedRun(Record):
-    """One run with one hardness of the bodies.
+    """One run with one hardness of the bodies. See the example of `simulate`.
 
     Attributes:
         contact_model: How hard bodies are.
@@ -82,6 +82,8 @@ class SimulatedRun(Record):
 @dataclass(frozen=True, eq=False)
 class Simulation:
     """What MuJoCo says of a scene's rest under constant torques.
+
+    See the example of `simulate`.
 
     Attributes:
         runs: Runs with stiff and with soft bodies.
@@ -129,6 +131,14 @@ def simulate(
         ArgumentError: If an argument is out of range or has the wrong shape.
         SceneError: See `simulation_model`.
         GrasplessPinError: If MuJoCo is not installed, refuses the model or cannot go on.
+
+    Examples:
+        >>> from graspless_pin import load_scene
+        >>> from graspless_pin.simulation import simulate
+        >>> scene = load_scene("examples/paper/sphere_on_slope.yaml")
+        >>> run = simulate(scene, scene.solve().torques, seconds=0.05)
+        >>> len(run.runs)
+        2
     """
     stiffness = real_number("feedback", feedback, 0.0)
     factor = real_number("friction_factor", friction_factor, 0.0)

@@ -14,6 +14,8 @@ class Certificate:
     Values are in scaled units (forces and margin over the load F, torques over what F makes on a
     joint's longest lever; see `problem.scales`) unless a unit is given.
 
+    See the example of `Status`.
+
     Attributes:
         primal_residual: Largest violation of any constraint by the returned forces.
         duality_gap: Objective minus the bound that the multipliers of its program prove.

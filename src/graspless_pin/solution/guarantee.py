@@ -11,6 +11,8 @@ from graspless_pin.holding.verdict import StabilityVerdict
 class Guarantee:
     """What a search for torques of which rest is the only outcome has found.
 
+    See the example of `stability`.
+
     Attributes:
         verdict: On the solution's torques; where none were found, on those of the best case. None
             in solutions that were read from documents.

@@ -4,7 +4,17 @@ from enum import Enum
 
 
 class Status(Enum):
-    """What is known of the problem; the value is the message."""
+    """What is known of the problem; the value is the message.
+
+    Examples:
+        >>> from graspless_pin import Status, explain, load_scene, minimize_torque
+        >>> problem = load_scene("examples/paper/cuboid_at_rest.yaml").problem()
+        >>> solution = minimize_torque(problem, margin=30.0)
+        >>> solution.status is Status.INFEASIBLE_FORCES
+        True
+        >>> print(explain(solution).suggestions[0].text)
+        the required margin would have to be at most 1.6503 N
+    """
 
     OPTIMAL = "optimal over all feasible virtual-sliding modes"
     OPTIMAL_IN_MODE = "optimal in the given virtual-sliding mode"

@@ -39,7 +39,7 @@ class TorqueSolution:
     """The answer of Algorithm 1 or 2. Infeasible is an answer: then ``found`` is False.
 
     Asking a solution that was not found for torques, forces, margin or mode raises
-    `NoSolutionError` with the reason.
+    `NoSolutionError` with the reason. See the example of `maximize_margin`.
 
     Attributes:
         status: What is known.

@@ -51,6 +51,8 @@ class SolutionWriter(Protocol):
 class Study:
     """A study, checked as far as that goes without computing. Make one with `load_study`.
 
+    See the example of `run_study`.
+
     Attributes:
         entry: What the study file says.
         source: The study file.
@@ -123,6 +125,12 @@ def load_study(path: str | Path) -> Study:
     Raises:
         StudyError: Naming file, line and key, what was found and what would do.
         SceneError: If the scene file itself is wrong.
+
+    Examples:
+        >>> from graspless_pin import load_study
+        >>> study = load_study("examples/studies/allegro_box_load.yaml")
+        >>> study.name
+        'Allegro hand, box on a slope'
     """
     source = YamlSource.read(Path(path), _STUDY)
     return _made(source, source.path.parent)

@@ -175,6 +175,21 @@ def read_results(path: str | Path) -> pd.DataFrame:
 
     Raises:
         StudyError: If there is no such file or it holds no results.
+
+    Examples:
+        >>> from tempfile import TemporaryDirectory
+        >>> from graspless_pin import read_results, run_study
+        >>> from graspless_pin.studies import Study, results_summary
+        >>> vary = {"object.mass": {"values": [1.0, 2.0]}}  # kg
+        >>> data = {"scene": "examples/paper/cuboid_at_rest.yaml", "vary": vary}
+        >>> study = Study.from_data(data, folder=".")
+        >>> with TemporaryDirectory() as folder:
+        ...     table = run_study(study, f"{folder}/results.csv", workers=1, progress=False)
+        ...     again = read_results(f"{folder}/results.csv")
+        >>> table["margin_N"].round(3).tolist()
+        [1.65, 1.875]
+        >>> print(results_summary(again).splitlines()[0])
+        2 samples: 2 found, 0 infeasible, 0 failed
     """
     require_tables()
     file = Path(path)
@@ -218,7 +233,23 @@ def _read_csv(file: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
 
 
 def results_summary(table: pd.DataFrame) -> str:
-    """Return how many samples were found, infeasible and failed, and the best and worst margin."""
+    """Return how many samples were found, infeasible and failed, and the best and worst margin.
+
+    Examples:
+        >>> from tempfile import TemporaryDirectory
+        >>> from graspless_pin import read_results, run_study
+        >>> from graspless_pin.studies import Study, results_summary
+        >>> vary = {"object.mass": {"values": [1.0, 2.0]}}  # kg
+        >>> data = {"scene": "examples/paper/cuboid_at_rest.yaml", "vary": vary}
+        >>> study = Study.from_data(data, folder=".")
+        >>> with TemporaryDirectory() as folder:
+        ...     table = run_study(study, f"{folder}/results.csv", workers=1, progress=False)
+        ...     again = read_results(f"{folder}/results.csv")
+        >>> table["margin_N"].round(3).tolist()
+        [1.65, 1.875]
+        >>> print(results_summary(again).splitlines()[0])
+        2 samples: 2 found, 0 infeasible, 0 failed
+    """
     rows: Any = table
     failures = {why: int((rows["status"] == why.value).sum()) for why in Failure}
     found = int(rows["found"].sum())

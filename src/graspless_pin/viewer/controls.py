@@ -28,7 +28,7 @@ _LEVEL = 1e-6
 
 @dataclass(frozen=True)
 class Control:
-    """A number of a scene that can be changed.
+    """A number of a scene that can be changed. See the example of `controls_of`.
 
     Attributes:
         key: ``friction/hand``, ``friction/supports``, ``mass``, ``slope``, ``object/x`` to
@@ -55,6 +55,13 @@ def controls_of(scene: Scene) -> tuple[Control, ...]:
 
     Object and joints can be moved where contacts are found from the shapes, not where they are
     given.
+
+    Examples:
+        >>> from graspless_pin import load_scene
+        >>> from graspless_pin.viewer import controls_of
+        >>> scene = load_scene("examples/paper/cuboid_at_rest.yaml")
+        >>> [control.label for control in controls_of(scene)][:2]
+        ['friction, hand', 'friction, supports']
     """
     found = [*_friction_controls(scene)]
     mass = scene.object.mass
@@ -90,6 +97,14 @@ def changed_scene(scene: Scene, values: Mapping[str, float]) -> Scene:
 
     Raises:
         ArgumentError: A key is no control of this scene or a value is impossible.
+
+    Examples:
+        >>> from graspless_pin import load_scene
+        >>> from graspless_pin.viewer import changed_scene
+        >>> scene = load_scene("examples/paper/cuboid_at_rest.yaml")
+        >>> smoother = changed_scene(scene, {"friction/supports": 0.2})
+        >>> print(f"{smoother.solve().margin:.4f} N")
+        1.1622 N
     """
     controls = {control.key: control for control in controls_of(scene)}
     for key, value in values.items():

@@ -67,6 +67,15 @@ def view(
         GrasplessPinError: viser is not installed.
         ArgumentError: Nothing can listen at this host, or there is no such port.
         MeshError: A mesh file is missing or unreadable.
+
+    Examples:
+        >>> from graspless_pin import load_scene
+        >>> from graspless_pin.viewer import view
+        >>> scene = load_scene("examples/paper/cuboid_at_rest.yaml")
+        >>> viewer = view(scene, port=0)  # any free port
+        >>> viewer.url.startswith("http://127.0.0.1:")
+        True
+        >>> viewer.stop()
     """
     try:
         import viser
@@ -115,6 +124,8 @@ def _check_address(host: str, port: int) -> None:
 
 class Viewer:
     """A running page. Make one with `view`; ends with `stop` or its process.
+
+    See the example of `view`.
 
     Attributes:
         scene: The scene as loaded.

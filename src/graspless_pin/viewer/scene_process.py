@@ -26,7 +26,7 @@ _VERDICT_LIMITS: StabilityKeywords = {"node_limit": 300, "time_limit": 3.0}
 
 @dataclass(frozen=True)
 class Settings:
-    """The state of the page.
+    """The state of the page. See the example of `answer_settings`.
 
     Attributes:
         algorithm: Which algorithm.
@@ -41,7 +41,7 @@ class Settings:
 
 @dataclass(frozen=True, eq=False)
 class SettingsAnswer:
-    """What a setting leads to.
+    """What a setting leads to. See the example of `answer_settings`.
 
     Attributes:
         settings: The setting.
@@ -73,7 +73,16 @@ class SettingsAnswer:
 
 
 def initial_settings(scene: Scene) -> Settings:
-    """Return the scene's own algorithm and margin."""
+    """Return the scene's own algorithm and margin.
+
+    Examples:
+        >>> from graspless_pin import load_scene
+        >>> from graspless_pin.viewer import answer_settings, initial_settings
+        >>> scene = load_scene("examples/paper/cuboid_at_rest.yaml")
+        >>> answer = answer_settings(scene, initial_settings(scene))
+        >>> print(f"{answer.solution.margin:.4f} N")
+        1.6504 N
+    """
     options: Mapping[str, Any] = scene.solve_options
     return Settings(
         Algorithm(options.get("algorithm", Algorithm.MARGIN)),
@@ -90,6 +99,14 @@ def answer_settings(scene: Scene, settings: Settings) -> SettingsAnswer:
 
     Raises:
         MeshError: A mesh file is missing or unreadable.
+
+    Examples:
+        >>> from graspless_pin import load_scene
+        >>> from graspless_pin.viewer import answer_settings, initial_settings
+        >>> scene = load_scene("examples/paper/cuboid_at_rest.yaml")
+        >>> answer = answer_settings(scene, initial_settings(scene))
+        >>> print(f"{answer.solution.margin:.4f} N")
+        1.6504 N
     """
     changed = scene
     with warnings.catch_warnings():

@@ -53,6 +53,14 @@ def draw_scene(
         ArgumentError: The solution is of a problem with other contacts.
         SceneError: The contacts cannot be found, see `Scene.contacts`.
         MeshError: A mesh file is missing or unreadable.
+
+    Examples:
+        >>> from graspless_pin import load_scene
+        >>> from graspless_pin.visualization import Role, draw_scene
+        >>> scene = load_scene("examples/paper/cuboid_at_rest.yaml")
+        >>> picture = draw_scene(scene, scene.solve())
+        >>> len(picture.of(Role.NORMAL_FORCE))
+        6
     """
     problem = scene.problem() if solution is None else solution.problem
     points = np.array([point.position for point in scene.contacts.points])

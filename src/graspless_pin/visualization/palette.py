@@ -15,7 +15,7 @@ from graspless_pin.visualization.picture import Mesh, Role
 
 @dataclass(frozen=True)
 class Palette:
-    """Colours of one background.
+    """Colours of one background. See the example of `draw_scene`.
 
     Attributes:
         background: ``#rrggbb``.

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +15,7 @@ from graspless_pin.problem.checks import FloatArray
 
 
 class Role(StrEnum):
-    """What a mesh stands for; layers and colours go by it."""
+    """What a mesh stands for; layers and colours go by it. See the example of `draw_scene`."""
 
     HAND = "hand"
     OBJECT = "object"
@@ -125,6 +124,8 @@ class Mark(Record):
 class Mesh(Record):
     """Triangles of one thing, counterclockwise when seen from outside.
 
+    See the example of `draw_scene`.
+
     Attributes:
         name: Unique in its picture; slashes make groups.
         role: What it stands for.
@@ -145,8 +146,8 @@ class Mesh(Record):
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
-    """What there is to see, and what to look at.
+class Picture(Record):
+    """What there is to see, and what to look at. See the example of `draw_scene`.
 
     Attributes:
         meshes: All meshes.
@@ -167,7 +168,7 @@ class Picture:
     radius: float
     up: FloatArray
     view_from: FloatArray
-    views: Mapping[str, FloatArray] = field(default_factory=lambda: MappingProxyType({}))
+    views: Mapping[str, FloatArray] = field(default_factory=dict)
     floors: FloatArray = field(default_factory=lambda: np.zeros((0, 4)))
     fingers: tuple[str, ...] = ()
     marks: tuple[Mark, ...] = ()

@@ -21,6 +21,8 @@ _NEAR = 0.8
 class Materials(PickledByFields):
     """Coefficients of friction by pair of materials; the order of a pair does not matter.
 
+    See the example of `load_scene`.
+
     Attributes:
         coefficients: Coefficient by set of two names, or of one where a material meets itself.
     """

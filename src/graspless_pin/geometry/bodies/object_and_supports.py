@@ -68,7 +68,7 @@ class _PlacedShape(PickledByFields, ABC):
 
 @dataclass(frozen=True, eq=False)
 class ManipulatedObject(_PlacedShape):
-    """A rigid object with its mass.
+    """A rigid object with its mass. See the example of `settle_object`.
 
     Attributes:
         name: What messages and tables call it.
@@ -220,6 +220,8 @@ class Support(_PlacedShape):
     fastest) or a box; a corner is two or three supports that are half-spaces, a step a box on a
     half-space; a second object that is fixed, a rack or a vice is a box, cylinder or mesh,
     decomposed where the object reaches into its hollows. A conveyor is any of them with a velocity.
+
+    See the example of `settle_object`.
 
     Attributes:
         name: What messages and tables call it.

@@ -32,6 +32,11 @@ class Box:
 
     Attributes:
         size: Full edge lengths along x, y, z, m.
+
+    Examples:
+        >>> from graspless_pin.geometry import Box
+        >>> Box((0.06, 0.04, 0.02))  # m
+        Box(size=(0.06, 0.04, 0.02))
     """
 
     size: tuple[float, float, float]
@@ -47,7 +52,7 @@ class Box:
 
 @dataclass(frozen=True)
 class Sphere:
-    """A sphere about its frame's origin.
+    """A sphere about its frame's origin. See the example of `Box`.
 
     Attributes:
         radius: m.
@@ -81,7 +86,7 @@ class _Axial:
 
 @dataclass(frozen=True)
 class Cylinder(_Axial):
-    """A cylinder along z, centred at its frame's origin.
+    """A cylinder along z, centred at its frame's origin. See the example of `Box`.
 
     Attributes:
         radius: m.
@@ -93,6 +98,8 @@ class Cylinder(_Axial):
 class Capsule(_Axial):
     """A cylinder along z with half spheres at both ends, centred at its frame's origin.
 
+    See the example of `Box`.
+
     Attributes:
         radius: m.
         length: Height of the cylinder without its ends, m.
@@ -103,6 +110,8 @@ class Capsule(_Axial):
 class Cone(_Axial):
     """A cone with its tip at z = +length/2 and its base at z = -length/2.
 
+    See the example of `Box`.
+
     Attributes:
         radius: Radius of the base, m.
         length: Full height, m.
@@ -111,12 +120,14 @@ class Cone(_Axial):
 
 @dataclass(frozen=True)
 class HalfSpace:
-    """Everything at z <= 0 of its frame; the outward normal is +z."""
+    """Everything at z <= 0 of its frame; the outward normal is +z. See the example of `Box`."""
 
 
 @dataclass(frozen=True)
 class MeshShape:
     """A mesh file, in the file's own coordinates, made convex in one of two ways.
+
+    See the example of `Box`.
 
     Attributes:
         path: STL, OBJ, DAE, GLB, glTF, PLY or OFF file. A unit written in the file is not applied.

@@ -13,7 +13,7 @@ from graspless_pin.problem.checks import FloatArray
 
 
 class BodyKind(Enum):
-    """What touches the object."""
+    """What touches the object. See the example of `place_fingertips`."""
 
     HAND = "hand"
     SUPPORT = "support"
@@ -22,6 +22,8 @@ class BodyKind(Enum):
 @dataclass(frozen=True, eq=False)
 class ContactPoint:
     """One point at which something touches the object.
+
+    See the example of `place_fingertips`.
 
     Attributes:
         body: Name of the hand link or support.

@@ -53,6 +53,8 @@ class Hand(Record):
     Fingers that nobody names are the branches below the palm. Joints that are not below a palm,
     such as an arm's, are position-controlled unless ``control`` says otherwise.
 
+    See the example of `load_scene`.
+
     Attributes:
         tree: Kinematics and shapes of all mounted robots.
         mounts: The robots that it was assembled from, each found.

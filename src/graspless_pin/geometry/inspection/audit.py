@@ -26,7 +26,7 @@ _MESH_FAILURES = (FindingKind.MISSING_MESH, FindingKind.UNUSABLE_MESH)
 
 @dataclass(frozen=True)
 class AuditReport:
-    """The audit of one URDF.
+    """The audit of one URDF. See the example of `audit_urdf`.
 
     Attributes:
         name: The robot.
@@ -63,6 +63,11 @@ def audit_urdf(source: str | Path, package_dirs: Sequence[str | Path] = ()) -> A
     Raises:
         RobotError: If there is no such robot, robot file or URDF.
         ArgumentError: If ``package_dirs`` is given for anything but a URDF.
+
+    Examples:
+        >>> from graspless_pin.geometry import audit_urdf
+        >>> audit_urdf("robots/trihand.urdf").loads
+        True
     """
     robot = find_robot(source, package_dirs)
     check_file(robot.urdf_path, URDF)

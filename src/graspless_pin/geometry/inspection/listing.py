@@ -59,7 +59,7 @@ class JointRecord:
 
 @dataclass(frozen=True)
 class RobotRecord:
-    """A robot of the list.
+    """A robot of the list. See the example of `list_robots`.
 
     Attributes:
         name: Its name.
@@ -91,6 +91,12 @@ def list_robots(names: Sequence[str] | None = None) -> tuple[RobotRecord, ...]:
 
     Returns:
         A record of each. One that cannot be loaded says why.
+
+    Examples:
+        >>> from graspless_pin.geometry import list_robots
+        >>> (robot,) = list_robots(["trihand"])
+        >>> sorted(robot.fingers)
+        ['finger_1', 'finger_2', 'finger_3']
     """
     return tuple(_record(name) for name in (robot_names() if names is None else names))
 

@@ -44,7 +44,7 @@ class FingerClosing:
 
 @dataclass(frozen=True, eq=False)
 class ClosingResult:
-    """A hand whose fingers have been closed.
+    """A hand whose fingers have been closed. See the example of `close_hand`.
 
     Attributes:
         hand: The hand at its new configuration.
@@ -111,6 +111,13 @@ def close_hand(
         ArgumentError: If a finger or joint is unknown, or a number out of range.
         SceneError: If a finger overlaps the object by more than `marching.DEEPEST_START` before it
             closes.
+
+    Examples:
+        >>> from graspless_pin import load_scene
+        >>> from graspless_pin.geometry import close_hand
+        >>> scene = load_scene("examples/allegro_box_on_slope.yaml")
+        >>> print(close_hand(scene.hand, scene.object, fingers=["index"]))
+        index: touches with link_3.0_tip
     """
     names = chosen_fingers(hand, fingers)
     if not (math.isfinite(gap) and gap > 0.0):

@@ -61,6 +61,8 @@ class PlacedFingertip:
 class FingertipPlacement:
     """A hand whose fingertips have been put on points of an object.
 
+    See the example of `place_fingertips`.
+
     Attributes:
         hand: The hand at its new configuration.
         fingertips: One per finger, in the order they were given.
@@ -124,6 +126,15 @@ def place_fingertips(
         ArgumentError: If a finger is unknown or has no collision shape or joint, a point is more
             than `SURFACE_TOLERANCE` off the surface, a normal points out of the
             object, or a number is out of range.
+
+    Examples:
+        >>> from graspless_pin import load_scene
+        >>> from graspless_pin.geometry import place_fingertips
+        >>> scene = load_scene("examples/trihand_push_box.yaml")
+        >>> point = scene.contacts.points[0]
+        >>> goals = {"finger_1": (point.position, point.normal)}
+        >>> sorted(place_fingertips(scene.hand, scene.object, goals).hand.fingers)
+        ['finger_1', 'finger_2', 'finger_3']
     """
     if not goals:
         raise ArgumentError("goals", "needs at least one finger: {finger: (point, normal)}")

@@ -18,7 +18,7 @@ from graspless_pin.geometry.hand.model import Hand
 
 @dataclass(frozen=True)
 class Overlap:
-    """Two bodies that are in each other.
+    """Two bodies that are in each other. See the example of `unwanted_overlaps`.
 
     Attributes:
         link: A hand link.
@@ -59,6 +59,13 @@ def unwanted_overlaps(
 
     Raises:
         ArgumentError: If ``tolerance`` is negative or not finite.
+
+    Examples:
+        >>> from graspless_pin import load_scene
+        >>> from graspless_pin.geometry import unwanted_overlaps
+        >>> scene = load_scene("examples/trihand_push_box.yaml")
+        >>> unwanted_overlaps(scene.hand, scene.supports)
+        ()
     """
     if not (np.isfinite(tolerance) and tolerance >= 0.0):
         raise ArgumentError("tolerance", f"needs zero or more metres, got {tolerance!r}")

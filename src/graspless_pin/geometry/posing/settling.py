@@ -52,6 +52,13 @@ def settle_object(
         ArgumentError: If ``direction`` is zero or not three finite numbers.
         SceneError: If no support lies in the way, or the object overlaps one across the direction
             by more than `SETTLING_TOLERANCE`.
+
+    Examples:
+        >>> from graspless_pin import load_scene
+        >>> from graspless_pin.geometry import settle_object
+        >>> scene = load_scene("examples/trihand_push_box.yaml")
+        >>> settle_object(scene.object, scene.supports).T_world_object[2, 3].round(3).item()  # m
+        0.05
     """
     way = np.array(direction, dtype=np.float64)
     if way.shape != (3,) or not np.isfinite(way).all() or not np.any(way):

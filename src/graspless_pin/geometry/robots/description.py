@@ -12,7 +12,7 @@ from graspless_pin.geometry.bodies.decomposition import DEFAULT_CONCAVITY, DEFAU
 
 @dataclass(frozen=True)
 class FingerSpec:
-    """A finger.
+    """A finger. See the example of `list_robots`.
 
     Attributes:
         joints: Its movable joints.
@@ -51,6 +51,8 @@ class LinkMeshes:
     """How the collision meshes of a robot's links are made convex.
 
     A cut takes seconds for a mesh, minutes for a hand of fine ones, and is remembered on disk.
+
+    See the example of `list_robots`.
 
     Attributes:
         convex: ``hull`` fills all hollows; ``decompose`` cuts a mesh into convex pieces. One word

@@ -27,7 +27,7 @@ from graspless_pin.visualization.motion import (
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """What a report is of.
+    """What a report is of. See the example of `case_of_scene`.
 
     Attributes:
         title: Of the scene, or a plain word.
@@ -74,6 +74,14 @@ def case_of_scene(
     Raises:
         ArgumentError: If the solution is of other contacts.
         MeshError: If a mesh file is missing or unreadable.
+
+    Examples:
+        >>> from graspless_pin import load_scene
+        >>> from graspless_pin.report.html import case_of_scene, report_html
+        >>> scene = load_scene("examples/paper/cuboid_at_rest.yaml")
+        >>> case = case_of_scene(scene, scene.solve())
+        >>> report_html(case).startswith("<!")
+        True
     """
     motion = None if verdict is None else verdict.motion
     origin, picture = scene.object.center_of_mass_world, draw_scene(scene, solution)
@@ -102,6 +110,15 @@ def case_of_document(document: dict[str, Any], scene_file: Path | None = None) -
 
     Raises:
         ArgumentError: If it is no such document.
+
+    Examples:
+        >>> from graspless_pin import load_scene
+        >>> from graspless_pin.report import solution_document
+        >>> from graspless_pin.report.html import case_of_document, report_html
+        >>> scene = load_scene("examples/paper/cuboid_at_rest.yaml")
+        >>> case = case_of_document(solution_document(scene.solve()))
+        >>> report_html(case).startswith("<!")
+        True
     """
     solution = read_solution(document)
     origin = document_origin(document)

@@ -69,6 +69,14 @@ def report_html(
     Raises:
         GrasplessPinError: If Jinja2 or matplotlib is not installed.
         ArgumentError: If the case's document is not complete.
+
+    Examples:
+        >>> from graspless_pin import load_scene
+        >>> from graspless_pin.report.html import case_of_scene, report_html
+        >>> scene = load_scene("examples/paper/cuboid_at_rest.yaml")
+        >>> case = case_of_scene(scene, scene.solve())
+        >>> report_html(case).startswith("<!")
+        True
     """
     return render("report.html", lambda: _context(case, bounds, rest_bounds) | {"lapse": lapse})
 

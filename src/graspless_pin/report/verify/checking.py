@@ -60,6 +60,8 @@ _MESSAGES = {
 def verify_document(document: dict[str, Any]) -> Verification:
     """Verify a solution from its document, found or not (see `solution_document`).
 
+    See the example of `Verification`.
+
     Args:
         document: The parsed JSON.
 

@@ -11,7 +11,7 @@ _MARKS = {True: "ok", False: "FAILED", None: "not proven here"}
 
 @dataclass(frozen=True)
 class Check:
-    """One line of a verification.
+    """One line of a verification. See the example of `Verification`.
 
     Attributes:
         name: What was checked.
@@ -37,6 +37,13 @@ class Verification:
 
     Attributes:
         checks: In the order made.
+
+    Examples:
+        >>> from graspless_pin import load_scene
+        >>> from graspless_pin.report import solution_document, verify
+        >>> scene = load_scene("examples/paper/cuboid_at_rest.yaml")
+        >>> verify.verify_document(solution_document(scene.solve())).passed
+        True
     """
 
     checks: tuple[Check, ...]
