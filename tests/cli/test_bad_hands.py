@@ -55,7 +55,11 @@ def test_missing_robot_file(tmp_path):
         (urdf(LINK) + "<", "hand.urdf: not well-formed XML"),
         ("", "hand.urdf: not well-formed XML"),
         ("\x00\x01", "hand.urdf: not well-formed XML"),
-        ("<sdf/>", "hand.urdf: a URDF starts with <robot>, this file with <sdf>"),
+        ("<sdf/>", "hand.urdf: is an SDF, which is not read; write it as a URDF or as an MJCF"),
+        (
+            "<a/>",
+            "hand.urdf: a URDF starts with <robot> and an MJCF with <mujoco>, this file with <a>",
+        ),
         (urdf(""), "hand.urdf: the robot has no <link>"),
         (urdf(2 * LINK), "hand.urdf: two links are called 'base'; rename one"),
         (urdf(LINK + '<link name="other"/>'), "hand.urdf: a robot has one root link, found base"),

@@ -190,7 +190,8 @@ def test_bad_urdfs(tmp_path, body, message):
     ("text", "message"),
     [
         ("<robot>", "robot.urdf: not well-formed XML"),
-        ("<sdf/>", "starts with <robot>, this file with <sdf>"),
+        ("<sdf/>", "is an SDF, which is not read; write it as a URDF or as an MJCF"),
+        ("<html/>", "an MJCF with <mujoco>, this file with <html>"),
         ("\x00", "not well-formed XML"),
         (
             f"{ENTITY}<robot name='&secret;'>{link('a')}</robot>",

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
+import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
@@ -47,6 +48,8 @@ def link_geometries(
     item: Any,
     cuts: Mapping[str, Cut] = MappingProxyType({}),
     mesh: tuple[LinkMesh, str] | None = None,
+    *,
+    is_capsule: bool = False,
 ) -> tuple[LinkGeometry, ...]:
     """Take one of Pinocchio's geometry objects over.
 
@@ -56,6 +59,7 @@ def link_geometries(
         cuts: How the meshes of some links are cut into convex pieces; others become hulls.
         mesh: The mesh that the object stands for, and the URDF's name for messages; None: it is
             a primitive.
+        is_capsule: Whether the object, a cylinder, stands for a capsule.
 
     Returns:
         A primitive or a convex hull, or the pieces.
@@ -69,6 +73,8 @@ def link_geometries(
     """
     link = model.frames[item.parentFrame].name
     shapes = [item.geometry]
+    if is_capsule:
+        shapes = [coal.Capsule(item.geometry.radius, 2.0 * item.geometry.halfLength)]
     if mesh is not None:
         what = f"the collision mesh {mesh[0].file} of link {link!r}"
         cut = cuts.get(link)

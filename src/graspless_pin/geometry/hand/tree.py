@@ -239,6 +239,7 @@ def build_tree(
     meshes = {
         mesh.name: (mesh, document.label) for document, _ in parts for mesh in document.meshes
     }
+    capsules = {name for document, _ in parts for name in document.capsules}
     joint_names = tuple(model.names)[1:]
     rotors = {name: value for document, _ in parts for name, value in document.rotors.items()}
     model.armature = np.array([rotors.get(name, 0.0) for name in joint_names])
@@ -259,7 +260,9 @@ def build_tree(
         geometries=tuple(
             shape
             for item in geometry_model.geometryObjects
-            for shape in link_geometries(model, item, cuts, meshes.get(item.name))
+            for shape in link_geometries(
+                model, item, cuts, meshes.get(item.name), is_capsule=item.name in capsules
+            )
         ),
         coupling=resolve_couplings(joint_names, follows.values()),
         lower=np.where(lower <= -UNBOUNDED, -np.inf, lower),

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from graspless_pin.errors import RobotError
+from graspless_pin.geometry.hand.mjcf import mjcf_robot
 from graspless_pin.geometry.hand.urdf_links import (
     LinkMesh,
     check_link,
@@ -42,7 +43,7 @@ FREE_TYPES = ("floating", "planar")
 
 @dataclass(frozen=True)
 class UrdfDocument:
-    """A checked URDF with prefixed names, and boxes where its collision meshes are.
+    """A checked URDF with prefixed names, and shapes that Pinocchio reads.
 
     Attributes:
         label: The file, for messages.
@@ -51,6 +52,7 @@ class UrdfDocument:
         joints: The movable joints, in file order.
         mimics: The couplings, in file order; their leaders need not exist.
         meshes: The collision meshes, in file order.
+        capsules: What Pinocchio calls the collision shapes that are capsules.
         visuals: How the links look.
         rotors: Inertia of a motor's rotor by joint, kg m^2 (kg), gear ratio squared included.
     """
@@ -61,6 +63,7 @@ class UrdfDocument:
     joints: tuple[str, ...]
     mimics: tuple[JointCoupling, ...]
     meshes: tuple[LinkMesh, ...]
+    capsules: frozenset[str] = frozenset()
     visuals: tuple[LinkVisual, ...] = ()
     rotors: Mapping[str, float] = field(default_factory=dict)
 
@@ -73,7 +76,7 @@ def read_urdf(
     root_link: str | None = None,
     with_meshes: bool = True,
 ) -> UrdfDocument:
-    """Read, check and normalise one URDF file.
+    """Read, check and normalise one URDF or MJCF file.
 
     A floating or planar joint below the root link carries the whole robot; it is fixed at zero,
     because a hand stands where it is mounted.
@@ -90,9 +93,9 @@ def read_urdf(
         The document.
 
     Raises:
-        RobotError: If the file is missing, is not a URDF, declares a DOCTYPE or entities, repeats
-            a name, lacks ``root_link``, or has a malformed link, joint or rotor or a joint of an
-            unsupported type.
+        RobotError: If the file is missing, is no URDF or MJCF, declares a DOCTYPE or entities,
+            repeats a name, lacks ``root_link``, or has a malformed link, joint or rotor or a joint
+            of an unsupported type.
         MeshError: If a collision mesh cannot be found.
     """
     root = parse_robot(path)
@@ -113,11 +116,9 @@ def read_urdf(
         for link in root.findall("link"):
             for collision in link.findall("collision"):
                 link.remove(collision)
-    meshes = [
-        replace(mesh, link=prefix + mesh.link)
-        for link in root.findall("link")
-        for mesh in check_link(path, link, package_dirs)
-    ]
+    checked = [check_link(path, link, package_dirs) for link in root.findall("link")]
+    meshes = [replace(m, link=prefix + m.link) for found, _ in checked for m in found]
+    capsules = [prefix + name for _, found in checked for name in found]
     _add_prefix(root, prefix)
     visuals = read_visuals(path, root, package_dirs) if with_meshes else ()
     for link in root.findall("link"):
@@ -130,21 +131,33 @@ def read_urdf(
         joints=tuple(prefix + joint for joint in joints),
         mimics=tuple(m.prefixed(prefix) for m in mimics if m is not None and m.joint in joints),
         meshes=tuple(meshes),
+        capsules=frozenset(capsules),
         visuals=visuals,
         rotors={prefix + name: value for name, value in rotor_inertias(path, root).items()},
     )
 
 
 def parse_robot(path: Path) -> ET.Element:
-    """Return the ``<robot>`` element of a file without expanding anything.
+    """Return the ``<robot>`` element of a URDF without expanding anything, or that of an MJCF.
 
     Raises:
-        RobotError: If the file is missing, is not a URDF, or declares a DOCTYPE or entities.
+        RobotError: If the file is missing, is neither, or declares a DOCTYPE or entities; see
+            `mjcf_robot`, too.
     """
     with errors_of_text(path, URDF):
         root = parse_xml(read_bytes(path, URDF))
+    if root.tag == "mujoco":
+        root = mjcf_robot(path)
+    if root.tag == "sdf":
+        raise RobotError(
+            f"{path}: is an SDF, which is not read; write it as a URDF or as an MJCF, e.g. with "
+            "sdformat2mjcf of the package sdformat-mjcf"
+        )
     if root.tag != "robot":
-        raise RobotError(f"{path}: a URDF starts with <robot>, this file with <{root.tag}>")
+        raise RobotError(
+            f"{path}: a URDF starts with <robot> and an MJCF with <mujoco>, this file with "
+            f"<{root.tag}>"
+        )
     if len(root.findall("link")) > MOST_LINKS:
         raise RobotError(
             f"{path}: has more than {MOST_LINKS} links, the most that a robot may have"

@@ -38,14 +38,21 @@ class LinkMesh:
     @property
     def name(self) -> str:
         """What Pinocchio calls the shape."""
-        return f"{self.link}_{self.index}"
+        return shape_name(self.link, self.index)
 
 
-def check_link(path: Path, link: ET.Element, package_dirs: Sequence[Path]) -> list[LinkMesh]:
-    """Check one link's collision shapes and mass, and put boxes where its meshes are.
+def shape_name(link: str, index: int) -> str:
+    """Return what Pinocchio calls a collision shape of a link."""
+    return f"{link}_{index}"
 
-    Pinocchio's reader of meshes opens what files name and crashes on some that are broken; it gets
-    boxes, which `link_shapes` replaces.
+
+def check_link(
+    path: Path, link: ET.Element, package_dirs: Sequence[Path]
+) -> tuple[list[LinkMesh], list[str]]:
+    """Check one link's collision shapes and mass, and replace those that Pinocchio cannot read.
+
+    Its reader of meshes opens what files name and crashes on some that are broken, and it drops
+    capsules: it gets boxes and cylinders, which `link_shapes` replaces.
 
     Args:
         path: The URDF file.
@@ -53,14 +60,16 @@ def check_link(path: Path, link: ET.Element, package_dirs: Sequence[Path]) -> li
         package_dirs: Where ``package://`` addresses are looked up.
 
     Returns:
-        The meshes among its collision shapes.
+        The meshes among its collision shapes, and what Pinocchio calls the capsules.
 
     Raises:
         RobotError: If a shape, pose or mass is malformed.
         MeshError: If a mesh cannot be found.
     """
     where = f"{path}: link {link.get('name')!r}"
+    name = link.get("name", "")
     meshes: list[LinkMesh] = []
+    capsules: list[str] = []
     for index, collision in enumerate(link.findall("collision")):
         check_origin(where, collision)
         shape = collision.find("geometry/*")
@@ -71,7 +80,7 @@ def check_link(path: Path, link: ET.Element, package_dirs: Sequence[Path]) -> li
             if not (x and y and z):
                 raise RobotError(f"{where} has a mesh scale of {shape.get('scale')!r}")
             file = _resolve_mesh(path, where, shape, package_dirs)
-            meshes.append(LinkMesh(link.get("name", ""), index, file, (x, y, z)))
+            meshes.append(LinkMesh(name, index, file, (x, y, z)))
             shape.tag, shape.attrib = "box", {"size": "1 1 1"}
         elif shape.tag in _DIMENSIONS:
             for key, count in _DIMENSIONS[shape.tag]:
@@ -80,11 +89,14 @@ def check_link(path: Path, link: ET.Element, package_dirs: Sequence[Path]) -> li
                     raise RobotError(
                         f"{where} has {what}={shape.get(key)!r}, which is not positive"
                     )
+            if shape.tag == "capsule":
+                shape.tag = "cylinder"
+                capsules.append(shape_name(name, index))
         else:
             known = ", ".join((*_DIMENSIONS, "mesh"))
             raise RobotError(f"{where} has the unknown shape <{shape.tag}>; known: {known}")
     _check_mass(where, link)
-    return meshes
+    return meshes, capsules
 
 
 def checked_number(where: str, what: str, text: str, *, unlimited: bool = False) -> float:

@@ -21,8 +21,12 @@ _PACKAGE_ROBOTS = Path(__file__).resolve().parents[2] / "robots"
 _SOURCE_ROBOTS = Path(__file__).resolve().parents[4] / "robots"
 
 
+_MODELS = (".urdf", ".xml", ".mjcf", ".sdf")
+"""How the names of hands' own files end."""
+
+
 def describe_urdf(path: str | Path, package_dirs: Sequence[str | Path] = ()) -> RobotDescription:
-    """Describe a plain URDF, of which no fingers or honest limits are known."""
+    """Describe a plain URDF or MJCF, of which no fingers or honest limits are known."""
     file = Path(path)
     return RobotDescription(file.stem, file, tuple(Path(folder) for folder in package_dirs))
 
@@ -101,15 +105,16 @@ def find_robot(
     """Find out what ``source`` means.
 
     Args:
-        source: A description; a path to a .urdf, .yaml or .yml file; the name of a robot file; or
-            the name of an example-robot-data model. Robot files win over models.
+        source: A description; a path to a URDF or MJCF (.urdf, .xml, .mjcf) or a robot file (.yaml,
+            .yml); the name of a robot file; or the name of an example-robot-data model. Robot files
+            win over models.
         package_dirs: For the ``package://`` addresses of a URDF given by path.
 
     Raises:
         RobotError: If it means nothing; names similar robots.
         ArgumentError: If ``package_dirs`` is given for anything but a URDF.
     """
-    is_urdf = not isinstance(source, RobotDescription) and Path(source).suffix in (".urdf", ".xml")
+    is_urdf = not isinstance(source, RobotDescription) and Path(source).suffix in _MODELS
     if is_urdf:
         return describe_urdf(str(source), package_dirs)
     if package_dirs:
@@ -122,7 +127,10 @@ def find_robot(
     if text in ROBOTS:
         return describe_model(text)
     if is_file(Path(text)):
-        raise RobotError(f"{text}: is neither a URDF (.urdf, .xml) nor a robot file (.yaml, .yml)")
+        raise RobotError(
+            f"{text}: is neither a URDF nor an MJCF ({', '.join(_MODELS[:3])}) nor a robot file "
+            "(.yaml, .yml)"
+        )
     raise RobotError(
         f"unknown robot {text!r}: give a .urdf file, a robot file or a model's name; "
         f"{_similar(text, [*robot_names(), *ROBOTS])}"

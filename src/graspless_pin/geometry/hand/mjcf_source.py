@@ -1,0 +1,107 @@
+"""An MJCF as MuJoCo has read it, and the words of a URDF for its figures."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from graspless_pin.errors import RobotError
+from graspless_pin.problem.checks import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class MjcfSource:
+    """What MuJoCo has read.
+
+    Attributes:
+        mujoco: The module.
+        path: The file.
+        spec: ``mujoco.MjSpec``, which knows the files of meshes.
+        model: ``mujoco.MjModel``, which knows all else.
+    """
+
+    mujoco: Any
+    path: Path
+    spec: Any
+    model: Any
+
+    def joint(self, index: int) -> str:
+        """Return a joint's name."""
+        return self.model.joint(index).name or f"joint_{index}"
+
+    def body(self, index: int) -> str:
+        """Return a body's name."""
+        return self.model.body(index).name or f"body_{index}"
+
+
+def read_mjcf(path: Path) -> MjcfSource:
+    """Let MuJoCo read a file.
+
+    Raises:
+        RobotError: If MuJoCo is not installed or refuses the file.
+    """
+    mujoco = _load_mujoco(path)
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+        _strip(spec)
+        model = spec.compile()
+    except (ValueError, OSError) as error:
+        said = " ".join(str(error).split())
+        raise RobotError(f"{path}: MuJoCo cannot read this MJCF ({said})") from error
+    return MjcfSource(mujoco, path, spec, model)
+
+
+def _load_mujoco(path: Path) -> Any:
+    try:
+        import mujoco
+    except ImportError as error:
+        raise RobotError(
+            f"{path} is an MJCF, which needs MuJoCo ({error}); install it with pip install "
+            "'graspless-pin[simulate]', or give a URDF"
+        ) from None
+    return mujoco
+
+
+def _strip(spec: Any) -> None:
+    """Take away what only looks, and may name files that are not there."""
+    for geom in spec.geoms:
+        geom.material = ""
+    for site in spec.sites:
+        site.material = ""
+    for tendon in spec.tendons:
+        tendon.material = ""
+    for unseen in (*spec.skins, *spec.materials, *spec.textures, *spec.keys):
+        spec.delete(unseen)
+
+
+def rotation_and_position(
+    quaternion: FloatArray, position: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return rotation matrix and position of MuJoCo's [w, x, y, z] and [x, y, z]."""
+    return Rotation.from_quat(quaternion, scalar_first=True).as_matrix(), np.array(position)
+
+
+def add_origin(element: ET.Element, R: FloatArray, p: FloatArray) -> None:
+    """Write a pose; near a pitch of 90 degrees only the sum of roll and yaw counts."""
+    pitch = np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0]))
+    if np.hypot(R[0, 0], R[1, 0]) > 1e-9:
+        roll, yaw = np.arctan2(R[2, 1], R[2, 2]), np.arctan2(R[1, 0], R[0, 0])
+    else:
+        roll, yaw = 0.0, np.arctan2(-R[0, 1], R[1, 1])
+    ET.SubElement(element, "origin", xyz=words(p), rpy=words([roll, pitch, yaw]))
+
+
+def add_ends(joint: ET.Element, parent: str, child: str) -> None:
+    """Name the links at a joint's ends."""
+    ET.SubElement(joint, "parent", link=parent)
+    ET.SubElement(joint, "child", link=child)
+
+
+def words(values: Any) -> str:
+    """Return numbers as an attribute has them."""
+    return " ".join(repr(float(value)) for value in values)
