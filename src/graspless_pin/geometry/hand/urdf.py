@@ -10,6 +10,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 
 from graspless_pin.errors import RobotError
 from graspless_pin.geometry.hand.mjcf import mjcf_robot
@@ -22,6 +23,7 @@ from graspless_pin.geometry.hand.urdf_links import (
 )
 from graspless_pin.geometry.hand.urdf_rotors import rotor_inertias
 from graspless_pin.geometry.hand.urdf_visuals import LinkVisual, read_visuals
+from graspless_pin.geometry.hand.xacro_text import expanded, is_xacro
 from graspless_pin.geometry.robots.description import JointCoupling
 from graspless_pin.intake.files import FileKind, errors_of_text, read_bytes
 from graspless_pin.intake.xml_text import parse_xml
@@ -74,9 +76,10 @@ def read_urdf(
     prefix: str = "",
     package_dirs: Sequence[Path] = (),
     root_link: str | None = None,
+    xacro_args: Mapping[str, str] = MappingProxyType({}),
     with_meshes: bool = True,
 ) -> UrdfDocument:
-    """Read, check and normalise one URDF or MJCF file.
+    """Read, check and normalise one URDF, xacro or MJCF file.
 
     A floating or planar joint below the root link carries the whole robot; it is fixed at zero,
     because a hand stands where it is mounted.
@@ -87,6 +90,7 @@ def read_urdf(
         package_dirs: Where ``package://NAME/...`` is looked up: a folder that is called NAME or
             one that holds a folder called NAME. The folders above the file are tried last.
         root_link: Keep only this link and what hangs on it, e.g. the hand of a whole robot.
+        xacro_args: Values of the ``<xacro:arg>`` of a xacro file.
         with_meshes: Whether the collision meshes must be there; without, shapes are dropped.
 
     Returns:
@@ -98,7 +102,7 @@ def read_urdf(
             of an unsupported type.
         MeshError: If a collision mesh cannot be found.
     """
-    root = parse_robot(path)
+    root = parse_robot(path, package_dirs, xacro_args)
     links = _names(path, root.findall("link"), "link")
     _names(path, root.findall("joint"), "joint")
     mimics = [_check_joint(path, joint, links) for joint in root.findall("joint")]
@@ -137,15 +141,26 @@ def read_urdf(
     )
 
 
-def parse_robot(path: Path) -> ET.Element:
-    """Return the ``<robot>`` element of a URDF without expanding anything, or that of an MJCF.
+def parse_robot(
+    path: Path,
+    package_dirs: Sequence[Path] = (),
+    xacro_args: Mapping[str, str] = MappingProxyType({}),
+) -> ET.Element:
+    """Return the ``<robot>`` element of a URDF, a xacro file or an MJCF, without XML's entities.
+
+    Args:
+        path: The file.
+        package_dirs: Where a xacro file finds packages.
+        xacro_args: Values of its ``<xacro:arg>``.
 
     Raises:
-        RobotError: If the file is missing, is neither, or declares a DOCTYPE or entities; see
-            `mjcf_robot`, too.
+        RobotError: If the file is missing, is none of them, or declares a DOCTYPE or entities; see
+            `mjcf_robot` and `expanded`, too.
     """
     with errors_of_text(path, URDF):
         root = parse_xml(read_bytes(path, URDF))
+        if is_xacro(root):
+            root = parse_xml(expanded(path, package_dirs, xacro_args))
     if root.tag == "mujoco":
         root = mjcf_robot(path)
     if root.tag == "sdf":

@@ -72,7 +72,7 @@ def audit_urdf(source: str | Path, package_dirs: Sequence[str | Path] = ()) -> A
     robot = find_robot(source, package_dirs)
     check_file(robot.urdf_path, URDF)
     try:
-        root = parse_robot(robot.urdf_path)
+        root = parse_robot(robot.urdf_path, robot.package_dirs, robot.xacro_args)
         if robot.root_link is not None:
             keep_below(robot.urdf_path, root, robot.root_link)
     except RobotError as error:
@@ -153,7 +153,13 @@ def _audit_shapes(root: ET.Element) -> Iterator[Finding]:
 
 def _audit_mimics(robot: RobotDescription) -> Iterator[Finding]:
     """Find mimic joints whose leader does not exist."""
-    document = read_urdf(robot.urdf_path, root_link=robot.root_link, with_meshes=False)
+    document = read_urdf(
+        robot.urdf_path,
+        package_dirs=robot.package_dirs,
+        root_link=robot.root_link,
+        xacro_args=robot.xacro_args,
+        with_meshes=False,
+    )
     couplings = {item.joint: item for item in (*document.mimics, *robot.couplings)}
     for joint, leader in dangling_couplings(document.joints, couplings.values()):
         near = [name for name in document.joints if leader and name.endswith(leader)]

@@ -110,9 +110,10 @@ class RobotDescription:
 
     Attributes:
         name: Its name, for messages and tables.
-        urdf_path: The URDF.
+        urdf_path: The URDF, xacro file or MJCF.
         package_dirs: Where the URDF's ``package://`` addresses are looked up.
         root_link: The link that is mounted, with all that hangs on it; None is the URDF's root.
+        xacro_args: Values of the ``<xacro:arg>`` of a xacro file.
         palms: The links that carry fingers; empty: found from the tree.
         fingers: Fingers by name; empty: the branches below the palms.
         couplings: Coupled joints, instead of the URDF's mimic joints of these names.
@@ -130,6 +131,7 @@ class RobotDescription:
     urdf_path: Path
     package_dirs: tuple[Path, ...] = ()
     root_link: str | None = None
+    xacro_args: Mapping[str, str] = field(default_factory=dict)
     palms: tuple[str, ...] = ()
     fingers: Mapping[str, FingerSpec] = field(default_factory=dict)
     couplings: tuple[JointCoupling, ...] = ()

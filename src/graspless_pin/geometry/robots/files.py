@@ -21,7 +21,7 @@ _PACKAGE_ROBOTS = Path(__file__).resolve().parents[2] / "robots"
 _SOURCE_ROBOTS = Path(__file__).resolve().parents[4] / "robots"
 
 
-_MODELS = (".urdf", ".xml", ".mjcf", ".sdf")
+_MODELS = (".urdf", ".xacro", ".xml", ".mjcf", ".sdf")
 """How the names of hands' own files end."""
 
 
@@ -86,6 +86,7 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
         urdf_path=base.urdf_path,
         package_dirs=base.package_dirs,
         root_link=entry.root_link,
+        xacro_args=entry.xacro_args,
         palms=(entry.palm,) if isinstance(entry.palm, str) else tuple(entry.palm),
         fingers={name: item.spec() for name, item in entry.fingers.items()},
         couplings=tuple(item.coupling(joint) for joint, item in entry.couplings.items()),
@@ -105,9 +106,9 @@ def find_robot(
     """Find out what ``source`` means.
 
     Args:
-        source: A description; a path to a URDF or MJCF (.urdf, .xml, .mjcf) or a robot file (.yaml,
-            .yml); the name of a robot file; or the name of an example-robot-data model. Robot files
-            win over models.
+        source: A description; a path to a URDF or MJCF (.urdf, .xacro, .xml, .mjcf) or a robot file
+            (.yaml, .yml); the name of a robot file; or the name of an example-robot-data model.
+            Robot files win over models.
         package_dirs: For the ``package://`` addresses of a URDF given by path.
 
     Raises:
@@ -128,7 +129,7 @@ def find_robot(
         return describe_model(text)
     if is_file(Path(text)):
         raise RobotError(
-            f"{text}: is neither a URDF nor an MJCF ({', '.join(_MODELS[:3])}) nor a robot file "
+            f"{text}: is neither a URDF nor an MJCF ({', '.join(_MODELS[:4])}) nor a robot file "
             "(.yaml, .yml)"
         )
     raise RobotError(

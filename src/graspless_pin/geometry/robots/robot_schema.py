@@ -104,12 +104,17 @@ class RobotFile(Entry):
     """A robot file."""
 
     name: Name = Field(min_length=1, description="how messages call the robot")
-    urdf: FilePath | None = Field(default=None, description="path relative to this file")
+    urdf: FilePath | None = Field(
+        default=None, description="URDF, xacro file or MJCF; path relative to this file"
+    )
     model: Name | None = Field(
         default=None, description="instead of urdf: name of an example-robot-data model"
     )
     root_link: Name | None = Field(
         default=None, description="link to keep with all below it; default: the whole model"
+    )
+    xacro_args: ByName[Name] = Field(
+        default={}, description="values of a xacro file's <xacro:arg>, by name"
     )
     palm: Name | Few[Name] = Field(
         default=[], description="link or links from which the fingers branch; default: found"
