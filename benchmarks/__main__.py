@@ -3,7 +3,7 @@
 import argparse
 import time
 
-from benchmarks import cones, geometry, holding, planning, searches, studies, verdicts
+from benchmarks import commands, cones, geometry, holding, planning, searches, studies, verdicts
 
 # Each section is a function without arguments that returns markdown.
 SECTIONS = {
@@ -17,6 +17,7 @@ SECTIONS = {
     "studies": studies.cuboid_study,
     "holding": holding.holding,
     "verdicts": verdicts.verdicts,
+    "commands": commands.commands,
 }
 
 

@@ -7,7 +7,6 @@ from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import norm, qmc
 
 from graspless_pin.algorithms.formulation import Formulation, formulated
 from graspless_pin.algorithms.limits import Limits
@@ -223,6 +222,8 @@ def unit_disturbances(
         raise ArgumentError("characteristic_length", f"is {length}; it must be positive")
     if directions is None:
         axes = np.vstack([np.eye(6), -np.eye(6)])
+        from scipy.stats import norm, qmc
+
         points = qmc.Sobol(6, scramble=False).random(2 * _SAMPLES)[_SAMPLES:]
         spread = norm.ppf(points)
         given = np.vstack([axes, spread / np.linalg.norm(spread, axis=1, keepdims=True)])

@@ -17,7 +17,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import null_space
-from scipy.optimize import linprog
 
 from graspless_pin.algorithms.formulation import Formulation, formulate
 from graspless_pin.algorithms.mode_oracle import NO_FRICTION
@@ -229,6 +228,8 @@ def _positive_together(rows: FloatArray) -> NDArray[np.bool_]:
     count, size = rows.shape
     if count == 0 or size == 0:
         return np.zeros(count, dtype=bool)
+    from scipy.optimize import linprog
+
     # Any number of positive rows can be made to reach 1: the largest sum has all of them.
     answer = linprog(
         np.concatenate([np.zeros(size), -np.ones(count)]),

@@ -1,16 +1,17 @@
 """The command line: ``graspless-pin solve SCENE`` and its sisters; the commands load all else."""
 
+import gc
 import os
 import signal
-import sys
 
 from graspless_pin.cli.guard import guarded
 
-__all__ = ["INTERRUPTED", "main", "run"]
+__all__ = ["INTERRUPTED", "INTERRUPTION", "begin", "main", "run"]
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells have it."""
-_MESSAGE = "interrupted\n"
+INTERRUPTION = "interrupted\n"
+"""What is said then."""
 
 
 def main() -> None:
@@ -21,26 +22,29 @@ def main() -> None:
 def run() -> None:
     """Run the command line in this process.
 
-    Loading the libraries takes a second, in which Ctrl-C counts, too.
+    Loading what a command needs takes most of a second, in which Ctrl-C counts, too. It makes
+    objects that stay, through which a search for garbage goes again and again: there is none.
     """
-    usual = signal.default_int_handler
+    gc.disable()
     # A shell may have told the process to ignore Ctrl-C.
-    listens = signal.getsignal(signal.SIGINT) is usual
-    try:
-        if listens:
-            # No exception: some libraries catch what interrupts their import, and fail later.
-            signal.signal(signal.SIGINT, _quit)
-        from graspless_pin.cli.commands import app
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        # No exception: some libraries catch what interrupts their import, and fail later.
+        signal.signal(signal.SIGINT, _quit)
+    from graspless_pin.cli.commands import app
 
-        if listens:
-            signal.signal(signal.SIGINT, usual)
-        app()
-    except KeyboardInterrupt:
-        sys.stderr.write(_MESSAGE)
-        sys.exit(INTERRUPTED)
+    app()
+
+
+def begin() -> None:
+    """Begin a command that is loaded: from now on Ctrl-C is an exception, and garbage is found."""
+    if not gc.isenabled():
+        gc.freeze()
+        gc.enable()
+    if signal.getsignal(signal.SIGINT) is _quit:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _quit(*_: object) -> None:
     """End the process at once: while libraries are loaded there is nothing to put in order."""
-    os.write(2, _MESSAGE.encode())
+    os.write(2, INTERRUPTION.encode())
     os._exit(INTERRUPTED)

@@ -1,32 +1,134 @@
-"""All commands of ``graspless-pin``, one module per group."""
+"""All commands of ``graspless-pin``; what a command needs is loaded when it is called."""
+
+from __future__ import annotations
 
 import platform
-from typing import Annotated
+from importlib import import_module
+from typing import Annotated, Any, NamedTuple
 
 import typer
+from typer.core import TyperGroup
 
-from graspless_pin.cli.bearing import robustness_scene
-from graspless_pin.cli.robots import inspect, robots
-from graspless_pin.cli.showing import report, view_scene
-from graspless_pin.cli.simulating import simulate_scene
-from graspless_pin.cli.solving import schema, solve_scene, verify
-from graspless_pin.cli.studying import study
-from graspless_pin.versions import compiled_loops, versions
+from graspless_pin.cli import INTERRUPTED, INTERRUPTION, begin
 
 __all__ = ["app"]
 
+
+class _Command(NamedTuple):
+    """A command: where it is, what the list of all says of it, and how it is called."""
+
+    place: str
+    help: str
+    examples: tuple[str, ...]
+
+
+_COMMANDS = {
+    "solve": _Command(
+        "solving.solve_scene",
+        "Solve a scene: which joint torques, how robust, and does it hold.",
+        (
+            "graspless-pin solve scene.yaml",
+            "graspless-pin solve scene.yaml --algorithm torque --margin 0.2",
+            "graspless-pin solve scene.yaml --json solution.json",
+        ),
+    ),
+    "robustness": _Command(
+        "bearing.robustness_scene",
+        "Tell how much a scene's rest bears; where it may fail, what would make it hold.",
+        ("graspless-pin robustness scene.yaml",),
+    ),
+    "verify": _Command(
+        "verifying.verify",
+        "Check solutions from their JSON with numpy alone: each figure, and the whole proof.",
+        ("graspless-pin verify solution.json", "graspless-pin verify proofs/*.json"),
+    ),
+    "report": _Command(
+        "showing.report",
+        "Write a solution as one HTML page that fetches nothing: 3-D view, torques, proof.",
+        (
+            "graspless-pin report scene.yaml -o report.html",
+            "graspless-pin report solution.json --scene scene.yaml",
+        ),
+    ),
+    "view": _Command(
+        "showing.view_scene",
+        "Show a scene on an interactive page until it is interrupted (Ctrl-C).",
+        ("graspless-pin view scene.yaml",),
+    ),
+    "simulate": _Command(
+        "simulating.simulate_scene",
+        "Simulate a scene's rest with MuJoCo: does the object stay under constant torques?",
+        (
+            "graspless-pin simulate scene.yaml",
+            "graspless-pin simulate scene.yaml --push 1,0,0 --save lapse.html",
+        ),
+    ),
+    "study": _Command(
+        "studying.study",
+        "Compute a study, or go on with one that was interrupted or killed.",
+        ("graspless-pin study study.yaml -o results.parquet",),
+    ),
+    "robots": _Command(
+        "robots.robots",
+        "List the robots: fingers, joints, effort limits and where they come from.",
+        ("graspless-pin robots", "graspless-pin robots allegro_right"),
+    ),
+    "inspect": _Command(
+        "robots.inspect",
+        "Audit a URDF: meshes, effort limits, mimic joints, limits; and say what to do.",
+        ("graspless-pin inspect my_hand.urdf",),
+    ),
+    "schema": _Command(
+        "schema.schema",
+        "Print the JSON schema of a scene file.",
+        ("graspless-pin schema > scene.schema.json",),
+    ),
+}
+
+
+class _LoadedWhenCalled(TyperGroup):
+    """A group whose list of commands loads none of them."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command; say so where it is interrupted."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            typer.echo(INTERRUPTION, err=True, nl=False)
+            raise typer.Exit(INTERRUPTED) from None
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return the command that the arguments name, loaded now."""
+        name, listed, rest = super().resolve_command(ctx, args)
+        return name, listed and _loaded(str(name)), rest
+
+
+def _loaded(name: str) -> Any:
+    """Return a command as its module has it, with examples below its help."""
+    module, function = _COMMANDS[name].place.split(".")
+    examples = ("Examples:", *_COMMANDS[name].examples)
+    called = getattr(import_module(f"graspless_pin.cli.{module}"), function)
+    begin()
+    alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+    alone.command(name, epilog="\n\n".join(examples))(called)
+    return typer.main.get_command(alone)
+
+
 app = typer.Typer(
-    add_completion=False,
+    cls=_LoadedWhenCalled,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
     help="Robust joint torques for hands that push, slide, pivot or hold an object.",
+    epilog="graspless-pin COMMAND --help shows a command's options and examples.",
 )
 
 
 def _print_version(asked: bool) -> None:
     if not asked:
         return
+    from graspless_pin.versions import compiled_loops, versions
+
     typer.echo(f"graspless-pin {versions()['graspless-pin']}, Python {platform.python_version()}")
     none = "none, numpy does their work more slowly; install again where there is a C compiler"
     typer.echo(f"compiled loops: {', '.join(compiled_loops()) or none}")
@@ -48,9 +150,9 @@ def _options(
     pass
 
 
-_COMMANDS = (
-    solve_scene, robustness_scene, verify, report, view_scene, simulate_scene, study, robots,
-    inspect, schema,
-)  # fmt: skip
-for _command in _COMMANDS:
-    app.command(_command.__name__.removesuffix("_scene"))(_command)
+def _only_listed() -> None:
+    """Stand for a command in the list of all."""
+
+
+for _name, _listed in _COMMANDS.items():
+    app.command(_name, help=_listed.help)(_only_listed)

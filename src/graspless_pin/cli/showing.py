@@ -67,7 +67,7 @@ def report(
         typer.Option("--simulate", help="Simulate the torques with MuJoCo, with a time-lapse."),
     ] = False,
 ) -> None:
-    """Write a solution as one HTML page that fetches nothing: 3-D view, torques, contacts, proof.
+    """Write a solution as one HTML page that fetches nothing: 3-D view, torques, proof.
 
     A scene is solved with its own options; for others, solve it with --json and report that file,
     with the verdict that it holds.

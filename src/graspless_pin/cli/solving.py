@@ -1,8 +1,7 @@
-"""``graspless-pin solve``, ``verify`` and ``schema``: scenes and their solutions."""
+"""``graspless-pin solve``: a scene and its solution."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,14 +10,12 @@ import typer
 from graspless_pin.algorithms.options import RequiredStability, Search
 from graspless_pin.algorithms.torque import TorqueScale
 from graspless_pin.cli.outcome import ExitCode, plain_errors
-from graspless_pin.errors import ArgumentError, SceneError
+from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.modes.rules import SignRule, SlidingRule, StaticFriction
 from graspless_pin.programs.objectives import Algorithm
-from graspless_pin.report import scene_solution_text, solution_document, write_document
-from graspless_pin.report.reading import read_document
-from graspless_pin.report.verify import Verification, verify_document
-from graspless_pin.scene import Scene, load_scene, scene_json_schema
+from graspless_pin.report import scene_solution_text
+from graspless_pin.scene import Scene, load_scene
 from graspless_pin.solution import TorqueSolution
 
 VERDICT_NODES = 300
@@ -99,6 +96,8 @@ def solve_scene(
         if solution.found and not no_verdict:
             verdict, said = asked_verdict(loaded, solution, verdict_nodes)
         if json_file is not None:
+            from graspless_pin.report import solution_document, write_document
+
             write_document(solution_document(solution, loaded, verdict), json_file)
         if json_file != "-":
             typer.echo(scene_solution_text(loaded, solution, said))
@@ -116,51 +115,3 @@ def asked_verdict(
     except ArgumentError as error:
         return None, f"no verdict: {error}"
     return verdict, str(verdict)
-
-
-def verify(
-    files: Annotated[
-        list[Path],
-        typer.Argument(metavar="FILE...", help="Documents (JSON) of solutions, found or not."),
-    ],
-) -> None:
-    """Check solutions from their JSON with numpy alone: each figure, and the whole proof.
-
-    Exit code 0: all that they claim is proven; 1: something is not so; 2: not such a document;
-    3: nothing is wrong, but a document does not hold the proof of all that it claims.
-    """
-    outcomes = {ExitCode.FOUND}
-    for file in files:
-        checked = _verified(file)
-        if len(files) == 1:
-            typer.echo(str(checked))
-        else:
-            _echo_briefly(file, checked)
-        if not checked.passed:
-            outcomes.add(ExitCode.INFEASIBLE)
-        elif not checked.proven:
-            outcomes.add(ExitCode.NOT_PROVEN)
-    raise typer.Exit(ExitCode.INFEASIBLE if ExitCode.INFEASIBLE in outcomes else max(outcomes))
-
-
-def _verified(file: Path) -> Verification:
-    with plain_errors():
-        document = read_document(file)
-        try:
-            return verify_document(document)
-        except (ValueError, ArithmeticError) as error:
-            raise SceneError(f"{file}: {error}") from error
-
-
-def _echo_briefly(file: Path, checked: Verification) -> None:
-    """One line a file, and those of its checks that do not hold."""
-    verdict = "proven" if checked.proven else "not all proven" if checked.passed else "FAILED"
-    typer.echo(f"{file}: {verdict}")
-    for check in checked.checks:
-        if check.passed is not True:
-            typer.echo(f"{check.mark:>15}  {check.name}: {check.detail}")
-
-
-def schema() -> None:
-    """Print the JSON schema of a scene file."""
-    typer.echo(json.dumps(scene_json_schema(), indent=2))

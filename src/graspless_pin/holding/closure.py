@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import null_space
-from scipy.optimize import nnls
 
 from graspless_pin.holding.bounds import RANK, States, closing_tolerance, fixed_rows, kinematic_dual
 from graspless_pin.holding.dynamics import Dynamics
@@ -45,6 +44,8 @@ def forced_state(dynamics: Dynamics, states: States) -> Forced | None:
         others = np.delete(np.arange(len(parting)), index)
         shares, left = np.zeros(len(others)), float(np.linalg.norm(normals[index]))
         if left > tolerance and len(others):
+            from scipy.optimize import nnls
+
             shares, left = nnls(normals[others].T, -normals[index])
         if left <= tolerance:
             weights = np.zeros(len(rows))

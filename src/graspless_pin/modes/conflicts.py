@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
 from graspless_pin.modes.fastest_sliding import TAKES_PART, signed_rows
 from graspless_pin.modes.rules import SignRule
@@ -67,6 +66,8 @@ def conflict_of(
 
 def reactions(still: FloatArray, rest: FloatArray, threshold: float) -> FloatArray:
     """Weights of rows that vanish which make up for the rest of a combination, few if possible."""
+    from scipy.optimize import nnls
+
     try:
         halves, _ = nnls(np.hstack([still.T, -still.T]), rest)
         if np.isfinite(halves).all():

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linprog, nnls
 
 from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.modes.nearest_motions import CLEARLY, RANK_TOLERANCE
@@ -62,6 +61,8 @@ def _shortest(
     The answer is checked: a wrong one has been seen on degenerate rows. A short combination proves
     itself, and so does a motion that slides as fast as the threshold in all rows.
     """
+    from scipy.optimize import nnls
+
     best = None
     for worth in _WORTH:
         system = np.empty((moving.shape[1] + 1, len(moving)))
@@ -120,6 +121,8 @@ def _speed(
 
 def _by_linear_program(moving: FloatArray, strict: FloatArray, threshold: float) -> Sliding:
     """Decide by a linear program: the largest t <= 1 with moving y >= strict t, y bounded."""
+    from scipy.optimize import linprog
+
     rows, size = moving.shape
     answer = linprog(
         np.append(np.zeros(size), -1.0),

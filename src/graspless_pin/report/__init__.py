@@ -1,15 +1,6 @@
 """Solutions for people and for other programs: tables and JSON."""
 
-from graspless_pin.report.document import solution_document, write_document
-from graspless_pin.report.document_files import write_path_documents
-from graspless_pin.report.reading import read_document, read_solution
-from graspless_pin.report.text import scene_solution_text
+import lazy_loader
 
-__all__ = [
-    "read_document",
-    "read_solution",
-    "scene_solution_text",
-    "solution_document",
-    "write_document",
-    "write_path_documents",
-]
+# Each name is loaded at first use; which they are stands in the .pyi beside.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

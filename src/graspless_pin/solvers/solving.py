@@ -5,25 +5,40 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-import qpsolvers
 
 from graspless_pin.errors import SolverUnavailableError
-from graspless_pin.programs.answers import Answer, Backend, Outcome, checked_answer, failed
+from graspless_pin.programs.answers import (
+    Answer,
+    Backend,
+    Multipliers,
+    Outcome,
+    checked_answer,
+    failed,
+)
 from graspless_pin.programs.program import Program
 from graspless_pin.solvers.conic_backends import by_clarabel, by_cuts
-from graspless_pin.solvers.other_backends import by_proxqp, by_qpsolvers
 from graspless_pin.solvers.piqp_engines import by_piqp
 
 ANY_SOLVER = "auto"
 """PIQP for linear and quadratic programs, Clarabel for second-order ones."""
 _FALLBACKS = ("piqp", "highs", "clarabel", "proxqp")
 _CONIC_FALLBACKS = ("clarabel", "piqp", "highs")
-_BACKENDS: dict[str, Backend] = {"piqp": by_piqp, "proxqp": by_proxqp}
+
+
+def _by_proxqp(program: Program) -> Multipliers | None:
+    from graspless_pin.solvers.other_backends import by_proxqp
+
+    return by_proxqp(program)
+
+
+_BACKENDS: dict[str, Backend] = {"piqp": by_piqp, "proxqp": _by_proxqp}
 
 
 @cache
 def available_solvers() -> tuple[str, ...]:
     """Return the names that can be given as ``solver`` besides ``auto``."""
+    import qpsolvers
+
     return tuple(sorted({*_BACKENDS, *qpsolvers.available_solvers}))
 
 
@@ -76,5 +91,9 @@ def _backend(name: str, conic: bool) -> Backend:
     """Return what asks a solver for linear and quadratic, or for second-order programs."""
     if conic and name == "clarabel":
         return by_clarabel
-    plain = _BACKENDS.get(name) or by_qpsolvers(name)
+    plain = _BACKENDS.get(name)
+    if plain is None:
+        from graspless_pin.solvers.other_backends import by_qpsolvers
+
+        plain = by_qpsolvers(name)
     return by_cuts(plain) if conic else plain

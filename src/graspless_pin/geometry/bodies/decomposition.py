@@ -22,13 +22,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-from scipy.spatial import QhullError
 
 from graspless_pin.child_process import ChildProcess
 from graspless_pin.drafts import draft_of
@@ -43,6 +40,9 @@ from graspless_pin.geometry.bodies.coacd_call import ITERATIONS, SEED, run_coacd
 from graspless_pin.geometry.bodies.polytopes import hull_of
 from graspless_pin.magnitudes import LONGEST_TIME
 from graspless_pin.problem.checks import FloatArray, read_only
+
+if TYPE_CHECKING:
+    import trimesh
 
 DEFAULT_CONCAVITY = 0.02
 """Deepest hollow that a piece may fill, as a share of half the mesh's largest extent."""
@@ -105,6 +105,8 @@ def convex_pieces(mesh: trimesh.Trimesh, label: str, cut: Cut = Cut()) -> tuple[
     Warns:
         GrasplessPinWarning: The mesh is not watertight, or the pieces cannot be kept on disk.
     """
+    from scipy.spatial import QhullError
+
     vertices = np.ascontiguousarray(mesh.vertices, dtype=np.float64)
     faces = np.ascontiguousarray(mesh.faces, dtype=np.int32)
     try:
@@ -137,6 +139,8 @@ def _is_convex(mesh: trimesh.Trimesh) -> bool:
 
 
 def _cut(mesh: trimesh.Trimesh, label: str, cut: Cut) -> tuple[FloatArray, ...]:
+    from scipy.spatial import QhullError
+
     pieces: list[FloatArray] = []
     for corners in _corners(mesh, label, cut):
         try:
@@ -190,12 +194,17 @@ def _parts(mesh: trimesh.Trimesh) -> list[trimesh.Trimesh]:
 
 
 def _inverted(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    import trimesh
+
     return trimesh.Trimesh(mesh.vertices, mesh.faces[:, ::-1], process=False)
 
 
 @contextmanager
 def _sign_of_life(message: str) -> Iterator[None]:
     """Tell on standard error what slow work goes on; on a terminal with a moving bar."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     progress = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)

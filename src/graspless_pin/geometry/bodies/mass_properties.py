@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import trimesh
 from numpy.typing import ArrayLike
 
 from graspless_pin.errors import ArgumentError, GrasplessPinWarning
@@ -24,6 +23,9 @@ from graspless_pin.geometry.bodies.shapes import (
     Sphere,
 )
 from graspless_pin.problem.checks import FloatArray, checked_inertia, read_only
+
+if TYPE_CHECKING:
+    import trimesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,6 +153,8 @@ def checked_body_inertia(inertia: ArrayLike) -> FloatArray:
 
 
 def _of_mesh(shape: MeshShape) -> Filling:
+    import trimesh
+
     hull = trimesh.convex.convex_hull(hull_points(shape.path, shape.scale))
     mesh = scaled_mesh(shape.path, shape.scale)
     if mesh.is_watertight and mesh.is_winding_consistent and mesh.volume != 0.0:

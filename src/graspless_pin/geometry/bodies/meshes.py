@@ -5,16 +5,17 @@ from __future__ import annotations
 import warnings
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import trimesh
-from scipy.spatial import QhullError
 
 from graspless_pin.errors import MeshError, MeshScaleWarning
-from graspless_pin.geometry.bodies.mesh_files import MESH_FORMATS, parse_mesh, unknown_format
 from graspless_pin.geometry.bodies.polytopes import hull_of
 from graspless_pin.magnitudes import LARGEST_LENGTH
 from graspless_pin.problem.checks import FloatArray
+
+if TYPE_CHECKING:
+    import trimesh
 
 MeshScale = float | tuple[float, float, float]
 
@@ -31,6 +32,10 @@ def load_mesh(path: Path) -> trimesh.Trimesh:
         MeshError: The file is missing, of an unknown format, unreadable or without faces, names
             vertices that it does not have, or has some that are not finite.
     """
+    import trimesh
+
+    from graspless_pin.geometry.bodies.mesh_files import MESH_FORMATS, parse_mesh, unknown_format
+
     file_state(path)
     if path.suffix.lower() not in MESH_FORMATS:
         raise unknown_format(path)
@@ -137,6 +142,8 @@ def warn_of_scale(what: str, points: FloatArray, remedy: str) -> None:
 
 @lru_cache(maxsize=_REMEMBERED)
 def _hull_points(path: Path, scale: MeshScale, state: tuple[str, int, int]) -> FloatArray:
+    from scipy.spatial import QhullError
+
     vertices = np.array(_scaled_mesh(path, scale, state).vertices, dtype=float)
     try:
         points = hull_of(vertices).vertices

@@ -8,7 +8,6 @@ from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
 
 Array = NDArray[np.float64]
 
@@ -167,6 +166,8 @@ def hull_of(points: Array) -> Polytope:
     Raises:
         scipy.spatial.QhullError: All points lie in one plane.
     """
+    from scipy.spatial import ConvexHull
+
     hull = ConvexHull(points)
     index = np.full(len(points), -1)
     index[hull.vertices] = np.arange(len(hull.vertices))

@@ -21,7 +21,6 @@ from typing import Any
 
 import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
-from scipy.spatial import QhullError
 
 from graspless_pin.derived import Derived
 from graspless_pin.errors import MeshError, SceneError
@@ -206,6 +205,8 @@ def _convert(geometry: Any) -> ConvexSet:
             case coal.Box():
                 return box_of(np.array(geometry.halfSide, dtype=float))
             case coal.Convex():
+                from scipy.spatial import QhullError
+
                 try:
                     return hull_of(np.array(geometry.points(), dtype=float))
                 except QhullError as error:

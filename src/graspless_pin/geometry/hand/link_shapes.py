@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
 from graspless_pin.errors import MeshError
@@ -21,6 +20,9 @@ from graspless_pin.geometry.bodies.meshes import scaled_mesh, warn_of_scale
 from graspless_pin.geometry.bodies.shapes import convex_geometry
 from graspless_pin.geometry.hand.urdf_links import LinkMesh
 from graspless_pin.geometry.pickling import Record
+
+if TYPE_CHECKING:
+    import trimesh
 
 FLATNESS = 1e-7
 """Thickness over length below which a mesh (single-precision vertices) has no volume."""

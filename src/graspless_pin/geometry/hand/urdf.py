@@ -13,7 +13,6 @@ from pathlib import Path
 from types import MappingProxyType
 
 from graspless_pin.errors import RobotError
-from graspless_pin.geometry.hand.mjcf import mjcf_robot
 from graspless_pin.geometry.hand.urdf_links import (
     LinkMesh,
     check_link,
@@ -162,6 +161,8 @@ def parse_robot(
         if is_xacro(root):
             root = parse_xml(expanded(path, package_dirs, xacro_args))
     if root.tag == "mujoco":
+        from graspless_pin.geometry.hand.mjcf import mjcf_robot
+
         root = mjcf_robot(path)
     if root.tag == "sdf":
         raise RobotError(

@@ -7,11 +7,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from example_robot_data import (  # pyright: ignore[reportMissingImports]
-    ROBOTS,
-    getModelPath,
-)
-
 from graspless_pin.errors import ArgumentError, RobotError
 from graspless_pin.geometry.robots.description import LinkMeshes, RobotDescription
 from graspless_pin.geometry.robots.robot_schema import read_robot_file
@@ -23,6 +18,13 @@ _SOURCE_ROBOTS = Path(__file__).resolve().parents[4] / "robots"
 
 _MODELS = (".urdf", ".xacro", ".xml", ".mjcf", ".sdf")
 """How the names of hands' own files end."""
+
+
+def _models() -> Mapping[str, Any]:
+    """Return the loaders of example-robot-data by name; reading them takes a while."""
+    from example_robot_data import ROBOTS  # pyright: ignore[reportMissingImports]
+
+    return ROBOTS
 
 
 def describe_urdf(path: str | Path, package_dirs: Sequence[str | Path] = ()) -> RobotDescription:
@@ -37,14 +39,17 @@ def describe_model(name: str) -> RobotDescription:
     Raises:
         RobotError: If there is no such model or it has no URDF; names similar ones.
     """
-    loader = ROBOTS.get(name)
+    from example_robot_data import getModelPath  # pyright: ignore[reportMissingImports]
+
+    models = _models()
+    loader = models.get(name)
     if loader is None:
-        raise RobotError(f"unknown model {name!r} of example-robot-data; {_similar(name, ROBOTS)}")
+        raise RobotError(f"unknown model {name!r} of example-robot-data; {_similar(name, models)}")
     if not loader.urdf_filename:
         raise RobotError(f"model {name!r} of example-robot-data is not a URDF; choose another one")
     inside = Path(loader.path) / loader.urdf_subpath / loader.urdf_filename
-    models = Path(getModelPath(str(inside))).resolve()
-    return RobotDescription(name, models / inside, (models.parents[1],), model=name)
+    folder = Path(getModelPath(str(inside))).resolve()
+    return RobotDescription(name, folder / inside, (folder.parents[1],), model=name)
 
 
 def robot_names() -> tuple[str, ...]:
@@ -125,7 +130,7 @@ def find_robot(
     text = str(source)
     if text.endswith((".yaml", ".yml")) or text in robot_names():
         return load_robot(text)
-    if text in ROBOTS:
+    if text in _models():
         return describe_model(text)
     if is_file(Path(text)):
         raise RobotError(
@@ -134,7 +139,7 @@ def find_robot(
         )
     raise RobotError(
         f"unknown robot {text!r}: give a .urdf file, a robot file or a model's name; "
-        f"{_similar(text, [*robot_names(), *ROBOTS])}"
+        f"{_similar(text, [*robot_names(), *_models()])}"
     )
 
 

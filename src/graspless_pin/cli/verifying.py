@@ -1,0 +1,56 @@
+"""``graspless-pin verify``: what documents of solutions claim."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from graspless_pin.cli.outcome import ExitCode, plain_errors
+from graspless_pin.errors import SceneError
+from graspless_pin.report.reading import read_document
+from graspless_pin.report.verify import Verification, verify_document
+
+
+def verify(
+    files: Annotated[
+        list[Path],
+        typer.Argument(metavar="FILE...", help="Documents (JSON) of solutions, found or not."),
+    ],
+) -> None:
+    """Check solutions from their JSON with numpy alone: each figure, and the whole proof.
+
+    Exit code 0: all that they claim is proven; 1: something is not so; 2: not such a document;
+    3: nothing is wrong, but a document does not hold the proof of all that it claims.
+    """
+    outcomes = {ExitCode.FOUND}
+    for file in files:
+        checked = _verified(file)
+        if len(files) == 1:
+            typer.echo(str(checked))
+        else:
+            _echo_briefly(file, checked)
+        if not checked.passed:
+            outcomes.add(ExitCode.INFEASIBLE)
+        elif not checked.proven:
+            outcomes.add(ExitCode.NOT_PROVEN)
+    raise typer.Exit(ExitCode.INFEASIBLE if ExitCode.INFEASIBLE in outcomes else max(outcomes))
+
+
+def _verified(file: Path) -> Verification:
+    with plain_errors():
+        document = read_document(file)
+        try:
+            return verify_document(document)
+        except (ValueError, ArithmeticError) as error:
+            raise SceneError(f"{file}: {error}") from error
+
+
+def _echo_briefly(file: Path, checked: Verification) -> None:
+    """One line a file, and those of its checks that do not hold."""
+    verdict = "proven" if checked.proven else "not all proven" if checked.passed else "FAILED"
+    typer.echo(f"{file}: {verdict}")
+    for check in checked.checks:
+        if check.passed is not True:
+            typer.echo(f"{check.mark:>15}  {check.name}: {check.detail}")

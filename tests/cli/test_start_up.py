@@ -1,0 +1,71 @@
+"""What a command does not need is not loaded: modules are counted here, seconds in `make bench`."""
+
+import subprocess
+import sys
+from importlib import import_module
+
+import pytest
+from cli_tools import PAPER, run
+
+from graspless_pin.cli.commands import _COMMANDS, _loaded
+
+SCRIPT = """
+import sys
+from graspless_pin.cli import run
+sys.argv = ["graspless-pin", *sys.argv[1:]]
+try:
+    run()
+finally:
+    sys.stderr.write(" ".join(sys.modules))
+"""
+HEAVY = {
+    "coacd", "example_robot_data", "jinja2", "matplotlib", "mujoco", "networkx", "pandas",
+    "proxsuite", "pyarrow", "qpsolvers", "rich", "scipy.optimize", "scipy.spatial", "scipy.stats",
+    "trimesh", "viser", "yourdfpy",
+}  # fmt: skip
+PARTS = {
+    "planning", "plots", "report.document", "report.html", "report.verify", "simulation", "studies",
+    "viewer", "visualization",
+}  # fmt: skip
+
+
+def modules(*arguments: str) -> set[str]:
+    """Run the command line in a process; return the modules that it has loaded."""
+    result = subprocess.run(  # noqa: S603 - our own interpreter and a fixed program
+        [sys.executable, "-c", SCRIPT, *arguments], capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0, result.stderr
+    return set(result.stderr.split())
+
+
+def test_the_list_of_commands_loads_none():
+    loaded = modules("--help")
+    own = {name for name in loaded if name.startswith("graspless_pin.") and ".cli" not in name}
+    assert own == {"graspless_pin.renamed"}
+    assert not loaded & (HEAVY - {"rich"} | {"numpy", "scipy", "pydantic", "yaml", "pinocchio"})
+
+
+def test_a_solve_of_primitives_loads_what_it_needs():
+    loaded = modules("solve", str(PAPER / "cuboid_at_rest.yaml"))
+    assert {"pinocchio", "coal", "graspless_pin.holding.stability"} <= loaded
+    assert not loaded & HEAVY
+    assert not loaded & {f"graspless_pin.{part}" for part in PARTS}
+
+
+@pytest.mark.parametrize("name", _COMMANDS)
+def test_a_command_is_listed_as_it_is(name):
+    """The list is written by hand, so that it can be shown without loading them."""
+    command = _COMMANDS[name]
+    module, function = command.place.split(".")
+    called = getattr(import_module(f"graspless_pin.cli.{module}"), function)
+    assert called.__doc__.splitlines()[0] == command.help
+    assert all(example.startswith(f"graspless-pin {name}") for example in command.examples)
+    shown = run(name, "--help")
+    assert shown.exit_code == 0
+    for example in command.examples:
+        assert example in shown.stdout
+    assert max(map(len, shown.stdout.splitlines())) <= 80
+    options = {option for one in _loaded(name).params for option in one.opts}
+    for example in command.examples:
+        used = {word for word in example.split() if word.startswith("-")}
+        assert used <= options
