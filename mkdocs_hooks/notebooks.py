@@ -12,6 +12,7 @@ from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File, Files
 
 FOLDER = Path(__file__).resolve().parents[1] / "examples" / "notebooks"
+_PANDAS = "dataframe"  # wider than the page as a table
 _PLAIN = re.compile(r"^<[^>\n]*>$|^Text\(.*\)$")
 """What a cell that draws returns, too: the name of an object in memory."""
 
@@ -46,6 +47,8 @@ def page_of(file: Path) -> tuple[str, dict[str, bytes]]:
                 pictures[name] = base64.b64decode(data["image/png"])
                 image = f"![{heading}](pictures/{name})"
                 parts.append(f'<figure class="plot" markdown="span">\n{image}\n</figure>')
+            elif "text/html" in data and _PANDAS not in data["text/html"]:
+                parts.append(re.sub(r"\n\s*\n", "\n", data["text/html"]))
             elif text and not _PLAIN.match(text.strip()):
                 parts.append(f"```text\n{text.rstrip()}\n```")
     if not pictures:

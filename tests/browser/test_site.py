@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Page
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -60,3 +61,38 @@ def test_tables_and_pages_fit_the_screen(page: Page, site: Path):
             "items => Math.min(99, ...items.map((i) => parseFloat(getComputedStyle(i).fontSize)))"
         )
         assert smallest >= 12.0, file.name
+
+
+LOOKED_AT = (
+    "index",
+    "first_steps",
+    "keys",
+    "model",
+    "notebook_paper_figures",
+    "tutorial_pushing",
+    "api/solving",
+)
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_pages_are_accessible_and_show_their_pictures(page: Page, site: Path, scheme):
+    page.emulate_media(color_scheme=scheme)
+    page.set_viewport_size({"width": 390, "height": 844})
+    for name in LOOKED_AT:
+        page.goto((site / f"{name}.html").as_uri())
+        assert page.evaluate("document.documentElement.scrollWidth") <= 390, name
+        found = Axe().run(page).response["violations"]
+        serious = [
+            (item["id"], item["nodes"][0]["html"])
+            for item in found
+            if item["impact"] in ("serious", "critical")
+        ]
+        assert serious == [], name
+        shown = page.locator(".md-content img").evaluate_all(
+            "items => items.filter((item) => getComputedStyle(item).display !== 'none')"
+            ".map((item) => [item.getAttribute('src'), item.naturalWidth])"
+        )
+        assert all(width > 300 for _, width in shown), name
+        other = "dark" if scheme == "light" else "light"
+        assert not [source for source, _ in shown if source.endswith(f"only-{other}")], name
+        assert shown or name in ("keys", "api/solving")
