@@ -77,10 +77,10 @@ def rows_of(entry: Mapping[str, Any]) -> Iterator[tuple[str, str, str, str, str]
 
 def _section(name: str, entry: Mapping[str, Any]) -> str:
     rows = [
-        f"| `{key}` | {kind} | {unit} | {default} | {_prose(words)} |"
+        f"| `{key}` | {_prose(words)} | {kind} | {unit} | {default} |"
         for key, kind, unit, default, words in rows_of(entry)
     ]
-    head = ["| key | type | unit | default | what it means |", "|---|---|---|---|---|"]
+    head = ["| key | what it means | type | unit | default |", "|---|---|---|---|---|"]
     heading = f"### {_title(name)} {{#{_anchor(name)}}}"
     return "\n".join([heading, "", _prose(entry["description"]), "", *head, *rows, ""])
 
