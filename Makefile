@@ -17,7 +17,7 @@ HOLDING ?= --count 5
 GUARANTEED ?= --count 20
 FUZZ ?= --count 2000 --seed 1
 
-.PHONY: install run test lint types docs readme-pictures notebooks bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding clean
+.PHONY: install run test lint types docs readme-pictures notebooks bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding mistakes clean
 
 install: $(STAMP)
 
@@ -81,6 +81,9 @@ guaranteed: install
 
 holding: install
 	$(BIN)/python -m benchmarks.holding $(HOLDING)
+
+mistakes: install
+	$(BIN)/python tests/cli/mistakes.py
 
 fuzz: install
 	$(BIN)/python tests/fuzzing/fuzz.py $(FUZZ)

@@ -197,7 +197,7 @@ GROUPS: dict[str, Callable[[], Iterator[tuple[str, Pass]]]] = {
 def _algorithms() -> dict[int, Callable[[Any], object]]:
     from graspless_pin import maximize_margin, minimize_torque
 
-    return {1: maximize_margin, 2: minimize_torque}
+    return {1: maximize_margin, 2: partial(minimize_torque, margin=0.1)}
 
 
 def _first_calls(solve: Callable[[Any], object], problems: Sequence[Any]) -> float:

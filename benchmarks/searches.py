@@ -25,7 +25,7 @@ from graspless_pin import (
 
 Solve = Callable[..., TorqueSolution]
 
-ALGORITHMS: dict[int, Solve] = {1: maximize_margin, 2: minimize_torque}
+ALGORITHMS: dict[int, Solve] = {1: maximize_margin, 2: partial(minimize_torque, margin=0.1)}
 PAPER = {"A": "sphere", "B at rest": "rest", "B sliding up": "up", "B sliding down": "down"}
 FAMILIES: dict[str, Callable[[int, int], QuasistaticProblem]] = {
     "fingers of 3 or 4 joints": partial(general_scene, joints=(3, 4)),

@@ -12,6 +12,7 @@ from .algorithms.sensitivity import MarginSensitivity, margin_sensitivity
 from .algorithms.torque import maximize_margin, minimize_torque, optimize
 from .algorithms.what_would_hold import HoldingChange, what_would_hold
 from .errors import GrasplessPinError
+from .findings import Finding, FindingCode, Severity
 from .geometry.hand.model import Hand
 from .holding.free_motions import free_motions
 from .holding.stability import stability
@@ -55,6 +56,8 @@ __all__ = [
     "DynamicOutcome",
     "Evaluator",
     "Explanation",
+    "Finding",
+    "FindingCode",
     "FingerContacts",
     "ForceCoordinates",
     "ForceRows",
@@ -80,6 +83,7 @@ __all__ = [
     "RuleComparison",
     "Rules",
     "Scene",
+    "Severity",
     "SignRule",
     "SlidingMode",
     "SlidingRule",

@@ -11,15 +11,12 @@ from typing import Self
 __all__ = [
     "ArgumentError",
     "CrashError",
-    "DanglingMimicWarning",
     "GrasplessPinError",
     "GrasplessPinWarning",
     "JointLimitError",
     "MeshError",
-    "MeshScaleWarning",
     "NoSolutionError",
     "OverrunError",
-    "PlaceholderEffortWarning",
     "RobotError",
     "SceneError",
     "SolverUnavailableError",
@@ -28,7 +25,6 @@ __all__ = [
     "StudyError",
     "TextError",
     "UndecidedMotionError",
-    "UnusedMaterialWarning",
 ]
 
 
@@ -192,32 +188,15 @@ class OverrunError(GrasplessPinError, TimeoutError):
 
 
 class GrasplessPinWarning(UserWarning):
-    """Root of all warnings issued by this package. See the example of `GrasplessPinError`."""
-
-
-class PlaceholderEffortWarning(GrasplessPinWarning):
-    """An effort limit looks like a placeholder rather than a motor's limit.
+    """The warning of this package: something was found, and nobody asked for findings.
 
     See the example of `GrasplessPinError`.
+
+    Attributes:
+        finding: What was found, a `graspless_pin.Finding`: its ``code`` tells one from another.
     """
 
-
-class DanglingMimicWarning(GrasplessPinWarning):
-    """A mimic joint follows a joint that does not exist or cannot move.
-
-    See the example of `GrasplessPinError`.
-    """
-
-
-class UnusedMaterialWarning(GrasplessPinWarning):
-    """A table of materials has a name that looks misspelt, or no pair that counts.
-
-    See the example of `GrasplessPinError`.
-    """
-
-
-class MeshScaleWarning(GrasplessPinWarning):
-    """A mesh is so large or so small that its unit is probably not the metre.
-
-    See the example of `GrasplessPinError`.
-    """
+    def __init__(self, finding: object) -> None:
+        """Take what was found."""
+        super().__init__(finding)
+        self.finding = finding

@@ -28,7 +28,7 @@ TIGHT = 1e-5
 
 @pytest.fixture(scope="module")
 def torques() -> np.ndarray:
-    return minimize_torque(scene("rest")).torques
+    return minimize_torque(scene("rest"), 0.1).torques
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +75,7 @@ def assert_inside(partial: ContactForceBounds, complete: ContactForceBounds) -> 
 
 def test_no_time_at_all():
     """Coulomb's law alone needs no search for a mode, so the torques are seen to be held."""
-    torques = minimize_torque(scene("rest"), static_friction="coulomb").torques
+    torques = minimize_torque(scene("rest"), 0.1, static_friction="coulomb").torques
     bounds, complete = (
         contact_force_bounds(scene("rest"), torques, static_friction="coulomb", time_limit=limit)
         for limit in (0.0, None)

@@ -27,7 +27,7 @@ ENDED = (Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT)
 @pytest.mark.parametrize("limit", [NO_TIME, ONE_NODE])
 def test_force_bounds_say_what_is_not_proven(limit):
     problem = scene("rest")
-    bounds = contact_force_bounds(problem, minimize_torque(problem).torques, **limit)
+    bounds = contact_force_bounds(problem, minimize_torque(problem, 0.1).torques, **limit)
     assert bounds.status in ENDED
     assert not bounds.proven.all()
 

@@ -54,7 +54,7 @@ def test_missing_robot_file(tmp_path):
     [
         (urdf(LINK) + "<", "hand.urdf: not well-formed XML"),
         ("", "hand.urdf: not well-formed XML"),
-        ("\x00\x01", "hand.urdf: not well-formed XML"),
+        ("\x01", "hand.urdf: not well-formed XML"),
         ("<sdf/>", "hand.urdf: is an SDF, which is not read; write it as a URDF or as an MJCF"),
         (
             "<a/>",
@@ -127,7 +127,7 @@ def pressed_by_base(folder, shape):
 
 def test_a_hand_of_a_urdf_works(tmp_path):
     result = pressed_by_base(tmp_path, '<box size="0.1 0.1 0.1"/>')
-    assert result.exit_code in (0, 1) and result.stderr == ""
+    assert result.exit_code in (0, 1) and "no force-controlled joint moves" in result.stderr
     assert "8 contacts, 0 joints" in result.stdout
 
 
@@ -177,11 +177,12 @@ def test_a_bad_mesh_of_a_support(tmp_path):
 def test_a_mesh_in_millimetres_warns(tmp_path):
     """A 200 m cup: the warning names the file and the scale, and the rest goes on."""
     result = solve_text(tmp_path, spoilt(BOX, box_mesh(tmp_path, 200.0)))
-    warnings = [line for line in result.stderr.splitlines() if line.startswith("warning: ")]
-    assert warnings == [
+    density, mesh = (line for line in result.stderr.splitlines() if line.startswith("warning: "))
+    assert "object 'box' has 1.25e-07 kg/m^3, which is less than air has" in density
+    assert mesh == (
         f"warning: mesh '{tmp_path / 'cup.stl'}' with scale 1.0 is 200 m large; lengths are "
-        "metres: a file in millimetres needs scale 0.001"
-    ]
+        "metres: a file in millimetres needs scale 0.001 [mesh-scale]"
+    )
 
 
 def test_a_scaled_mesh_does_not_warn(tmp_path):
@@ -205,7 +206,7 @@ def test_placeholder_efforts_warn_on_standard_error(tmp_path, effort):
     result = with_urdf(tmp_path, text, base_pose=pose)
     assert result.stderr.startswith("warning: effort limits that look like placeholders: 'slide' (")
     assert "give the motors' real limits in effort_limits" in result.stderr
-    assert len(result.stderr.splitlines()) == 1
+    assert result.stderr.count("[placeholder-effort]") == 1
     assert result.exit_code == 0
     honest = with_urdf(tmp_path, text, base_pose=pose, effort_limits="{slide: 5}")
     assert honest.exit_code == 0 and honest.stderr == ""

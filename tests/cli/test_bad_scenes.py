@@ -176,7 +176,11 @@ CASES = {
         "",
         ":3: hand: found none of them; needs exactly one of 'robot', 'urdf' and 'mounts'",
     ),
-    "unknown joint": ("hinge: 0.0", "hing: 0.0", ":6: hand.q: unknown joint 'hing'; known: hinge"),
+    "unknown joint": (
+        "hinge: 0.0",
+        "hing: 0.0",
+        ":6: hand.q: unknown joint 'hing'; did you mean 'hinge'? known: hinge",
+    ),
     "joint name that is a number": (
         "hinge: 0.0",
         "1: 0.0",
@@ -212,7 +216,7 @@ CASES = {
     "unknown joint in limits": (
         Q,
         "  effort_limits: {fingr: 1}",
-        ":6: hand.effort_limits: unknown finger or joint 'fingr'; known: finger, hinge",
+        ":6: hand.effort_limits: unknown finger or joint 'fingr'; did you mean 'finger'?",
     ),
     "unknown joint of a finger": (
         Q,
@@ -264,7 +268,7 @@ CASES = {
     "friction of no body": (
         FRICTION,
         "friction: {default: 0.3, flor: 0.2}",
-        ":2: friction.flor: names no body; known: default, hand, supports, floor, base, lever, tip",
+        ":2: friction.flor: names no body; did you mean 'floor'? known: default,",
     ),
     "friction not for all": (
         FRICTION,
@@ -314,7 +318,7 @@ CASES = {
     "velocity of an unknown joint": (
         FRICTION,
         "friction: 0.3\nmotion:\n  object_twist: {}\n  hand: {joint_velocities: {hing: 1}}",
-        ":5: motion.hand.joint_velocities: unknown independent joint 'hing'; known: hinge",
+        ":5: motion.hand.joint_velocities: unknown independent joint 'hing'; did you",
     ),
     "motion of a hand that is not there": (
         LINES[LINES.index("hand:") : LINES.index("object:")],

@@ -45,17 +45,17 @@ def test_the_sliding_cuboid_names_its_conflict_and_weaker_rules():
 
 def test_the_smallest_torque_limit_is_tight():
     weak = scene("rest").with_changes(torque_limits=([-0.2, -10.0], [0.2, 10.0]))
-    solution = minimize_torque(weak)
+    solution = minimize_torque(weak, 0.1)
     first = explain(solution).suggestions[0]
     assert "joint_1's limit would have to be 0.9618" in first.text
     upper = 0.999 * first.problem.upper_torque[0]
     tighter = weak.with_changes(torque_limits=([-upper, -10.0], [upper, 10.0]))
-    assert not minimize_torque(tighter).found
+    assert not minimize_torque(tighter, 0.1).found
 
 
 @pytest.mark.parametrize("name", ["sphere", "rest", "up", "down"])
 def test_documents_verify_and_tampering_shows(name):
-    for solution in (maximize_margin(scene(name)), minimize_torque(scene(name))):
+    for solution in (maximize_margin(scene(name)), minimize_torque(scene(name), 0.1)):
         document = json.loads(json.dumps(solution_document(solution)))
         assert verify_document(document).proven
         for change in (
@@ -80,7 +80,7 @@ def test_documents_verify_and_tampering_shows(name):
 
 
 def test_an_optimum_lies_within_the_bounds_of_its_torques():
-    solution = minimize_torque(scene("rest"))
+    solution = minimize_torque(scene("rest"), 0.1)
     bounds = contact_force_bounds(scene("rest"), solution.torques)
     frames = np.concatenate(
         [solution.problem.normals[:, :, None], solution.problem.tangents], axis=2

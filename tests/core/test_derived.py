@@ -64,7 +64,7 @@ def test_threads_get_the_values_of_their_own_sources():
 
 def test_a_problem_dies_with_its_last_holder_whatever_was_solved():
     problem = general_scene(1, 5)
-    solutions = [maximize_margin(problem), minimize_torque(problem)]
+    solutions = [maximize_margin(problem), minimize_torque(problem, 0.1)]
     kinematics = weakref.ref(shared_parts(problem)[1])
     gone = weakref.ref(problem)
     assert kinematics() is not None

@@ -88,7 +88,7 @@ def test_hybrid_fingers_command_their_normal_forces():
     np.testing.assert_allclose(solution.torques, normal[[0, 5]], atol=1e-9)
     # The same margin as with levers whose torque is 0.1 m times the normal force.
     assert solution.margin == pytest.approx(1.6504, rel=2e-4)
-    smallest = minimize_torque(problem)
+    smallest = minimize_torque(problem, 0.1)
     # Limits of 50 N are far: the paper's 0.9618 N m at 0.1 m.
     assert smallest.max_torque == pytest.approx(9.618, rel=2e-4)
     assert_holds(smallest)
@@ -135,7 +135,7 @@ def test_a_position_finger_is_the_environment():
     assert solution.torques.shape == (0,)
     assert solution.max_torque == 0.0
     assert solution.margin == pytest.approx(1.6504, rel=2e-4)
-    smallest = minimize_torque(problem)
+    smallest = minimize_torque(problem, 0.1)
     assert smallest.found
     assert smallest.margin >= 0.1 - 1e-6
     assert smallest.max_torque == 0.0

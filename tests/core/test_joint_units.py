@@ -65,7 +65,7 @@ def test_units_stay_where_the_joints_do():
 
 def test_the_largest_torque_has_the_unit_of_its_joint():
     for units in (MIXED, MIXED[::-1]):
-        solution = minimize_torque(problem(units))
+        solution = minimize_torque(problem(units), 0.1)
         largest = int(np.abs(solution.torques).argmax())
         assert solution.max_torque_unit == units[largest]
         assert f"max |torque| = {solution.max_torque:.6g} {units[largest]}\n" in str(solution)

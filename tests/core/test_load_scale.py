@@ -1,5 +1,7 @@
 """The load sets the scale: no limit, no unit and no size changes an answer but as it must."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -47,7 +49,7 @@ def test_placeholders_of_torque_limits_change_nothing(name, torque, limit):
 def test_placeholders_of_normal_force_limits_change_nothing(name, limit):
     plain = scene(name).with_changes(max_normal_force=1e4)
     problem = plain.with_changes(max_normal_force=limit)
-    for solve in (maximize_margin, minimize_torque):
+    for solve in (maximize_margin, partial(minimize_torque, margin=0.1)):
         expected, solution = solve(plain), solve(problem)
         assert solution.status is Status.OPTIMAL
         assert solution.margin == pytest.approx(expected.margin, rel=1e-6)

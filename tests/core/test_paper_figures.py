@@ -99,7 +99,7 @@ def test_rule_table(sign, sliding, name, margin, torque, search):
 def test_plain_coulomb_friction(name, margin, torque, search):
     problem = scene(name)
     largest = maximize_margin(problem, static_friction="coulomb", search=search)
-    smallest = minimize_torque(problem, static_friction="coulomb", search=search)
+    smallest = minimize_torque(problem, 0.1, static_friction="coulomb", search=search)
     assert largest.margin == pytest.approx(margin, rel=2e-4)
     assert smallest.max_torque == pytest.approx(torque, rel=2e-4)
     assert_holds(largest)
@@ -114,7 +114,7 @@ def test_the_sphere_is_the_same_under_every_rule(sign, sliding):
     assert maximize_margin(scene("sphere"), **options).margin == pytest.approx(
         margin, rel=tolerance
     )
-    smallest = minimize_torque(scene("sphere"), **options)
+    smallest = minimize_torque(scene("sphere"), 0.1, **options)
     assert smallest.max_torque == pytest.approx(-torques[0], rel=tolerance)
 
 

@@ -63,7 +63,7 @@ RESULTS = {
     "curve": lambda: margin_torque_curve(scene("rest")),
     "ranges": lambda: contact_force_bounds(scene("up"), maximize_margin(scene("up")).torques),
     "disturbances": lambda: disturbance_margin(scene("sphere"), directions=np.eye(6)),
-    "gradients": lambda: optimum_gradients(minimize_torque(scene("rest"))).values,
+    "gradients": lambda: optimum_gradients(minimize_torque(scene("rest"), 0.1)).values,
 }
 
 
@@ -76,7 +76,7 @@ def test_arrays_of_results_are_read_only(make):
 
 
 def test_arrays_of_gradients_say_read_only_whether_they_are_unique():
-    gradients = optimum_gradients(minimize_torque(scene("rest")))
+    gradients = optimum_gradients(minimize_torque(scene("rest"), 0.1))
     assert gradients.unique
     for name, value in gradients.unique.items():
         assert value.dtype == bool and not value.flags.writeable, name

@@ -141,9 +141,9 @@ def test_modes_compare_by_value():
 
 def test_gravity_torques_shift_torques_and_limits():
     arguments = cuboid_arguments()
-    plain = minimize_torque(QuasistaticProblem(**arguments))
+    plain = minimize_torque(QuasistaticProblem(**arguments), 0.1)
     gravity = np.array([0.3, -0.2])
-    loaded = minimize_torque(QuasistaticProblem(**arguments, gravity_torques=gravity))
+    loaded = minimize_torque(QuasistaticProblem(**arguments, gravity_torques=gravity), 0.1)
     np.testing.assert_allclose(loaded.torques, loaded.contact_torques + gravity)
     # Symmetric pinching keeps both contact torques equal and opposite; the better place for the
     # load is to help them: (-0.9618 + 0.3, 0.9618 - 0.2).
@@ -212,27 +212,27 @@ def test_infinite_limits_are_no_limits(seed):
 
 def test_one_given_mode_only():
     problem = scene("rest")
-    best = minimize_torque(problem)
-    again = minimize_torque(problem, mode=best.mode)
+    best = minimize_torque(problem, 0.1)
+    again = minimize_torque(problem, 0.1, mode=best.mode)
     assert again.status is Status.OPTIMAL_IN_MODE
     assert again.mode == best.mode
     assert again.max_torque == pytest.approx(best.max_torque, rel=1e-6)
     frictionless = SlidingMode(np.zeros(6, dtype=bool), np.zeros((6, 2)))
-    none = minimize_torque(problem, mode=frictionless)
+    none = minimize_torque(problem, 0.1, mode=frictionless)
     assert none.status is Status.INFEASIBLE_IN_MODE
     apart = SlidingMode([False, True, True, False, False, False],
                         [[0, 0], [1, 1], [1, -1], [0, 0], [0, 0], [0, 0]])  # fmt: skip
-    assert minimize_torque(problem, mode=apart).status is Status.INFEASIBLE_MODE
+    assert minimize_torque(problem, 0.1, mode=apart).status is Status.INFEASIBLE_MODE
 
 
 def test_a_node_limit_ends_the_search():
-    nothing = minimize_torque(scene("rest"), node_limit=1)
+    nothing = minimize_torque(scene("rest"), 0.1, node_limit=1)
     assert nothing.certificate.nodes == 1
     assert nothing.status in (Status.NOT_FOUND_IN_LIMIT, Status.LIMIT_REACHED)
-    full = minimize_torque(scene("rest"))
+    full = minimize_torque(scene("rest"), 0.1)
     assert full.certificate.nodes > 1
     assert nothing.certificate.bound <= full.max_torque + 1e-6
-    assert minimize_torque(scene("rest"), time_limit=0.0).status is Status.NOT_FOUND_IN_LIMIT
+    assert minimize_torque(scene("rest"), 0.1, time_limit=0.0).status is Status.NOT_FOUND_IN_LIMIT
 
 
 def test_the_representation_is_one_line():
@@ -261,7 +261,7 @@ def test_the_largest_margin_is_reached_with_the_smallest_torque(seed):
 @pytest.mark.parametrize("margin", [0.1, 40.0])
 def test_a_solution_knows_what_was_optimised(margin):
     """Found or not: its document needs it."""
-    best = minimize_torque(scene("rest"))
+    best = minimize_torque(scene("rest"), 0.1)
     for mode in (None, best.mode):
         solution = minimize_torque(
             scene("rest"), margin, scale="limits", regularization=1e-3, mode=mode

@@ -72,14 +72,15 @@ class Outcome:
         found = []
         if self.code < 0:
             found.append(f"died of {signal.Signals(-self.code).name}")
-        elif self.code not in (0, 1, 2):
+        elif self.code not in (0, 1, 2, 4):
             found.append(f"exit code {self.code}")
         if "Traceback" in text or b"Traceback" in self.stdout:
             found.append(f"traceback: {text.strip().splitlines()[-1][:200]}")
         elif self.code == 2 and not (text.startswith(("error: ", "Usage: "))):
             found.append(f"no message: {text[:200]!r}")
-        elif self.code in (0, 1) and not all(
-            line.startswith(("warning: ", " ", "...")) for line in text.splitlines()
+        elif self.code in (0, 1, 4) and not all(
+            line.startswith(("serious: ", "warning: ", "note: ", " ", "..."))
+            for line in text.splitlines()
         ):
             found.append(f"something else on standard error: {text[:200]!r}")
         if len(self.stderr) >= BYTES:

@@ -13,7 +13,7 @@ from hand_tools import GRAVITY, difference_jacobian, random_pose, rnea
 from planar_fingers import body
 from scipy.spatial.transform import Rotation
 
-from graspless_pin.errors import PlaceholderEffortWarning
+from graspless_pin.errors import GrasplessPinWarning
 from graspless_pin.geometry.bodies.collision import CollisionBody
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject
 from graspless_pin.geometry.bodies.shapes import Box, Sphere
@@ -156,7 +156,7 @@ def opened(name: str) -> Hand:
     """The hand, open, on a mount at a random pose."""
     grip = GRIPS[name]
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", PlaceholderEffortWarning)
+        warnings.simplefilter("ignore", GrasplessPinWarning)
         hand = Hand.assemble(
             [Mount(name, random_pose(np.random.default_rng(len(name))))], control=grip.control
         )

@@ -7,8 +7,7 @@ from hand_tools import GRAVITY, difference_jacobian, joint, link, random_pose, r
 from graspless_pin import QuasistaticProblem, minimize_torque
 from graspless_pin.errors import (
     ArgumentError,
-    DanglingMimicWarning,
-    PlaceholderEffortWarning,
+    GrasplessPinWarning,
     RobotError,
 )
 from graspless_pin.geometry.hand.coupling import resolve_couplings
@@ -63,7 +62,7 @@ def test_a_joint_may_follow_several_and_chains_in_any_order():
 def test_circles_and_missing_leaders():
     with pytest.raises(RobotError, match="circle: a -> b -> a; let one"):
         resolve_couplings(["a", "b"], [JointCoupling("a", {"b": 1}), JointCoupling("b", {"a": 1})])
-    with pytest.warns(DanglingMimicWarning, match="'b' -> 'x'; they are treated as independent"):
+    with pytest.warns(GrasplessPinWarning, match="'b' -> 'x'; they are treated as independent"):
         coupling = resolve_couplings(["a", "b"], [JointCoupling("b", {"a": 1, "x": 1})])
     np.testing.assert_array_equal(coupling.S, np.eye(2))
 
@@ -188,11 +187,11 @@ def test_bad_tendons(tmp_path, extra, options, message):
 
 def test_a_tendon_without_limit_and_unknown_limits_warn(tmp_path):
     file = robot(tmp_path, "tendons: {t: {moment_arms: {b: 0.01}}}")
-    with pytest.warns(PlaceholderEffortWarning, match=r"placeholders: 't' \(inf\)"):
+    with pytest.warns(GrasplessPinWarning, match=r"placeholders: 't' \(inf\)"):
         hand = Hand.assemble([Mount(file)])
     np.testing.assert_array_equal(hand.effort_limits[1], [2, 2, 2, np.inf])
     file = robot(tmp_path, "effort_limits: {a: {unknown: nobody knows}}")
-    with pytest.warns(PlaceholderEffortWarning, match=r"declares unknown: 'a' \(2\): nobody knows"):
+    with pytest.warns(GrasplessPinWarning, match=r"declares unknown: 'a' \(2\): nobody knows"):
         Hand.assemble([Mount(file)])
     Hand.assemble([Mount(file)], effort_limits={"a": 1.0})
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hand_tools import joint, link, write_urdf
 
-from graspless_pin.errors import ArgumentError, PlaceholderEffortWarning
+from graspless_pin.errors import ArgumentError, GrasplessPinWarning
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.robots.description import FingerSpec
@@ -45,7 +45,10 @@ def test_a_named_mimic_joint_must_agree(coupled):
 @pytest.mark.parametrize(
     ("q", "message"),
     [
-        ({"joint_99": 0.0}, r"q: unknown joint 'joint_99'; known: joint_0.0, joint_1.0"),
+        (
+            {"joint_99": 0.0},
+            r"q: unknown joint 'joint_99'; did you mean 'joint_9.0'. known: joint_0.0, joint_1.0",
+        ),
         ({"joint_1.0": 2.0}, r"q\['joint_1.0'\]: is 2, outside .*\[-0.196, 1.61\]"),
         ({"joint_12.0": 0.0}, r"outside the joint's limits \[0.263, 1.396\]"),
         ({"joint_1.0": float("nan")}, r"q\['joint_1.0'\]: needs a finite number"),
@@ -149,9 +152,7 @@ def one_joint(tmp_path, effort):
 )
 def test_placeholder_efforts_warn(tmp_path, effort, value):
     file = one_joint(tmp_path, effort)
-    with pytest.warns(
-        PlaceholderEffortWarning, match=rf"'hinge' \({value}\); give .*effort_limits"
-    ):
+    with pytest.warns(GrasplessPinWarning, match=rf"'hinge' \({value}\); give .*effort_limits"):
         hand = Hand.from_urdf(file)
     np.testing.assert_array_equal(hand.effort_limits, [[-float(value)], [float(value)]])
 

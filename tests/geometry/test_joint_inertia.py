@@ -79,7 +79,7 @@ def test_a_coupled_joint_is_felt_where_it_follows(tmp_path, factor):
     np.testing.assert_allclose(hand.joint_inertia(), [[expected]], atol=1e-14)
 
 
-@pytest.mark.filterwarnings("ignore::graspless_pin.errors.PlaceholderEffortWarning")
+@pytest.mark.filterwarnings("ignore::graspless_pin.errors.GrasplessPinWarning")
 @pytest.mark.parametrize("name", ["allegro_right", "psyonic_right", "panda", "trihand"])
 def test_half_of_v_M_v_is_the_kinetic_energy(name):
     """Against Pinocchio's energy, and against differences of the links' own places."""

@@ -19,7 +19,6 @@ from graspless_pin import load_scene
 from graspless_pin.errors import (
     ArgumentError,
     GrasplessPinWarning,
-    MeshScaleWarning,
     RobotError,
     SceneError,
 )
@@ -128,7 +127,9 @@ def test_links_take_every_mesh_format(urdf, suffix):
 @pytest.mark.parametrize("scale", [1.0, 1e-6])
 def test_a_mesh_of_unlikely_size_warns_with_its_link(urdf, scale):
     urdf.write_text(urdf.read_text().replace("0.001 0.001 0.001", f"{scale} {scale} {scale}"))
-    with pytest.warns(MeshScaleWarning, match=r"hook\.stl of link 'hook' is .* m large; .* metres"):
+    with pytest.warns(
+        GrasplessPinWarning, match=r"hook\.stl of link 'hook' is .* m large; .* metres"
+    ):
         Hand.from_urdf(urdf)
 
 

@@ -17,7 +17,7 @@ from hand_tools import (
     sample_contacts,
 )
 
-from graspless_pin.errors import PlaceholderEffortWarning
+from graspless_pin.errors import GrasplessPinWarning
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.poses import invert
@@ -103,7 +103,7 @@ def test_fingers_actuators_and_sources(name):
     for spec in hand.fingers.values():
         assert spec.tip in spec.links
         assert spec.tip in shaped
-    assert loaded(name)[1] == [PlaceholderEffortWarning] * (name in NO_SOURCE)
+    assert loaded(name)[1] == [GrasplessPinWarning] * (name in NO_SOURCE)
     assert bool(robot.effort_unknown) == (name in NO_SOURCE)
     lower, upper = hand.effort_limits
     assert np.all((lower < 0) & (upper > 0) & np.isfinite(upper))
@@ -170,7 +170,7 @@ def test_the_rate_of_a_gap_is_the_normal_times_the_jacobian(name):
 @pytest.mark.parametrize("model", ["panda", "talos_full", "allegro_left_hand", "bravo7_gripper"])
 def test_link_poses_and_mimic_joints_agree_with_yourdfpy(model):
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", PlaceholderEffortWarning)
+        warnings.simplefilter("ignore", GrasplessPinWarning)
         hand = Hand.from_model_name(model)
     hand = hand.with_configuration(random_q(hand, np.random.default_rng(11)))
     other = yourdfpy.URDF.load(

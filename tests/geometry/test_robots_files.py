@@ -6,7 +6,7 @@ import pytest
 import trimesh
 from hand_tools import joint, link, write_urdf
 
-from graspless_pin.errors import DanglingMimicWarning, MeshError, RobotError
+from graspless_pin.errors import GrasplessPinWarning, MeshError, RobotError
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.robots.files import find_robot, load_robot
@@ -62,7 +62,7 @@ VALID = "name: r\nmodel: allegro_right_hand\n"
         ("name: r", "robot.yaml: file: .*either 'urdf'.*or 'model'"),
         (VALID + "urdf: x.urdf", "either 'urdf'.*or 'model'"),
         (VALID + "colour: red", "robot.yaml: colour: .*found 'red'.* name, urdf, model"),
-        ("object: {}\nfriction: 1", "robot.yaml: is a scene, not a robot file; give the robot"),
+        ("object: {}\nfriction: 1", "robot.yaml: is a scene, not a robot file; solve it"),
         (VALID + "fingers: {f: {joints: []}}", "robot.yaml: fingers.f.joints: "),
         (VALID + "effort_limits: {f: {limit: 1}}", "effort_limits.f: .*'limit' and 'source'"),
         (VALID + "effort_limits: {f: {unknown: x, source: y}}", "or only 'unknown'"),
@@ -114,7 +114,7 @@ def test_robot_files_that_do_not_fit_their_urdf(tmp_path, text, message):
             "unknown robot 'allegro'.*near: .*allegro_right",
         ),
         (lambda: Hand.from_urdf("gone.urdf"), "gone.urdf: there is no such file"),
-        (lambda: Hand.assemble([Mount(__file__)]), r"\.py: is neither a URDF .*nor a robot file"),
+        (lambda: Hand.assemble([Mount(__file__)]), r"\.py: is a Python program, not a robot file"),
     ],
 )
 def test_unknown_robots_name_near_ones(load, message):
@@ -192,7 +192,7 @@ def test_bad_urdfs(tmp_path, body, message):
         ("<robot>", "robot.urdf: not well-formed XML"),
         ("<sdf/>", "is an SDF, which is not read; write it as a URDF or as an MJCF"),
         ("<html/>", "an MJCF with <mujoco>, this file with <html>"),
-        ("\x00", "not well-formed XML"),
+        ("\x01", "not well-formed XML"),
         (
             f"{ENTITY}<robot name='&secret;'>{link('a')}</robot>",
             "declares a DOCTYPE or XML entities",
@@ -209,7 +209,7 @@ def test_files_that_are_no_plain_urdf(tmp_path, text, message):
 
 def test_dangling_mimic_is_reported_and_left_independent(tmp_path):
     body = TWO + joint("j", "a", "b", extra='<mimic joint="typo"/>')
-    with pytest.warns(DanglingMimicWarning, match="'j' -> 'typo'; they are treated as independent"):
+    with pytest.warns(GrasplessPinWarning, match="'j' -> 'typo'; they are treated as independent"):
         hand = Hand.from_urdf(write_urdf(tmp_path, body))
     assert hand.actuated_joint_names == ("j",)
 

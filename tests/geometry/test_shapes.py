@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from graspless_pin.errors import ArgumentError, MeshError, MeshScaleWarning
+from graspless_pin.errors import ArgumentError, GrasplessPinWarning, MeshError
 from graspless_pin.geometry.bodies.shapes import (
     Box,
     Capsule,
@@ -107,7 +107,7 @@ def test_a_mesh_of_unlikely_size_gets_a_warning_with_its_scale(
 ) -> None:
     path = tmp_path / "cube.stl"
     trimesh.creation.box(extents=[edge] * 3).export(path)
-    with pytest.warns(MeshScaleWarning, match=rf"cube.stl' with scale {scale} is .* m large"):
+    with pytest.warns(GrasplessPinWarning, match=rf"cube.stl' with scale {scale} is .* m large"):
         coal_geometry(MeshShape(path, scale))
 
 

@@ -279,7 +279,7 @@ def test_a_chain_longer_than_any_robot(tmp_path, count):
     file.write_text(chain(count), encoding="utf-8")
     report = audit_urdf(file)
     assert not report.loads
-    (finding,) = (item for item in report.findings if item.kind == "unreadable")
+    (finding,) = (item for item in report.findings if item.code == "unreadable")
     assert "200 joints follow each other" in finding.message or "1000 links" in finding.message
 
 

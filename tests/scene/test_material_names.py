@@ -5,7 +5,7 @@ from typer.testing import CliRunner
 
 from graspless_pin import load_scene
 from graspless_pin.cli.commands import app
-from graspless_pin.errors import UnusedMaterialWarning
+from graspless_pin.errors import GrasplessPinWarning
 from graspless_pin.geometry.bodies.materials import Materials
 
 TEXT = """\
@@ -49,7 +49,7 @@ def test_a_table_of_a_scene_without_materials_is_fine(tmp_path):
     ],
 )
 def test_a_misspelt_name_is_named_with_its_line(tmp_path, line, key, said):
-    with pytest.warns(UnusedMaterialWarning) as caught:
+    with pytest.warns(GrasplessPinWarning) as caught:
         loaded(tmp_path, TEXT + line)
     (message,) = (str(item.message) for item in caught)
     assert f"scene.yaml:9: {key}: no body is of " in message and said in message
@@ -67,10 +67,10 @@ def test_a_misspelt_name_is_named_with_its_line(tmp_path, line, key, said):
     ],
 )
 def test_a_table_that_counts_nowhere(tmp_path, text, said):
-    with pytest.warns(UnusedMaterialWarning) as caught:
+    with pytest.warns(GrasplessPinWarning) as caught:
         loaded(tmp_path, text)
     (message,) = (str(item.message) for item in caught)
-    assert "scene.yaml:5: materials: none of them counts, for " in message
+    assert "scene.yaml:5: materials: no pair of materials counts, for " in message
     assert said in message and "add their pair, or the 'material' that is left out" in message
 
 

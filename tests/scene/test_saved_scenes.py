@@ -285,7 +285,7 @@ def test_what_no_file_can_say_is_refused(rest: Scene, tmp_path: Path) -> None:
         with pytest.raises(SceneError, match=rf"x\.yaml: {place}: no scene file leads to what"):
             rest.with_changes(hand=hand, path=None, motion=None).save(path)
     with pytest.raises(SceneError, match=r"friction: found 1e\+16; needs"):
-        rest.with_changes(friction={"default": 1e16}).save(path)
+        replace(rest, friction={"default": 1e16}).save(path)
     assert not path.exists()
 
 

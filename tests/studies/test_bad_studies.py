@@ -73,7 +73,7 @@ LOADING = {
         "friction.default",
         "supports.slop.friction",
         ":3: vary['supports.slop.friction'].key: supports.slop.friction: has no item called "
-        "'slop'; known: slope",
+        "'slop'; did you mean 'slope'? known: slope",
     ),
     "index that is not there": (
         "friction.default",
@@ -88,7 +88,7 @@ LOADING = {
     "unknown unit": (
         "unit: deg",
         "unit: degree",
-        ":5: vary.slope.unit: 'degree' is no known unit; known: 1, m, cm, mm, rad, deg, kg,",
+        ":5: vary.slope.unit: 'degree' is no known unit; did you mean 'deg'? known: 1, m, cm,",
     ),
     "unit of something else": (
         "unit: deg",
@@ -111,7 +111,7 @@ LOADING = {
     "unknown body": (
         "what: all",
         "what: [all, wall]",
-        ":5: vary.slope.turn: what: 'wall' is nothing in the scene; known: object, cuboid, slope,",
+        ":5: vary.slope.turn: what: 'wall' is nothing in the scene; did you mean 'all'? known:",
     ),
     "unknown frame": (
         "what: all",

@@ -14,8 +14,10 @@ from graspless_pin.report.verify.reading import read_forces, read_problem
 
 COULOMB = {
     "margin": lambda: maximize_margin(scene("up"), static_friction="coulomb"),
-    "torque": lambda: minimize_torque(scene("rest"), static_friction="coulomb"),
-    "shares": lambda: minimize_torque(scene("down"), static_friction="coulomb", scale="limits"),
+    "torque": lambda: minimize_torque(scene("rest"), 0.1, static_friction="coulomb"),
+    "shares": lambda: minimize_torque(
+        scene("down"), 0.1, static_friction="coulomb", scale="limits"
+    ),
     "regularized": lambda: maximize_margin(
         scene("rest"), static_friction="coulomb", regularization=1e-2
     ),

@@ -76,7 +76,7 @@ def test_limits_far_above_the_load_change_no_verdict(limit):
             scene(name).with_changes(max_normal_force=[50.0, 50.0, limit, 50.0, 50.0, 50.0]),
             scene(name).with_changes(torque_limits=(-limit, limit)),
         ):
-            for solution in (maximize_margin(problem), minimize_torque(problem)):
+            for solution in (maximize_margin(problem), minimize_torque(problem, 0.1)):
                 document = documented(solution)
                 assert verify_document(document).proven
                 largest = problem.max_normal_force.max()
@@ -162,7 +162,7 @@ def test_a_proof_that_is_withdrawn_is_not_proven(made):
 
 def test_too_many_leaves_are_said_and_not_proven(monkeypatch):
     monkeypatch.setattr("graspless_pin.algorithms.mode_proof.MOST_LEAVES", 2)
-    document = documented(minimize_torque(scene("rest")))
+    document = documented(minimize_torque(scene("rest"), 0.1))
     assert document["proof"]["missing"] == "its proof takes more than 2 leaves"
     verification = verify_document(document)
     assert verification.passed and not verification.proven
@@ -172,7 +172,7 @@ def test_too_many_leaves_are_said_and_not_proven(monkeypatch):
 
 
 def test_what_a_search_did_not_decide_is_not_proven():
-    document = documented(minimize_torque(scene("rest"), time_limit=0.0))
+    document = documented(minimize_torque(scene("rest"), 0.1, time_limit=0.0))
     verification = verify_document(document)
     assert document["status"] == "not_found_in_limit"
     assert verification.passed and not verification.proven
@@ -180,7 +180,7 @@ def test_what_a_search_did_not_decide_is_not_proven():
 
 @pytest.mark.parametrize("nodes", [1, 2, 4, 6, 8])
 def test_the_bound_of_a_search_that_ended_early_is_proven(nodes):
-    solution = minimize_torque(scene("rest"), node_limit=nodes)
+    solution = minimize_torque(scene("rest"), 0.1, node_limit=nodes)
     document = documented(solution)
     assert verify_document(document).proven == solution.found
     if document["status"] == "limit_reached":

@@ -27,8 +27,8 @@ def set_optimum(document, value):
 
 def test_a_worse_answer_is_not_optimal_whatever_its_certificate_says():
     """Forces of another optimum, all figures of their own, and the proof of the true one."""
-    truth = documented(minimize_torque(scene("rest")))
-    worse = documented(minimize_torque(scene("rest"), sign_rule="strict", margin=0.5))
+    truth = documented(minimize_torque(scene("rest"), 0.1))
+    worse = documented(minimize_torque(scene("rest"), 0.5, sign_rule="strict"))
     for proof in (truth["proof"], worse["proof"]):
         forged = copy.deepcopy(worse)
         forged["required_margin"] = 0.1
@@ -65,7 +65,9 @@ def test_multipliers_below_zero_are_refused(made):
 
 
 def test_multipliers_of_limits_that_are_not_there_prove_nothing():
-    free = documented(minimize_torque(scene("rest").with_changes(torque_limits=(-np.inf, np.inf))))
+    free = documented(
+        minimize_torque(scene("rest").with_changes(torque_limits=(-np.inf, np.inf)), 0.1)
+    )
     node = next(node for node in free["proof"]["nodes"] if node["kind"] == "bound")
     node["multipliers"]["torque_upper"] = [1e3, 1e3]
     assert verify_document(free).proven
@@ -74,7 +76,7 @@ def test_multipliers_of_limits_that_are_not_there_prove_nothing():
 def test_a_forged_motion_is_none():
     """The relaxation's optimum at rest, 0.9278, with a motion that hardly moves as it should."""
     problem = scene("rest")
-    false = documented(minimize_torque(problem, static_friction="coulomb"))
+    false = documented(minimize_torque(problem, 0.1, static_friction="coulomb"))
     assert false["max_torque"] == pytest.approx(0.9278, abs=1e-4)
     false["rules"]["static_friction"] = "virtual_sliding"
     random = np.random.default_rng(0)
@@ -92,7 +94,7 @@ def test_a_forged_motion_is_none():
 
 def test_sliding_is_held_against_all_velocities():
     """A motion that lifts the object off and slides 1e-12 as fast beside it is none."""
-    document = documented(minimize_torque(scene("rest")))
+    document = documented(minimize_torque(scene("rest"), 0.1))
     motion = np.array(document["proof"]["motion"]["object"])
     assert verify_document(document).proven
     lifting = motion.copy()
@@ -283,7 +285,7 @@ def test_a_load_of_nothing_has_a_size():
     problem = QuasistaticProblem(
         [[0, -0.05, 0], [0, 0.05, 0]], [[0, 1, 0], [0, -1, 0]], np.zeros(6), friction=0.5
     )
-    for solution, scale in ((maximize_margin(problem), 50.0), (minimize_torque(problem), 0.1)):
+    for solution, scale in ((maximize_margin(problem), 50.0), (minimize_torque(problem, 0.1), 0.1)):
         document = json.loads(json.dumps(documented(solution)))
         assert document["scales"]["force"] == scale
         assert verify_document(document).proven

@@ -109,7 +109,7 @@ def test_forces_meet_each_constraint_to_a_millionth_of_the_load(name, force, len
 
 @pytest.mark.parametrize("pull", [1e-3, 2e-6])
 def test_a_contact_does_not_pull(pull):
-    problem, forces = answer(documented(minimize_torque(scene("up"))))
+    problem, forces = answer(documented(minimize_torque(scene("up"), 0.1)))
     pulling = forces.f.copy()
     pulling[3] = -pull * problem.force * problem.directions[3]
     found = {c.name: c.passed for c in force_checks(problem, Forces(problem, pulling))}
@@ -118,7 +118,7 @@ def test_a_contact_does_not_pull(pull):
 
 
 def test_each_stated_figure_is_right_to_a_billionth():
-    document = documented(minimize_torque(scene("rest")))
+    document = documented(minimize_torque(scene("rest"), 0.1))
     problem, forces = answer(document)
     sizes = {
         ("margin",): max(problem.force, np.abs(forces.f).max()),
@@ -142,7 +142,7 @@ def names_that_fail(document):
 
 @pytest.mark.parametrize("key", ["force", "length"])
 def test_scales_are_right_to_a_billionth(key):
-    document = documented(minimize_torque(scene("rest")))
+    document = documented(minimize_torque(scene("rest"), 0.1))
     for off, failing in ((0.5e-9, []), (-0.5e-9, []), (2e-9, [f"{key} scale"])):
         stated = document["scales"][key] * (1.0 + off)
         assert names_that_fail(changed(document, "scales", key, to=stated)) == failing
@@ -164,7 +164,7 @@ def test_the_reach_is_1e8_loads_or_the_largest_limit():
 
 def test_a_bound_that_is_off_by_a_few_millionths_is_refused():
     """Of an answer that is not proven optimal the bound is the whole claim."""
-    solution = minimize_torque(scene("rest"), node_limit=2)
+    solution = minimize_torque(scene("rest"), 0.1, node_limit=2)
     document = documented(solution)
     assert document["status"] == "limit_reached"
     problem = read_problem(document)
@@ -179,7 +179,7 @@ def test_a_bound_that_is_off_by_a_few_millionths_is_refused():
 def test_a_bound_beyond_the_value_closes_no_gap():
     """Even where the document holds no proof of it, bound and value of an optimum agree."""
     for solution, sign in (
-        (minimize_torque(scene("rest")), 1.0),
+        (minimize_torque(scene("rest"), 0.1), 1.0),
         (maximize_margin(scene("up")), -1.0),
     ):
         document = documented(solution)
@@ -235,7 +235,7 @@ BAD = {
 @pytest.mark.parametrize("message", BAD)
 def test_what_cannot_be_is_refused_by_name(message):
     path, value = BAD[message]
-    document = changed(documented(minimize_torque(scene("rest"))), *path, to=value)
+    document = changed(documented(minimize_torque(scene("rest"), 0.1)), *path, to=value)
     with pytest.raises(ValueError, match=r"must|version") as caught:
         verify_document(document)
     assert message in str(caught.value)
@@ -243,7 +243,7 @@ def test_what_cannot_be_is_refused_by_name(message):
 
 def test_figures_of_zero_size_are_read_as_zero():
     """A subnormal friction or limit is no number to compute with."""
-    document = documented(minimize_torque(scene("rest")))
+    document = documented(minimize_torque(scene("rest"), 0.1))
     assert read_problem(changed(document, "contacts", 0, "friction", to=1e-70)).mu[0] == 0.0
     assert read_problem(changed(document, "contacts", 0, "friction", to=1e-59)).mu[0] == 1e-59
 
@@ -257,7 +257,7 @@ def test_the_unit_is_that_of_the_largest_torque(lever, unit):
         [[0, -0.05, 0], [0, 0.05, 0]], [[0, 1, 0], [0, -1, 0]], [0, 0, -1.0, 0, 0, 0], jacobian,
         friction=0.5, joint_units=["N m", "N"],
     )  # fmt: skip
-    document = documented(minimize_torque(problem))
+    document = documented(minimize_torque(problem, 0.1))
     assert document["max_torque_unit"] == unit
     assert verify_document(document).proven
     other = {"N": "N m", "N m": "N"}[unit]
@@ -275,7 +275,7 @@ BAD_ENTRIES = {
 
 @pytest.mark.parametrize(("entries", "message"), BAD_ENTRIES.values(), ids=BAD_ENTRIES)
 def test_entries_of_a_combination_that_are_none(entries, message):
-    document = documented(minimize_torque(scene("rest")))
+    document = documented(minimize_torque(scene("rest"), 0.1))
     leaf = {"kind": "kinematic", "combination": entries}
     with pytest.raises(ValueError, match=message):
         verify_document(changed(document, "proof", "nodes", to=[leaf]))
@@ -283,7 +283,7 @@ def test_entries_of_a_combination_that_are_none(entries, message):
 
 @pytest.mark.parametrize("entry", [[0, 0], [0, 0, 1.0, 1.0], [6, 0, 1.0], [0, 6, 1.0]])
 def test_entries_of_multipliers_that_are_none(entry):
-    document = documented(minimize_torque(scene("rest")))
+    document = documented(minimize_torque(scene("rest"), 0.1))
     with pytest.raises(ValueError, match=r"a (face|contact) of multipliers is|must be a list of 3"):
         verify_document(changed(document, "multipliers", "faces", to=[entry]))
 
@@ -292,8 +292,8 @@ def test_entries_of_multipliers_that_are_none(entry):
     ("make", "unit"),
     [
         (lambda: maximize_margin(scene("up")), "N"),
-        (lambda: minimize_torque(scene("rest")), "N m, N"),
-        (lambda: minimize_torque(scene("rest"), scale="limits"), ""),
+        (lambda: minimize_torque(scene("rest"), 0.1), "N m, N"),
+        (lambda: minimize_torque(scene("rest"), 0.1, scale="limits"), ""),
     ],
 )
 def test_the_gap_has_its_unit(make, unit):
@@ -305,7 +305,7 @@ def test_the_gap_has_its_unit(make, unit):
 
 
 def test_an_open_answer_states_no_infeasibility():
-    document = documented(minimize_torque(scene("rest"), time_limit=0.0))
+    document = documented(minimize_torque(scene("rest"), 0.1, time_limit=0.0))
     assert names_that_fail(document) == []
     false = changed(document, "certificate", "infeasibility", to=1e-3)
     assert names_that_fail(false) == ["states no infeasibility"]

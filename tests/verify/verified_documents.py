@@ -75,7 +75,7 @@ def _standing() -> QuasistaticProblem:
 
 def _in_mode(**options: Any) -> TorqueSolution:
     problem = scene("rest")
-    return minimize_torque(problem, mode=minimize_torque(problem).mode, **options)
+    return minimize_torque(problem, 0.1, mode=minimize_torque(problem, 0.1).mode, **options)
 
 
 def _apart() -> SlidingMode:
@@ -89,18 +89,18 @@ def _none() -> SlidingMode:
 
 SOLUTIONS = {
     "margin": lambda: maximize_margin(scene("up")),
-    "torque": lambda: minimize_torque(scene("sphere")),
-    "tree": lambda: minimize_torque(scene("rest")),
-    "shares": lambda: minimize_torque(scene("rest"), scale="limits"),
+    "torque": lambda: minimize_torque(scene("sphere"), 0.1),
+    "tree": lambda: minimize_torque(scene("rest"), 0.1),
+    "shares": lambda: minimize_torque(scene("rest"), 0.1, scale="limits"),
     "exact tree": lambda: minimize_torque(
         QuasistaticProblem(**structured_arguments(4, "planar", 7)), 1.0,
         sign_rule="exact", sliding_rule="constrained",
     ),
     "nonzero": lambda: maximize_margin(slab(), sign_rule="nonzero"),
-    "coulomb": lambda: minimize_torque(scene("rest"), static_friction="coulomb"),
-    "regularized": lambda: minimize_torque(scene("rest"), regularization=1e-2),
+    "coulomb": lambda: minimize_torque(scene("rest"), 0.1, static_friction="coulomb"),
+    "regularized": lambda: minimize_torque(scene("rest"), 0.1, regularization=1e-2),
     "regularized shares": lambda: minimize_torque(
-        scene("rest"), scale="limits", regularization=1e-3
+        scene("rest"), 0.1, scale="limits", regularization=1e-3
     ),
     "regularized margin": lambda: maximize_margin(scene("down"), regularization=1e-3),
     "one-sided joints": lambda: minimize_torque(
@@ -108,21 +108,23 @@ SOLUTIONS = {
     ),
     "no motion needed": lambda: maximize_margin(_standing()),
     "in a mode": _in_mode,
-    "limit": lambda: minimize_torque(scene("rest"), node_limit=3),
+    "limit": lambda: minimize_torque(scene("rest"), 0.1, node_limit=3),
     "infeasible forces": lambda: minimize_torque(scene("rest"), 40.0),
     "infeasible margin": lambda: maximize_margin(scene("rest").with_changes(max_normal_force=1.0)),
     "infeasible shares": lambda: minimize_torque(scene("rest"), 40.0, scale="limits"),
     "infeasible modes": lambda: maximize_margin(scene("up"), sliding_rule="constrained"),
-    "infeasible modes torque": lambda: minimize_torque(scene("down"), sliding_rule="constrained"),
-    "infeasible in a mode": lambda: minimize_torque(scene("rest"), mode=_none()),
+    "infeasible modes torque": lambda: minimize_torque(
+        scene("down"), 0.1, sliding_rule="constrained"
+    ),
+    "infeasible in a mode": lambda: minimize_torque(scene("rest"), 0.1, mode=_none()),
     "round margin": lambda: maximize_margin(scene("up").with_changes(cone="round")),
-    "round tree": lambda: minimize_torque(scene("rest").with_changes(cone="round")),
+    "round tree": lambda: minimize_torque(scene("rest").with_changes(cone="round"), 0.1),
     "round shares": lambda: minimize_torque(
-        scene("rest").with_changes(cone="round"), scale="limits", regularization=1e-3
+        scene("rest").with_changes(cone="round"), 0.1, scale="limits", regularization=1e-3
     ),
     "round infeasible forces": lambda: minimize_torque(
         scene("rest").with_changes(cone="round"), 40.0
     ),
-    "infeasible mode": lambda: minimize_torque(scene("rest"), mode=_apart()),
+    "infeasible mode": lambda: minimize_torque(scene("rest"), 0.1, mode=_apart()),
 }  # fmt: skip
 """A solution of each kind."""

@@ -80,7 +80,7 @@ def test_looks_survive_pickling(tmp_path):
         assert np.array_equal(again[link].vertices, surface.vertices)
 
 
-@pytest.mark.filterwarnings("ignore::graspless_pin.errors.PlaceholderEffortWarning")
+@pytest.mark.filterwarnings("ignore::graspless_pin.errors.GrasplessPinWarning")
 @pytest.mark.parametrize("name", ["allegro_right", "panda_hand", "trihand", "psyonic_right"])
 def test_every_link_lies_where_its_collision_shape_does(name):
     """A real hand's visual and collision shapes of one link overlap."""

@@ -105,7 +105,7 @@ def maximize_margin(
 
 def minimize_torque(
     problem: QuasistaticProblem,
-    margin: float = 0.1,
+    margin: float,
     *,
     scale: str = "absolute",
     regularization: float = 0.0,
@@ -119,7 +119,8 @@ def minimize_torque(
 
     Args:
         problem: Contacts, wrench, joints and limits.
-        margin: Required margin e_0 >= 0, N.
+        margin: Required margin e_0 >= 0, N; at most that of `maximize_margin`. There is no default:
+            what is little beside one load is too much beside another.
         scale: ``absolute`` minimises max |torque|; ``limits`` the largest share of any joint's
             own limit.
         regularization: Epsilon >= 0 of the QP that minimises t + (epsilon/2) |f/F|^2, t the largest

@@ -10,7 +10,8 @@ import typer
 from graspless_pin.algorithms.force_bounds import contact_force_bounds
 from graspless_pin.algorithms.robustness import Robustness, robustness
 from graspless_pin.algorithms.what_would_hold import what_would_hold
-from graspless_pin.cli.outcome import ExitCode, plain_errors
+from graspless_pin.cli.outcome import ExitCode, echo_findings, plain_errors
+from graspless_pin.findings import tell
 from graspless_pin.holding.verdict import Stability
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.problem.cones import ConeModel
@@ -40,7 +41,9 @@ def robustness_scene(
     """
     with plain_errors():
         loaded = load_scene(scene)
+        tell(*loaded.findings)
         solution = loaded.solve(algorithm)
+        echo_findings(solution.findings)
         if not solution.found:
             typer.echo(f"nothing to tell: {solution.status.message}")
             raise typer.Exit(ExitCode.INFEASIBLE)

@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Iterator
+import shutil
+import sys
+import textwrap
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
 from enum import IntEnum
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from graspless_pin.errors import GrasplessPinError, GrasplessPinWarning
+from graspless_pin.errors import GrasplessPinError
+from graspless_pin.findings import Finding, Severity, gravest_first, heard, is_serious
 from graspless_pin.intake.text import printable
+
+if TYPE_CHECKING:
+    from graspless_pin.solution import TorqueSolution
 
 
 class ExitCode(IntEnum):
@@ -20,19 +29,21 @@ class ExitCode(IntEnum):
     INFEASIBLE = 1
     BAD_INPUT = 2
     NOT_PROVEN = 3
+    DOUBTFUL = 4
+    """Found, and something serious is wrong with the scene: it answers another question."""
 
 
 _MOST_LINES = 8
 _ERROR_BYTES = 950
-_WARNING_BYTES = 1000
+_WIDEST = 100  # columns; longer lines are hard to read
 _LEFT_OUT = " [...] "
 
 
 @contextmanager
 def plain_errors() -> Iterator[None]:
-    """Show warnings and errors of this package as one message each, without a traceback."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", GrasplessPinWarning)
+    """Show findings and errors of this package as one message each, without a traceback."""
+    token = _SAID.set(_Said())
+    with heard() as found:
         try:
             yield
         except GrasplessPinError as error:
@@ -42,12 +53,33 @@ def plain_errors() -> Iterator[None]:
             echo_error("there is not enough memory for this input")
             raise typer.Exit(ExitCode.BAD_INPUT) from None
         finally:
-            _echo_warnings([*dict.fromkeys(str(item.message) for item in caught)])
+            echo_findings(found)
+            _SAID.reset(token)
+
+
+def exit_code(solution: TorqueSolution) -> ExitCode:
+    """Return what a command ends with that has looked for torques."""
+    if not solution.found:
+        return ExitCode.INFEASIBLE
+    return ExitCode.DOUBTFUL if is_serious(solution.findings) else ExitCode.FOUND
+
+
+@dataclass
+class _Said:
+    """What a command has said on standard error, and how many bytes more it may."""
+
+    findings: set[Finding] = field(default_factory=set)
+    room: int = 1950
+
+
+_SAID: ContextVar[_Said] = ContextVar("said")
 
 
 def echo_error(message: str) -> None:
     """Print an error on standard error, cut to a few lines."""
-    typer.echo(f"error: {shortened(message, _ERROR_BYTES)}", err=True)
+    text = f"error: {shortened(message, _ERROR_BYTES)}"
+    _SAID.get().room -= len(text.encode())
+    typer.echo(text, err=True)
 
 
 def shortened(message: str, most: int) -> str:
@@ -68,12 +100,32 @@ def shortened(message: str, most: int) -> str:
     return _LEFT_OUT.join(ends)
 
 
-def _echo_warnings(messages: list[str]) -> None:
-    left = _WARNING_BYTES
-    for index, message in enumerate(messages):
-        text = f"warning: {shortened(message, _ERROR_BYTES)}"
-        left -= len(text.encode()) + 1
-        if left < 0:
-            typer.echo(f"warning: {len(messages) - index} more", err=True)
+def echo_findings(findings: Iterable[Finding]) -> None:
+    """Print findings on standard error, the gravest first, each once a command.
+
+    A line each, as wide as it comes; on a terminal in colour and within its width.
+    """
+    said = _SAID.get()
+    left = [one for one in gravest_first(findings) if one not in said.findings]
+    said.findings.update(left)
+    wide = sys.stderr.isatty()
+    for index, one in enumerate(left):
+        text = f"{shortened(str(one), _ERROR_BYTES)} [{one.code}]"
+        said.room -= len(text.encode()) + len("warning: ") + 1
+        if said.room < 0:
+            typer.echo(f"note: {len(left) - index} findings more, see scene.findings", err=True)
             return
-        typer.echo(text, err=True)
+        if wide:
+            width = min(shutil.get_terminal_size().columns, _WIDEST) - 1
+            text = textwrap.fill(
+                f"{one.severity}: {text}", width, subsequent_indent="  ", break_on_hyphens=False
+            )
+            text = text.removeprefix(f"{one.severity}: ")
+        typer.echo(f"{typer.style(f'{one.severity}:', **_STYLES[one.severity])} {text}", err=True)
+
+
+_STYLES: dict[Severity, Any] = {
+    Severity.SERIOUS: {"fg": "red", "bold": True},
+    Severity.WARNING: {"fg": "yellow", "bold": True},
+    Severity.NOTE: {"bold": True},
+}

@@ -9,10 +9,11 @@ from typing import Annotated
 import typer
 
 from graspless_pin.algorithms.force_bounds import contact_force_bounds
-from graspless_pin.cli.outcome import ExitCode, plain_errors
+from graspless_pin.cli.outcome import echo_findings, exit_code, plain_errors
 from graspless_pin.cli.simulating import simulated_words
 from graspless_pin.cli.solving import VERDICT_NODES, asked_verdict
 from graspless_pin.errors import ArgumentError, SceneError
+from graspless_pin.findings import tell
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.problem.cones import ConeModel
 from graspless_pin.report.document import write_text
@@ -72,7 +73,8 @@ def report(
     A scene is solved with its own options; for others, solve it with --json and report that file,
     with the verdict that it holds.
 
-    Exit code 0: found; 1: infeasible, and the page says why; 2: bad input.
+    Exit code 0: found; 1: infeasible, and the page says why; 2: bad input; 4: found, and something
+    serious is wrong with the scene.
     """
     with plain_errors():
         case = _case(source, scene, None if no_verdict else verdict_nodes)
@@ -100,7 +102,7 @@ def report(
         write_text(page, output, kind="report")
         if str(output) != "-":
             typer.echo(f"wrote {output} ({len(page.encode()) / 1e6:.1f} MB)")
-    raise typer.Exit(ExitCode.FOUND if case.solution.found else ExitCode.INFEASIBLE)
+    raise typer.Exit(exit_code(case.solution))
 
 
 def _case(source: Path, scene_file: Path | None, verdict_nodes: int | None) -> Case:
@@ -108,7 +110,9 @@ def _case(source: Path, scene_file: Path | None, verdict_nodes: int | None) -> C
         if scene_file is not None:
             raise ArgumentError("--scene", "goes with a solution document (.json) alone")
         scene = load_scene(source)
+        tell(*scene.findings)
         solution, verdict = scene.solve(), None
+        echo_findings(solution.findings)
         if solution.found and verdict_nodes is not None:
             verdict, said = asked_verdict(scene, solution, verdict_nodes)
             if verdict is None:
@@ -140,7 +144,9 @@ def view_scene(
 ) -> None:
     """Show a scene on an interactive page until it is interrupted (Ctrl-C)."""
     with plain_errors():
-        viewer = show(load_scene(scene), host=host, port=port, open_browser=not no_open)
+        loaded = load_scene(scene)
+        echo_findings(loaded.findings)
+        viewer = show(loaded, host=host, port=port, open_browser=not no_open)
     with suppress(KeyboardInterrupt):
         typer.echo(f"{viewer.url} (Ctrl-C ends it)")
         viewer.wait()

@@ -10,8 +10,9 @@ import typer
 
 from graspless_pin.algorithms.force_bounds import contact_force_bounds
 from graspless_pin.algorithms.options import RequiredStability
-from graspless_pin.cli.outcome import ExitCode, plain_errors
+from graspless_pin.cli.outcome import ExitCode, echo_findings, plain_errors
 from graspless_pin.errors import ArgumentError
+from graspless_pin.findings import tell
 from graspless_pin.holding.stability import stability
 from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.modes.rules import StaticFriction
@@ -72,10 +73,12 @@ def simulate_scene(
     """
     with plain_errors():
         loaded = load_scene(scene)
+        tell(*loaded.findings)
         force = _three_numbers(push)
         if save is not None and save.suffix.lower() not in (".html", ".mp4"):
             raise ArgumentError("--save", f"needs a file that ends in .html or .mp4, got '{save}'")
         solution = loaded.solve(algorithm, **({} if required is None else {"stability": required}))
+        echo_findings(solution.findings)
         if not solution.found:
             typer.echo(f"nothing to simulate: {solution.status.message}")
             raise typer.Exit(ExitCode.INFEASIBLE)

@@ -9,8 +9,9 @@ import typer
 
 from graspless_pin.algorithms.options import RequiredStability, Search
 from graspless_pin.algorithms.torque import TorqueScale
-from graspless_pin.cli.outcome import ExitCode, plain_errors
+from graspless_pin.cli.outcome import echo_findings, exit_code, plain_errors
 from graspless_pin.errors import ArgumentError
+from graspless_pin.findings import tell
 from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.modes.rules import SignRule, SlidingRule, StaticFriction
 from graspless_pin.programs.objectives import Algorithm
@@ -71,10 +72,12 @@ def solve_scene(
 ) -> None:
     """Solve a scene: which joint torques, how robust, and does it hold.
 
-    Exit code 0: found; 1: infeasible; 2: bad input.
+    Exit code 0: found; 1: infeasible; 2: bad input; 4: found, and something serious is wrong with
+    the scene, such as a hand that touches nothing.
     """
     with plain_errors():
         loaded = load_scene(scene)
+        tell(*loaded.findings)
         given: dict[str, Any] = {
             "margin": margin,
             "sign_rule": sign_rule,
@@ -92,6 +95,7 @@ def solve_scene(
         }
         options = {name: value for name, value in given.items() if value is not None}
         solution = loaded.solve(algorithm, **options)
+        echo_findings(solution.findings)
         verdict, said = None, ""
         if solution.found and not no_verdict:
             verdict, said = asked_verdict(loaded, solution, verdict_nodes)
@@ -101,7 +105,7 @@ def solve_scene(
             write_document(solution_document(solution, loaded, verdict), json_file)
         if json_file != "-":
             typer.echo(scene_solution_text(loaded, solution, said))
-    raise typer.Exit(ExitCode.FOUND if solution.found else ExitCode.INFEASIBLE)
+    raise typer.Exit(exit_code(solution))
 
 
 def asked_verdict(

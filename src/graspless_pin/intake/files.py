@@ -5,13 +5,18 @@ from __future__ import annotations
 import os
 import stat
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 from graspless_pin.errors import GrasplessPinError, TextError
+from graspless_pin.intake.recognition import encoding_in_words, kind_of_file, other_kind
+from graspless_pin.spelling import nearest_name
 
 _MIB = 1 << 20
+_MOST_NAMES = 1000
+_TEXTS = (".yaml", ".yml", ".urdf", ".json")
 _SPECIAL = (
     (stat.S_ISDIR, "directory"),
     (stat.S_ISFIFO, "pipe"),
@@ -61,7 +66,12 @@ def read_bytes(path: Path, kind: FileKind) -> bytes:
     except GrasplessPinError:
         raise
     except FileNotFoundError:
-        raise kind.error(f"{path}: there is no such file; check the path") from None
+        stems = {Path(name).stem: name for name in _names_in(path.parent)}
+        near = nearest_name(path.stem, stems, alike=0.75)
+        advice = (
+            "check the path" if near is None else f"did you mean '{path.parent / stems[near]}'?"
+        )
+        raise kind.error(f"{path}: there is no such file; {advice}") from None
     except OSError as error:
         raise kind.error(f"{path}: cannot be read ({error.strerror})") from None
     except ValueError:
@@ -91,15 +101,32 @@ def read_text(path: Path, kind: FileKind) -> str:
     """Return the content of a regular file of UTF-8 text; a byte-order mark is left out.
 
     Raises:
-        GrasplessPinError: See `read_bytes`; or the file is not UTF-8.
+        GrasplessPinError: See `read_bytes`; or the file is not UTF-8, or of another kind.
     """
+    content = read_bytes(path, kind)
+    refuse_other_kind(path, kind, kind_of_file(path, content))
     try:
-        return read_bytes(path, kind).decode("utf-8-sig")
+        return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise kind.error(
-            f"{path}: is not UTF-8 text ({error.reason} at byte {error.start}); "
-            f"a {kind.name} is a text file"
+            f"{path}: is not UTF-8 text ({error.reason} at byte {error.start}); a {kind.name} is "
+            f"a text file, and {encoding_in_words(content, error.start)}"
         ) from None
+
+
+def refuse_other_kind(path: Path, kind: FileKind, found: str | None) -> None:
+    """Refuse a file that is something else, and say what to call.
+
+    Args:
+        path: The file.
+        kind: What it should be.
+        found: What it is, as far as is known: see `kind_of_file` and `kind_of_data`.
+
+    Raises:
+        GrasplessPinError: The kind's error.
+    """
+    if message := other_kind(path, kind.name, found):
+        raise kind.error(message)
 
 
 @contextmanager
@@ -134,4 +161,18 @@ def _check_regular(path: Path, mode: int, kind: FileKind) -> None:
     if stat.S_ISREG(mode):
         return
     what = next((word for test, word in _SPECIAL if test(mode)), "special file")
-    raise kind.error(f"{path}: is a {what}; a {kind.name} is a regular file")
+    inside = _files_in(path) if stat.S_ISDIR(mode) else ""
+    raise kind.error(f"{path}: is a {what}; a {kind.name} is a regular file{inside}")
+
+
+def _files_in(folder: Path) -> str:
+    """Return some files of a folder that may have been meant."""
+    names = sorted(name for name in _names_in(folder) if name.endswith(_TEXTS))[:4]
+    return f", such as {', '.join(names)} in it" if names else ""
+
+
+def _names_in(folder: Path) -> list[str]:
+    """Return some names in a folder; none where it cannot be read."""
+    with suppress(OSError):
+        return [item.name for item in islice(os.scandir(folder), _MOST_NAMES)]
+    return []

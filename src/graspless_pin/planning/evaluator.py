@@ -15,7 +15,7 @@ from graspless_pin.algorithms.warm_start import (
     reaches_margin,
     solve_from,
 )
-from graspless_pin.errors import ArgumentError, JointLimitError, StateError
+from graspless_pin.errors import JointLimitError, StateError
 from graspless_pin.modes.rules import Rules
 from graspless_pin.planning.configurations import Configuration, Configurations
 from graspless_pin.planning.evaluation import Evaluation, StateStatus
@@ -23,6 +23,7 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array, real_number
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
+from graspless_pin.scene.load import checked_scene
 from graspless_pin.scene.motion_and_contacts import Motion
 from graspless_pin.scene.scene_stability import unknown_of
 from graspless_pin.solution import Status
@@ -83,8 +84,7 @@ class Evaluator:
             ArgumentError: If an option is not known or a figure out of range.
             SolverUnavailableError: If the solver is not installed.
         """
-        if not isinstance(scene, Scene):
-            raise ArgumentError("scene", f"is {scene!r:.80}; it must be a Scene: see load_scene")
+        checked_scene(scene)
         given = {
             "algorithm": algorithm,
             "margin": required_margin,

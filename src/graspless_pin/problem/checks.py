@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from graspless_pin.compiled import contact_frames, small_arrays
 from graspless_pin.errors import ArgumentError
 from graspless_pin.magnitudes import LARGEST, LARGEST_REGULARIZATION
+from graspless_pin.spelling import nearest_name
 
 _LARGEST_OF = {"regularization": LARGEST_REGULARIZATION}
 
@@ -226,7 +227,9 @@ def choice(options: type[_Choice], name: str, value: str) -> _Choice:
         return options(value)
     except ValueError:
         known = ", ".join(repr(str(option)) for option in options)
-        raise ArgumentError(name, f"is {value!r}; it must be one of {known}") from None
+        near = nearest_name(value, options)
+        meant = "" if near is None else f"; did you mean {near!r}?"
+        raise ArgumentError(name, f"is {value!r:.100}; it must be one of {known}{meant}") from None
 
 
 def checked_inertia(

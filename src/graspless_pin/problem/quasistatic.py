@@ -37,6 +37,7 @@ from graspless_pin.problem.matrices import (
     wrench_map,
 )
 from graspless_pin.problem.scales import Scales, scales_of
+from graspless_pin.spelling import what_to_pass
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -331,5 +332,6 @@ def checked_problem(problem: object) -> QuasistaticProblem:
         ArgumentError: If it is none.
     """
     if not isinstance(problem, QuasistaticProblem):
-        raise ArgumentError("problem", f"is {problem!r:.80}; it must be a QuasistaticProblem")
+        words = what_to_pass("problem", problem, "QuasistaticProblem")
+        raise ArgumentError("problem", words)
     return problem

@@ -17,6 +17,7 @@ import numpy as np
 
 from graspless_pin.drafts import draft_of
 from graspless_pin.errors import SceneError
+from graspless_pin.findings import plain_findings
 from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.report.objective_data import objective_data
 from graspless_pin.report.proof_data import multipliers_data, proof_data
@@ -47,6 +48,7 @@ def solution_document(
     Returns:
         Plain data for `json.dumps`: ``format``, ``status``, ``found``, the options, ``objective``
         (where it is none of the paper's), ``margin`` (N), ``max_torque`` with its unit, ``scales``,
+        ``findings`` (see `graspless_pin.Finding`),
         ``object_inertia``, ``joint_inertia``, ``gravity``, ``object``, ``hand``, ``joints``,
         ``contacts``, ``certificate``, ``multipliers``, ``proof``, ``guarantee``
         (best case, gap to it, sets of torques tried), ``stability`` (see `verdict_data`) and
@@ -94,6 +96,7 @@ def solution_document(
         document["objective"] = objective_data(solution)
     if scene is not None:
         document |= _scene_part(scene)
+    document["findings"] = plain_findings(solution.findings)
     document["joints"] = _joints(solution)
     document["contacts"] = _contacts(solution, scene)
     document["certificate"] = _certificate(solution)

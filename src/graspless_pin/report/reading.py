@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import MISSING, Field, fields
+from contextlib import suppress
+from dataclasses import MISSING, Field, dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from graspless_pin.errors import ArgumentError, GrasplessPinError, SceneError, TextError
-from graspless_pin.intake.files import FileKind, read_text
+from graspless_pin.findings import Finding, FindingCode
+from graspless_pin.intake.files import FileKind, read_text, refuse_other_kind
 from graspless_pin.intake.json_text import parse_json
+from graspless_pin.intake.recognition import kind_of_data
+from graspless_pin.intake.yaml_text import parse_yaml
 from graspless_pin.modes.rules import Rules, SlidingMode
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only, real_number
@@ -52,13 +56,24 @@ def read_document(path: Path) -> Any:
         ...     sorted(read_document(file))[:2]
         ['algorithm', 'certificate']
     """
+    text = read_text(path, DOCUMENT)
     try:
-        return parse_json(read_text(path, DOCUMENT))
+        return parse_json(text)
     except TextError as error:
+        if path.suffix.lower() != ".json":
+            with suppress(TextError):
+                refuse_other_kind(path, DOCUMENT, kind_of_data(parse_yaml(text).data))
         raise SceneError(f"{path}: {error}") from None
 
 
 _IN_MODE = (Status.OPTIMAL_IN_MODE, Status.INFEASIBLE_IN_MODE, Status.INFEASIBLE_MODE)
+
+
+@dataclass(frozen=True)
+class _Stated:
+    """What a document says is wrong with its scene."""
+
+    findings: tuple[Finding, ...]
 
 
 def read_solution(document: dict[str, Any]) -> TorqueSolution:
@@ -155,7 +170,15 @@ def _solution(document: dict[str, Any]) -> TorqueSolution:
         evidence=Evidence(relaxation, in_mode, added, balanced, _motion(document, problem)),
         guarantee=_guarantee(document),
         _explanation=str(document.get("explanation", "")),
+        _source=_Stated(tuple(map(_finding, document.get("findings", [])))),
     )
+
+
+def _finding(stated: dict[str, Any]) -> Finding:
+    key = tuple(part if isinstance(part, int) else str(part) for part in stated["key"])
+    subject, message, advice = (str(stated[name]) for name in ("subject", "message", "advice"))
+    code = FindingCode(stated["code"])
+    return Finding(code, subject, message, advice, key, str(stated["place"]))
 
 
 def _guarantee(document: dict[str, Any]) -> Guarantee | None:

@@ -66,7 +66,9 @@ def audit_text(report: AuditReport) -> str:
     if not report.findings:
         lines.append("nothing to mend")
     for finding in report.findings:
-        lines.append(f"{finding.kind}: {finding.where}: {finding.message}\n    {finding.advice}")
+        lines.append(
+            f"{finding.code.words}: {finding.subject}: {finding.message}\n    {finding.advice}"
+        )
     return "\n".join(lines)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from graspless_pin.findings import Severity
 from graspless_pin.geometry.contact.contact_points import BodyKind
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
@@ -25,12 +26,8 @@ def scene_solution_text(scene: Scene, solution: TorqueSolution, verdict: str = "
     title = f"{scene.name}: {scene.object.name}, {scene.object.mass:g} kg"
     problem = solution.problem
     title += f", {_count(problem.contact_count, 'contact')}, {_count(problem.joint_count, 'joint')}"
-    kinds = {point.kind for point in scene.contacts.points}
-    if scene.hand is not None and BodyKind.HAND not in kinds:
-        title += (
-            "\nno link of the hand touches the object; move the hand or close its fingers, e.g. "
-            "with graspless_pin.scene.close_fingers"
-        )
+    serious = [one for one in solution.findings if one.severity is Severity.SERIOUS]
+    title = "\n".join([*(f"{one.severity}: {one.message}" for one in serious), title])
     if verdict:
         title += f"\n{verdict}"
     return f"{title}\n{solution.text(_touching(scene))}"

@@ -12,6 +12,7 @@ from graspless_pin.geometry.bodies.materials import Materials
 from graspless_pin.geometry.bodies.object_and_supports import Support
 from graspless_pin.geometry.contact.contact_points import ContactArrays
 from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.spelling import names_in_words
 
 _GROUPS = ("default", "hand", "supports")
 
@@ -33,7 +34,8 @@ def friction_by_name(
     known = [*_GROUPS, *bodies]
     for name in stated:
         if name not in known:
-            raise ArgumentError(f"friction['{name}']", f"names no body; known: {', '.join(known)}")
+            words = names_in_words(name, known)
+            raise ArgumentError(f"friction['{name}']", f"names no body; {words}")
     return stated
 
 

@@ -31,22 +31,23 @@ class ControlledJoints(NamedTuple):
     units: tuple[JointUnit, ...]
 
 
-def without_joints(touching: ContactArrays) -> ControlledJoints:
-    """Return what a scene without a hand has."""
-    none = np.zeros(0)
-    return ControlledJoints(np.zeros((3 * len(touching), 0)), (none, none), none, (), ())
-
-
 def joint_columns(
-    hand: Hand, touching: ContactArrays, gravity: FloatArray | None
+    hand: Hand | None, touching: ContactArrays, gravity: FloatArray | None, limit: float
 ) -> ControlledJoints:
-    """Return the force-controlled joints.
+    """Return the force-controlled joints, then the hybrid fingers.
 
     Args:
-        hand: At its configuration.
+        hand: At its configuration; None: there is no column.
         touching: M contacts, hand first.
         gravity: (3,) m/s^2, world axes; None: the links weigh nothing.
+        limit: Largest commanded force of a hybrid finger, N.
+
+    Raises:
+        StateError: If a hybrid finger touches at several points.
     """
+    if hand is None:
+        none = np.zeros(0)
+        return ControlledJoints(np.zeros((3 * len(touching), 0)), (none, none), none, (), ())
     count = touching.hand_count
     names = hand.actuated_joint_names
     jacobian = np.zeros((3 * len(touching), len(names)))
@@ -56,7 +57,10 @@ def joint_columns(
     weights = np.zeros(len(names))
     if gravity is not None and names:
         weights = hand.gravity_torques(gravity)
-    return ControlledJoints(jacobian, hand.effort_limits, weights, names, hand.effort_units)
+    joints = ControlledJoints(jacobian, hand.effort_limits, weights, names, hand.effort_units)
+    if not hand.control.hybrid_fingers:
+        return joints
+    return _with_hybrid_fingers(joints, hand, touching, limit)
 
 
 def inertia_of_columns(hand: Hand | None, count: int) -> FloatArray:
@@ -73,20 +77,10 @@ def inertia_of_columns(hand: Hand | None, count: int) -> FloatArray:
     return inertia
 
 
-def with_hybrid_fingers(
+def _with_hybrid_fingers(
     joints: ControlledJoints, hand: Hand, touching: ContactArrays, limit: float
 ) -> ControlledJoints:
-    """Append a column n for the one contact of each hybrid finger (Sec. II-A).
-
-    Args:
-        joints: The force-controlled joints.
-        hand: With hybrid fingers.
-        touching: M contacts, hand first.
-        limit: Largest commanded force, N.
-
-    Raises:
-        StateError: If a hybrid finger touches at several points.
-    """
+    """Append a column n for the one contact of each hybrid finger (Sec. II-A)."""
     names = list(joints.names)
     hybrid = [
         index

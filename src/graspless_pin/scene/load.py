@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
+import os
 import reprlib
-import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from graspless_pin.errors import SceneError, UnusedMaterialWarning
+from graspless_pin.errors import ArgumentError, SceneError
+from graspless_pin.findings import Finding, Severity, heard, tell
 from graspless_pin.geometry.bodies.materials import Materials
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.magnitudes import LARGEST_LOAD_OVER_LIMIT
 from graspless_pin.scene.body_building import build_object, build_support, twist_of
+from graspless_pin.scene.entry_findings import entry_findings
 from graspless_pin.scene.friction import friction_by_name
 from graspless_pin.scene.hand_building import SceneParts, build_hand
 from graspless_pin.scene.messages import validated
 from graspless_pin.scene.motion_and_contacts import GivenContact, HandMotion, Motion
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_schema import MotionEntry, SceneEntry
-from graspless_pin.scene.yaml_source import Location, YamlSource
+from graspless_pin.scene.yaml_source import Location, YamlSource, key_text
+from graspless_pin.spelling import names_in_words, what_to_pass
 
 
 def load_scene(path: str | Path) -> Scene:
@@ -47,7 +51,20 @@ def load_scene(path: str | Path) -> Scene:
         >>> print(f"{scene.solve().margin:.4f} N")
         1.6504 N
     """
+    if not isinstance(path, str | os.PathLike):
+        raise ArgumentError("path", what_to_pass("path", path, "path of a scene file"))
     return build_scene(YamlSource.read(Path(path)))
+
+
+def checked_scene(scene: object) -> Scene:
+    """Return a scene.
+
+    Raises:
+        ArgumentError: If it is none.
+    """
+    if not isinstance(scene, Scene):
+        raise ArgumentError("scene", what_to_pass("scene", scene, "Scene"))
+    return scene
 
 
 def build_scene(source: YamlSource, parts: SceneParts | None = None) -> Scene:
@@ -65,7 +82,34 @@ def build_scene(source: YamlSource, parts: SceneParts | None = None) -> Scene:
             f"{source.where(())}: found {reprlib.repr(source.data)}; a scene is a mapping with the "
             "keys object, friction, hand, supports, ..."
         )
-    return _scene(source, parts or SceneParts(), validated(source, SceneEntry))
+    entry = validated(source, SceneEntry)
+    with heard() as found:
+        scene = _scene(source, parts or SceneParts(), entry)
+        tell(*entry_findings(entry, scene.materials))
+    of_hand = () if scene.hand is None else scene.hand.findings
+    placed = [one if one in of_hand else _placed(source, one) for one in found]
+    tell(*placed)
+    scene = replace(scene, load_findings=tuple(one for one in placed if one not in of_hand))
+    if entry.warnings == "error":
+        _refuse(source, scene.findings)
+    return scene
+
+
+def _placed(file: YamlSource, finding: Finding) -> Finding:
+    """Return a finding that says where the file says so."""
+    if not finding.key or finding.place:
+        return finding
+    return replace(finding, place=f"{file.where(finding.key)}: {key_text(finding.key)}")
+
+
+def _refuse(file: YamlSource, findings: Sequence[Finding]) -> None:
+    """Refuse a scene with which something is wrong."""
+    wrong = [_placed(file, one) for one in findings if one.severity is not Severity.NOTE]
+    if wrong:
+        lines = [one if one.place else replace(one, place=file.where(())) for one in wrong]
+        raise SceneError(
+            "\n".join(f"{one} (an error, as the scene says 'warnings: error')" for one in lines)
+        )
 
 
 def _scene(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Scene:
@@ -97,6 +141,7 @@ def _scene(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Scene:
         cone_edges=entry.cone_edges,
         cone=entry.cone,
         contact_tolerance=entry.contact_tolerance,
+        max_penetration=entry.max_penetration,
         points_per_patch=entry.points_per_patch,
         tangent_axes=tuple(np.array(axis) for axis in entry.tangent_axes),
         count_own_weight=weight,
@@ -126,47 +171,7 @@ def _materials(file: YamlSource, entry: SceneEntry) -> Materials:
     for location, name in named:
         if name is not None:
             file.at(location, lambda name=name: table.check([name]))
-    _warn_of_unused_materials(file, entry, table)
     return table
-
-
-def _warn_of_unused_materials(file: YamlSource, entry: SceneEntry, table: Materials) -> None:
-    """Warn of names in the table that look misspelt, and of a table of which no pair counts.
-
-    Other pairs that no body has are fine: scenes may share a table. So is a table in a scene that
-    gives no body a material.
-    """
-    own, others = entry.object.material, other_materials(entry)
-    used = {name for name in (own, *others) if name is not None}
-    for name, meant in table.misspelt(used).items():
-        pair = next((a, b) for a, row in entry.materials.items() for b in row if name in (a, b))
-        _warn(file, ("materials", *pair), f"no body is of {name!r}; did you mean {meant!r}?")
-    if used and not any(frozenset((own, other)) in table.coefficients for other in others):
-        _warn(
-            file,
-            ("materials",),
-            f"none of them counts, for {materials_in_words(own, others)}; add their pair, or the "
-            "'material' that is left out",
-        )
-
-
-def other_materials(entry: SceneEntry) -> tuple[str | None, ...]:
-    """Return the materials of what may touch the object; None: not given."""
-    hand = () if entry.hand is None else (entry.hand.material,)
-    return (*hand, *(support.material for support in entry.supports))
-
-
-def materials_in_words(own: str | None, others: Iterable[str | None]) -> str:
-    """Return what the bodies are of, for messages."""
-    named = sorted({repr(name) for name in others if name is not None})
-    return (
-        f"the object is of {'no material' if own is None else repr(own)}, hand and supports are of "
-        f"{', '.join(named) or 'no material'}"
-    )
-
-
-def _warn(file: YamlSource, location: Location, message: str) -> None:
-    warnings.warn(file.message(location, message), UnusedMaterialWarning, stacklevel=3)
 
 
 def _check_names(file: YamlSource, entry: SceneEntry, links: Sequence[str]) -> None:
@@ -190,7 +195,7 @@ def _contacts(
         if item.body not in bodies:
             raise file.error(
                 ("contacts", index, "body"),
-                f"{item.body!r} is no hand link or support; known: {', '.join(bodies) or 'none'}",
+                f"{item.body!r} is no hand link or support; {names_in_words(item.body, bodies)}",
             )
         normal = np.array(item.normal) / np.linalg.norm(item.normal)
         contacts.append(GivenContact(item.body, np.array(item.position), normal))

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-import difflib
+import re
 import reprlib
+from collections.abc import Iterator
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from graspless_pin.scene.yaml_source import Location, YamlSource
+from graspless_pin.errors import ArgumentError
+from graspless_pin.scene.yaml_source import Location, YamlSource, key_text
+from graspless_pin.spelling import names_in_words, nearest_name
 
 _MOST_EXAMINED = 60
 _MOST_TOLD = 5
@@ -30,25 +33,47 @@ def validated(source: YamlSource, model: type[_Entry]) -> _Entry:
         raise source.kind.error(_validation_text(source, error, model)) from None
 
 
+def checked_key(model: type[BaseModel], least: Node, name: str, value: Any) -> Any:
+    """Return one key's value as the schema of a file has it.
+
+    Args:
+        model: The schema.
+        least: A content of the file that is sound.
+        name: The key.
+        value: Its value.
+
+    Raises:
+        ArgumentError: If the schema does not take it.
+    """
+    data = {**least, name: value}
+    try:
+        return getattr(model.model_validate(data), name)
+    except ValidationError as error:
+        location, mistake = next(_mistakes(data, error, model))
+        raise ArgumentError(key_text(location), mistake) from None
+
+
 def _validation_text(source: YamlSource, error: ValidationError, model: type[BaseModel]) -> str:
     """Return one line a mistake."""
-    errors = error.errors()
-    items = [(_in_file(source.data, item), item) for item in errors[:_MOST_EXAMINED]]
-    schema = model.model_json_schema()
-    lines = []
-    for location, item in items:
-        # Every branch of a union complains; the branch that got furthest is the one that is meant.
-        if any(
-            len(other) > len(location) and other[: len(location)] == location for other, _ in items
-        ):
-            continue
-        mistake = _mistake(schema, source.data, location, item)
-        lines.append(source.message(location, mistake))
-    lines = [*dict.fromkeys(lines)]
-    more = len(lines) - _MOST_TOLD + len(errors[_MOST_EXAMINED:])
+    lines = [*dict.fromkeys(source.message(*one) for one in _mistakes(source.data, error, model))]
+    more = len(lines) - _MOST_TOLD + max(0, error.error_count() - _MOST_EXAMINED)
     return "\n".join(
         [*lines[:_MOST_TOLD], *([f"... and {more} mistakes more"] if more > 0 else [])]
     )
+
+
+def _mistakes(
+    data: Any, error: ValidationError, model: type[BaseModel]
+) -> Iterator[tuple[Location, str]]:
+    """Yield where a mistake is and what it is called."""
+    items = [(_in_file(data, item), item) for item in error.errors()[:_MOST_EXAMINED]]
+    schema = model.model_json_schema()
+    for location, item in items:
+        # Every branch of a union complains; the branch that got furthest is the one that is meant.
+        if not any(
+            len(other) > len(location) and other[: len(location)] == location for other, _ in items
+        ):
+            yield location, _mistake(schema, data, location, item)
 
 
 def _mistake(schema: Node, data: Any, location: Location, item: Any) -> str:
@@ -59,9 +84,7 @@ def _mistake(schema: Node, data: Any, location: Location, item: Any) -> str:
         known = sorted(
             {key for node in _nodes_at(schema, data, location[:-1]) for key in _keys(node)}
         )
-        near = difflib.get_close_matches(str(location[-1]), known, n=1)
-        meant = f"did you mean {near[0]!r}? " if near else ""
-        return f"is no key that can stand here; {meant}known: {', '.join(known)}"
+        return f"is no key that can stand here; {names_in_words(str(location[-1]), known)}"
     if parts[-1] == "[key]":
         found = reprlib.repr(item["input"])
         if isinstance(item["input"], str):
@@ -70,7 +93,19 @@ def _mistake(schema: Node, data: Any, location: Location, item: Any) -> str:
     wanted = _wanted_of(schema, _nodes_at(schema, data, location))
     if kind == "missing" and location[-1:] == parts[-1:]:
         return f"is missing; needs {wanted}"
-    return f"found {reprlib.repr(item['input'])}; needs {wanted}"
+    return f"found {reprlib.repr(item['input'])}; needs {wanted}{_meant(item['input'], wanted)}"
+
+
+def _meant(found: Any, wanted: str) -> str:
+    """Return which of the words that would do was probably meant."""
+    word = found.get("type") if isinstance(found, dict) else found
+    if isinstance(word, str) and "number" in wanted:
+        amount = re.fullmatch(r"\s*([-+]?\d+(?:[.,]\d+)?)\s*([A-Za-z/^*°%\d]*)\s*", word)
+        if amount is not None:
+            unit = f", without {amount[2]!r}: units are SI" if amount[2] else ""
+            return f"; write {amount[1].replace(',', '.')}{unit}"
+    near = nearest_name(word, re.findall("'(.*?)'", wanted)) if isinstance(word, str) else None
+    return "" if near is None else f"; did you mean {near!r}?"
 
 
 def _in_file(data: Any, item: Any) -> Location:

@@ -26,6 +26,7 @@ from graspless_pin.problem.checks import FloatArray, finite_array, read_only, re
 from graspless_pin.problem.contact_map import contact_map
 from graspless_pin.problem.inertias import moving_joints
 from graspless_pin.problem.quasistatic import QuasistaticProblem
+from graspless_pin.scene.load import checked_scene
 from graspless_pin.scene.moved import bent_hand, moved_scene
 from graspless_pin.scene.scene import Scene
 
@@ -130,7 +131,7 @@ def minimum_stiffness(
         >>> print(f"{found.stiffness:.1f} N m/rad")
         0.4 N m/rad
     """
-    scene = scene.with_changes(motion=None)
+    scene = checked_scene(scene).with_changes(motion=None)
     problem = scene.problem()
     torque = finite_array("torques", torques, (problem.joint_count,))
     added, damping = real_number("armature", armature, 0.0), real_number("damping", damping, 0.0)

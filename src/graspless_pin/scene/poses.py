@@ -13,6 +13,7 @@ from graspless_pin.geometry.posing.closing import ClosingResult, close_hand
 from graspless_pin.geometry.posing.fingertips import FingertipPlacement, place_fingertips
 from graspless_pin.geometry.posing.overlaps import Overlap, unwanted_overlaps
 from graspless_pin.geometry.posing.settling import settle_object
+from graspless_pin.scene.load import checked_scene
 from graspless_pin.scene.scene import Scene
 
 
@@ -122,11 +123,13 @@ def settle(scene: Scene) -> Scene:
         >>> settle(scene).object.T_world_object[2, 3].round(3).item()  # m
         0.05
     """
+    checked_scene(scene)
     moved = settle_object(scene.object, scene.supports, scene.gravity)
     return scene.with_changes(object=moved)
 
 
 def _hand(scene: Scene) -> Hand:
+    checked_scene(scene)
     if scene.hand is None:
         raise SceneError(f"{scene.name}: the scene has no hand whose fingers could move")
     return scene.hand

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -21,6 +21,7 @@ from graspless_pin.errors import (
     StateError,
     StateFault,
 )
+from graspless_pin.findings import Finding
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
 from graspless_pin.geometry.bodies.materials import Materials
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
@@ -40,13 +41,12 @@ from graspless_pin.problem.cones import projected_tangents
 from graspless_pin.problem.derived_inertias import with_derived_inertias
 from graspless_pin.problem.own_arrays import problem_of_own_arrays
 from graspless_pin.programs.objectives import Algorithm
+from graspless_pin.scene.changes import checked_changes
 from graspless_pin.scene.friction import FrictionTable
 from graspless_pin.scene.joints import (
     ControlledJoints,
     inertia_of_columns,
     joint_columns,
-    with_hybrid_fingers,
-    without_joints,
 )
 from graspless_pin.scene.motion_and_contacts import (
     GivenContact,
@@ -55,13 +55,15 @@ from graspless_pin.scene.motion_and_contacts import (
     body_velocities,
     given_arrays,
 )
+from graspless_pin.scene.scene_findings import findings_of, nothing_touches
+from graspless_pin.scene.scene_screen import scene_line, scene_screen
 from graspless_pin.scene.scene_stability import unknown_of, verdict_of
 from graspless_pin.solution import TorqueSolution
 
 _Made = TypeVar("_Made")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Scene(PickledByFields):
     """Everything that `QuasistaticProblem` is made of. See the example of `load_scene`.
 
@@ -88,7 +90,9 @@ class Scene(PickledByFields):
             along its normal; without any, the rule of `QuasistaticProblem`.
         count_own_weight: Whether the links' weight g(q) counts against the limits.
         hybrid_force_limit: Largest commanded force of a hybrid finger, N; None: max_normal_force.
+        max_penetration: Deepest overlap that passes for contact, m.
         solve_options: Options of `solve` by name.
+        load_findings: What looked wrong when it was loaded.
     """
 
     name: str
@@ -110,22 +114,35 @@ class Scene(PickledByFields):
     tangent_axes: tuple[FloatArray, ...] = ()
     count_own_weight: bool = True
     hybrid_force_limit: float | None = None
+    max_penetration: float = 5e-3
     solve_options: Mapping[str, Any] = field(default_factory=dict)
+    load_findings: tuple[Finding, ...] = ()
 
     def with_changes(self, **changes: Any) -> Scene:
         """Return the same scene with some fields replaced; what they do not touch is not redone.
 
         Raises:
-            TypeError: If a name is none of the fields.
+            ArgumentError: If a name is none of the fields, or a value not one of its field.
         """
-        if not changes.keys() <= _FIELDS:
-            unknown = sorted(changes.keys() - _FIELDS)
-            raise TypeError(f"{unknown[0]!r} is no field of a scene")
         changed = object.__new__(type(self))
         changed.__dict__.update(self.__dict__, _kept=self._kept)
-        changed.__dict__.pop("contacts", None)
-        changed.__dict__.update(changes)
+        for name in ("contacts", "findings"):
+            changed.__dict__.pop(name, None)
+        changed.__dict__.update(checked_changes(changes))
         return changed
+
+    def __repr__(self) -> str:
+        """Return one line."""
+        return scene_line(self)
+
+    def __str__(self) -> str:
+        """Return one screen: object, hand, supports, contacts, motion and findings."""
+        return scene_screen(self)
+
+    @cached_property
+    def findings(self) -> tuple[Finding, ...]:
+        """What is wrong with it, the gravest first, each with what to do, see `FindingCode`."""
+        return findings_of(self)
 
     @cached_property
     def contacts(self) -> SceneContacts:
@@ -138,16 +155,7 @@ class Scene(PickledByFields):
         """
         touching = self._touching()
         if not len(touching):
-            raise StateError(
-                StateFault.NO_CONTACT,
-                f"{self._label()}: nothing touches object {self.object.name!r}"
-                + (
-                    f" within {self.contact_tolerance:g} m; move the hand or the object, or raise "
-                    "contact_tolerance"
-                    if self.given_contacts is None
-                    else "; contacts is an empty list: fill it, or leave it out to have them found"
-                ),
-            )
+            raise StateError(StateFault.NO_CONTACT, f"{self._label()}: {nothing_touches(self)}")
         motion = self.motion
         if motion is None:
             if not self._supports_moving():
@@ -189,7 +197,11 @@ class Scene(PickledByFields):
         problem = (made if self.given_contacts is None else QuasistaticProblem)(
             touching.positions - self.object.center_of_mass_world,
             touching.normals,
-            self._once("weight", (self.object.mass, self.gravity), self._weight),
+            self._once(
+                "weight",
+                (self.object.mass, self.gravity),
+                lambda: np.concatenate([self.object.mass * self.gravity, np.zeros(3)]),
+            ),
             joints.jacobian,
             friction=self._coefficients(touching),
             tangents=projected_tangents(touching.normals, self.tangent_axes),
@@ -207,15 +219,10 @@ class Scene(PickledByFields):
         return with_derived_inertias(problem, sources)
 
     def _joints(self, touching: ContactArrays) -> ControlledJoints:
-        if self.hand is None:
-            return without_joints(touching)
         gravity = self.gravity if self.count_own_weight else None
-        joints = joint_columns(self.hand, touching, gravity)
-        if not self.hand.control.hybrid_fingers:
-            return joints
         limit = self.hybrid_force_limit or self.max_normal_force
         try:
-            return with_hybrid_fingers(joints, self.hand, touching, limit)
+            return joint_columns(self.hand, touching, gravity, limit)
         except SceneError as error:
             raise error.at(self._label()) from error
 
@@ -227,10 +234,6 @@ class Scene(PickledByFields):
             return table.coefficients(touching)
         except SceneError as error:
             raise error.at(self._label()) from error
-
-    def _weight(self) -> FloatArray:
-        """(6,) wrench of the object's weight about its centre of mass, world axes."""
-        return np.concatenate([self.object.mass * self.gravity, np.zeros(3)])
 
     def solve(self, algorithm: str | None = None, **options: Any) -> TorqueSolution:
         """Solve the scene's problem with its own options, or with others.
@@ -260,7 +263,8 @@ class Scene(PickledByFields):
                     "algorithm 'torque' or leave it out",
                 )
         unknown = unknown_of(self) if how.strong else ""
-        return solve_problem(self.problem(), objective, how, mode=mode, unknown=unknown)
+        found = solve_problem(self.problem(), objective, how, mode=mode, unknown=unknown)
+        return replace(found, _source=self)
 
     def stability(self, torques: ArrayLike, **options: Any) -> StabilityVerdict:
         """Tell whether the object stays with motor torques (L,): see `graspless_pin.stability`.
@@ -298,12 +302,8 @@ class Scene(PickledByFields):
             return given_arrays(self.given_contacts, links)
         hand_bodies = () if self.hand is None else self.hand.placed_bodies
         on_hand = self._found(hand_bodies, BodyKind.HAND)
-        sources = (
-            self.object,
-            self.supports,
-            self.contact_tolerance,
-            self.points_per_patch,
-        )
+        limits = self.contact_tolerance, self.max_penetration, self.points_per_patch
+        sources = self.object, self.supports, *limits
         return on_hand.followed_by(self._once("on supports", sources, self._found_on_supports))
 
     def _found(self, bodies: Sequence[CollisionBody], kind: BodyKind) -> ContactArrays:
@@ -314,6 +314,7 @@ class Scene(PickledByFields):
                 bodies,
                 kind,
                 tolerance=self.contact_tolerance,
+                max_penetration=self.max_penetration,
                 max_points=self.points_per_patch,
             )
         except SceneError as error:
@@ -344,6 +345,3 @@ class Scene(PickledByFields):
     def _supports_moving(self) -> bool:
         supports = self.supports
         return self._once("moving", (supports,), lambda: any(s.velocity.any() for s in supports))
-
-
-_FIELDS = frozenset(item.name for item in fields(Scene))

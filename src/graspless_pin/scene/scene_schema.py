@@ -142,7 +142,10 @@ class SceneEntry(Entry):
         default="edges", description="pyramids of cone_edges edges, or Coulomb's round cones"
     )
     contact_tolerance: Length = Field(
-        default=1e-3, description="[m] gap or overlap up to which two bodies touch"
+        default=1e-3, description="[m] largest gap at which two bodies touch"
+    )
+    max_penetration: Length = Field(
+        default=5e-3, description="[m] deepest overlap that passes for contact"
     )
     points_per_patch: PatchPoints = Field(
         default=8, description="most contacts that stand for one face on a face"
@@ -150,6 +153,9 @@ class SceneEntry(Entry):
     tangent_axes: Few[Direction] = Field(
         default=[],
         description="[1] t1 is the projection of the first of these that is not along the normal",
+    )
+    warnings: Literal["show", "error"] = Field(
+        default="show", description="error: what is wrong with the scene is refused"
     )
     solve: SolveEntry = Field(default=SolveEntry(), description="what is asked, and how")
 

@@ -41,7 +41,8 @@ _TYPES: dict[type, str] = {
     HalfSpace: "half_space", MeshShape: "mesh",
 }  # fmt: skip
 _AS_THEY_ARE = (
-    "max_normal_force", "cone_edges", "cone", "contact_tolerance", "points_per_patch",
+    "max_normal_force", "cone_edges", "cone", "contact_tolerance", "max_penetration",
+    "points_per_patch",
 )  # fmt: skip
 ROBOT = ("robot", "urdf", "package_dirs", "fingers", "convex", "concavity", "decompose_time_limit")
 """Keys of a mount that tell which robot it is of."""

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from graspless_pin.errors import ArgumentError, GrasplessPinError, SceneError
-from graspless_pin.intake.files import FileKind, errors_of_text, read_text
+from graspless_pin.intake.files import FileKind, errors_of_text, read_text, refuse_other_kind
+from graspless_pin.intake.recognition import kind_of_data
 from graspless_pin.intake.yaml_text import Location, parse_yaml
 
 __all__ = ["SCENE", "Location", "YamlSource", "key_text"]
@@ -55,6 +56,7 @@ class YamlSource:
             parsed = parse_yaml(text)
         if not parsed.lines:
             raise kind.error(f"{path}: the file is empty; {_NEEDED[kind.name]}")
+        refuse_other_kind(path, kind, kind_of_data(parsed.data))
         return cls(path, parsed.data, kind, parsed.lines)
 
     def has(self, location: Location) -> bool:

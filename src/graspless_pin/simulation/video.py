@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-import warnings
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -14,7 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from graspless_pin.child_process import ChildProcess
 from graspless_pin.drafts import draft_of
-from graspless_pin.errors import GrasplessPinError, GrasplessPinWarning, SceneError
+from graspless_pin.errors import GrasplessPinError, SceneError
+from graspless_pin.findings import Finding, FindingCode, tell
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.simulation.model import OBJECT
 from graspless_pin.simulation.protocol import Simulation
@@ -65,8 +65,8 @@ def write_video(simulation: Simulation, path: Path) -> bool:
 
 
 def _without(reason: str) -> bool:
-    warnings.warn(
-        f"there is no video: {reason}; save .html instead", GrasplessPinWarning, stacklevel=3
+    tell(
+        Finding(FindingCode.NO_VIDEO, "video", f"there is no video: {reason}", "save .html instead")
     )
     return False
 

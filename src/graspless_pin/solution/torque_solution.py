@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from graspless_pin.errors import ArgumentError, NoSolutionError
+from graspless_pin.findings import Finding, gravest_first
 from graspless_pin.modes.rules import Rules, SlidingMode
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
@@ -19,6 +20,7 @@ from graspless_pin.programs.assembly import ScaledProgram, scaled_program
 from graspless_pin.programs.marginals import Marginals, marginals
 from graspless_pin.programs.objectives import Algorithm, Objective
 from graspless_pin.solution.certificate import Certificate
+from graspless_pin.solution.doubts import HasFindings, solution_doubts
 from graspless_pin.solution.guarantee import Guarantee
 from graspless_pin.solution.proof import NO_EVIDENCE, DualVariables, Evidence, SolutionProof
 from graspless_pin.solution.status import FOUND, Status
@@ -30,6 +32,7 @@ from graspless_pin.solution.tables import (
     paragraph,
     torque_size,
 )
+from graspless_pin.spelling import what_to_pass
 
 _Value = TypeVar("_Value")
 
@@ -64,6 +67,14 @@ class TorqueSolution:
     _forces: FloatArray | None = None
     _mode: SlidingMode | None = None
     _explanation: str | None = None
+    _source: HasFindings | None = None
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What is wrong with the scene that it is of, and with itself; the gravest first."""
+        best = self.margin if self.found and self.algorithm is Algorithm.MARGIN else None
+        own = solution_doubts(self.status, self.certificate, self.problem, best)
+        return gravest_first([*(() if self._source is None else self._source.findings), *own])
 
     @property
     def found(self) -> bool:
@@ -286,8 +297,8 @@ def checked_solution(solution: object) -> TorqueSolution:
         ArgumentError: If it is none.
     """
     if not isinstance(solution, TorqueSolution):
-        kind = type(solution).__name__
-        raise ArgumentError("solution", f"is a {kind}; it must be what the algorithms return")
+        words = what_to_pass("solution", solution, "TorqueSolution")
+        raise ArgumentError("solution", words)
     return solution
 
 

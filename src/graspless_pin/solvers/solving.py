@@ -18,6 +18,7 @@ from graspless_pin.programs.answers import (
 from graspless_pin.programs.program import Program
 from graspless_pin.solvers.conic_backends import by_clarabel, by_cuts
 from graspless_pin.solvers.piqp_engines import by_piqp
+from graspless_pin.spelling import nearest_name
 
 ANY_SOLVER = "auto"
 """PIQP for linear and quadratic programs, Clarabel for second-order ones."""
@@ -49,8 +50,10 @@ def check_solver(name: str) -> str:
         SolverUnavailableError: Naming the solvers that are.
     """
     if name != ANY_SOLVER and name not in available_solvers():
+        near = nearest_name(name, (ANY_SOLVER, *available_solvers()))
+        meant = "" if near is None else f"did you mean {near!r}? "
         raise SolverUnavailableError(
-            f"solver: {name!r} is not installed; available: {', '.join(available_solvers())}"
+            f"solver: {name!r} is not installed; {meant}available: {', '.join(available_solvers())}"
         )
     return name
 

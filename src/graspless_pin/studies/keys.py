@@ -13,6 +13,7 @@ from graspless_pin.errors import StudyError
 from graspless_pin.geometry.poses import invert, pose_matrix
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.yaml_source import Location
+from graspless_pin.spelling import names_in_words
 
 Tree = dict[str, Any]
 """A scene file's content as plain data."""
@@ -72,8 +73,9 @@ def _item(items: list[Any], name: str, key: str) -> int:
     ]
     if names.count(name) == 1:
         return names.index(name)
-    known = ", ".join(filter(None, names)) or "none, so give an index"
-    raise StudyError(f"{key}: has no item called {name!r}; known: {known}")
+    known = [*filter(None, names)]
+    words = names_in_words(name, known) if known else "known: none, so give an index"
+    raise StudyError(f"{key}: has no item called {name!r}; {words}")
 
 
 def _entered(node: Any, defaults: Tree, location: Location, key: str) -> Any:
@@ -163,9 +165,10 @@ def check_bodies(tree: Tree, what: Sequence[str], frame: str | None, *, turns: b
     known = [*_bodies(tree), "all", *(VECTORS if turns else ())]
     for name in what:
         if name not in known:
-            raise StudyError(f"what: {name!r} is nothing in the scene; known: {', '.join(known)}")
+            words = names_in_words(name, known)
+            raise StudyError(f"what: {name!r} is nothing in the scene; {words}")
     if frame is not None and frame not in _bodies(tree):
-        raise StudyError(f"frame: {frame!r} is no body; known: {', '.join(_bodies(tree))}")
+        raise StudyError(f"frame: {frame!r} is no body; {names_in_words(frame, _bodies(tree))}")
     if tree.get("contacts") is not None:
         raise StudyError(
             "the scene gives its contacts, which would not move along; vary their positions, or "

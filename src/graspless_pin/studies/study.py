@@ -15,8 +15,9 @@ from scipy.stats import qmc
 
 from graspless_pin.errors import StudyError
 from graspless_pin.intake.files import FileKind, is_file, read_bytes
+from graspless_pin.scene.entry_findings import materials_in_words, other_materials
 from graspless_pin.scene.hand_building import SceneParts
-from graspless_pin.scene.load import build_scene, materials_in_words, other_materials
+from graspless_pin.scene.load import build_scene
 from graspless_pin.scene.messages import validated
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_schema import SceneEntry

@@ -10,6 +10,7 @@ import numpy as np
 
 from graspless_pin.errors import GrasplessPinError, StudyError
 from graspless_pin.scene.yaml_source import Location
+from graspless_pin.spelling import names_in_words
 from graspless_pin.studies.keys import Tree, check_bodies, move, place_key, put, turn
 from graspless_pin.studies.study_schema import VariableEntry
 
@@ -259,7 +260,7 @@ def _unit(
         return si_unit(only)
     unit = UNITS.get(entry.unit)
     if unit is None:
-        raise fail("unit", f"{entry.unit!r} is no known unit; known: {', '.join(UNITS)}")
+        raise fail("unit", f"{entry.unit!r} is no known unit; {names_in_words(entry.unit, UNITS)}")
     if not numbers:
         raise fail("unit", "goes with numbers only, and some of the values are none")
     if kinds and unit.kind not in kinds:

@@ -16,6 +16,7 @@ from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene import Scene
 from graspless_pin.scene.friction import FrictionTable
+from graspless_pin.spelling import names_in_words
 
 _FRICTION = "friction/"
 _OBJECT = "object/"
@@ -109,7 +110,8 @@ def changed_scene(scene: Scene, values: Mapping[str, float]) -> Scene:
     controls = {control.key: control for control in controls_of(scene)}
     for key, value in values.items():
         if key not in controls:
-            raise ArgumentError("values", f"unknown control {key!r}; known: {', '.join(controls)}")
+            words = names_in_words(key, controls)
+            raise ArgumentError("values", f"unknown control {key!r}; {words}")
         if not math.isfinite(value):
             raise ArgumentError("values", f"{key} needs a finite number, got {value!r}")
     moved = {key: value for key, value in values.items() if value != controls[key].initial}

@@ -15,7 +15,6 @@ import io
 import os
 import threading
 import time
-import warnings
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -32,10 +31,10 @@ from graspless_pin.drafts import draft_of
 from graspless_pin.errors import (
     ArgumentError,
     CrashError,
-    GrasplessPinWarning,
     MeshError,
     OverrunError,
 )
+from graspless_pin.findings import Finding, FindingCode, tell
 from graspless_pin.geometry.bodies.coacd_call import ITERATIONS, SEED, run_coacd
 from graspless_pin.geometry.bodies.polytopes import hull_of
 from graspless_pin.magnitudes import LONGEST_TIME
@@ -116,11 +115,14 @@ def convex_pieces(mesh: trimesh.Trimesh, label: str, cut: Cut = Cut()) -> tuple[
     if _is_convex(mesh):
         return _read_only([hull])
     if not mesh.is_watertight:
-        warnings.warn(
-            f"{label} is not watertight: its convex pieces are those of a skin around it, which "
-            "may be off by a hundredth of its size; repair it, or use its convex hull",
-            GrasplessPinWarning,
-            stacklevel=4,
+        tell(
+            Finding(
+                FindingCode.OPEN_MESH,
+                label,
+                f"{label} is not watertight: its convex pieces are those of a skin around it, "
+                "which may be off by a hundredth of its size",
+                "repair it, or use its convex hull",
+            )
         )
     file = _cache_folder() / f"{_key(vertices, faces, cut.concavity)}.npz"
     known = _read(file)
@@ -271,11 +273,14 @@ def _write(file: Path, pieces: tuple[FloatArray, ...]) -> None:
         with draft_of(file) as draft, draft.open("wb") as stream:
             np.savez(stream, points=np.concatenate(pieces), counts=counts)
     except OSError as error:
-        warnings.warn(
-            f"convex pieces cannot be kept in '{file.parent}' ({error}) and will be cut again next "
-            "time; set XDG_CACHE_HOME to a folder that can be written",
-            GrasplessPinWarning,
-            stacklevel=3,
+        tell(
+            Finding(
+                FindingCode.NO_CACHE,
+                str(file.parent),
+                f"convex pieces cannot be kept in '{file.parent}' ({error}) and will be cut again "
+                "next time",
+                "set XDG_CACHE_HOME to a folder that can be written",
+            )
         )
 
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspless_pin.errors import ArgumentError, GrasplessPinWarning
+from graspless_pin.errors import ArgumentError
+from graspless_pin.findings import Finding, FindingCode, tell
 from graspless_pin.geometry.bodies.meshes import hull_points, scaled_mesh
 from graspless_pin.geometry.bodies.shapes import (
     Box,
@@ -164,11 +164,15 @@ def _of_mesh(shape: MeshShape) -> Filling:
         problem = "has parts that lie in each other"
     else:
         problem = "is not watertight"
-    warnings.warn(
-        f"mesh '{shape.path}' {problem}: volume and centre of mass, and the inertia, are "
-        "those of its convex hull; repair the mesh, or give mass, centre of mass and inertia",
-        GrasplessPinWarning,
-        stacklevel=4,
+    tell(
+        Finding(
+            FindingCode.OPEN_MESH,
+            str(shape.path),
+            f"mesh '{shape.path}' {problem}: volume and centre of mass, and the inertia, are "
+            "those of its convex hull",
+            "repair the mesh, or give mass, centre of mass and inertia",
+            ("object", "shape"),
+        )
     )
     return _filled(hull)
 

@@ -11,6 +11,7 @@ from types import MappingProxyType
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.pickling import PickledByFields
+from graspless_pin.spelling import names_in_words
 
 Pair = frozenset[str]
 _NEAR = 0.8
@@ -72,10 +73,8 @@ class Materials(PickledByFields):
         """
         for name in names:
             if name not in self.names:
-                known = ", ".join(self.names) or "none"
-                raise ArgumentError(
-                    argument, f"{name!r} is in no pair of materials; known: {known}"
-                )
+                words = names_in_words(name, self.names)
+                raise ArgumentError(argument, f"{name!r} is in no pair of materials; {words}")
 
     def misspelt(self, used: Iterable[str]) -> dict[str, str]:
         """Return names of the table that look like misspelt ones of bodies, with what was meant.

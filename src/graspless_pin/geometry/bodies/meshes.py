@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import warnings
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from graspless_pin.errors import MeshError, MeshScaleWarning
+from graspless_pin.errors import MeshError
+from graspless_pin.findings import Finding, FindingCode, tell
 from graspless_pin.geometry.bodies.polytopes import hull_of
 from graspless_pin.magnitudes import LARGEST_LENGTH
 from graspless_pin.problem.checks import FloatArray
@@ -113,7 +113,7 @@ def hull_points(path: Path, scale: MeshScale) -> FloatArray:
         MeshError: See `load_mesh`; or all vertices lie in one plane.
 
     Warns:
-        MeshScaleWarning: The mesh is larger than 5 m or smaller than 1 mm.
+        GrasplessPinWarning: The mesh is larger than 5 m or smaller than 1 mm.
     """
     points = _hull_points(path, scale, file_state(path))
     warn_of_scale(f"mesh '{path}' with scale {scale}", points, "needs scale 0.001")
@@ -129,14 +129,17 @@ def warn_of_scale(what: str, points: FloatArray, remedy: str) -> None:
         remedy: What a file in millimetres needs.
 
     Warns:
-        MeshScaleWarning: The mesh is larger than 5 m or smaller than 1 mm.
+        GrasplessPinWarning: The mesh is larger than 5 m or smaller than 1 mm.
     """
     extent = float(np.ptp(points, axis=0).max())
     if not SMALLEST_MESH <= extent <= LARGEST_MESH:
-        warnings.warn(
-            f"{what} is {extent:.3g} m large; lengths are metres: a file in millimetres {remedy}",
-            MeshScaleWarning,
-            stacklevel=5,
+        tell(
+            Finding(
+                FindingCode.MESH_SCALE,
+                what,
+                f"{what} is {extent:.3g} m large",
+                f"lengths are metres: a file in millimetres {remedy}",
+            )
         )
 
 

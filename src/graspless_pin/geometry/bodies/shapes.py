@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.errors import ArgumentError, MeshError
+from graspless_pin.findings import Finding, heard, tell
 from graspless_pin.geometry.bodies.decomposition import (
     DEFAULT_CONCAVITY,
     DEFAULT_TIME_LIMIT,
@@ -172,7 +173,7 @@ def coal_geometry(shape: Shape) -> Any:
         MeshError: The mesh file is missing, unreadable or encloses no volume.
 
     Warns:
-        MeshScaleWarning: The mesh is larger than 5 m or smaller than 1 mm.
+        GrasplessPinWarning: The mesh is larger than 5 m or smaller than 1 mm.
     """
     match shape:
         case Box(size):
@@ -202,13 +203,15 @@ def coal_geometries(shape: Shape) -> tuple[Any, ...]:
         MeshError: The mesh file is missing, unreadable or encloses no volume.
 
     Warns:
-        MeshScaleWarning: The mesh is larger than 5 m or smaller than 1 mm.
-        GrasplessPinWarning: The pieces of a mesh cannot be kept on disk.
+        GrasplessPinWarning: The mesh is larger than 5 m or smaller than 1 mm, or one that is cut is
+            not watertight, or its pieces cannot be kept on disk.
     """
     if not isinstance(shape, MeshShape) or shape.convex == "hull":
         return (coal_geometry(shape),)
     hull_points(shape.path, shape.scale)
-    return _decomposed(shape, file_state(shape.path))
+    pieces, found = _decomposed(shape, file_state(shape.path))
+    tell(*found)
+    return pieces
 
 
 def shape_of(geometry: Any) -> Shape | NDArray[np.float64]:
@@ -237,12 +240,15 @@ def shape_of(geometry: Any) -> Shape | NDArray[np.float64]:
 
 
 @lru_cache(maxsize=32)
-def _decomposed(shape: MeshShape, _state: tuple[str, int, int]) -> tuple[Any, ...]:
-    """Cut a mesh; the same geometries again for an object that has only been moved."""
+def _decomposed(
+    shape: MeshShape, _state: tuple[str, int, int]
+) -> tuple[tuple[Any, ...], tuple[Finding, ...]]:
+    """Cut a mesh; the same geometries and findings again for an object that was only moved."""
     mesh = scaled_mesh(shape.path, shape.scale)
     label = f"mesh file '{shape.path}'"
-    pieces = convex_pieces(mesh, label, Cut(shape.concavity, shape.decompose_time_limit))
-    return tuple(convex_geometry(piece, label) for piece in pieces)
+    with heard() as found:
+        pieces = convex_pieces(mesh, label, Cut(shape.concavity, shape.decompose_time_limit))
+    return tuple(convex_geometry(piece, label) for piece in pieces), tuple(found)
 
 
 def convex_geometry(points: NDArray[np.float64], label: str = "the mesh") -> Any:

@@ -138,9 +138,18 @@ def _within_limits(
         raise JointLimitError(
             f"q[{tree.joint_names[index]!r}]",
             f"is {positions[index]:g}{because}, outside the joint's limits "
-            f"[{tree.lower[index]:g}, {tree.upper[index]:g}]",
+            f"[{tree.lower[index]:g}, {tree.upper[index]:g}]{_in_degrees(tree, index, positions)}",
         )
     return positions
+
+
+def _in_degrees(tree: KinematicTree, index: int, positions: NDArray[np.float64]) -> str:
+    """Return what to say of an angle that is one of the joint's in degrees."""
+    angle, radians = positions[index], math.radians(positions[index])
+    turns = tree.joint_kinds[index] != "prismatic" and abs(angle) > 2.0 * math.pi
+    if not turns or not tree.lower[index] <= radians <= tree.upper[index]:
+        return ""
+    return f"; angles are radians: {angle:g} degrees are {radians:.4g}"
 
 
 def _followed(tree: KinematicTree, index: int) -> str:

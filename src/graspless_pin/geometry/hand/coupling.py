@@ -7,14 +7,14 @@ are resolved or refused. The tests compare both on hands without chains.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.errors import DanglingMimicWarning, RobotError
+from graspless_pin.errors import RobotError
+from graspless_pin.findings import Finding, FindingCode, tell
 from graspless_pin.geometry.pickling import Record
 from graspless_pin.geometry.robots.description import JointCoupling
 
@@ -51,17 +51,21 @@ def resolve_couplings(joint_names: Sequence[str], couplings: Iterable[JointCoupl
         RobotError: If joints follow each other in a circle.
 
     Warns:
-        DanglingMimicWarning: If a joint follows one that is not among ``joint_names``.
+        GrasplessPinWarning: If a joint follows one that is not among ``joint_names``.
     """
     follows = {item.joint: item for item in couplings}
     dangling = dangling_couplings(joint_names, follows.values())
     if dangling:
         listed = ", ".join(f"{joint!r} -> {leader!r}" for joint, leader in dangling)
-        warnings.warn(
-            f"mimic joints follow joints that do not exist or are fixed: {listed}; they are "
-            "treated as independent, correct the names in the URDF or couple them in a robot file",
-            DanglingMimicWarning,
-            stacklevel=2,
+        tell(
+            Finding(
+                FindingCode.DANGLING_MIMIC,
+                ", ".join(joint for joint, _ in dangling),
+                f"mimic joints follow joints that do not exist or are fixed: {listed}; they are "
+                "treated as independent",
+                "correct the names in the URDF or couple them in a robot file",
+                ("hand",),
+            )
         )
         for joint, _ in dangling:
             follows.pop(joint, None)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Collection, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.errors import ArgumentError, PlaceholderEffortWarning
+from graspless_pin.errors import ArgumentError
+from graspless_pin.findings import Finding, FindingCode, tell
 from graspless_pin.geometry.hand.actuation import Actuation
 from graspless_pin.geometry.hand.fingers import driving_joints
 from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
@@ -132,13 +132,13 @@ def resolve_effort_limits(
         Two read-only (L,) arrays in N m (N for prismatic joints and tendons).
 
     Warns:
-        PlaceholderEffortWarning: If the limit of an actuator without override is declared unknown
+        GrasplessPinWarning: If the limit of an actuator without override is declared unknown
             or is the URDF's and 0, infinite or at least 100 (1000 on an arm).
     """
     lower, upper = np.zeros(len(actuation.names)), np.zeros(len(actuation.names))
     urdf_lower, urdf_upper = urdf_efforts(tree)
     unknown = unknown or {}
-    doubtful: list[str] = []
+    doubtful: dict[str, str] = {}
     noted: dict[str, list[str]] = {}
     for row, name in enumerate(actuation.names):
         if name in actuation.passive:
@@ -154,18 +154,28 @@ def resolve_effort_limits(
         if name in unknown:
             noted.setdefault(unknown[name], []).append(f"{name!r} ({upper[row]:g})")
         elif is_placeholder(upper[row], on_arm=name in arm_joints):
-            doubtful.append(f"{name!r} ({upper[row]:g})")
+            doubtful[name] = f"{name!r} ({upper[row]:g})"
     unsure = "; ".join(f"{', '.join(names)}: {note}" for note, names in noted.items())
-    for what, listed in (
-        ("look like placeholders", ", ".join(doubtful)),
-        ("the robot file declares unknown", unsure),
+    told = [name for name in actuation.names if name in unknown and name not in overrides]
+    for code, names, what, listed in (
+        (
+            FindingCode.PLACEHOLDER_EFFORT,
+            doubtful,
+            "look like placeholders",
+            ", ".join(doubtful.values()),
+        ),
+        (FindingCode.UNKNOWN_EFFORT, told, "the robot file declares unknown", unsure),
     ):
         if listed:
-            warnings.warn(
-                f"effort limits that {what}: {listed}; give the motors' real limits in "
-                "effort_limits (N m, or N for a prismatic joint)",
-                PlaceholderEffortWarning,
-                stacklevel=2,
+            tell(
+                Finding(
+                    code,
+                    ", ".join(names),
+                    f"effort limits that {what}: {listed}",
+                    "give the motors' real limits in effort_limits (N m, or N for a prismatic "
+                    "joint)",
+                    ("hand", "effort_limits"),
+                )
             )
     lower.setflags(write=False)
     upper.setflags(write=False)

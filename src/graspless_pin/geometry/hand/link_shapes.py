@@ -70,8 +70,8 @@ def link_geometries(
         MeshError: If a mesh cannot be read, has no volume or cannot be cut.
 
     Warns:
-        MeshScaleWarning: A mesh is larger than 5 m or smaller than 1 mm.
-        GrasplessPinWarning: A mesh that is cut is not watertight, or its pieces cannot be kept.
+        GrasplessPinWarning: A mesh is larger than 5 m or smaller than 1 mm.
+            A mesh that is cut is not watertight, or its pieces cannot be kept.
     """
     link = model.frames[item.parentFrame].name
     shapes = [item.geometry]

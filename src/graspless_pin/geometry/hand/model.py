@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.derived import Derived
 from graspless_pin.errors import ArgumentError
+from graspless_pin.findings import Finding
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
 from graspless_pin.geometry.hand.actuation import Actuation
 from graspless_pin.geometry.hand.configuration import (
@@ -66,6 +67,7 @@ class Hand(Record):
         actuation: The L actuators and how the joints' torques become theirs.
         effort_limits: (lower, upper), each (L,), in N m (N for prismatic joints and tendons).
         positions: (n,) position of every movable joint, mimic joints included (rad or m).
+        findings: What looked wrong when it was assembled.
     """
 
     tree: KinematicTree
@@ -78,6 +80,7 @@ class Hand(Record):
     actuation: Actuation
     effort_limits: tuple[NDArray[np.float64], NDArray[np.float64]]
     positions: NDArray[np.float64]
+    findings: tuple[Finding, ...] = ()
 
     @classmethod
     def from_urdf(
@@ -147,9 +150,8 @@ class Hand(Record):
             MeshError: If a mesh is missing or unusable.
 
         Warns:
-            PlaceholderEffortWarning: If a force-controlled joint's limit is the URDF's and looks
-                like a placeholder or a robot file calls it unknown.
-            DanglingMimicWarning: If a mimic joint follows a joint that does not exist.
+            GrasplessPinWarning: If an effort limit looks like a placeholder or is called unknown,
+                or a mimic joint follows a joint that does not exist.
         """
         return cls(**hand_fields(mounts, q or {}, control, effort_limits or {}, armature or {}))
 

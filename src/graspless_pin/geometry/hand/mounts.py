@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.errors import ArgumentError, RobotError
+from graspless_pin.findings import heard, tell
 from graspless_pin.geometry.bodies.decomposition import Cut
 from graspless_pin.geometry.hand.actuation import plan_actuation
 from graspless_pin.geometry.hand.armature import joint_armatures
@@ -223,7 +224,20 @@ def hand_fields(
     effort_limits: Mapping[str, EffortLimit],
     armature: float | Mapping[str, float],
 ) -> dict[str, Any]:
-    """Return the fields of the hand that `Hand.assemble` makes; see there."""
+    """Return the fields of the hand that `Hand.assemble` makes, with what looked wrong."""
+    with heard() as found:
+        own = _fields(mounts, q, control, effort_limits, armature)
+    tell(*found)
+    return {**own, "findings": tuple(found)}
+
+
+def _fields(
+    mounts: Sequence[Mount],
+    q: Mapping[str, float],
+    control: ControlModes | None,
+    effort_limits: Mapping[str, EffortLimit],
+    armature: float | Mapping[str, float],
+) -> dict[str, Any]:
     parts = join_mounts(mounts)
     tree = parts.tree
     mounted = tuple(

@@ -24,6 +24,7 @@ from graspless_pin.geometry.hand.work_space import Kinematics, WorkSpace
 from graspless_pin.geometry.pickling import Record
 from graspless_pin.geometry.robots.description import JointCoupling
 from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.spelling import names_in_words
 
 LIMIT_TOLERANCE = 1e-6
 """How far outside its limits a named joint may stand (rounded input), radians or metres."""
@@ -292,5 +293,4 @@ def _load(document: UrdfDocument, *, with_shapes: bool) -> tuple[Any, Any]:
 
 def unknown_name(argument: str, kind: str, name: str, known: Sequence[str]) -> ArgumentError:
     """Return the error for a name that is not among the known ones, which it lists."""
-    listed = ", ".join(known) if known else "none"
-    return ArgumentError(argument, f"unknown {kind} {name!r}; known: {listed}")
+    return ArgumentError(argument, f"unknown {kind} {name!r}; {names_in_words(name, known)}")

@@ -24,7 +24,8 @@ from graspless_pin.geometry.hand.urdf_rotors import rotor_inertias
 from graspless_pin.geometry.hand.urdf_visuals import LinkVisual, read_visuals
 from graspless_pin.geometry.hand.xacro_text import expanded, is_xacro
 from graspless_pin.geometry.robots.description import JointCoupling
-from graspless_pin.intake.files import FileKind, errors_of_text, read_bytes
+from graspless_pin.intake.files import FileKind, errors_of_text, read_bytes, refuse_other_kind
+from graspless_pin.intake.recognition import kind_of_file
 from graspless_pin.intake.xml_text import parse_xml
 
 URDF = FileKind("URDF", 16, RobotError)
@@ -140,6 +141,9 @@ def read_urdf(
     )
 
 
+_OTHER_XML = ("XML file", "SDF file", "MuJoCo model", "xacro file")
+
+
 def parse_robot(
     path: Path,
     package_dirs: Sequence[Path] = (),
@@ -156,8 +160,11 @@ def parse_robot(
         RobotError: If the file is missing, is none of them, or declares a DOCTYPE or entities; see
             `mjcf_robot` and `expanded`, too.
     """
+    content = read_bytes(path, URDF)
+    found = kind_of_file(path, content)
+    refuse_other_kind(path, URDF, None if found in _OTHER_XML else found)
     with errors_of_text(path, URDF):
-        root = parse_xml(read_bytes(path, URDF))
+        root = parse_xml(content)
         if is_xacro(root):
             root = parse_xml(expanded(path, package_dirs, xacro_args))
     if root.tag == "mujoco":

@@ -3,25 +3,25 @@
 from __future__ import annotations
 
 import difflib
-import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from graspless_pin.errors import ArgumentError, DanglingMimicWarning, MeshError, RobotError
+from graspless_pin.errors import ArgumentError, MeshError, RobotError
+from graspless_pin.findings import Finding, FindingCode, gravest_first, heard
 from graspless_pin.geometry.hand.configuration import joint_positions
 from graspless_pin.geometry.hand.coupling import dangling_couplings
 from graspless_pin.geometry.hand.effort_limits import is_placeholder
 from graspless_pin.geometry.hand.mounts import JoinedMounts, Mount, join_mounts
 from graspless_pin.geometry.hand.urdf import URDF, keep_below, parse_robot, read_urdf
-from graspless_pin.geometry.inspection.audit_meshes import Finding, FindingKind, audit_meshes
+from graspless_pin.geometry.inspection.audit_meshes import audit_meshes
 from graspless_pin.geometry.inspection.listing import describe_efforts
 from graspless_pin.geometry.robots.description import RobotDescription
 from graspless_pin.geometry.robots.files import find_robot
 from graspless_pin.intake.files import check_file
 
-_MESH_FAILURES = (FindingKind.MISSING_MESH, FindingKind.UNUSABLE_MESH)
+_MESH_FAILURES = (FindingCode.MISSING_MESH, FindingCode.UNUSABLE_MESH)
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class AuditReport:
         joints: Its movable joints.
         palms: The links that carry fingers.
         fingers: The joints of every finger.
-        findings: What was found, the gravest kinds first.
+        findings: What was found, the gravest first.
     """
 
     name: str
@@ -80,8 +80,7 @@ def audit_urdf(source: str | Path, package_dirs: Sequence[str | Path] = ()) -> A
     findings = [*audit_meshes(robot, root), *_audit_shapes(root)]
     joined: JoinedMounts | None = None
     loads = False
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DanglingMimicWarning)
+    with heard() as told:
         try:
             joined = join_mounts([Mount(robot)], with_shapes=False)
         except (RobotError, MeshError, ArgumentError) as error:
@@ -92,16 +91,16 @@ def audit_urdf(source: str | Path, package_dirs: Sequence[str | Path] = ()) -> A
                 join_mounts([Mount(robot)])
                 loads = True
             except (RobotError, MeshError) as error:
-                if not any(item.kind in _MESH_FAILURES for item in findings):
+                if not any(item.code in _MESH_FAILURES for item in findings):
                     findings.append(_unreadable(robot, error))
+    findings += [one for one in told if one.code is FindingCode.OPEN_MESH]
     return _report(robot, joined, findings, loads=loads)
 
 
 def _report(
     robot: RobotDescription, joined: JoinedMounts | None, findings: list[Finding], *, loads: bool
 ) -> AuditReport:
-    """Put a report together, findings in the order of their kinds."""
-    kinds = list(FindingKind)
+    """Put a report together."""
     return AuditReport(
         name=robot.name,
         urdf_path=robot.urdf_path,
@@ -112,14 +111,14 @@ def _report(
         fingers={}
         if joined is None
         else {name: spec.joints for name, spec in joined.fingers.items()},
-        findings=tuple(sorted(findings, key=lambda item: kinds.index(item.kind))),
+        findings=gravest_first(findings),
     )
 
 
 def _unreadable(robot: RobotDescription, error: Exception) -> Finding:
     """Return the finding for a URDF that is refused."""
     return Finding(
-        FindingKind.UNREADABLE,
+        FindingCode.UNREADABLE,
         str(robot.urdf_path),
         str(error),
         "correct this first: the robot cannot be loaded before",
@@ -137,14 +136,14 @@ def _audit_shapes(root: ET.Element) -> Iterator[Finding]:
     ]
     if not solid:
         yield Finding(
-            FindingKind.NO_COLLISION,
+            FindingCode.NO_COLLISION,
             "robot",
             "no link has collision geometry: it never touches anything",
             "add <collision> shapes, at least to the fingertips, or give the contacts in the scene",
         )
     elif bare:
         yield Finding(
-            FindingKind.NO_COLLISION,
+            FindingCode.NO_COLLISION,
             f"links {', '.join(bare)}",
             "are drawn but have no collision geometry: nothing touches them",
             "add <collision> shapes to those that may touch the object",
@@ -166,7 +165,7 @@ def _audit_mimics(robot: RobotDescription) -> Iterator[Finding]:
         near = near or difflib.get_close_matches(leader, document.joints, n=1)
         meant = f" (perhaps {', '.join(near)})" if near else ""
         yield Finding(
-            FindingKind.DANGLING_MIMIC,
+            FindingCode.DANGLING_MIMIC,
             f"joint {joint}",
             f"mimics {leader!r}, which does not exist or is fixed; it is left independent",
             f"correct the name{meant} in the URDF, or couple it under 'couplings' in a robot file",
@@ -182,14 +181,14 @@ def _audit_joints(robot: RobotDescription, joined: JoinedMounts) -> Iterator[Fin
         where = f"{'tendon' if name in joined.tendons else 'joint'} {name}"
         if name in joined.effort_unknown and not effort.known:
             yield Finding(
-                FindingKind.UNKNOWN_EFFORT,
+                FindingCode.UNKNOWN_EFFORT,
                 where,
                 f"the effort limit {effort.upper:g} is declared unknown: {effort.source}",
                 "measure it or ask the maker, and give it in effort_limits",
             )
         elif not effort.known and is_placeholder(effort.upper, on_arm=on_arm):
             yield Finding(
-                FindingKind.PLACEHOLDER_EFFORT,
+                FindingCode.PLACEHOLDER_EFFORT,
                 where,
                 f"the effort limit {effort.upper:g} looks like a placeholder{held}",
                 "give the motor's real limit in effort_limits (N m, or N if prismatic)",
@@ -200,14 +199,14 @@ def _audit_joints(robot: RobotDescription, joined: JoinedMounts) -> Iterator[Fin
         limits = f"[{tree.lower[index]:g}, {tree.upper[index]:g}]"
         if not lowest[index] <= rest[index] <= highest[index]:
             yield Finding(
-                FindingKind.NEUTRAL_OUTSIDE,
+                FindingCode.NEUTRAL_OUTSIDE,
                 f"joint {name}",
                 f"follows its leader to {rest[index]:g}, outside its limits {limits}",
                 "name a position of the leader in q, or correct limits, multiplier or offset",
             )
         elif index in tree.coupling.leaders and not lowest[index] <= 0.0 <= highest[index]:
             yield Finding(
-                FindingKind.NEUTRAL_OUTSIDE,
+                FindingCode.NEUTRAL_OUTSIDE,
                 f"joint {name}",
                 f"zero is outside its limits {limits}; unnamed, it stands at {rest[index]:g}",
                 "name its position in q if that is not what is meant",

@@ -1,4 +1,4 @@
-"""What an audit can find, and the part of it that looks at the meshes."""
+"""The part of an audit that looks at the meshes."""
 
 from __future__ import annotations
 
@@ -6,14 +6,13 @@ import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
 import trimesh
 
 from graspless_pin.errors import MeshError, RobotError
+from graspless_pin.findings import Finding, FindingCode
 from graspless_pin.geometry.bodies.mesh_files import MESH
 from graspless_pin.geometry.bodies.meshes import LARGEST_MESH, SMALLEST_MESH
 from graspless_pin.geometry.hand.link_shapes import is_flat, load_link_mesh
@@ -23,41 +22,6 @@ from graspless_pin.intake.files import read_bytes
 
 _HOLLOW = 2.0  # hull over mesh in volume: below, cutting a link rarely changes what it touches
 _DAE_UNIT = re.compile(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']+)[\"']")
-
-
-class FindingKind(StrEnum):
-    """What an audit can find."""
-
-    UNREADABLE = "unreadable"
-    MISSING_MESH = "missing collision mesh"
-    MISSING_VISUAL = "missing visual mesh"
-    RELATIVE_MESH = "relative mesh path"
-    MESH_SCALE = "mesh scale"
-    MESH_UNIT = "mesh unit"
-    UNUSABLE_MESH = "unusable mesh"
-    HOLLOW_MESH = "hollow mesh"
-    NO_COLLISION = "no collision geometry"
-    DANGLING_MIMIC = "dangling mimic"
-    PLACEHOLDER_EFFORT = "placeholder effort"
-    UNKNOWN_EFFORT = "unknown effort"
-    NEUTRAL_OUTSIDE = "neutral outside limits"
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One thing that an audit found.
-
-    Attributes:
-        kind: What it is.
-        where: The link, joint or file it is about.
-        message: What was found.
-        advice: What to do.
-    """
-
-    kind: FindingKind
-    where: str
-    message: str
-    advice: str
 
 
 def audit_meshes(robot: RobotDescription, root: ET.Element) -> Iterator[Finding]:
@@ -87,7 +51,7 @@ def _audit_mesh(
         places = ", ".join(str(item) for item in looked) or "nowhere"
         grave = "the robot cannot be loaded" if use == "collision" else "only drawing needs it"
         yield Finding(
-            FindingKind.MISSING_MESH if use == "collision" else FindingKind.MISSING_VISUAL,
+            FindingCode.MISSING_MESH if use == "collision" else FindingCode.MISSING_VISUAL,
             where,
             f"{written!r} is missing (looked for {places}); {grave}",
             "give package_dirs, the folder that holds the package"
@@ -97,7 +61,7 @@ def _audit_mesh(
         return
     if "://" not in written and not Path(written).is_absolute():
         yield Finding(
-            FindingKind.RELATIVE_MESH,
+            FindingCode.RELATIVE_MESH,
             where,
             f"{written!r} is relative to the URDF's folder",
             "nothing to do here; Pinocchio alone and most ROS tools need package:// or file://",
@@ -109,19 +73,19 @@ def _audit_mesh(
         loaded = load_link_mesh(LinkMesh(link, 0, file, (x, y, z)), str(robot.urdf_path))
         vertices = np.array(loaded.vertices)
     except (MeshError, RobotError) as error:
-        yield Finding(FindingKind.UNUSABLE_MESH, where, str(error), "export the mesh again as STL")
+        yield Finding(FindingCode.UNUSABLE_MESH, where, str(error), "export the mesh again as STL")
         return
     extent = float(np.ptp(vertices, axis=0).max())
     if not SMALLEST_MESH <= extent <= LARGEST_MESH:
         yield Finding(
-            FindingKind.MESH_SCALE,
+            FindingCode.MESH_SCALE,
             where,
             f"{file.name} with scale {mesh.get('scale', '1 1 1')} is {extent:.3g} m large",
             'lengths are metres: a mesh in millimetres needs scale="0.001 0.001 0.001"',
         )
     if is_flat(vertices):
         yield Finding(
-            FindingKind.UNUSABLE_MESH,
+            FindingCode.UNUSABLE_MESH,
             where,
             f"{file.name} lies in one plane and has no volume",
             "give it a thickness or use a box",
@@ -131,7 +95,7 @@ def _audit_mesh(
     unit = _unit(file)
     if unit != 1.0:
         yield Finding(
-            FindingKind.MESH_UNIT,
+            FindingCode.MESH_UNIT,
             where,
             f"{file.name} says that its unit is {unit:g} m, which is not applied",
             "write it into the mesh's scale in the URDF unless the figures are metres already",
@@ -161,7 +125,7 @@ def _audit_hollows(where: str, link: str, name: str, mesh: trimesh.Trimesh) -> I
     ratio = float(mesh.convex_hull.volume / abs(mesh.volume))
     if ratio > _HOLLOW:
         yield Finding(
-            FindingKind.HOLLOW_MESH,
+            FindingCode.HOLLOW_MESH,
             where,
             f"the convex hull of {name}, which stands for it, has {ratio:.1f} times its volume",
             f"if its hollows matter, give 'convex: {{{link}: decompose}}' in the scene's hand or "

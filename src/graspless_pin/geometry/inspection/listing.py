@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from graspless_pin.errors import DanglingMimicWarning, MeshError, RobotError
+from graspless_pin.errors import MeshError, RobotError
+from graspless_pin.findings import heard
 from graspless_pin.geometry.hand.effort_limits import is_placeholder, spread_names, urdf_efforts
 from graspless_pin.geometry.hand.mounts import JoinedMounts, Mount, join_mounts
 from graspless_pin.geometry.hand.tree import KinematicTree
@@ -141,8 +141,7 @@ def _record(name: str) -> RobotRecord:
     if robot.root_link is not None:
         origin += f", from the link {robot.root_link} on"
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DanglingMimicWarning)  # the audit reports them
+        with heard():  # the audit says it
             joined = join_mounts([Mount(robot)], with_shapes=False)
     except (RobotError, MeshError) as error:
         return RobotRecord(robot.name, origin, robot.urdf_path, problem=str(error))

@@ -9,8 +9,9 @@ from typing import Any
 
 from graspless_pin.errors import ArgumentError, RobotError
 from graspless_pin.geometry.robots.description import LinkMeshes, RobotDescription
-from graspless_pin.geometry.robots.robot_schema import read_robot_file
-from graspless_pin.intake.files import is_file
+from graspless_pin.geometry.robots.robot_schema import ROBOT_FILE, read_robot_file
+from graspless_pin.intake.files import is_file, read_bytes, refuse_other_kind
+from graspless_pin.intake.recognition import kind_of_file
 
 _PACKAGE_ROBOTS = Path(__file__).resolve().parents[2] / "robots"
 _SOURCE_ROBOTS = Path(__file__).resolve().parents[4] / "robots"
@@ -133,6 +134,9 @@ def find_robot(
     if text in _models():
         return describe_model(text)
     if is_file(Path(text)):
+        refuse_other_kind(
+            Path(text), ROBOT_FILE, kind_of_file(Path(text), read_bytes(Path(text), ROBOT_FILE))
+        )
         raise RobotError(
             f"{text}: is neither a URDF nor an MJCF ({', '.join(_MODELS[:4])}) nor a robot file "
             "(.yaml, .yml)"

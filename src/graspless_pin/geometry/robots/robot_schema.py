@@ -24,8 +24,10 @@ from graspless_pin.intake.fields import (
     Seconds,
     Signed,
 )
-from graspless_pin.intake.files import FileKind, errors_of_text, read_text
+from graspless_pin.intake.files import FileKind, errors_of_text, read_text, refuse_other_kind
+from graspless_pin.intake.recognition import kind_of_data
 from graspless_pin.intake.yaml_text import parse_yaml
+from graspless_pin.spelling import names_in_words
 
 Convex = Literal["hull", "decompose"]
 Source = Annotated[str, Field(max_length=2000)]
@@ -177,20 +179,17 @@ def _robot_file(file: Path, text: str) -> RobotFile:
         raise RobotError(
             f"{file}: a robot file is a mapping with the keys name, urdf or model, ..."
         )
+    refuse_other_kind(file, ROBOT_FILE, kind_of_data(content))
     try:
         return RobotFile.model_validate(content)
     except ValidationError as error:
         first = error.errors()[0]
         found = reprlib.repr(first["input"])
         key = ".".join(str(part) for part in first["loc"]) or "file"
-        if {"object", "friction"} <= content.keys():
-            raise RobotError(
-                f"{file}: is a scene, not a robot file; give the robot or URDF of its hand"
-            ) from error
         if first["type"] == "extra_forbidden":
+            words = names_in_words(str(first["loc"][-1]), RobotFile.model_fields)
             raise RobotError(
-                f"{file}: {key}: is no key that can stand here (found {found}); a robot "
-                f"file has the keys {', '.join(RobotFile.model_fields)}"
+                f"{file}: {key}: is no key that can stand here (found {found}); {words}"
             ) from error
         raise RobotError(
             f"{file}: {key}: {first['msg']} (found {reprlib.repr(first['input'])})"

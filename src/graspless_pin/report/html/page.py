@@ -13,6 +13,7 @@ import numpy as np
 
 from graspless_pin.algorithms.force_bounds import ContactForceBounds
 from graspless_pin.errors import ArgumentError, GrasplessPinError
+from graspless_pin.findings import is_serious
 from graspless_pin.holding.verdict import Stability
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.renamed import refusing_former_keywords
@@ -123,8 +124,11 @@ def _context(
     load, length, _ = problem.scales
     torques = solution.torques if solution.found else problem.gravity_torques
     algorithm, aim = _aim(solution)
+    findings = solution.findings
     context: dict[str, Any] = {
         "case": case,
+        "findings": findings,
+        "serious": is_serious(findings),
         "solution": solution,
         "problem": problem,
         "proof": solution.certificate,

@@ -1,0 +1,166 @@
+"""What is wrong without being an error: one record for it, from wherever it is found.
+
+Whoever finds something says it with `tell`. Inside `heard` it is kept; else it is a Python warning.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from typing import Any, Self
+
+from graspless_pin.errors import GrasplessPinWarning
+
+
+class Severity(StrEnum):
+    """How much a finding weighs, the gravest first. See the example of `Finding`."""
+
+    SERIOUS = "serious"
+    """The answer is not one to the question that was meant, or the scene cannot be set up so."""
+    WARNING = "warning"
+    """The answer may hang on it."""
+    NOTE = "note"
+    """Worth to know."""
+
+
+class FindingCode(StrEnum):
+    """What can be found; `docs/troubleshooting.md` has the cures. See the example of `Finding`."""
+
+    severity: Severity
+
+    def __new__(cls, value: str, severity: Severity) -> Self:
+        """Make a member of its value and its severity."""
+        member = str.__new__(cls, value)
+        member._value_ = value
+        member.severity = severity
+        return member
+
+    UNREADABLE = "unreadable", Severity.SERIOUS
+    MISSING_MESH = "missing-collision-mesh", Severity.SERIOUS
+    UNUSABLE_MESH = "unusable-mesh", Severity.SERIOUS
+    HAND_TOUCHES_NOTHING = "hand-touches-nothing", Severity.SERIOUS
+    HAND_THROUGH_SUPPORT = "hand-through-support", Severity.SERIOUS
+    NO_TORQUE_COUNTS = "no-torque-counts", Severity.WARNING
+    HAND_THROUGH_ITSELF = "hand-through-itself", Severity.WARNING
+    SUPPORT_MISSED = "support-missed", Severity.WARNING
+    FINGER_MISSED = "finger-missed", Severity.WARNING
+    DEEP_OVERLAP = "deep-overlap", Severity.WARNING
+    ANGLE_IN_DEGREES = "angle-in-degrees", Severity.WARNING
+    UNLIKELY_DENSITY = "unlikely-density", Severity.WARNING
+    CENTER_OUTSIDE = "center-of-mass-outside", Severity.WARNING
+    UNLIKELY_GRAVITY = "unlikely-gravity", Severity.WARNING
+    STEEP_FRICTION = "steep-friction", Severity.WARNING
+    DANGLING_MIMIC = "dangling-mimic", Severity.WARNING
+    PLACEHOLDER_EFFORT = "placeholder-effort", Severity.WARNING
+    UNKNOWN_EFFORT = "unknown-effort", Severity.WARNING
+    PLACEHOLDER_FORCE = "placeholder-force", Severity.WARNING
+    MESH_SCALE = "mesh-scale", Severity.WARNING
+    MESH_UNIT = "mesh-unit", Severity.WARNING
+    OPEN_MESH = "open-mesh", Severity.WARNING
+    HOLLOW_MESH = "hollow-mesh", Severity.NOTE
+    NO_COLLISION = "no-collision-geometry", Severity.WARNING
+    MISSPELT_MATERIAL = "misspelt-material", Severity.WARNING
+    UNUSED_MATERIALS = "unused-materials", Severity.WARNING
+    NO_RESERVE = "no-reserve", Severity.WARNING
+    NOT_OPTIMAL = "not-proven-optimal", Severity.WARNING
+    THRESHOLD = "hangs-on-threshold", Severity.WARNING
+    AMBIGUOUS_NORMAL = "ambiguous-normal", Severity.NOTE
+    NEUTRAL_OUTSIDE = "neutral-outside-limits", Severity.NOTE
+    MISSING_VISUAL = "missing-visual-mesh", Severity.NOTE
+    RELATIVE_MESH = "relative-mesh-path", Severity.NOTE
+    NO_CACHE = "no-cache", Severity.NOTE
+    NO_VIDEO = "no-video", Severity.WARNING
+
+    @property
+    def words(self) -> str:
+        """The code in words."""
+        return self.replace("-", " ")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that is wrong, or looks so, with what to do about it.
+
+    Examples:
+        >>> from graspless_pin import load_scene
+        >>> scene = load_scene("examples/box_between_walls.yaml").with_changes(friction=80)
+        >>> found = scene.findings[0]
+        >>> print(found.severity, found.code, found.message, sep="; ")
+        warning; steep-friction; the coefficient of friction 80 (default) is above 3
+
+    Attributes:
+        code: What it is.
+        subject: Name of the body, joint, link or file that it is about.
+        message: What was found.
+        advice: What to do.
+        key: Where the scene file says it, such as ``("supports", 0, "pose")``; empty: nowhere.
+        place: The file's name, line and key, where it is known.
+    """
+
+    code: FindingCode
+    subject: str
+    message: str
+    advice: str
+    key: tuple[str | int, ...] = ()
+    place: str = ""
+
+    @property
+    def severity(self) -> Severity:
+        """How much it weighs."""
+        return self.code.severity
+
+    def __str__(self) -> str:
+        """Return where it is, what was found and what to do."""
+        place = f"{self.place}: " if self.place else ""
+        return f"{place}{self.message}; {self.advice}"
+
+
+def gravest_first(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Return findings by severity, then in the order of their codes, each once."""
+    codes, severities = list(FindingCode), list(Severity)
+    once = dict.fromkeys(findings)
+    return tuple(
+        sorted(once, key=lambda one: (severities.index(one.severity), codes.index(one.code)))
+    )
+
+
+def is_serious(findings: Iterable[Finding]) -> bool:
+    """Return whether any of them is serious."""
+    return any(one.severity is Severity.SERIOUS for one in findings)
+
+
+def plain_findings(findings: Iterable[Finding]) -> list[dict[str, Any]]:
+    """Return findings as plain data, for documents."""
+    return [{**asdict(one), "severity": one.severity, "key": list(one.key)} for one in findings]
+
+
+_LISTENER: ContextVar[list[Finding] | None] = ContextVar("listener", default=None)
+
+
+def tell(*findings: Finding) -> None:
+    """Say what was found: to whoever listens, else as Python warnings.
+
+    Warns:
+        GrasplessPinWarning: Nobody listens; the warning has the finding.
+    """
+    listener = _LISTENER.get()
+    for finding in findings:
+        if listener is not None:
+            listener.append(finding)
+        else:
+            warnings.warn(GrasplessPinWarning(finding), stacklevel=3)
+
+
+@contextmanager
+def heard() -> Iterator[list[Finding]]:
+    """Listen to what is told inside, in this thread; nothing of it becomes a warning."""
+    found: list[Finding] = []
+    token = _LISTENER.set(found)
+    try:
+        yield found
+    finally:
+        _LISTENER.reset(token)

@@ -1,0 +1,93 @@
+"""What looks like a mistake in a scene file, and is gone once the file is a scene."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+
+from graspless_pin.findings import Finding, FindingCode
+from graspless_pin.geometry.bodies.materials import Materials
+from graspless_pin.scene.body_schema import PoseEntry
+from graspless_pin.scene.scene_schema import SceneEntry
+from graspless_pin.scene.yaml_source import Location
+
+_TURN = 2.0 * math.pi + 1e-9
+
+
+def entry_findings(entry: SceneEntry, table: Materials) -> Iterator[Finding]:
+    """Find angles of more than a turn, and names in a table of materials that count for nothing.
+
+    Args:
+        entry: The file.
+        table: Its materials.
+    """
+    for location, subject, pose in _poses(entry):
+        yield from _of_angles(location, subject, pose)
+    yield from _of_materials(entry, table)
+
+
+def _poses(entry: SceneEntry) -> Iterator[tuple[Location, str, PoseEntry]]:
+    yield ("object", "pose"), entry.object.name, entry.object.pose
+    for index, support in enumerate(entry.supports):
+        yield ("supports", index, "pose"), support.name, support.pose
+    if entry.hand is None:
+        return
+    yield ("hand", "base_pose"), "hand", entry.hand.base_pose
+    for index, mount in enumerate(entry.hand.mounts):
+        yield ("hand", "mounts", index, "base_pose"), mount.prefix, mount.base_pose
+
+
+def _of_angles(location: Location, subject: str, pose: PoseEntry) -> Iterator[Finding]:
+    angles = pose.rpy or ()
+    if any(abs(angle) > _TURN for angle in angles):
+        given = ", ".join(f"{angle:g}" for angle in angles)
+        radians = ", ".join(f"{math.radians(angle):.5g}" for angle in angles)
+        yield Finding(
+            FindingCode.ANGLE_IN_DEGREES,
+            subject,
+            f"the angles [{given}] rad of '{subject}' are more than a turn",
+            f"give angles in radians: [{given}] degrees are [{radians}] rad",
+            (*location, "rpy"),
+        )
+
+
+def _of_materials(entry: SceneEntry, table: Materials) -> Iterator[Finding]:
+    """Find names in the table that look misspelt, and a table of which no pair counts.
+
+    Other pairs that no body has are fine: scenes may share a table. So is a table in a scene that
+    gives no body a material.
+    """
+    own, others = entry.object.material, other_materials(entry)
+    used = {name for name in (own, *others) if name is not None}
+    for name, meant in table.misspelt(used).items():
+        pair = next((a, b) for a, row in entry.materials.items() for b in row if name in (a, b))
+        yield Finding(
+            FindingCode.MISSPELT_MATERIAL,
+            name,
+            f"no body is of the material {name!r}",
+            f"did you mean {meant!r}?",
+            ("materials", *pair),
+        )
+    if used and not any(frozenset((own, other)) in table.coefficients for other in others):
+        yield Finding(
+            FindingCode.UNUSED_MATERIALS,
+            "materials",
+            f"no pair of materials counts, for {materials_in_words(own, others)}",
+            "add their pair, or the 'material' that is left out",
+            ("materials",),
+        )
+
+
+def other_materials(entry: SceneEntry) -> tuple[str | None, ...]:
+    """Return the materials of what may touch the object; None: not given."""
+    hand = () if entry.hand is None else (entry.hand.material,)
+    return (*hand, *(support.material for support in entry.supports))
+
+
+def materials_in_words(own: str | None, others: Iterable[str | None]) -> str:
+    """Return what the bodies are of, for messages."""
+    named = sorted({repr(name) for name in others if name is not None})
+    return (
+        f"the object is of {'no material' if own is None else repr(own)}, hand and supports are of "
+        f"{', '.join(named) or 'no material'}"
+    )

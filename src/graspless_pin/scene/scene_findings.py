@@ -1,0 +1,310 @@
+"""What is wrong with a scene at this moment, from its data: near misses, overlaps, odd figures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from graspless_pin.errors import GrasplessPinError, StateError, StateFault
+from graspless_pin.findings import Finding, FindingCode, gravest_first, heard
+from graspless_pin.geometry.bodies.mass_properties import filling
+from graspless_pin.geometry.contact.broad_phase import near_pairs, solids_of
+from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays
+from graspless_pin.geometry.contact.distances import nearest_separation, separation
+from graspless_pin.geometry.contact.steadiness import normal_jumps
+from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
+from graspless_pin.problem.joint_units import JointUnit
+
+if TYPE_CHECKING:
+    from graspless_pin.scene.scene import Scene
+
+STEEPEST_FRICTION = 3.0
+"""A larger coefficient is hardly one of dry bodies."""
+_NEAR = 5.0  # contact tolerances
+_DENSITIES = 1.0, 25_000.0  # kg/m^3; a balloon, osmium
+_STRONGEST_GRAVITY = 30.0  # m/s^2; Jupiter has 25
+_TURN = 2.0 * np.pi + 1e-9
+_UNLIMITED_EFFORT = {JointUnit.TORQUE: 1e3, JointUnit.FORCE: 1e5}
+_UNLIMITED_FORCE = 1e6  # N
+_OVER_WEIGHT = 1e4
+_SLACK = 1e-6
+_JUMP = np.radians(20.0)
+
+
+def findings_of(scene: Scene) -> tuple[Finding, ...]:
+    """Return what is wrong with a scene, the gravest first.
+
+    Where the scene has no problem in this state, what would need one is left out: asking for the
+    problem says why.
+    """
+    with heard() as told:
+        found = [*scene.load_findings, *_figures(scene)]
+        if scene.hand is not None:
+            found += [*scene.hand.findings, *_joints(scene.hand), *_overlaps(scene)]
+        found += _touching(scene)
+    return gravest_first([*found, *told])
+
+
+def nothing_touches(scene: Scene) -> str:
+    """Return what to say of a scene without contacts."""
+    said = f"nothing touches object {scene.object.name!r}"
+    if scene.given_contacts is not None:
+        return f"{said}; contacts is an empty list: fill it, or leave it out to have them found"
+    return (
+        f"{said} within {scene.contact_tolerance:g} m; move the hand or the object, or raise "
+        "contact_tolerance"
+    )
+
+
+def _figures(scene: Scene) -> Iterator[Finding]:
+    """Find figures that look like another unit or a placeholder."""
+    made, gravity = scene.object, float(np.linalg.norm(scene.gravity))
+    density = made.mass / filling(made.shape).volume
+    low, high = _DENSITIES
+    if not low <= density <= high:
+        heavy = density > high
+        yield Finding(
+            FindingCode.UNLIKELY_DENSITY,
+            made.name,
+            f"object '{made.name}' has {density:.3g} kg/m^3, which is "
+            + ("more than any metal has" if heavy else "less than air has"),
+            "give the mass in kilograms and lengths in metres"
+            + (": grams, or too small a size?" if heavy else ": a size in millimetres?"),
+            ("object", "mass"),
+        )
+    solids = solids_of(made.shapes)
+    lowest = (solids.centers - solids.half_extents).min(axis=0)
+    highest = (solids.centers + solids.half_extents).max(axis=0)
+    slack = 1e-6 * (highest - lowest)
+    center = made.center_of_mass
+    if (center < lowest - slack).any() or (center > highest + slack).any():
+        yield Finding(
+            FindingCode.CENTER_OUTSIDE,
+            made.name,
+            f"the centre of mass of object '{made.name}' lies outside the box around its shape",
+            "give center_of_mass in the object's own frame, in metres",
+            ("object", "center_of_mass"),
+        )
+    if gravity > _STRONGEST_GRAVITY:
+        yield Finding(
+            FindingCode.UNLIKELY_GRAVITY,
+            "gravity",
+            f"gravity is {gravity:g} m/s^2",
+            "give it in metres per second squared: 9.81 on Earth",
+            ("gravity",),
+        )
+    stated = [(("friction", name), name, value) for name, value in scene.friction.items()]
+    stated += [
+        (("supports", index, "friction"), support.name, support.friction)
+        for index, support in enumerate(scene.supports)
+        if support.friction is not None
+    ]
+    stated += [
+        (("materials",), " on ".join(sorted(pair)), value)
+        for pair, value in scene.materials.coefficients.items()
+    ]
+    for key, name, value in stated:
+        if value > STEEPEST_FRICTION:
+            yield Finding(
+                FindingCode.STEEP_FRICTION,
+                name,
+                f"the coefficient of friction {value:g} ({name}) is above {STEEPEST_FRICTION:g}",
+                "give the ratio of friction to normal force, not a percentage or an angle: 0.3 "
+                "for steel, 0.8 for rubber",
+                key,
+            )
+    if scene.max_normal_force >= max(_UNLIMITED_FORCE, _OVER_WEIGHT * made.mass * gravity):
+        yield Finding(
+            FindingCode.PLACEHOLDER_FORCE,
+            made.name,
+            f"the largest normal force, {scene.max_normal_force:g} N, looks like a placeholder",
+            "give the force that the bodies bear: the margin counts the room up to it",
+            ("max_normal_force",),
+        )
+
+
+def _joints(hand: Hand) -> Iterator[Finding]:
+    """Find joint angles in degrees, and stated limits that are none."""
+    turning = np.array([kind != "prismatic" for kind in hand.tree.joint_kinds], dtype=bool)
+    for index in np.flatnonzero((np.abs(hand.positions) > _TURN) & turning):
+        name, angle = hand.joint_names[index], float(hand.positions[index])
+        yield Finding(
+            FindingCode.ANGLE_IN_DEGREES,
+            name,
+            f"joint '{name}' stands at {angle:g} rad, more than a turn",
+            f"give angles in radians: {angle:g} degrees are {np.radians(angle):.4g} rad",
+            ("hand", "q", name),
+        )
+    told = {
+        name
+        for one in hand.findings
+        if one.code in (FindingCode.PLACEHOLDER_EFFORT, FindingCode.UNKNOWN_EFFORT)
+        for name in one.subject.split(", ")
+    }
+    endless = {
+        name: f"'{name}' ({upper:g})"
+        for name, unit, lower, upper in zip(
+            hand.actuation.names, hand.effort_units, *hand.effort_limits, strict=True
+        )
+        if max(-lower, upper) >= _UNLIMITED_EFFORT[unit] and name not in told
+    }
+    if endless:
+        yield Finding(
+            FindingCode.PLACEHOLDER_EFFORT,
+            ", ".join(endless),
+            f"effort limits that look like placeholders: {', '.join(endless.values())}",
+            "give the motors' real limits in effort_limits (N m, or N for a prismatic joint)",
+            ("hand", "effort_limits"),
+        )
+
+
+def _overlaps(scene: Scene) -> Iterator[Finding]:
+    """Find where the hand is in itself or in a support."""
+    if scene.hand is None:
+        return
+    tolerance = scene.contact_tolerance
+    for one in unwanted_overlaps(scene.hand, scene.supports, tolerance=tolerance):
+        on_support = one.kind is BodyKind.SUPPORT
+        yield Finding(
+            FindingCode.HAND_THROUGH_SUPPORT if on_support else FindingCode.HAND_THROUGH_ITSELF,
+            one.link,
+            str(one),
+            "move the hand (base_pose, q): it cannot stand there"
+            if on_support
+            else "change q, unless only the collision shapes are too wide",
+            ("hand",),
+        )
+
+
+def _touching(scene: Scene) -> Iterator[Finding]:
+    """Find what should touch and does not, and what touches in a doubtful way."""
+    try:
+        touching = scene.contacts.arrays
+    except StateError as error:
+        if error.kind is not StateFault.NO_CONTACT or scene.given_contacts is not None:
+            return
+        touching = None
+    except GrasplessPinError:
+        return
+    names = set(() if touching is None else touching.bodies)
+    if scene.given_contacts is None:
+        yield from _missed(scene, names)
+        if touching is not None:
+            yield from _doubtful(scene, touching)
+    if scene.hand is None:
+        return
+    if not names.intersection(scene.hand.link_names):
+        yield _touches_nothing(scene, scene.hand)
+    elif touching is not None and not scene.problem().jacobian.any():
+        yield Finding(
+            FindingCode.NO_TORQUE_COUNTS,
+            scene.object.name,
+            "the hand touches the object with links that no force-controlled joint moves",
+            "touch it with the fingers, or set hand.control of their joints to force",
+            ("hand", "control"),
+        )
+
+
+def _touches_nothing(scene: Scene, hand: Hand) -> Finding:
+    """Return the finding for a hand without contacts, with the link that is nearest."""
+    nearest = ""
+    pieces = scene.object.placed_bodies
+    if scene.given_contacts is None and len(hand.placed_bodies):
+        gap, link = min(
+            (nearest_separation([body], pieces).distance, body.name) for body in hand.placed_bodies
+        )
+        nearest = f"; the nearest one, '{link}', is {_length(gap)} away"
+    return Finding(
+        FindingCode.HAND_TOUCHES_NOTHING,
+        scene.object.name,
+        f"no link of the hand touches object '{scene.object.name}'{nearest}",
+        "move the hand (base_pose, in metres and radians) or close its fingers with "
+        "graspless_pin.close_fingers(scene)",
+        ("hand", "base_pose"),
+    )
+
+
+def _missed(scene: Scene, touching: set[str]) -> Iterator[Finding]:
+    """Find supports and fingers that miss the object by a few tolerances."""
+    tolerance, pieces = scene.contact_tolerance, scene.object.placed_bodies
+    reach = _NEAR * tolerance
+
+    for index, support in enumerate(scene.supports):
+        if support.name in touching:
+            continue
+        bodies = support.placed_bodies
+        gaps = [
+            separation(pieces[i], bodies[k]).distance for i, k in near_pairs(pieces, bodies, reach)
+        ]
+        gap = min(gaps, default=np.inf)
+        if (1.0 + _SLACK) * tolerance < gap <= reach:
+            yield Finding(
+                FindingCode.SUPPORT_MISSED,
+                support.name,
+                f"support '{support.name}' does not count: it is {_length(gap)} from object "
+                f"'{scene.object.name}', more than contact_tolerance ({_length(tolerance)})",
+                "settle the object with graspless_pin.settle(scene), correct the pose, or raise "
+                "contact_tolerance",
+                ("supports", index, "pose"),
+            )
+    if scene.hand is None:
+        return
+    hand = scene.hand
+    nearest: dict[str, tuple[float, str]] = {}
+    bodies = hand.placed_bodies
+    fingers = {name: hand.finger_of(name) or name for name in {one.name for one in bodies}}
+    busy = {fingers[name] for name in touching if name in fingers}
+    for i, k in near_pairs(pieces, bodies, reach):
+        finger = fingers[bodies[k].name]
+        if finger not in busy:
+            gap = separation(pieces[i], bodies[k]).distance
+            nearest[finger] = min(nearest.get(finger, (np.inf, "")), (gap, bodies[k].name))
+    for finger, (gap, link) in nearest.items():
+        if (1.0 + _SLACK) * tolerance < gap <= reach:
+            yield Finding(
+                FindingCode.FINGER_MISSED,
+                finger,
+                f"'{link}' does not count: it is {_length(gap)} from object "
+                f"'{scene.object.name}', more than contact_tolerance ({_length(tolerance)})",
+                "close the finger with graspless_pin.close_fingers(scene), correct q, or raise "
+                "contact_tolerance",
+                ("hand", "q"),
+            )
+
+
+def _doubtful(scene: Scene, touching: ContactArrays) -> Iterator[Finding]:
+    """Find deep overlaps, and normals that a small shift would turn."""
+    deepest: dict[str, float] = {}
+    for body, gap in zip(touching.bodies, touching.distances, strict=True):
+        deepest[body] = min(deepest.get(body, 0.0), gap)
+    for body, gap in deepest.items():
+        if gap < -(1.0 + _SLACK) * scene.contact_tolerance:
+            yield Finding(
+                FindingCode.DEEP_OVERLAP,
+                body,
+                f"'{body}' and object '{scene.object.name}' overlap by {_length(-gap)}",
+                "move them apart (settle, close_fingers); max_penetration is the overlap that "
+                "passes for contact",
+                ("max_penetration",),
+            )
+    others = [*(() if scene.hand is None else scene.hand.placed_bodies)]
+    others += [piece for support in scene.supports for piece in support.placed_bodies]
+    jumps = normal_jumps(scene.object.placed_bodies, others, touching, scene.contact_tolerance)
+    for body in dict.fromkeys(touching.bodies):
+        worst = max(jump for jump, name in zip(jumps, touching.bodies, strict=True) if name == body)
+        if worst > _JUMP:
+            yield Finding(
+                FindingCode.AMBIGUOUS_NORMAL,
+                body,
+                f"'{body}' touches object '{scene.object.name}' edge on edge: a small shift turns "
+                f"the normal there by {np.degrees(worst):.0f} degrees",
+                "shift one of them so that a face touches, or compare the answers beside it",
+            )
+
+
+def _length(metres: float) -> str:
+    """Return a length in the unit that reads best."""
+    return f"{1e3 * metres:.4g} mm" if abs(metres) < 1.0 else f"{metres:.4g} m"

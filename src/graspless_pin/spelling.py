@@ -1,0 +1,64 @@
+"""What to say of a name that is not known, and of an argument of another kind than is wanted."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from pathlib import PurePath
+
+_MOST_NAMES = 30
+
+
+def nearest_name(name: str, known: Iterable[str], alike: float = 0.6) -> str | None:
+    """Return the known name that was probably meant; None where none is so much alike, 0 to 1."""
+    plain = {str(one).casefold(): str(one) for one in known}
+    near = difflib.get_close_matches(str(name).casefold(), plain, n=1, cutoff=alike)
+    return plain[near[0]] if near else None
+
+
+def names_in_words(name: str, known: Iterable[str]) -> str:
+    """Return ``did you mean 'x'? known: x, y, ...`` for a name that is not known."""
+    names = [str(one) for one in known]
+    near = nearest_name(name, names)
+    meant = "" if near is None else f"did you mean {near!r}? "
+    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
+    return f"{meant}known: {', '.join(names[:_MOST_NAMES]) or 'none'}{more}"
+
+
+_INSTEAD = {
+    ("problem", "Scene"): "pass scene.problem(), or call scene.solve('margin') or 'torque'",
+    ("problem", "TorqueSolution"): "pass solution.problem",
+    ("problem", "Evaluator"): "pass evaluator.scene.problem()",
+    ("problem", "str"): "load a file with load_scene(path).problem()",
+    ("solution", "Scene"): "pass what scene.solve() returns",
+    ("solution", "QuasistaticProblem"): "pass what maximize_margin(problem) returns",
+    ("solution", "dict"): "read a document with graspless_pin.report.read_solution(document)",
+    ("solution", "str"): "read a document with graspless_pin.report.read_solution",
+    ("scene", "QuasistaticProblem"): "a problem has no bodies: pass the Scene that it came from",
+    ("scene", "TorqueSolution"): "pass the Scene that was solved",
+    ("scene", "Evaluator"): "pass evaluator.scene",
+    ("scene", "Hand"): "a hand has no object: pass a Scene",
+    ("scene", "str"): "load it with load_scene(path)",
+    ("scene", "dict"): "write it to a YAML file and load that with load_scene(path)",
+    ("path", "Scene"): "it is loaded already",
+    ("path", "dict"): "write it to a YAML file and give its path",
+}
+
+
+def what_to_pass(argument: str, value: object, wanted: str) -> str:
+    """Return what to say of an argument that is of another kind, with what to pass instead.
+
+    Args:
+        argument: Its name.
+        value: What was passed.
+        wanted: The kind that is wanted.
+    """
+    kind = type(value).__name__
+    known = "str" if isinstance(value, PurePath) else kind
+    advice = _INSTEAD.get((argument, known))
+    said = f"; {advice}" if advice else ""
+    return f"is {_a(kind)}; it must be {_a(wanted)}{said}"
+
+
+def _a(noun: str) -> str:
+    return f"{'an' if noun[:1] in 'AEIOaeiou' else 'a'} {noun}"

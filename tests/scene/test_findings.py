@@ -1,0 +1,231 @@
+"""What is wrong with a scene is found, with what to do; and only where it is wrong."""
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from graspless_pin import Scene, load_scene
+from graspless_pin.errors import GrasplessPinWarning, SceneError
+from graspless_pin.findings import Finding, FindingCode, Severity, gravest_first, heard, tell
+from graspless_pin.geometry import Box, Sphere, Support
+from graspless_pin.report import solution_document
+from graspless_pin.report.reading import read_solution
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+TEXT = """\
+gravity: [0, 0, -9.8]
+friction: 0.3
+hand:
+  robot: lever_100mm
+  base_pose: {position: [-0.1, -0.1, 0.0], rpy: [3.141592653589793, 0, 0]}
+  q: {hinge: 0.0}
+object:
+  name: box
+  shape: {type: box, size: [0.2, 0.2, 0.2]}
+  mass: 1.0
+  pose: {position: [0, 0, 0]}
+supports:
+  - name: floor
+    shape: {type: half_space}
+    pose: {position: [0, 0, -0.1]}
+"""
+
+
+def loaded(tmp_path: Path, *changes: tuple[str, str]) -> Scene:
+    text = TEXT
+    for old, new in changes:
+        assert text.count(old) == 1, old
+        text = text.replace(old, new)
+    file = tmp_path / "scene.yaml"
+    file.write_text(text, encoding="utf-8")
+    with heard():
+        return load_scene(file)
+
+
+def found(scene: Scene) -> dict[FindingCode, Finding]:
+    return {one.code: one for one in scene.findings}
+
+
+@pytest.mark.parametrize("file", sorted(EXAMPLES.glob("*/*.yaml")), ids=lambda file: file.stem)
+def test_nothing_is_wrong_with_the_papers_scenes(file):
+    if file.parent.name == "paper":
+        assert load_scene(file).findings == ()
+
+
+FLOOR = "pose: {position: [0, 0, -0.1]}"
+HAND = "position: [-0.1, -0.1, 0.0]"
+CASES = {
+    # what is replaced, by what, the code, the subject, what is said
+    "hand far away": (HAND, "position: [-0.1, -0.6, 0.0]", "hand-touches-nothing", "box",
+                      "'tip', is 500 mm away"),
+    "table 10 um too far": (FLOOR, "pose: {position: [0, 0, -0.10101]}", "support-missed", "floor",
+                            "it is 1.01 mm from object 'box', more than contact_tolerance (1 mm)"),
+    "finger too far": (HAND, "position: [-0.1, -0.1049, 0.0]", "finger-missed", "finger",
+                       "'tip' does not count: it is 4.9 mm"),
+    "hand through a support": (
+        FLOOR, FLOOR + "\n  - name: wall\n    shape: {type: box, size: [0.04, 0.04, 0.04]}\n"
+        "    pose: {position: [0, -0.135, 0]}", "hand-through-support", "tip",
+        "hand link 'tip' and support 'wall' overlap by"),
+    "overlap": (FLOOR, "pose: {position: [0, 0, -0.0951]}", "deep-overlap", "floor",
+                "'floor' and object 'box' overlap by 4.9 mm"),
+    "degrees": ("rpy: [3.141592653589793, 0, 0]", "rpy: [180, 0, 0]", "angle-in-degrees", "hand",
+                "angles [180, 0, 0] rad of 'hand' are more than a turn"),
+    "grams": ("mass: 1.0", "mass: 1000", "unlikely-density", "box", "more than any metal has"),
+    "millimetres": ("size: [0.2, 0.2, 0.2]", "size: [200, 200, 200]", "unlikely-density", "box",
+                    "less than air has"),
+    "centre of mass": ("mass: 1.0", "mass: 1.0\n  center_of_mass: [0, 0, 0.101]",
+                       "center-of-mass-outside", "box", "outside the box around its shape"),
+    "gravity": ("-9.8", "-9810", "unlikely-gravity", "gravity", "9810 m/s^2"),
+    "friction": ("friction: 0.3", "friction: 80", "steep-friction", "default", "80 (default)"),
+    "friction of a support": (FLOOR, FLOOR + "\n    friction: 4", "steep-friction", "floor",
+                              "4 (floor) is above 3"),
+    "stated limit": ("  q: {hinge: 0.0}", "  q: {hinge: 0.0}\n  effort_limits: {finger: 1e+6}",
+                     "placeholder-effort", "hinge", "'hinge' (1e+06)"),
+    "normal force": ("friction: 0.3", "friction: 0.3\nmax_normal_force: 1e+8",
+                     "placeholder-force", "box", "1e+08 N, looks like a placeholder"),
+    "held joints": ("  q: {hinge: 0.0}", "  control: position", "no-torque-counts", "box",
+                    "no force-controlled joint moves"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("old", "new", "code", "subject", "said"), CASES.values(), ids=CASES)
+def test_a_fault_is_found(tmp_path, old, new, code, subject, said):
+    one = found(loaded(tmp_path, (old, new)))[FindingCode(code)]
+    assert one.subject == subject
+    assert said in one.message
+    assert one.advice
+
+
+def test_nothing_is_wrong_with_the_scene_itself(tmp_path):
+    assert loaded(tmp_path).findings == ()
+
+
+@pytest.mark.parametrize("gap", [0.00099, 0.00502])
+def test_what_touches_or_is_far_away_is_not_missed(tmp_path, gap):
+    scene = loaded(tmp_path, (FLOOR, f"pose: {{position: [0, 0, {-0.1 - gap}]}}"))
+    assert FindingCode.SUPPORT_MISSED not in found(scene)
+
+
+def test_deeper_overlaps_may_be_allowed(tmp_path):
+    deep = FLOOR, "pose: {position: [0, 0, -0.093]}"
+    with pytest.raises(SceneError, match=r"overlap by 7.00 mm, more than the 5.00 mm that pass"):
+        loaded(tmp_path, deep).problem()
+    scene = loaded(tmp_path, deep, ("friction: 0.3", "friction: 0.3\nmax_penetration: 0.008"))
+    assert scene.problem().contact_count == 5
+    assert FindingCode.DEEP_OVERLAP in found(scene)
+
+
+def on_a_knife(across: float, shape=None) -> Scene:
+    """A box tilted by 45 degrees, its lower edge across the upper edge of a tilted support."""
+    half = 0.1 * np.sqrt(2.0)
+    base = load_scene(EXAMPLES / "paper" / "cuboid_at_rest.yaml")
+    R = np.array([[half, 0, half], [0, 0.1, 0], [-half, 0, half]])
+    R[[0, 2]] /= 0.2
+    R[1, 1] = 1.0
+    T = np.eye(4)
+    T[:3, :3], T[2, 3] = R, half
+    below = np.eye(4)
+    turn = np.array([[np.cos(across), -np.sin(across), 0], [np.sin(across), np.cos(across), 0],
+                     [0, 0, 1]])  # fmt: skip
+    below[:3, :3], below[2, 3] = turn @ R, -half
+    support = Support("knife", shape or Box((0.2, 0.2, 0.2)), below, friction=0.5)
+    made = base.object.with_pose(T)
+    return base.with_changes(hand=None, object=made, supports=(support,), friction=0.5)
+
+
+def test_an_edge_on_an_edge_is_marked():
+    one = found(on_a_knife(1.0))[FindingCode.AMBIGUOUS_NORMAL]
+    assert one.subject == "knife" and "by 45 degrees" in one.message
+    assert one.severity is Severity.NOTE
+
+
+def test_a_face_in_a_face_is_not(tmp_path):
+    deep = loaded(tmp_path, (FLOOR, "pose: {position: [0, 0, -0.0951]}"))
+    assert FindingCode.AMBIGUOUS_NORMAL not in found(deep)
+
+
+def test_an_edge_on_a_ball_is_not():
+    scene = on_a_knife(1.0, Sphere(0.1 * np.sqrt(2.0)))
+    assert scene.contacts.points
+    assert FindingCode.AMBIGUOUS_NORMAL not in found(scene)
+
+
+def test_joints_in_degrees_are_found_where_no_limit_refuses_them():
+    scene = load_scene(EXAMPLES / "trihand_push_box.yaml")
+    assert scene.hand is not None
+    turned = np.array(scene.hand.positions)
+    turned[0] = 90.0
+    hand = scene.hand._at(turned)
+    one = found(scene.with_changes(hand=hand))[FindingCode.ANGLE_IN_DEGREES]
+    assert "90 degrees are 1.571 rad" in one.advice
+
+
+def test_a_changed_scene_is_looked_at_anew(tmp_path):
+    scene = loaded(tmp_path, ("friction: 0.3", "friction: 80"))
+    assert FindingCode.STEEP_FRICTION in found(scene)
+    assert found(scene.with_changes(friction=0.3)) == {}
+
+
+def test_warnings_are_errors_if_the_scene_says_so(tmp_path):
+    strict = "friction: 80\nwarnings: error"
+    with pytest.raises(SceneError) as caught:
+        loaded(tmp_path, ("friction: 0.3", strict), ("mass: 1.0", "mass: 1000"))
+    lines = str(caught.value).splitlines()
+    assert len(lines) == 2
+    assert "scene.yaml:11: object.mass: object 'box' has 1.25e+05 kg/m^3" in lines[0]
+    assert "scene.yaml:2: friction.default: the coefficient of friction 80" in lines[1]
+    assert all("as the scene says 'warnings: error'" in line for line in lines)
+    assert loaded(tmp_path, ("friction: 0.3", "friction: 0.3\nwarnings: error")).findings == ()
+
+
+def test_a_solution_has_the_findings_of_its_scene_and_its_own(tmp_path):
+    scene = loaded(
+        tmp_path, (HAND, "position: [-0.1, -0.6, 0.0]"), ("friction: 0.3", "friction: 4")
+    )
+    solution = scene.solve()
+    codes = [one.code for one in solution.findings]
+    assert codes[0] is FindingCode.HAND_TOUCHES_NOTHING and FindingCode.STEEP_FRICTION in codes
+    assert pickle.loads(pickle.dumps(solution)).findings == solution.findings  # noqa: S301
+    document = solution_document(solution, scene)
+    assert [one["code"] for one in document["findings"]] == codes
+    assert read_solution(document).findings == solution.findings
+
+
+def test_a_margin_of_zero_and_a_search_cut_short_are_found(tmp_path):
+    weak = loaded(tmp_path, ("  q: {hinge: 0.0}", "  effort_limits: {finger: 0}"))
+    assert FindingCode.NO_RESERVE in [one.code for one in weak.solve().findings]
+    short = load_scene(EXAMPLES / "paper" / "cuboid_at_rest.yaml").solve("torque", node_limit=3)
+    assert [one.code for one in short.findings] == [FindingCode.NOT_OPTIMAL]
+
+
+def test_python_hears_of_what_loading_finds(tmp_path):
+    file = tmp_path / "scene.yaml"
+    file.write_text(TEXT.replace("rpy: [3.14", "rpy: [0, 90, 3.14"), encoding="utf-8")
+    file.write_text(file.read_text().replace("793, 0, 0]", "793]"), encoding="utf-8")
+    with pytest.warns(GrasplessPinWarning, match=r"scene.yaml:5: hand.base_pose.rpy: ") as caught:
+        load_scene(file)
+    (one,) = (item.message for item in caught)
+    assert isinstance(one, GrasplessPinWarning)
+    assert isinstance(one.finding, Finding)
+    assert one.finding.code is FindingCode.ANGLE_IN_DEGREES
+
+
+def test_what_is_heard_warns_nobody():
+    told = Finding(FindingCode.NO_VIDEO, "video", "there is none", "save a page")
+    with heard() as outer:
+        with heard() as inner:
+            tell(told)
+        assert inner == [told]
+        assert outer == []
+    with pytest.warns(GrasplessPinWarning, match="there is none; save a page"):
+        tell(told)
+
+
+def test_findings_are_sorted_and_said_once():
+    all_codes = [Finding(code, "x", "y", "z") for code in FindingCode]
+    shuffled = gravest_first([*reversed(all_codes), *all_codes])
+    weights = [list(Severity).index(one.severity) for one in shuffled]
+    assert weights == sorted(weights)
+    assert len(shuffled) == len(all_codes)
