@@ -34,10 +34,11 @@ def program(file: Path, answer: str, *, code: int = 0) -> Path:
     return file
 
 
-def test_readme_classifiers_and_metadata_name_the_same_versions(interpreters) -> None:
+def test_page_classifiers_and_metadata_name_the_same_versions(interpreters) -> None:
     text = PROJECT.read_text(encoding="utf-8")
     versions = interpreters.supported(text)
-    named = re.search(r"Tested on Python ([\d., and]+\d)", (ROOT / "README.md").read_text("utf-8"))
+    page = (ROOT / "docs" / "install.md").read_text(encoding="utf-8")
+    named = re.search(r"Tested on Python\s+([\d., and]+\d)", page)
     assert named
     assert re.findall(r"3\.\d+", named[1]) == versions
     assert tomllib.loads(text)["project"]["requires-python"] == f">={versions[0]}"

@@ -114,11 +114,11 @@ def case_of_document(document: dict[str, Any], scene_file: Path | None = None) -
     Examples:
         >>> from graspless_pin import load_scene
         >>> from graspless_pin.report import solution_document
-        >>> from graspless_pin.report.html import case_of_document, report_html
+        >>> from graspless_pin.report.html import case_of_document
         >>> scene = load_scene("examples/paper/cuboid_at_rest.yaml")
         >>> case = case_of_document(solution_document(scene.solve()))
-        >>> report_html(case).startswith("<!")
-        True
+        >>> case.points.shape
+        (6, 3)
     """
     solution = read_solution(document)
     origin = document_origin(document)
