@@ -101,7 +101,9 @@ def result_of(words: list[str]) -> tuple[int, str]:
     if program == "graspless-pin":
         group = typer.main.get_command(app)
         assert isinstance(group, typer.core.TyperGroup)
-        context = group.commands[arguments[0]].make_context(arguments[0], arguments[1:])
+        _, command, rest = group.resolve_command(typer.Context(group), arguments)
+        assert command is not None
+        context = command.make_context(arguments[0], rest)
         assert all(item.exists() for item in context.params.values() if isinstance(item, Path))
     elif program == "make":
         makefile = Path("Makefile").read_text(encoding="utf-8")
