@@ -1,5 +1,6 @@
 """Margin and torques along a path."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -36,8 +37,20 @@ def test_margins(profile: PathProfile):
     found = np.isfinite(profile.margins)
     np.testing.assert_array_equal(drawn[found, 1], profile.margins[found])
     assert np.isnan(drawn[~found, 1]).all()
-    crosses = lines(axes)["_no torques"]
+    crosses = lines(axes)["no torques"]
     assert crosses[:, 0].tolist() == [1.0, 2.0]
+
+
+def test_a_constant_is_a_level_line_on_an_axis_from_zero(profile: PathProfile):
+    """No common offset, and no rounding spread over the whole height."""
+    margin = float(profile.margins[0])
+    level = replace(profile, margins=margin + 1e-13 * np.arange(len(profile.margins)))
+    axes = path_margins(level)
+    axes.figure.canvas.draw()
+    low, high = axes.get_ylim()
+    assert (low, high) == (0.0, pytest.approx(1.08 * margin))
+    assert axes.yaxis.get_offset_text().get_text() == ""
+    assert axes.get_legend() is not None
 
 
 def test_torques(profile: PathProfile):

@@ -17,15 +17,15 @@ def line(axes, label: str) -> np.ndarray:
 def test_one_parameter():
     table = pd.DataFrame({"friction": [0.5, 0.3, 0.4], "margin_N": [2.0, 1.0, 1.5]})
     axes = margin_plot(table, "friction")
-    np.testing.assert_allclose(line(axes, "margin_N"), [[0.3, 1.0], [0.4, 1.5], [0.5, 2.0]])
-    assert axes.get_xlabel() == "friction" and axes.get_ylabel() == "margin e [N]"
+    np.testing.assert_allclose(line(axes, "margin e"), [[0.3, 1.0], [0.4, 1.5], [0.5, 2.0]])
+    assert axes.get_xlabel() == "friction coefficient" and axes.get_ylabel() == "margin e [N]"
     assert axes.get_legend() is None and not axes.collections
 
 
 def test_what_was_not_found_breaks_the_line_and_is_marked():
     table = {"mass": [1.0, 2.0, 3.0], "margin_N": [1.0, np.nan, 0.5]}
     axes = margin_plot(table, "mass")
-    np.testing.assert_array_equal(line(axes, "margin_N")[:, 1], [1.0, np.nan, 0.5])
+    np.testing.assert_array_equal(line(axes, "margin e")[:, 1], [1.0, np.nan, 0.5])
     assert line(axes, "nothing found")[:, 0].tolist() == [2.0]
     assert axes.get_legend() is not None
 
@@ -33,7 +33,7 @@ def test_what_was_not_found_breaks_the_line_and_is_marked():
 def test_several_results_at_one_place_make_a_band():
     table = {"mass": [1.0, 1.0, 2.0, 2.0], "max_torque_Nm": [1.0, 3.0, 2.0, np.nan]}
     axes = margin_plot(table, "mass", value="max_torque_Nm")
-    np.testing.assert_allclose(line(axes, "max_torque_Nm"), [[1.0, 2.0], [2.0, 2.0]])
+    np.testing.assert_allclose(line(axes, "mean"), [[1.0, 2.0], [2.0, 2.0]])
     (band,) = axes.collections
     corners = np.asarray(band.get_paths()[0].vertices)
     assert corners[:, 1].min() == 1.0 and corners[:, 1].max() == 3.0
@@ -45,19 +45,25 @@ def test_several_results_at_one_place_make_a_band():
     [
         ("max_torque_Nm", "largest |torque| [N m]"),
         ("max_torque_N", "largest |force of a linear joint| [N]"),
-        ("disturbance_N", "disturbance_N"),
+        ("disturbance_N", "largest balanced disturbance [N]"),
+        ("palm_height_mm", "palm height [mm]"),
+        ("friction.supports", "friction coefficient, supports"),
+        ("object.mass", "mass of the object [kg]"),
+        ("my_own", "my_own"),
     ],
 )
 def test_labels_say_the_unit(value, label):
     table = {"mass": [1.0, 2.0], value: [1.0, 3.0]}
-    assert margin_plot(table, "mass", value=value).get_ylabel() == label
+    axes = margin_plot(table, "mass", value=value)
+    assert axes.get_ylabel() == label
+    assert axes.get_ylim()[0] == 0.0
 
 
 def test_a_column_of_integers_may_have_gaps():
     table = pd.DataFrame({"mass": [1.0, 2.0]}).assign(nodes=pd.array([3, None], dtype="Int64"))
     axes = margin_plot(table, "mass", value="nodes")
-    np.testing.assert_array_equal(line(axes, "nodes"), [[1.0, 3.0], [2.0, np.nan]])
-    assert axes.get_ylabel() == "nodes"
+    np.testing.assert_array_equal(line(axes, "nodes of the search"), [[1.0, 3.0], [2.0, np.nan]])
+    assert axes.get_ylabel() == "nodes of the search"
 
 
 def test_two_parameters():
@@ -73,7 +79,10 @@ def test_two_parameters():
     assert cells.mask.tolist() == [[True, False, False], [False, False, False]]
     np.testing.assert_allclose(cells[1], [3.0, 4.0, 5.0])
     np.testing.assert_allclose(cells[0, 1:], [3.0, 4.0])
-    assert (axes.get_xlabel(), axes.get_ylabel()) == ("mass", "friction")
+    assert (axes.get_xlabel(), axes.get_ylabel()) == (
+        "mass of the object [kg]",
+        "friction coefficient",
+    )
 
 
 def test_several_samples_of_a_cell_are_averaged():

@@ -13,6 +13,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 import msgspec
+import numpy as np
 import pytest
 import viser
 from viser.infra import _infra
@@ -21,7 +22,7 @@ from websockets.sync.client import ClientConnection, connect
 from websockets.sync.connection import Connection
 from websockets.typing import Origin, Subprotocol
 
-from graspless_pin.errors import CrashError, GrasplessPinError
+from graspless_pin.errors import CrashError, GrasplessPinError, SceneError
 from graspless_pin.scene import load_scene
 from graspless_pin.viewer import Viewer, changed_scene, scene_process, view
 from graspless_pin.viewer.gate import MOST_BYTES, Gate, number_between
@@ -32,6 +33,12 @@ CAMERA = {
     "type": "ViewerCameraMessage", "wxyz": [1.0, 0.0, 0.0, 0.0], "position": [1.0, 2.0, 3.0],
     "look_at": [0, 0, 0], "up_direction": [0, 0, 1], "image_height": 800, "image_width": 1280,
     "fov": 1.3, "near": 0.01, "far": 1000,
+}  # fmt: skip
+
+
+GIZMO = {
+    "type": "TransformControlsUpdateMessage", "name": "/scene/handles object", "owner": "",
+    "wxyz": [1.0, 0.0, 0.0, 0.0], "position": [0.0, 0.0, 0.0],
 }  # fmt: skip
 
 
@@ -204,14 +211,86 @@ def test_messages_move_controls(viewer):
         settled(viewer, **{"friction/supports": 0.5})
         send(page, update(friction._impl.uuid, 1))
         settled(viewer, **{"friction/supports": 1.0})
-        send(page, update(control(viewer, "As loaded")._impl.uuid, True))  # noqa: FBT003
+        send(page, update(control(viewer, "steps")._impl.uuid, "As loaded"))
         settled(viewer)
+
+
+def shows(viewer: Viewer, **values: float) -> None:
+    """Wait until the page shows a setting, whether or not it is feasible."""
+    wait_until(lambda: viewer.evaluation.settings.values == values)
+
+
+def test_handles_move_the_object_within_its_range(viewer):
+    """Dragged along the slope, turned about its normal, undone and done again."""
+    along, steps = control(viewer, "stay on slope"), control(viewer, "steps")._impl.uuid
+    start = viewer.scene.object.center_of_mass_world
+    half = math.sin(math.radians(5.0))
+    drag = {**GIZMO, "wxyz": [math.cos(math.radians(5.0)), 0.0, half, 0.0]}
+    ends = [{**GIZMO, "type": f"TransformControlsDrag{end}Message"} for end in ("Start", "End")]
+    for end in ends:
+        del end["wxyz"], end["position"]
+    with connected(viewer) as page:
+        send(page, CAMERA)
+        send(page, ends[0])
+        send(page, {**drag, "position": np.add(start, [0.004, 0.0, 3.0]).tolist()})
+        shows(viewer, **{"object/x": 4.0, "object/z": 100.0, "object/turn_y": 10.0})
+        send(page, {**GIZMO, "position": np.add(start, [0.004, 0.0, 0.0]).tolist()})
+        send(page, ends[1])
+        shows(viewer, **{"object/x": 4.0})
+        wait_until(lambda: len(viewer._desk._steps) > 1)
+        send(page, update(along._impl.uuid, True))  # noqa: FBT003
+        shows(viewer, **{"object/x": 4.0, "object/along": 1.0})
+        normal = viewer.scene.supports[0].T_world_support[:3, 2]
+        moved = viewer.evaluation.scene.object.center_of_mass_world - start
+        assert moved @ normal == pytest.approx(0.0, abs=1e-12) and moved[0] > 0.001
+        send(page, update(steps, "Undo"))
+        shows(viewer, **{"object/x": 4.0})
+        assert along.value is False
+        send(page, update(steps, "Redo"))
+        shows(viewer, **{"object/x": 4.0, "object/along": 1.0})
+        send(page, update(steps, "As loaded"))
+        settled(viewer)
+
+
+def test_a_reader_who_likes_the_dark_gets_it(viewer):
+    _, _, token = place(viewer)
+    code, page = status(viewer, f"/{token}/", {})
+    assert code == 200 and 'matchMedia("(prefers-color-scheme: dark)")' in page
+    for scheme, dark in (("dark", True), ("light", False)):
+        assert status(viewer, f"/{token}/{scheme}", {})[0] == 204
+        wait_until(lambda dark=dark: viewer._dark is dark)
+    assert status(viewer, "/dark", {})[0] == 403
+
+
+def test_it_saves_what_it_shows_under_a_free_name(tmp_path):
+    file = tmp_path / "scene.yaml"
+    file.write_text(SCENE.read_text(encoding="utf-8"), encoding="utf-8")
+    running = view(load_scene(file), port=0)
+    try:
+        mass = control(running, "mass [kg]")._impl.uuid
+        save = control(running, "Save as scene file")._impl.uuid
+        with connected(running) as page:
+            send(page, CAMERA)
+            send(page, update(mass, 1.5))
+            settled(running, mass=1.5)
+            for _ in range(2):  # the same again is not written again
+                send(page, update(save, True))  # noqa: FBT003
+                wait_until(lambda: "scene_1.yaml" in running._saying.content)
+        assert sorted(one.name for one in tmp_path.iterdir()) == ["scene.yaml", "scene_1.yaml"]
+        saved = load_scene(tmp_path / "scene_1.yaml")
+        assert saved.object.mass == 1.5
+        shown = running.evaluation.solution
+        assert shown is not None and saved.solve().margin == pytest.approx(shown.margin)
+        with pytest.raises(SceneError, match="is there already"):
+            running.save(tmp_path / "scene_1.yaml")
+    finally:
+        running.stop()
 
 
 def hostile(viewer: Viewer) -> list[Any]:
     """Messages that no page of ours sends."""
     slider = control(viewer, "friction, supports")._impl.uuid
-    box = control(viewer, "dark page")._impl.uuid
+    box = control(viewer, "normal force")._impl.uuid
     choice = control(viewer, "algorithm")._impl.uuid
     updates = [
         {"update_cb": []}, {"value": 0.4, "update_cb": []}, {"removed": True}, {"sync_cb": None},
@@ -235,6 +314,9 @@ def hostile(viewer: Viewer) -> list[Any]:
         {"type": "ResetGuiMessage"},
         {"type": "FileTransferStartUpload", "source_component_uuid": slider},
         {"type": "SceneNodeUpdateMessage", "name": "/scene", "updates": {"position": [9, 9, 9]}},
+        {**GIZMO, "name": "/scene"}, {**GIZMO, "name": ["x"]}, {**GIZMO, "owner": "else"},
+        {**GIZMO, "position": [0.0, 0.0]}, {**GIZMO, "wxyz": [math.inf] * 4}, {**GIZMO, "more": 1},
+        {"type": "TransformControlsDragEndMessage", "name": "/scene", "owner": ""},
         {"type": "Message"}, {"type": ["x"]}, {"type": None}, {}, [], None, 7, "text",
         {**CAMERA, "wxyz": [math.nan] * 4}, {**CAMERA, "fov": "wide"}, {**CAMERA, "near": []},
         {**CAMERA, "position": [0, 0]}, {**CAMERA, "look_at": 3}, {"type": "ViewerCameraMessage"},
@@ -255,7 +337,7 @@ def test_hostile_messages_leave_the_controls_working(viewer, capfd, caplog):
         send(page, CAMERA)
         send(page, update(friction._impl.uuid, 0.45))
         settled(viewer, **{"friction/supports": 0.45})
-        send(page, update(control(viewer, "As loaded")._impl.uuid, True))  # noqa: FBT003
+        send(page, update(control(viewer, "steps")._impl.uuid, "As loaded"))
         settled(viewer)
     assert len(friction._impl.update_cb) == callbacks and friction.value == friction._impl.value
     captured = capfd.readouterr()
@@ -272,7 +354,7 @@ def test_a_message_too_large_ends_its_connection_alone(viewer):
         send(other, CAMERA)
         send(other, update(control(viewer, "mass [kg]")._impl.uuid, 1.2))
         settled(viewer, mass=1.2)
-        send(other, update(control(viewer, "As loaded")._impl.uuid, True))  # noqa: FBT003
+        send(other, update(control(viewer, "steps")._impl.uuid, "As loaded"))
         settled(viewer)
 
 
@@ -323,7 +405,7 @@ def test_a_solver_that_dies_leaves_the_page(viewer, monkeypatch):
         send(page, update(mass, 1.25))
         settled(viewer, mass=1.25)
         wait_until(lambda: "SIGSEGV" not in viewer._result.content)
-        send(page, update(control(viewer, "As loaded")._impl.uuid, True))  # noqa: FBT003
+        send(page, update(control(viewer, "steps")._impl.uuid, "As loaded"))
         settled(viewer)
 
 

@@ -11,6 +11,7 @@ from graspless_pin import Stability, maximize_margin
 from graspless_pin.errors import ArgumentError
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import load_scene
+from graspless_pin.scene.moved import displaced_hand
 from graspless_pin.viewer import (
     Settings,
     answer_settings,
@@ -18,8 +19,15 @@ from graspless_pin.viewer import (
     controls_of,
     initial_settings,
 )
-from graspless_pin.viewer.panels import legend_html, result_html, torque_html, verdict_html
-from graspless_pin.viewer.scene_process import with_verdict
+from graspless_pin.viewer.panels import (
+    contacts_html,
+    headline_html,
+    legend_html,
+    result_html,
+    torque_html,
+    verdict_html,
+)
+from graspless_pin.viewer.scene_process import came_and_went, with_verdict
 from graspless_pin.visualization import Role
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -130,7 +138,7 @@ def test_a_level_floor_can_be_tilted_both_ways():
 
 
 def test_the_object_is_shifted_and_turned_about_its_centre(paper):
-    values = {"object/x": 1.0, "object/z": -2.0, "object/turn": 90.0}
+    values = {"object/x": 1.0, "object/z": -2.0, "object/turn_z": 90.0}
     moved = changed_scene(paper, values).object
     expected = paper.object.center_of_mass_world + np.array([0.001, 0.0, -0.002])
     assert moved.center_of_mass_world == pytest.approx(expected)
@@ -144,6 +152,52 @@ def test_joints_move_the_hand(allegro):
     assert changed.hand is not None
     assert changed.hand.q["joint_12.0"] == 0.6
     assert changed.hand.q["joint_1.0"] == allegro.hand.q["joint_1.0"]
+
+
+def test_the_object_stays_in_the_supports_plane_where_it_is_asked_to(allegro):
+    values = {"object/x": -10.0, "object/z": 5.0, "object/turn_x": 20.0, "object/along": 1.0}
+    moved = changed_scene(allegro, values).object
+    normal = allegro.supports[0].T_world_support[:3, 2]
+    way = moved.center_of_mass_world - allegro.object.center_of_mass_world
+    free = np.array([-0.01, 0.0, 0.005])
+    assert way == pytest.approx(free - (free @ normal) * normal)
+    turn = moved.T_world_object[:3, :3] @ allegro.object.T_world_object[:3, :3].T
+    assert turn @ normal == pytest.approx(normal)
+    assert changed_scene(allegro, values).contacts.bodies.count("slope") == 4
+
+
+def test_the_hands_base_moves_and_its_links_with_it(allegro):
+    changed = changed_scene(allegro, {"hand/x": 30.0, "hand/turn_z": 90.0})
+    assert changed.hand is not None
+    T = changed.hand.T_world_base @ np.linalg.inv(allegro.hand.T_world_base)
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    assert T[:3, :3] == pytest.approx(turn, abs=1e-9)
+    base = allegro.hand.T_world_base[:3, 3]
+    assert changed.hand.T_world_base[:3, 3] == pytest.approx(np.add(base, [0.03, 0.0, 0.0]))
+    for link in allegro.hand.link_names:
+        assert changed.hand.link_pose(link) == pytest.approx(T @ allegro.hand.link_pose(link))
+    gravity = [0.0, 0.0, -9.81]
+    bent = displaced_hand(allegro.hand, T)
+    turned = T[:3, :3].T @ gravity
+    assert bent.gravity_torques(gravity) == pytest.approx(allegro.hand.gravity_torques(turned))
+    first, second = allegro.hand.placed_bodies, bent.placed_bodies
+    assert len(first.poses) == len(second.poses)
+    assert second.poses == pytest.approx(T @ first.poses)
+
+
+def test_it_is_said_which_contacts_came_and_went(allegro):
+    first = answer_settings(allegro, initial_settings(allegro))
+    lifted = answer_settings(allegro, Settings(Algorithm.MARGIN, 0.1, {"object/z": 1.5}))
+    assert first.bodies is not None and lifted.bodies is not None
+    said = came_and_went(first.bodies, lifted.bodies)
+    assert said == "4 contacts gone: slope (4)"
+    back = came_and_went(lifted.bodies, first.bodies)
+    assert back == said.replace(" gone: ", " new: ")
+    assert (
+        came_and_went(["a", "b", "b"], ["b", "c"])
+        == "2 contacts gone: a (1), b (1); 1 contact new: c (1)"
+    )
+    assert came_and_went(["a", "b"], ["b", "a"]) == ""
 
 
 def test_unknown_controls_and_values_are_refused(allegro):
@@ -219,7 +273,10 @@ def test_readings_hold_the_figures_and_no_markup_of_the_scene(allegro):
     ):
         assert f">{name}<" in bars
         assert f"{torque.round(4) + 0.0:+.4f}" in bars
-    assert all(role.label in legend_html(Role, dark=True) for role in Role)
+    legend = legend_html(Role, result.picture, dark=True)
+    assert all(words in legend for words in (*(role.label for role in Role), "index", "1 cm = "))
+    assert "contact 3" not in contacts_html(result) and "slope<" in contacts_html(result)
+    assert f"{result.solution.margin:.4f}</b> N" in headline_html(result, dark=False)
     hostile = answer_settings(allegro, Settings(Algorithm.MARGIN, 0.1, {"<script>": 1.0}))
     assert "<script>" not in result_html(hostile, None, dark=False)
     assert "&lt;script&gt;" in result_html(hostile, None, dark=False)

@@ -80,6 +80,14 @@ def friction_section(solution: TorqueSolution, contact: int, ax: Axes | None = N
     use = friction_use(problem, solution.contact_forces)[contact]
     share = "" if np.isnan(use) else f", {100.0 * use:.0f} % used"
     axes.set_title(f"contact {contact}: {state}{share}\n$f_n$ = {normal:.4g} N", fontsize="medium")
+    if ax is None:
+        named = [
+            one for one in (*axes.lines, *axes.patches) if not str(one.get_label()).startswith("_")
+        ]
+        axes.legend(
+            handles=named, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2,
+            fontsize="x-small",
+        )  # fmt: skip
     return axes
 
 
@@ -114,7 +122,7 @@ def _draw_cone(axes: Axes, solution: TorqueSolution, contact: int, normal: float
     if mu * normal > 0.0:
         axes.add_patch(
             Circle((0.0, 0.0), mu * normal, fill=False, linestyle="--", edgecolor=LIGHT.text,
-                   linewidth=0.8)
+                   linewidth=0.8, label=r"$\mu f_n$")
         )  # fmt: skip
     if not problem.has_cone[contact]:
         return
@@ -124,7 +132,9 @@ def _draw_cone(axes: Axes, solution: TorqueSolution, contact: int, normal: float
         axes.add_patch(Polygon(corners, facecolor=cone, alpha=0.3, label="friction cone"))
     kept = section_corners(solution, contact, max(solution.margin, 0.0))
     if len(kept):
-        axes.add_patch(Polygon(kept, fill=False, linestyle=":", edgecolor=LIGHT.text))
+        axes.add_patch(
+            Polygon(kept, fill=False, linestyle=":", edgecolor=LIGHT.text, label="with the margin")
+        )
 
 
 def _draw_sliding(axes: Axes, solution: TorqueSolution, contact: int, length: float) -> None:

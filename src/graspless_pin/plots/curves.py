@@ -9,7 +9,7 @@ import numpy as np
 from graspless_pin.algorithms.disturbances import DisturbanceMargin
 from graspless_pin.algorithms.margin_torque_curve import MarginTorqueCurve
 from graspless_pin.errors import ArgumentError, NoSolutionError
-from graspless_pin.plots.canvas import axes_for
+from graspless_pin.plots.canvas import axes_for, from_zero, plain_axis
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.visualization import LIGHT, Role
 
@@ -97,14 +97,19 @@ def disturbance_polar(
     axes.fill(angles, radii, color=blue, alpha=0.2, linewidth=0.0)
     worst = int(np.argmin(radii))
     axes.plot(
-        angles[worst], radii[worst], "o", color=LIGHT.roles[Role.FRICTION_AT_LIMIT], label="least"
+        angles[worst],
+        radii[worst],
+        "o",
+        color=LIGHT.roles[Role.FRICTION_AT_LIMIT],
+        label=f"least: {radii[worst]:.4g} N",
     )
     axes.set_xticks(
         np.arange(4) * np.pi / 2.0, [f"+{first}", f"+{second}", f"−{first}", f"−{second}"]
     )
     axes.set_ylim(bottom=0.0)
+    axes.legend(loc="lower left", bbox_to_anchor=(-0.1, -0.12), fontsize="small")
     axes.set_title(
-        f"largest balanced disturbance [N], least {radii[worst]:.4g} N", fontsize="medium"
+        f"largest balanced disturbance along {first} and {second} [N]", fontsize="medium"
     )
     return axes
 
@@ -117,7 +122,7 @@ def margin_torque_plot(curve: MarginTorqueCurve, ax: Axes | None = None) -> Axes
         ax: Axes to draw on; None: a new figure.
 
     Returns:
-        The axes: e_0 in N to the right; up the smallest largest |torque| in the curve's unit. Dots
+        The axes: e_0 in N to the right; up the least possible largest |torque|, curve's unit. Dots
         are where pieces meet, dotted lines jumps.
 
     Raises:
@@ -140,7 +145,9 @@ def margin_torque_plot(curve: MarginTorqueCurve, ax: Axes | None = None) -> Axes
     # A column a piece: the straight pieces over the dotted whole, which shows at jumps.
     axes.plot(curve.margins.T, curve.torques.T, "o-", color=blue, markersize=4, linewidth=1.8)
     axes.set_xlabel("required margin $e_0$ [N]")
-    axes.set_ylabel(f"smallest largest |torque|\n[{curve.torque_unit}]")
+    axes.set_ylabel(f"least possible largest |torque|\n[{curve.torque_unit}]")
+    from_zero(axes, curve.torques)
+    plain_axis(axes.xaxis)
     axes.grid(alpha=0.25)
     return axes
 

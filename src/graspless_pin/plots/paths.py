@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from graspless_pin.planning import PathProfile
-from graspless_pin.plots.canvas import axes_for
+from graspless_pin.plots.canvas import axes_for, from_zero, plain_axis
 from graspless_pin.problem.joint_units import units_text
 from graspless_pin.visualization import LIGHT, Role
 
@@ -25,8 +25,8 @@ def path_margins(profile: PathProfile, ax: Axes | None = None) -> Axes:
         ax: Axes to draw on; None: a new figure.
 
     Returns:
-        The axes: s to the right, N up. Crosses are waypoints without torques, dashed lines
-        changes of contacts.
+        The axes: s to the right, N up, from zero. Crosses are waypoints without torques, dashed
+        lines changes of contacts.
 
     Examples:
         >>> from graspless_pin import Waypoint, evaluate_path, load_scene
@@ -41,7 +41,9 @@ def path_margins(profile: PathProfile, ax: Axes | None = None) -> Axes:
     blue = LIGHT.roles[Role.NORMAL_FORCE]
     axes.plot(profile.times, margins, "o-", color=blue, markersize=4, label="margin")
     axes.set_ylabel("margin e [N]")
+    from_zero(axes, margins)
     _mark_path(axes, profile)
+    axes.legend(fontsize="small")
     return axes
 
 
@@ -79,18 +81,20 @@ def path_torques(profile: PathProfile, ax: Axes | None = None) -> Axes:
             label=name,
         )
     axes.set_ylabel(f"motor torque [{units_text(profile.torque_units)}]")
+    plain_axis(axes.yaxis)
     _mark_path(axes, profile)
-    if count:
+    if axes.get_legend_handles_labels()[0]:
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")
     return axes
 
 
 def _mark_path(axes: Axes, profile: PathProfile) -> None:
     """Time, changes of contacts and waypoints without torques."""
-    for change in profile.contact_changes:
+    for number, change in enumerate(profile.contact_changes):
         axes.axvline(
-            profile.times[change.waypoint], color=LIGHT.text, linestyle="--", linewidth=0.8
-        )
+            profile.times[change.waypoint], color=LIGHT.text, linestyle="--", linewidth=0.8,
+            label="_" * (number > 0) + "contacts change",
+        )  # fmt: skip
     lost = profile.times[list(profile.failures)]
     axes.plot(
         lost,
@@ -98,7 +102,7 @@ def _mark_path(axes: Axes, profile: PathProfile) -> None:
         "x",
         color=LIGHT.roles[Role.FRICTION_AT_LIMIT],
         transform=axes.get_xaxis_transform(),
-        label="_no torques",
+        label="no torques" if len(lost) else "_no torques",
     )
     axes.set_xlabel("time [s]")
     axes.grid(alpha=0.25)

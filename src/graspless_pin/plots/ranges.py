@@ -8,7 +8,7 @@ import numpy as np
 
 from graspless_pin.algorithms.force_bounds import ContactForceBounds
 from graspless_pin.errors import NoSolutionError
-from graspless_pin.plots.canvas import axes_for
+from graspless_pin.plots.canvas import axes_for, legend_above, plain_axis
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.visualization import LIGHT, Role
 
@@ -56,11 +56,13 @@ def normal_force_ranges(
     edge = _BEYOND * float(max(finite.max(initial=0.0), lower.max(), 1e-9))
     blue = LIGHT.roles[Role.NORMAL_FORCE]
     ends = np.where(np.isfinite(upper), upper, edge)
-    axes.barh(rows, ends - lower, left=lower, height=_BAR, color=blue, alpha=0.35)
+    axes.barh(rows, ends - lower, left=lower, height=_BAR, color=blue, alpha=0.35, label="range")
     # A determinate force has a range without width.
     axes.vlines(lower, rows - 0.5 * _BAR, rows + 0.5 * _BAR, color=blue, linewidth=2.0)
     free = np.isinf(upper)
-    axes.plot(ends[free], rows[free], ">", color=blue, label="unbounded")
+    axes.plot(
+        ends[free], rows[free], ">", color=blue, label="unbounded" if free.any() else "_unbounded"
+    )
     if solution is not None:
         normal = np.einsum("ij,ij->i", problem.normals, solution.contact_forces)
         axes.plot(normal, rows, "o", color=LIGHT.text, markersize=5, label="the solution's")
@@ -70,6 +72,9 @@ def normal_force_ranges(
     axes.set_xlim(-_ROOM * edge, (1.0 + _ROOM) * edge)
     unproven = "" if bounds.status is Status.OPTIMAL else ", as far as reached"
     axes.set_xlabel(f"normal force $f_n$ [N]{unproven}")
+    plain_axis(axes.xaxis)
     axes.grid(axis="x", alpha=0.25)
     axes.set_axisbelow(True)
+    if ax is None:
+        legend_above(axes)
     return axes

@@ -7,12 +7,43 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.plots.canvas import axes_for
+from graspless_pin.plots.canvas import axes_for, from_zero, plain_axis
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.visualization import LIGHT, Role
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+
+_RESULTS = {
+    "margin_N": "margin e [N]",
+    "max_torque_Nm": "largest |torque| [N m]",
+    "max_torque_N": "largest |force of a linear joint| [N]",
+    "smallest_margin_N": "margin e at worst [N]",
+    "largest_margin_N": "margin e at best [N]",
+    "disturbance_N": "largest balanced disturbance [N]",
+    "minimum_friction_factor": "least factor on friction",
+    "contacts": "number of contacts",
+    "nodes": "nodes of the search",
+}
+_KEYS = {
+    "mass": "mass of the object [kg]",
+    "object.mass": "mass of the object [kg]",
+    "friction": "friction coefficient",
+    "solve.margin": "required margin $e_0$ [N]",
+    "max_normal_force": "largest normal force [N]",
+    "contact_tolerance": "contact tolerance [m]",
+}
+_UNITS = {
+    "deg": "°",
+    "rad": "rad",
+    "mm": "mm",
+    "m": "m",
+    "N": "N",
+    "Nm": "N m",
+    "kg": "kg",
+    "s": "s",
+}
 
 
 def margin_plot(table: Any, x: str, ax: Axes | None = None, *, value: str = "margin_N") -> Axes:
@@ -48,8 +79,11 @@ def margin_plot(table: Any, x: str, ax: Axes | None = None, *, value: str = "mar
     if max((len(group) for group in groups), default=0) > 1:
         low = [group.min() if len(group) else np.nan for group in groups]
         high = [group.max() if len(group) else np.nan for group in groups]
-        axes.fill_between(places, low, high, color=blue, alpha=0.2, linewidth=0.0)
-    axes.plot(places, means, "o-", color=blue, markersize=4, label=value)
+        axes.fill_between(
+            places, low, high, color=blue, alpha=0.2, linewidth=0.0, label="least to largest"
+        )
+    several = "mean" if axes.collections else quantity(value).partition(" [")[0]
+    axes.plot(places, means, "o-", color=blue, markersize=4, label=several)
     lost = np.unique(at[~np.isfinite(results)])
     if len(lost):
         axes.plot(
@@ -60,9 +94,12 @@ def margin_plot(table: Any, x: str, ax: Axes | None = None, *, value: str = "mar
             transform=axes.get_xaxis_transform(),
             label="nothing found",
         )
-        axes.legend()
-    axes.set_xlabel(x)
-    axes.set_ylabel(_with_unit(value))
+    if len(lost) or axes.collections:
+        axes.legend(fontsize="small")
+    axes.set_xlabel(quantity(x))
+    axes.set_ylabel(quantity(value))
+    from_zero(axes, results)
+    plain_axis(axes.xaxis)
     axes.grid(alpha=0.25)
     return axes
 
@@ -101,9 +138,10 @@ def margin_heat_map(
     axes.patch.set(hatch="///", edgecolor=LIGHT.text, alpha=0.25)
     mesh = axes.pcolormesh(across, up, cells, shading="nearest", cmap="viridis")
     bar = axes.figure.colorbar(mesh, ax=axes)
-    bar.set_label(_with_unit(value))
-    axes.set_xlabel(x)
-    axes.set_ylabel(y)
+    bar.set_label(quantity(value))
+    plain_axis(bar.ax.yaxis)
+    axes.set_xlabel(quantity(x))
+    axes.set_ylabel(quantity(y))
     return axes
 
 
@@ -135,10 +173,21 @@ def _column(table: Any, argument: str, name: str) -> FloatArray:
         ) from None
 
 
-def _with_unit(value: str) -> str:
-    known = {
-        "margin_N": "margin e [N]",
-        "max_torque_Nm": "largest |torque| [N m]",
-        "max_torque_N": "largest |force of a linear joint| [N]",
-    }
-    return known.get(value, value)
+def quantity(column: str) -> str:
+    """Return what a column of a study's table holds, in words with its unit.
+
+    Args:
+        column: Its name: of a result, of a key such as ``object.mass``, or one that ends in its
+            unit, such as ``slope_deg``. Any other stays as it is.
+    """
+    if column in _RESULTS:
+        return _RESULTS[column]
+    first, _, rest = column.partition(".")
+    if first == "friction" and rest:
+        return f"friction coefficient, {rest}"
+    if column in _KEYS:
+        return _KEYS[column]
+    name, _, unit = column.rpartition("_")
+    if name and unit in _UNITS:
+        return f"{name.replace('_', ' ')} [{_UNITS[unit]}]"
+    return column

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from graspless_pin.plots.canvas import axes_for
+from graspless_pin.plots.canvas import axes_for, legend_above, plain_axis
 from graspless_pin.problem.joint_units import units_text
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.utilization import limit_shares
@@ -66,6 +66,9 @@ def torque_bars(solution: TorqueSolution, ax: Axes | None = None) -> Axes:
     axes.set_yticks(rows, problem.joint_names)
     axes.set_ylim(count - 0.4, -0.6)
     axes.set_xlabel(f"motor torque [{units_text(problem.joint_units)}]")
+    plain_axis(axes.xaxis)
+    if ax is None and marked.any():
+        legend_above(axes)
     axes.grid(axis="x", alpha=0.25)
     axes.set_axisbelow(True)
     return axes

@@ -1,6 +1,8 @@
-"""A scene whose object and actuators have gone a given way."""
+"""A scene whose object and actuators have gone a given way, and a hand at another place."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -23,6 +25,18 @@ def moved_scene(scene: Scene, change: FloatArray) -> Scene:
     T[:3, 3] = center - T[:3, :3] @ scene.object.center_of_mass
     hand = None if scene.hand is None else bent_hand(scene.hand, change[6:])
     return scene.with_changes(object=scene.object.with_pose(T), hand=hand)
+
+
+def displaced_hand(hand: Hand, T: FloatArray) -> Hand:
+    """Return the hand with the bases of all its mounts moved together; the joints stay.
+
+    Args:
+        hand: The hand.
+        T: (4, 4) pose, world axes: each ``T_world_base`` becomes ``T @ T_world_base``.
+    """
+    poses = {prefix: T @ pose for prefix, pose in hand.base_poses.items()}
+    mounts = tuple(replace(one, T_world_base=poses[one.prefix]) for one in hand.mounts)
+    return replace(hand, tree=hand.tree.displaced(T), base_poses=poses, mounts=mounts)
 
 
 def bent_hand(hand: Hand, change: FloatArray) -> Hand:

@@ -16,13 +16,19 @@ from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene import Scene
 from graspless_pin.scene.friction import FrictionTable
+from graspless_pin.scene.moved import displaced_hand
 from graspless_pin.spelling import names_in_words
 
 _FRICTION = "friction/"
-_OBJECT = "object/"
+OBJECT_PLACE, HAND_PLACE = "object/", "hand/"
+"""How keys of what moves as a whole begin; `PLACES` goes on."""
+PLACES = ("x", "y", "z", "turn_x", "turn_y", "turn_z")
+"""Shift (mm) and rotation vector (degrees) along and about the world's axes."""
+ALONG = "object/along"
+"""Whether the object stays in the plane of the first half-space: 1 or 0."""
 _JOINT = "joint/"
-_SHIFT = 20.0  # mm
-_TURN = 30.0  # degrees
+_SHIFT = 100.0  # mm
+_TURN = 180.0  # degrees
 _TILT = 45.0  # degrees
 _LEVEL = 1e-6
 
@@ -33,7 +39,7 @@ class Control:
 
     Attributes:
         key: ``friction/hand``, ``friction/supports``, ``mass``, ``slope``, ``object/x`` to
-            ``object/z``, ``object/turn`` or ``joint/NAME``.
+            ``object/turn_z``, ``object/along``, the same of ``hand/``, or ``joint/NAME``.
         label: What the page calls it, with its unit.
         group: The folder that it is in.
         low: Smallest value.
@@ -74,13 +80,12 @@ def controls_of(scene: Scene) -> tuple[Control, ...]:
     label = "tilt [°]" if name is None else f"angle of {name} [°]"
     found.append(Control("slope", label, "Load", low, high, 0.1, angle))
     if scene.given_contacts is None:
-        for axis in "xyz":
-            key, label = _OBJECT + axis, f"shift along {axis} [mm]"
-            found.append(Control(key, label, "Object", -_SHIFT, _SHIFT, 0.1, 0.0))
-        found.append(
-            Control(_OBJECT + "turn", "turn about up [°]", "Object", -_TURN, _TURN, 0.1, 0.0)
-        )
+        found += _place_controls(OBJECT_PLACE, "Object")
+        if _half_space(scene) is not None:
+            label = f"stay on {_slope(scene)[0]}"
+            found.append(Control(ALONG, label, "Object", 0.0, 1.0, 1.0, 0.0))
         if scene.hand is not None:
+            found += _place_controls(HAND_PLACE, "Hand's base")
             found += _joint_controls(scene.hand)
     return tuple(found)
 
@@ -90,7 +95,8 @@ def changed_scene(scene: Scene, values: Mapping[str, float]) -> Scene:
 
     Friction of a group scales in proportion, with its largest coefficient becoming the value. The
     slope turns gravity, which is the same as tilting hand, object and supports together. The
-    object turns about its centre of mass.
+    object turns about its centre of mass, the hand about its base. Where the object stays on a
+    half-space, what would lift it off or tilt it is left out.
 
     Args:
         scene: The scene.
@@ -130,16 +136,65 @@ def changed_scene(scene: Scene, values: Mapping[str, float]) -> Scene:
         angle = math.radians(_slope(scene)[1] - moved["slope"])
         turn = _rotation(_tilt_axis(scene), angle)
         changed = changed.with_changes(gravity=turn @ scene.gravity)
-    shift = np.array([moved.get(_OBJECT + axis, 0.0) for axis in "xyz"]) / 1000.0
-    yaw = math.radians(moved.get(_OBJECT + "turn", 0.0))
-    if shift.any() or yaw:
-        changed = _with_object_moved(changed, shift, _rotation(_up(scene), yaw))
+    shift, turn = place_of(moved, OBJECT_PLACE)
+    if moved.get(ALONG):
+        normal = support_frame(scene)[:, 2]
+        shift, turn = shift - (shift @ normal) * normal, (turn @ normal) * normal
+    if shift.any() or turn.any():
+        body = changed.object
+        T = moved_about(body.center_of_mass_world, shift, turn) @ body.T_world_object
+        changed = changed.with_changes(object=replace(body, T_world_object=T))
+    shift, turn = place_of(moved, HAND_PLACE)
+    if changed.hand is not None and (shift.any() or turn.any()):
+        way = moved_about(changed.hand.T_world_base[:3, 3], shift, turn)
+        changed = changed.with_changes(hand=displaced_hand(changed.hand, way))
     joints = {
         key.removeprefix(_JOINT): value for key, value in moved.items() if key.startswith(_JOINT)
     }
     if joints and changed.hand is not None:
         changed = changed.with_changes(hand=changed.hand.with_configuration(joints))
     return changed
+
+
+def place_of(values: Mapping[str, float], group: str) -> tuple[FloatArray, FloatArray]:
+    """Return the (3,) shift, m, and rotation vector, rad, that values of `PLACES` state.
+
+    Args:
+        values: Value by key; those that are not named are zero.
+        group: `OBJECT_PLACE` or `HAND_PLACE`.
+    """
+    place = np.array([values.get(group + name, 0.0) for name in PLACES])
+    return place[:3] / 1000.0, np.radians(place[3:])
+
+
+def placed_values(group: str, shift: FloatArray, turn: FloatArray) -> dict[str, float]:
+    """Return the values that state a shift (m) and a rotation vector (rad), within their ranges."""
+    place = [*np.clip(1000.0 * shift, -_SHIFT, _SHIFT), *np.clip(np.degrees(turn), -_TURN, _TURN)]
+    return {group + name: round(float(x), 2) for name, x in zip(PLACES, place, strict=True)}
+
+
+def moved_about(center: FloatArray, shift: FloatArray, turn: FloatArray) -> FloatArray:
+    """(4, 4) turning about a point by a rotation vector (rad), then shifting (m), world axes."""
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_rotvec(turn).as_matrix()
+    T[:3, 3] = center + shift - T[:3, :3] @ center
+    return T
+
+
+def support_frame(scene: Scene) -> FloatArray:
+    """(3, 3) axes of the first half-space, its outward normal last; the world's without one."""
+    support = _half_space(scene)
+    return np.eye(3) if support is None else support.T_world_support[:3, :3]
+
+
+def _place_controls(group: str, folder: str) -> list[Control]:
+    labels = [f"shift along {axis} [mm]" for axis in "xyz"]
+    labels += [f"turn about {axis} [°]" for axis in "xyz"]
+    reaches = [_SHIFT] * 3 + [_TURN] * 3
+    return [
+        Control(group + name, label, folder, -reach, reach, 0.1, 0.0)
+        for name, label, reach in zip(PLACES, labels, reaches, strict=True)
+    ]
 
 
 def _friction_controls(scene: Scene) -> list[Control]:
@@ -214,16 +269,6 @@ def _support_friction(scene: Scene, name: str) -> float | None:
         return table.coefficient("supports", name)
     except SceneError:
         return None
-
-
-def _with_object_moved(scene: Scene, shift: FloatArray, rotation: FloatArray) -> Scene:
-    """Turn the object about its centre of mass, then shift it (m), in world axes."""
-    body = scene.object
-    center = body.center_of_mass_world
-    T = body.T_world_object.copy()
-    T[:3, :3] = rotation @ T[:3, :3]
-    T[:3, 3] = center + rotation @ (T[:3, 3] - center) + shift
-    return scene.with_changes(object=replace(body, T_world_object=T))
 
 
 def _rotation(axis: FloatArray, angle: float) -> FloatArray:

@@ -20,6 +20,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from graspless_pin.errors import GrasplessPinError
+from graspless_pin.viewer.entry import told_scheme, with_reader
 
 MOST_BYTES = 1 << 16
 """Largest message of a page, far above what its controls send."""
@@ -30,6 +31,12 @@ _CAMERA = {
     "image_height": 0, "image_width": 0, "fov": 0, "near": 0, "far": 0,
 }  # fmt: skip
 """Numbers in a message about the camera; 0: one that is no list."""
+_GIZMO = {
+    "TransformControlsUpdateMessage": {"wxyz": 4, "position": 3},
+    "TransformControlsDragStartMessage": {},
+    "TransformControlsDragEndMessage": {},
+}
+"""Numbers in messages about gizmos."""
 _starting = threading.Lock()
 
 Admits = Callable[[Any], bool]
@@ -41,6 +48,7 @@ class Gate:
 
     Attributes:
         token: Random text in the page's address; who does not know it is refused.
+        scheme_told: Called with whether a page's reader prefers dark pages.
     """
 
     def __init__(self, host: str) -> None:
@@ -48,10 +56,16 @@ class Gate:
         self.token = secrets.token_urlsafe(_TOKEN_BYTES)
         self._host = host.lower()
         self._checks: dict[str, Admits] = {}
+        self._gizmos: set[str] = set()
+        self.scheme_told: Callable[[bool], object] = bool
 
     def admit(self, control: Any, check: Admits) -> None:
         """Let messages set a control of viser's to what passes a check."""
         self._checks[control._impl.uuid] = check
+
+    def admit_gizmo(self, gizmo: Any) -> None:
+        """Let messages move a gizmo of viser's."""
+        self._gizmos.add(gizmo.name)
 
     def refusal(self, path: str, headers: Mapping[str, list[str]]) -> str:
         """Return why a request is refused; empty if it is not.
@@ -85,6 +99,14 @@ class Gate:
         if not isinstance(message, dict):
             return False
         kind = message.get("type")
+        if isinstance(kind, str) and kind in _GIZMO:
+            return (
+                message.keys() == {"type", "name", "owner", *_GIZMO[kind]}
+                and isinstance(message["name"], str)
+                and message["name"] in self._gizmos
+                and message["owner"] == ""
+                and all(_has_numbers(message[name], n) for name, n in _GIZMO[kind].items())
+            )
         if kind == "ViewerCameraMessage":
             return message.keys() == {"type", *_CAMERA} and all(
                 _has_numbers(message[name], count) for name, count in _CAMERA.items()
@@ -202,7 +224,12 @@ def _processed(gate: Gate, inner: Any, connection: Any, request: Any) -> Any:
     if why:
         response = connection.respond(HTTPStatus.FORBIDDEN, f"{why}\n")
     else:
-        response = inner(connection, replace(request, path=gate.inner_path(request.path)))
+        path = gate.inner_path(request.path)
+        if told_scheme(path, gate.scheme_told):
+            response = connection.respond(HTTPStatus.NO_CONTENT, "")
+        else:
+            response = inner(connection, replace(request, path=path))
+            response = None if response is None else with_reader(response)
     if response is not None:
         response.headers["Referrer-Policy"] = "no-referrer"
         response.headers["Cache-Control"] = "no-store"

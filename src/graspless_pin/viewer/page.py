@@ -5,39 +5,46 @@ from __future__ import annotations
 import contextlib
 import io
 import logging
-import math
-import socket
 import threading
 import webbrowser
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
-from graspless_pin.errors import ArgumentError, CrashError, GrasplessPinError
-from graspless_pin.programs.objectives import Algorithm
+from graspless_pin.errors import CrashError, GrasplessPinError
 from graspless_pin.scene import Scene
-from graspless_pin.viewer.controls import Control, controls_of
-from graspless_pin.viewer.gate import Gate, gated, is_switch, number_between, one_of
-from graspless_pin.viewer.panels import legend_html, result_html, torque_html, verdict_html
-from graspless_pin.viewer.player import Player
+from graspless_pin.viewer.desk import Desk
+from graspless_pin.viewer.entry import SCHEMES, check_address
+from graspless_pin.viewer.gate import Gate, gated, is_switch, one_of
+from graspless_pin.viewer.gizmos import Gizmos
+from graspless_pin.viewer.panels import (
+    contacts_html,
+    headline_html,
+    legend_html,
+    note_html,
+    result_html,
+    torque_html,
+    verdict_html,
+)
+from graspless_pin.viewer.player import OUTCOME, SLIDING, Player
 from graspless_pin.viewer.scene_process import (
     SceneProcess,
     Settings,
     SettingsAnswer,
+    came_and_went,
+    free_name,
     initial_settings,
 )
-from graspless_pin.viewer.stage import Stage
+from graspless_pin.viewer.stage import NUMBERS, Stage
 from graspless_pin.visualization import Role
+from graspless_pin.visualization.drawing import object_radius
 from graspless_pin.visualization.picture import HIDDEN_AT_FIRST
 
 DEFAULT_PORT = 8080
 
-_LAST_PORT = 65_000  # viser looks upward for a free one
-
-_ALGORITHMS = {
-    "1: largest margin": Algorithm.MARGIN,
-    "2: smallest torque": Algorithm.TORQUE,
-}
-_OPEN_GROUPS = ("Load",)
+_SCHEMES = ("as the system", *SCHEMES)
+_VIEWS = {"Fit": "fit", "Front": "front", "Side": "side", "Top": "top"}
+_BUTTON = (11, 83, 148)
 _RESULT_WIDTH = 330  # px
 _LISTEN_EVERY = 0.5  # s
 _PAUSE = 0.5  # s without a change before the verdict is asked for
@@ -51,7 +58,7 @@ def view(
     host: str = "127.0.0.1",
     port: int = DEFAULT_PORT,
     open_browser: bool = False,
-    dark: bool = False,
+    dark: bool | None = None,
 ) -> Viewer:
     """Show a scene on an interactive page and return at once; the page lives in threads.
 
@@ -61,7 +68,7 @@ def view(
             pages with the token of `Viewer.url` are answered.
         port: The port; the next free one above it if it is taken.
         open_browser: Whether to open the page.
-        dark: Whether the page begins dark.
+        dark: Whether the page is dark; None: as its reader prefers pages.
 
     Raises:
         GrasplessPinError: viser is not installed.
@@ -83,7 +90,7 @@ def view(
         raise GrasplessPinError(
             "the viewer needs viser: pip install 'graspless-pin[viewer]'"
         ) from error
-    _check_address(host, port)
+    check_address(host, port)
     gate = Gate(host)
     server = None
     try:
@@ -104,24 +111,6 @@ def _stop(server: Any) -> None:
         server.stop()
 
 
-def _check_address(host: str, port: int) -> None:
-    """Refuse what viser would try in vain for ever.
-
-    Raises:
-        ArgumentError: See `view`.
-    """
-    if not 0 <= port <= _LAST_PORT:
-        raise ArgumentError("port", f"is {port}; it must be 0 (any free one) to {_LAST_PORT}")
-    try:
-        family, kind, protocol, _, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
-        with socket.socket(family, kind, protocol) as probe:
-            probe.bind(address)
-    except OSError as error:
-        raise ArgumentError(
-            "host", f"nothing can listen at {host!r} ({error}); use an address of this machine"
-        ) from error
-
-
 class Viewer:
     """A running page. Make one with `view`; ends with `stop` or its process.
 
@@ -132,7 +121,9 @@ class Viewer:
         url: Where the page is, with the token that it is answered for.
     """
 
-    def __init__(self, scene: Scene, server: Any, gate: Gate, host: str, *, dark: bool) -> None:
+    def __init__(
+        self, scene: Scene, server: Any, gate: Gate, host: str, *, dark: bool | None
+    ) -> None:
         """Build the page on a viser server behind a gate and begin to answer its controls."""
         self.scene = scene
         shown = "localhost" if host in ("0.0.0.0", "::", "") else host  # noqa: S104 - not binding
@@ -140,17 +131,25 @@ class Viewer:
         self.url = f"http://{name}:{server.get_port()}/{gate.token}/"
         self._server = server
         self._gate = gate
-        self._dark = dark
+        self._scheme = _SCHEMES[0] if dark is None else SCHEMES[dark]
+        self._dark = self._reader_dark = bool(dark)
         self._settings = initial_settings(scene)
         self._solving = SceneProcess(scene)
         self._initial = self._solving.evaluate_first(self._settings)
         self._shown = self._initial
-        self._stage = Stage(server, self._initial.picture, dark=dark)
+        self._settled = self._initial
+        self._saved: tuple[Settings, Path] | None = None
+        self._stage = Stage(server, self._initial.picture, dark=self._dark)
+        size = object_radius(self._initial.picture)
+        self._gizmos = Gizmos(server, gate, scene, size, lambda values: self._desk.change(values))
         self._changed = threading.Condition()
+        self._changes = ""
         self._waiting = False
         self._stopped = threading.Event()
         self._build()
         self._show(self._initial)
+        gate.scheme_told = self._tell_scheme
+        server.on_client_connect(lambda client: self._stage.look(client.camera))
         self._worker = threading.Thread(target=self._work, name="graspless-viewer", daemon=True)
         self._worker.start()
 
@@ -185,93 +184,71 @@ class Viewer:
         results = gui.add_panel()
         with results.add_tab("Result"):
             self._verdict = gui.add_html("")
-            self._player = Player(self._server, self._gate, self._stage)
             self._result = gui.add_html("")
+            self._player = Player(self._server, self._gate, self._stage)
             self._torques = gui.add_html("")
+            self._contacts = gui.add_html("")
         with results.add_tab("Layers"):
             self._legend = gui.add_html("")
-            self._dark_box = gui.add_checkbox("dark page", self._dark)
-            self._gate.admit(self._dark_box, is_switch)
-            self._dark_box.on_update(lambda _: self._switch_mode())
-            for role in Role:
-                self._add_layer_box(role)
+            self._scheme_box = gui.add_dropdown("colours", _SCHEMES, initial_value=self._scheme)
+            self._gate.admit(self._scheme_box, one_of(_SCHEMES))
+            self._scheme_box.on_update(lambda _: self._switch_mode())
+            for layer, label in ((NUMBERS, NUMBERS), *((role, role.label) for role in Role)):
+                self._add_layer_box(layer, label)
         results.dock_left()
         results.set_width(_RESULT_WIDTH)
         gui.main_panel.dock_right()
-        self._add_controls()
+        self._headline = gui.add_html("")
+        views = gui.add_button_group("view", tuple(_VIEWS))
+        self._gate.admit(views, one_of(tuple(_VIEWS)))
+        views.on_click(
+            lambda event: self._stage.look(event.client.camera, _VIEWS[str(views.value)])
+        )
+        self._desk = Desk(
+            self._server, self._gate, self.scene, self._settings, self._ask, self._gizmos.show
+        )
+        save = gui.add_button("Save as scene file", color=_BUTTON)
+        self._gate.admit(save, is_switch)
+        save.on_click(lambda _: self._save_at_page())
+        self._saying = gui.add_html("")
         self._set_mode()
 
-    def _add_layer_box(self, role: Role) -> None:
-        box = self._server.gui.add_checkbox(role.label, role not in HIDDEN_AT_FIRST)
+    def _add_layer_box(self, layer: str, label: str) -> None:
+        box = self._server.gui.add_checkbox(label, layer not in HIDDEN_AT_FIRST)
         self._gate.admit(box, is_switch)
 
         @box.on_update
         def _(_event: Any) -> None:
-            self._stage.show_layer(role, visible=box.value)
+            self._stage.show_layer(layer, visible=box.value)
 
-    def _add_controls(self) -> None:
-        gui, settings = self._server.gui, self._settings
-        names = {algorithm: name for name, algorithm in _ALGORITHMS.items()}
-        algorithm = gui.add_dropdown(
-            "algorithm", tuple(_ALGORITHMS), initial_value=names[settings.algorithm]
-        )
-        margin = gui.add_number(
-            "e0 [N]",
-            settings.required_margin,
-            min=0.0,
-            step=0.01,
-            hint="required margin of Algorithm 2",
-            disabled=settings.algorithm is Algorithm.MARGIN,
-        )
-        self._gate.admit(algorithm, one_of(tuple(_ALGORITHMS)))
-        self._gate.admit(margin, number_between(0.0, math.inf))
+    def save(self, path: str | Path | None = None) -> Path:
+        """Write the scene as it is shown to a file, see `Scene.save`; return its path.
 
-        @algorithm.on_update
-        def _(_event: Any) -> None:
-            chosen = _ALGORITHMS[algorithm.value]
-            margin.disabled = chosen is Algorithm.MARGIN
-            self._set(algorithm=chosen)
+        Args:
+            path: The file; None: beside the scene's own, or here, under a name that is free.
 
-        @margin.on_update
-        def _(_event: Any) -> None:
-            self._set(required_margin=float(margin.value))
+        Raises:
+            SceneError: The file is there already or cannot be written.
+        """
+        shown = self._shown
+        if path is not None:
+            return shown.scene.save(path)
+        if self._saved is not None and self._saved[0] == shown.settings:
+            return self._saved[1]
+        self._saved = shown.settings, shown.scene.save(free_name(self.scene))
+        return self._saved[1]
 
-        reset = gui.add_button("As loaded")
-        self._gate.admit(reset, is_switch)
-        sliders: list[tuple[Control, Any]] = []
-        folders: dict[str, Any] = {}
-        for control in controls_of(self.scene):
-            if control.group not in folders:
-                folders[control.group] = gui.add_folder(
-                    control.group, expand_by_default=control.group in _OPEN_GROUPS
-                )
-            with folders[control.group]:
-                sliders.append((control, self._add_slider(control)))
+    def _save_at_page(self) -> None:
+        try:
+            said = f"saved as {self.save()}"
+        except GrasplessPinError as error:
+            said = f"not saved: {error}"
+        self._saying.content = note_html("graspless-saved", said)
 
-        @reset.on_click
-        def _(_event: Any) -> None:
-            first = self._initial.settings
-            algorithm.value, margin.value = names[first.algorithm], first.required_margin
-            for control, slider in sliders:
-                slider.value = control.initial
-            self._set(**vars(first))
-
-    def _add_slider(self, control: Control) -> Any:
-        slider = self._server.gui.add_slider(
-            control.label, control.low, control.high, control.step, control.initial
-        )
-        self._gate.admit(slider, number_between(control.low, control.high))
-
-        @slider.on_update
-        def _(_event: Any) -> None:
-            self._set(values={**self._settings.values, control.key: float(slider.value)})
-
-        return slider
-
-    def _set(self, **changes: Any) -> None:
+    def _ask(self, settings: Settings) -> None:
         """Ask for other settings; the newest ones win over those not yet worked out."""
         with self._changed:
-            self._settings = replace(self._settings, **changes)
+            self._settings = settings
             self._waiting = True
             self._changed.notify()
 
@@ -281,7 +258,9 @@ class Viewer:
         while True:
             with self._changed:
                 pause = None if judged else _PAUSE
-                asked = self._changed.wait_for(self._has_work, pause)
+                asked = self._changed.wait_for(
+                    lambda: self._waiting or self._stopped.is_set(), pause
+                )
                 if self._stopped.is_set():
                     return
                 settings, self._waiting = self._settings, False
@@ -298,12 +277,10 @@ class Viewer:
                 _log.exception("the settings %s cannot be shown", settings)
                 self._say(settings, str(error))
 
-    def _has_work(self) -> bool:
-        return self._waiting or self._stopped.is_set()
-
     def _judge(self) -> None:
-        """Show the verdict on the torques that are shown."""
-        shown = self._shown
+        """Show the verdict on the torques that are shown; what is set now can be undone to."""
+        shown = self._settled = self._shown
+        self._desk.remember()
         if shown.solution is None or not shown.solution.found:
             return
         try:
@@ -322,8 +299,12 @@ class Viewer:
     def _show(self, result: SettingsAnswer) -> None:
         """Bring meshes and readings up to date."""
         self._shown = result
+        motions = {OUTCOME: result.motion, SLIDING: result.sliding}
         with self._server.atomic():
-            self._player.set(result.picture, result.motion)
+            self._player.set(
+                result.picture, {name: one for name, one in motions.items() if one is not None}
+            )
+            self._gizmos.place(result.settings.values)
             self._write()
         self._server.flush()
 
@@ -332,17 +313,34 @@ class Viewer:
         shown = self._shown
         same = shown.settings.algorithm is self._initial.settings.algorithm
         before = self._initial.solution if same else None
-        self._verdict.content = verdict_html(shown, dark=self._dark)
+        changes = came_and_went(self._settled.bodies or (), shown.bodies or ())
+        if shown is not self._settled:
+            self._changes = changes if shown.bodies is not None else ""
+        self._headline.content = headline_html(shown, dark=self._dark)
+        self._verdict.content = note_html("graspless-changes", self._changes) + verdict_html(
+            shown, dark=self._dark
+        )
         self._result.content = result_html(shown, before, dark=self._dark)
         self._torques.content = torque_html(shown, dark=self._dark)
-        self._legend.content = legend_html(Role, dark=self._dark)
+        self._contacts.content = contacts_html(shown)
+        self._legend.content = legend_html(Role, shown.picture, dark=self._dark)
+
+    def _tell_scheme(self, dark: bool) -> None:
+        """Take note of what a reader prefers; viser's own thread, which must not wait, calls it."""
+        self._reader_dark = dark
+        threading.Thread(target=self._switch_mode, daemon=True).start()
 
     def _switch_mode(self) -> None:
-        """Follow the box of the dark page."""
-        self._dark = self._dark_box.value
-        self._set_mode()
-        self._stage.set_dark(dark=self._dark)
-        self._write()
+        """Follow the box of the colours."""
+        scheme = self._scheme_box.value
+        dark = self._reader_dark if scheme == _SCHEMES[0] else scheme == "dark"
+        if dark == self._dark:
+            return
+        self._dark = dark
+        with self._server.atomic():
+            self._set_mode()
+            self._stage.set_dark(dark=dark)
+            self._write()
 
     def _set_mode(self) -> None:
         self._server.gui.configure_theme(

@@ -14,7 +14,7 @@ from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.tables import shown, torque_size
 from graspless_pin.solution.utilization import limit_shares
 from graspless_pin.viewer.scene_process import SettingsAnswer
-from graspless_pin.visualization import DARK, LIGHT, Role
+from graspless_pin.visualization import DARK, LIGHT, Picture, Role
 
 _FULL = 0.999
 # At the right there is room for the panel's scroll bar.
@@ -61,7 +61,7 @@ def result_html(result: SettingsAnswer, as_loaded: TorqueSolution | None, *, dar
     return (
         f'<div id="graspless-result" data-found="true" data-margin="{solution.margin!r}" '
         f'style="{_TEXT}">'
-        f"{margin}{torque}"
+        f"{margin}{torque}<div>{'<br>'.join(map(escape, result.limits))}</div>"
         f'<div style="{_MUTED}">{escape(what)}; {escape(solution.status.message)}</div></div>'
     )
 
@@ -71,12 +71,7 @@ def verdict_html(result: SettingsAnswer, *, dark: bool) -> str:
     solution = result.solution
     if solution is None or not solution.found:
         return ""
-    roles = (DARK if dark else LIGHT).roles
-    color = roles[Role.SUPPORT]
-    if result.stability is Stability.STRONG:
-        color = roles[Role.FRICTION_FORCE]
-    elif result.motion is not None or result.stability is Stability.NONE:
-        color = roles[Role.FRICTION_AT_LIMIT]
+    color = _verdict_color(result, dark=dark)
     said = result.verdict or "does it hold?: being worked out"
     lead, _, words = said.replace("^2", "²").partition(": ")
     return (
@@ -84,6 +79,17 @@ def verdict_html(result: SettingsAnswer, *, dark: bool) -> str:
         f'<div style="border-left:4px solid {color};padding-left:8px;margin-bottom:8px">'
         f"<b>{escape(lead.capitalize())}</b> {escape(words)}</div></div>"
     )
+
+
+def _verdict_color(result: SettingsAnswer, *, dark: bool) -> str:
+    """Return the colour of what holds, of what fails, or of what nobody knows."""
+    roles, solution = (DARK if dark else LIGHT).roles, result.solution
+    if result.stability is Stability.STRONG:
+        return roles[Role.FRICTION_FORCE]
+    lost = solution is None or not solution.found or result.motion is not None
+    if lost or result.stability is Stability.NONE:
+        return roles[Role.FRICTION_AT_LIMIT]
+    return roles[Role.SUPPORT]
 
 
 def torque_html(result: SettingsAnswer, *, dark: bool) -> str:
@@ -116,16 +122,59 @@ def torque_html(result: SettingsAnswer, *, dark: bool) -> str:
     )
 
 
-def legend_html(roles: Iterable[Role], *, dark: bool) -> str:
-    """Return the colours of roles."""
+def headline_html(result: SettingsAnswer, *, dark: bool) -> str:
+    """Return margin and verdict in one line, for where there is no room for more."""
+    solution, said = result.solution, "no torques"
+    color = _verdict_color(result, dark=dark)
+    if solution is not None and solution.found:
+        lead = (result.verdict or "").partition(": ")[0]
+        said = f"margin e <b>{shown(solution.margin, solution.problem.scales.force)}</b> N"
+        said += f" · {escape(lead)}" if lead else ""
+    return (
+        f'<div id="graspless-headline" style="{_TEXT};font-size:15px;padding-bottom:4px">'
+        f'<div style="border-left:4px solid {color};padding-left:8px">{said}</div></div>'
+    )
+
+
+def note_html(name: str, words: str) -> str:
+    """Return a remark with an id; nothing where there are no words."""
+    if not words:
+        return ""
+    return (
+        f'<div id="{name}" role="status" style="{_TEXT};padding-bottom:6px">{escape(words)}</div>'
+    )
+
+
+def contacts_html(result: SettingsAnswer) -> str:
+    """Return what there is to say of each contact, by its number in the picture."""
+    marks = [mark for mark in result.picture.marks if mark.contact is not None]
+    if not marks:
+        return ""
+    lines = "".join(
+        f'<li value="{escape(mark.text)}" style="margin-bottom:4px">'
+        f"{escape(mark.words[0].partition(': ')[2] or mark.words[0])}"
+        f'<div style="{_MUTED}">{"<br>".join(map(escape, mark.words[1:]))}</div></li>'
+        for mark in marks
+    )
+    return (
+        f'<details id="graspless-contacts" style="{_TEXT}"><summary><b>Contacts</b></summary>'
+        f'<ol style="margin:4px 0;padding-left:24px">{lines}</ol></details>'
+    )
+
+
+def legend_html(roles: Iterable[Role], picture: Picture, *, dark: bool) -> str:
+    """Return the colours of roles and of a picture's fingers, and the scale of its forces."""
     palette = DARK if dark else LIGHT
+    colors = [(palette.roles[role], role.label) for role in roles]
+    colors += [(palette.of_finger(k), name) for k, name in enumerate(picture.fingers)]
+    scale = f"<div>Forces: {picture.force_scale}</div>" if picture.force_scale else ""
     items = "".join(
         '<span style="white-space:nowrap;margin-right:10px;display:inline-block">'
         f'<span style="display:inline-block;width:10px;height:10px;margin-right:4px;'
-        f'background:{palette.roles[role]}"></span>{escape(role.label)}</span>'
-        for role in roles
+        f'background:{color}"></span>{escape(label)}</span>'
+        for color, label in colors
     )
-    return f'<div id="graspless-legend" style="{_TEXT}">{items}</div>'
+    return f'<div id="graspless-legend" style="{_TEXT}">{scale}{items}</div>'
 
 
 def _reading(

@@ -1,17 +1,20 @@
-"""The part of the page that plays what an object does that may not stay."""
+"""The part of the page that plays motions: what may happen, and the virtual sliding."""
 
 from __future__ import annotations
 
 import threading
+from collections.abc import Mapping
 from typing import Any
 
-from graspless_pin.viewer.gate import Gate, is_switch, number_between
+from graspless_pin.viewer.gate import Gate, is_switch, number_between, one_of
 from graspless_pin.viewer.stage import Stage
 from graspless_pin.visualization import Picture
 from graspless_pin.visualization.motion import MovingPicture
 
 _FRAME = 0.08  # s
 _STILL_FRAMES = 10  # at the motion's end
+OUTCOME, SLIDING = "what can happen", "virtual sliding"
+"""The motions that there may be."""
 
 
 class Player:
@@ -23,16 +26,18 @@ class Player:
     def __init__(self, server: Any, gate: Gate, stage: Stage) -> None:
         """Lay the controls out where the page is being built."""
         self._server, self._stage = server, stage
-        self._moving: MovingPicture | None = None
+        self._motions: Mapping[str, MovingPicture] = {}
         self._picture: Picture | None = None
         self._lock, self._stopped = threading.RLock(), threading.Event()
         gui = server.gui
-        self._folder = gui.add_folder("What can happen", visible=False)
+        self._folder = gui.add_folder("Motion", visible=False)
         with self._folder:
+            self._which = gui.add_dropdown("motion", (OUTCOME, SLIDING))
             self._shown = gui.add_checkbox("show", initial_value=False)
             self._play = gui.add_checkbox("play", initial_value=False)
             self._time = gui.add_slider("time", 0.0, 1.0, 0.01, 1.0)
         for control, check in (
+            (self._which, one_of((OUTCOME, SLIDING))),
             (self._shown, is_switch),
             (self._play, is_switch),
             (self._time, number_between(0.0, 1.0)),
@@ -43,14 +48,23 @@ class Player:
         self._thread = threading.Thread(target=self._run, name="graspless-player", daemon=True)
         self._thread.start()
 
-    def set(self, picture: Picture, moving: MovingPicture | None) -> None:
-        """Draw a picture, and offer a motion in its stead."""
+    def set(self, picture: Picture, motions: Mapping[str, MovingPicture]) -> None:
+        """Draw a picture, and offer motions in its stead, by name."""
         with self._lock:
-            self._picture, self._moving = picture, moving
-            self._folder.visible = moving is not None
-            if moving is None:
+            new = tuple(motions) != tuple(self._motions)
+            self._picture, self._motions = picture, motions
+            self._folder.visible = bool(motions)
+            if not motions:
                 self._shown.value = self._play.value = False
+            elif new:
+                self._which.options = tuple(motions)
+                self._which.value = next(iter(motions))
             self._draw()
+
+    @property
+    def _moving(self) -> MovingPicture | None:
+        """The motion that is chosen; None: none is shown."""
+        return self._motions.get(self._which.value) if self._shown.value else None
 
     def stop(self) -> None:
         """End the thread."""
@@ -64,10 +78,10 @@ class Player:
     def _draw(self) -> None:
         """Draw the picture, or the motion at its time."""
         with self._lock, self._server.atomic():
-            if self._moving is not None and self._shown.value:
-                last = len(self._moving.times) - 1
-                self._stage.draw(self._moving.picture)
-                self._stage.move(self._moving, round(self._time.value * last))
+            moving = self._moving
+            if moving is not None:
+                self._stage.draw(moving.picture)
+                self._stage.move(moving, round(self._time.value * (len(moving.times) - 1)))
             elif self._picture is not None:
                 self._stage.draw(self._picture)
 
@@ -76,7 +90,8 @@ class Player:
         frame = 0
         while not self._stopped.wait(_FRAME):
             with self._lock, self._server.atomic():
-                if self._moving is not None and self._shown.value and self._play.value:
-                    last = len(self._moving.times) - 1
+                moving = self._moving
+                if moving is not None and self._play.value:
+                    last = len(moving.times) - 1
                     frame = (frame + 1) % (last + _STILL_FRAMES)
-                    self._stage.move(self._moving, min(frame, last))
+                    self._stage.move(moving, min(frame, last))

@@ -3,24 +3,39 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 from graspless_pin.child_process import ChildProcess
-from graspless_pin.errors import ArgumentError, CrashError, GrasplessPinError, GrasplessPinWarning
+from graspless_pin.errors import (
+    ArgumentError,
+    CrashError,
+    GrasplessPinError,
+    GrasplessPinWarning,
+    SceneError,
+)
 from graspless_pin.holding.stability import StabilityKeywords
 from graspless_pin.holding.verdict import Stability
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
+from graspless_pin.solution.nearest_limits import joint_limit_words, margin_limit_words
 from graspless_pin.viewer.controls import changed_scene
 from graspless_pin.visualization import Picture, draw_scene
 from graspless_pin.visualization.drawing import draw_bodies
-from graspless_pin.visualization.motion import MovingPicture, draw_motion
+from graspless_pin.visualization.motion import (
+    MovingPicture,
+    draw_motion,
+    draw_virtual_sliding,
+)
 
 _DEFAULT_MARGIN = 0.1
+_MOST_FILES = 1000
 _VERDICT_LIMITS: StabilityKeywords = {"node_limit": 300, "time_limit": 3.0}
 
 
@@ -52,6 +67,9 @@ class SettingsAnswer:
         verdict: What is said of whether the object stays; None: nothing yet.
         stability: The answer to that, if there is one.
         motion: What would happen, where the verdict states a motion.
+        sliding: The picture along the mode's virtual motion; None: there is none.
+        bodies: What touches the object at each contact; None: contacts cannot be found.
+        limits: What limits margin and torques, a sentence each.
     """
 
     settings: Settings
@@ -62,6 +80,9 @@ class SettingsAnswer:
     verdict: str | None = None
     stability: Stability | None = None
     motion: MovingPicture | None = None
+    sliding: MovingPicture | None = None
+    bodies: tuple[str, ...] | None = None
+    limits: tuple[str, ...] = ()
 
     @property
     def torque_unit(self) -> str:
@@ -108,7 +129,7 @@ def answer_settings(scene: Scene, settings: Settings) -> SettingsAnswer:
         >>> print(f"{answer.solution.margin:.4f} N")
         1.6504 N
     """
-    changed = scene
+    changed, bodies = scene, None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", GrasplessPinWarning)  # they were shown at loading
         try:
@@ -118,11 +139,45 @@ def answer_settings(scene: Scene, settings: Settings) -> SettingsAnswer:
                 options["margin"] = settings.required_margin
             solution = changed.solve(settings.algorithm, **options)
         except GrasplessPinError as error:
-            return SettingsAnswer(settings, changed, None, draw_bodies(changed), str(error))
-        reason = ""
+            with suppress(GrasplessPinError):
+                bodies = changed.contacts.bodies
+            picture = draw_bodies(changed)
+            return SettingsAnswer(settings, changed, None, picture, str(error), bodies=bodies)
+        picture, bodies = draw_scene(changed, solution), changed.contacts.bodies
         if not solution.found:
             reason = f"{solution.status.message}\n\n{solution.explanation}".strip()
-        return SettingsAnswer(settings, changed, solution, draw_scene(changed, solution), reason)
+            return SettingsAnswer(settings, changed, solution, picture, reason, bodies=bodies)
+        origin = changed.object.center_of_mass_world
+        return SettingsAnswer(
+            settings,
+            changed,
+            solution,
+            picture,
+            "",
+            sliding=draw_virtual_sliding(picture, solution, changed.hand, origin),
+            bodies=bodies,
+            limits=(margin_limit_words(solution, bodies), joint_limit_words(solution)),
+        )
+
+
+def came_and_went(before: Sequence[str], after: Sequence[str]) -> str:
+    """Return in words which contacts came and went from one state to another; empty: none.
+
+    Contacts are told apart by what touches the object there, not by their places, which change
+    with every shift.
+
+    Args:
+        before: What touched the object at each contact.
+        after: The same in the other state.
+    """
+    counts, now = Counter(before), Counter(after)
+    said = []
+    for verb, change in (("gone", counts - now), ("new", now - counts)):
+        if change:
+            total = change.total()
+            names = ", ".join(f"{name} ({count})" for name, count in change.items())
+            said.append(f"{total} contact{'s' * (total > 1)} {verb}: {names}")
+    return "; ".join(said)
 
 
 def with_verdict(answer: SettingsAnswer) -> SettingsAnswer:
@@ -138,6 +193,20 @@ def with_verdict(answer: SettingsAnswer) -> SettingsAnswer:
     if found.motion is not None:
         motion = draw_motion(found.problem, found.motion, scene=answer.scene)
     return replace(answer, verdict=found.message, stability=found.status, motion=motion)
+
+
+def free_name(scene: Scene) -> Path:
+    """Return a path for a changed scene that no file has: beside the scene's own, or here.
+
+    Raises:
+        SceneError: There are too many already.
+    """
+    own = scene.path or Path("scene.yaml")
+    names = (own.with_name(f"{own.stem}_{number}.yaml") for number in range(1, _MOST_FILES))
+    free = next((name for name in names if not name.exists()), None)
+    if free is None:
+        raise SceneError(f"{own.parent}: holds {_MOST_FILES} saved scenes already; remove some")
+    return free
 
 
 class SceneProcess:

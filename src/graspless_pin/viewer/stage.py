@@ -5,17 +5,26 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from graspless_pin.problem.checks import FloatArray
 from graspless_pin.visualization import DARK, LIGHT, Mesh, Picture, Role
 from graspless_pin.visualization.looking import framing
 from graspless_pin.visualization.motion import MovingPicture
-from graspless_pin.visualization.picture import HIDDEN_AT_FIRST
+from graspless_pin.visualization.picture import HIDDEN_AT_FIRST, Mark
 
 _ROOT = "/scene"
 _FIELD_OF_VIEW = 0.7  # rad, vertical
 _ASPECT = 0.75  # of what lies between the panels on a screen of 1280 x 800
 _AMBIENT = 1.6
+_NARROW = 700  # px: below it panels lie over the lower part of the page
+_NARROW_BOX = 0.03, 0.02, 0.97, 0.4
+"""Left, top, right and bottom of what panels leave free there, as shares of the page."""
+_PANELS = 650  # px
+_DOWN = 0.9
+NUMBERS = "contact numbers"
+"""The layer of the contacts' numbers."""
 _NO_TURN = np.array([1.0, 0.0, 0.0, 0.0])
 
 
@@ -29,13 +38,15 @@ class Stage:
         self._first = picture
         self._dark = dark
         self._meshes: dict[str, tuple[Mesh, Any]] = {}
-        self._layers = {
+        self._layers: dict[str, Any] = {
             role: scene.add_frame(
                 f"{_ROOT}/{role}", show_axes=False, visible=role not in HIDDEN_AT_FIRST
             )
             for role in Role
         }
         self._root = scene.add_frame(_ROOT, show_axes=False)
+        self._layers[NUMBERS] = scene.add_frame(f"{_ROOT}/{NUMBERS}", show_axes=False)
+        self._labels: dict[str, tuple[Mark, Any]] = {}
         scene.set_up_direction(picture.up)
         scene.configure_environment_map(None)
         scene.add_light_ambient("/ambient light", intensity=_AMBIENT)
@@ -56,7 +67,53 @@ class Stage:
             if not np.array_equal(before.vertices, mesh.vertices):
                 handle.vertices = mesh.vertices.astype(np.float32)
                 self._meshes[name] = (mesh, handle)
+        self._number(picture)
         self._tilt(picture)
+
+    def look(self, camera: Any, view: str = "fit") -> None:
+        """Bring the camera of a page to one of the views of the first picture, all of it seen.
+
+        Args:
+            camera: viser's, of one page.
+            view: ``fit``, ``front``, ``side`` or ``top``.
+        """
+        picture = self._first
+        wide, high = float(camera.image_width), float(camera.image_height)
+        if not wide or not high:
+            return
+        left, top, right, bottom = _NARROW_BOX
+        if wide >= _NARROW:
+            left, top, right, bottom = 0.5 * _PANELS / wide, 0.02, 1.0 - 0.5 * _PANELS / wide, 0.98
+        toward = picture.views.get(view, picture.view_from)
+        slope = np.tan(0.5 * _FIELD_OF_VIEW)
+        field = 2.0 * np.arctan((bottom - top) * slope)
+        aspect = (right - left) * wide / ((bottom - top) * high)
+        center, distance = framing(picture, field, aspect, toward)
+        across = np.cross(picture.up, toward)
+        over = np.cross(toward, across / np.linalg.norm(across))
+        # The page's middle is below that of what is free of panels.
+        center = center - (1.0 - top - bottom) * distance * slope * over
+        with camera.client.atomic():
+            camera.up_direction = picture.up
+            camera.fov = _FIELD_OF_VIEW
+            camera.position = center + distance * toward
+            camera.look_at = center
+
+    def _number(self, picture: Picture) -> None:
+        """Bring the texts up to date."""
+        marks = {_text_node(mark): mark for mark in picture.marks}
+        for name in [name for name in self._labels if name not in marks]:
+            self._labels.pop(name)[1].remove()
+        for name, mark in marks.items():
+            if name in self._labels:
+                handle = self._labels[name][1]
+                handle.position, handle.text = mark.position, mark.text
+            else:
+                handle = self._scene.add_label(
+                    name, mark.text, position=mark.position,
+                    anchor="center-center" if mark.contact is None else "top-left",
+                )  # fmt: skip
+            self._labels[name] = mark, handle
 
     def move(self, moving: MovingPicture, index: int) -> None:
         """Bring the meshes of a moving picture to where they are at one of its times."""
@@ -66,9 +123,12 @@ class Stage:
             path = moving.path_of.get(mesh.name)
             if path is not None:
                 handle.wxyz, handle.position = turns[path], poses[path][:3, 3]
+        for mark, handle in self._labels.values():
+            if mark.contact is not None:
+                handle.position = poses[0][:3] @ [*mark.position, 1.0]
 
-    def show_layer(self, role: Role, *, visible: bool) -> None:
-        """Show or hide all meshes of a role."""
+    def show_layer(self, role: str, *, visible: bool) -> None:
+        """Show or hide all meshes of a role, or the `NUMBERS`."""
         self._layers[role].visible = visible
 
     def set_dark(self, *, dark: bool) -> None:
@@ -88,14 +148,15 @@ class Stage:
         self._root.position = center - turn.as_matrix() @ center
 
     def _add_mesh(self, name: str, mesh: Mesh) -> Any:
+        floors = self._first.floors[:, :3] if mesh.role is Role.SUPPORT else np.zeros((0, 3))
         return self._scene.add_mesh_simple(
             name,
             mesh.vertices.astype(np.float32),
-            mesh.faces.astype(np.uint32),
+            _without_undersides(mesh, floors).astype(np.uint32),
             color=self._color(mesh),
             opacity=mesh.opacity if mesh.opacity < 1.0 else None,
             flat_shading=True,
-            side="double",
+            side="front" if len(floors) else "double",
             cast_shadow=False,
             receive_shadow=False,
         )
@@ -104,6 +165,22 @@ class Stage:
 def _node(mesh: Mesh) -> str:
     """Name of a mesh on the page: links of prefixed robots have slashes of their own."""
     return f"{_ROOT}/{mesh.role}/{mesh.name.replace('/', ' ')}"
+
+
+def _text_node(mark: Mark) -> str:
+    """Name of a text on the page, in the layer of what it stands beside."""
+    if mark.contact is not None:
+        return f"{_ROOT}/{NUMBERS}/{mark.contact}"
+    return f"{_ROOT}/{mark.role}/text {mark.text if mark.role is Role.AXES else ''}"
+
+
+def _without_undersides(mesh: Mesh, floors: FloatArray) -> NDArray[np.int64]:
+    """Return the faces of a support that are not its underside: from below it hides nothing."""
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    down = normals @ floors.T < -_DOWN * lengths
+    return mesh.faces[~down.any(axis=1)]
 
 
 def _same_faces(first: Mesh, second: Mesh) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
 
 import numpy as np
 
@@ -78,7 +77,7 @@ def preset_views(
         found[name] = read_only(_raised(seen, up, floors))
     # Not quite from above, so that up stays up.
     found["top"] = read_only(_raised(found["side"], up, floors, np.radians(88.0)))
-    return MappingProxyType(found)
+    return found
 
 
 def _raised(

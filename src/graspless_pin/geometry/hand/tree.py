@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
 from typing import Any
@@ -176,6 +176,23 @@ class KinematicTree(Record):
             return rigid_bodies.point_jacobians(J, self._moves, joints, points)
         columns = J[:3].T + np.cross(J[3:].T, points[:, None])
         return columns.transpose(0, 2, 1) * self._moves[list(joints)][:, None]
+
+    def displaced(self, T: FloatArray) -> KinematicTree:
+        """Return the tree with what is fixed to the world moved by a (4, 4) pose, world axes."""
+        model, way = self.pinocchio_model.copy(), pin.SE3(np.array(T))
+        for joint in range(1, model.njoints):
+            if model.parents[joint] == 0:
+                model.jointPlacements[joint] = way * model.jointPlacements[joint]
+        for index in range(1, model.nframes):
+            frame = model.frames[index]
+            if frame.parentJoint == 0:
+                frame.placement = way * frame.placement
+        model.inertias[0] = way.act(model.inertias[0])
+        geometries = tuple(
+            item if item.joint else replace(item, T_joint_geometry=T @ item.T_joint_geometry)
+            for item in self.geometries
+        )
+        return replace(self, pinocchio_model=model, geometries=geometries)
 
     def gravity_torques(self, positions: FloatArray, gravity: FloatArray) -> FloatArray:
         """Return the (n,) torques that carry the links' weight at (n,) joint positions.
