@@ -17,7 +17,7 @@ HOLDING ?= --count 5
 GUARANTEED ?= --count 20
 FUZZ ?= --count 2000 --seed 1
 
-.PHONY: install run test lint types docs readme-pictures notebooks bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding mistakes clean
+.PHONY: install run test lint types docs readme-pictures notebooks bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding mistakes clean hands
 
 install: $(STAMP)
 
@@ -84,6 +84,11 @@ holding: install
 
 mistakes: install
 	$(BIN)/python tests/cli/mistakes.py
+
+hands: install
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --upgrade --target out/hands \
+	  gymnasium-robotics==1.4.2 robosuite==1.5.2 dexmate-urdf==0.8.4 icub-models==3.2.0
+	$(BIN)/python -m tests.oracles.package_hands out/hands
 
 fuzz: install
 	$(BIN)/python tests/fuzzing/fuzz.py $(FUZZ)
