@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from random_scenes import general_scene, slope_scene
 from scenes import SOLVERS, assert_holds, random_problem, scene
+from scipy import optimize
 from test_kinematics import assert_conflict, assert_witness
 
 from graspless_pin import (
@@ -27,7 +28,6 @@ from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.torque import torque_objective
 from graspless_pin.algorithms.warm_start import reaches_margin, solve_from
 from graspless_pin.errors import UndecidedMotionError
-from graspless_pin.modes import conflicts, fastest_sliding
 from graspless_pin.modes.kinematics import VirtualKinematics
 from graspless_pin.modes.rules import Rules, SignRule
 from graspless_pin.modes.verdicts import Requirement, Witness
@@ -400,8 +400,8 @@ def wrong_squares() -> dict[str, Callable[..., Any]]:
     }
 
 
-NNLS = fastest_sliding.nnls
-LINPROG = fastest_sliding.linprog
+NNLS = optimize.nnls
+LINPROG = optimize.linprog
 WRONG_SQUARES = wrong_squares()
 
 
@@ -488,8 +488,7 @@ def test_right_routines_decide_all_questions():
 
 @pytest.mark.parametrize("how", list(WRONG_SQUARES))
 def test_no_wrong_least_squares_become_a_verdict(how, monkeypatch):
-    for module in (conflicts, fastest_sliding):
-        monkeypatch.setattr(module, "nnls", WRONG_SQUARES[how])
+    monkeypatch.setattr(optimize, "nnls", WRONG_SQUARES[how])
     # The linear program decides instead, but not where its motion is one at the border of its box.
     assert assert_no_wrong_verdicts() >= 0.7 * len(questions())
 
@@ -497,9 +496,8 @@ def test_no_wrong_least_squares_become_a_verdict(how, monkeypatch):
 @pytest.mark.parametrize("how", list(WRONG_PROGRAMS))
 @pytest.mark.parametrize("squares", ["gives up", "zeros"])
 def test_no_wrong_linear_program_becomes_a_verdict(how, squares, monkeypatch):
-    for module in (conflicts, fastest_sliding):
-        monkeypatch.setattr(module, "nnls", WRONG_SQUARES[squares])
-    monkeypatch.setattr(fastest_sliding, "linprog", WRONG_PROGRAMS[how])
+    monkeypatch.setattr(optimize, "nnls", WRONG_SQUARES[squares])
+    monkeypatch.setattr(optimize, "linprog", WRONG_PROGRAMS[how])
     decided = assert_no_wrong_verdicts()
     assert decided > 0 or how != "right"
 
@@ -507,8 +505,7 @@ def test_no_wrong_linear_program_becomes_a_verdict(how, squares, monkeypatch):
 @pytest.mark.parametrize("how", [*WRONG_SQUARES])
 @pytest.mark.parametrize("name", list(PROBLEMS))
 def test_no_wrong_routine_becomes_an_optimum(name, how, monkeypatch):
-    for module in (conflicts, fastest_sliding):
-        monkeypatch.setattr(module, "nnls", WRONG_SQUARES[how])
+    monkeypatch.setattr(optimize, "nnls", WRONG_SQUARES[how])
     for search in SEARCHES:
         found = maximize_margin(fresh(name), search=search)
         assert_right(found, honest(name, "margin"), "margin")
@@ -517,7 +514,7 @@ def test_no_wrong_routine_becomes_an_optimum(name, how, monkeypatch):
 @pytest.mark.parametrize("how", list(WRONG_PROGRAMS))
 def test_no_wrong_program_tells_rows_positive_together(how, monkeypatch):
     """Of (1, 0), (0, 1) and (0, -1), only the first can be positive without a negative one."""
-    monkeypatch.setattr(dual_degeneracy, "linprog", WRONG_PROGRAMS[how])
+    monkeypatch.setattr(optimize, "linprog", WRONG_PROGRAMS[how])
     rows = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
     told = dual_degeneracy._positive_together(rows)
     assert not told[1:].any()
