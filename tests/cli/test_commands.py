@@ -38,6 +38,25 @@ def test_exit_code_0_prints_the_tables():
     assert "margin e = 0.743" in result.stdout
 
 
+def test_what_matters_stands_before_the_tables():
+    result = run("solve", PAPER / "cuboid_sliding_up.yaml")
+    head = " ".join(result.stdout.split("\n\n")[0].split())
+    places = [
+        head.index(words)
+        for words in (
+            "keeps its motion: nothing else is an outcome",
+            "margin e = 2.30006 N",
+            "At worst, these torques leave 0 N, over the forces that the virtual-sliding rule",
+            "The margin is limited by losing contact at contacts 3, 4 (slope) and by slipping",
+            "Joint finger_6/hinge is nearest its limit: +4.7700 of +10 N m, 47.7 %.",
+        )
+    ]
+    assert places == sorted(places)
+    alone = run("solve", PAPER / "cuboid_sliding_up.yaml", "--no-verdict").stdout
+    assert "keeps its motion" not in alone and "At worst" not in alone
+    assert "The margin is limited by" in alone
+
+
 def test_guaranteed_torques_state_what_they_cost_and_verify(tmp_path):
     file = tmp_path / "solution.json"
     result = run("solve", PAPER / "cuboid_at_rest.yaml", "--stability", "strong", "--json", file)

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from graspless_pin.algorithms.force_bounds import ContactForceBounds, contact_force_bounds
 from graspless_pin.algorithms.options import RequiredStability, Search
 from graspless_pin.algorithms.torque import TorqueScale
 from graspless_pin.cli.outcome import echo_findings, exit_code, plain_errors
@@ -19,6 +20,7 @@ from graspless_pin.report import scene_solution_text
 from graspless_pin.scene import Scene, load_scene
 from graspless_pin.solution import TorqueSolution
 
+_RANGES_TIME = 2.0  # s
 VERDICT_NODES = 300
 """Sets of outcomes that a verdict may look at which nobody asked for: about a second."""
 
@@ -67,7 +69,11 @@ def solve_scene(
         ),
     ] = None,
     no_verdict: Annotated[
-        bool, typer.Option("--no-verdict", help="Do not ask whether the object stays.")
+        bool,
+        typer.Option(
+            "--no-verdict",
+            help="Ask neither whether the object stays nor for the margin at worst.",
+        ),
     ] = False,
 ) -> None:
     """Solve a scene: which joint torques, how robust, and does it hold.
@@ -96,16 +102,26 @@ def solve_scene(
         options = {name: value for name, value in given.items() if value is not None}
         solution = loaded.solve(algorithm, **options)
         echo_findings(solution.findings)
-        verdict, said = None, ""
+        verdict, said, bounds = None, "", None
         if solution.found and not no_verdict:
             verdict, said = asked_verdict(loaded, solution, verdict_nodes)
+            bounds = _forces(solution)
         if json_file is not None:
             from graspless_pin.report import solution_document, write_document
 
             write_document(solution_document(solution, loaded, verdict), json_file)
         if json_file != "-":
-            typer.echo(scene_solution_text(loaded, solution, said))
+            typer.echo(scene_solution_text(loaded, solution, said, bounds))
     raise typer.Exit(exit_code(solution))
+
+
+def _forces(solution: TorqueSolution) -> ContactForceBounds | None:
+    """Return the forces that the torques can end up with, where they are had quickly."""
+    if solution.rules.sign is SignRule.DIRECTION:
+        return None
+    return contact_force_bounds(
+        solution.problem, solution.torques, time_limit=_RANGES_TIME, **solution.rules.options()
+    )
 
 
 def asked_verdict(

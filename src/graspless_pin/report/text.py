@@ -2,19 +2,33 @@
 
 from __future__ import annotations
 
+from math import inf
+from textwrap import fill
+
+from graspless_pin.algorithms.force_bounds import ContactForceBounds
 from graspless_pin.findings import Severity
 from graspless_pin.geometry.contact.contact_points import BodyKind
 from graspless_pin.scene import Scene
-from graspless_pin.solution import TorqueSolution
+from graspless_pin.solution import Status, TorqueSolution
+from graspless_pin.solution.nearest_limits import joint_limit_words, margin_limit_words
+from graspless_pin.solution.tables import figure
+
+_WIDTH = 80
 
 
-def scene_solution_text(scene: Scene, solution: TorqueSolution, verdict: str = "") -> str:
+def scene_solution_text(
+    scene: Scene,
+    solution: TorqueSolution,
+    verdict: str = "",
+    bounds: ContactForceBounds | None = None,
+) -> str:
     """Return the title and the tables of a scene's solution, contacts named by what they touch.
 
     Args:
         scene: The scene.
         solution: Its solution.
         verdict: What is said of whether the object stays: stands before the tables.
+        bounds: The forces that its torques can end up with, for the margin at worst; or None.
 
     Examples:
         >>> from graspless_pin import load_scene
@@ -30,7 +44,31 @@ def scene_solution_text(scene: Scene, solution: TorqueSolution, verdict: str = "
     title = "\n".join([*(f"{one.severity}: {one.message}" for one in serious), title])
     if verdict:
         title += f"\n{verdict}"
-    return f"{title}\n{solution.text(_touching(scene))}"
+    remarks = _remarks(scene, solution, bounds) if solution.found else []
+    return f"{title}\n{solution.text(_touching(scene), remarks)}"
+
+
+def _remarks(
+    scene: Scene, solution: TorqueSolution, bounds: ContactForceBounds | None
+) -> list[str]:
+    """Return the margin at worst, and what limits margin and torques."""
+    words = [
+        "" if bounds is None else _worst_margin(bounds, solution),
+        margin_limit_words(solution, scene.contacts.bodies),
+        joint_limit_words(solution),
+    ]
+    return [fill(sentence, _WIDTH) for sentence in words if sentence]
+
+
+def _worst_margin(bounds: ContactForceBounds, solution: TorqueSolution) -> str:
+    if not bounds.found:
+        return "The margin that these torques leave at worst was not found in time."
+    if bounds.smallest_margin == -inf:
+        return "At worst, these torques leave no margin: a contact may be pressed with any force."
+    least = figure(bounds.smallest_margin, solution.problem.scales.force)
+    proven = bounds.status is Status.OPTIMAL
+    unproven = "" if proven else " or less (there was no time to prove it)"
+    return f"At worst, these torques leave {least} N{unproven}, {bounds.covers}."
 
 
 def _count(number: int, noun: str) -> str:

@@ -222,16 +222,17 @@ class TorqueSolution:
         """Return readable tables, or why there are none."""
         return self.text()
 
-    def text(self, bodies: Sequence[str] | None = None) -> str:
+    def text(self, bodies: Sequence[str] | None = None, remarks: Sequence[str] = ()) -> str:
         """Return the tables of joints and contacts with the certificate, or why there are none.
 
         Args:
             bodies: M names of what touches the object at each contact; None: left out.
+            remarks: Lines that stand before the tables.
         """
         if not self.found:
             why = f"\n\n{self.explanation}\n" if self.explanation else ""
             return f"not found: {self.status.message}{why}\n{self._certificate_text()}"
-        parts: list[object] = [self._headline()]
+        parts: list[object] = ["\n".join([self._headline(), *remarks])]
         if self.problem.joint_count:
             parts.append(joint_table(self.problem, self.contact_torques))
         parts.append(contact_table(self.problem, self.contact_forces, self.mode, bodies))
