@@ -70,13 +70,18 @@ _COMMANDS = {
     ),
     "robots": _Command(
         "robots.robots",
-        "List the robots: fingers, joints, effort limits and where they come from.",
+        "List the robots: fingers, joints and effort limits; one with where they come from.",
         ("graspless-pin robots", "graspless-pin robots allegro_right"),
     ),
     "inspect": _Command(
         "robots.inspect",
         "Audit a URDF: meshes, effort limits, mimic joints, limits; and say what to do.",
         ("graspless-pin inspect my_hand.urdf",),
+    ),
+    "example": _Command(
+        "examples.example",
+        "Copy an example scene or study with its files to the current folder, or list all.",
+        ("graspless-pin example", "graspless-pin example allegro_box_on_slope"),
     ),
     "schema": _Command(
         "schema.schema",

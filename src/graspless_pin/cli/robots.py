@@ -16,7 +16,7 @@ from graspless_pin.report.robots import audit_text, robot_text, robots_text
 def robots(
     name: Annotated[str | None, typer.Argument(help="Show this robot in full.")] = None,
 ) -> None:
-    """List the robots: fingers, joints, effort limits and where they come from."""
+    """List the robots: fingers, joints and effort limits; one with where they come from."""
     with plain_errors():
         if name is None:
             typer.echo(robots_text(list_robots()))

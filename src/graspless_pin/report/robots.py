@@ -9,21 +9,25 @@ from tabulate import tabulate
 from graspless_pin.geometry.inspection.audit import AuditReport
 from graspless_pin.geometry.inspection.listing import EffortRecord, RobotRecord
 
+_FINGERS = 20
+"""Columns for the names of fingers: then a table of robots fits 80."""
+
 
 def robots_text(robots: Sequence[RobotRecord]) -> str:
-    """Return a line a robot: fingers, joints, effort limits and where they come from."""
+    """Return a table of robots: fingers, joints and effort limits, at most 80 columns wide."""
     rows = []
     for robot in robots:
         if robot.problem is not None:
-            rows.append([robot.name, "-", "-", robot.problem, robot.origin])
+            rows.append([robot.name, "-", "-", robot.problem])
             continue
         driven = [joint for joint in robot.joints if joint.effort is not None]
         coupled = sum(bool(joint.follows) for joint in robot.joints)
         joints = f"{len(robot.joints)}" + (f", {coupled} coupled" if coupled else "")
         efforts = [joint.effort for joint in driven if joint.effort and not joint.is_held]
         efforts += robot.tendons.values()
-        rows.append([robot.name, ", ".join(robot.fingers), joints, _limits(efforts), robot.origin])
-    return tabulate(rows, ["robot", "fingers", "joints", "effort limits", "model"])
+        rows.append([robot.name, ", ".join(robot.fingers), joints, _limits(efforts)])
+    headers = ["robot", "fingers", "joints", "limits [N m, N]"]
+    return tabulate(rows, headers, maxcolwidths=[None, _FINGERS, None, 21])
 
 
 def robot_text(robot: RobotRecord) -> str:

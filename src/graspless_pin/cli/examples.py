@@ -1,0 +1,104 @@
+"""``graspless-pin example``: copies of the scenes and studies that come with the package."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from graspless_pin.cli.outcome import plain_errors
+from graspless_pin.errors import ArgumentError
+from graspless_pin.intake.yaml_text import parse_yaml
+from graspless_pin.spelling import names_in_words
+
+_PACKAGE = Path(__file__).resolve().parents[1] / "examples"
+_SOURCE = Path(__file__).resolve().parents[3] / "examples"
+
+
+def example(
+    name: Annotated[str | None, typer.Argument(help="Of a scene or study; none: list all.")] = None,
+) -> None:
+    """Copy an example scene or study with its files to the current folder, or list all.
+
+    Nothing that is there is replaced.
+    """
+    with plain_errors():
+        files = example_files()
+        if name is None:
+            width = max(map(len, files))
+            for stem, file in files.items():
+                typer.echo(f"{stem:{width}}  {parse_yaml(file.read_text()).data['name']}")
+            return
+        if name not in files:
+            raise ArgumentError(
+                "name", f"there is no example {name!r}; {names_in_words(name, files)}"
+            )
+        copied = copy_example(files[name], Path.cwd())
+        for file in copied:
+            typer.echo(f"wrote {file}")
+        command = "study" if files[name].parent.name == "studies" else "solve"
+        output = " -o results.parquet" if command == "study" else ""
+        typer.echo(f"now: graspless-pin {command} {copied[0]}{output}")
+
+
+def example_files() -> dict[str, Path]:
+    """Return the files of the examples by name."""
+    root = _PACKAGE if _PACKAGE.is_dir() else _SOURCE
+    found = [*root.glob("*.yaml"), *root.glob("paper/*.yaml"), *root.glob("studies/*.yaml")]
+    return {file.stem: file for file in sorted(found)}
+
+
+def copy_example(file: Path, folder: Path) -> list[Path]:
+    """Copy a file, and those that it names, to a folder.
+
+    Args:
+        file: A scene or study.
+        folder: Where to; what is in folders beside it stays in such.
+
+    Returns:
+        The copies, relative to the folder, that of the file first.
+
+    Raises:
+        ArgumentError: One is there already; nothing is copied then.
+    """
+    sources = list(dict.fromkeys(_with_named(file)))
+    root = Path(os.path.commonpath([source.parent for source in sources]))
+    copies = [source.relative_to(root) for source in sources]
+    there = [str(copy) for copy in copies if (folder / copy).exists()]
+    if there:
+        raise ArgumentError(
+            "name",
+            f"{', '.join(there)} {'is' if len(there) == 1 else 'are'} in this folder already; "
+            "nothing was copied: go to another folder",
+        )
+    for source, copy in zip(sources, copies, strict=True):
+        (folder / copy).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(source, folder / copy)
+    return copies
+
+
+def _with_named(file: Path) -> Iterator[Path]:
+    """Yield a file and all files that it names, and those that they name."""
+    yield file
+    if file.suffix != ".yaml":
+        return
+    for word in _words(parse_yaml(file.read_text()).data):
+        named = (file.parent / word).resolve()
+        if named.is_file():
+            yield from _with_named(named)
+
+
+def _words(data: Any) -> Iterator[str]:
+    """Yield all texts of YAML data."""
+    if isinstance(data, str):
+        yield data
+    elif isinstance(data, dict):
+        for value in data.values():
+            yield from _words(value)
+    elif isinstance(data, list):
+        for item in data:
+            yield from _words(item)
