@@ -57,6 +57,8 @@ class FindingCode(StrEnum):
     DANGLING_MIMIC = "dangling-mimic", Severity.WARNING
     PLACEHOLDER_EFFORT = "placeholder-effort", Severity.WARNING
     UNKNOWN_EFFORT = "unknown-effort", Severity.WARNING
+    SHARED_TENDON = "tendon-without-limits", Severity.WARNING
+    LEFT_OUT_SPRINGS = "springs-left-out", Severity.WARNING
     PLACEHOLDER_FORCE = "placeholder-force", Severity.WARNING
     MESH_SCALE = "mesh-scale", Severity.WARNING
     MESH_UNIT = "mesh-unit", Severity.WARNING

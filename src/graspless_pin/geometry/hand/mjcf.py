@@ -6,7 +6,6 @@ no word for is refused by name, or left out where forces at rest do not depend o
 
 from __future__ import annotations
 
-import warnings
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -14,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from graspless_pin.errors import GrasplessPinWarning, RobotError
+from graspless_pin.errors import RobotError
+from graspless_pin.findings import Finding, FindingCode, tell
 from graspless_pin.geometry.hand.mjcf_motors import Mimic, couplings, efforts, motor_joints
 from graspless_pin.geometry.hand.mjcf_shapes import add_geom
 from graspless_pin.geometry.hand.mjcf_source import (
@@ -64,8 +64,13 @@ class _Writer:
         model = self._model
         top, inside = self._robot_bodies()
         if np.any(model.jnt_stiffness[inside[model.jnt_bodyid]] > 0.0):
-            message = f"{self._source.path}: has joints with springs; their torques are left out"
-            warnings.warn(message, GrasplessPinWarning, stacklevel=5)
+            tell(
+                Finding(
+                    FindingCode.LEFT_OUT_SPRINGS, self._source.path.name,
+                    f"{self._source.path}: has joints with springs; their torques are left out",
+                    "add them to what the motors have to give",
+                )
+            )  # fmt: skip
         self._mimics = couplings(self._source, inside)
         self._efforts = efforts(self._source, self._mimics)
         for body in map(int, np.flatnonzero(inside)):

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.errors import GrasplessPinWarning, RobotError
+from graspless_pin.errors import RobotError
+from graspless_pin.findings import Finding, FindingCode, tell
 from graspless_pin.geometry.hand.mjcf_source import MjcfSource
 from graspless_pin.problem.checks import FloatArray
 
@@ -68,12 +68,15 @@ def efforts(source: MjcfSource, mimics: Mapping[int, Mimic]) -> dict[int, float]
             limits[leader] = limits.get(leader, 0.0) + limit
         if len(leaders) > 1:
             arms = ", ".join(f"{source.joint(joint)}: {arm:g}" for joint, arm in pull.items())
-            message = (
-                f"{source.path}: actuator {model.actuator(actuator).name!r} pulls a tendon over "
-                f"several joints ({arms} m), so no limit of theirs is known: declare it under "
-                "tendons in a robot file"
-            )
-            warnings.warn(message, GrasplessPinWarning, stacklevel=6)
+            name = model.actuator(actuator).name
+            tell(
+                Finding(
+                    FindingCode.SHARED_TENDON, name,
+                    f"{source.path}: actuator {name!r} pulls a tendon over several joints "
+                    f"({arms} m), so no limit of theirs is known",
+                    "declare it under tendons in a robot file",
+                )
+            )  # fmt: skip
     for joint in map(int, np.flatnonzero(model.jnt_actfrclimited)):
         limits[joint] = min(limits.get(joint, np.inf), _both_ways(model.jnt_actfrcrange[joint]))
     return {joint: limit for joint, limit in limits.items() if limit < np.inf}
