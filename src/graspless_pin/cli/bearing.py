@@ -11,6 +11,7 @@ from graspless_pin.algorithms.force_bounds import contact_force_bounds
 from graspless_pin.algorithms.robustness import Robustness, robustness
 from graspless_pin.algorithms.what_would_hold import what_would_hold
 from graspless_pin.cli.outcome import ExitCode, echo_findings, plain_errors
+from graspless_pin.cli.waiting import waiting_for
 from graspless_pin.findings import tell
 from graspless_pin.holding.verdict import Stability
 from graspless_pin.modes.rules import StaticFriction
@@ -42,7 +43,8 @@ def robustness_scene(
     with plain_errors():
         loaded = load_scene(scene)
         tell(*loaded.findings)
-        solution = loaded.solve(algorithm)
+        with waiting_for("solving"):
+            solution = loaded.solve(algorithm)
         echo_findings(solution.findings)
         if not solution.found:
             typer.echo(f"nothing to tell: {solution.status.message}")
@@ -50,7 +52,8 @@ def robustness_scene(
         if why := unknown_of(loaded):
             typer.echo(why)
             raise typer.Exit(ExitCode.INFEASIBLE)
-        found = robustness(solution.problem, solution.torques, node_limit=nodes)
+        with waiting_for("trying errors of torques, and rest without each contact"):
+            found = robustness(solution.problem, solution.torques, node_limit=nodes)
         strong = found.verdict.status is Stability.STRONG
         typer.echo(str(found))
         for line in _gaps(loaded, found) if strong else _changes(loaded, solution, nodes):
@@ -72,13 +75,14 @@ def _gaps(scene: Scene, found: Robustness) -> list[str]:
 def _changes(scene: Scene, solution: TorqueSolution, nodes: int) -> list[str]:
     """Return who may squeeze the object, and what would make it hold."""
     problem = solution.problem
-    bounds = contact_force_bounds(
-        problem.with_changes(cone=ConeModel.ROUND),
-        solution.torques,
-        static_friction=StaticFriction.COULOMB,
-        time_limit=_RANGES_TIME,
-    )
+    with waiting_for("trying what would make it hold"):
+        bounds = contact_force_bounds(
+            problem.with_changes(cone=ConeModel.ROUND),
+            solution.torques,
+            static_friction=StaticFriction.COULOMB,
+            time_limit=_RANGES_TIME,
+        )
+        changes = what_would_hold(problem, solution.torques, node_limit=nodes)
     squeezed = bounds.squeeze_words(scene.contacts.bodies)
-    changes = what_would_hold(problem, solution.torques, node_limit=nodes)
     lines = [f"it would hold with {change}" for change in changes]
     return [*filter(None, [squeezed]), *(lines or ["no change that was tried makes it hold"])]

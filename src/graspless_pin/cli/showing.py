@@ -8,10 +8,11 @@ from typing import Annotated
 
 import typer
 
-from graspless_pin.algorithms.force_bounds import contact_force_bounds
+from graspless_pin.algorithms.force_bounds import ContactForceBounds, contact_force_bounds
 from graspless_pin.cli.outcome import echo_findings, exit_code, plain_errors
 from graspless_pin.cli.simulating import simulated_words
 from graspless_pin.cli.solving import VERDICT_NODES, asked_verdict
+from graspless_pin.cli.waiting import waiting_for
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.findings import tell
 from graspless_pin.modes.rules import StaticFriction
@@ -22,6 +23,7 @@ from graspless_pin.report.html.time_lapse import TimeLapse, time_lapse
 from graspless_pin.report.reading import read_document
 from graspless_pin.scene import load_scene
 from graspless_pin.simulation import simulate
+from graspless_pin.solution import TorqueSolution
 from graspless_pin.viewer.page import DEFAULT_PORT
 from graspless_pin.viewer.page import view as show
 
@@ -82,27 +84,36 @@ def report(
             output.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise SceneError(f"{output.parent}: cannot be made ({error.strerror})") from error
-        solution, bounds, rest_bounds = case.solution, None, None
-        if ranges and solution.found:
-            bounds = contact_force_bounds(
-                solution.problem,
-                solution.torques,
-                time_limit=ranges_time,
-                **solution.rules.options(),
-            )
-            # Those of rest alone: kinetic friction has no cone.
-            if not solution.problem.is_sliding.any():
-                rest_bounds = contact_force_bounds(
-                    solution.problem.with_changes(cone=ConeModel.ROUND),
-                    solution.torques,
-                    time_limit=ranges_time,
-                    static_friction=StaticFriction.COULOMB,
-                )
-        page = report_html(case, bounds, _lapse(case) if simulated else None, rest_bounds)
+        bounds, rest_bounds = _ranges(case.solution, ranges_time) if ranges else (None, None)
+        with waiting_for("simulating"):
+            lapse = _lapse(case) if simulated else None
+        with waiting_for("drawing"):
+            page = report_html(case, bounds, lapse, rest_bounds)
         write_text(page, output, kind="report")
         if str(output) != "-":
             typer.echo(f"wrote {output} ({len(page.encode()) / 1e6:.1f} MB)")
     raise typer.Exit(exit_code(case.solution))
+
+
+def _ranges(
+    solution: TorqueSolution, seconds: float
+) -> tuple[ContactForceBounds | None, ContactForceBounds | None]:
+    """Return the force ranges under the rule, and over all outcomes of rest; None: not asked."""
+    problem, torques = solution.problem, solution.torques
+    if not solution.found:
+        return None, None
+    with waiting_for("working out the force ranges"):
+        bounds = contact_force_bounds(
+            problem, torques, time_limit=seconds, **solution.rules.options()
+        )
+        if problem.is_sliding.any():  # kinetic friction has no cone
+            return bounds, None
+        return bounds, contact_force_bounds(
+            problem.with_changes(cone=ConeModel.ROUND),
+            torques,
+            time_limit=seconds,
+            static_friction=StaticFriction.COULOMB,
+        )
 
 
 def _case(source: Path, scene_file: Path | None, verdict_nodes: int | None) -> Case:
@@ -111,7 +122,8 @@ def _case(source: Path, scene_file: Path | None, verdict_nodes: int | None) -> C
             raise ArgumentError("--scene", "goes with a solution document (.json) alone")
         scene = load_scene(source)
         tell(*scene.findings)
-        solution, verdict = scene.solve(), None
+        with waiting_for("solving"):
+            solution, verdict = scene.solve(), None
         echo_findings(solution.findings)
         if solution.found and verdict_nodes is not None:
             verdict, said = asked_verdict(scene, solution, verdict_nodes)

@@ -11,6 +11,7 @@ import typer
 from graspless_pin.algorithms.force_bounds import contact_force_bounds
 from graspless_pin.algorithms.options import RequiredStability
 from graspless_pin.cli.outcome import ExitCode, echo_findings, plain_errors
+from graspless_pin.cli.waiting import waiting_for
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import tell
 from graspless_pin.holding.stability import stability
@@ -77,19 +78,23 @@ def simulate_scene(
         force = _three_numbers(push)
         if save is not None and save.suffix.lower() not in (".html", ".mp4"):
             raise ArgumentError("--save", f"needs a file that ends in .html or .mp4, got '{save}'")
-        solution = loaded.solve(algorithm, **({} if required is None else {"stability": required}))
+        with waiting_for("solving"):
+            solution = loaded.solve(
+                algorithm, **({} if required is None else {"stability": required})
+            )
         echo_findings(solution.findings)
         if not solution.found:
             typer.echo(f"nothing to simulate: {solution.status.message}")
             raise typer.Exit(ExitCode.INFEASIBLE)
-        found = simulate(
-            loaded,
-            solution.torques,
-            feedback=feedback,
-            push=force,
-            friction_factor=friction_factor,
-            seconds=seconds,
-        )
+        with waiting_for("simulating"):
+            found = simulate(
+                loaded,
+                solution.torques,
+                feedback=feedback,
+                push=force,
+                friction_factor=friction_factor,
+                seconds=seconds,
+            )
         if export is not None:
             write_text(found.model.xml, export, kind="model")
         text = f"{simulated_words(loaded, found)}\n\nverdict: {_verdict(loaded, found)}"

@@ -11,6 +11,7 @@ from graspless_pin.algorithms.force_bounds import ContactForceBounds, contact_fo
 from graspless_pin.algorithms.options import RequiredStability, Search
 from graspless_pin.algorithms.torque import TorqueScale
 from graspless_pin.cli.outcome import echo_findings, exit_code, plain_errors
+from graspless_pin.cli.waiting import waiting_for
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import tell
 from graspless_pin.holding.verdict import StabilityVerdict
@@ -100,7 +101,8 @@ def solve_scene(
             "verdict_nodes": verdict_nodes,
         }
         options = {name: value for name, value in given.items() if value is not None}
-        solution = loaded.solve(algorithm, **options)
+        with waiting_for("solving"):
+            solution = loaded.solve(algorithm, **options)
         echo_findings(solution.findings)
         verdict, said, bounds = None, "", None
         if solution.found and not no_verdict:
@@ -119,9 +121,10 @@ def _forces(solution: TorqueSolution) -> ContactForceBounds | None:
     """Return the forces that the torques can end up with, where they are had quickly."""
     if solution.rules.sign is SignRule.DIRECTION:
         return None
-    return contact_force_bounds(
-        solution.problem, solution.torques, time_limit=_RANGES_TIME, **solution.rules.options()
-    )
+    with waiting_for("looking for the margin at worst"):
+        return contact_force_bounds(
+            solution.problem, solution.torques, time_limit=_RANGES_TIME, **solution.rules.options()
+        )
 
 
 def asked_verdict(
@@ -131,7 +134,8 @@ def asked_verdict(
     limit = VERDICT_NODES if nodes is None else nodes
     try:
         known = solution.guarantee and solution.guarantee.verdict
-        verdict = known or scene.stability(solution.torques, node_limit=limit)
+        with waiting_for("looking for a verdict"):
+            verdict = known or scene.stability(solution.torques, node_limit=limit)
     except ArgumentError as error:
         return None, f"no verdict: {error}"
     return verdict, str(verdict)

@@ -1,0 +1,39 @@
+"""Say on a terminal what takes more than a second, while it does."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+_PATIENCE = 1.0  # s; what is done by then needs no word
+
+
+@contextmanager
+def waiting_for(what: str) -> Iterator[None]:
+    """Show on standard error, if that is a terminal, what is being done; print nothing inside.
+
+    Args:
+        what: In words, such as ``looking for a verdict``.
+    """
+    if not sys.stderr.isatty():
+        yield
+        return
+    done = threading.Event()
+    thread = threading.Thread(target=_show, args=(what, done), daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join()
+
+
+def _show(what: str, done: threading.Event) -> None:
+    if done.wait(_PATIENCE):
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status(f"{what} (Ctrl-C ends it)"):
+        done.wait()

@@ -1,0 +1,53 @@
+"""What takes more than a second says so on a terminal, and nowhere else."""
+
+import os
+import pty
+import subprocess
+import sys
+import time
+
+import pytest
+
+from graspless_pin.cli import waiting
+
+SCRIPT = """
+import time
+from graspless_pin.cli import waiting
+waiting._PATIENCE = {patience}
+with waiting.waiting_for("doing the work"):
+    time.sleep(0.6)
+print("done")
+"""
+
+
+def terminal(patience: float) -> str:
+    """Run the script with a terminal as standard error; return what it shows."""
+    ours, theirs = pty.openpty()
+    process = subprocess.run(  # noqa: S603 - our own interpreter and a fixed program
+        [sys.executable, "-c", SCRIPT.format(patience=patience)],
+        stdout=subprocess.PIPE, stderr=theirs, check=True, env={**os.environ, "TERM": "xterm"},
+    )  # fmt: skip
+    os.close(theirs)
+    assert process.stdout == b"done\n"
+    shown = b""
+    try:
+        while chunk := os.read(ours, 65536):
+            shown += chunk
+    except OSError:  # the other end is closed
+        pass
+    os.close(ours)
+    return shown.decode()
+
+
+def test_what_takes_long_is_said_on_a_terminal() -> None:
+    assert "doing the work (Ctrl-C ends it)" in terminal(0.1)
+
+
+def test_what_is_quick_is_not_said() -> None:
+    assert terminal(60.0) == ""
+
+
+def test_nothing_is_said_where_nobody_looks(capsys: pytest.CaptureFixture[str]) -> None:
+    with waiting.waiting_for("doing the work"):
+        time.sleep(0.01)
+    assert capsys.readouterr().err == ""
