@@ -74,7 +74,7 @@ def test_whole_numbers_without_end(value):
 )
 def test_options_beyond_all_bounds(options, message):
     with pytest.raises(ArgumentError, match=re.escape(message)):
-        minimize_torque(problem(), **options)
+        minimize_torque(problem(), **{"margin": 0.1, **options})
 
 
 def test_regularization_of_algorithm_1():
@@ -124,7 +124,7 @@ def test_masked_entries_are_no_numbers():
 
 
 def test_gradients_of_what_is_no_solution():
-    with pytest.raises(ArgumentError, match="solution: is a QuasistaticProblem; it must be what"):
+    with pytest.raises(ArgumentError, match="solution: is a QuasistaticProblem; it must be a Tor"):
         optimum_gradients(problem())  # pyright: ignore[reportArgumentType]
 
 

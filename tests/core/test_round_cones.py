@@ -314,7 +314,7 @@ def test_a_scene_has_round_cones_by_name(cone):
     assert loaded.with_changes(cone=cone).problem().cone is ConeModel.ROUND
     fine = loaded.with_changes(cone_edges=512).solve("margin").value
     assert loaded.with_changes(cone=cone).solve("margin").value == pytest.approx(fine, rel=1e-4)
-    with pytest.raises(ArgumentError, match="cone: is 'square'"):
+    with pytest.raises(ArgumentError, match="cone: found 'square'; needs 'edges' or 'round'"):
         loaded.with_changes(cone="square").problem()
 
 

@@ -151,7 +151,7 @@ def test_a_hybrid_finger_follows_along_its_normal(inertia):
 
 
 def test_only_problems_have_motions():
-    with pytest.raises(ArgumentError, match=r"^problem: is 3; it must be a QuasistaticProblem"):
+    with pytest.raises(ArgumentError, match=r"^problem: is an int; it must be a Quasistatic"):
         free_motions(3)  # pyright: ignore[reportArgumentType]
 
 
