@@ -99,9 +99,9 @@ def _ranges(
     solution: TorqueSolution, seconds: float
 ) -> tuple[ContactForceBounds | None, ContactForceBounds | None]:
     """Return the force ranges under the rule, and over all outcomes of rest; None: not asked."""
-    problem, torques = solution.problem, solution.torques
     if not solution.found:
         return None, None
+    problem, torques = solution.problem, solution.torques
     with waiting_for("working out the force ranges"):
         bounds = contact_force_bounds(
             problem, torques, time_limit=seconds, **solution.rules.options()
