@@ -74,6 +74,7 @@ class FindingCode(StrEnum):
     NEUTRAL_OUTSIDE = "neutral-outside-limits", Severity.NOTE
     MISSING_VISUAL = "missing-visual-mesh", Severity.NOTE
     RELATIVE_MESH = "relative-mesh-path", Severity.NOTE
+    READER_REMARK = "reader-remark", Severity.NOTE
     NO_CACHE = "no-cache", Severity.NOTE
     NO_VIDEO = "no-video", Severity.WARNING
 

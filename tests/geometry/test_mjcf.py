@@ -222,6 +222,32 @@ def test_a_tendon_s_equality_couples_its_joints(claw: Path) -> None:
     assert coupling.offset == pytest.approx(0.05)
 
 
+def test_a_tendon_of_something_else_is_not_the_hand_s(claw: Path) -> None:
+    """A door beside the hand has a tendon over three joints, which would be refused in a hand."""
+    leaf = '<body name="{0}"><joint name="hinge{0}"/><geom size="0.01"/>'
+    door = "".join(map(leaf.format, "abc")) + "</body>" * 3
+    arms = "".join(f'<joint joint="hinge{i}" coef="1"/>' for i in "abc")
+    text = HAND.replace("</worldbody>", f"{door}</worldbody>")
+    text = text.replace("</tendon>", f'<fixed name="wire">{arms}</fixed></tendon>')
+    equality = '<equality><tendon tendon1="wire" polycoef="0.2 0 0 0 0"/></equality>'
+    claw.write_text(text.replace("<tendon>", equality + "<tendon>"))
+    assert set(tree_of(claw)[1].joint_names) == set(JOINTS)
+    claw.write_text(claw.read_text().replace('joint="hingea"', 'joint="spread"'))
+    with pytest.raises(RobotError, match=r"'no\. 1' is not one of a tendon over two joints"):
+        tree_of(claw)
+
+
+def test_what_mujoco_warns_of_leaves_no_file(
+    claw: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    claw.write_text(HAND.replace("<compiler ", '<compiler settotalmass="3" '))
+    before = set(tmp_path.iterdir()), mujoco.get_mju_user_warning()
+    with pytest.warns(GrasplessPinWarning, match="MuJoCo says: .*'settotalmass' is deprecated"):
+        tree_of(claw)
+    assert (set(tmp_path.iterdir()), mujoco.get_mju_user_warning()) == before
+
+
 def test_it_is_a_hand(claw: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")

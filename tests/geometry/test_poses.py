@@ -5,8 +5,15 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.poses import RIGIDITY_TOLERANCE, as_pose, invert, pose_matrix
+from graspless_pin.geometry.poses import (
+    RIGIDITY_TOLERANCE,
+    as_pose,
+    invert,
+    pose_matrix,
+    roll_pitch_yaw,
+)
 
+STEEP = st.floats(-7.0, 7.0) | st.sampled_from([-0.5, 0.5]).map(lambda half: half * np.pi)
 ANGLES = st.tuples(*[st.floats(-7.0, 7.0)] * 3)
 
 
@@ -15,6 +22,14 @@ def test_roll_pitch_yaw_as_in_urdf(rpy):
     T = pose_matrix([1.0, 2.0, 3.0], rpy)
     np.testing.assert_allclose(T[:3, :3], Rotation.from_euler("xyz", rpy).as_matrix(), atol=1e-12)
     assert T[:3, 3].tolist() == [1.0, 2.0, 3.0]
+
+
+@given(st.tuples(st.floats(-7.0, 7.0), STEEP, st.floats(-7.0, 7.0)))
+def test_a_rotation_s_angles_turn_as_it_does(rpy):
+    R = pose_matrix(np.zeros(3), rpy)[:3, :3]
+    again = roll_pitch_yaw(R)
+    np.testing.assert_allclose(pose_matrix(np.zeros(3), again)[:3, :3], R, atol=1e-11)
+    assert abs(again[1]) <= np.pi / 2
 
 
 @given(st.tuples(*[st.floats(-2.0, 2.0)] * 4).filter(lambda q: np.linalg.norm(q) > 1e-3))

@@ -59,6 +59,12 @@ def test_a_xacro_file_is_the_hand_that_it_stands_for(claw: Path, tmp_path: Path)
     np.testing.assert_allclose(right.shape.halfSide, [0.005, 0.005, 0.02])
 
 
+def test_one_that_declares_no_xacro_is_one_by_its_name(claw: Path) -> None:
+    plain = claw.with_name("claw.xacro")
+    plain.write_text("<robot name='claw'><link name='${1 + 1}'/></robot>")
+    assert read_urdf(plain).root == "2"
+
+
 def test_a_robot_file_gives_packages_and_arguments(claw: Path, tmp_path: Path) -> None:
     robot = tmp_path / "claw.yaml"
     robot.write_text("name: claw\nurdf: claw.urdf.xacro\nxacro_args: {effort: '0.5'}\n")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NoReturn
 
 import numpy as np
@@ -15,6 +16,8 @@ from graspless_pin.problem.checks import all_finite
 RIGIDITY_TOLERANCE = 1e-6
 """Largest entry of ``R^T R - I`` that still counts as a rotation: typed-in poses are rounded."""
 
+_STRAIGHT = 1e-12
+"""Cosine of the pitch below which it is 90 degrees."""
 _IDENTITY = np.eye(4)
 
 
@@ -42,6 +45,18 @@ def pose_matrix(position: ArrayLike, rotation: ArrayLike | None = None) -> NDArr
     if rotation is not None:
         T[:3, :3] = _rotation_matrix(finite_numbers("rotation", rotation))
     return as_pose("rotation", T)
+
+
+def roll_pitch_yaw(R: NDArray[np.float64]) -> tuple[float, float, float]:
+    """Return roll, pitch and yaw, rad, of a rotation ``R = Rz(yaw) Ry(pitch) Rx(roll)``, (3, 3).
+
+    Looking straight up or down roll and yaw are one turn: it is the yaw then.
+    """
+    flat = math.hypot(R[0, 0], R[1, 0])
+    pitch = math.atan2(-R[2, 0], flat)
+    if flat < _STRAIGHT:
+        return 0.0, pitch, math.atan2(-R[0, 1], R[1, 1])
+    return math.atan2(R[2, 1], R[2, 2]), pitch, math.atan2(R[1, 0], R[0, 0])
 
 
 def invert(T: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -25,7 +25,7 @@ _OUTSIDE = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class Balance:
-    """The forces that leave least of the load unbalanced.
+    """The forces that leave least of the load unbalanced, or enough to know that much is left.
 
     Attributes:
         residual: The largest entry of G^T f + g in units of the load.
@@ -54,7 +54,8 @@ def least_residual(
         load: (k,) g in those units.
         friction: (M,) coefficients.
         bearable: (M,) friction that each contact bears at most, in loads; NaN: mu f_n.
-        enough: Whether forces leave more is all that is asked beyond that: no round follows then.
+        enough: Once at least so much is known to be left, the search ends: the forces are then
+            those of cones that are too wide, and the proof stands.
 
     Returns:
         The forces; None where the solver has no answer.

@@ -11,7 +11,8 @@ from graspless_pin.scene.body_schema import PoseEntry
 from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.scene.yaml_source import Location
 
-_TURN = 2.0 * math.pi + 1e-9
+MOST_ANGLE = 2.0 * math.pi + 1e-9
+"""Larger angles, rad, are taken for degrees."""
 
 
 def entry_findings(entry: SceneEntry, table: Materials) -> Iterator[Finding]:
@@ -39,7 +40,7 @@ def _poses(entry: SceneEntry) -> Iterator[tuple[Location, str, PoseEntry]]:
 
 def _of_angles(location: Location, subject: str, pose: PoseEntry) -> Iterator[Finding]:
     angles = pose.rpy or ()
-    if any(abs(angle) > _TURN for angle in angles):
+    if any(abs(angle) > MOST_ANGLE for angle in angles):
         given = ", ".join(f"{angle:g}" for angle in angles)
         radians = ", ".join(f"{math.radians(angle):.5g}" for angle in angles)
         yield Finding(

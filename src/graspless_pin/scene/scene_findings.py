@@ -17,6 +17,7 @@ from graspless_pin.geometry.contact.steadiness import normal_jumps
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
 from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.scene.entry_findings import MOST_ANGLE
 
 if TYPE_CHECKING:
     from graspless_pin.scene.scene import Scene
@@ -26,7 +27,6 @@ STEEPEST_FRICTION = 3.0
 _NEAR = 5.0  # contact tolerances
 _DENSITIES = 1.0, 25_000.0  # kg/m^3; a balloon, osmium
 _STRONGEST_GRAVITY = 30.0  # m/s^2; Jupiter has 25
-_TURN = 2.0 * np.pi + 1e-9
 _UNLIMITED_EFFORT = {JointUnit.TORQUE: 1e3, JointUnit.FORCE: 1e5}
 _UNLIMITED_FORCE = 1e6  # N
 _OVER_WEIGHT = 1e4
@@ -129,7 +129,7 @@ def _figures(scene: Scene) -> Iterator[Finding]:
 def _joints(hand: Hand) -> Iterator[Finding]:
     """Find joint angles in degrees, and stated limits that are none."""
     turning = np.array([kind != "prismatic" for kind in hand.tree.joint_kinds], dtype=bool)
-    for index in np.flatnonzero((np.abs(hand.positions) > _TURN) & turning):
+    for index in np.flatnonzero((np.abs(hand.positions) > MOST_ANGLE) & turning):
         name, angle = hand.joint_names[index], float(hand.positions[index])
         yield Finding(
             FindingCode.ANGLE_IN_DEGREES,

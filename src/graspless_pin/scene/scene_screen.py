@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from graspless_pin.errors import GrasplessPinError
+from graspless_pin.geometry.bodies.shapes import MeshShape
 from graspless_pin.problem.checks import FloatArray
 
 if TYPE_CHECKING:
@@ -79,7 +80,7 @@ def _shape(shape: object) -> str:
     words = {"HalfSpace": "half-space", "MeshShape": "mesh"}.get(name, name.lower())
     sizes = [getattr(shape, item) for item in ("size", "radius", "length") if hasattr(shape, item)]
     figures = [f"{value:g}" for value in np.hstack([*sizes, []]).tolist()]
-    file = f" {shape.path.name}" if hasattr(shape, "path") else ""  # type: ignore[attr-defined]
+    file = f" {shape.path.name}" if isinstance(shape, MeshShape) else ""
     return f"{words}{file} {' x '.join(figures)} m" if figures else f"{words}{file}"
 
 

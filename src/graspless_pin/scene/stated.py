@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -27,7 +26,7 @@ from graspless_pin.geometry.bodies.shapes import (
 )
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.mounts import Mount
-from graspless_pin.geometry.poses import pose_matrix
+from graspless_pin.geometry.poses import pose_matrix, roll_pitch_yaw
 from graspless_pin.geometry.robots.description import RobotDescription
 from graspless_pin.geometry.robots.files import find_robot, load_robot, robot_names
 from graspless_pin.problem import ControlMode
@@ -110,20 +109,12 @@ def stated_rotation(R: ArrayLike, form: str = "rpy") -> dict[str, Any]:
     if form == "quaternion":
         numbers = Rotation.from_matrix(matrix).as_quat().tolist()
     elif form == "rpy":
-        numbers = [float(f"{angle:.13g}") + 0.0 for angle in _roll_pitch_yaw(matrix)]
+        numbers = [float(f"{angle:.13g}") + 0.0 for angle in roll_pitch_yaw(matrix)]
     else:
         return {"matrix": plain(matrix)}
     if np.abs(pose_matrix(np.zeros(3), numbers)[:3, :3] - matrix).max() > _SAME_ROTATION:
         return {"matrix": plain(matrix)}
     return {form: numbers} if form != "rpy" or any(numbers) else {}
-
-
-def _roll_pitch_yaw(R: NDArray[np.float64]) -> tuple[float, float, float]:
-    flat = math.hypot(R[0, 0], R[1, 0])
-    pitch = math.atan2(-R[2, 0], flat)
-    if flat < _SAME_ROTATION:  # looking straight up or down, roll and yaw are one turn
-        return 0.0, pitch, math.atan2(-R[0, 1], R[1, 1])
-    return math.atan2(R[2, 1], R[2, 2]), pitch, math.atan2(R[1, 0], R[0, 0])
 
 
 def described(mount: Mount) -> RobotDescription:

@@ -110,7 +110,8 @@ def couplings(source: MjcfSource, inside: NDArray[np.bool_]) -> dict[int, Mimic]
     for index in np.flatnonzero(model.eq_active0):
         kind, data = kinds(model.eq_type[index]), model.eq_data[index]
         first, second = int(model.eq_obj1id[index]), int(model.eq_obj2id[index])
-        where = f"{source.path}: the equality {model.equality(index).name!r}"
+        name = model.equality(index).name or f"no. {index + 1}"
+        where = f"{source.path}: the equality {name!r}"
         if kind in (kinds.mjEQ_CONNECT, kinds.mjEQ_WELD):
             ends = _bodies(source, int(index), first, second)
             if all(inside[end] for end in ends):
@@ -127,9 +128,9 @@ def couplings(source: MjcfSource, inside: NDArray[np.bool_]) -> dict[int, Mimic]
             start = model.qpos0[model.jnt_qposadr[[first, second]]]
             offset = data[0] + start[0] - data[1] * start[1]
             found[first] = second, float(data[1]), float(offset)
-        elif kind == kinds.mjEQ_TENDON and (second >= 0 or len(_arms(source, first)) != 2):
-            raise RobotError(f"{where} is not one of a tendon over two joints")
-        elif kind == kinds.mjEQ_TENDON:
+        elif kind == kinds.mjEQ_TENDON and _is_of(source, first, inside):
+            if second >= 0 or len(_arms(source, first)) != 2:
+                raise RobotError(f"{where} is not one of a tendon over two joints")
             _couple(source, first, float(model.tendon_length0[first] + data[0]), found)
     for tendon in np.flatnonzero(model.tendon_limited):
         low, high = model.tendon_range[tendon]
@@ -138,6 +139,12 @@ def couplings(source: MjcfSource, inside: NDArray[np.bool_]) -> dict[int, Mimic]
         if len(arms) == 2 and high - low <= _PLAY * min(travel):
             _couple(source, int(tendon), 0.5 * float(low + high), found)
     return found
+
+
+def _is_of(source: MjcfSource, tendon: int, inside: NDArray[np.bool_]) -> bool:
+    """Return whether a tendon may move joints of the robot: all but those over others' alone."""
+    joints = list(_arms(source, tendon))
+    return not joints or bool(inside[source.model.jnt_bodyid[joints]].any())
 
 
 def _couple(source: MjcfSource, tendon: int, length: float, found: dict[int, Mimic]) -> None:

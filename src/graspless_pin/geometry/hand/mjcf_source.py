@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import RobotError
+from graspless_pin.findings import Finding, FindingCode, tell
+from graspless_pin.geometry.poses import roll_pitch_yaw
 from graspless_pin.problem.checks import FloatArray
 
 
@@ -44,15 +47,33 @@ def read_mjcf(path: Path) -> MjcfSource:
 
     Raises:
         RobotError: If MuJoCo is not installed or refuses the file.
+
+    Warns:
+        GrasplessPinWarning: What MuJoCo warns of.
     """
     mujoco = _load_mujoco(path)
+    # Its own way to warn is a log file in the current folder.
+    heard = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda _: None)
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        _strip(spec)
-        model = spec.compile()
+        with warnings.catch_warnings(record=True, action="always") as remarks:
+            spec = mujoco.MjSpec.from_file(str(path))
+            _strip(spec)
+            model = spec.compile()
     except (ValueError, OSError) as error:
         said = " ".join(str(error).split())
         raise RobotError(f"{path}: MuJoCo cannot read this MJCF ({said})") from error
+    finally:
+        mujoco.set_mju_user_warning(heard)
+    for text in dict.fromkeys(str(item.message) for item in remarks):
+        tell(
+            Finding(
+                FindingCode.READER_REMARK,
+                path.name,
+                f"{path}: MuJoCo says: {text}",
+                "look whether it matters for kinematics, shapes or limits",
+            )
+        )
     return MjcfSource(mujoco, path, spec, model)
 
 
@@ -87,13 +108,8 @@ def rotation_and_position(
 
 
 def add_origin(element: ET.Element, R: FloatArray, p: FloatArray) -> None:
-    """Write a pose; near a pitch of 90 degrees only the sum of roll and yaw counts."""
-    pitch = np.arctan2(-R[2, 0], np.hypot(R[0, 0], R[1, 0]))
-    if np.hypot(R[0, 0], R[1, 0]) > 1e-9:
-        roll, yaw = np.arctan2(R[2, 1], R[2, 2]), np.arctan2(R[1, 0], R[0, 0])
-    else:
-        roll, yaw = 0.0, np.arctan2(-R[0, 1], R[1, 1])
-    ET.SubElement(element, "origin", xyz=words(p), rpy=words([roll, pitch, yaw]))
+    """Write a pose: rotation (3, 3) and position (3,), m."""
+    ET.SubElement(element, "origin", xyz=words(p), rpy=words(roll_pitch_yaw(R)))
 
 
 def add_ends(joint: ET.Element, parent: str, child: str) -> None:

@@ -226,34 +226,31 @@ def hand_fields(
 ) -> dict[str, Any]:
     """Return the fields of the hand that `Hand.assemble` makes, with what looked wrong."""
     with heard() as found:
-        own = _fields(mounts, q, control, effort_limits, armature)
-    tell(*found)
-    return {**own, "findings": tuple(found)}
-
-
-def _fields(
-    mounts: Sequence[Mount],
-    q: Mapping[str, float],
-    control: ControlModes | None,
-    effort_limits: Mapping[str, EffortLimit],
-    armature: float | Mapping[str, float],
-) -> dict[str, Any]:
-    parts = join_mounts(mounts)
-    tree = parts.tree
-    mounted = tuple(
-        replace(
-            mount,
-            source=find_robot(mount.source, mount.package_dirs),
-            T_world_base=parts.base_poses[mount.prefix],
-            package_dirs=(),
+        parts = join_mounts(mounts)
+        tree = parts.tree
+        mounted = tuple(
+            replace(
+                mount,
+                source=find_robot(mount.source, mount.package_dirs),
+                T_world_base=parts.base_poses[mount.prefix],
+                package_dirs=(),
+            )
+            for mount in mounts
         )
-        for mount in mounts
-    )
-    given = expand_overrides(tree, parts.fingers, effort_limits, parts.tendons)
-    plan = plan_control(tree, parts.fingers, control, arms=parts.arms, held=parts.held_joints)
-    actuation = plan_actuation(tree, plan, parts.tendons)
-    for joint, value in joint_armatures(tree, parts.fingers, armature).items():
-        tree.pinocchio_model.armature[joint] = value
+        given = expand_overrides(tree, parts.fingers, effort_limits, parts.tendons)
+        plan = plan_control(tree, parts.fingers, control, arms=parts.arms, held=parts.held_joints)
+        actuation = plan_actuation(tree, plan, parts.tendons)
+        for joint, value in joint_armatures(tree, parts.fingers, armature).items():
+            tree.pinocchio_model.armature[joint] = value
+        limits = resolve_effort_limits(
+            tree,
+            actuation,
+            parts.effort_limits | given,
+            parts.effort_unknown,
+            parts.held_joints,
+        )
+        positions = joint_positions(tree, q)
+    tell(*found)
     return {
         "tree": tree,
         "mounts": mounted,
@@ -263,12 +260,7 @@ def _fields(
         "arms": parts.arms,
         "control": plan,
         "actuation": actuation,
-        "effort_limits": resolve_effort_limits(
-            tree,
-            actuation,
-            parts.effort_limits | given,
-            parts.effort_unknown,
-            parts.held_joints,
-        ),
-        "positions": joint_positions(tree, q),
+        "effort_limits": limits,
+        "positions": positions,
+        "findings": tuple(found),
     }

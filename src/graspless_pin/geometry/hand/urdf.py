@@ -165,7 +165,7 @@ def parse_robot(
     refuse_other_kind(path, URDF, None if found in _OTHER_XML else found)
     with errors_of_text(path, URDF):
         root = parse_xml(content)
-        if is_xacro(root):
+        if path.suffix == ".xacro" or is_xacro(root):
             root = parse_xml(expanded(path, package_dirs, xacro_args))
     if root.tag == "mujoco":
         from graspless_pin.geometry.hand.mjcf import mjcf_robot
