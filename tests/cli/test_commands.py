@@ -32,7 +32,7 @@ def shell(*arguments: str | Path, folder: Path = ROOT) -> subprocess.CompletedPr
 def test_exit_code_0_prints_the_tables():
     result = run("solve", ALLEGRO)
     assert result.exit_code == 0 and result.stderr == ""
-    for word in ("joint", "gravity", "of limit", "touching", "friction", "sticking", "certificate"):
+    for word in ("joint", "gravity", "of limit", "touching", "of mu", "slides", "certificate"):
         assert word in result.stdout
     assert "link_3.0_tip" in result.stdout and "slope" in result.stdout
     assert "margin e = 0.743" in result.stdout

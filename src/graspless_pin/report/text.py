@@ -11,9 +11,7 @@ from graspless_pin.geometry.contact.contact_points import BodyKind
 from graspless_pin.scene import Scene
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.solution.nearest_limits import joint_limit_words, margin_limit_words
-from graspless_pin.solution.tables import figure
-
-_WIDTH = 80
+from graspless_pin.solution.tables import COLUMNS, figure, headed
 
 
 def scene_solution_text(
@@ -37,9 +35,12 @@ def scene_solution_text(
         >>> print(scene_solution_text(scene, scene.solve()).splitlines()[0])
         Cuboid pinched on a slope, at rest: cuboid, 1 kg, 6 contacts, 2 joints
     """
-    title = f"{scene.name}: {scene.object.name}, {scene.object.mass:g} kg"
     problem = solution.problem
-    title += f", {_count(problem.contact_count, 'contact')}, {_count(problem.joint_count, 'joint')}"
+    facts = (
+        f"{scene.object.name}, {scene.object.mass:g} kg, {_count(problem.contact_count, 'contact')}"
+        f", {_count(problem.joint_count, 'joint')}"
+    )
+    title = headed(scene.name, facts)
     serious = [one for one in solution.findings if one.severity is Severity.SERIOUS]
     title = "\n".join([*(f"{one.severity}: {one.message}" for one in serious), title])
     if verdict:
@@ -57,7 +58,7 @@ def _remarks(
         margin_limit_words(solution, scene.contacts.bodies),
         joint_limit_words(solution),
     ]
-    return [fill(sentence, _WIDTH) for sentence in words if sentence]
+    return [fill(sentence, COLUMNS) for sentence in words if sentence]
 
 
 def _worst_margin(bounds: ContactForceBounds, solution: TorqueSolution) -> str:

@@ -19,10 +19,12 @@ from graspless_pin.solution.utilization import contact_state, friction_use, limi
 _LEAST, _MOST = 0.01, 1e6
 """Loads whose figures have four decimals in tables; there 1e-8 counts as zero."""
 _NOTHING = 1e-6
+COLUMNS = 80
+"""Columns of the narrowest terminal."""
 _JOINT_HEADERS = ["joint", "contacts", "gravity", "torque", "lower", "upper", "of limit"]
 _CONTACT_LEGEND = (
-    "friction: share of what mu allows; slides: signs of the virtual sliding (B, S) along t1 and "
-    "t2, .. none"
+    "point from the centre of mass; normal force in N; of mu: friction used, or limit\n"
+    "slides: signs of the virtual sliding (B, S) along t1 and t2, .. none"
 )
 
 
@@ -101,7 +103,7 @@ def contact_table(
     mode: SlidingMode,
     bodies: Sequence[str] | None = None,
 ) -> Table:
-    """Return the contacts: point, normal force, friction and its use, state, virtual sliding.
+    """Return the contacts: point, normal force, share of friction in use, virtual sliding.
 
     Args:
         problem: The problem.
@@ -112,19 +114,27 @@ def contact_table(
     load, length, _ = problem.scales
     normal = _plain(np.einsum("ij,ij->i", problem.normals, forces), load)
     digits = digits_of(length, "+")
-    use, tokens = friction_use(problem, forces), str(mode).split(" ")
+    shares, tokens = _friction_shares(problem, forces), str(mode).split(" ")
     rows = []
     for contact in range(problem.contact_count):
-        share = "-" if np.isnan(use[contact]) else f"{100.0 * use[contact]:.0f} %"
         where = " ".join(f"{x:{digits}}" for x in _plain(problem.positions[contact], length))
-        state = contact_state(problem, forces, contact)
         name = [bodies[contact]] if bodies is not None else []
-        rows.append([contact, *name, where, normal[contact], share, state, tokens[contact]])
-    headers = ["#", "point from the centre of mass [m]", "normal [N]", "friction", "state",
-               "slides"]  # fmt: skip
+        rows.append([contact, *name, where, normal[contact], shares[contact], tokens[contact]])
+    headers = ["#", "point [m]", "normal", "of mu", "slides"]
     if bodies is not None:
         headers.insert(1, "touching")
     return Table(rows, headers, _CONTACT_LEGEND, digits_of(load), (1,))
+
+
+def _friction_shares(problem: QuasistaticProblem, forces: FloatArray) -> list[str]:
+    """Return what sticks by its share of friction, and what does not by its state."""
+    words = {"at its limit": "limit", "frictionless": "-"}
+    shares = []
+    for contact, use in enumerate(friction_use(problem, forces)):
+        state = contact_state(problem, forces, contact)
+        share = "-" if np.isnan(use) else f"{100.0 * use:.0f} %"
+        shares.append(share if state == "sticking" else words.get(state, state))
+    return shares
 
 
 def certificate_text(
@@ -143,8 +153,8 @@ def certificate_text(
     if found:
         own = f", duality gap {proof.duality_gap:.1e}" if np.isfinite(proof.duality_gap) else ""
         lines.append(
-            f"certificate: primal residual {proof.primal_residual:.1e}{own} (scaled); proven bound "
-            f"{figure(proof.bound, size)} {unit}, gap {proof.gap + 0.0:.1e} {unit}"
+            f"certificate: primal residual {proof.primal_residual:.1e}{own} (scaled)\n"
+            f"proven bound {figure(proof.bound, size)} {unit}, gap {proof.gap + 0.0:.1e} {unit}"
         )
     elif proof.infeasibility > 0.0:
         lines.append(
@@ -164,12 +174,18 @@ def certificate_text(
         )
     lines.append(
         f"search: {_count(proof.nodes, 'node')}, "
-        f"{_count(proof.modes_examined, 'mode')} examined, "
+        f"{_count(proof.modes_examined, 'mode')}, "
         f"{_count(proof.force_programs, 'force program')}, "
         f"{_count(proof.kinematic_programs, 'kinematic program')}"
         + (f", answer by {proof.solver}" if proof.solver else "")
     )
     return "\n".join(lines)
+
+
+def headed(head: str, text: str) -> str:
+    """Return both in one line, or in two where a terminal of 80 columns would break it."""
+    between = " " if len(head) + len(text) + 2 <= COLUMNS else "\n"
+    return f"{head}:{between}{text}"
 
 
 def digits_of(size: float, sign: str = "") -> str:

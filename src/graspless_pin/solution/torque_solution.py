@@ -28,6 +28,7 @@ from graspless_pin.solution.tables import (
     certificate_text,
     contact_table,
     figure,
+    headed,
     joint_table,
     paragraph,
     torque_size,
@@ -259,7 +260,7 @@ class TorqueSolution:
         }.get(self.algorithm or "", f"{self.objective.name} {margin}")
         size = torque_size(self.problem, self.torques)
         return (
-            f"{what}: {self.status.message}\n"
+            f"{headed(what, self.status.message)}\n"
             f"margin e = {figure(self.margin, self.problem.scales.force)} N, max |torque| = "
             f"{figure(self.max_torque, size)} {self.max_torque_unit}"
         )
