@@ -78,6 +78,27 @@ _COMMANDS = {
         "Audit a URDF: meshes, effort limits, mimic joints, limits; and say what to do.",
         ("graspless-pin inspect my_hand.urdf",),
     ),
+    "new": _Command(
+        "starting.new",
+        "Write a first scene of a robot and an object, complete and commented.",
+        (
+            "graspless-pin new hand.urdf box:0.06,0.04,0.06 --effort 0.5 -o scene.yaml",
+            "graspless-pin new allegro_right mug.stl --mass 0.3 --support slope:20deg",
+        ),
+    ),
+    "close": _Command(
+        "posing.close_scene",
+        "Close fingers until they touch the object or reach their limits, and write that scene.",
+        (
+            "graspless-pin close scene.yaml -o closed.yaml",
+            "graspless-pin close scene.yaml -o closed.yaml --finger index --finger thumb --wrap",
+        ),
+    ),
+    "settle": _Command(
+        "posing.settle_scene",
+        "Move the object along gravity until it rests on a support, and write that scene.",
+        ("graspless-pin settle scene.yaml -o settled.yaml",),
+    ),
     "example": _Command(
         "examples.example",
         "Copy an example scene or study with its files to the current folder, or list all.",

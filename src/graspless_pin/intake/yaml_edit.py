@@ -175,7 +175,7 @@ def _changed_length(
     edits = [out(text, spans, index) for index in gone]
     end = spans[-1][1]
     if new and node.flow_style:
-        edits.append(_Edit(end, end, f", {_flow(new)[1:-1]}"))
+        edits.append(_Edit(end, end, f", {flow_of(new)[1:-1]}"))
     elif new:
         lines = _block(new, spans[0][0] - _line_start(text, spans[0][0]))
         if text[:end].endswith("\n"):  # a text block, which ends with its line
@@ -222,7 +222,7 @@ def _replaced(text: str, node: yaml.Node, wanted: Any) -> _Edit:
         start = len(key)
     before = " " if anchor or (key.endswith(":") and start == len(key)) else ""
     after = "\n" if text[start:end].endswith("\n") else ""
-    return _Edit(start, end, before + _flow(wanted) + after)
+    return _Edit(start, end, before + flow_of(wanted) + after)
 
 
 def _end(node: yaml.Node) -> int:
@@ -251,8 +251,8 @@ def _line_start(text: str, index: int) -> int:
     return max(text.rfind(end, 0, index) for end in "\n\r\x85\u2028\u2029") + 1
 
 
-def _flow(data: Any) -> str:
-    """Return data on one line, as it may stand inside of ``[...]``."""
+def flow_of(data: Any) -> str:
+    """Return data as YAML on one line, as it may stand inside of ``[...]``."""
     line = yaml.dump([data], Dumper=_Dumper, sort_keys=False, allow_unicode=True,
                      default_flow_style=True, width=float("inf"))  # fmt: skip
     return line.strip()[1:-1]

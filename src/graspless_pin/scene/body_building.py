@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from graspless_pin.geometry.bodies.shapes import (
 from graspless_pin.geometry.poses import pose_matrix
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.body_schema import (
+    ROTATION_FORMS,
     BoxEntry,
     CapsuleEntry,
     ConeEntry,
@@ -87,15 +89,18 @@ def build_pose(file: YamlSource, where: Location, entry: PoseEntry) -> FloatArra
     Raises:
         SceneError: Naming the part of the file.
     """
-    rotations = {"rpy": entry.rpy, "quaternion": entry.quaternion, "matrix": entry.matrix}
-    form = next((name for name, value in rotations.items() if value is not None), None)
-    if form is None:
-        return pose_matrix(entry.position)
+    form, rotation = stated_turn(vars(entry))
     try:
-        return pose_matrix(entry.position, rotations[form])
+        return pose_matrix(entry.position, rotation)
     except ArgumentError as error:
         message = str(error).removeprefix(f"{error.argument}: ")
         raise file.error((*where, form), message) from error
+
+
+def stated_turn(pose: Mapping[str, Any]) -> tuple[str, Any]:
+    """Return in which form a pose says how it is turned, and what `pose_matrix` takes of that."""
+    form = next((name for name in ROTATION_FORMS if pose.get(name) is not None), "rpy")
+    return form, np.radians(pose[form]) if form == "rpy_deg" else pose.get(form)
 
 
 def _shape(file: YamlSource, entry: Any) -> Shape:

@@ -43,6 +43,10 @@ Concavity = Annotated[
 ]
 
 
+ROTATION_FORMS = ("rpy", "rpy_deg", "quaternion", "matrix")
+"""Keys of a pose that say how it is turned, one of which may stand."""
+
+
 class PoseEntry(Entry):
     """A pose: where the frame's origin is, and at most one form of its rotation."""
 
@@ -51,6 +55,7 @@ class PoseEntry(Entry):
         default=None,
         description="[rad] roll, pitch, yaw, R = Rz(yaw) Ry(pitch) Rx(roll) as in URDF",
     )
+    rpy_deg: Vector | None = Field(default=None, description="[deg] the same in degrees")
     quaternion: tuple[Finite, Finite, Finite, Finite] | None = Field(
         default=None, description="[1] x, y, z, w"
     )
@@ -60,7 +65,7 @@ class PoseEntry(Entry):
 
     @model_validator(mode="after")
     def _one_rotation(self) -> PoseEntry:
-        forms = [name for name in ("rpy", "quaternion", "matrix") if getattr(self, name)]
+        forms = [name for name in ROTATION_FORMS if getattr(self, name)]
         if len(forms) > 1:
             raise ValueError(f"found {' and '.join(forms)}; give one form of the rotation")
         return self

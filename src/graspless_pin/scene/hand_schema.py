@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from graspless_pin.geometry.robots.robot_schema import Convex, FingerEntry
 from graspless_pin.intake.fields import (
@@ -116,6 +116,17 @@ class HandEntry(MountEntry):
                 "'mounts' has its own"
             )
         return self
+
+    @field_validator("effort_limits", mode="before")
+    @classmethod
+    def _none_left_open(cls, limits: Any) -> Any:
+        named = limits.items() if isinstance(limits, dict) else ()
+        if open_ := [str(name) for name, value in named if value is None]:
+            raise ValueError(
+                f"is left empty for {', '.join(open_)}; fill in the most that each motor gives "
+                "(N m, or N for a linear joint or tendon), as its data sheet says"
+            )
+        return limits
 
     def mount_entries(self) -> list[tuple[str, MountEntry]]:
         """Return the robots with their prefixes."""

@@ -35,12 +35,30 @@ PathText = Callable[[Path], str]
 
 def save_scene(scene: Scene, path: str | Path, *, overwrite: bool = False) -> Path:
     """Write a scene file: see `Scene.save`."""
-    target = Path(path)
+    return write_scene_file(
+        Path(path), lambda target: scene_text(scene, target), overwrite=overwrite
+    )
+
+
+def write_scene_file(target: Path, make: Callable[[Path], str], *, overwrite: bool) -> Path:
+    """Write a scene file and return its path.
+
+    Args:
+        target: The file.
+        make: Returns its text; called when nothing else speaks against it.
+        overwrite: Whether a file of that name may be replaced.
+
+    Raises:
+        SceneError: If the name is not one of a scene file, or the file is there already or cannot
+            be written.
+    """
     if target.suffix.lower() not in (".yaml", ".yml"):
         raise SceneError(f"{target}: a scene file ends in .yaml or .yml; choose such a name")
     if os.path.lexists(target) and not overwrite:
-        raise SceneError(f"{target}: is there already; choose another name, or give overwrite=True")
-    text = scene_text(scene, target)
+        raise SceneError(
+            f"{target}: is there already; choose another name, or give overwrite=True (--overwrite)"
+        )
+    text = make(target)
     try:
         with draft_of(target) as draft:
             draft.write_text(text, encoding="utf-8", newline="")
@@ -62,14 +80,7 @@ def scene_text(scene: Scene, target: Path) -> str:
         SceneError: If no scene file can say what the scene is, or the one that it came from is no
             scene any more.
     """
-
-    def path_text(path: Path) -> str:
-        file = path.parent.resolve() / path.name
-        try:
-            return Path(os.path.relpath(file, target.parent.resolve())).as_posix()
-        except ValueError:  # on another drive
-            return str(file)
-
+    path_text = paths_beside(target)
     wanted = stated_scene(scene, path_text)
     if scene.path is not None and is_file(scene.path):
         source = YamlSource.read(scene.path)
@@ -84,6 +95,19 @@ def scene_text(scene: Scene, target: Path) -> str:
         text = yaml_of(entry.model_dump(mode="json", exclude_defaults=True))
     _check(text, target, scene, path_text)
     return text
+
+
+def paths_beside(target: Path) -> PathText:
+    """Return how a file names others: relative to its folder."""
+
+    def path_text(path: Path) -> str:
+        file = path.parent.resolve() / path.name
+        try:
+            return Path(os.path.relpath(file, target.parent.resolve())).as_posix()
+        except ValueError:  # on another drive
+            return str(file)
+
+    return path_text
 
 
 def _said_again(data: Any, meant: Any, wanted: Any, scene: Scene) -> dict[str, Any]:

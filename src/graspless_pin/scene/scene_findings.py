@@ -221,8 +221,8 @@ def _touches_nothing(scene: Scene, hand: Hand) -> Finding:
         FindingCode.HAND_TOUCHES_NOTHING,
         scene.object.name,
         f"no link of the hand touches object '{scene.object.name}'{nearest}",
-        "move the hand (base_pose, in metres and radians) or close its fingers with "
-        "graspless_pin.close_fingers(scene)",
+        "have it placed (graspless-pin place), close its fingers (graspless-pin close), or move it "
+        "(base_pose, in metres and radians)",
         ("hand", "base_pose"),
     )
 
@@ -246,7 +246,7 @@ def _missed(scene: Scene, touching: set[str]) -> Iterator[Finding]:
                 support.name,
                 f"support '{support.name}' does not count: it is {_length(gap)} from object "
                 f"'{scene.object.name}', more than contact_tolerance ({_length(tolerance)})",
-                "settle the object with graspless_pin.settle(scene), correct the pose, or raise "
+                "settle the object (graspless-pin settle), correct the pose, or raise "
                 "contact_tolerance",
                 ("supports", index, "pose"),
             )
@@ -269,8 +269,7 @@ def _missed(scene: Scene, touching: set[str]) -> Iterator[Finding]:
                 finger,
                 f"'{link}' does not count: it is {_length(gap)} from object "
                 f"'{scene.object.name}', more than contact_tolerance ({_length(tolerance)})",
-                "close the finger with graspless_pin.close_fingers(scene), correct q, or raise "
-                "contact_tolerance",
+                "close the finger (graspless-pin close), correct q, or raise contact_tolerance",
                 ("hand", "q"),
             )
 

@@ -30,6 +30,7 @@ from graspless_pin.geometry.poses import pose_matrix, roll_pitch_yaw
 from graspless_pin.geometry.robots.description import RobotDescription
 from graspless_pin.geometry.robots.files import find_robot, load_robot, robot_names
 from graspless_pin.problem import ControlMode
+from graspless_pin.scene.body_building import stated_turn
 from graspless_pin.scene.motion_and_contacts import Motion
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_schema import SolveEntry
@@ -103,18 +104,21 @@ def stated_rotation(R: ArrayLike, form: str = "rpy") -> dict[str, Any]:
 
     Args:
         R: (3, 3).
-        form: ``rpy``, ``quaternion`` or ``matrix``; where rounding would show, the matrix is taken.
+        form: One of `ROTATION_FORMS`; where rounding would show, the matrix is taken.
     """
     matrix = np.asarray(R)
     if form == "quaternion":
         numbers = Rotation.from_matrix(matrix).as_quat().tolist()
-    elif form == "rpy":
-        numbers = [float(f"{angle:.13g}") + 0.0 for angle in roll_pitch_yaw(matrix)]
+    elif form == "matrix":
+        return {"matrix": plain(matrix)}
     else:
+        angles = roll_pitch_yaw(matrix)
+        angles = np.degrees(angles) if form == "rpy_deg" else angles
+        numbers = [float(f"{angle:.13g}") + 0.0 for angle in angles]
+    back = pose_matrix(np.zeros(3), stated_turn({form: numbers})[1])
+    if np.abs(back[:3, :3] - matrix).max() > _SAME_ROTATION:
         return {"matrix": plain(matrix)}
-    if np.abs(pose_matrix(np.zeros(3), numbers)[:3, :3] - matrix).max() > _SAME_ROTATION:
-        return {"matrix": plain(matrix)}
-    return {form: numbers} if form != "rpy" or any(numbers) else {}
+    return {form: numbers} if form == "quaternion" or any(numbers) else {}
 
 
 def described(mount: Mount) -> RobotDescription:
@@ -155,14 +159,15 @@ def _mount(hand: Hand, mount: Mount, path_text: Callable[[Path], str]) -> dict[s
     return {
         "prefix": mount.prefix,
         **dict.fromkeys(ROBOT),
-        **_robot(find_robot(mount.source), path_text),
+        **stated_robot(find_robot(mount.source), path_text),
         "base_pose": _pose(hand.base_poses[mount.prefix]),
         "fingers": None if fingers is None else {name: vars(one) for name, one in fingers.items()},
         **({} if meshes is None else vars(meshes)),
     }
 
 
-def _robot(robot: RobotDescription, path_text: Callable[[Path], str]) -> dict[str, Any]:
+def stated_robot(robot: RobotDescription, path_text: Callable[[Path], str]) -> dict[str, Any]:
+    """Return what a scene file says of which robot it is: see `stated_scene`."""
     if robot.file is not None:
         name = robot.file.stem
         own = name in robot_names() and load_robot(name).file == robot.file
@@ -176,7 +181,7 @@ def _robot(robot: RobotDescription, path_text: Callable[[Path], str]) -> dict[st
 def _object(made: ManipulatedObject, path_text: Callable[[Path], str]) -> dict[str, Any]:
     return {
         "name": made.name,
-        "shape": _shape(made.shape, path_text),
+        "shape": stated_shape(made.shape, path_text),
         "mass": made.mass,
         "center_of_mass": made.center_of_mass,
         "inertia": made.inertia,
@@ -188,7 +193,7 @@ def _object(made: ManipulatedObject, path_text: Callable[[Path], str]) -> dict[s
 def _support(support: Support, path_text: Callable[[Path], str]) -> dict[str, Any]:
     return {
         "name": support.name,
-        "shape": _shape(support.shape, path_text),
+        "shape": stated_shape(support.shape, path_text),
         "pose": _pose(support.T_world_support),
         "friction": support.friction,
         "velocity": _twist(support.velocity),
@@ -196,7 +201,8 @@ def _support(support: Support, path_text: Callable[[Path], str]) -> dict[str, An
     }
 
 
-def _shape(shape: Shape, path_text: Callable[[Path], str]) -> dict[str, Any]:
+def stated_shape(shape: Shape, path_text: Callable[[Path], str]) -> dict[str, Any]:
+    """Return what a scene file says of a shape: see `stated_scene`."""
     stated = {"type": _TYPES[type(shape)], **vars(shape)}
     if isinstance(shape, MeshShape):
         stated["path"] = path_text(shape.path)

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from graspless_pin.errors import StudyError
 from graspless_pin.geometry.poses import invert, pose_matrix
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.scene.body_building import stated_turn
 from graspless_pin.scene.yaml_source import Location
 from graspless_pin.spelling import names_in_words
 
@@ -232,10 +233,7 @@ def _frame(tree: Tree, name: str | None) -> FloatArray:
 
 
 def _pose_of(entry: Tree) -> FloatArray:
-    rotation = next(
-        (entry[form] for form in ("rpy", "quaternion", "matrix") if entry.get(form)), None
-    )
-    return pose_matrix(entry.get("position", (0.0, 0.0, 0.0)), rotation)
+    return pose_matrix(entry.get("position", (0.0, 0.0, 0.0)), stated_turn(entry)[1])
 
 
 def _transform(entry: Tree, T: FloatArray) -> None:

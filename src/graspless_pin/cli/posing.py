@@ -1,0 +1,62 @@
+"""``graspless-pin close`` and ``settle``: write the scene that results."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from graspless_pin.cli.outcome import ExitCode, plain_errors
+from graspless_pin.cli.waiting import waiting_for
+from graspless_pin.findings import tell
+from graspless_pin.scene import Scene, close_fingers, load_scene, settle
+
+_Source = Annotated[Path, typer.Argument(help="Scene file (YAML).")]
+_Output = Annotated[
+    Path, typer.Option("--output", "-o", metavar="FILE", help="The scene file to write.")
+]
+_Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace a file of that name.")]
+
+
+def close_scene(
+    scene: _Source,
+    output: _Output,
+    finger: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Close this finger; may be repeated. Default: all."),
+    ] = None,
+    wrap: Annotated[
+        bool, typer.Option("--wrap", help="Go on with the joints beyond a link that touches.")
+    ] = False,
+    overwrite: _Overwrite = False,
+) -> None:
+    """Close fingers until they touch the object or reach their limits, and write that scene.
+
+    Exit code 0: each of them touches; 1: not all do; 2: bad input.
+    """
+    with plain_errors():
+        loaded = load_scene(scene)
+        with waiting_for("closing the fingers"):
+            closed = close_fingers(loaded, fingers=finger, wrap=wrap)
+        _save(closed.scene, output, str(closed.closing), overwrite=overwrite)
+    raise typer.Exit(ExitCode.FOUND if closed.closing.all_touch else ExitCode.INFEASIBLE)
+
+
+def settle_scene(scene: _Source, output: _Output, overwrite: _Overwrite = False) -> None:
+    """Move the object along gravity until it rests on a support, and write that scene."""
+    with plain_errors():
+        loaded = load_scene(scene)
+        rested = settle(loaded)
+        way = rested.object.T_world_object[:3, 3] - loaded.object.T_world_object[:3, 3]
+        down = float(way @ loaded.gravity) / float(np.linalg.norm(loaded.gravity))
+        word = "down" if down >= 0.0 else "up"
+        said = f"object '{rested.object.name}' goes {word} by {1e3 * abs(down):.3f} mm"
+        _save(rested, output, said, overwrite=overwrite)
+
+
+def _save(scene: Scene, output: Path, said: str, *, overwrite: bool) -> None:
+    written = scene.save(output, overwrite=overwrite)
+    tell(*scene.findings)
+    typer.echo(f"{said}\nwrote {written}")

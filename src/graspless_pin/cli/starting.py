@@ -1,0 +1,185 @@
+"""``graspless-pin new``: a first scene of a robot and an object."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from graspless_pin.cli.outcome import plain_errors
+from graspless_pin.cli.waiting import waiting_for
+from graspless_pin.drafts import draft_of
+from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.bodies.shapes import (
+    Box,
+    Capsule,
+    Cone,
+    Cylinder,
+    MeshShape,
+    Shape,
+    Sphere,
+)
+from graspless_pin.scene import scene_json_schema
+from graspless_pin.scene.new_scene import SCHEMA_FILE, NewScene, new_scene_text
+from graspless_pin.scene.saving import write_scene_file
+
+_PRIMITIVES: dict[str, tuple[str, Callable[..., Shape]]] = {
+    "box": ("X,Y,Z", lambda x, y, z: Box((x, y, z))),
+    "sphere": ("RADIUS", Sphere),
+    "cylinder": ("RADIUS,LENGTH", Cylinder),
+    "capsule": ("RADIUS,LENGTH", Capsule),
+    "cone": ("RADIUS,LENGTH", Cone),
+}
+_STEEPEST = 80.0  # degrees
+_UNITS = {"deg": 1.0, "°": 1.0, "rad": 180.0 / math.pi}
+
+
+def new(
+    robot: Annotated[
+        str,
+        typer.Argument(help="A URDF, xacro file, MJCF or robot file, or the name of a robot."),
+    ],
+    obj: Annotated[
+        str,
+        typer.Argument(
+            metavar="OBJECT",
+            help="A mesh file (STL, OBJ, DAE, PLY, glTF), or lengths in metres: box:X,Y,Z, "
+            "sphere:RADIUS, cylinder:RADIUS,LENGTH, capsule:RADIUS,LENGTH, cone:RADIUS,LENGTH.",
+        ),
+    ],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="SCENE", help="The scene file to write.")
+    ] = Path("scene.yaml"),
+    effort: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="[NAME=]N_M",
+            help="Effort limit, N m (N of linear joints and tendons), of all actuators whose limit "
+            "the robot's files do not tell, or of one finger, joint or tendon. May be repeated.",
+        ),
+    ] = None,
+    support: Annotated[
+        str, typer.Option(metavar="flat|slope:30deg", help="What the object rests on.")
+    ] = "flat",
+    mass: Annotated[float | None, typer.Option(help="Of the object, kg.")] = None,
+    density: Annotated[
+        float | None, typer.Option(help="Of the object, kg/m^3; default: 500, marked as a guess.")
+    ] = None,
+    scale: Annotated[
+        float, typer.Option(help="Metres per unit of the mesh file: 0.001 for millimetres.")
+    ] = 1.0,
+    decompose: Annotated[
+        bool, typer.Option("--decompose", help="Cut the mesh into convex pieces, hollows kept.")
+    ] = False,
+    package_dir: Annotated[
+        list[Path] | None, typer.Option(help="Where package:// addresses are looked up.")
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace a scene file of that name.")
+    ] = False,
+) -> None:
+    """Write a first scene of a robot and an object, complete and commented.
+
+    The object rests on the support; the hand stands clear of it: graspless-pin place puts it there.
+    Effort limits that the robot's files do not tell are left open, unless --effort gives them.
+    """
+    with plain_errors():
+        shape = _shape(obj, scale, decompose=decompose)
+        limits = dict(map(_limit, effort or []))
+        about = NewScene(
+            robot=robot,
+            name=Path(obj).stem if isinstance(shape, MeshShape) else obj.partition(":")[0],
+            shape=shape,
+            package_dirs=tuple(package_dir or ()),
+            mass=mass,
+            density=density,
+            slope=_slope(support),
+            efforts={name: limit for name, limit in limits.items() if name},
+            effort=limits.get(""),
+        )
+        open_limits: tuple[str, ...] = ()
+
+        def text(target: Path) -> str:
+            nonlocal open_limits
+            with waiting_for("reading the robot and the object"):
+                written, open_limits = new_scene_text(about, target)
+            return written
+
+        typer.echo(f"wrote {write_scene_file(output, text, overwrite=overwrite)}")
+        if _write_schema(output.with_name(SCHEMA_FILE)):
+            typer.echo(f"wrote {output.with_name(SCHEMA_FILE)}, for editors")
+        place = f"graspless-pin place {output} -o placed.yaml"
+        if not open_limits:
+            typer.echo(f"now: {place}")
+            return
+        typer.echo(
+            f"fill in hand.effort_limits: the robot's files do not tell what {_few(open_limits)} "
+            f"can give; then: {place}"
+        )
+
+
+def _few(names: tuple[str, ...]) -> str:
+    shown = ", ".join(names[:4])
+    return shown if len(names) <= 4 else f"{shown} and {len(names) - 4} more"
+
+
+def _shape(text: str, scale: float, *, decompose: bool) -> Shape:
+    """Return the shape that an argument names."""
+    kind, colon, rest = text.partition(":")
+    if colon and kind in _PRIMITIVES:
+        names, make = _PRIMITIVES[kind]
+        lengths = [_number("OBJECT", length) for length in rest.split(",")]
+        if len(lengths) != len(names.split(",")):
+            raise ArgumentError("OBJECT", f"found {text!r}; needs {kind}:{names}, in metres")
+        if scale != 1.0 or decompose:
+            raise ArgumentError("OBJECT", f"--scale and --decompose go with a mesh, not a {kind}")
+        return make(*lengths)
+    if not Path(text).suffix:
+        known = ", ".join(f"{one}:{names}" for one, (names, _) in _PRIMITIVES.items())
+        raise ArgumentError("OBJECT", f"found {text!r}; needs a mesh file or one of {known}")
+    return MeshShape(Path(text), scale, convex="decompose" if decompose else "hull")
+
+
+def _limit(text: str) -> tuple[str, float]:
+    """Return the name, empty for all, and the effort limit of an option."""
+    name, _, number = text.rpartition("=")
+    limit = _number("--effort", number)
+    if not 0.0 < limit < math.inf:
+        raise ArgumentError("--effort", f"found {text!r}; needs a positive number of N m or N")
+    return name, limit
+
+
+def _slope(text: str) -> float:
+    """Return the angle of the support, rad."""
+    if text == "flat":
+        return 0.0
+    angle = re.fullmatch(r"slope:\s*([-+.\deE]+?)\s*(deg|°|rad)", text)
+    degrees = math.nan if angle is None else _number("--support", angle[1]) * _UNITS[angle[2]]
+    if not 0.0 <= degrees <= _STEEPEST:
+        raise ArgumentError(
+            "--support",
+            f"found {text!r}; needs flat, or slope and an angle with its unit from 0 to "
+            f"{_STEEPEST:g} degrees: slope:30deg, slope:0.5rad",
+        )
+    return math.radians(degrees)
+
+
+def _number(option: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ArgumentError(option, f"found {text!r}; needs a number") from None
+
+
+def _write_schema(file: Path) -> bool:
+    """Write the JSON schema of scenes where there is none; return whether it was done."""
+    if file.exists():
+        return False
+    with draft_of(file) as draft:
+        draft.write_text(json.dumps(scene_json_schema(), indent=2) + "\n", encoding="utf-8")
+    return True

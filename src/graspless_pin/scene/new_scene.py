@@ -1,0 +1,228 @@
+"""A first scene of a robot and an object: complete, commented, and with the hand still far off."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from graspless_pin.findings import FindingCode, heard, tell
+from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
+from graspless_pin.geometry.bodies.shapes import HalfSpace, Shape
+from graspless_pin.geometry.hand.effort_limits import is_placeholder
+from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.geometry.hand.mounts import Mount
+from graspless_pin.geometry.poses import pose_matrix
+from graspless_pin.geometry.posing.resting import clear_base, lying_object
+from graspless_pin.geometry.robots.description import RobotDescription
+from graspless_pin.geometry.robots.files import find_robot
+from graspless_pin.intake.yaml_edit import flow_of, yaml_of
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.scene.saving import paths_beside
+from graspless_pin.scene.stated import plain, stated_robot, stated_rotation, stated_shape
+
+SCHEMA_FILE = "scene.schema.json"
+"""Beside a new scene: the JSON schema, which editors read."""
+
+_DENSITY = 500.0  # kg/m^3
+_LEAST_FORCE, _WEIGHTS = 50.0, 5.0  # N, 1
+_LIMITS = (FindingCode.PLACEHOLDER_EFFORT, FindingCode.UNKNOWN_EFFORT)
+
+
+@dataclass(frozen=True)
+class NewScene:
+    """What a new scene is about.
+
+    Attributes:
+        robot: A URDF, xacro file, MJCF or robot file, or the name of a robot.
+        name: What results call the object.
+        shape: The object's.
+        package_dirs: For the ``package://`` addresses of a URDF.
+        mass: kg; or
+        density: kg/m^3; neither: a density is guessed.
+        slope: Angle of the support, rad; it falls towards +x.
+        efforts: Effort limit (N m, N) by finger, joint or tendon, taken before the robot's own.
+        effort: Of all others whose limit the robot's files do not tell; None: left open.
+    """
+
+    robot: str
+    name: str
+    shape: Shape
+    package_dirs: Sequence[Path] = ()
+    mass: float | None = None
+    density: float | None = None
+    slope: float = 0.0
+    efforts: Mapping[str, float] = field(default_factory=dict)
+    effort: float | None = None
+
+
+def new_scene_text(new: NewScene, target: Path) -> tuple[str, tuple[str, ...]]:
+    """Return the text of a new scene, and the actuators whose effort limits it leaves open.
+
+    The object rests on the support; the hand stands clear of it, above the support.
+
+    Args:
+        new: What it is about.
+        target: The file: paths in it are relative to its folder.
+
+    Raises:
+        GrasplessPinError: If robot, mesh or a figure does not do.
+    """
+    robot = find_robot(new.robot, new.package_dirs)
+    with heard() as found:
+        hand = Hand.assemble([Mount(robot)], effort_limits=new.efforts)
+    tell(*(one for one in found if one.code not in _LIMITS))
+    T_support = pose_matrix(np.zeros(3), (0.0, new.slope, 0.0))
+    support = Support("slope" if new.slope else "table", HalfSpace(), T_support)
+    density = _DENSITY if new.mass is None and new.density is None else new.density
+    target_object = ManipulatedObject.from_shape(
+        new.name, new.shape, np.eye(4), mass=new.mass, density=density
+    )
+    lying = lying_object(target_object, support)
+    path_text = paths_beside(target)
+    weight = 9.81 * lying.mass
+    efforts, left_open = _efforts(new, hand)
+    text = _TEXT.format(
+        schema=SCHEMA_FILE,
+        name=flow_of(f"{robot.name} and {lying.name}"),
+        force=f"{max(_LEAST_FORCE, float(f'{_WEIGHTS * weight:.1g}')):g}",
+        robot=_block(stated_robot(robot, path_text), 2),
+        base=_pose(clear_base(hand, lying, T_support[:3, 2]), np.eye(3), 3),
+        fingers=_fingers(robot, hand),
+        q=_positions(hand),
+        efforts=efforts,
+        object=flow_of(lying.name),
+        shape=_shape(stated_shape(lying.shape, path_text)),
+        mass=_mass(new),
+        pose=_pose(lying.T_world_object[:3, 3], lying.T_world_object[:3, :3], 7),
+        support=support.name,
+        slope=_slope(new.slope),
+        axes=_axes(new.slope),
+    )
+    return text, left_open
+
+
+_TEXT = """\
+# yaml-language-server: $schema={schema}
+# SI units: m, kg, s, N, N m, rad; degrees where a key ends in _deg.
+name: {name}
+gravity: [0, 0, -9.81] # m/s^2, world axes
+friction: # coefficients at the object, both guessed: measure them or look them up
+  hand: 0.8 # rubber on wood
+  supports: 0.4 # wood on wood
+max_normal_force: {force} # N, the most that a contact bears
+hand:
+{robot}
+  base_pose: # of the root link in the world: far off until graspless-pin place has placed the hand
+{base}
+{fingers}{q}{efforts}object:
+  name: {object}
+  shape: {shape}
+  {mass}
+  pose: # at rest on the support
+{pose}
+supports:
+  - name: {support}
+    shape: {{type: half_space}} # all below z = 0 of its frame
+{slope}    # velocity: {{linear: [0.05, 0, 0]}} # m/s: it moves, as a conveyor does
+# motion: {{object_twist: {{linear: [0.02, 0, 0]}}}} # m/s: a slow motion; else rest
+{axes}solve: {{algorithm: margin}} # largest margin; torque: smallest torques, with margin: 0.1 (N)
+"""
+
+
+def _block(data: Mapping[str, Any], column: int) -> str:
+    """Return what is there of some data in lines that start at a column."""
+    there = {name: value for name, value in data.items() if value is not None}
+    return textwrap.indent(yaml_of(plain(there)), " " * column).rstrip()
+
+
+def _pose(position: ArrayLike, R: FloatArray, digits: int) -> str:
+    turned = stated_rotation(R, "rpy_deg").get("rpy_deg", [0.0, 0.0, 0.0])
+    angles = [_short(angle, 6) for angle in turned]
+    return f"    position: {_vector(position, digits)}\n    rpy_deg: [{', '.join(angles)}]"
+
+
+def _short(number: float, digits: int) -> str:
+    return f"{round(float(number), digits) + 0.0:.{digits + 4}g}"
+
+
+def _vector(numbers: ArrayLike, digits: int) -> str:
+    return f"[{', '.join(_short(one, digits) for one in np.asarray(numbers).tolist())}]"
+
+
+def _fingers(robot: RobotDescription, hand: Hand) -> str:
+    if robot.fingers or not hand.fingers:
+        return ""
+    found = {name: {"joints": spec.joints, "tip": spec.tip} for name, spec in hand.fingers.items()}
+    below = flow_of(", ".join(hand.palms))
+    return f"  fingers: # the branches below {below}: rename them, leave out what is none\n" + (
+        _block(found, 4) + "\n"
+    )
+
+
+def _positions(hand: Hand) -> str:
+    tree = hand.tree
+    lines = ["  q: # rad, m of linear joints; joints left out stand at 0\n"]
+    for name in hand.control.joints:
+        index = tree.joint_index[name]
+        limits = f"{tree.lower[index]:.4g} .. {tree.upper[index]:.4g}"
+        lines.append(f"    {flow_of(name)}: {_short(hand.q[name], 6)} # {limits}\n")
+    return "".join(lines) if len(lines) > 1 else ""
+
+
+def _efforts(new: NewScene, hand: Hand) -> tuple[str, tuple[str, ...]]:
+    """Return the lines of the limits, and which of them are left open."""
+    lines = [f"    {flow_of(name)}: {limit:g}\n" for name, limit in new.efforts.items()]
+    left_open = []
+    said = dict(zip(hand.actuation.names, hand.effort_limits[1].tolist(), strict=True))
+    doubted = [
+        name for one in hand.findings if one.code in _LIMITS for name in one.subject.split(", ")
+    ]
+    for name in doubted:
+        if not is_placeholder(said[name]):
+            lines.append(f"    {flow_of(name)}: {said[name]:g} # the file's, of unknown origin\n")
+        elif new.effort is not None:
+            lines.append(f"    {flow_of(name)}: {new.effort:g} # the file says {said[name]:g}\n")
+        else:
+            lines.append(f"    {flow_of(name)}: # fill in; the file says {said[name]:g}\n")
+            left_open.append(name)
+    if not lines:
+        return "  # effort_limits: {} # N m, N: by joint or finger, instead of the robot's\n", ()
+    head = (
+        "  effort_limits: # N m (N for linear joints and tendons): the most that each motor gives"
+    )
+    return f"{head}\n{''.join(lines)}", tuple(left_open)
+
+
+def _shape(stated: dict[str, Any]) -> str:
+    if stated["type"] != "mesh":
+        return f"{flow_of(plain(stated))} # m"
+    kept = {name: stated[name] for name in ("type", "path", "scale", "convex")}
+    return f"{flow_of(plain(kept))} # scale: m per unit of the file"
+
+
+def _mass(new: NewScene) -> str:
+    if new.mass is not None:
+        return f"mass: {new.mass:g} # kg"
+    if new.density is not None:
+        return f"density: {new.density:g} # kg/m^3; or give its mass (kg)"
+    return f"density: {_DENSITY:g} # kg/m^3, guessed: weigh it and give its mass (kg) instead"
+
+
+def _slope(angle: float) -> str:
+    if not angle:
+        return ""
+    return f"    pose: {{rpy_deg: [0, {_short(math.degrees(angle), 6)}, 0]}} # falls towards +x\n"
+
+
+def _axes(angle: float) -> str:
+    if not angle:
+        return ""
+    downhill = _vector([math.cos(angle), 0.0, -math.sin(angle)], 7)
+    return f"tangent_axes: [{downhill}] # t1 points downhill, t2 across\n"
