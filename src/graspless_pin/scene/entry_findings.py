@@ -47,7 +47,7 @@ def _of_angles(location: Location, subject: str, pose: PoseEntry) -> Iterator[Fi
             FindingCode.ANGLE_IN_DEGREES,
             subject,
             f"the angles [{given}] rad of '{subject}' are more than a turn",
-            f"give angles in radians: [{given}] degrees are [{radians}] rad",
+            f"give angles in radians, or under rpy_deg: [{given}] degrees are [{radians}] rad",
             (*location, "rpy"),
         )
 

@@ -15,7 +15,7 @@ from graspless_pin.scene.hand_schema import HandEntry, MountEntry
 from graspless_pin.scene.yaml_source import Location, YamlSource
 
 _MOST_HANDS = 16
-_NOT_OF_THE_HAND = {"q", "material", "count_own_weight", "hybrid_force_limit"}
+_NOT_OF_THE_HAND = {"q", "q_deg", "material", "count_own_weight", "hybrid_force_limit"}
 
 
 @dataclass(eq=False)
@@ -50,8 +50,11 @@ def build_hand(file: YamlSource, parts: SceneParts, entry: HandEntry) -> Hand:
     if known is None:
         hand = _assembled(file, parts, entry)
     else:
-        positions = file.at(("hand",), lambda: joint_positions(known.tree, entry.q))
+        positions = file.at(("hand",), lambda: joint_positions(known.tree, entry.positions()))
         hand = replace(known, positions=positions)
+    for name in entry.q_deg:
+        if hand.tree.joint_kinds[hand.tree.joint_index[name]] == "prismatic":
+            raise file.error(("hand", "q_deg", name), "is a linear joint; give metres under q")
     parts.hands[key] = hand
     parts.hands.move_to_end(key)
     while len(parts.hands) > _MOST_HANDS:
@@ -71,7 +74,7 @@ def _assembled(file: YamlSource, parts: SceneParts, entry: HandEntry) -> Hand:
         ("hand",),
         lambda: Hand.assemble(
             mounts,
-            q=entry.q,
+            q=entry.positions(),
             control=entry.control,
             effort_limits=entry.effort_limits,
             armature=entry.armature,

@@ -19,6 +19,7 @@ from graspless_pin.intake.fields import (
     Signed,
 )
 from graspless_pin.scene.body_schema import Concavity, DecomposeTimeLimit, PoseEntry
+from graspless_pin.scene.degrees import merged_angles
 
 LinkConvex = Annotated[
     Convex | ByName[Convex] | None,
@@ -79,6 +80,9 @@ class HandEntry(MountEntry):
     q: ByName[Finite] = Field(
         default={}, description="[rad, m] positions by joint name, those left out are 0"
     )
+    q_deg: ByName[Finite] = Field(
+        default={}, description="[deg] positions of turning joints by name, instead of q"
+    )
     control: ModeName | ByName[ModeName] | None = Field(
         default=None,
         description="one mode for all joints, or modes by finger or joint; default: force, and "
@@ -115,6 +119,8 @@ class HandEntry(MountEntry):
                 f"found mounts and {' and '.join(of_one)}; with several robots each entry of "
                 "'mounts' has its own"
             )
+        for name in self.q.keys() & self.q_deg.keys():
+            raise ValueError(f"found joint {name!r} in q and in q_deg; needs one of them")
         return self
 
     @field_validator("effort_limits", mode="before")
@@ -127,6 +133,10 @@ class HandEntry(MountEntry):
                 "(N m, or N for a linear joint or tendon), as its data sheet says"
             )
         return limits
+
+    def positions(self) -> dict[str, float]:
+        """Return the positions of joints by name, rad or m."""
+        return merged_angles(self.q, self.q_deg)
 
     def mount_entries(self) -> list[tuple[str, MountEntry]]:
         """Return the robots with their prefixes."""

@@ -168,7 +168,7 @@ def _fingers(robot: RobotDescription, hand: Hand) -> str:
 
 def _positions(hand: Hand) -> str:
     tree = hand.tree
-    lines = ["  q: # rad, m of linear joints; joints left out stand at 0\n"]
+    lines = ["  q: # rad, m of linear joints; in degrees under q_deg\n"]
     for name in hand.control.joints:
         index = tree.joint_index[name]
         limits = f"{tree.lower[index]:.4g} .. {tree.upper[index]:.4g}"

@@ -18,6 +18,7 @@ from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.intake.files import is_file, read_text
 from graspless_pin.intake.yaml_edit import edited_yaml, same_data, yaml_of
 from graspless_pin.intake.yaml_text import parse_yaml
+from graspless_pin.scene.degrees import merged_angles, parted_angles
 from graspless_pin.scene.load import build_scene
 from graspless_pin.scene.messages import validated
 from graspless_pin.scene.scene import Scene
@@ -135,7 +136,14 @@ def _said_of_hand(data: Any, meant: Any, wanted: Any, hand: Hand) -> Any:
         data = data | {"mounts": [_said(said, *pair) for said, pair in each]}
     else:
         data = _said(data, *pairs[0])
-    return _said(data, meant_own, wanted_own)
+    degrees = data.get("q_deg")
+    if not degrees:
+        return _said(data, meant_own, wanted_own)
+    merged = data | {"q": merged_angles(data.get("q"), degrees)}
+    said = _said(merged, meant_own, wanted_own)
+    q, q_deg = parted_angles(said["q"], degrees)
+    said |= {"q": q, "q_deg": q_deg}
+    return {name: said[name] for name in said if name != "q" or q or "q" in data}
 
 
 def _robots(stated: dict[str, Any]) -> list[dict[str, Any]]:

@@ -135,7 +135,8 @@ def _joints(hand: Hand) -> Iterator[Finding]:
             FindingCode.ANGLE_IN_DEGREES,
             name,
             f"joint '{name}' stands at {angle:g} rad, more than a turn",
-            f"give angles in radians: {angle:g} degrees are {np.radians(angle):.4g} rad",
+            f"give angles in radians, or under q_deg: {angle:g} degrees are "
+            f"{np.radians(angle):.4g} rad",
             ("hand", "q", name),
         )
     told = {
@@ -221,8 +222,8 @@ def _touches_nothing(scene: Scene, hand: Hand) -> Finding:
         FindingCode.HAND_TOUCHES_NOTHING,
         scene.object.name,
         f"no link of the hand touches object '{scene.object.name}'{nearest}",
-        "have it placed (graspless-pin place), close its fingers (graspless-pin close), or move it "
-        "(base_pose, in metres and radians)",
+        "move the hand (base_pose, in metres and radians), have it placed (graspless-pin place), "
+        "or close its fingers (graspless-pin close)",
         ("hand", "base_pose"),
     )
 

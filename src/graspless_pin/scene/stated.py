@@ -31,6 +31,7 @@ from graspless_pin.geometry.robots.description import RobotDescription
 from graspless_pin.geometry.robots.files import find_robot, load_robot, robot_names
 from graspless_pin.problem import ControlMode
 from graspless_pin.scene.body_building import stated_turn
+from graspless_pin.scene.degrees import degrees_of
 from graspless_pin.scene.motion_and_contacts import Motion
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_schema import SolveEntry
@@ -113,8 +114,10 @@ def stated_rotation(R: ArrayLike, form: str = "rpy") -> dict[str, Any]:
         return {"matrix": plain(matrix)}
     else:
         angles = roll_pitch_yaw(matrix)
-        angles = np.degrees(angles) if form == "rpy_deg" else angles
-        numbers = [float(f"{angle:.13g}") + 0.0 for angle in angles]
+        if form == "rpy_deg":
+            numbers = [degrees_of(angle) for angle in angles]
+        else:
+            numbers = [float(f"{angle:.13g}") + 0.0 for angle in angles]
     back = pose_matrix(np.zeros(3), stated_turn({form: numbers})[1])
     if np.abs(back[:3, :3] - matrix).max() > _SAME_ROTATION:
         return {"matrix": plain(matrix)}

@@ -94,8 +94,10 @@ class YamlSource:
         except SceneError:
             raise
         except ArgumentError as error:
-            inner = (*location, *_keys(error.argument))
-            if self.has(inner):
+            first, *rest = _keys(error.argument) or ("",)
+            named = [(*location, name, *rest) for name in (first, f"{first}_deg")]
+            inner = next(filter(self.has, named), None)
+            if inner is not None:
                 message = str(error).removeprefix(f"{error.argument}: ")
                 raise self.error(inner, message) from error
             raise self.error(location, str(error)) from error

@@ -13,6 +13,7 @@ from graspless_pin.errors import StudyError
 from graspless_pin.geometry.poses import invert, pose_matrix
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.body_building import stated_turn
+from graspless_pin.scene.degrees import IN_DEGREES
 from graspless_pin.scene.yaml_source import Location
 from graspless_pin.spelling import names_in_words
 
@@ -39,6 +40,8 @@ def place_key(tree: Tree, defaults: Tree, key: str) -> Location:
         StudyError: If the path does not lead through the scene.
     """
     parts = key.split(".")
+    for name in IN_DEGREES.keys() & parts:
+        raise StudyError(f"{key}: name {IN_DEGREES[name]} instead, with unit: deg")
     location: Location = ()
     node: Any = tree
     while parts:

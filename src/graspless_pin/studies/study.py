@@ -15,6 +15,7 @@ from scipy.stats import qmc
 
 from graspless_pin.errors import StudyError
 from graspless_pin.intake.files import FileKind, is_file, read_bytes
+from graspless_pin.scene.degrees import in_radians
 from graspless_pin.scene.entry_findings import materials_in_words, other_materials
 from graspless_pin.scene.hand_building import SceneParts
 from graspless_pin.scene.load import build_scene
@@ -92,7 +93,7 @@ class Study:
 
     def placed_at(self, sample: Sample) -> Tree:
         """Return the scene file's content with the keys of one sample set, nothing moved yet."""
-        tree = copied(self.scene.data)
+        tree = in_radians(self.scene.data)
         for variable, value in zip(self.variables, sample, strict=True):
             variable.place(tree, value)
         return tree
@@ -148,7 +149,7 @@ def _made(source: YamlSource, folder: Path) -> Study:
     scene = YamlSource.read(file)
     usual = validated(scene, SceneEntry)
     defaults = usual.model_dump()
-    tree = copied(scene.data)
+    tree = in_radians(scene.data)
     options = entry.compute.solve_options()
     tree["solve"] = {**(tree.get("solve") or {}), **options}
     variables = tuple(
