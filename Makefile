@@ -15,9 +15,10 @@ DIRECTIONS ?= --turned 1000 --listed 100
 TAMPERING ?= 1000
 HOLDING ?= --count 5
 GUARANTEED ?= --count 20
+STATES ?= --count 10000
 FUZZ ?= --count 2000 --seed 1
 
-.PHONY: install run test lint types docs readme-pictures notebooks bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding mistakes clean hands
+.PHONY: install run test lint types docs readme-pictures notebooks bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding mistakes clean hands states
 
 install: $(STAMP)
 
@@ -89,6 +90,9 @@ hands: install
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --upgrade --target out/hands \
 	  gymnasium-robotics==1.4.2 robosuite==1.5.2 dexmate-urdf==0.8.4 icub-models==3.2.0
 	$(BIN)/python -m tests.oracles.package_hands out/hands
+
+states: install
+	$(BIN)/python -m tests.oracles.verified_states $(STATES)
 
 fuzz: install
 	$(BIN)/python tests/fuzzing/fuzz.py $(FUZZ)

@@ -3,7 +3,17 @@
 import argparse
 import time
 
-from benchmarks import commands, cones, geometry, holding, planning, searches, studies, verdicts
+from benchmarks import (
+    commands,
+    cones,
+    geometry,
+    holding,
+    many,
+    planning,
+    searches,
+    studies,
+    verdicts,
+)
 
 # Each section is a function without arguments that returns markdown.
 SECTIONS = {
@@ -14,6 +24,7 @@ SECTIONS = {
     "directions": cones.directions,
     "geometry": geometry.scene_problem,
     "planning": planning.evaluator,
+    "many": many.many_states,
     "studies": studies.cuboid_study,
     "holding": holding.holding,
     "verdicts": verdicts.verdicts,

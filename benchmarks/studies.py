@@ -14,8 +14,9 @@ from tabulate import tabulate
 
 from benchmarks.timing import as_new, timed
 from graspless_pin import QuasistaticProblem, maximize_margin
+from graspless_pin.child_processes import usable_cores
 from graspless_pin.studies import Study, load_study, run_study
-from graspless_pin.studies.executors import Workforce, local_processes, usable_cores
+from graspless_pin.studies.executors import Workforce, local_processes
 from graspless_pin.studies.study import Sample
 
 _STUDY = Path(__file__).parents[1] / "examples" / "studies" / "cuboid_friction_slope_height.yaml"

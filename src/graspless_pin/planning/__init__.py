@@ -5,6 +5,7 @@ from graspless_pin.planning.configuration_gradient import (
     configuration_gradient,
 )
 from graspless_pin.planning.contact_changes import ContactChange
+from graspless_pin.planning.evaluated_states import EvaluatedStates
 from graspless_pin.planning.evaluation import Evaluation, StateStatus
 from graspless_pin.planning.evaluator import Evaluator
 from graspless_pin.planning.path import PathProfile, Waypoint, evaluate_path
@@ -13,6 +14,7 @@ from graspless_pin.planning.path_export import joint_trajectory, write_path_csv
 __all__ = [
     "ConfigurationGradient",
     "ContactChange",
+    "EvaluatedStates",
     "Evaluation",
     "Evaluator",
     "PathProfile",

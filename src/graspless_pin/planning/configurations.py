@@ -1,31 +1,38 @@
-"""Configurations of a hand as planners give them: by joint name, or as plain arrays."""
+"""States of a scene as planners give them: configurations by joint name or as plain arrays."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from graspless_pin.errors import JointLimitError, StateError
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.tree import unknown_name
+from graspless_pin.planning.evaluation import Evaluation, StateStatus
+from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
+from graspless_pin.scene import Scene
+from graspless_pin.scene.motion_and_contacts import Motion
 
 Configuration = Mapping[str, float] | ArrayLike
 
 
 class Configurations:
-    """What a scene's hand can be told to do.
+    """The states that a scene can be put into.
 
     Attributes:
         joint_names: The a joints that do not follow others, in the hand's order.
         joint_limits: (lower, upper), each (a,), rad or m; infinite where there is no limit.
     """
 
-    def __init__(self, hand: Hand | None) -> None:
-        """Take the hand that configurations are of; None: there is nothing to tell."""
-        self._hand = hand
+    def __init__(self, scene: Scene) -> None:
+        """Take the scene; what a state does not say stays as it is there."""
+        self._scene = scene
+        self._hand = hand = scene.hand
         self.joint_names: tuple[str, ...] = ()
         self.joint_limits: tuple[FloatArray, FloatArray] = (np.zeros(0), np.zeros(0))
         if hand is not None:
@@ -66,6 +73,47 @@ class Configurations:
         now: Mapping[str, float] = {} if self._hand is None else self._hand.q
         positions = {**now, **self._named(q)}
         return np.array([positions[name] for name in self.joint_names])
+
+    def problem_at(
+        self,
+        q: Configuration | None,
+        T_world_object: ArrayLike | None,
+        twist: ArrayLike | Motion | None,
+    ) -> tuple[Scene, QuasistaticProblem] | Evaluation:
+        """Return the posed scene and its problem, or the answer that there is none.
+
+        Args:
+            q: See `Evaluator.evaluate`.
+            T_world_object: See there.
+            twist: See there.
+        """
+        try:
+            scene = self.scene_at(q, T_world_object, twist)
+        except JointLimitError as error:
+            scene = self.scene_at(None, T_world_object, twist)
+            return Evaluation(StateStatus.OUTSIDE_LIMITS, str(error), scene, None)
+        try:
+            return scene, scene.problem()
+        except StateError as error:
+            return Evaluation(StateStatus(error.kind.value), str(error), scene, None)
+
+    def scene_at(
+        self,
+        q: Configuration | None,
+        T_world_object: ArrayLike | None,
+        twist: ArrayLike | Motion | None,
+    ) -> Scene:
+        """Return the scene in one state: see `Evaluator.scene_at`."""
+        changes: dict[str, Any] = {}
+        if q is not None:
+            changes["hand"] = self.hand_at(q)
+        if T_world_object is not None:
+            changes["object"] = self._scene.object.with_pose(T_world_object)
+        if twist is not None:
+            changes["motion"] = (
+                twist if isinstance(twist, Motion) else Motion(finite_array("twist", twist, (6,)))
+            )
+        return self._scene.with_changes(**changes)
 
     def _named(self, q: Mapping[str, float]) -> dict[str, float]:
         known = () if self._hand is None else self._hand.joint_names

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from typing import Any, Unpack
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.algorithms.options import SolveKeywords
 from graspless_pin.algorithms.torque import objective_and_options
@@ -15,12 +17,17 @@ from graspless_pin.algorithms.warm_start import (
     reaches_margin,
     solve_from,
 )
-from graspless_pin.errors import JointLimitError, StateError
 from graspless_pin.modes.rules import Rules
 from graspless_pin.planning.configurations import Configuration, Configurations
+from graspless_pin.planning.evaluated_states import (
+    EvaluatedStates,
+    evaluated_states,
+    feasible_states,
+)
 from graspless_pin.planning.evaluation import Evaluation, StateStatus
+from graspless_pin.planning.many_states import Progress, checked_states
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray, finite_array, real_number
+from graspless_pin.problem.checks import FloatArray, real_number
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
 from graspless_pin.scene.load import checked_scene
@@ -97,7 +104,7 @@ class Evaluator:
         self.required_margin = real_number("required_margin", chosen.get("margin", 0.1), 0.0)
         self.scene = scene
         self._objective, self._options = objective_and_options(**chosen)
-        self._configurations = Configurations(scene.hand)
+        self._configurations = Configurations(scene)
         self._warm_starts: dict[tuple[Any, ...], WarmStart] = {}
 
     @property
@@ -167,7 +174,7 @@ class Evaluator:
             SceneError: If the scene cannot be used in any state: a body without a coefficient of
                 friction, a shape that cannot be used.
         """
-        state = self._state(q, T_world_object, twist)
+        state = self._configurations.problem_at(q, T_world_object, twist)
         if isinstance(state, Evaluation):
             return state
         scene, problem = state
@@ -185,6 +192,59 @@ class Evaluator:
         undecided = solution.status in _UNDECIDED
         status = StateStatus.UNDECIDED if undecided else StateStatus.INFEASIBLE
         return Evaluation(status, solution.status.message, scene, solution)
+
+    def evaluate_many(
+        self,
+        q: ArrayLike | Configuration | None = None,
+        T_world_object: ArrayLike | None = None,
+        twist: ArrayLike | Motion | None = None,
+        *,
+        evaluations: Sequence[int] = (),
+        workers: int | None = None,
+        progress: Progress | None = None,
+    ) -> EvaluatedStates:
+        """Solve for K states, in any order: what `evaluate` finds of each, as arrays.
+
+        Neither the order of the states nor the number of processes changes the margins; where many
+        torques are equally good, which of them comes out may.
+
+        Args:
+            q: (K, a) positions of `joint_names`, rad or m; or what `evaluate` takes, for all
+                states.
+            T_world_object: (K, 4, 4) poses of the object, m; or what `evaluate` takes.
+            twist: (K, 6) twists, m/s and rad/s; or what `evaluate` takes.
+            evaluations: Numbers of the states of which the whole answer is kept, too.
+            workers: Processes that evaluate; 1: this one alone; None: one for each 10 000 states,
+                but no more than cores. They are kept ready for a minute.
+            progress: Called with the number of states that are done, and with K, now and then.
+
+        Raises:
+            ArgumentError: As for `evaluate`, with the state's number; or if not all arguments have
+                as many states.
+            SceneError: As for `evaluate`.
+            CrashError: If a process dies.
+        """
+        states = checked_states(self, q, T_world_object, twist)
+        return evaluated_states(self, states, evaluations, workers, progress)
+
+    def are_feasible(
+        self,
+        q: ArrayLike | Configuration | None = None,
+        T_world_object: ArrayLike | None = None,
+        twist: ArrayLike | Motion | None = None,
+        *,
+        margin: float | None = None,
+        workers: int | None = None,
+        progress: Progress | None = None,
+    ) -> NDArray[np.bool_]:
+        """Tell of K states what `is_feasible` tells of one: (K,).
+
+        The arguments, and what they may raise, are those of `evaluate_many`; ``margin`` is that of
+        `is_feasible`.
+        """
+        required = self.required_margin if margin is None else real_number("margin", margin, 0.0)
+        states = checked_states(self, q, T_world_object, twist)
+        return feasible_states(self, states, required, workers, progress)
 
     def is_feasible(
         self,
@@ -214,7 +274,7 @@ class Evaluator:
             SceneError: As for `evaluate`.
         """
         required = self.required_margin if margin is None else real_number("margin", margin, 0.0)
-        state = self._state(q, T_world_object, twist)
+        state = self._configurations.problem_at(q, T_world_object, twist)
         if isinstance(state, Evaluation):
             return False
         scene, problem = state
@@ -245,7 +305,7 @@ class Evaluator:
         Raises:
             ArgumentError: As for `evaluate`, or a joint stands outside its limits.
         """
-        return self._posed(q, T_world_object, twist)
+        return self._configurations.scene_at(q, T_world_object, twist)
 
     def configuration(self, q: Configuration | None = None) -> FloatArray:
         """Return a configuration as an array.
@@ -260,40 +320,6 @@ class Evaluator:
             ArgumentError: As for `evaluate`.
         """
         return self._configurations.array({} if q is None else q)
-
-    def _state(
-        self,
-        q: Configuration | None,
-        T_world_object: ArrayLike | None,
-        twist: ArrayLike | Motion | None,
-    ) -> tuple[Scene, QuasistaticProblem] | Evaluation:
-        """Return the posed scene and its problem, or the answer that there is none."""
-        try:
-            scene = self._posed(q, T_world_object, twist)
-        except JointLimitError as error:
-            scene = self._posed(None, T_world_object, twist)
-            return Evaluation(StateStatus.OUTSIDE_LIMITS, str(error), scene, None)
-        try:
-            return scene, scene.problem()
-        except StateError as error:
-            return Evaluation(StateStatus(error.kind.value), str(error), scene, None)
-
-    def _posed(
-        self,
-        q: Configuration | None,
-        T_world_object: ArrayLike | None,
-        twist: ArrayLike | Motion | None,
-    ) -> Scene:
-        changes: dict[str, Any] = {}
-        if q is not None:
-            changes["hand"] = self._configurations.hand_at(q)
-        if T_world_object is not None:
-            changes["object"] = self.scene.object.with_pose(T_world_object)
-        if twist is not None:
-            changes["motion"] = (
-                twist if isinstance(twist, Motion) else Motion(finite_array("twist", twist, (6,)))
-            )
-        return self.scene.with_changes(**changes)
 
     def _unknown(self, scene: Scene) -> str:
         return unknown_of(scene) if self._options.strong else ""

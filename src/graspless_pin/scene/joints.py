@@ -63,6 +63,14 @@ def joint_columns(
     return _with_hybrid_fingers(joints, hand, touching, limit)
 
 
+def possible_columns(hand: Hand | None) -> dict[str, JointUnit]:
+    """Return the units by name of all columns that `joint_columns` may have, whatever touches."""
+    if hand is None:
+        return {}
+    forces = dict.fromkeys(map(_column_of, hand.control.hybrid_fingers), JointUnit.FORCE)
+    return dict(zip(hand.actuated_joint_names, hand.effort_units, strict=True)) | forces
+
+
 def inertia_of_columns(hand: Hand | None, count: int) -> FloatArray:
     """Return the (L, L) inertia of the columns of J: zero where a hybrid finger commands a force.
 
@@ -91,7 +99,7 @@ def _with_hybrid_fingers(
     for column, index in enumerate(hybrid):
         columns[3 * index : 3 * index + 3, column] = touching.normals[index]
         finger = hand.finger_of(touching.bodies[index])
-        name = f"{finger}.normal_force"
+        name = _column_of(finger)
         if name in names:
             raise StateError(
                 StateFault.AMBIGUOUS,
@@ -108,3 +116,8 @@ def _with_hybrid_fingers(
         tuple(names),
         (*joints.units, *(JointUnit.FORCE for _ in hybrid)),
     )
+
+
+def _column_of(finger: str | None) -> str:
+    """Return the name of a hybrid finger's column."""
+    return f"{finger}.normal_force"

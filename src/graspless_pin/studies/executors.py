@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
@@ -10,15 +9,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from graspless_pin.child_processes import ChildProcesses
 from graspless_pin.errors import StudyError
-from graspless_pin.studies.supervision import Children, compute_here
-
-
-def usable_cores() -> int:
-    """Cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+from graspless_pin.studies.supervision import compute_here, compute_in, start_in
 
 
 @dataclass(frozen=True)
@@ -37,25 +30,25 @@ class Workforce:
 
 
 def local_processes(workers: int) -> Workforce:
-    """Start processes on this machine, with one thread of linear algebra each: see `Children`.
+    """Start processes on this machine, with one thread of linear algebra each: see `compute_in`.
 
     Raises:
         StudyError: If they do not start.
     """
-    children = Children()
+    processes = ChildProcesses()
     threads = ThreadPoolExecutor(workers, thread_name_prefix="graspless-study")
 
     def close() -> None:
-        children.stop()
+        processes.stop()
         threads.shutdown(wait=True, cancel_futures=True)
 
     try:
-        for ready in [threads.submit(children.start) for _ in range(workers)]:
+        for ready in [threads.submit(start_in, processes) for _ in range(workers)]:
             ready.result()
     except BaseException:
         close()
         raise
-    return Workforce(workers, partial(threads.submit, children.compute), close)
+    return Workforce(workers, partial(threads.submit, compute_in, processes), close)
 
 
 def given_executor(executor: Executor, workers: int) -> Workforce:

@@ -21,6 +21,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from graspless_pin.child_processes import usable_cores
 from graspless_pin.drafts import remove_stale_drafts
 from graspless_pin.errors import StudyError
 from graspless_pin.problem.checks import whole_number
@@ -29,7 +30,6 @@ from graspless_pin.studies.executors import (
     Workforce,
     given_executor,
     local_processes,
-    usable_cores,
 )
 from graspless_pin.studies.journal import JOURNAL_FORMAT, Journal, discard
 from graspless_pin.studies.sample_evaluation import Failure, Row, evaluate_each

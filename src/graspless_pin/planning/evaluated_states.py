@@ -1,0 +1,192 @@
+"""What is found of many states: arrays with an entry for each state."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspless_pin.planning.evaluation import Evaluation, StateStatus
+from graspless_pin.planning.many_states import Arrays, Progress, StateArrays, gathered
+from graspless_pin.problem.checks import FloatArray, whole_number
+from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.scene.joints import possible_columns
+
+if TYPE_CHECKING:
+    from graspless_pin.planning.evaluator import Evaluator
+
+
+STATUSES = tuple(StateStatus)
+
+
+class StateFigures(NamedTuple):
+    """What is kept of K states on the way to `EvaluatedStates`, whose attributes these are.
+
+    Attributes:
+        codes: (K,) numbers of the statuses among `STATUSES`.
+        margins: (K,).
+        torques: (K, L).
+        contact_counts: (K,).
+        bounds: (K,).
+        gaps: (K,).
+        residuals: (K,).
+    """
+
+    codes: NDArray[np.uint8]
+    margins: FloatArray
+    torques: FloatArray
+    contact_counts: NDArray[np.int32]
+    bounds: FloatArray
+    gaps: FloatArray
+    residuals: FloatArray
+
+    @classmethod
+    def room(cls, count: int, joint_count: int) -> StateFigures:
+        """Return room for states, each without a problem."""
+        unknown = np.full((3, count), np.nan)
+        torques, counts = np.full((count, joint_count), np.nan), np.zeros(count, dtype=np.int32)
+        codes, margins = np.zeros(count, dtype=np.uint8), np.full(count, -np.inf)
+        return cls(codes, margins, torques, counts, *unknown)
+
+    def put(self, number: int, evaluation: Evaluation, torque_names: Sequence[str]) -> None:
+        """Enter what was found of one state.
+
+        Args:
+            number: Of the state.
+            evaluation: The answer.
+            torque_names: L names of the columns of the torques.
+        """
+        self.codes[number] = STATUSES.index(evaluation.status)
+        if not evaluation.has_contacts:
+            return
+        solution = evaluation.solution
+        certificate = solution.certificate
+        self.contact_counts[number] = solution.problem.contact_count
+        self.bounds[number] = certificate.bound
+        if evaluation.found:
+            names = evaluation.joint_names
+            columns = [torque_names.index(name) for name in names] if names != torque_names else ...
+            self.margins[number] = evaluation.margin
+            self.torques[number, columns] = evaluation.torques
+            self.gaps[number] = certificate.gap
+            self.residuals[number] = certificate.primal_residual
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class EvaluatedStates:
+    """What `Evaluator.evaluate_many` found of K states; all arrays are read-only.
+
+    Attributes:
+        torque_names: L names of all torques that any state may have.
+        torque_units: L units.
+        statuses: (K,) the `StateStatus` of each: ``statuses == StateStatus.FOUND`` is a mask.
+        margins: (K,) N, -inf where there are no torques.
+        torques: (K, L) motor torques, N m (N for linear and hybrid joints and tendons); NaN where
+            there are none.
+        contact_counts: (K,) number of contacts that carry force; 0 where there is no problem.
+        bounds: (K,) proven bound on the optimum over all modes, see `Certificate.bound`; where
+            nothing is found it is that of the search, NaN where there is no problem.
+        gaps: (K,) distance of what was found from that bound, same unit; NaN where nothing was.
+        residuals: (K,) largest violation of a constraint by the forces behind the torques, scaled,
+            see `Certificate.primal_residual`; NaN where nothing was found.
+        evaluations: The whole answer by number of the state, for those that were asked for.
+
+    Examples:
+        >>> import numpy as np
+        >>> from graspless_pin import Evaluator, load_scene
+        >>> evaluator = Evaluator(load_scene("examples/trihand_pivot_box.yaml"))
+        >>> q = evaluator.configuration() + np.linspace(0.0, 0.002, 5)[:, None]  # rad
+        >>> states = evaluator.evaluate_many(q)
+        >>> states.found.tolist(), states.margins.round(4).tolist()
+        ([True, True, True, True, True], [1.131, 1.1305, 1.1301, 1.1296, 1.1292])
+    """
+
+    torque_names: tuple[str, ...]
+    torque_units: tuple[JointUnit, ...]
+    statuses: NDArray[np.object_]
+    margins: FloatArray
+    torques: FloatArray
+    contact_counts: NDArray[np.int32]
+    bounds: FloatArray
+    gaps: FloatArray
+    residuals: FloatArray
+    evaluations: Mapping[int, Evaluation]
+
+    @property
+    def found(self) -> NDArray[np.bool_]:
+        """(K,) whether there are torques."""
+        found: NDArray[np.bool_] = self.statuses == StateStatus.FOUND
+        return found
+
+    def __len__(self) -> int:
+        """K."""
+        return len(self.margins)
+
+    def __repr__(self) -> str:
+        """Return one line."""
+        return f"<EvaluatedStates: {str(self).partition(chr(10))[0]}>"
+
+    def __str__(self) -> str:
+        """Return how many states ended how, and the range of the margins."""
+        counts = Counter(self.statuses.tolist()).most_common()
+        lines = [f"{len(self)} states"]
+        lines += [f"{count:>{len(str(len(self)))}} {status.message}" for status, count in counts]
+        if self.found.any():
+            margins = self.margins[self.found]
+            lines.append(f"margins from {margins.min():.4g} to {margins.max():.4g} N")
+        return "\n".join(lines)
+
+
+def evaluated_states(
+    evaluator: Evaluator,
+    states: StateArrays,
+    kept: Sequence[int],
+    workers: int | None,
+    progress: Progress | None,
+) -> EvaluatedStates:
+    """Return what is found of states: see `Evaluator.evaluate_many`."""
+    whole = [whole_number("evaluations", number, 0, states.total - 1) for number in kept]
+    columns = possible_columns(evaluator.scene.hand)
+    names = tuple(columns)
+    figures = StateFigures(*gathered(figures_of, evaluator, states, workers, progress))
+    evaluations = {number: evaluator.evaluate(**states.arguments(number)) for number in whole}
+    for number, evaluation in evaluations.items():
+        figures.put(number, evaluation, names)
+    statuses = np.array(STATUSES, dtype=object)[figures.codes]
+    for array in (statuses, *figures):
+        array.setflags(write=False)
+    return EvaluatedStates(names, tuple(columns.values()), statuses, *figures[1:], evaluations)
+
+
+def figures_of(evaluator: Evaluator, states: StateArrays) -> StateFigures:
+    """Evaluate states one after the other."""
+    names = tuple(possible_columns(evaluator.scene.hand))
+    figures = StateFigures.room(states.total, len(names))
+    for number in range(states.total):
+        figures.put(number, evaluator.evaluate(**states.arguments(number)), names)
+    return figures
+
+
+def feasible_states(
+    evaluator: Evaluator,
+    states: StateArrays,
+    margin: float,
+    workers: int | None,
+    progress: Progress | None,
+) -> NDArray[np.bool_]:
+    """Return which states are feasible: see `Evaluator.are_feasible`."""
+    (feasible,) = gathered(
+        partial(feasible_ones, margin=margin), evaluator, states, workers, progress
+    )
+    return feasible
+
+
+def feasible_ones(evaluator: Evaluator, states: StateArrays, margin: float) -> Arrays:
+    """Decide on states one after the other."""
+    every = map(states.arguments, range(states.total))
+    return (np.array([evaluator.is_feasible(**one, margin=margin) for one in every], dtype=bool),)

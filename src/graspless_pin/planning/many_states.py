@@ -1,0 +1,216 @@
+"""Many states at once: in this process or in several, with the same answers in any order."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any, NamedTuple
+from uuid import uuid4
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspless_pin.child_processes import kept_processes, usable_cores
+from graspless_pin.derived import Derived
+from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.poses import RIGIDITY_TOLERANCE, as_pose
+from graspless_pin.problem.checks import FloatArray, all_within, finite_array, whole_number
+from graspless_pin.scene.motion_and_contacts import Motion
+
+if TYPE_CHECKING:
+    from graspless_pin.planning.evaluator import Evaluator
+
+Progress = Callable[[int, int], object]
+"""Called with the number of states that are done, and with that of all."""
+Arrays = tuple[NDArray[Any], ...]
+"""Arrays with an entry for each of some states."""
+
+_CHUNK = 1000
+"""States that are computed in one go: tens of milliseconds, long beside the way to a process."""
+_WORTH_A_PROCESS = 10_000
+"""States for which a process is used that nobody asked for: it takes a second to start."""
+_MOST_EVALUATORS = 4
+_BLOCK = 4096
+_DIMENSIONS = {"q": 2, "T_world_object": 3, "twist": 2}
+"""Of what has an entry for each state."""
+
+
+class StateArrays(NamedTuple):
+    """Some states.
+
+    Attributes:
+        total: K.
+        each: What differs from state to state, by the arguments of `Evaluator.evaluate`: (K, a),
+            (K, 4, 4) or (K, 6).
+        common: What all of them share, likewise.
+    """
+
+    total: int
+    each: Mapping[str, FloatArray]
+    common: Mapping[str, Any]
+
+    def part(self, numbers: slice) -> StateArrays:
+        """Return a part of the states."""
+        each = {name: values[numbers] for name, values in self.each.items()}
+        return StateArrays(len(range(self.total)[numbers]), each, self.common)
+
+    def arguments(self, number: int) -> dict[str, Any]:
+        """Return the arguments of `Evaluator.evaluate` for one of the states."""
+        return {name: values[number] for name, values in self.each.items()} | dict(self.common)
+
+
+def checked_states(evaluator: Evaluator, q: Any, T_world_object: Any, twist: Any) -> StateArrays:
+    """Return states as they are given to `Evaluator.evaluate_many`.
+
+    Args:
+        evaluator: Whose joints ``q`` is of.
+        q: See there.
+        T_world_object: See there.
+        twist: See there.
+
+    Raises:
+        ArgumentError: If nothing has an entry for each state, or not as many as another; if a shape
+            is wrong, a number not finite or a pose not rigid.
+    """
+    joint_count = len(evaluator.joint_names)
+    given = {"q": q, "T_world_object": T_world_object, "twist": twist}
+    shapes = {"q": (joint_count,), "T_world_object": (4, 4), "twist": (6,)}
+    each: dict[str, FloatArray] = {}
+    common: dict[str, Any] = {}
+    for name, value in given.items():
+        if isinstance(value, Motion | Mapping) or np.ndim(value) < _DIMENSIONS[name]:
+            common[name] = value
+        else:
+            each[name] = _numbers(name, value, (None, *shapes[name]))
+    if not each:
+        raise ArgumentError(
+            "q", f"give q (K, {joint_count}), T_world_object (K, 4, 4) or twist (K, 6) for K states"
+        )
+    first, count = next((name, len(values)) for name, values in each.items())
+    for name, values in each.items():
+        if len(values) != count:
+            raise ArgumentError(
+                name, f"has {len(values)} states and {first} has {count}; give as many of each"
+            )
+    _check_rigid(each.get("T_world_object", np.empty((0, 4, 4))))
+    return StateArrays(count, each, common)
+
+
+def _numbers(name: str, value: Any, shape: tuple[int | None, ...]) -> FloatArray:
+    """Return finite numbers of a shape, without a copy where they are an array of them."""
+    if (
+        isinstance(value, np.ndarray)
+        and value.dtype == np.float64
+        and value.shape[1:] == shape[1:]
+        and value.flags.c_contiguous
+        and all_within((value,))
+    ):
+        return value
+    return finite_array(name, value, shape)
+
+
+def _check_rigid(poses: FloatArray) -> None:
+    for start in range(0, len(poses), _BLOCK):
+        block = poses[start : start + _BLOCK]
+        R = block[:, :3, :3]
+        off = np.abs(R.transpose(0, 2, 1) @ R - np.eye(3)).max(axis=(1, 2))
+        doubtful = (off > 0.5 * RIGIDITY_TOLERANCE) | (np.linalg.det(R) < 0.0)
+        doubtful |= (block[:, 3] != [0.0, 0.0, 0.0, 1.0]).any(axis=1)
+        for k in np.flatnonzero(doubtful).tolist():
+            as_pose(f"T_world_object[{start + k}]", block[k])
+
+
+def gathered(
+    compute: Callable[[Evaluator, StateArrays], Arrays],
+    evaluator: Evaluator,
+    states: StateArrays,
+    workers: int | None,
+    progress: Progress | None,
+) -> Arrays:
+    """Return what is found of states, whichever process finds it.
+
+    Args:
+        compute: Finds it for some of them.
+        evaluator: Evaluates them.
+        states: K states.
+        workers: Processes; 1: this one; None: as many as there are cores, where it is worth it.
+        progress: Is told how far it is; None: nobody is.
+
+    Raises:
+        ArgumentError: If ``workers`` is not a whole number from 1 on.
+        CrashError: If a process dies.
+    """
+    if workers is None:
+        workers = max(1, min(usable_cores(), states.total // _WORTH_A_PROCESS))
+    workers = whole_number("workers", workers, 1)
+    size = min(_CHUNK, max(1, -(-states.total // (4 * workers)))) if workers > 1 else _CHUNK
+    chunks = [slice(k, k + size) for k in range(0, states.total, size)] or [slice(0, 0)]
+    whole: Arrays = ()
+    for chunk, found in zip(
+        chunks, _found(compute, evaluator, states, chunks, workers), strict=True
+    ):
+        if not whole:
+            whole = tuple([np.empty((states.total, *a.shape[1:]), a.dtype) for a in found])
+        for array, part in zip(whole, found, strict=True):
+            array[chunk] = part
+        if progress is not None:
+            progress(min(chunk.stop, states.total), states.total)
+    return whole
+
+
+def _found(
+    compute: Callable[[Evaluator, StateArrays], Arrays],
+    evaluator: Evaluator,
+    states: StateArrays,
+    chunks: list[slice],
+    workers: int,
+) -> Iterator[Arrays]:
+    """Yield what is found of each chunk, in order."""
+    if workers == 1:
+        yield from (compute(evaluator, states.part(chunk)) for chunk in chunks)
+        return
+    processes, token = kept_processes(), _TOKENS.of(evaluator)
+
+    def found(chunk: slice) -> Arrays:
+        child = processes.taken(_ready)
+        part = states.part(chunk)
+        try:
+            there = child.call(_found_there, compute, token, None, part)
+            if there is None:
+                there = child.call(_found_there, compute, token, evaluator, part)
+            return there
+        finally:
+            processes.give_back(child)
+
+    with ThreadPoolExecutor(workers, thread_name_prefix="graspless-states") as threads:
+        try:
+            yield from threads.map(found, chunks)
+        finally:
+            threads.shutdown(wait=True, cancel_futures=True)
+
+
+_TOKENS: Derived[Evaluator, str] = Derived(lambda _: uuid4().hex, most=math.inf)
+"""What tells an evaluator from all others, in any process."""
+_EVALUATORS: dict[str, Evaluator] = {}
+"""Those that this process was sent, by token: what they have learned serves the next chunk."""
+
+
+def _found_there(
+    compute: Callable[[Evaluator, StateArrays], Arrays],
+    token: str,
+    evaluator: Evaluator | None,
+    states: StateArrays,
+) -> Arrays | None:
+    """Return what is found of states in another process; None: the evaluator is not there yet."""
+    if evaluator is not None:
+        if len(_EVALUATORS) >= _MOST_EVALUATORS:
+            del _EVALUATORS[next(iter(_EVALUATORS))]
+        _EVALUATORS[token] = evaluator
+    known = _EVALUATORS.get(token)
+    return None if known is None else compute(known, states)
+
+
+def _ready() -> bool:
+    """Answer. Where this can be called, what evaluates states has been loaded."""
+    return True

@@ -1,0 +1,188 @@
+"""Many states at once against `evaluate` for each of them."""
+
+import os
+import signal
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from planning_scenes import EXAMPLES, example, nearby, shifted
+
+from graspless_pin import load_scene
+from graspless_pin.errors import ArgumentError, CrashError
+from graspless_pin.planning import EvaluatedStates, Evaluator, StateStatus, many_states
+
+
+def varied(count: int, seed: int = 0) -> tuple[Evaluator, dict[str, Any]]:
+    """A pushed box in good states and in all kinds of bad ones."""
+    evaluator = Evaluator(example("trihand_push_box"))
+    rng = np.random.default_rng(seed)
+    q = np.array([nearby(evaluator, rng, 0.002) for _ in range(count)])
+    q[3::12, 0] = 9.0
+    T = evaluator.scene.object.T_world_object
+    steps = rng.normal(0.0, 2e-5, (count, 3))
+    steps[4::12] = [0.0, 0.0, 1.0]
+    steps[5::12] = [0.0, 0.0, -0.02]
+    steps[8::12] = [0.05, 0.0, 0.0]
+    twists = np.tile([0.05, 0.0, 0.0, 0.0, 0.0, 0.0], (count, 1))
+    twists[6::12] = [0.0, 0.0, -0.1, 0.0, 0.0, 0.0]
+    twists[7::12] = 0.0
+    poses = np.array([shifted(T, step) for step in steps])
+    return evaluator, {"q": q, "T_world_object": poses, "twist": twists}
+
+
+def assert_same(one: EvaluatedStates, other: EvaluatedStates) -> None:
+    np.testing.assert_array_equal(one.statuses, other.statuses)
+    np.testing.assert_array_equal(one.contact_counts, other.contact_counts)
+    np.testing.assert_allclose(one.margins, other.margins, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(one.bounds, other.bounds, rtol=0, atol=2e-7)
+
+
+def test_each_state_is_what_evaluate_finds():
+    evaluator, states = varied(36)
+    alone = Evaluator(evaluator.scene)
+
+    found = evaluator.evaluate_many(**states, evaluations=[0, 5])
+
+    assert set(found.statuses) == {
+        StateStatus.FOUND, StateStatus.INFEASIBLE, StateStatus.NO_CONTACT, StateStatus.OVERLAP,
+        StateStatus.BLOCKED, StateStatus.OUTSIDE_LIMITS,
+    }  # fmt: skip
+    for k in range(36):
+        answer = alone.evaluate(**{name: values[k] for name, values in states.items()})
+        assert found.statuses[k] is answer.status
+        assert found.margins[k] == pytest.approx(answer.margin, abs=1e-9)
+        if not answer.has_contacts:
+            assert found.contact_counts[k] == 0
+            assert np.isnan([found.bounds[k], found.gaps[k], *found.torques[k]]).all()
+            continue
+        certificate = answer.solution.certificate
+        assert found.contact_counts[k] == len(answer.contacts.bodies)
+        assert found.bounds[k] == pytest.approx(certificate.bound, abs=2e-7)
+        assert (found.gaps[k] <= 1e-6) == answer.found
+        assert np.isfinite(found.torques[k]).all() == answer.found
+        if answer.found:
+            # The torques returned bear the margin that is stated beside them.
+            assert found.residuals[k] <= 1e-7
+            assert found.torque_names == answer.joint_names
+    kept = found.evaluations
+    assert list(kept) == [0, 5]
+    np.testing.assert_array_equal(kept[0].torques, found.torques[0])
+    assert kept[5].status is StateStatus.OVERLAP
+    assert kept[5].reason
+
+
+def test_with_a_regularization_torques_are_those_of_evaluate():
+    evaluator = Evaluator(example("trihand_push_box"), regularization=1e-3)
+    rng = np.random.default_rng(2)
+    q = np.array([nearby(evaluator, rng, 0.002) for _ in range(5)])
+
+    found = evaluator.evaluate_many(q)
+
+    expected = [evaluator.evaluate(one).torques for one in q]
+    np.testing.assert_allclose(found.torques, expected, atol=1e-6)
+
+
+def test_neither_order_nor_chunks_change_the_answers(monkeypatch):
+    evaluator, states = varied(40)
+    expected = Evaluator(evaluator.scene).evaluate_many(**states)
+    order = np.random.default_rng(1).permutation(40)
+    back = np.argsort(order)
+    monkeypatch.setattr(many_states, "_CHUNK", 7)
+    seen: list[tuple[int, int]] = []
+
+    turned = evaluator.evaluate_many(
+        **{name: values[order] for name, values in states.items()},
+        progress=lambda done, count: seen.append((done, count)),
+    )
+
+    assert seen == [(done, 40) for done in (7, 14, 21, 28, 35, 40)]
+    np.testing.assert_allclose(turned.margins[back], expected.margins, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(turned.statuses[back], expected.statuses)
+
+
+def test_processes_find_the_same_and_go_on_after_one_died():
+    evaluator, states = varied(24)
+    here = evaluator.evaluate_many(**states, workers=1)
+    margin = float(np.median(here.margins[here.found]))
+
+    there = evaluator.evaluate_many(**states, workers=2)
+
+    assert_same(there, here)
+    with pytest.raises(CrashError):
+        many_states.gathered(
+            end_the_process, evaluator, many_states.checked_states(evaluator, **states), 2, None
+        )
+    feasible = evaluator.are_feasible(**states, margin=margin, workers=2)
+    np.testing.assert_array_equal(feasible, here.margins >= margin)
+    with pytest.raises(ArgumentError, match=r"unknown joint 'thumb'"):
+        evaluator.evaluate_many({"thumb": 0.1}, states["T_world_object"], workers=2)
+
+
+def end_the_process(evaluator: Evaluator, states: many_states.StateArrays) -> Any:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_what_is_given_once_holds_for_all():
+    evaluator = Evaluator(example("trihand_push_box"))
+    q = evaluator.configuration() + np.linspace(0.0, 1e-3, 3)[:, None]
+    T = shifted(evaluator.scene.object.T_world_object, [1e-5, 0.0, 0.0])
+
+    found = evaluator.evaluate_many(q, T, np.zeros(6))
+
+    expected = [evaluator.evaluate(one, T, np.zeros(6)).margin for one in q]
+    np.testing.assert_allclose(found.margins, expected, atol=1e-9)
+    assert str(found).splitlines()[:2] == ["3 states", "3 torques were found"]
+    assert repr(found) == "<EvaluatedStates: 3 states>"
+    none = evaluator.evaluate_many(q[:0])
+    assert len(none) == 0
+    assert none.torques.shape == (0, len(found.torque_names))
+    assert not found.margins.flags.writeable
+
+
+def test_forces_of_hybrid_fingers_have_columns_of_their_own(tmp_path):
+    data = yaml.safe_load((EXAMPLES / "trihand_push_box.yaml").read_text(encoding="utf-8"))
+    data["hand"]["control"] = {"finger_1": "hybrid"}
+    file = tmp_path / "scene.yaml"
+    file.write_text(yaml.safe_dump(data), encoding="utf-8")
+    evaluator = Evaluator(load_scene(file))
+    T = evaluator.scene.object.T_world_object
+
+    found = evaluator.evaluate_many(T_world_object=[T, shifted(T, [0.0, 0.0, 1.0])])
+
+    answer = evaluator.evaluate()
+    names, units = found.torque_names, found.torque_units
+    assert "finger_1.normal_force" in names
+    assert dict(zip(names, units, strict=True)).items() >= answer.joint_units.items()
+    own = [names.index(name) for name in answer.joint_names]
+    np.testing.assert_allclose(found.torques[0, own], answer.torques, atol=1e-8)
+    assert found.statuses[1] is StateStatus.NO_CONTACT
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({}, r"give q \(K, 9\)"),
+        ({"q": np.zeros((3, 8))}, r"q: has shape \(3, 8\); expected \(any, 9\)"),
+        ({"q": np.full((2, 9), np.nan)}, r"q: is NaN at index \(0, 0\)"),
+        ({"T_world_object": np.stack([np.eye(4), 2 * np.eye(4)])}, r"T_world_object\[1\]"),
+        ({"twist": np.zeros((2, 5))}, r"twist: has shape \(2, 5\)"),
+        ({"q": np.zeros((3, 9)), "twist": np.zeros((2, 6))}, "has 2 states and q has 3"),
+        ({"q": np.zeros((3, 9)), "workers": 0}, "workers: is 0"),
+        ({"q": np.zeros((3, 9)), "evaluations": [3]}, r"evaluations: is 3; .* from 0 to 2"),
+    ],
+)
+def test_bad_input_is_an_error(arguments, message):
+    with pytest.raises(ArgumentError, match=message):
+        Evaluator(example("trihand_push_box")).evaluate_many(**arguments)
+
+
+def test_a_margin_is_asked_for_as_of_one_state():
+    evaluator = Evaluator(example("trihand_push_box"), required_margin=0.2)
+    q = np.array([evaluator.configuration()] * 2)
+    best = evaluator.evaluate().margin
+    assert evaluator.are_feasible(q).tolist() == [best >= 0.2] * 2
+    assert evaluator.are_feasible(q, margin=best + 0.01).tolist() == [False, False]
+    with pytest.raises(ArgumentError, match="margin: is -1"):
+        evaluator.are_feasible(q, margin=-1.0)
