@@ -170,6 +170,33 @@ def test_what_cannot_be_held_says_why_not(allegro, opened):
     expect(result).to_have_attribute("data-found", "false")
 
 
+def test_the_object_is_dragged_by_its_upper_arrow(allegro, opened):
+    page = opened()
+    page.get_by_text("Object", exact=True).first.click()
+    page.wait_for_timeout(1500)
+    before = middle(drawing(page))
+    row(page, "drag in the picture").get_by_role("checkbox").first.check(force=True)
+    page.wait_for_timeout(1500)
+    rows, columns = np.nonzero(np.abs(middle(drawing(page)) - before).max(axis=2) > 60.0)
+    top = rows < rows.min() + 25
+    tip = 345.0 + columns[top].mean(), rows[top].mean()
+    page.mouse.move(*tip)
+    page.mouse.down()
+    for step in range(1, 6):
+        page.mouse.move(tip[0], tip[1] - 8.0 * step)
+        page.wait_for_timeout(100)
+    page.mouse.up()
+    up = row(page, "shift along z [mm]").locator("input[inputmode]").first
+    expect(up).not_to_have_value("0", timeout=PATIENCE)
+    assert float(up.input_value()) > 5.0
+    for label in ("shift along x [mm]", "shift along y [mm]", "turn about z [°]"):
+        expect(row(page, label).locator("input[inputmode]").first).to_have_value("0")
+    # It left the slope: the page says which contacts are gone.
+    expect(page.locator("#graspless-changes")).to_contain_text("7 contacts gone", timeout=PATIENCE)
+    row(page, "drag in the picture").get_by_role("checkbox").first.uncheck(force=True)
+    page.wait_for_timeout(500)  # let the next page have none
+
+
 def test_the_scene_is_drawn_and_layers_can_be_hidden(allegro, opened, tmp_path):
     page = opened()
     page.wait_for_timeout(1500)  # the drawing has no sign of being finished

@@ -137,13 +137,11 @@ class Viewer:
         self._solving = SceneProcess(scene)
         self._initial = self._solving.evaluate_first(self._settings)
         self._shown = self._initial
-        self._settled = self._initial
         self._saved: tuple[Settings, Path] | None = None
         self._stage = Stage(server, self._initial.picture, dark=self._dark)
         size = object_radius(self._initial.picture)
         self._gizmos = Gizmos(server, gate, scene, size, lambda values: self._desk.change(values))
         self._changed = threading.Condition()
-        self._changes = ""
         self._waiting = False
         self._stopped = threading.Event()
         self._build()
@@ -279,7 +277,7 @@ class Viewer:
 
     def _judge(self) -> None:
         """Show the verdict on the torques that are shown; what is set now can be undone to."""
-        shown = self._settled = self._shown
+        shown = self._shown
         self._desk.remember()
         if shown.solution is None or not shown.solution.found:
             return
@@ -313,13 +311,13 @@ class Viewer:
         shown = self._shown
         same = shown.settings.algorithm is self._initial.settings.algorithm
         before = self._initial.solution if same else None
-        changes = came_and_went(self._settled.bodies or (), shown.bodies or ())
-        if shown is not self._settled:
-            self._changes = changes if shown.bodies is not None else ""
+        changes = ""
+        if shown.bodies is not None and self._initial.bodies is not None:
+            changes = came_and_went(self._initial.bodies, shown.bodies)
         self._headline.content = headline_html(shown, dark=self._dark)
-        self._verdict.content = note_html("graspless-changes", self._changes) + verdict_html(
-            shown, dark=self._dark
-        )
+        self._verdict.content = note_html(
+            "graspless-changes", changes and f"since loading: {changes}"
+        ) + verdict_html(shown, dark=self._dark)
         self._result.content = result_html(shown, before, dark=self._dark)
         self._torques.content = torque_html(shown, dark=self._dark)
         self._contacts.content = contacts_html(shown)

@@ -17,6 +17,8 @@ from graspless_pin.errors import (
     GrasplessPinError,
     GrasplessPinWarning,
     SceneError,
+    StateError,
+    StateFault,
 )
 from graspless_pin.holding.stability import StabilityKeywords
 from graspless_pin.holding.verdict import Stability
@@ -139,8 +141,11 @@ def answer_settings(scene: Scene, settings: Settings) -> SettingsAnswer:
                 options["margin"] = settings.required_margin
             solution = changed.solve(settings.algorithm, **options)
         except GrasplessPinError as error:
-            with suppress(GrasplessPinError):
-                bodies = changed.contacts.bodies
+            if isinstance(error, StateError) and error.kind is StateFault.NO_CONTACT:
+                bodies = ()
+            else:
+                with suppress(GrasplessPinError):
+                    bodies = changed.contacts.bodies
             picture = draw_bodies(changed)
             return SettingsAnswer(settings, changed, None, picture, str(error), bodies=bodies)
         picture, bodies = draw_scene(changed, solution), changed.contacts.bodies
