@@ -18,7 +18,7 @@ GUARANTEED ?= --count 20
 STATES ?= --count 10000
 FUZZ ?= --count 2000 --seed 1
 
-.PHONY: install run test lint types docs readme-pictures notebooks bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding mistakes clean hands states
+.PHONY: install run test lint types docs readme-pictures notebooks bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding mistakes clean hands states dense
 
 install: $(STAMP)
 
@@ -93,6 +93,9 @@ hands: install
 
 states: install
 	$(BIN)/python -m tests.oracles.verified_states $(STATES)
+
+dense: install
+	$(BIN)/python -m tests.oracles.dense_meshes $(DENSE)
 
 fuzz: install
 	$(BIN)/python tests/fuzzing/fuzz.py $(FUZZ)

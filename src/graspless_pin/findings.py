@@ -63,6 +63,7 @@ class FindingCode(StrEnum):
     MESH_SCALE = "mesh-scale", Severity.WARNING
     MESH_UNIT = "mesh-unit", Severity.WARNING
     OPEN_MESH = "open-mesh", Severity.WARNING
+    SIMPLIFIED_HULL = "simplified-hull", Severity.NOTE
     HOLLOW_MESH = "hollow-mesh", Severity.NOTE
     NO_COLLISION = "no-collision-geometry", Severity.WARNING
     MISSPELT_MATERIAL = "misspelt-material", Severity.WARNING

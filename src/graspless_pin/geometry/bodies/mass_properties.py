@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import Finding, FindingCode, tell
+from graspless_pin.geometry.bodies.dense_hulls import DENSE_MESH, HULL_TOLERANCE
 from graspless_pin.geometry.bodies.meshes import hull_points, scaled_mesh
 from graspless_pin.geometry.bodies.shapes import (
     Box,
@@ -159,7 +160,10 @@ def _of_mesh(shape: MeshShape) -> Filling:
     mesh = scaled_mesh(shape.path, shape.scale)
     if mesh.is_watertight and mesh.is_winding_consistent and mesh.volume != 0.0:
         # Turned inside out, a mesh has a negative volume; centroid and gyration stay.
-        if abs(float(mesh.volume)) <= float(hull.volume) * (1.0 + 1e-9):
+        left_out = (
+            HULL_TOLERANCE * hull.scale * hull.area if len(mesh.vertices) > DENSE_MESH else 0.0
+        )
+        if abs(float(mesh.volume)) <= float(hull.volume) * (1.0 + 1e-9) + left_out:
             return _filled(mesh)
         problem = "has parts that lie in each other"
     else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import logging
 from pathlib import Path, PurePosixPath
@@ -17,6 +18,7 @@ from graspless_pin.intake.xml_text import check_xml
 
 MESH_FORMATS = (".stl", ".obj", ".dae", ".glb", ".gltf", ".ply", ".off")
 _IN_PART = ("failed to populate", "placeholder zeros")  # what trimesh logs and goes on with
+_LARGE = 4 << 20  # bytes
 MESH = FileKind("mesh file", 64, MeshError)
 
 
@@ -49,6 +51,8 @@ def parse_mesh(path: Path) -> Any:
         )
     finally:
         trimesh.util.log.removeFilter(heard)
+    if len(content) > _LARGE:
+        gc.collect()  # trimesh leaves three times the file's size in cycles
     for message in heard.messages:
         if any(words in message for words in _IN_PART):
             raise MeshError(f"mesh file '{path}' can be read in part only ({message})")

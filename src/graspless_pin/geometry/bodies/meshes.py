@@ -10,7 +10,7 @@ import numpy as np
 
 from graspless_pin.errors import MeshError
 from graspless_pin.findings import Finding, FindingCode, tell
-from graspless_pin.geometry.bodies.polytopes import hull_of
+from graspless_pin.geometry.bodies.dense_hulls import hull_corners
 from graspless_pin.magnitudes import LARGEST_LENGTH
 from graspless_pin.problem.checks import FloatArray
 
@@ -113,9 +113,11 @@ def hull_points(path: Path, scale: MeshScale) -> FloatArray:
         MeshError: See `load_mesh`; or all vertices lie in one plane.
 
     Warns:
-        GrasplessPinWarning: The mesh is larger than 5 m or smaller than 1 mm.
+        GrasplessPinWarning: The mesh is larger than 5 m or smaller than 1 mm, or so dense that its
+            hull is simplified.
     """
-    points = _hull_points(path, scale, file_state(path))
+    points, found = _hull_points(path, scale, file_state(path))
+    tell(*found)
     warn_of_scale(f"mesh '{path}' with scale {scale}", points, "needs scale 0.001")
     return points
 
@@ -144,15 +146,17 @@ def warn_of_scale(what: str, points: FloatArray, remedy: str) -> None:
 
 
 @lru_cache(maxsize=_REMEMBERED)
-def _hull_points(path: Path, scale: MeshScale, state: tuple[str, int, int]) -> FloatArray:
+def _hull_points(
+    path: Path, scale: MeshScale, state: tuple[str, int, int]
+) -> tuple[FloatArray, tuple[Finding, ...]]:
     from scipy.spatial import QhullError
 
     vertices = np.array(_scaled_mesh(path, scale, state).vertices, dtype=float)
     try:
-        points = hull_of(vertices).vertices
+        points, found = hull_corners(vertices, f"mesh file '{path}'")
     except (QhullError, ValueError) as error:
         raise MeshError(
             f"mesh file '{path}' encloses no volume: all of its vertices lie in one plane"
         ) from error
     points.setflags(write=False)
-    return points
+    return points, found

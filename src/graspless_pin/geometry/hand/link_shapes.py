@@ -12,10 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.errors import MeshError
+from graspless_pin.findings import tell
 from graspless_pin.geometry.bodies.decomposition import (
     Cut,
     convex_pieces,
 )
+from graspless_pin.geometry.bodies.dense_hulls import DENSE_MESH, hull_corners
 from graspless_pin.geometry.bodies.meshes import scaled_mesh, warn_of_scale
 from graspless_pin.geometry.bodies.shapes import convex_geometry
 from graspless_pin.geometry.hand.urdf_links import LinkMesh
@@ -87,6 +89,9 @@ def link_geometries(
         warn_of_scale(what, points[0], 'needs scale="0.001 0.001 0.001" in the URDF')
         if cut is not None:
             points = convex_pieces(surface, what, cut)
+        elif len(points[0]) > DENSE_MESH:
+            points[0], found = hull_corners(points[0], what)
+            tell(*found)
         shapes = [convex_geometry(corners, what) for corners in points]
     joint, T = int(item.parentJoint), np.array(item.placement.homogeneous)
     return tuple(LinkGeometry(link, joint, shape, T) for shape in shapes)
