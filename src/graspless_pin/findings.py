@@ -61,7 +61,6 @@ class FindingCode(StrEnum):
     LEFT_OUT_SPRINGS = "springs-left-out", Severity.WARNING
     PLACEHOLDER_FORCE = "placeholder-force", Severity.WARNING
     MESH_SCALE = "mesh-scale", Severity.WARNING
-    MESH_UNIT = "mesh-unit", Severity.WARNING
     OPEN_MESH = "open-mesh", Severity.WARNING
     SIMPLIFIED_HULL = "simplified-hull", Severity.NOTE
     HOLLOW_MESH = "hollow-mesh", Severity.NOTE
@@ -74,6 +73,7 @@ class FindingCode(StrEnum):
     AMBIGUOUS_NORMAL = "ambiguous-normal", Severity.NOTE
     NEUTRAL_OUTSIDE = "neutral-outside-limits", Severity.NOTE
     MISSING_VISUAL = "missing-visual-mesh", Severity.NOTE
+    MESH_AXES = "mesh-axes", Severity.NOTE
     RELATIVE_MESH = "relative-mesh-path", Severity.NOTE
     READER_REMARK = "reader-remark", Severity.NOTE
     NO_CACHE = "no-cache", Severity.NOTE

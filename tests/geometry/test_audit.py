@@ -117,7 +117,7 @@ def test_a_mesh_that_its_hull_fills_out_by_far(tmp_path):
     assert found(audit_urdf(file)) == [(FindingCode.HOLLOW_MESH, "link cup, collision")]
 
 
-def test_the_unit_of_a_collada_file_is_reported(tmp_path):
+def test_the_unit_of_a_collada_file_is_applied(tmp_path):
     file = tmp_path / "box.dae"
     trimesh.creation.box((0.1, 0.1, 0.1)).export(file)
     text = file.read_text()
@@ -127,8 +127,8 @@ def test_the_unit_of_a_collada_file_is_reported(tmp_path):
         text = text.replace("<asset>", '<asset><unit name="mm" meter="0.001"/>', 1)
     file.write_text(text)
     report = audit(tmp_path, link("a", MESH.format(f"file://{file}")))
-    assert found(report) == [(FindingCode.MESH_UNIT, "link a, collision")]
-    assert "0.001 m, which is not applied" in report.findings[0].message
+    assert (FindingCode.MESH_SCALE, "link a, collision") in found(report)
+    assert "is 0.0001 m large" in str([one.message for one in report.findings])
 
 
 def test_a_misspelt_leader_is_told_from_a_near_name(tmp_path):

@@ -76,6 +76,13 @@ def new(
     decompose: Annotated[
         bool, typer.Option("--decompose", help="Cut the mesh into convex pieces, hollows kept.")
     ] = False,
+    visuals_collide: Annotated[
+        bool,
+        typer.Option(
+            "--visuals-collide",
+            help="Let links without collision shapes collide with their visual ones.",
+        ),
+    ] = False,
     package_dir: Annotated[
         list[Path] | None, typer.Option(help="Where package:// addresses are looked up.")
     ] = None,
@@ -100,6 +107,7 @@ def new(
             density=density,
             slope=_slope(support),
             efforts={name: limit for name, limit in limits.items() if name},
+            visuals_collide=visuals_collide,
             effort=limits.get(""),
         )
         open_limits: tuple[str, ...] = ()

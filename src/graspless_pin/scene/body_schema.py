@@ -115,7 +115,9 @@ class MeshEntry(Entry):
     type: Literal["mesh"] = Field(description="says that it is a mesh")
     path: FilePath = Field(description="STL, OBJ, DAE or PLY file")
     scale: Length | tuple[Length, Length, Length] = Field(
-        default=1.0, description="[m] length of one unit of the file: 0.001 for millimetres"
+        default=1.0,
+        description="[m] length of one unit of the file: 0.001 for millimetres; a DAE that states "
+        "its unit is in metres already, and its axis that is up becomes z",
     )
     convex: Convex = Field(
         default="hull",

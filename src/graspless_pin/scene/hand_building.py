@@ -90,6 +90,8 @@ def _mount(
     if entry.fingers is not None:
         fingers = {name: item.spec() for name, item in entry.fingers.items()}
     found = file.at(where, lambda: _robot(file, parts, entry), ("robot",))
+    if entry.visuals_collide is not None:
+        found = replace(found, visuals_collide=entry.visuals_collide)
     pose = build_pose(file, (*where, "base_pose"), entry.base_pose)
     given = {
         "convex": entry.convex,

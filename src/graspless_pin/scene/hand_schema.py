@@ -51,6 +51,11 @@ class MountEntry(Entry):
         description="the fingers by name; default: the robot file's, else the branches below the "
         "palm",
     )
+    visuals_collide: bool | None = Field(
+        default=None,
+        description="whether links without collision shapes take their visual ones; default: as in "
+        "the robot file, else no",
+    )
     convex: LinkConvex = None
     concavity: Concavity | None = None
     decompose_time_limit: DecomposeTimeLimit | None = None

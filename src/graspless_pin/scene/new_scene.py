@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +48,7 @@ class NewScene:
         density: kg/m^3; neither: a density is guessed.
         slope: Angle of the support, rad; it falls towards +x.
         efforts: Effort limit (N m, N) by finger, joint or tendon, taken before the robot's own.
+        visuals_collide: Whether links without collision shapes take their visual ones.
         effort: Of all others whose limit the robot's files do not tell; None: left open.
     """
 
@@ -59,6 +60,7 @@ class NewScene:
     density: float | None = None
     slope: float = 0.0
     efforts: Mapping[str, float] = field(default_factory=dict)
+    visuals_collide: bool = False
     effort: float | None = None
 
 
@@ -75,6 +77,8 @@ def new_scene_text(new: NewScene, target: Path) -> tuple[str, tuple[str, ...]]:
         GrasplessPinError: If robot, mesh or a figure does not do.
     """
     robot = find_robot(new.robot, new.package_dirs)
+    if new.visuals_collide:
+        robot = replace(robot, visuals_collide=True)
     with heard() as found:
         hand = Hand.assemble([Mount(robot)], effort_limits=new.efforts)
     tell(*(one for one in found if one.code not in _LIMITS))

@@ -45,7 +45,16 @@ _AS_THEY_ARE = (
     "max_normal_force", "cone_edges", "cone", "contact_tolerance", "max_penetration",
     "points_per_patch",
 )  # fmt: skip
-ROBOT = ("robot", "urdf", "package_dirs", "fingers", "convex", "concavity", "decompose_time_limit")
+ROBOT = (
+    "robot",
+    "urdf",
+    "package_dirs",
+    "visuals_collide",
+    "fingers",
+    "convex",
+    "concavity",
+    "decompose_time_limit",
+)
 """Keys of a mount that tell which robot it is of."""
 
 
@@ -171,14 +180,18 @@ def _mount(hand: Hand, mount: Mount, path_text: Callable[[Path], str]) -> dict[s
 
 def stated_robot(robot: RobotDescription, path_text: Callable[[Path], str]) -> dict[str, Any]:
     """Return what a scene file says of which robot it is: see `stated_scene`."""
+    collide = robot.visuals_collide
     if robot.file is not None:
         name = robot.file.stem
         own = name in robot_names() and load_robot(name).file == robot.file
-        return {"robot": name if own else path_text(robot.file)}
+        usual = collide == load_robot(robot.file).visuals_collide
+        file = name if own else path_text(robot.file)
+        return {"robot": file, "visuals_collide": None if usual else collide}
     if robot.model is not None:
-        return {"robot": robot.model}
-    folders = [path_text(folder) for folder in robot.package_dirs]
-    return {"urdf": path_text(robot.urdf_path), "package_dirs": folders or None}
+        return {"robot": robot.model, "visuals_collide": collide or None}
+    folders = [path_text(folder) for folder in robot.package_dirs] or None
+    urdf = path_text(robot.urdf_path)
+    return {"urdf": urdf, "package_dirs": folders, "visuals_collide": collide or None}
 
 
 def _object(made: ManipulatedObject, path_text: Callable[[Path], str]) -> dict[str, Any]:

@@ -5,20 +5,32 @@ from __future__ import annotations
 import gc
 import io
 import logging
+import re
 from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import unquote
 
+import numpy as np
 import trimesh
 from trimesh.resolvers import Resolver
 
 from graspless_pin.errors import MeshError, TextError
 from graspless_pin.intake.files import FileKind, is_file, read_bytes
 from graspless_pin.intake.xml_text import check_xml
+from graspless_pin.magnitudes import LARGEST_LENGTH, SMALLEST_LENGTH
 
 MESH_FORMATS = (".stl", ".obj", ".dae", ".glb", ".gltf", ".ply", ".off")
 _IN_PART = ("failed to populate", "placeholder zeros")  # what trimesh logs and goes on with
 _LARGE = 4 << 20  # bytes
+_UNIT = re.compile(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']*)[\"']")
+_UP_AXIS = re.compile(rb"<up_axis>\s*([XYZ]_UP)\s*</up_axis>")
+_NUMBER = re.compile(r"\s*\+?(\d+\.?\d*|\.\d+)([eE][-+]?\d{1,3})?\s*")
+_TO_Z_UP = {
+    "X_UP": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]),
+    "Y_UP": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
+}
+UP_AXIS = "up_axis"
+"""In the metadata of a mesh that was turned: the axis that was up in its file, as it says."""
 MESH = FileKind("mesh file", 64, MeshError)
 
 
@@ -30,11 +42,16 @@ def unknown_format(path: Path) -> MeshError:
     )
 
 
-def parse_mesh(path: Path) -> Any:
+def parse_mesh(path: Path, *, upright: bool) -> Any:
     """Return what trimesh makes of a mesh file; it gets bytes and opens nothing itself.
 
+    Args:
+        path: The file.
+        upright: Whether the axis that a DAE says is up becomes z.
+
     Raises:
-        MeshError: If a file cannot be opened (see `read_bytes`), or XML breaks its bounds.
+        MeshError: If a file cannot be opened (see `read_bytes`), or XML breaks its bounds, or a DAE
+            states a unit that is none.
         Exception: Whatever the readers behind trimesh raise.
     """
     content = read_bytes(path, MESH)
@@ -56,7 +73,30 @@ def parse_mesh(path: Path) -> Any:
     for message in heard.messages:
         if any(words in message for words in _IN_PART):
             raise MeshError(f"mesh file '{path}' can be read in part only ({message})")
+    if ending == ".dae" and isinstance(mesh, trimesh.Trimesh):
+        meter, up = dae_frame(path, content)
+        T = np.diag([meter, meter, meter, 1.0])
+        if upright and up in _TO_Z_UP:
+            T[:3, :3] = meter * _TO_Z_UP[up]
+            mesh.metadata[UP_AXIS] = up
+        mesh.apply_transform(T)
     return mesh
+
+
+def dae_frame(path: Path, content: bytes) -> tuple[float, str]:
+    """Return the unit (m) and the axis that a DAE states, such as ``Y_UP``; 1 and empty: none.
+
+    Raises:
+        MeshError: If the unit is no positive number.
+    """
+    unit, up = _UNIT.search(content), _UP_AXIS.search(content)
+    text = "1" if unit is None else unit[1].decode(errors="replace")
+    meter = float(text) if _NUMBER.fullmatch(text) else 0.0
+    if not SMALLEST_LENGTH <= meter <= LARGEST_LENGTH:
+        raise MeshError(
+            f"mesh file '{path}' states the unit {text[:40]!r}, which is no length in metres"
+        )
+    return meter, "" if up is None else up[1].decode()
 
 
 class _Heard(logging.Filter):

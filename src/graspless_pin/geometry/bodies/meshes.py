@@ -25,8 +25,13 @@ SMALLEST_MESH = 1e-3
 _REMEMBERED = 32  # meshes
 
 
-def load_mesh(path: Path) -> trimesh.Trimesh:
-    """Read all parts of a mesh file as one mesh, in the file's units.
+def load_mesh(path: Path, *, upright: bool = True) -> trimesh.Trimesh:
+    """Read all parts of a mesh file as one mesh, in the file's units; in metres if it states one.
+
+    Args:
+        path: The file.
+        upright: Whether the axis that a DAE says is up becomes z, as for an object; readers of
+            URDF, Pinocchio among them, leave links' meshes as they are.
 
     Raises:
         MeshError: The file is missing, of an unknown format, unreadable or without faces, names
@@ -40,7 +45,7 @@ def load_mesh(path: Path) -> trimesh.Trimesh:
     if path.suffix.lower() not in MESH_FORMATS:
         raise unknown_format(path)
     try:
-        mesh = parse_mesh(path)
+        mesh = parse_mesh(path, upright=upright)
     except MeshError:
         raise
     except Exception as error:  # the readers behind trimesh raise whatever comes up
@@ -63,14 +68,16 @@ def _check_extent(path: Path, mesh: trimesh.Trimesh) -> None:
         raise MeshError(f"mesh file '{path}' has vertices beyond ±{LARGEST_LENGTH:g} m")
 
 
-def scaled_mesh(path: Path, scale: MeshScale) -> trimesh.Trimesh:
+def scaled_mesh(path: Path, scale: MeshScale, *, upright: bool = True) -> trimesh.Trimesh:
     """Read a mesh file in metres.
 
     A file is read again only if it has changed; do not change what is returned.
 
     Args:
         path: See `load_mesh`.
-        scale: Metres per unit of the file; one number, or three along x, y, z.
+        scale: Metres per unit of the file, or of what it states; one number, or three along x, y,
+            z.
+        upright: See `load_mesh`.
 
     Returns:
         The mesh, with vertices that have the same place joined.
@@ -78,7 +85,7 @@ def scaled_mesh(path: Path, scale: MeshScale) -> trimesh.Trimesh:
     Raises:
         MeshError: See `load_mesh`.
     """
-    return _scaled_mesh(path, scale, file_state(path))
+    return _scaled_mesh(path, scale, upright, file_state(path))
 
 
 def file_state(path: Path) -> tuple[str, int, int]:
@@ -97,8 +104,10 @@ def file_state(path: Path) -> tuple[str, int, int]:
 
 
 @lru_cache(maxsize=_REMEMBERED)
-def _scaled_mesh(path: Path, scale: MeshScale, _state: tuple[str, int, int]) -> trimesh.Trimesh:
-    mesh = load_mesh(path)
+def _scaled_mesh(
+    path: Path, scale: MeshScale, upright: bool, _state: tuple[str, int, int]
+) -> trimesh.Trimesh:
+    mesh = load_mesh(path, upright=upright)
     mesh.apply_scale(np.broadcast_to(np.asarray(scale, dtype=float), 3))
     _check_extent(path, mesh)
     # Colours and normals per corner keep corners apart that are one.
@@ -147,11 +156,14 @@ def warn_of_scale(what: str, points: FloatArray, remedy: str) -> None:
 
 @lru_cache(maxsize=_REMEMBERED)
 def _hull_points(
-    path: Path, scale: MeshScale, state: tuple[str, int, int]
+    path: Path, scale: MeshScale, _state: tuple[str, int, int]
 ) -> tuple[FloatArray, tuple[Finding, ...]]:
     from scipy.spatial import QhullError
 
-    vertices = np.array(_scaled_mesh(path, scale, state).vertices, dtype=float)
+    from graspless_pin.geometry.bodies.mesh_files import UP_AXIS
+
+    mesh = scaled_mesh(path, scale)
+    vertices = np.array(mesh.vertices, dtype=float)
     try:
         points, found = hull_corners(vertices, f"mesh file '{path}'")
     except (QhullError, ValueError) as error:
@@ -159,4 +171,13 @@ def _hull_points(
             f"mesh file '{path}' encloses no volume: all of its vertices lie in one plane"
         ) from error
     points.setflags(write=False)
+    if UP_AXIS in mesh.metadata:
+        up = mesh.metadata[UP_AXIS]
+        turned = Finding(
+            FindingCode.MESH_AXES,
+            str(path),
+            f"mesh file '{path}' says {up}: its {up[0].lower()} axis is the object's z axis",
+            "write <up_axis>Z_UP</up_axis> into it, or turn the object, if z was up all along",
+        )
+        found = (*found, turned)
     return points, found

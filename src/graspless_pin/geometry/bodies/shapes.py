@@ -131,8 +131,10 @@ class MeshShape:
     See the example of `Box`.
 
     Attributes:
-        path: STL, OBJ, DAE, GLB, glTF, PLY or OFF file. A unit written in the file is not applied.
-        scale: Metres per unit of the file; one number, or three along x, y, z.
+        path: STL, OBJ, DAE, GLB, glTF, PLY or OFF file. A DAE is in the unit that it states, and
+            the axis that it says is up becomes z.
+        scale: Metres per unit of the file, or of what a DAE states; one number, or three along x,
+            y, z.
         convex: ``hull`` fills all hollows; ``decompose`` cuts the mesh into convex pieces, which
             keeps them (see `decomposition`).
         concavity: For ``decompose``: deepest hollow that is filled all the same, as a share of half

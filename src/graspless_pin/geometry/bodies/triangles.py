@@ -171,25 +171,28 @@ def _primitive_triangles(shape: Shape) -> Triangles:
             raise ArgumentError("shape", "a mesh is no primitive")
 
 
-def file_triangles(path: Path, scale: MeshScale, max_faces: int) -> Triangles:
+def file_triangles(
+    path: Path, scale: MeshScale, max_faces: int, *, upright: bool = True
+) -> Triangles:
     """Return the surface of a mesh file, the same as long as the file does not change.
 
     Args:
         path: See `scaled_mesh`.
         scale: See `scaled_mesh`; one that mirrors turns the triangles round.
         max_faces: A mesh with more triangles is simplified, see `simplified`.
+        upright: See `load_mesh`.
 
     Raises:
         MeshError: The file is missing or unreadable.
     """
-    return _file_triangles(path, scale, max_faces, file_state(path))
+    return _file_triangles(path, scale, max_faces, upright, file_state(path))
 
 
 @lru_cache(maxsize=_REMEMBERED)
 def _file_triangles(
-    path: Path, scale: MeshScale, max_faces: int, _state: tuple[str, int, int]
+    path: Path, scale: MeshScale, max_faces: int, upright: bool, _state: tuple[str, int, int]
 ) -> Triangles:
-    return simplified(_of(scaled_mesh(path, scale)), max_faces)
+    return simplified(_of(scaled_mesh(path, scale, upright=upright)), max_faces)
 
 
 def _scaled(mesh: trimesh.Trimesh, factors: ArrayLike) -> Triangles:

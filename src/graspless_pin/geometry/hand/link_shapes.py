@@ -108,7 +108,7 @@ def load_link_mesh(mesh: LinkMesh, label: str) -> trimesh.Trimesh:
         MeshError: If it cannot be read.
     """
     try:
-        return scaled_mesh(mesh.file, mesh.scale)
+        return scaled_mesh(mesh.file, mesh.scale, upright=False)
     except MeshError as error:
         raise MeshError(
             f"{label}: the collision mesh {mesh.file} of link {mesh.link!r}: {error}"

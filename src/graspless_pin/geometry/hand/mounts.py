@@ -119,6 +119,7 @@ def join_mounts(mounts: Sequence[Mount], *, with_shapes: bool = True) -> JoinedM
             package_dirs=robot.package_dirs,
             root_link=robot.root_link,
             xacro_args=robot.xacro_args,
+            visuals_collide=robot.visuals_collide,
             with_meshes=with_shapes,
         )
         for robot, prefix in zip(robots, prefixes, strict=True)

@@ -21,7 +21,7 @@ from graspless_pin.geometry.hand.urdf_links import (
     numbers,
 )
 from graspless_pin.geometry.hand.urdf_rotors import rotor_inertias
-from graspless_pin.geometry.hand.urdf_visuals import LinkVisual, read_visuals
+from graspless_pin.geometry.hand.urdf_visuals import LinkVisual, let_visuals_collide, read_visuals
 from graspless_pin.geometry.hand.xacro_text import expanded, is_xacro
 from graspless_pin.geometry.robots.description import JointCoupling
 from graspless_pin.intake.files import FileKind, errors_of_text, read_bytes, refuse_other_kind
@@ -77,6 +77,7 @@ def read_urdf(
     package_dirs: Sequence[Path] = (),
     root_link: str | None = None,
     xacro_args: Mapping[str, str] = MappingProxyType({}),
+    visuals_collide: bool = False,
     with_meshes: bool = True,
 ) -> UrdfDocument:
     """Read, check and normalise one URDF, xacro or MJCF file.
@@ -91,6 +92,7 @@ def read_urdf(
             one that holds a folder called NAME. The folders above the file are tried last.
         root_link: Keep only this link and what hangs on it, e.g. the hand of a whole robot.
         xacro_args: Values of the ``<xacro:arg>`` of a xacro file.
+        visuals_collide: Whether links without collision shapes collide with their visual ones.
         with_meshes: Whether the collision meshes must be there; without, shapes are dropped.
 
     Returns:
@@ -110,6 +112,8 @@ def read_urdf(
     if root_link is not None:
         keep_below(path, root, root_link)
         top = root_link
+    if visuals_collide:
+        let_visuals_collide(root)
     _fix_base(path, root, top)
     joints = tuple(
         joint.get("name", "")

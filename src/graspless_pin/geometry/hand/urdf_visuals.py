@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,6 +32,19 @@ class LinkVisual:
     shape: Shape | Path
     scale: tuple[float, float, float]
     T_link_visual: NDArray[np.float64]
+
+
+def let_visuals_collide(root: ET.Element) -> None:
+    """Give each link without a collision shape its visual ones, in place.
+
+    Args:
+        root: The ``<robot>`` element.
+    """
+    for link in root.findall("link"):
+        if link.find("collision") is None:
+            for visual in link.findall("visual"):
+                collision = ET.SubElement(link, "collision")
+                collision.extend(deepcopy([*visual.findall("origin"), *visual.findall("geometry")]))
 
 
 def read_visuals(

@@ -48,7 +48,7 @@ def hand_triangles(hand: Hand, *, max_faces: int = 1500) -> Iterator[tuple[str, 
 def _visual_triangles(visual: LinkVisual, max_faces: int) -> Triangles:
     """Return the triangles of one visual shape in its link's frame."""
     if isinstance(visual.shape, Path):
-        surface = file_triangles(visual.shape, visual.scale, max_faces)
+        surface = file_triangles(visual.shape, visual.scale, max_faces, upright=False)
     else:
         surface = shape_triangles(visual.shape)
     return surface.moved(visual.T_link_visual)

@@ -15,6 +15,7 @@ from graspless_pin.geometry.hand.coupling import dangling_couplings
 from graspless_pin.geometry.hand.effort_limits import is_placeholder
 from graspless_pin.geometry.hand.mounts import JoinedMounts, Mount, join_mounts
 from graspless_pin.geometry.hand.urdf import URDF, keep_below, parse_robot, read_urdf
+from graspless_pin.geometry.hand.urdf_visuals import let_visuals_collide
 from graspless_pin.geometry.inspection.audit_meshes import audit_meshes
 from graspless_pin.geometry.inspection.listing import describe_efforts
 from graspless_pin.geometry.robots.description import RobotDescription
@@ -75,6 +76,8 @@ def audit_urdf(source: str | Path, package_dirs: Sequence[str | Path] = ()) -> A
         root = parse_robot(robot.urdf_path, robot.package_dirs, robot.xacro_args)
         if robot.root_link is not None:
             keep_below(robot.urdf_path, root, robot.root_link)
+        if robot.visuals_collide:
+            let_visuals_collide(root)
     except RobotError as error:
         return _report(robot, None, [_unreadable(robot, error)], loads=False)
     findings = [*audit_meshes(robot, root), *_audit_shapes(root)]
@@ -139,14 +142,17 @@ def _audit_shapes(root: ET.Element) -> Iterator[Finding]:
             FindingCode.NO_COLLISION,
             "robot",
             "no link has collision geometry: it never touches anything",
-            "add <collision> shapes, at least to the fingertips, or give the contacts in the scene",
+            "add <collision> shapes, at least to the fingertips, let the visual shapes collide "
+            "(visuals_collide: true in the scene's hand or a robot file), or give the contacts in "
+            "the scene",
         )
     elif bare:
         yield Finding(
             FindingCode.NO_COLLISION,
             f"links {', '.join(bare)}",
             "are drawn but have no collision geometry: nothing touches them",
-            "add <collision> shapes to those that may touch the object",
+            "add <collision> shapes to those that may touch the object, or give visuals_collide: "
+            "true in the scene's hand or a robot file",
         )
 
 

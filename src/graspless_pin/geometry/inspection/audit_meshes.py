@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -13,7 +12,7 @@ import trimesh
 
 from graspless_pin.errors import MeshError, RobotError
 from graspless_pin.findings import Finding, FindingCode
-from graspless_pin.geometry.bodies.mesh_files import MESH
+from graspless_pin.geometry.bodies.mesh_files import MESH, dae_frame
 from graspless_pin.geometry.bodies.meshes import LARGEST_MESH, SMALLEST_MESH
 from graspless_pin.geometry.hand.link_shapes import is_flat, load_link_mesh
 from graspless_pin.geometry.hand.urdf_links import LinkMesh, find_mesh, numbers
@@ -21,7 +20,6 @@ from graspless_pin.geometry.robots.description import RobotDescription
 from graspless_pin.intake.files import read_bytes
 
 _HOLLOW = 2.0  # hull over mesh in volume: below, cutting a link rarely changes what it touches
-_DAE_UNIT = re.compile(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']+)[\"']")
 
 
 def audit_meshes(robot: RobotDescription, root: ET.Element) -> Iterator[Finding]:
@@ -38,6 +36,27 @@ def audit_meshes(robot: RobotDescription, root: ET.Element) -> Iterator[Finding]
         for use in ("collision", "visual"):
             for mesh in link.findall(f"{use}/geometry/mesh"):
                 yield from _audit_mesh(robot, link.get("name", ""), use, mesh)
+    yield from _audit_axes(robot, root.findall("link/collision/geometry/mesh"))
+
+
+def _audit_axes(robot: RobotDescription, meshes: Sequence[ET.Element]) -> Iterator[Finding]:
+    """Find DAEs of which another axis than z is up: one finding for all."""
+    said = {}
+    for mesh in meshes:
+        file, _ = find_mesh(robot.urdf_path, mesh.get("filename", ""), robot.package_dirs)
+        if file is not None and file.suffix.lower() == ".dae":
+            with suppress(MeshError):  # found already
+                said[file.name] = dae_frame(file, read_bytes(file, MESH))[1]
+    turned = [f"{name} ({up})" for name, up in said.items() if up not in ("", "Z_UP")]
+    if turned:
+        more = f" and {len(turned) - 3} more" if len(turned) > 3 else ""
+        yield Finding(
+            FindingCode.MESH_AXES,
+            "robot",
+            f"collision meshes say that another axis than z is up: {', '.join(turned[:3])}{more}",
+            "nothing to do if the robot looks right: readers of URDF leave its meshes as they are, "
+            "and so does this one",
+        )
 
 
 def _audit_mesh(
@@ -92,24 +111,6 @@ def _audit_mesh(
         )
     elif not _is_cut(robot, link):
         yield from _audit_hollows(where, link, file.name, loaded)
-    unit = _unit(file)
-    if unit != 1.0:
-        yield Finding(
-            FindingCode.MESH_UNIT,
-            where,
-            f"{file.name} says that its unit is {unit:g} m, which is not applied",
-            "write it into the mesh's scale in the URDF unless the figures are metres already",
-        )
-
-
-def _unit(file: Path) -> float:
-    """Return the unit that a DAE states, m; 1 for what states none."""
-    if file.suffix.lower() != ".dae":
-        return 1.0
-    found = _DAE_UNIT.search(read_bytes(file, MESH))
-    with suppress(ValueError):
-        return 1.0 if found is None else float(found[1])
-    return 1.0
 
 
 def _is_cut(robot: RobotDescription, link: str) -> bool:

@@ -123,6 +123,7 @@ class RobotDescription:
         effort_sources: Where each of these limits comes from.
         effort_unknown: What is known by finger, joint or tendon whose real limit is not.
         meshes: How the collision meshes of its links are made convex.
+        visuals_collide: Whether links without collision shapes collide with their visual ones.
         file: The robot file, if there is one.
         model: The model of example-robot-data, if it is one.
     """
@@ -140,5 +141,6 @@ class RobotDescription:
     effort_sources: Mapping[str, str] = field(default_factory=dict)
     effort_unknown: Mapping[str, str] = field(default_factory=dict)
     meshes: LinkMeshes = field(default_factory=LinkMeshes)
+    visuals_collide: bool = False
     file: Path | None = None
     model: str | None = None

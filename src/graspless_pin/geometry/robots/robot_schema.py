@@ -133,6 +133,9 @@ class RobotFile(Entry):
     effort_limits: ByName[EffortEntry] = Field(
         default={}, description="limits by joint, finger or tendon; default: the URDF's"
     )
+    visuals_collide: bool = Field(
+        default=False, description="whether links without collision shapes take their visual ones"
+    )
     convex: Convex | ByName[Convex] = Field(
         default="hull", description="how collision meshes are made convex, for all or by link"
     )

@@ -1,0 +1,100 @@
+"""A DAE's unit and axes: one mesh, written in several frames, is one object and one link."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from graspless_pin import Hand
+from graspless_pin.errors import MeshError
+from graspless_pin.findings import FindingCode, heard
+from graspless_pin.geometry.bodies.mass_properties import filling
+from graspless_pin.geometry.bodies.meshes import hull_points
+from graspless_pin.geometry.bodies.shapes import MeshShape
+from graspless_pin.geometry.bodies.triangles import shape_triangles
+from graspless_pin.geometry.hand.visuals import hand_triangles
+from graspless_pin.geometry.inspection.audit import audit_urdf
+
+DAE = """<?xml version="1.0" encoding="utf-8"?>
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><created>2020-01-01T00:00:00</created><modified>2020-01-01T00:00:00</modified>{frame}</asset>
+<library_geometries><geometry id="g" name="g"><mesh>
+<source id="p"><float_array id="a" count="12">{points}</float_array><technique_common>
+<accessor source="#a" count="4" stride="3"><param name="X" type="float"/>
+<param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common></source>
+<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+<triangles count="4"><input semantic="VERTEX" source="#v" offset="0"/>
+<p>0 2 1 0 1 3 0 3 2 1 2 3</p></triangles></mesh></geometry></library_geometries>
+<library_visual_scenes><visual_scene id="s" name="s"><node id="n" name="n">
+<instance_geometry url="#g"/></node></visual_scene></library_visual_scenes>
+<scene><instance_visual_scene url="#s"/></scene></COLLADA>"""
+CORNERS = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.2, 0.0], [0.0, 0.0, 0.3]])  # z is up
+
+# Right, up and towards the reader are these axes of the file: the table of the COLLADA standard.
+FRAMES = {"Z_UP": ("+x", "+z", "-y"), "Y_UP": ("+x", "+y", "+z"), "X_UP": ("-y", "+x", "+z")}
+
+
+def written(folder: Path, up: str | None, meter: float | None = None) -> Path:
+    """Write the mesh as a modeller with these axes and this unit would."""
+    points = CORNERS / (meter or 1.0)
+    if up is not None:
+        file = np.zeros_like(points)
+        in_world = (points[:, 0], points[:, 2], -points[:, 1])  # right, up, towards the reader
+        for axis, values in zip(FRAMES[up], in_world, strict=True):
+            file[:, "xyz".index(axis[1])] = values if axis[0] == "+" else -values
+        points = file
+    frame = "" if meter is None else f'<unit name="of its own" meter="{meter}"/>'
+    frame += "" if up is None else f"<up_axis>{up}</up_axis>"
+    path = folder / "part.dae"
+    path.write_text(DAE.format(frame=frame, points=" ".join(map(str, points.ravel()))))
+    return path
+
+
+def in_order(points: np.ndarray) -> np.ndarray:
+    return points[np.lexsort(points.round(9).T)]
+
+
+@pytest.mark.parametrize("meter", [None, 0.01, 0.0254])
+@pytest.mark.parametrize("up", [None, "Z_UP", "Y_UP", "X_UP"])
+def test_an_object_is_the_same_whatever_the_frame(
+    tmp_path: Path, up: str | None, meter: float | None
+) -> None:
+    shape = MeshShape(written(tmp_path, up, meter), 2.0)
+    expected = in_order(2.0 * CORNERS)
+    with heard() as told:
+        corners = hull_points(shape.path, 2.0)
+    np.testing.assert_allclose(in_order(corners), expected, atol=1e-12)
+    turned = up in ("Y_UP", "X_UP")
+    assert [one.code for one in told] == [FindingCode.MESH_AXES] * turned
+    with heard():
+        drawn, filled = shape_triangles(shape), filling(shape)
+    np.testing.assert_allclose(in_order(drawn.vertices), expected, atol=1e-12)
+    np.testing.assert_allclose(filled.centroid, 2.0 * CORNERS.mean(axis=0), atol=1e-12)
+    assert filled.volume == pytest.approx(8.0 * 0.1 * 0.2 * 0.3 / 6.0)
+
+
+def test_a_link_has_the_unit_and_the_axes_of_urdf(tmp_path: Path) -> None:
+    """Readers of URDF leave the axes as they are; collision shape and looks agree."""
+    mesh = written(tmp_path, "Y_UP", 0.01)
+    geometry = f'<geometry><mesh filename="{mesh.name}"/></geometry>'
+    urdf = tmp_path / "part.urdf"
+    urdf.write_text(
+        f'<robot name="part"><link name="palm"><visual>{geometry}</visual>'
+        f"<collision>{geometry}</collision></link></robot>"
+    )
+    hand = Hand.from_urdf(urdf)
+    corners = in_order(np.array(hand.collision_bodies()[0].geometry.points()))
+    np.testing.assert_allclose(corners, in_order(CORNERS[:, [0, 2, 1]] * [1, 1, -1]), atol=1e-12)
+    ((_, drawn),) = hand_triangles(hand)
+    np.testing.assert_allclose(in_order(drawn.vertices), corners, atol=1e-12)
+    (found,) = [one for one in audit_urdf(urdf).findings if one.code is FindingCode.MESH_AXES]
+    assert "part.dae" in found.message and "Y_UP" in found.message
+
+
+def test_a_unit_that_is_none_is_refused(tmp_path: Path) -> None:
+    path = written(tmp_path, "Z_UP", 0.01)
+    path.write_text(path.read_text().replace('meter="0.01"', 'meter="inch"'))
+    with pytest.raises(MeshError, match="states the unit 'inch'"):
+        hull_points(path, 1.0)
