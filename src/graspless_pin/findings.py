@@ -42,6 +42,7 @@ class FindingCode(StrEnum):
     UNREADABLE = "unreadable", Severity.SERIOUS
     MISSING_MESH = "missing-collision-mesh", Severity.SERIOUS
     UNUSABLE_MESH = "unusable-mesh", Severity.SERIOUS
+    NO_SHAPES = "hand-without-shapes", Severity.SERIOUS
     HAND_TOUCHES_NOTHING = "hand-touches-nothing", Severity.SERIOUS
     HAND_THROUGH_SUPPORT = "hand-through-support", Severity.SERIOUS
     NO_TORQUE_COUNTS = "no-torque-counts", Severity.WARNING
@@ -63,6 +64,7 @@ class FindingCode(StrEnum):
     MESH_SCALE = "mesh-scale", Severity.WARNING
     OPEN_MESH = "open-mesh", Severity.WARNING
     SIMPLIFIED_HULL = "simplified-hull", Severity.NOTE
+    EMPTY_SHAPE = "empty-shape", Severity.WARNING
     HOLLOW_MESH = "hollow-mesh", Severity.NOTE
     NO_COLLISION = "no-collision-geometry", Severity.WARNING
     MISSPELT_MATERIAL = "misspelt-material", Severity.WARNING
@@ -72,6 +74,7 @@ class FindingCode(StrEnum):
     THRESHOLD = "hangs-on-threshold", Severity.WARNING
     AMBIGUOUS_NORMAL = "ambiguous-normal", Severity.NOTE
     NEUTRAL_OUTSIDE = "neutral-outside-limits", Severity.NOTE
+    LOCKED_JOINT = "joint-without-travel", Severity.NOTE
     MISSING_VISUAL = "missing-visual-mesh", Severity.NOTE
     MESH_AXES = "mesh-axes", Severity.NOTE
     RELATIVE_MESH = "relative-mesh-path", Severity.NOTE

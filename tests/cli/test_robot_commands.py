@@ -49,6 +49,17 @@ def test_an_audit_says_what_to_do(tmp_path):
     assert "placeholder effort" in result.stdout and "bend" in result.stdout
 
 
+def test_a_hand_that_touches_nothing_loads_and_is_doubtful(tmp_path):
+    urdf = tmp_path / "bare.urdf"
+    urdf.write_text('<robot name="bare"><link name="base"/></robot>')
+    result = run("inspect", str(urdf), "--root-link", "base")
+    assert result.exit_code == 4
+    assert "loads, but something serious is wrong" in result.stdout
+    result = run("inspect", str(urdf), "--root-link", "palm")
+    assert result.exit_code == 1
+    assert "there is no link 'palm'" in result.stdout
+
+
 def test_a_sound_robot_passes_its_audit():
     result = run("inspect", "trihand")
     assert result.exit_code == 0

@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.poses import invert, pose_matrix
-from graspless_pin.geometry.posing.finger_joints import joint_ranges
 
 GRAVITY = np.array([0.4, -1.1, -9.8])
 
@@ -21,7 +20,7 @@ def random_pose(rng):
 
 def random_q(hand: Hand, rng):
     """A position inside the limits for every independent joint."""
-    lower, upper = joint_ranges(hand.tree)
+    lower, upper = hand.tree.ranges
     lower, upper = np.maximum(lower, -3.0), np.minimum(upper, 3.0)
     margin = 1e-3 * (upper - lower)
     values = rng.uniform(lower + margin, upper - margin)

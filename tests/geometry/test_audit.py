@@ -85,7 +85,7 @@ def test_meshes(tmp_path):
         (FindingCode.UNUSABLE_MESH, "link e, collision"),
         (FindingCode.MESH_SCALE, "link c, collision"),
         (FindingCode.MISSING_VISUAL, "link a, visual"),
-        (FindingCode.RELATIVE_MESH, "link b, collision"),
+        (FindingCode.RELATIVE_MESH, "robot"),
     ]
     assert "package_dirs" in report.findings[0].advice
     assert "is 100 m large" in report.findings[3].message
@@ -140,7 +140,7 @@ def test_a_misspelt_leader_is_told_from_a_near_name(tmp_path):
 
 def test_links_that_nothing_can_touch(tmp_path):
     drawn = f'<link name="a"><visual><geometry>{BALL}</geometry></visual></link>'
-    assert found(audit(tmp_path, drawn)) == [(FindingCode.NO_COLLISION, "robot")]
+    assert found(audit(tmp_path, drawn)) == [(FindingCode.NO_SHAPES, "robot")]
     body = drawn + link("b", BALL) + link("c") + joint("i", "a", "b") + joint("j", "b", "c")
     assert found(audit(tmp_path, body)) == [(FindingCode.NO_COLLISION, "links a")]
 

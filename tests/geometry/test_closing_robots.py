@@ -22,7 +22,6 @@ from graspless_pin.geometry.contact.finding import find_contacts
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.posing.closing import ClosingResult, close_hand
-from graspless_pin.geometry.posing.finger_joints import joint_ranges
 from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
 from graspless_pin.geometry.robots.files import robot_names
 
@@ -160,7 +159,7 @@ def opened(name: str) -> Hand:
         hand = Hand.assemble(
             [Mount(name, random_pose(np.random.default_rng(len(name))))], control=grip.control
         )
-    lower, upper = joint_ranges(hand.tree)
+    lower, upper = hand.tree.ranges
     inside = np.clip(0.0, lower + FROM_LIMITS, upper - FROM_LIMITS)
     leaders = [hand.joint_names[index] for index in hand.tree.coupling.leaders]
     return hand.with_configuration(

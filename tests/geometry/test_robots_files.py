@@ -161,7 +161,7 @@ ENTITY = '<!DOCTYPE robot [<!ENTITY secret SYSTEM "file:///etc/hostname">]>'
         ),
         (link("a", '<box size="1 x 1"/>'), "link 'a' has box size='1 x 1', which is not 3 numbers"),
         (link("a", "<sphere/>"), "sphere radius='', which is not a number"),
-        (link("a", '<sphere radius="-1"/>'), "sphere radius='-1', which is not positive"),
+        (link("a", '<sphere radius="-1"/>'), "sphere radius='-1', which is negative"),
         (link("a", "<torus/>"), "unknown shape <torus>; known: box, sphere"),
         ('<link name="a"><collision/></link>', "without a shape in its <geometry>"),
         (

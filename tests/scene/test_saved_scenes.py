@@ -220,6 +220,33 @@ def test_a_scene_made_in_python_says_everything(tmp_path: Path) -> None:
     again(other.with_changes(path=loaded.path), tmp_path / "trihand.yaml")
 
 
+@pytest.mark.parametrize("key", ["urdf: hand.urdf", "robot: hand.yaml", "robot: cut.yaml"])
+def test_a_root_link_is_what_is_mounted(key: str, tmp_path: Path) -> None:
+    links = "".join(f'<link name="{name}"/>' for name in ("torso", "palm", "tip"))
+    joints = "".join(
+        f'<joint name="{child}_hinge" type="revolute"><parent link="{parent}"/>'
+        f'<child link="{child}"/>'
+        '<limit lower="-1" upper="1" effort="2" velocity="1"/></joint>'
+        for parent, child in (("torso", "palm"), ("palm", "tip"))
+    )
+    (tmp_path / "hand.urdf").write_text(f'<robot name="r">{links}{joints}</robot>')
+    (tmp_path / "hand.yaml").write_text("name: r\nurdf: hand.urdf\n")
+    (tmp_path / "cut.yaml").write_text("name: r\nurdf: hand.urdf\nroot_link: palm\n")
+    file = tmp_path / "scene.yaml"
+    contact = "contacts: [{body: tip, position: [0, 0, 0], normal: [0, 0, 1]}]\n"
+    chosen = "" if "cut" in key else "\n  root_link: palm"
+    text = contact + BOX.replace("robot: lever_100mm", key + chosen)
+    file.write_text(text, encoding="utf-8")
+    scene = load_scene(file)
+    assert scene.hand is not None
+    assert scene.hand.joint_names == ("tip_hinge",)
+    assert again(scene, tmp_path / "beside.yaml").hand is not None
+    bare = again(scene.with_changes(path=None), tmp_path / "bare.yaml")
+    assert bare.hand is not None
+    assert bare.hand.joint_names == ("tip_hinge",)
+    assert ("root_link: palm" in (tmp_path / "bare.yaml").read_text()) == bool(chosen)
+
+
 def test_density_and_centroid_do_not_outlive_their_shape(tmp_path: Path) -> None:
     file = tmp_path / "box.yaml"
     file.write_text(BOX.replace("mass: 1.0", "density: 125 # wood"), encoding="utf-8")

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from graspless_pin.cli.outcome import ExitCode, plain_errors
+from graspless_pin.findings import is_serious
 from graspless_pin.geometry.inspection.audit import audit_urdf
 from graspless_pin.geometry.inspection.listing import list_robots
 from graspless_pin.report.robots import audit_text, robot_text, robots_text
@@ -29,12 +30,17 @@ def inspect(
     package_dir: Annotated[
         list[Path] | None, typer.Option(help="Where package:// addresses are looked up.")
     ] = None,
+    root_link: Annotated[
+        str | None, typer.Option(help="Keep only this link and what hangs on it.")
+    ] = None,
 ) -> None:
     """Audit a URDF: meshes, effort limits, mimic joints, limits; and say what to do.
 
-    Exit code 0: it can be mounted as it is; 1: it cannot; 2: no such file or robot.
+    Exit code 0: it can be mounted as it is; 1: it cannot; 2: no such file or robot; 4: it can, and
+    something serious is wrong.
     """
     with plain_errors():
-        report = audit_urdf(urdf, package_dir or [])
+        report = audit_urdf(urdf, package_dir or [], root_link)
         typer.echo(audit_text(report))
-    raise typer.Exit(ExitCode.FOUND if report.loads else ExitCode.INFEASIBLE)
+    found = ExitCode.DOUBTFUL if is_serious(report.findings) else ExitCode.FOUND
+    raise typer.Exit(found if report.loads else ExitCode.INFEASIBLE)

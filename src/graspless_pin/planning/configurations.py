@@ -14,7 +14,7 @@ from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.tree import unknown_name
 from graspless_pin.planning.evaluation import Evaluation, StateStatus
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray, finite_array, read_only
+from graspless_pin.problem.checks import FloatArray, finite_array
 from graspless_pin.scene import Scene
 from graspless_pin.scene.motion_and_contacts import Motion
 
@@ -26,7 +26,8 @@ class Configurations:
 
     Attributes:
         joint_names: The a joints that do not follow others, in the hand's order.
-        joint_limits: (lower, upper), each (a,), rad or m; infinite where there is no limit.
+        joint_limits: (lower, upper), each (a,), rad or m; infinite where there is no limit, and
+            narrowed by the limits of the joints that follow.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -38,10 +39,7 @@ class Configurations:
         if hand is not None:
             leaders = list(hand.tree.coupling.leaders)
             self.joint_names = tuple(hand.joint_names[leader] for leader in leaders)
-            self.joint_limits = (
-                read_only(hand.tree.lower[leaders]),
-                read_only(hand.tree.upper[leaders]),
-            )
+            self.joint_limits = hand.tree.ranges
 
     def hand_at(self, q: Configuration) -> Hand | None:
         """Return the hand at a configuration; None if there is no hand.

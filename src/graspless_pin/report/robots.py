@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from tabulate import tabulate
 
+from graspless_pin.findings import is_serious
 from graspless_pin.geometry.inspection.audit import AuditReport
 from graspless_pin.geometry.inspection.listing import EffortRecord, RobotRecord
 
@@ -36,7 +37,7 @@ def robot_text(robot: RobotRecord) -> str:
         return f"{robot.name}: {robot.problem}"
     rows = []
     for joint in robot.joints:
-        state = "held" if joint.is_held else "driven"
+        state = "locked" if joint.is_locked else "held" if joint.is_held else "driven"
         if joint.follows:
             state = "follows " + ", ".join(
                 f"{factor:g} x {name}" for name, factor in joint.follows.items()
@@ -61,6 +62,8 @@ def robot_text(robot: RobotRecord) -> str:
 def audit_text(report: AuditReport) -> str:
     """Return what an audit found and what to do about it."""
     loads = "can be mounted as it is" if report.loads else "cannot be mounted as it is"
+    if report.loads and is_serious(report.findings):
+        loads = "loads, but something serious is wrong"
     lines = [
         f"{report.name} ({report.urdf_path}): {loads}",
         f"{len(report.links)} links, {len(report.joints)} movable joints; palm: "

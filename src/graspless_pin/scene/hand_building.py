@@ -100,7 +100,7 @@ def _mount(
     }
     own = {name: value for name, value in given.items() if value is not None}
     meshes = replace(found.meshes, **own) if own else None
-    return Mount(found, pose, prefix, fingers, meshes=meshes)
+    return Mount(found, pose, prefix, fingers, meshes=meshes, root_link=entry.root_link)
 
 
 def _robot(file: YamlSource, parts: SceneParts, entry: MountEntry) -> RobotDescription:

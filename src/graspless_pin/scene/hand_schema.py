@@ -43,6 +43,11 @@ class MountEntry(Entry):
     package_dirs: Few[FilePath] = Field(
         default=[], description="folders in which the URDF's package:// addresses are looked for"
     )
+    root_link: Name | None = Field(
+        default=None,
+        description="link to mount with all that hangs on it, such as the palm of a whole robot; "
+        "default: the robot file's, else the root",
+    )
     base_pose: PoseEntry = Field(
         default=PoseEntry(), description="of the robot's root link in the world"
     )

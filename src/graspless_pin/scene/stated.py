@@ -46,15 +46,9 @@ _AS_THEY_ARE = (
     "points_per_patch",
 )  # fmt: skip
 ROBOT = (
-    "robot",
-    "urdf",
-    "package_dirs",
-    "visuals_collide",
-    "fingers",
-    "convex",
-    "concavity",
-    "decompose_time_limit",
-)
+    "robot", "urdf", "package_dirs", "root_link", "visuals_collide", "fingers", "convex",
+    "concavity", "decompose_time_limit",
+)  # fmt: skip
 """Keys of a mount that tell which robot it is of."""
 
 
@@ -180,18 +174,19 @@ def _mount(hand: Hand, mount: Mount, path_text: Callable[[Path], str]) -> dict[s
 
 def stated_robot(robot: RobotDescription, path_text: Callable[[Path], str]) -> dict[str, Any]:
     """Return what a scene file says of which robot it is: see `stated_scene`."""
-    collide = robot.visuals_collide
+    own = {"root_link": robot.root_link, "visuals_collide": robot.visuals_collide}
+    filed = None if robot.file is None else load_robot(robot.file)
+    own = {
+        key: None if value == getattr(filed, key, False) else value for key, value in own.items()
+    }
     if robot.file is not None:
         name = robot.file.stem
-        own = name in robot_names() and load_robot(name).file == robot.file
-        usual = collide == load_robot(robot.file).visuals_collide
-        file = name if own else path_text(robot.file)
-        return {"robot": file, "visuals_collide": None if usual else collide}
+        is_known = name in robot_names() and load_robot(name).file == robot.file
+        return {"robot": name if is_known else path_text(robot.file)} | own
     if robot.model is not None:
-        return {"robot": robot.model, "visuals_collide": collide or None}
-    folders = [path_text(folder) for folder in robot.package_dirs] or None
-    urdf = path_text(robot.urdf_path)
-    return {"urdf": urdf, "package_dirs": folders, "visuals_collide": collide or None}
+        return {"robot": robot.model} | own
+    folders = [path_text(folder) for folder in robot.package_dirs]
+    return {"urdf": path_text(robot.urdf_path), "package_dirs": folders or None} | own
 
 
 def _object(made: ManipulatedObject, path_text: Callable[[Path], str]) -> dict[str, Any]:

@@ -219,14 +219,13 @@ def _friction_controls(scene: Scene) -> list[Control]:
 
 def _joint_controls(hand: Hand) -> list[Control]:
     controls = []
-    for index in hand.tree.coupling.leaders:
+    for index, low, high in zip(hand.tree.coupling.leaders, *hand.tree.ranges, strict=True):
         name = hand.joint_names[index]
         value = float(hand.positions[index])
         prismatic = hand.tree.joint_kinds[index] == "prismatic"
         reach = 0.1 if prismatic else math.pi
-        low, high = float(hand.tree.lower[index]), float(hand.tree.upper[index])
-        low = min(low, value) if math.isfinite(low) else value - reach
-        high = max(high, value) if math.isfinite(high) else value + reach
+        low = min(float(low), value) if math.isfinite(low) else value - reach
+        high = max(float(high), value) if math.isfinite(high) else value + reach
         finger = next(
             (finger for finger, spec in hand.fingers.items() if name in spec.joints), "other joints"
         )

@@ -16,7 +16,7 @@ from trimesh.resolvers import Resolver
 
 from graspless_pin.errors import MeshError, TextError
 from graspless_pin.intake.files import FileKind, is_file, read_bytes
-from graspless_pin.intake.xml_text import check_xml
+from graspless_pin.intake.xml_text import parse_xml
 from graspless_pin.magnitudes import LARGEST_LENGTH, SMALLEST_LENGTH
 
 MESH_FORMATS = (".stl", ".obj", ".dae", ".glb", ".gltf", ".ply", ".off")
@@ -152,7 +152,7 @@ def _is_missing(file: Path) -> bool:
 
 def _check_dae(path: Path, content: bytes) -> None:
     try:
-        check_xml(content)
+        parse_xml(content)
     except TextError as error:
         if "DOCTYPE" in str(error):
             raise MeshError(

@@ -142,8 +142,9 @@ def _moment_arms(
             raise unknown_name(argument, "joint", joint, tree.joint_names)
         row[tree.joint_index[joint]] = arm
     independent = row @ tree.coupling.S
+    independent[[tree.joint_names[index] in tree.locked for index in tree.coupling.leaders]] = 0.0
     if not np.isfinite(independent).all() or not independent.any():
-        raise ArgumentError(argument, f"needs a moment arm that is not zero, got {dict(joints)}")
+        raise ArgumentError(argument, f"needs a moment arm where a joint moves, got {dict(joints)}")
     return independent
 
 

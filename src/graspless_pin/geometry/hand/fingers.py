@@ -72,7 +72,8 @@ def plan_control(
         fingers: The checked fingers.
         control: One mode for all joints (FORCE or POSITION), or modes by finger, arm or joint
             name: a joint's own mode wins over its finger's or arm's. What is not named is under
-            POSITION control if it is in ``held``, else under FORCE.
+            POSITION control if it is in ``held``, else under FORCE. Joints without travel hold
+            their position in any case.
         arms: Joints by the name that stands for them in ``control``.
         held: Joints that are position-controlled unless ``control`` says otherwise.
 
@@ -85,11 +86,12 @@ def plan_control(
             has a mode, or fingers that one joint moves have different ones.
     """
     leaders = [tree.joint_names[index] for index in tree.coupling.leaders]
+    still = dict.fromkeys(sorted(tree.locked), ControlMode.POSITION)
     if isinstance(control, str):
         mode = _mode("control", control)
         if mode is ControlMode.HYBRID:
             raise ArgumentError("control", "hybrid control is per finger: give {finger: 'hybrid'}")
-        return ControlPlan(dict.fromkeys(leaders, mode), ())
+        return ControlPlan(dict.fromkeys(leaders, mode) | still, ())
     modes = {name: _mode(f"control[{name!r}]", mode) for name, mode in (control or {}).items()}
     groups = {name: joints for name, joints in (arms or {}).items() if name not in fingers}
     by_joint = dict.fromkeys(leaders, ControlMode.FORCE)
@@ -122,7 +124,7 @@ def plan_control(
                 argument, f"its finger {hybrid_joints[name]!r} is under hybrid control"
             )
         by_joint[name] = mode
-    return ControlPlan(by_joint, hybrid)
+    return ControlPlan(by_joint | still, hybrid)
 
 
 def _modes_of_fingers(

@@ -20,9 +20,7 @@ from graspless_pin.geometry.hand.configuration import (
     independent_rates,
     joint_positions,
 )
-from graspless_pin.geometry.hand.effort_limits import (
-    EffortLimit,
-)
+from graspless_pin.geometry.hand.effort_limits import EffortLimit
 from graspless_pin.geometry.hand.fingers import ControlPlan
 from graspless_pin.geometry.hand.mounts import ControlModes, Mount, hand_fields
 from graspless_pin.geometry.hand.posed_links import (
@@ -88,6 +86,7 @@ class Hand(Record):
         path: str | Path,
         *,
         package_dirs: Sequence[str | Path] = (),
+        root_link: str | None = None,
         T_world_base: ArrayLike | None = None,
         fingers: Mapping[str, FingerSpec] | None = None,
         q: Mapping[str, float] | None = None,
@@ -97,7 +96,7 @@ class Hand(Record):
     ) -> Hand:
         """Load a URDF file; the arguments are those of ``Mount`` and ``assemble``."""
         robot = describe_urdf(path, package_dirs)
-        mount = Mount(robot, T_world_base, fingers=fingers, meshes=meshes)
+        mount = Mount(robot, T_world_base, fingers=fingers, meshes=meshes, root_link=root_link)
         return cls.assemble([mount], q=q, control=control, effort_limits=effort_limits)
 
     @classmethod
@@ -105,6 +104,7 @@ class Hand(Record):
         cls,
         name: str,
         *,
+        root_link: str | None = None,
         T_world_base: ArrayLike | None = None,
         fingers: Mapping[str, FingerSpec] | None = None,
         q: Mapping[str, float] | None = None,
@@ -113,7 +113,8 @@ class Hand(Record):
         meshes: LinkMeshes | None = None,
     ) -> Hand:
         """Load an example-robot-data model; the arguments are those of ``from_urdf``."""
-        mount = Mount(describe_model(name), T_world_base, fingers=fingers, meshes=meshes)
+        robot = describe_model(name)
+        mount = Mount(robot, T_world_base, fingers=fingers, meshes=meshes, root_link=root_link)
         return cls.assemble([mount], q=q, control=control, effort_limits=effort_limits)
 
     @classmethod
@@ -286,8 +287,7 @@ class Hand(Record):
         if acceleration.shape != (3,) or not all_finite((acceleration,)):
             raise ArgumentError("gravity", f"needs 3 finite numbers, got {gravity!r}")
         torques = self.tree.gravity_torques(self.positions, acceleration)
-        alone = self.actuation.every_joint_alone
-        return torques if alone else torques @ self.actuation.from_joints
+        return torques if self.actuation.every_joint_alone else torques @ self.actuation.from_joints
 
     def joint_inertia(self) -> NDArray[np.float64]:
         """Return the inertia that the actuators feel, all other joints standing still.

@@ -52,6 +52,8 @@ class Mount:
         fingers: Its fingers, without the prefix; None takes the robot file's, or finds them.
         package_dirs: For the ``package://`` addresses of a URDF given by path.
         meshes: How its collision meshes are made convex; None takes the robot file's way.
+        root_link: The link that is mounted, with all that hangs on it; None takes the robot file's,
+            or the URDF's root.
     """
 
     source: RobotDescription | str | Path
@@ -60,6 +62,17 @@ class Mount:
     fingers: Mapping[str, FingerSpec] | None = None
     package_dirs: Sequence[str | Path] = ()
     meshes: LinkMeshes | None = None
+    root_link: str | None = None
+
+    def robot(self) -> RobotDescription:
+        """Find the robot.
+
+        Raises:
+            RobotError: If there is none.
+            ArgumentError: If ``package_dirs`` is given for anything but a URDF.
+        """
+        found = find_robot(self.source, self.package_dirs)
+        return found if self.root_link is None else replace(found, root_link=self.root_link)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +120,7 @@ def join_mounts(mounts: Sequence[Mount], *, with_shapes: bool = True) -> JoinedM
     prefixes = [mount.prefix for mount in mounts]
     if len(set(prefixes)) < len(prefixes):
         raise ArgumentError("mounts", f"prefixes must differ, got {prefixes}")
-    robots = [find_robot(mount.source, mount.package_dirs) for mount in mounts]
+    robots = [mount.robot() for mount in mounts]
     poses = [
         as_pose("T_world_base", np.eye(4) if mount.T_world_base is None else mount.T_world_base)
         for mount in mounts
@@ -232,9 +245,10 @@ def hand_fields(
         mounted = tuple(
             replace(
                 mount,
-                source=find_robot(mount.source, mount.package_dirs),
+                source=mount.robot(),
                 T_world_base=parts.base_poses[mount.prefix],
                 package_dirs=(),
+                root_link=None,
             )
             for mount in mounts
         )

@@ -86,6 +86,33 @@ class KinematicTree(Record):
         most = np.finfo(float).max
         return np.maximum(self.lower - slack, -most), np.minimum(self.upper + slack, most)
 
+    @cached_property
+    def ranges(self) -> tuple[FloatArray, FloatArray]:
+        """(a,) lowest and highest positions of the independent joints, rad or m.
+
+        The limits of the joints that follow it narrow a joint's range where they are narrower by
+        more than rounding; a joint that follows several does not, because how far one of them may
+        go depends on the others.
+        """
+        leaders, S = list(self.coupling.leaders), self.coupling.S
+        lower, upper = self.lower[leaders].copy(), self.upper[leaders].copy()
+        for row, column in zip(*np.nonzero(S), strict=True):
+            if leaders[column] == row or np.count_nonzero(S[row]) > 1:
+                continue
+            ends = np.array([self.lower[row], self.upper[row]]) - self.coupling.offset[row]
+            low, high = sorted(ends / S[row, column])
+            slack = FOLLOWER_TOLERANCE / abs(S[row, column])
+            lower[column] = low if low - slack > lower[column] else lower[column]
+            upper[column] = high if high + slack < upper[column] else upper[column]
+        return read_only(lower), read_only(upper)
+
+    @cached_property
+    def locked(self) -> frozenset[str]:
+        """The independent joints whose limits leave no room: they hold whatever they feel."""
+        lower, upper = self.ranges
+        still = np.flatnonzero(np.abs(upper - lower) <= LIMIT_TOLERANCE)
+        return frozenset(self.joint_names[self.coupling.leaders[column]] for column in still)
+
     @property
     def armature(self) -> FloatArray:
         """(n,) inertia of each joint's rotor, gear ratio squared included, kg m^2 (kg)."""

@@ -7,7 +7,7 @@ standard error only, drops malformed shapes and fails on relative mesh paths.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -21,6 +21,13 @@ from graspless_pin.geometry.hand.urdf_links import (
     numbers,
 )
 from graspless_pin.geometry.hand.urdf_rotors import rotor_inertias
+from graspless_pin.geometry.hand.urdf_tree import (
+    FREE_TYPES,
+    add_prefix,
+    fix_base,
+    keep_below,
+    root_of_tree,
+)
 from graspless_pin.geometry.hand.urdf_visuals import LinkVisual, let_visuals_collide, read_visuals
 from graspless_pin.geometry.hand.xacro_text import expanded, is_xacro
 from graspless_pin.geometry.robots.description import JointCoupling
@@ -32,15 +39,11 @@ URDF = FileKind("URDF", 16, RobotError)
 
 MOST_LINKS = 1000
 """More links than any robot has."""
-LONGEST_CHAIN = 200
-"""More joints between root and tip than any robot has; Pinocchio's reader needs stack for each."""
 
 UNBOUNDED = 1e30
 """Stands for ``inf`` in the text given to Pinocchio, whose parser rejects the word itself."""
 
 MOVABLE_TYPES = ("revolute", "prismatic", "continuous")
-FREE_TYPES = ("floating", "planar")
-"""Joints that a hand has no motor for: fixed where they carry a base, refused elsewhere."""
 
 
 @dataclass(frozen=True)
@@ -105,16 +108,14 @@ def read_urdf(
         MeshError: If a collision mesh cannot be found.
     """
     root = parse_robot(path, package_dirs, xacro_args)
-    links = _names(path, root.findall("link"), "link")
-    _names(path, root.findall("joint"), "joint")
-    mimics = [_check_joint(path, joint, links) for joint in root.findall("joint")]
-    top = _single_root(path, root, links)
+    top = root_of_tree(path, root)
     if root_link is not None:
         keep_below(path, root, root_link)
         top = root_link
+    mimics = [_check_joint(path, joint) for joint in root.findall("joint")]
     if visuals_collide:
         let_visuals_collide(root)
-    _fix_base(path, root, top)
+    fix_base(path, root, top)
     joints = tuple(
         joint.get("name", "")
         for joint in root.findall("joint")
@@ -127,7 +128,7 @@ def read_urdf(
     checked = [check_link(path, link, package_dirs) for link in root.findall("link")]
     meshes = [replace(m, link=prefix + m.link) for found, _ in checked for m in found]
     capsules = [prefix + name for _, found in checked for name in found]
-    _add_prefix(root, prefix)
+    add_prefix(root, prefix)
     visuals = read_visuals(path, root, package_dirs) if with_meshes else ()
     for link in root.findall("link"):
         for visual in link.findall("visual"):
@@ -192,32 +193,12 @@ def parse_robot(
     return root
 
 
-def _names(path: Path, elements: Iterable[ET.Element], kind: str) -> set[str]:
-    """Return the names of links or joints, which must exist and differ."""
-    names: set[str] = set()
-    for element in elements:
-        name = element.get("name")
-        if not name:
-            raise RobotError(f"{path}: a <{kind}> has no name")
-        if name in names:
-            raise RobotError(f"{path}: two {kind}s are called {name!r}; rename one")
-        names.add(name)
-    if kind == "link" and not names:
-        raise RobotError(f"{path}: the robot has no <link>")
-    return names
-
-
-def _check_joint(path: Path, joint: ET.Element, links: set[str]) -> JointCoupling | None:
+def _check_joint(path: Path, joint: ET.Element) -> JointCoupling | None:
     """Check one joint, rewrite unbounded limits and return its coupling, if it has one."""
     name, kind = joint.get("name", ""), joint.get("type")
     where = f"{path}: joint {name!r}"
     if kind not in (*MOVABLE_TYPES, *FREE_TYPES, "fixed"):
         raise RobotError(f"{where} has the unknown type {kind!r}")
-    for end in ("parent", "child"):
-        element = joint.find(end)
-        link = None if element is None else element.get("link")
-        if link not in links:
-            raise RobotError(f"{where} names the {end} link {link!r}, which does not exist")
     check_origin(where, joint)
     if kind in MOVABLE_TYPES:
         _check_axis(where, joint)
@@ -226,6 +207,12 @@ def _check_joint(path: Path, joint: ET.Element, links: set[str]) -> JointCouplin
         raise RobotError(f"{where} is {kind} and has no <limit lower upper effort velocity>")
     if limit is not None:
         _bound_limit(where, limit)
+        low, high = (limit.get(key, "0") for key in ("lower", "upper"))
+        if kind in ("revolute", "prismatic") and float(low) > float(high):
+            raise RobotError(
+                f"{where} has the lower limit {low} above the upper limit {high}, so that it can "
+                "stand nowhere; exchange them"
+            )
     mimic = joint.find("mimic")
     if mimic is None:
         return None
@@ -254,89 +241,3 @@ def _bound_limit(where: str, limit: ET.Element) -> None:
         value = checked_number(where, f"limit {key}", text, unlimited=True)
         if abs(value) > UNBOUNDED:
             limit.set(key, repr(UNBOUNDED if value > 0.0 else -UNBOUNDED))
-
-
-def _single_root(path: Path, root: ET.Element, links: set[str]) -> str:
-    """Return the link that is nobody's child; refuse forests and loops."""
-    children = [
-        element.get("link", "") for j in root.findall("joint") for element in j.findall("child")
-    ]
-    for link in children:
-        if children.count(link) > 1:
-            raise RobotError(f"{path}: link {link!r} is the child of two joints")
-    roots = sorted(links - set(children))
-    if len(roots) != 1:
-        found = ", ".join(roots) if roots else "none (the links form a loop)"
-        raise RobotError(f"{path}: a robot has one root link, found {found}")
-    _check_chains(path, root, roots[0])
-    return roots[0]
-
-
-def _check_chains(path: Path, root: ET.Element, top: str) -> None:
-    """Refuse a chain of more joints than any robot has, and links that do not hang on the root."""
-    below: dict[str, list[str]] = {}
-    for joint in root.findall("joint"):
-        below.setdefault(_end(joint, "parent"), []).append(_end(joint, "child"))
-    level = [top]
-    for _ in range(LONGEST_CHAIN + 1):
-        level = [child for link in level for child in below.get(link, ())]
-        if not level:
-            return
-    raise RobotError(
-        f"{path}: more than {LONGEST_CHAIN} joints follow each other down to link {level[0]!r}; "
-        "no robot has so many"
-    )
-
-
-def keep_below(path: Path, root: ET.Element, top: str) -> None:
-    """Remove all links and joints but ``top`` and what hangs on it.
-
-    Raises:
-        RobotError: If there is no such link.
-    """
-    joints = root.findall("joint")
-    ends = [(_end(joint, "parent"), _end(joint, "child")) for joint in joints]
-    links = {link.get("name", ""): link for link in root.findall("link")}
-    if top not in links:
-        raise RobotError(f"{path}: there is no link {top!r} to start from")
-    kept = {top}
-    while below := {child for parent, child in ends if parent in kept} - kept:
-        kept |= below
-    for name, link in links.items():
-        if name not in kept:
-            root.remove(link)
-    for joint, (parent, _) in zip(joints, ends, strict=True):
-        if parent not in kept:
-            root.remove(joint)
-
-
-def _fix_base(path: Path, root: ET.Element, top: str) -> None:
-    """Fix the floating or planar joint that carries the robot; refuse it anywhere else."""
-    first = [joint for joint in root.findall("joint") if _end(joint, "parent") == top]
-    for joint in root.findall("joint"):
-        kind = joint.get("type")
-        if kind not in FREE_TYPES:
-            continue
-        if first != [joint]:
-            raise RobotError(
-                f"{path}: joint {joint.get('name')!r} is {kind} and does not carry the whole "
-                "robot; use revolute, continuous, prismatic or fixed joints"
-            )
-        joint.set("type", "fixed")
-
-
-def _end(joint: ET.Element, end: str) -> str:
-    """Return the link at one end of a joint."""
-    element = joint.find(end)
-    return "" if element is None else element.get("link", "")
-
-
-def _add_prefix(root: ET.Element, prefix: str) -> None:
-    """Put ``prefix`` before every link and joint name and every reference to one."""
-    if not prefix:
-        return
-    for element in (*root.findall("link"), *root.findall("joint")):
-        element.set("name", prefix + element.get("name", ""))
-    for joint in root.findall("joint"):
-        for end in (*joint.findall("parent"), *joint.findall("child")):
-            end.set("link", prefix + end.get("link", ""))

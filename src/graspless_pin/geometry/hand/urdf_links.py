@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from graspless_pin.errors import MeshError, RobotError
+from graspless_pin.findings import Finding, FindingCode, tell
 from graspless_pin.intake.files import is_file
 from graspless_pin.magnitudes import LARGEST_LENGTH
 
@@ -17,6 +18,8 @@ _DIMENSIONS = {
     "cylinder": (("radius", 1), ("length", 1)),
     "capsule": (("radius", 1), ("length", 1)),
 }
+_PLACES = 3
+"""That a message names, of those where a mesh was looked for."""
 
 
 @dataclass(frozen=True)
@@ -65,12 +68,16 @@ def check_link(
     Raises:
         RobotError: If a shape, pose or mass is malformed.
         MeshError: If a mesh cannot be found.
+
+    Warns:
+        GrasplessPinWarning: A shape of size zero is left out.
     """
     where = f"{path}: link {link.get('name')!r}"
     name = link.get("name", "")
     meshes: list[LinkMesh] = []
     capsules: list[str] = []
-    for index, collision in enumerate(link.findall("collision")):
+    index = 0  # Pinocchio counts the shapes that are left
+    for collision in link.findall("collision"):
         check_origin(where, collision)
         shape = collision.find("geometry/*")
         if shape is None:
@@ -83,20 +90,41 @@ def check_link(
             meshes.append(LinkMesh(name, index, file, (x, y, z)))
             shape.tag, shape.attrib = "box", {"size": "1 1 1"}
         elif shape.tag in _DIMENSIONS:
-            for key, count in _DIMENSIONS[shape.tag]:
-                what = f"{shape.tag} {key}"
-                if min(numbers(where, what, shape.get(key, ""), count)) <= 0.0:
-                    raise RobotError(
-                        f"{where} has {what}={shape.get(key)!r}, which is not positive"
-                    )
+            if not _has_size(where, shape):
+                link.remove(collision)
+                continue
             if shape.tag == "capsule":
                 shape.tag = "cylinder"
                 capsules.append(shape_name(name, index))
         else:
             known = ", ".join((*_DIMENSIONS, "mesh"))
             raise RobotError(f"{where} has the unknown shape <{shape.tag}>; known: {known}")
+        index += 1
     _check_mass(where, link)
     return meshes, capsules
+
+
+def _has_size(where: str, shape: ET.Element) -> bool:
+    """Check the dimensions of a primitive; return whether none of them is zero, which is told."""
+    for key, count in _DIMENSIONS[shape.tag]:
+        what = f"{shape.tag} {key}"
+        least = min(numbers(where, what, shape.get(key, ""), count))
+        if least < 0.0:
+            raise RobotError(f"{where} has {what}={shape.get(key)!r}, which is negative")
+        if least == 0.0:
+            subject = where.partition(": ")[2]
+            tell(
+                Finding(
+                    FindingCode.EMPTY_SHAPE,
+                    subject.replace("'", ""),
+                    f"{where} has a {shape.tag} of {key} {shape.get(key)}, which is left out: "
+                    "nothing touches it",
+                    "give it a size if the link may touch the object",
+                    ("hand",),
+                )
+            )
+            return False
+    return True
 
 
 def checked_number(where: str, what: str, text: str, *, unlimited: bool = False) -> float:
@@ -150,7 +178,6 @@ def _resolve_mesh(path: Path, where: str, mesh: ET.Element, package_dirs: Sequen
     written = mesh.get("filename", "")
     found, candidates = find_mesh(path, written, package_dirs)
     if found is None:
-        looked = ", ".join(str(file) for file in candidates) or "nowhere"
         hint = (
             "; give package_dirs, the folder that holds the package"
             if written.startswith("package://")
@@ -158,7 +185,7 @@ def _resolve_mesh(path: Path, where: str, mesh: ET.Element, package_dirs: Sequen
         )
         raise MeshError(
             f"{where} needs the collision mesh {written!r}, which is missing "
-            f"(looked for {looked}){hint}"
+            f"(looked for {looked_for(candidates)}){hint}"
         )
     return found
 
@@ -180,6 +207,13 @@ def find_mesh(
     return next((file.resolve() for file in candidates if is_file(file)), None), candidates
 
 
+def looked_for(candidates: Sequence[Path]) -> str:
+    """Return where a mesh was looked for, in words: the likeliest places."""
+    more = len(candidates) - _PLACES
+    told = ", ".join(str(file) for file in candidates[:_PLACES]) or "nowhere"
+    return told if more <= 0 else f"{told} and {more} more places"
+
+
 def _candidates(path: Path, written: str, package_dirs: Sequence[Path]) -> Iterable[Path]:
     """Yield the files that a mesh's ``filename`` may mean, the likeliest first."""
     scheme, separator, address = written.partition("://")
@@ -194,6 +228,6 @@ def _candidates(path: Path, written: str, package_dirs: Sequence[Path]) -> Itera
             yield folder / package / inside
             if folder.name == package:
                 yield folder / inside
-        for folder in path.resolve().parents:
-            if folder.name == package:
-                yield folder / inside
+        above = path.resolve().parents
+        yield from (folder / inside for folder in above if folder.name == package)
+        yield from (folder / package / inside for folder in above)

@@ -13,7 +13,7 @@ def rotor_inertias(path: Path, root: ET.Element) -> dict[str, float]:
     """Return the inertia of each rotor at its joint: times the gear ratio squared.
 
     A transmission holds ``rotor_inertia`` (kg m^2, or kg) and ``gear_ratio`` as attributes called
-    ``value``, in any namespace; without a gear ratio ``mechanicalReduction`` counts, else 1.
+    ``value``, with any prefix; without a gear ratio ``mechanicalReduction`` counts, else 1.
 
     Args:
         path: The URDF file.
@@ -29,7 +29,7 @@ def rotor_inertias(path: Path, root: ET.Element) -> dict[str, float]:
     for transmission in root.findall("transmission"):
         where = f"{path}: transmission {transmission.get('name')!r}"
         texts = {
-            element.tag.rpartition("}")[2]: element.get("value") or element.text or ""
+            element.tag.rpartition(":")[2]: element.get("value") or element.text or ""
             for element in transmission.iter()
         }
         joints = transmission.findall("joint")

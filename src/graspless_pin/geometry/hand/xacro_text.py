@@ -16,7 +16,7 @@ _SECONDS = 60.0
 
 def is_xacro(root: ET.Element) -> bool:
     """Return whether elements of a ``<robot>`` are xacro's."""
-    return any(element.tag.partition("}")[0].endswith("/xacro") for element in root.iter())
+    return any(element.tag.startswith("xacro:") for element in root.iter())
 
 
 def expanded(path: Path, package_dirs: Sequence[Path], arguments: Mapping[str, str]) -> bytes:

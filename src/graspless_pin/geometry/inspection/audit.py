@@ -5,7 +5,8 @@ from __future__ import annotations
 import difflib
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from graspless_pin.errors import ArgumentError, MeshError, RobotError
@@ -14,7 +15,8 @@ from graspless_pin.geometry.hand.configuration import joint_positions
 from graspless_pin.geometry.hand.coupling import dangling_couplings
 from graspless_pin.geometry.hand.effort_limits import is_placeholder
 from graspless_pin.geometry.hand.mounts import JoinedMounts, Mount, join_mounts
-from graspless_pin.geometry.hand.urdf import URDF, keep_below, parse_robot, read_urdf
+from graspless_pin.geometry.hand.urdf import URDF, parse_robot, read_urdf
+from graspless_pin.geometry.hand.urdf_tree import keep_below
 from graspless_pin.geometry.hand.urdf_visuals import let_visuals_collide
 from graspless_pin.geometry.inspection.audit_meshes import audit_meshes
 from graspless_pin.geometry.inspection.listing import describe_efforts
@@ -50,13 +52,18 @@ class AuditReport:
     findings: tuple[Finding, ...]
 
 
-def audit_urdf(source: str | Path, package_dirs: Sequence[str | Path] = ()) -> AuditReport:
+def audit_urdf(
+    source: str | Path,
+    package_dirs: Sequence[str | Path] = (),
+    root_link: str | None = None,
+) -> AuditReport:
     """Audit a URDF or robot; mistakes in it become findings, not errors.
 
     Args:
         source: A path to a URDF or robot file, or a robot's name. What a robot file mends (limits,
             couplings) is not found again.
         package_dirs: For the ``package://`` addresses of a URDF given by path.
+        root_link: Audit only this link and what hangs on it.
 
     Returns:
         The report.
@@ -71,33 +78,46 @@ def audit_urdf(source: str | Path, package_dirs: Sequence[str | Path] = ()) -> A
         True
     """
     robot = find_robot(source, package_dirs)
+    if root_link is not None:
+        robot = replace(robot, root_link=root_link)
     check_file(robot.urdf_path, URDF)
-    try:
-        root = parse_robot(robot.urdf_path, robot.package_dirs, robot.xacro_args)
-        if robot.root_link is not None:
-            keep_below(robot.urdf_path, root, robot.root_link)
-        if robot.visuals_collide:
-            let_visuals_collide(root)
-    except RobotError as error:
-        return _report(robot, None, [_unreadable(robot, error)], loads=False)
-    findings = [*audit_meshes(robot, root), *_audit_shapes(root)]
+    findings: list[Finding] = []
     joined: JoinedMounts | None = None
     loads = False
     with heard() as told:
         try:
+            root = parse_robot(robot.urdf_path, robot.package_dirs, robot.xacro_args)
+            if robot.root_link is not None:
+                keep_below(robot.urdf_path, root, robot.root_link)
+            if robot.visuals_collide:
+                let_visuals_collide(root)
+            findings += [*audit_meshes(robot, root), *_audit_shapes(root)]
             joined = join_mounts([Mount(robot)], with_shapes=False)
-        except (RobotError, MeshError, ArgumentError) as error:
-            findings.append(_unreadable(robot, error))
-        else:
             findings += [*_audit_mimics(robot), *_audit_joints(robot, joined)]
-            try:
-                join_mounts([Mount(robot)])
-                loads = True
-            except (RobotError, MeshError) as error:
-                if not any(item.code in _MESH_FAILURES for item in findings):
-                    findings.append(_unreadable(robot, error))
-    findings += [one for one in told if one.code is FindingCode.OPEN_MESH]
+            join_mounts([Mount(robot)])
+            loads = True
+        except (RobotError, MeshError, ArgumentError) as error:
+            way = _way_round(robot, joined)
+            if not any(item.code in _MESH_FAILURES for item in findings):
+                findings.append(_unreadable(robot, error))
+            findings = [
+                replace(item, advice=item.advice + way)
+                if item.code in (*_MESH_FAILURES, FindingCode.UNREADABLE)
+                else item
+                for item in findings
+            ]
+    said = {item.code for item in findings}
+    findings += [item for item in told if item.code not in said]
     return _report(robot, joined, findings, loads=loads)
+
+
+def _way_round(robot: RobotDescription, joined: JoinedMounts | None) -> str:
+    """Return how to load only the hand of a robot that cannot be loaded, if that is possible."""
+    for palm in () if joined is None or robot.root_link is not None else joined.palms:
+        with suppress(RobotError, MeshError, ArgumentError):
+            join_mounts([Mount(replace(robot, root_link=palm, fingers={}, palms=()))])
+            return f"; or take only the hand, which can be loaded: root_link: {palm}"
+    return ""
 
 
 def _report(
@@ -139,7 +159,7 @@ def _audit_shapes(root: ET.Element) -> Iterator[Finding]:
     ]
     if not solid:
         yield Finding(
-            FindingCode.NO_COLLISION,
+            FindingCode.NO_SHAPES,
             "robot",
             "no link has collision geometry: it never touches anything",
             "add <collision> shapes, at least to the fingertips, let the visual shapes collide "
@@ -201,6 +221,14 @@ def _audit_joints(robot: RobotDescription, joined: JoinedMounts) -> Iterator[Fin
             )
     rest = joint_positions(tree, {})
     lowest, highest = tree.tolerated
+    for name in sorted(tree.locked):
+        where = tree.lower[tree.joint_index[name]]
+        yield Finding(
+            FindingCode.LOCKED_JOINT,
+            f"joint {name}",
+            f"both its limits are {where:g}: it never moves, and needs no motor",
+            "nothing to do if that is meant; a <limit> without lower and upper means 0 and 0",
+        )
     for index, name in enumerate(tree.joint_names):
         limits = f"[{tree.lower[index]:g}, {tree.upper[index]:g}]"
         if not lowest[index] <= rest[index] <= highest[index]:
@@ -210,6 +238,8 @@ def _audit_joints(robot: RobotDescription, joined: JoinedMounts) -> Iterator[Fin
                 f"follows its leader to {rest[index]:g}, outside its limits {limits}",
                 "name a position of the leader in q, or correct limits, multiplier or offset",
             )
+        elif name in tree.locked:
+            continue
         elif index in tree.coupling.leaders and not lowest[index] <= 0.0 <= highest[index]:
             yield Finding(
                 FindingCode.NEUTRAL_OUTSIDE,

@@ -15,7 +15,7 @@ from graspless_pin.findings import Finding, FindingCode
 from graspless_pin.geometry.bodies.mesh_files import MESH, dae_frame
 from graspless_pin.geometry.bodies.meshes import LARGEST_MESH, SMALLEST_MESH
 from graspless_pin.geometry.hand.link_shapes import is_flat, load_link_mesh
-from graspless_pin.geometry.hand.urdf_links import LinkMesh, find_mesh, numbers
+from graspless_pin.geometry.hand.urdf_links import LinkMesh, find_mesh, looked_for, numbers
 from graspless_pin.geometry.robots.description import RobotDescription
 from graspless_pin.intake.files import read_bytes
 
@@ -32,10 +32,22 @@ def audit_meshes(robot: RobotDescription, root: ET.Element) -> Iterator[Finding]
     Yields:
         The findings, link by link.
     """
+    relative: list[str] = []
     for link in root.findall("link"):
         for use in ("collision", "visual"):
             for mesh in link.findall(f"{use}/geometry/mesh"):
                 yield from _audit_mesh(robot, link.get("name", ""), use, mesh)
+                written = mesh.get("filename", "")
+                if "://" not in written and not Path(written).is_absolute():
+                    relative.append(written)
+    if relative:
+        count, example = len(relative), relative[0]
+        yield Finding(
+            FindingCode.RELATIVE_MESH,
+            "robot",
+            f"paths of meshes are relative to the URDF's folder: {count}, such as {example!r}",
+            "nothing to do here; Pinocchio alone and most ROS tools need package:// or file://",
+        )
     yield from _audit_axes(robot, root.findall("link/collision/geometry/mesh"))
 
 
@@ -67,24 +79,16 @@ def _audit_mesh(
     where = f"link {link}, {use}"
     file, looked = find_mesh(robot.urdf_path, written, robot.package_dirs)
     if file is None:
-        places = ", ".join(str(item) for item in looked) or "nowhere"
         grave = "the robot cannot be loaded" if use == "collision" else "only drawing needs it"
         yield Finding(
             FindingCode.MISSING_MESH if use == "collision" else FindingCode.MISSING_VISUAL,
             where,
-            f"{written!r} is missing (looked for {places}); {grave}",
+            f"{written!r} is missing (looked for {looked_for(looked)}); {grave}",
             "give package_dirs, the folder that holds the package"
             if written.startswith("package://")
             else "put the file there or correct the path",
         )
         return
-    if "://" not in written and not Path(written).is_absolute():
-        yield Finding(
-            FindingCode.RELATIVE_MESH,
-            where,
-            f"{written!r} is relative to the URDF's folder",
-            "nothing to do here; Pinocchio alone and most ROS tools need package:// or file://",
-        )
     if use == "visual":
         return
     try:

@@ -39,12 +39,14 @@ class JointRecord:
     Attributes:
         name: Its name.
         kind: ``revolute``, ``continuous`` or ``prismatic``.
-        lower: Lower position limit, rad or m; -inf without one.
-        upper: Upper position limit, rad or m; inf without one.
+        lower: Lowest position, rad or m; -inf without a limit. Where others follow the joint, their
+            limits count, too.
+        upper: Highest position, likewise; inf without a limit.
         follows: Multiplier by independent joint that it follows; empty if it is independent.
         offset: Its position when those stand at zero, rad or m.
-        effort: Its effort limit; None for a joint that follows others or hangs on tendons.
+        effort: Its effort limit; None if it follows others, hangs on tendons or is locked.
         is_held: Whether it is position-controlled unless asked otherwise.
+        is_locked: Whether its limits leave it no room: it holds whatever it feels.
     """
 
     name: str
@@ -55,6 +57,7 @@ class JointRecord:
     offset: float
     effort: EffortRecord | None
     is_held: bool
+    is_locked: bool = False
 
 
 @dataclass(frozen=True)
@@ -110,7 +113,7 @@ def describe_efforts(robot: RobotDescription, joined: JoinedMounts) -> dict[str,
     efforts: dict[str, EffortRecord] = {}
     for index in tree.coupling.leaders:
         name = tree.joint_names[index]
-        if name in pulled:
+        if name in pulled or name in tree.locked:
             continue
         note = joined.effort_unknown.get(name)
         if note is None and is_placeholder(float(upper[index]), on_arm=name in joined.held_joints):
@@ -162,6 +165,9 @@ def _joint(joined: JoinedMounts, index: int, efforts: Mapping[str, EffortRecord]
     tree: KinematicTree = joined.tree
     name, coupling = tree.joint_names[index], tree.coupling
     leads = index in coupling.leaders
+    lower, upper = tree.lower[index], tree.upper[index]
+    if leads:
+        lower, upper = (ends[coupling.leaders.index(index)] for ends in tree.ranges)
     follows = {
         tree.joint_names[coupling.leaders[column]]: float(coupling.S[index, column])
         for column in coupling.drivers([index])
@@ -169,10 +175,11 @@ def _joint(joined: JoinedMounts, index: int, efforts: Mapping[str, EffortRecord]
     return JointRecord(
         name=name,
         kind=tree.joint_kinds[index],
-        lower=float(tree.lower[index]),
-        upper=float(tree.upper[index]),
+        lower=float(lower),
+        upper=float(upper),
         follows={} if leads else follows,
         offset=float(coupling.offset[index]),
         effort=efforts.get(name),
         is_held=name in joined.held_joints,
+        is_locked=name in tree.locked,
     )

@@ -10,7 +10,7 @@ import numpy as np
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.hand.coupling import groups_that_share
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.hand.tree import FOLLOWER_TOLERANCE, KinematicTree, unknown_name
+from graspless_pin.geometry.hand.tree import unknown_name
 from graspless_pin.problem.checks import FloatArray
 
 AT_LIMIT = 1e-4
@@ -60,30 +60,9 @@ def hand_at(hand: Hand, independent: FloatArray) -> Hand:
     )
 
 
-def joint_ranges(tree: KinematicTree) -> tuple[FloatArray, FloatArray]:
-    """Return the (a,) lowest and highest positions of the independent joints.
-
-    The limits of the joints that follow it narrow a joint's range; a joint that follows several
-    does not, because how far one of them may go depends on the others.
-    """
-    coupling = tree.coupling
-    lower = tree.lower[list(coupling.leaders)].copy()
-    upper = tree.upper[list(coupling.leaders)].copy()
-    for row, column in zip(*np.nonzero(coupling.S), strict=True):
-        if coupling.leaders[column] == row or np.count_nonzero(coupling.S[row]) > 1:
-            continue
-        ends = (
-            np.array([tree.lower[row] - FOLLOWER_TOLERANCE, tree.upper[row] + FOLLOWER_TOLERANCE])
-            - coupling.offset[row]
-        ) / coupling.S[row, column]
-        lower[column] = max(lower[column], ends.min())
-        upper[column] = min(upper[column], ends.max())
-    return lower, upper
-
-
 def joints_at_limit(hand: Hand, finger: str) -> tuple[str, ...]:
     """Return the independent joints that move a finger and stand at an end of their range."""
-    lower, upper = joint_ranges(hand.tree)
+    lower, upper = hand.tree.ranges
     leaders = hand.tree.coupling.leaders
     named = []
     for column in driving_columns(hand, finger):

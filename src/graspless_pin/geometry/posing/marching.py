@@ -15,7 +15,6 @@ from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.posing.finger_joints import (
     driving_columns,
     flexion_rates,
-    joint_ranges,
 )
 from graspless_pin.problem.checks import FloatArray
 
@@ -45,7 +44,7 @@ class March:
         tree = hand.tree
         self._coupling = tree.coupling
         start = hand.positions[list(tree.coupling.leaders)]
-        lower, upper = joint_ranges(tree)
+        lower, upper = tree.ranges
         self._lower = np.where(np.isinf(lower), start - _UNLIMITED, lower)
         self._upper = np.where(np.isinf(upper), start + _UNLIMITED, upper)
         links = {link for finger in fingers for link in hand.fingers[finger].links}

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.posing.finger_joints import AT_LIMIT, driving_columns, joint_ranges
+from graspless_pin.geometry.posing.finger_joints import AT_LIMIT, driving_columns
 from graspless_pin.geometry.posing.tips import Tip
 from graspless_pin.problem.checks import FloatArray
 
@@ -65,7 +65,7 @@ class _Search:
     """The joints of one group of fingers as a least-squares problem; vectors are theirs only."""
 
     def __init__(self, hand: Hand, tips: Sequence[Tip], independent: FloatArray) -> None:
-        lower, upper = joint_ranges(hand.tree)
+        lower, upper = hand.tree.ranges
         driving = {column for tip in tips for column in driving_columns(hand, tip.finger)}
         self._columns = [column for column in sorted(driving) if lower[column] < upper[column]]
         self._tips = tips

@@ -90,7 +90,7 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
     return RobotDescription(
         name=entry.name,
         urdf_path=base.urdf_path,
-        package_dirs=base.package_dirs,
+        package_dirs=(*base.package_dirs, *(file.parent / item for item in entry.package_dirs)),
         root_link=entry.root_link,
         xacro_args=entry.xacro_args,
         palms=(entry.palm,) if isinstance(entry.palm, str) else tuple(entry.palm),

@@ -112,6 +112,10 @@ class RobotFile(Entry):
     model: Name | None = Field(
         default=None, description="instead of urdf: name of an example-robot-data model"
     )
+    package_dirs: Few[FilePath] = Field(
+        default=[],
+        description="folders in which package:// addresses are looked for; relative to this file",
+    )
     root_link: Name | None = Field(
         default=None, description="link to keep with all below it; default: the whole model"
     )
