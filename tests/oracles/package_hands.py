@@ -3,7 +3,7 @@
 `make hands` downloads the packages without their dependencies into out/hands and holds each hand
 against what shares no code with the readers: MuJoCo's kinematics and weight (MJCF) or yourdfpy's
 kinematics (URDF), finite differences of the Jacobian, rnea, and brute force over the triangles of
-the links' hulls for contacts with a ball.
+the links' hulls for contacts with a ball and with plates on their largest faces.
 """
 
 from __future__ import annotations
@@ -53,10 +53,12 @@ HANDS = {
     "Dexmate gripper": "dexmate_urdf/robots/hands/dexs_gripper/dexs_gripper.urdf",
     "iCub mk3": "share/iCub/robots/left_hand_mk3/model.urdf",
 }
-_PATCH, _TILT = 2.5e-4, 5e-3
-"""How far off a surface the average of a patch's points may be, m, and its normal."""
+_OFF, _TILT = 5e-6, 1e-4
+"""How far off a surface a contact's point may be, m, and the normal of a ball's."""
 RADIUS, GAP = 0.03, 2e-4
 """Of the ball that touches each link, m, and how far it is away."""
+PLATE, _FACES = (1.0, 1.0, 0.01), 3
+"""The plates that lie on so many faces of each link, m."""
 
 
 class Checked(NamedTuple):
@@ -68,8 +70,8 @@ class Checked(NamedTuple):
         poses: Largest difference of a link's pose, m and 1.
         jacobian: The same of the Jacobian, against finite differences.
         torques: Of the joints' torques, N m: rnea, and MuJoCo's weight for MJCF.
-        contacts: Touches with the ball, and the largest difference of gaps, m, normals, and points,
-            m: those of patches are averages.
+        contacts: Touches with balls and plates; with balls the largest difference of gaps, m,
+            normals, and points, m; with plates how far points are off either surface, m.
     """
 
     links: int
@@ -77,7 +79,7 @@ class Checked(NamedTuple):
     poses: float
     jacobian: float
     torques: float
-    contacts: tuple[int, float, float, float]
+    contacts: tuple[int, float, float, float, float]
 
 
 def check_hand(path: Path, package_dirs: list[Path]) -> Checked:
@@ -146,9 +148,9 @@ def _against_yourdfpy(hand: Hand, path: Path) -> float:
     )
 
 
-def _touched(hand: Hand, rng: np.random.Generator) -> tuple[int, float, float, float]:
-    """Touch the hull of each link with a ball, seen by triangles."""
-    count, gaps, points, normals = 0, 0.0, 0.0, 0.0
+def _touched(hand: Hand, rng: np.random.Generator) -> tuple[int, float, float, float, float]:
+    """Touch the hull of each link with a ball and plates, seen by triangles."""
+    count, gaps, points, normals, off = 0, 0.0, 0.0, 0.0, 0.0
     for body in hand.collision_bodies():
         shape, T = body.geometry, np.array(body.T_world_geometry)
         if not hasattr(shape, "num_points"):
@@ -168,14 +170,42 @@ def _touched(hand: Hand, rng: np.random.Generator) -> tuple[int, float, float, f
         midway = on_hull + 0.5 * GAP * outward
         points = max(points, float(np.linalg.norm(found.position - midway)))
         normals = max(normals, float(np.abs(found.normal - outward).max()))
-    return count, gaps, normals, points
+        for face in np.argsort(hull.area_faces)[-_FACES:]:
+            count += 1
+            off = max(off, _off_surfaces(body, hull, hull.face_normals[face], rng))
+    return count, gaps, normals, points, off
+
+
+def _off_surfaces(
+    body: CollisionBody, hull: trimesh.Trimesh, along: np.ndarray, rng: np.random.Generator
+) -> float:
+    """Lay a plate on a hull, tilted by a milliradian; tell how far points are off surfaces, m."""
+    outward = along + 1e-3 * rng.normal(size=3)
+    outward /= np.linalg.norm(outward)
+    T = np.eye(4)
+    T[:3, :3] = np.asarray(trimesh.geometry.align_vectors([0, 0, 1], outward))[:3, :3]
+    above = float(((hull.vertices - hull.center_mass) @ outward).max())
+    T[:3, 3] = hull.center_mass + (above + GAP + 0.5 * PLATE[2]) * outward
+    plate = CollisionBody("plate", coal.Box(*PLATE), T)
+    found = find_contacts(plate, [body], [], tolerance=2e-3)
+    worst = 0.0 if found else np.inf
+    for point in found:
+        half = 0.5 * point.distance * point.normal
+        on_hull, on_plate = point.position - half, point.position + half
+        height = (on_plate - T[:3, 3]) @ T[:3, 2] + 0.5 * PLATE[2]
+        miss = float(np.linalg.norm(_nearest(hull, on_hull) - on_hull))
+        worst = max(worst, miss, abs(float(height)))
+    return worst
 
 
 def _nearest(hull: trimesh.Trimesh, point: np.ndarray) -> np.ndarray:
     """Return the nearest point of a hull: of all its triangles."""
-    triangles = hull.triangles
-    nearest = trimesh.triangles.closest_point(triangles, np.tile(point, (len(triangles), 1)))
-    return nearest[np.argmin(np.linalg.norm(nearest - point, axis=1))]
+    large = 1e4  # trimesh takes triangles of a square millimetre in metres for lines
+    triangles = large * hull.triangles
+    nearest = trimesh.triangles.closest_point(
+        triangles, np.tile(large * point, (len(triangles), 1))
+    )
+    return nearest[np.argmin(np.linalg.norm(nearest - large * point, axis=1))] / large
 
 
 def _short(values: Sequence[float]) -> str:
@@ -186,8 +216,8 @@ def main() -> None:
     """Check all hands of a folder of packages; exit code 1 where one disagrees or is missing."""
     folder, wrong = Path(sys.argv[1]), 0
     print(
-        "hand: links, joints; differences of poses, Jacobian, torques; touches with a ball, "
-        "differences of gaps, normals, points"
+        "hand: links, joints; differences of poses, Jacobian, torques; touches, differences of "
+        "gaps, normals, points with balls, how far points on plates are off"
     )
     for name, inside in HANDS.items():
         path = folder / inside
@@ -198,9 +228,9 @@ def main() -> None:
             print(f"{name}: {error}")
             continue
         touches, *contacts = seen.contacts
-        gaps, normals, points = contacts
+        gaps, normals, points, off = contacts
         worst = max(seen.poses, 1e-2 * seen.jacobian, seen.torques)
-        wrong += worst > 1e-10 or max(gaps, points) > _PATCH or normals > _TILT
+        wrong += worst > 1e-10 or max(gaps, points, off) > _OFF or normals > _TILT
         figures = _short([seen.poses, seen.jacobian, seen.torques])
         print(f"{name}: {seen.links}, {seen.joints}; {figures}; {touches}, {_short(contacts)}")
     print(f"{len(HANDS)} hands, {wrong} of them wrong")

@@ -107,6 +107,17 @@ class Polytope:
         """Outward normals (K, 3) of the faces and a point's (3,) heights (K,) over them, m."""
         return self.face_normals, self.face_normals @ point - self.face_offsets
 
+    def heights_from(self, points: Array, direction: Array) -> Array:
+        """Return how far (K,) the surface is from points (K, 3) along a unit direction (3,), m.
+
+        Negative where a point is beyond it. Faces tilted by more than 60 degrees against the
+        direction do not count: past a border the surface goes on.
+        """
+        leanings = self.face_normals @ direction
+        ahead = leanings > 0.5
+        normals = self.face_normals[ahead]
+        return ((self.face_offsets[ahead] - points @ normals.T) / leanings[ahead]).min(axis=1)
+
     def highest_face(self, point: Array) -> tuple[int, float, bool]:
         """Tell over which face a point (3,) is highest, how high, m, and if its foot is on it.
 

@@ -176,6 +176,8 @@ def _face(solid: Polytope, corners: tuple[int, ...], limits: ContactLimits) -> _
         max_points=limits.max_points,
     )
     points = group_means(around[order], groups)
+    if len(groups) < len(corners):
+        points += solid.heights_from(points, outward)[:, None] * outward
     return _Face(_homogeneous(around), _homogeneous(points), len(groups) == len(corners))
 
 

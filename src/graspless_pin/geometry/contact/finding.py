@@ -19,7 +19,7 @@ from graspless_pin.geometry.contact.closed_form_contacts import (
 )
 from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays, ContactPoint
 from graspless_pin.geometry.contact.corners import corner_groups, group_means
-from graspless_pin.geometry.contact.merging import Touch, merge_touches
+from graspless_pin.geometry.contact.merging import Touch, merge_touches, on_surfaces
 from graspless_pin.geometry.contact.patches import find_patch
 from graspless_pin.problem.checks import FloatArray
 
@@ -212,4 +212,7 @@ def _contacts_of(touch: Touch, limits: ContactLimits) -> tuple[FloatArray, list[
         max_points=limits.max_points,
     )
     means = [math.fsum(gaps[k] for k in group) / len(group) for group in groups]
-    return group_means(points, groups), means
+    middles = group_means(points, groups)
+    if len(groups) == len(points) or touch.is_joined:
+        return middles, means
+    return on_surfaces(touch, middles, means)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from graspless_pin.geometry.bodies.collision import CollisionBody
-from graspless_pin.geometry.bodies.polytopes import PARALLEL_ANGLE
+from graspless_pin.geometry.bodies.polytopes import PARALLEL_ANGLE, Cuboid
 from graspless_pin.geometry.contact.convex_sets import (
     ConvexSet,
     Plane,
@@ -45,6 +45,7 @@ class Touch:
         normal: (3,) from the first to the second, world axes.
         points: (K, 3) midway between the bodies, counterclockwise about the normal, world, m.
         gaps: K signed gaps, m.
+        is_joined: Whether other pieces in the same plane have points among them.
     """
 
     object_piece: CollisionBody
@@ -53,6 +54,7 @@ class Touch:
     normal: FloatArray
     points: FloatArray
     gaps: list[float]
+    is_joined: bool = False
 
     @property
     def into_object(self) -> FloatArray:
@@ -98,6 +100,33 @@ def merge_touches(
         ):
             kept.append(touch)
     return [touch for touch in merged if touch in kept]
+
+
+def on_surfaces(
+    touch: Touch, points: FloatArray, gaps: Sequence[float]
+) -> tuple[FloatArray, list[float]]:
+    """Move points between two bodies onto the middle between their surfaces.
+
+    Only hulls have surfaces that are not flat where they touch.
+
+    Args:
+        touch: The touch.
+        points: (K, 3) inside its patch, world, m.
+        gaps: K gaps there if both surfaces are flat, m.
+
+    Returns:
+        The points (K, 3) and their gaps.
+    """
+    inward, half = touch.into_object, 0.5 * np.array(gaps)
+    sides = []
+    for piece, way in ((touch.other_piece, inward), (touch.object_piece, -inward)):
+        solid, T = convex_set(piece.name, piece.geometry), piece.T_world_geometry
+        if isinstance(solid, Polytope) and not isinstance(solid, Cuboid):
+            sides.append(solid.heights_from((points - T[:3, 3]) @ T[:3, :3], way @ T[:3, :3]))
+        else:
+            sides.append(-half)
+    low, high = sides[0], -sides[1]
+    return points + (0.5 * (low + high))[:, None] * inward, (high - low).tolist()
 
 
 def _is_seam(
@@ -215,7 +244,7 @@ def _union(group: Sequence[Touch], merge_distance: float) -> Touch:
         near[k] = not near.any() or (rises.min() <= _LEVEL and distances.min() >= apart)
     points, gaps = points[near], gaps[near]
     order = hull_order(points, seed.normal, _STRAIGHT)
-    return replace(seed, points=points[order], gaps=gaps[order].tolist())
+    return replace(seed, points=points[order], gaps=gaps[order].tolist(), is_joined=True)
 
 
 def _repeats(touch: Touch, other: Touch, merge_distance: float) -> bool:

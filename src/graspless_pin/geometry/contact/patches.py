@@ -10,7 +10,6 @@ half-space, and a sphere on a face, need no coal.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -19,6 +18,7 @@ import numpy as np
 
 from graspless_pin.errors import SceneError
 from graspless_pin.geometry.bodies.collision import CollisionBody
+from graspless_pin.geometry.bodies.polytopes import Cuboid
 from graspless_pin.geometry.contact.convex_sets import (
     DISTANCE_REQUEST,
     ConvexSet,
@@ -28,11 +28,11 @@ from graspless_pin.geometry.contact.convex_sets import (
 )
 from graspless_pin.geometry.contact.corners import hull_order, plane_basis
 from graspless_pin.geometry.contact.polygons import (
-    Point,
     Polygon,
     intersection,
     planar_hull,
     plane_fit,
+    shared_border,
 )
 from graspless_pin.problem.checks import FloatArray
 
@@ -106,12 +106,28 @@ def find_patch(
     nearest = _Nearest(first, one, second, two, relative, t).find(tolerance, max_penetration)
     if nearest is None:
         return None
-    normal, witness = nearest
-    window, subject = one.feature(normal), two.feature(-(normal @ relative)) @ relative.T + t
-    patch = _common_part(normal, witness, window, subject, tolerance)
-    if patch is None:
-        return None
-    return Patch(R @ patch.normal, patch.points @ R.T + origin, patch.gaps)
+    normal, witness, gap = nearest
+    back = -(normal @ relative)
+    window, subject = one.feature(normal), two.feature(back) @ relative.T + t
+    basis = plane_basis(normal)
+    if len(subject) == 1 or len(window) == 1:
+        # Along the direction that leaves the largest gap the point is one of the nearest pair.
+        side = -0.5 if len(subject) == 1 else 0.5
+        points, gaps = (subject if len(subject) == 1 else window) + side * gap * normal, [gap]
+    else:
+        # With nothing in common the bodies meet at the borders of their features. Where all corners
+        # are too far apart, surfaces that bend less than `PARALLEL_ANGLE` touch between them.
+        flat, other = _project(window, basis), _project(subject, basis)
+        polygon = intersection(flat, other) or shared_border(flat, other)
+        feet = np.array([*polygon, basis @ witness]) @ basis
+        low = _heights(one, normal, feet, window, basis)
+        across = (subject - t) @ relative, basis @ relative
+        high = -_heights(two, back, (feet - t) @ relative, *across)
+        middles = feet + (0.5 * (low + high))[:, None] * normal
+        gaps = (high - low).tolist()
+        near = [k for k in range(len(polygon)) if gaps[k] <= tolerance] or [-1]
+        points, gaps = middles[near], [gaps[k] for k in near]
+    return Patch(R @ normal, points @ R.T + origin, gaps)
 
 
 def _on_plane(
@@ -127,33 +143,23 @@ def _on_plane(
     return Patch(normal, points[order], [gaps[near[k]] for k in order])
 
 
-def _common_part(
-    normal: FloatArray,
-    witness: FloatArray,
-    window: FloatArray,
-    subject: FloatArray,
-    tolerance: float,
-) -> Patch | None:
-    """Return the part that two features share along a normal, as far as it is near."""
-    basis = plane_basis(normal)
-    if len(subject) == 1 or len(window) == 1:
-        point = subject[0] if len(subject) == 1 else window[0]
-        polygon: Polygon = [(float(basis[0] @ point), float(basis[1] @ point))]
-    else:
-        # Nothing in common means that the bodies meet at the border of their features, where the
-        # nearest points are.
-        polygon = intersection(_project(window, basis), _project(subject, basis)) or [
-            (float(basis[0] @ witness), float(basis[1] @ witness))
-        ]
-    low = _height_over_plane(window, basis, normal)
-    high = _height_over_plane(subject, basis, normal)
-    heights = [(low(point), high(point)) for point in polygon]
-    near = [k for k, (below, above) in enumerate(heights) if above - below <= tolerance]
-    if not near:
-        return None
-    middles = np.array([0.5 * (heights[k][0] + heights[k][1]) for k in near])
-    points = np.array([polygon[k] for k in near]) @ basis + middles[:, None] * normal
-    return Patch(normal, points, [heights[k][1] - heights[k][0] for k in near])
+def _heights(
+    solid: Polytope | Revolved,
+    direction: FloatArray,
+    points: FloatArray,
+    feature: FloatArray,
+    basis: FloatArray,
+) -> FloatArray:
+    """Return how far (K,) a body's surface is from points (K, 3) along a direction, own frame, m.
+
+    Of a hull it is the surface itself. All others touch along a plane or a line, that of the
+    feature (N, 3), which goes on beyond them; ``basis`` (2, 3) spans what is across the direction.
+    """
+    if isinstance(solid, Polytope) and not isinstance(solid, Cuboid):
+        return solid.heights_from(points, direction)
+    flat = feature @ np.vstack([basis, direction]).T
+    over = plane_fit([(u, v, h) for u, v, h in flat.tolist()])
+    return np.array([over((u, v)) for u, v in (points @ basis.T).tolist()]) - points @ direction
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,8 +182,8 @@ class _Nearest:
 
     def find(
         self, tolerance: float, max_penetration: float
-    ) -> tuple[FloatArray, FloatArray] | None:
-        """Return direction (3,) and point (3,); None if the bodies are far apart."""
+    ) -> tuple[FloatArray, FloatArray, float] | None:
+        """Return direction (3,), point (3,) and gap, m; None if the bodies are far apart."""
         fixed = self._constant_directions()
         fixed_gaps = self._gaps(fixed)
         if len(fixed) and float(fixed_gaps.max()) > tolerance:
@@ -204,7 +210,7 @@ class _Nearest:
                 break
             axis = middles if attempt == 0 else best
             apart = (_PULLED_APART - float(self._gaps(axis[None])[0])) * axis
-        return (best, witness) if best_gap <= tolerance else None
+        return (best, witness, best_gap) if best_gap <= tolerance else None
 
     def _gaps(self, directions: FloatArray) -> FloatArray:
         """Gap that each direction (K, 3) leaves between the bodies."""
@@ -280,14 +286,3 @@ def _unit(vector: FloatArray) -> FloatArray:
 
 def _project(points: FloatArray, basis: FloatArray) -> Polygon:
     return planar_hull([(u, v) for u, v in (points @ basis.T).tolist()])
-
-
-def _height_over_plane(
-    points: FloatArray, basis: FloatArray, normal: FloatArray
-) -> Callable[[Point], float]:
-    """Height along the normal of the plane or line through (K, 3) points, over (u, v)."""
-    if len(points) == 1:
-        height = float(normal @ points[0])
-        return lambda _: height
-    flat = points @ np.vstack([basis, normal]).T
-    return plane_fit([(u, v, h) for u, v, h in flat.tolist()])

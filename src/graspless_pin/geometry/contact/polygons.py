@@ -109,6 +109,31 @@ def _clip(polygon: Polygon, start: Point, end: Point) -> Polygon:
     return kept
 
 
+def shared_border(first: Polygon, second: Polygon) -> Polygon:
+    """Return where the borders of two polygons apart are nearest: midway, a segment or a point.
+
+    Empty where they are nearest at two corners.
+
+    Args:
+        first: Two corners or more.
+        second: The same.
+    """
+    best, border = 0.0, []
+    for polygon, other in ((first, second), (second, first)):
+        for start, end in zip(polygon, polygon[1:] + polygon[:1], strict=True):
+            offsets = [_offset(start, end, point) for point in other]
+            k = max(range(len(other)), key=offsets.__getitem__)
+            if -offsets[k] > best:
+                beside = max((k - 1, k + 1 - len(other)), key=offsets.__getitem__)
+                best, border = -offsets[k], [[start, end], [other[k], other[beside]]]
+    if not border:
+        return []
+    (start, end), _ = border
+    half = 0.5 * best / math.dist(start, end)
+    across = half * (end[1] - start[1]), half * (start[0] - end[0])
+    return [(u + across[0], v + across[1]) for u, v in _segment_intersection(*border)]
+
+
 def _segment_intersection(first: Polygon, second: Polygon) -> Polygon:
     a, b = first
     c, d = second
