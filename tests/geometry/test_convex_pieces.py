@@ -31,6 +31,10 @@ def ell(size: float = 1.0) -> trimesh.Trimesh:
     return mesh
 
 
+def ring() -> trimesh.Trimesh:
+    return trimesh.creation.annulus(0.2, 0.3, 0.1, sections=12)
+
+
 def joined(*meshes: trimesh.Trimesh) -> trimesh.Trimesh:
     """All faces of several meshes as one mesh."""
     whole = trimesh.util.concatenate(list(meshes))
@@ -197,6 +201,26 @@ def test_the_time_limit_is_for_all_parts_of_a_mesh(monkeypatch: pytest.MonkeyPat
     with pytest.raises(MeshError, match=r"ells is not cut .* after 0\.5 s"):
         convex_pieces(joined(*parts), "ells", Cut(time_limit=0.5))
     assert len(convex_pieces(joined(*parts), "ells")) == 3
+
+
+def test_a_mesh_has_no_more_pieces_than_asked_for() -> None:
+    """They are merged, so that all of it is still inside; a limit that is met changes nothing."""
+    mesh = ring()
+    free = convex_pieces(mesh, "ring", Cut(0.1))
+    assert len(free) > 3
+    few = convex_pieces(mesh, "ring", Cut(0.1, max_pieces=3))
+    assert len(few) == 3
+    assert volume(few) > volume(free)
+    assert same(convex_pieces(mesh, "ring", Cut(0.1)), free)
+    low = np.concatenate(few).min(axis=0)
+    np.testing.assert_allclose(low, mesh.bounds[0], atol=0.02)
+    two = joined(mesh, ring().apply_translation([1.0, 0.0, 0.0]))
+    assert len(convex_pieces(two, "rings", Cut(0.1, max_pieces=5))) <= 5
+    with pytest.raises(MeshError, match="has 2 parts that are not connected, more than max_pieces"):
+        convex_pieces(two, "rings", Cut(0.1, max_pieces=1))
+    for wrong in (0, 1001, 2.0, True):
+        with pytest.raises(ArgumentError, match="max_pieces: needs 1 to 1000"):
+            Cut(max_pieces=wrong)  # pyright: ignore[reportArgumentType]
 
 
 def test_coacd_itself_is_ended(cache: Path) -> None:

@@ -11,13 +11,13 @@ from graspless_pin.algorithms.force_bounds import contact_force_bounds
 from graspless_pin.algorithms.robustness import Robustness, robustness
 from graspless_pin.algorithms.what_would_hold import what_would_hold
 from graspless_pin.cli.outcome import ExitCode, echo_findings, plain_errors
-from graspless_pin.cli.waiting import waiting_for
+from graspless_pin.cli.waiting import loaded_scene, waiting_for
 from graspless_pin.findings import tell
 from graspless_pin.holding.verdict import Stability
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.problem.cones import ConeModel
 from graspless_pin.programs.objectives import Algorithm
-from graspless_pin.scene import Scene, load_scene
+from graspless_pin.scene import Scene
 from graspless_pin.scene.scene_stability import unknown_of
 from graspless_pin.solution import TorqueSolution
 
@@ -41,7 +41,7 @@ def robustness_scene(
     2: bad input.
     """
     with plain_errors():
-        loaded = load_scene(scene)
+        loaded = loaded_scene(scene)
         tell(*loaded.findings)
         with waiting_for("solving"):
             solution = loaded.solve(algorithm)

@@ -91,7 +91,7 @@ _COMMANDS = {
         "Close fingers until they touch the object or reach their limits, and write that scene.",
         (
             "graspless-pin close scene.yaml -o closed.yaml",
-            "graspless-pin close scene.yaml -o closed.yaml --finger index --finger thumb --wrap",
+            "graspless-pin close scene.yaml -o closed.yaml --finger index --wrap",
         ),
     ),
     "settle": _Command(

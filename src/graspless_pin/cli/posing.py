@@ -9,9 +9,9 @@ import numpy as np
 import typer
 
 from graspless_pin.cli.outcome import ExitCode, plain_errors
-from graspless_pin.cli.waiting import waiting_for
+from graspless_pin.cli.waiting import loaded_scene, waiting_for
 from graspless_pin.findings import tell
-from graspless_pin.scene import Scene, close_fingers, load_scene, settle
+from graspless_pin.scene import Scene, close_fingers, settle
 
 _Source = Annotated[Path, typer.Argument(help="Scene file (YAML).")]
 _Output = Annotated[
@@ -37,7 +37,7 @@ def close_scene(
     Exit code 0: each of them touches; 1: not all do; 2: bad input.
     """
     with plain_errors():
-        loaded = load_scene(scene)
+        loaded = loaded_scene(scene)
         with waiting_for("closing the fingers"):
             closed = close_fingers(loaded, fingers=finger, wrap=wrap)
         _save(closed.scene, output, str(closed.closing), overwrite=overwrite)
@@ -47,7 +47,7 @@ def close_scene(
 def settle_scene(scene: _Source, output: _Output, overwrite: _Overwrite = False) -> None:
     """Move the object along gravity until it rests on a support, and write that scene."""
     with plain_errors():
-        loaded = load_scene(scene)
+        loaded = loaded_scene(scene)
         rested = settle(loaded)
         way = rested.object.T_world_object[:3, 3] - loaded.object.T_world_object[:3, 3]
         down = float(way @ loaded.gravity) / float(np.linalg.norm(loaded.gravity))

@@ -12,7 +12,7 @@ from graspless_pin.algorithms.force_bounds import ContactForceBounds, contact_fo
 from graspless_pin.cli.outcome import echo_findings, exit_code, plain_errors
 from graspless_pin.cli.simulating import simulated_words
 from graspless_pin.cli.solving import VERDICT_NODES, asked_verdict
-from graspless_pin.cli.waiting import waiting_for
+from graspless_pin.cli.waiting import loaded_scene, waiting_for
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.findings import tell
 from graspless_pin.modes.rules import StaticFriction
@@ -21,7 +21,6 @@ from graspless_pin.report.document import write_text
 from graspless_pin.report.html import Case, case_of_document, case_of_scene, report_html
 from graspless_pin.report.html.time_lapse import TimeLapse, time_lapse
 from graspless_pin.report.reading import read_document
-from graspless_pin.scene import load_scene
 from graspless_pin.simulation import simulate
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.viewer.page import DEFAULT_PORT
@@ -120,7 +119,7 @@ def _case(source: Path, scene_file: Path | None, verdict_nodes: int | None) -> C
     if source.suffix.lower() != ".json":
         if scene_file is not None:
             raise ArgumentError("--scene", "goes with a solution document (.json) alone")
-        scene = load_scene(source)
+        scene = loaded_scene(source)
         tell(*scene.findings)
         with waiting_for("solving"):
             solution, verdict = scene.solve(), None
@@ -156,7 +155,7 @@ def view_scene(
 ) -> None:
     """Show a scene on an interactive page until it is interrupted (Ctrl-C)."""
     with plain_errors():
-        loaded = load_scene(scene)
+        loaded = loaded_scene(scene)
         echo_findings(loaded.findings)
         viewer = show(loaded, host=host, port=port, open_browser=not no_open)
     with suppress(KeyboardInterrupt):

@@ -11,7 +11,7 @@ import typer
 from graspless_pin.algorithms.force_bounds import contact_force_bounds
 from graspless_pin.algorithms.options import RequiredStability
 from graspless_pin.cli.outcome import ExitCode, echo_findings, plain_errors
-from graspless_pin.cli.waiting import waiting_for
+from graspless_pin.cli.waiting import loaded_scene, waiting_for
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import tell
 from graspless_pin.holding.stability import stability
@@ -21,7 +21,7 @@ from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.report.document import write_text
 from graspless_pin.report.html.time_lapse import time_lapse, time_lapse_html
 from graspless_pin.report.simulation import simulation_text
-from graspless_pin.scene import Scene, load_scene
+from graspless_pin.scene import Scene
 from graspless_pin.scene.scene_stability import hand_support_contacts
 from graspless_pin.simulation import SimulatedOutcome, Simulation, simulate
 from graspless_pin.simulation.video import write_video
@@ -73,7 +73,7 @@ def simulate_scene(
     Exit code 0: held; 1: moved or crept, or there are no torques; 2: bad input.
     """
     with plain_errors():
-        loaded = load_scene(scene)
+        loaded = loaded_scene(scene)
         tell(*loaded.findings)
         force = _three_numbers(push)
         if save is not None and save.suffix.lower() not in (".html", ".mp4"):

@@ -11,14 +11,14 @@ from graspless_pin.algorithms.force_bounds import ContactForceBounds, contact_fo
 from graspless_pin.algorithms.options import RequiredStability, Search
 from graspless_pin.algorithms.torque import TorqueScale
 from graspless_pin.cli.outcome import echo_findings, exit_code, plain_errors
-from graspless_pin.cli.waiting import waiting_for
+from graspless_pin.cli.waiting import loaded_scene, waiting_for
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import tell
 from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.modes.rules import SignRule, SlidingRule, StaticFriction
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.report import scene_solution_text
-from graspless_pin.scene import Scene, load_scene
+from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
 
 _RANGES_TIME = 2.0  # s
@@ -83,7 +83,7 @@ def solve_scene(
     the scene, such as a hand that touches nothing.
     """
     with plain_errors():
-        loaded = load_scene(scene)
+        loaded = loaded_scene(scene)
         tell(*loaded.findings)
         given: dict[str, Any] = {
             "margin": margin,

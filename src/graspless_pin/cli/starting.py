@@ -42,7 +42,9 @@ _UNITS = {"deg": 1.0, "°": 1.0, "rad": 180.0 / math.pi}
 def new(
     robot: Annotated[
         str,
-        typer.Argument(help="A URDF, xacro file, MJCF or robot file, or the name of a robot."),
+        typer.Argument(
+            metavar="ROBOT", help="A URDF, xacro file, MJCF or robot file, or the name of a robot."
+        ),
     ],
     obj: Annotated[
         str,

@@ -6,6 +6,9 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
+
+from graspless_pin.scene import Scene, load_scene
 
 _PATIENCE = 1.0  # s; what is done by then needs no word
 
@@ -28,6 +31,12 @@ def waiting_for(what: str) -> Iterator[None]:
     finally:
         done.set()
         thread.join()
+
+
+def loaded_scene(path: Path) -> Scene:
+    """Load a scene, and say so where it takes long: a mesh may have a million triangles."""
+    with waiting_for(f"loading {path}"):
+        return load_scene(path)
 
 
 def _show(what: str, done: threading.Event) -> None:

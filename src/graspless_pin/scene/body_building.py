@@ -122,6 +122,7 @@ def _shape(file: YamlSource, entry: Any) -> Shape:
                 convex=entry.convex,
                 concavity=entry.concavity,
                 decompose_time_limit=entry.decompose_time_limit,
+                max_pieces=entry.max_pieces,
             )
         case _:
             return HalfSpace()

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from graspless_pin.geometry.robots.robot_schema import Convex
+from graspless_pin.geometry.robots.robot_schema import Convex, MaxPieces
 from graspless_pin.intake.fields import (
     Entry,
     FilePath,
@@ -125,6 +125,7 @@ class MeshEntry(Entry):
     )
     concavity: Concavity = 0.02
     decompose_time_limit: DecomposeTimeLimit = 60.0
+    max_pieces: MaxPieces | None = None
 
 
 class HalfSpaceEntry(Entry):

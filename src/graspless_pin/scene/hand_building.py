@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 from graspless_pin.geometry.hand.configuration import joint_positions
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.mounts import Mount
-from graspless_pin.geometry.robots.description import RobotDescription
+from graspless_pin.geometry.robots.description import LinkMeshes, RobotDescription
 from graspless_pin.geometry.robots.files import describe_urdf, find_robot
 from graspless_pin.scene.body_building import build_pose
 from graspless_pin.scene.hand_schema import HandEntry, MountEntry
@@ -93,11 +93,7 @@ def _mount(
     if entry.visuals_collide is not None:
         found = replace(found, visuals_collide=entry.visuals_collide)
     pose = build_pose(file, (*where, "base_pose"), entry.base_pose)
-    given = {
-        "convex": entry.convex,
-        "concavity": entry.concavity,
-        "decompose_time_limit": entry.decompose_time_limit,
-    }
+    given = {item.name: getattr(entry, item.name) for item in fields(LinkMeshes)}
     own = {name: value for name, value in given.items() if value is not None}
     meshes = replace(found.meshes, **own) if own else None
     return Mount(found, pose, prefix, fingers, meshes=meshes, root_link=entry.root_link)

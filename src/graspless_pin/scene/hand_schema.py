@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from graspless_pin.geometry.robots.robot_schema import Convex, FingerEntry
+from graspless_pin.geometry.robots.robot_schema import Convex, FingerEntry, MaxPieces
 from graspless_pin.intake.fields import (
     ByName,
     Entry,
@@ -64,6 +64,7 @@ class MountEntry(Entry):
     convex: LinkConvex = None
     concavity: Concavity | None = None
     decompose_time_limit: DecomposeTimeLimit | None = None
+    max_pieces: MaxPieces | None = None
 
     @model_validator(mode="after")
     def _one_source(self) -> MountEntry:

@@ -47,7 +47,7 @@ _AS_THEY_ARE = (
 )  # fmt: skip
 ROBOT = (
     "robot", "urdf", "package_dirs", "root_link", "visuals_collide", "fingers", "convex",
-    "concavity", "decompose_time_limit",
+    "concavity", "decompose_time_limit", "max_pieces",
 )  # fmt: skip
 """Keys of a mount that tell which robot it is of."""
 

@@ -11,17 +11,20 @@ ITERATIONS = 60
 SEED = 0
 
 
-def run_coacd(vertices: Any, faces: Any, concavity: float) -> list[Any]:
+def run_coacd(vertices: Any, faces: Any, concavity: float, most: int) -> list[Any]:
     """Return the corners (V, 3) of the pieces that CoACD cuts a mesh into.
 
     Args:
         vertices: (V, 3) corners.
         faces: (F, 3) indices of corners.
         concavity: Deepest hollow that a piece may fill, as a share of half the largest extent.
+        most: Most pieces; -1: as many as it takes.
     """
     import coacd  # a large library
 
     coacd.set_log_level("error")
     solid = coacd.Mesh(np.asarray(vertices), np.asarray(faces, dtype=np.int32))
-    cut = coacd.run_coacd(solid, threshold=concavity, mcts_iterations=ITERATIONS, seed=SEED)
+    cut = coacd.run_coacd(
+        solid, threshold=concavity, max_convex_hull=most, mcts_iterations=ITERATIONS, seed=SEED
+    )
     return [np.array(corners, dtype=np.float64) for corners, _ in cut]

@@ -49,6 +49,9 @@ DEFAULT_CONCAVITY = 0.02
 DEFAULT_TIME_LIMIT = 60.0
 """Seconds that the cut of one mesh may take."""
 
+MOST_PIECES = 1000
+"""More convex pieces than any mesh needs."""
+
 _CONVEX = 1.0 - 1e-6  # share of its hull that a mesh fills if it is convex
 _PATIENCE = 1.0  # s without a sign of life
 _UNREADABLE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error)
@@ -62,10 +65,13 @@ class Cut:
         concavity: Deepest hollow that a piece may fill, as a share of half the mesh's largest
             extent; CoACD takes 0.01 to 1.
         time_limit: Seconds that the cut of one mesh may take, at most 1e6.
+        max_pieces: Most pieces of one mesh, 1 to 1000: pieces are merged, and more hollows filled,
+            until there are no more; None: as many as the concavity takes.
     """
 
     concavity: float = DEFAULT_CONCAVITY
     time_limit: float = DEFAULT_TIME_LIMIT
+    max_pieces: int | None = None
 
     def __post_init__(self) -> None:
         """Check the numbers.
@@ -80,6 +86,9 @@ class Cut:
                 "decompose_time_limit",
                 f"needs seconds above 0, at most {LONGEST_TIME:g}, got {self.time_limit!r}",
             )
+        most = self.max_pieces
+        if most is not None and not (type(most) is int and 1 <= most <= MOST_PIECES):
+            raise ArgumentError("max_pieces", f"needs 1 to {MOST_PIECES}, got {most!r}")
 
 
 def _is_number(value: object) -> bool:
@@ -124,7 +133,7 @@ def convex_pieces(mesh: trimesh.Trimesh, label: str, cut: Cut = Cut()) -> tuple[
                 "repair it, or use its convex hull",
             )
         )
-    file = _cache_folder() / f"{_key(vertices, faces, cut.concavity)}.npz"
+    file = _cache_folder() / f"{_key(vertices, faces, cut)}.npz"
     known = _read(file)
     if known is not None:
         return known
@@ -159,15 +168,24 @@ def _cut(mesh: trimesh.Trimesh, label: str, cut: Cut) -> tuple[FloatArray, ...]:
 def _corners(mesh: trimesh.Trimesh, label: str, cut: Cut) -> Iterator[FloatArray]:
     """Corners of the pieces of all parts."""
     end = time.monotonic() + cut.time_limit
+    parts = _parts(mesh)
+    # Of what CoACD calls a limit none is -1; each part keeps at least one piece.
+    spare = None if cut.max_pieces is None else cut.max_pieces - len(parts)
+    if spare is not None and spare < 0:
+        raise MeshError(
+            f"{label} has {len(parts)} parts that are not connected, more than max_pieces, "
+            f"{cut.max_pieces}; raise it, or use its convex hull"
+        )
     with ChildProcess() as child:
-        for part in _parts(mesh):
+        for part in parts:
             if _is_convex(part):
                 yield np.array(part.vertices, dtype=np.float64)
                 continue
-            arguments = np.array(part.vertices), np.array(part.faces), cut.concavity
+            most = -1 if spare is None else spare + 1
+            arguments = np.array(part.vertices), np.array(part.faces), cut.concavity, most
             left = max(end - time.monotonic(), 0.0)
             try:
-                yield from child.call(run_coacd, *arguments, limit=left)
+                pieces = child.call(run_coacd, *arguments, limit=left)
             except OverrunError:
                 raise MeshError(
                     f"{label} is not cut into convex pieces after {cut.time_limit:g} s; simplify "
@@ -179,6 +197,8 @@ def _corners(mesh: trimesh.Trimesh, label: str, cut: Cut) -> Iterator[FloatArray
                     f"{label} cannot be cut into convex pieces: {error}; repair it, or use its "
                     "convex hull"
                 ) from None
+            spare = None if spare is None else spare + 1 - len(pieces)
+            yield from pieces
 
 
 def _parts(mesh: trimesh.Trimesh) -> list[trimesh.Trimesh]:
@@ -236,9 +256,11 @@ def _cache_folder() -> Path:
     return base / "graspless_pin" / "convex"
 
 
-def _key(vertices: FloatArray, faces: NDArray[np.int32], concavity: float) -> str:
+def _key(vertices: FloatArray, faces: NDArray[np.int32], cut: Cut) -> str:
     version = importlib.metadata.version("coacd")
-    way = f"coacd {version} {concavity!r} {ITERATIONS} {SEED} {len(vertices)}"
+    way = f"coacd {version} {cut.concavity!r} {ITERATIONS} {SEED} {len(vertices)}"
+    if cut.max_pieces is not None:
+        way += f" {cut.max_pieces}"
     digest = hashlib.sha256(way.encode())
     digest.update(vertices.tobytes())
     digest.update(faces.tobytes())

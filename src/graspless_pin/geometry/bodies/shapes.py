@@ -140,6 +140,7 @@ class MeshShape:
         concavity: For ``decompose``: deepest hollow that is filled all the same, as a share of half
             the largest extent, 0.01 to 1.
         decompose_time_limit: Seconds that the cut may take, at most 1e6.
+        max_pieces: Most convex pieces; None: as many as the concavity takes.
     """
 
     path: Path
@@ -147,6 +148,7 @@ class MeshShape:
     convex: Literal["hull", "decompose"] = "hull"
     concavity: float = DEFAULT_CONCAVITY
     decompose_time_limit: float = DEFAULT_TIME_LIMIT
+    max_pieces: int | None = None
 
     def __post_init__(self) -> None:
         """Check the numbers; the file is read when its geometry is asked for.
@@ -162,7 +164,11 @@ class MeshShape:
             object.__setattr__(self, "scale", _lengths("scale", self.scale))
         if self.convex not in ("hull", "decompose"):
             raise ArgumentError("convex", f"needs 'hull' or 'decompose', got {self.convex!r}")
-        Cut(self.concavity, self.decompose_time_limit)
+        self.cut()
+
+    def cut(self) -> Cut:
+        """Return how the mesh is cut into convex pieces, if it is."""
+        return Cut(self.concavity, self.decompose_time_limit, self.max_pieces)
 
 
 Shape = Box | Sphere | Cylinder | Capsule | Cone | HalfSpace | MeshShape
@@ -249,7 +255,7 @@ def _decomposed(
     mesh = scaled_mesh(shape.path, shape.scale)
     label = f"mesh file '{shape.path}'"
     with heard() as found:
-        pieces = convex_pieces(mesh, label, Cut(shape.concavity, shape.decompose_time_limit))
+        pieces = convex_pieces(mesh, label, shape.cut())
     return tuple(convex_geometry(piece, label) for piece in pieces), tuple(found)
 
 

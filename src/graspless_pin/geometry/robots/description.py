@@ -60,11 +60,13 @@ class LinkMeshes:
         concavity: For ``decompose``: deepest hollow that is filled all the same, as a share of half
             a mesh's largest extent, 0.01 to 1.
         decompose_time_limit: Seconds that the cut of each mesh may take, at most 1e6.
+        max_pieces: Most convex pieces of each mesh; None: as many as the concavity takes.
     """
 
     convex: str | Mapping[str, str] = "hull"
     concavity: float = DEFAULT_CONCAVITY
     decompose_time_limit: float = DEFAULT_TIME_LIMIT
+    max_pieces: int | None = None
 
     def __post_init__(self) -> None:
         """Check the words and the number.
@@ -81,7 +83,7 @@ class LinkMeshes:
         self._cut()
 
     def _cut(self) -> Cut:
-        return Cut(self.concavity, self.decompose_time_limit)
+        return Cut(self.concavity, self.decompose_time_limit, self.max_pieces)
 
     def cuts(self, links: Collection[str], prefix: str = "") -> dict[str, Cut]:
         """Return which links' meshes are cut, and how.

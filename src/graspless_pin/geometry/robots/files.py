@@ -100,7 +100,9 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
         effort_limits={name: e.limit for name, e in efforts.items() if e.limit is not None},
         effort_sources={name: e.source for name, e in efforts.items() if e.source is not None},
         effort_unknown={name: e.unknown for name, e in efforts.items() if e.unknown is not None},
-        meshes=LinkMeshes(entry.convex, entry.concavity, entry.decompose_time_limit),
+        meshes=LinkMeshes(
+            entry.convex, entry.concavity, entry.decompose_time_limit, entry.max_pieces
+        ),
         visuals_collide=entry.visuals_collide,
         file=file,
         model=entry.model,

@@ -7,10 +7,14 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from graspless_pin.errors import RobotError
-from graspless_pin.geometry.bodies.decomposition import DEFAULT_CONCAVITY, DEFAULT_TIME_LIMIT
+from graspless_pin.geometry.bodies.decomposition import (
+    DEFAULT_CONCAVITY,
+    DEFAULT_TIME_LIMIT,
+    MOST_PIECES,
+)
 from graspless_pin.geometry.robots.description import FingerSpec, JointCoupling
 from graspless_pin.intake.fields import (
     ByName,
@@ -23,6 +27,7 @@ from graspless_pin.intake.fields import (
     Number,
     Seconds,
     Signed,
+    no_truth_value,
 )
 from graspless_pin.intake.files import FileKind, errors_of_text, read_text, refuse_other_kind
 from graspless_pin.intake.recognition import kind_of_data
@@ -30,6 +35,11 @@ from graspless_pin.intake.yaml_text import parse_yaml
 from graspless_pin.spelling import names_in_words
 
 Convex = Literal["hull", "decompose"]
+MaxPieces = Annotated[
+    int,
+    Field(ge=1, le=MOST_PIECES, description="most convex pieces of each mesh; default: no limit"),
+    BeforeValidator(no_truth_value),
+]
 Source = Annotated[str, Field(max_length=2000)]
 
 
@@ -152,6 +162,7 @@ class RobotFile(Entry):
     decompose_time_limit: Seconds = Field(
         default=DEFAULT_TIME_LIMIT, description="[s] time that the cut of each mesh may take"
     )
+    max_pieces: MaxPieces | None = None
 
     @model_validator(mode="after")
     def _one_source(self) -> RobotFile:
