@@ -127,7 +127,7 @@ hand:
 {base}
 {fingers}{q}{efforts}object:
   name: {object}
-  shape: {shape}
+{shape}
   {mass}
   pose: # at rest on the support
 {pose}
@@ -206,9 +206,12 @@ def _efforts(new: NewScene, hand: Hand) -> tuple[str, tuple[str, ...]]:
 
 def _shape(stated: dict[str, Any]) -> str:
     if stated["type"] != "mesh":
-        return f"{flow_of(plain(stated))} # m"
-    kept = {name: stated[name] for name in ("type", "path", "scale", "convex")}
-    return f"{flow_of(plain(kept))} # scale: m per unit of the file"
+        return f"  shape: {flow_of(plain(stated))} # m"
+    return f"""  shape:
+    type: mesh
+    path: {flow_of(stated["path"])}
+    scale: {flow_of(plain(stated["scale"]))} # m per unit of the file
+    convex: {stated["convex"]} # hull, or decompose: into convex pieces, where hollows matter"""
 
 
 def _mass(new: NewScene) -> str:

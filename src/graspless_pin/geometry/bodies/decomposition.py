@@ -36,6 +36,7 @@ from graspless_pin.errors import (
 )
 from graspless_pin.findings import Finding, FindingCode, tell
 from graspless_pin.geometry.bodies.coacd_call import ITERATIONS, SEED, run_coacd
+from graspless_pin.geometry.bodies.dense_hulls import hull_corners
 from graspless_pin.geometry.bodies.polytopes import hull_of
 from graspless_pin.magnitudes import LONGEST_TIME
 from graspless_pin.problem.checks import FloatArray, read_only
@@ -118,10 +119,11 @@ def convex_pieces(mesh: trimesh.Trimesh, label: str, cut: Cut = Cut()) -> tuple[
     vertices = np.ascontiguousarray(mesh.vertices, dtype=np.float64)
     faces = np.ascontiguousarray(mesh.faces, dtype=np.int32)
     try:
-        hull = hull_of(vertices).vertices
+        hull, simplified = hull_corners(vertices, label)
     except (QhullError, ValueError) as error:
         raise MeshError(f"{label} encloses no volume: all its vertices lie in one plane") from error
     if _is_convex(mesh):
+        tell(*simplified)
         return _read_only([hull])
     if not mesh.is_watertight:
         tell(
