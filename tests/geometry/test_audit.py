@@ -1,5 +1,7 @@
 """The audit of URDFs and the list of robots: known answers."""
 
+import re
+
 import numpy as np
 import pytest
 import trimesh
@@ -10,6 +12,7 @@ from graspless_pin.findings import FindingCode
 from graspless_pin.geometry.inspection.audit import audit_urdf
 from graspless_pin.geometry.inspection.listing import list_robots
 from graspless_pin.geometry.robots.files import robot_names
+from graspless_pin.report.robots import robot_text
 
 BALL = '<sphere radius="0.01"/>'
 MESH = '<mesh filename="{}"/>'
@@ -226,5 +229,9 @@ def test_the_list_covers_tendons_models_and_failures(tmp_path):
     assert effort(model.joints[0]).source == "the URDF's"
     assert (tendon.tendons["t"].upper, tendon.tendons["t"].source) == (9.0, "me")
     assert tendon.joints[0].effort is None
+    shown = robot_text(tendon)
+    assert re.search(r"hinge +revolute .* - +pulled by tendons", shown)
+    assert re.search(r"t +tendon +- +0 \.\. 9 +driven", shown)
+    assert shown.endswith("  me")
     assert "no such file" in str(missing.problem)
     assert "unknown robot 'nope'" in str(unknown.problem)

@@ -15,6 +15,8 @@ import trimesh
 
 from graspless_pin import Hand
 from graspless_pin.errors import GrasplessPinWarning, RobotError
+from graspless_pin.findings import FindingCode, heard
+from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.hand.tree import KinematicTree, build_tree
 from graspless_pin.geometry.hand.urdf import UrdfDocument, read_urdf
 from graspless_pin.geometry.inspection.audit import audit_urdf
@@ -223,7 +225,7 @@ def test_a_tendon_s_equality_couples_its_joints(claw: Path) -> None:
 
 
 def test_a_tendon_of_something_else_is_not_the_hand_s(claw: Path) -> None:
-    """A door beside the hand has a tendon over three joints, which would be refused in a hand."""
+    """A door beside the hand has a tendon over three joints; one of the hand may not join them."""
     leaf = '<body name="{0}"><joint name="hinge{0}"/><geom size="0.01"/>'
     door = "".join(map(leaf.format, "abc")) + "</body>" * 3
     arms = "".join(f'<joint joint="hinge{i}" coef="1"/>' for i in "abc")
@@ -233,8 +235,127 @@ def test_a_tendon_of_something_else_is_not_the_hand_s(claw: Path) -> None:
     claw.write_text(text.replace("<tendon>", equality + "<tendon>"))
     assert set(tree_of(claw)[1].joint_names) == set(JOINTS)
     claw.write_text(claw.read_text().replace('joint="hingea"', 'joint="spread"'))
-    with pytest.raises(RobotError, match=r"'no\. 1' is not one of a tendon over two joints"):
+    with pytest.raises(RobotError, match=r"'no\. 1' joins joints of the hand to others"):
         tree_of(claw)
+
+
+CHAINS = """
+<mujoco>
+  <compiler autolimits="true" angle="radian"/>
+  <default><geom size="0.01"/><joint axis="0 1 0" range="0 1.5"/></default>
+  <worldbody>
+    <body name="palm"><geom/>
+      <body><joint name="f1"/><geom/>
+        <body pos="0 0 0.04"><joint name="f2" ref="0.2"/><geom/>
+          <body pos="0 0 0.03"><joint name="f3"/><geom/></body></body></body>
+      <body pos="0.05 0 0"><joint name="t1"/><geom/>
+        <body pos="0 0 0.04"><joint name="t2"/><geom/>
+          <body pos="0 0 0.03"><joint name="t3"/><geom/></body></body></body>
+    </body>
+  </worldbody>
+  <tendon>
+    <fixed name="flexor">
+      <joint joint="f1" coef="0.01"/><joint joint="f2" coef="0.006"/>
+      <joint joint="f3" coef="-0.004"/>
+    </fixed>
+    <fixed name="belt" RANGE>
+      <joint joint="t1" coef="0.01"/><joint joint="t2" coef="0.02"/><joint joint="t3" coef="0.04"/>
+    </fixed>
+    <fixed name="pair"><joint joint="t1" coef="0.01"/><joint joint="t2" coef="0.005"/></fixed>
+  </tendon>
+  <equality>EQUALITY</equality>
+  <actuator>
+    <motor name="pull" tendon="flexor" gear="2" ctrlrange="-5 40" forcerange="-3 50"/>
+    <motor name="root" joint="t1" ctrlrange="-2 2"/>
+    MOTORS
+  </actuator>
+</mujoco>
+"""
+HELD = 'range="0.0199 0.0201"'
+LINKED = '<tendon tendon1="belt" tendon2="pair" polycoef="0.003 0.5 0 0 0"/>'
+
+
+def chains(folder: Path, belt: str = HELD, equality: str = "", motors: str = "") -> Path:
+    path = folder / "chains.xml"
+    text = CHAINS.replace("RANGE", belt).replace("EQUALITY", equality).replace("MOTORS", motors)
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("belt", "equality", "lengths"),
+    [(HELD, "", lambda belt, pair: belt - 0.02),
+     ("", '<tendon tendon1="belt" polycoef="0.01 0 0 0 0"/>', lambda belt, pair: belt - 0.01),
+     ("", LINKED, lambda belt, pair: belt - 0.5 * pair - 0.003)],
+    ids=["range", "equality", "two tendons"],
+)  # fmt: skip
+def test_a_held_tendon_couples_any_number_of_joints(
+    tmp_path: Path, belt: str, equality: str, lengths: Any
+) -> None:
+    """What MuJoCo says of the tendons' lengths holds wherever the independent joints stand."""
+    path = chains(tmp_path, belt, equality)
+    tree = tree_of(path)[1]
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    assert [tree.joint_names[index] for index in tree.coupling.leaders] == [
+        "f1", "f2", "f3", "t1", "t2",
+    ]  # fmt: skip
+    for independent in np.random.default_rng(0).uniform(0.0, 1.0, (5, 5)):
+        for name, value in zip(
+            tree.joint_names, tree.coupling.S @ independent + tree.coupling.offset, strict=True
+        ):
+            data.joint(name).qpos = value
+        mujoco.mj_fwdPosition(model, data)
+        assert lengths(*data.ten_length[1:]) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_driven_tendon_is_an_actuator_with_mujoco_s_torques(tmp_path: Path) -> None:
+    path = chains(tmp_path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", GrasplessPinWarning)
+        hand = Hand.from_urdf(path, effort_limits={"t2": 1.0})
+    assert hand.actuated_joint_names[:3] == ("t1", "t2", "pull")
+    assert hand.actuation.tendons == ("pull",)
+    assert len(hand.actuation.passive) == 2
+    np.testing.assert_array_equal([ends[2] for ends in hand.effort_limits], [-3.0, 40.0])
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    data.ctrl[:] = [7.0, 0.0]
+    mujoco.mj_forward(model, data)
+    torques = [data.qfrc_actuator[model.joint(name).dofadr[0]] for name in hand.joint_names]
+    felt = hand.actuation.from_joints.T @ torques
+    np.testing.assert_allclose(felt, [0.0, 0.0, 7.0, 0.0, 0.0], atol=1e-12)
+    declared = tmp_path / "chains.yaml"
+    declared.write_text(
+        "name: r\nurdf: chains.xml\ntendons: {own: {moment_arms: {f1: 0.02, f2: 0.01}}}\n"
+        "effort_limits: {own: {limit: 9, source: me}}\n"
+    )
+    hand = Hand.assemble([Mount(declared)], effort_limits={"t2": 1.0, "f3": 1.0})
+    assert hand.actuation.tendons == ("own",)
+
+
+@pytest.mark.parametrize(
+    ("motors", "said"),
+    [('<motor name="e" joint="f2" ctrlrange="-1 1"/>', "motors of single joints among them"),
+     ('<motor name="e" tendon="flexor" ctrlrange="0 1"/>', "other motors that pull the same way"),
+     ('<motor name="e" body="palm"/>', "'e' acts through no joint and no fixed tendon")],
+)  # fmt: skip
+def test_motors_that_cannot_be_told_apart_are_named(tmp_path: Path, motors: str, said: str) -> None:
+    if "body" in motors:
+        motors = '<adhesion name="e" body="palm" ctrlrange="0 1" gain="1"/>'
+    with heard() as told:
+        hand = Hand.from_urdf(chains(tmp_path, motors=motors))
+    messages = [one.message for one in told if one.code is FindingCode.SHARED_TENDON]
+    assert messages
+    assert said in messages[-1]
+    assert ("pull" in hand.actuated_joint_names) == ("body" in motors)
+
+
+def test_couplings_that_are_one_too_many_are_refused(tmp_path: Path) -> None:
+    both = LINKED + '<joint joint1="t1" joint2="f1"/><joint joint1="t2" joint2="f1"/>'
+    both += '<joint joint1="t3" joint2="f1"/>'
+    with pytest.raises(RobotError, match="'belt' couples joints that all follow others"):
+        tree_of(chains(tmp_path, equality=both.replace(LINKED, "")))
 
 
 def test_what_mujoco_warns_of_leaves_no_file(

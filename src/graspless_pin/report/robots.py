@@ -38,6 +38,8 @@ def robot_text(robot: RobotRecord) -> str:
     rows = []
     for joint in robot.joints:
         state = "locked" if joint.is_locked else "held" if joint.is_held else "driven"
+        if joint.effort is None and not joint.is_locked:
+            state = "pulled by tendons"
         if joint.follows:
             state = "follows " + ", ".join(
                 f"{factor:g} x {name}" for name, factor in joint.follows.items()
@@ -47,10 +49,13 @@ def robot_text(robot: RobotRecord) -> str:
         )
         position = f"{joint.lower:.3f} .. {joint.upper:.3f}"
         rows.append([joint.name, joint.kind, position, effort, state])
+    for name, pull in robot.tendons.items():
+        rows.append([name, "tendon", "-", f"{pull.lower:g} .. {pull.upper:g}", "driven"])
     fingers = "\n".join(
         f"  {name}: {', '.join(finger.joints)}" for name, finger in robot.fingers.items()
     )
     efforts = [joint.effort for joint in robot.joints if joint.effort is not None]
+    efforts += robot.tendons.values()
     sources = dict.fromkeys(f"  {effort.source}" for effort in efforts)
     table = tabulate(rows, ["joint", "kind", "position [rad, m]", "effort [N m, N]", ""])
     return (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,6 +119,7 @@ def resolve_effort_limits(
     overrides: Mapping[str, tuple[float, float]],
     unknown: Mapping[str, str] | None = None,
     arm_joints: Collection[str] = (),
+    tensions: Mapping[str, tuple[float, float]] = MappingProxyType({}),
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the (lower, upper) effort limits of the actuators.
 
@@ -127,6 +129,7 @@ def resolve_effort_limits(
         overrides: (lower, upper) by joint or tendon, instead of the URDF's.
         unknown: What is known, by joint or tendon whose real limit is declared unknown.
         arm_joints: Joints that are not below a palm.
+        tensions: (lower, upper) of tendons, N; others only pull, without a limit.
 
     Returns:
         Two read-only (L,) arrays in N m (N for prismatic joints and tendons).
@@ -147,7 +150,7 @@ def resolve_effort_limits(
             lower[row], upper[row] = overrides[name]
             continue
         if name in actuation.tendons:
-            upper[row] = np.inf
+            lower[row], upper[row] = tensions.get(name, (0.0, np.inf))
         else:
             index = tree.joint_index[name]
             lower[row], upper[row] = urdf_lower[index], urdf_upper[index]

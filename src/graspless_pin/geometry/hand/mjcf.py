@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import RobotError
 from graspless_pin.findings import Finding, FindingCode, tell
-from graspless_pin.geometry.hand.mjcf_motors import Mimic, couplings, efforts, motor_joints
+from graspless_pin.geometry.hand.mjcf_motors import Mimic, couplings, motor_joints, motors
 from graspless_pin.geometry.hand.mjcf_shapes import add_geom
 from graspless_pin.geometry.hand.mjcf_source import (
     MjcfSource,
@@ -25,6 +25,7 @@ from graspless_pin.geometry.hand.mjcf_source import (
     rotation_and_position,
     words,
 )
+from graspless_pin.geometry.hand.urdf_tendons import DrawnTendon, write_tendon
 
 
 def mjcf_robot(path: Path) -> ET.Element:
@@ -44,7 +45,7 @@ def mjcf_robot(path: Path) -> ET.Element:
             loops, couplings that are not linear or collision shapes that a URDF cannot have.
 
     Warns:
-        GrasplessPinWarning: Springs are left out, or a motor pulls joints that are not coupled.
+        GrasplessPinWarning: Springs are left out, or motors that cannot be told apart.
     """
     return _Writer(read_mjcf(path)).robot()
 
@@ -72,11 +73,14 @@ class _Writer:
                 )
             )  # fmt: skip
         self._mimics = couplings(self._source, inside)
-        self._efforts = efforts(self._source, self._mimics)
+        self._efforts, tendons = motors(self._source, self._mimics, inside)
         for body in map(int, np.flatnonzero(inside)):
             if body != top:
                 self._add_joints(body)
             self._add_link(body)
+        for tendon in tendons:
+            arms = {self._source.joint(joint): arm for joint, arm in tendon.arms.items()}
+            write_tendon(self._root, tendon.name, DrawnTendon(arms, *tendon.bounds))
         return self._root
 
     def _robot_bodies(self) -> tuple[int, NDArray[np.bool_]]:
@@ -147,11 +151,11 @@ class _Writer:
         if joint in self._efforts:
             limit.set("effort", repr(self._efforts[joint]))
         if joint in self._mimics:
-            leader, multiplier, offset = self._mimics[joint]
-            ET.SubElement(
-                element, "mimic", joint=self._source.joint(leader), multiplier=repr(multiplier),
-                offset=repr(offset),
-            )  # fmt: skip
+            leaders, offset = self._mimics[joint]
+            for leader, multiplier in leaders.items():
+                words_of = {"joint": self._source.joint(leader), "multiplier": repr(multiplier)}
+                ET.SubElement(element, "mimic", words_of, offset=repr(offset))
+                offset = 0.0
         rotor = float(model.dof_armature[model.jnt_dofadr[joint]])
         if rotor > 0.0:
             drive = ET.SubElement(self._root, "transmission", name=f"{name}_rotor")

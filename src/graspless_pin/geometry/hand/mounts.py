@@ -87,6 +87,7 @@ class JoinedMounts:
         arms: The joints that carry a palm, by the name ``arm`` with the mount's prefix.
         held_joints: Joints that neither a finger has nor a palm carries, where there is a palm.
         tendons: Moment arm by joint, m, by tendon.
+        tensions: Lowest and highest tension by tendon, N, as far as an MJCF states them.
         effort_limits: (lower, upper) by joint or tendon, as far as the robot files state them.
         effort_unknown: What is known by joint or tendon whose limit a robot file calls unknown.
     """
@@ -98,6 +99,7 @@ class JoinedMounts:
     arms: dict[str, tuple[str, ...]]
     held_joints: tuple[str, ...]
     tendons: dict[str, dict[str, float]]
+    tensions: dict[str, tuple[float, float]]
     effort_limits: dict[str, tuple[float, float]]
     effort_unknown: dict[str, str]
 
@@ -148,9 +150,11 @@ def join_mounts(mounts: Sequence[Mount], *, with_shapes: bool = True) -> JoinedM
     tree = build_tree(
         list(zip(documents, poses, strict=True)), couplings, with_shapes=with_shapes, cuts=cuts
     )
-    joined = JoinedMounts(tree, dict(zip(prefixes, poses, strict=True)), (), {}, {}, (), {}, {}, {})
+    joined = JoinedMounts(
+        tree, dict(zip(prefixes, poses, strict=True)), (), {}, {}, (), {}, {}, {}, {}
+    )
     for mount, robot, document in zip(mounts, robots, documents, strict=True):
-        joined = _add(joined, mount, robot, document.root)
+        joined = _add(joined, mount, robot, document)
     return joined
 
 
@@ -176,16 +180,25 @@ def _cuts(mount: Mount, robot: RobotDescription, document: UrdfDocument) -> dict
         raise RobotError(f"robot {robot.name!r}: {error}") from error
 
 
-def _add(joined: JoinedMounts, mount: Mount, robot: RobotDescription, root: str) -> JoinedMounts:
+def _add(
+    joined: JoinedMounts, mount: Mount, robot: RobotDescription, document: UrdfDocument
+) -> JoinedMounts:
     """Add what one robot and its file say about its fingers, tendons and limits."""
     tree, prefix = joined.tree, mount.prefix
     tendons = {
         prefix + name: {prefix + joint: arm for joint, arm in arms.items()}
         for name, arms in robot.tendons.items()
     }
+    declared = {joint for arms in tendons.values() for joint in arms}
+    drawn = {
+        name: tendon
+        for name, tendon in document.tendons.items()
+        if declared.isdisjoint(tendon.arms)
+    }
+    tendons |= {name: dict(tendon.arms) for name, tendon in drawn.items()}
     try:
         palms = [prefix + palm for palm in robot.palms]
-        structure = discover_hands(tree, root, palms, prefix)
+        structure = discover_hands(tree, document.root, palms, prefix)
         fingers = structure.fingers
         if robot.fingers:
             fingers = check_fingers(tree, _prefix_fingers(prefix, robot.fingers))
@@ -214,6 +227,7 @@ def _add(joined: JoinedMounts, mount: Mount, robot: RobotDescription, root: str)
         arms=joined.arms | ({f"{prefix}arm": arm} if arm else {}),
         held_joints=(*joined.held_joints, *held),
         tendons=joined.tendons | tendons,
+        tensions=joined.tensions | {name: (one.lower, one.upper) for name, one in drawn.items()},
         effort_limits=joined.effort_limits | expanded,
         effort_unknown=joined.effort_unknown | unknown,
     )
@@ -263,6 +277,7 @@ def hand_fields(
             parts.effort_limits | given,
             parts.effort_unknown,
             parts.held_joints,
+            parts.tensions,
         )
         positions = joint_positions(tree, q)
     tell(*found)

@@ -21,6 +21,7 @@ from graspless_pin.geometry.hand.urdf_links import (
     numbers,
 )
 from graspless_pin.geometry.hand.urdf_rotors import rotor_inertias
+from graspless_pin.geometry.hand.urdf_tendons import DrawnTendon, read_tendons
 from graspless_pin.geometry.hand.urdf_tree import (
     FREE_TYPES,
     add_prefix,
@@ -60,6 +61,7 @@ class UrdfDocument:
         capsules: What Pinocchio calls the collision shapes that are capsules.
         visuals: How the links look.
         rotors: Inertia of a motor's rotor by joint, kg m^2 (kg), gear ratio squared included.
+        tendons: The tendons that motors of an MJCF pull.
     """
 
     label: str
@@ -71,6 +73,7 @@ class UrdfDocument:
     capsules: frozenset[str] = frozenset()
     visuals: tuple[LinkVisual, ...] = ()
     rotors: Mapping[str, float] = field(default_factory=dict)
+    tendons: Mapping[str, DrawnTendon] = field(default_factory=dict)
 
 
 def read_urdf(
@@ -143,6 +146,7 @@ def read_urdf(
         capsules=frozenset(capsules),
         visuals=visuals,
         rotors={prefix + name: value for name, value in rotor_inertias(path, root).items()},
+        tendons=read_tendons(root, joints, prefix),
     )
 
 
@@ -213,15 +217,14 @@ def _check_joint(path: Path, joint: ET.Element) -> JointCoupling | None:
                 f"{where} has the lower limit {low} above the upper limit {high}, so that it can "
                 "stand nowhere; exchange them"
             )
-    mimic = joint.find("mimic")
-    if mimic is None:
-        return None
-    joint.remove(mimic)  # the coupling is applied by us, Pinocchio sees independent joints
-    if kind not in MOVABLE_TYPES:
-        return None
-    factor = checked_number(where, "mimic multiplier", mimic.get("multiplier", "1"))
-    offset = checked_number(where, "mimic offset", mimic.get("offset", "0"))
-    return JointCoupling(name, {mimic.get("joint", ""): factor}, offset)
+    follows: dict[str, float] = {}
+    offset = 0.0
+    for mimic in joint.findall("mimic"):  # several of what was an MJCF: their sum
+        joint.remove(mimic)  # the coupling is applied by us, Pinocchio sees independent joints
+        factor = checked_number(where, "mimic multiplier", mimic.get("multiplier", "1"))
+        follows[mimic.get("joint", "")] = factor
+        offset += checked_number(where, "mimic offset", mimic.get("offset", "0"))
+    return JointCoupling(name, follows, offset) if follows and kind in MOVABLE_TYPES else None
 
 
 def _check_axis(where: str, joint: ET.Element) -> None:

@@ -123,7 +123,10 @@ def describe_efforts(robot: RobotDescription, joined: JoinedMounts) -> dict[str,
         )
     for name in tendons:
         note = joined.effort_unknown.get(name, "nobody states it")
-        efforts[name] = EffortRecord(0.0, float("inf"), known=False, source=note)
+        if name in joined.tensions:
+            note = joined.effort_unknown.get(name, "the MJCF's")
+        ends = joined.tensions.get(name, (0.0, float("inf")))
+        efforts[name] = EffortRecord(*ends, known=False, source=note)
     for name, (low, high) in joined.effort_limits.items():
         source = " ".join(robot.effort_sources[stated[name]].split())
         efforts[name] = EffortRecord(low, high, known=True, source=source)
