@@ -24,7 +24,7 @@ from mkdocs.structure.files import File, Files
 from PIL import Image, ImageDraw, ImageFont
 from plots_of_pages import PLOTS, draw_plot
 
-from graspless_pin import close_fingers, load_scene
+from graspless_pin import close_fingers, load_scene, place_hand
 from graspless_pin.errors import GrasplessPinError
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
@@ -37,8 +37,8 @@ SIZE = 880, 560
 PALETTES = {"light": LIGHT, "dark": DARK}
 _KEPT = ROOT / "out" / "pictures"
 _MARK = re.compile(
-    r"<!-- picture (?P<kind>[a-z]+)(?:=(?P<margin>[\d.]+))? (?:(?P<fingers>closed|wrapped) )?"
-    r"(?P<scene>\S+\.yaml): (?P<words>[^\n]+?) -->"
+    r"<!-- picture (?P<kind>[a-z]+)(?:=(?P<margin>[\d.]+))? "
+    r"(?:(?P<fingers>closed|wrapped|placed) )?(?P<scene>\S+\.yaml): (?P<words>[^\n]+?) -->"
 )
 _ANY_MARK = "<!-- picture"
 _FENCE = re.compile(r'^```\w* title="([^"]+)"\n(.*?)^```$', re.DOTALL | re.MULTILINE)
@@ -178,6 +178,11 @@ def _name(mark: re.Match[str]) -> str:
 def _scene(mark: re.Match[str], folder: Path) -> Scene:
     own = folder / mark["scene"]
     scene = load_scene(own if own.is_file() else ROOT / mark["scene"])
+    if mark["fingers"] == "placed":
+        found = place_hand(scene, candidates=200, time_limit=None).scene
+        if found is None:
+            raise PluginError(f"{mark['scene']}: there is no place for the hand")
+        return found
     if mark["fingers"]:
         scene = close_fingers(scene, wrap=mark["fingers"] == "wrapped").scene
     return scene

@@ -27,6 +27,7 @@ from .modes.enumeration import enumerate_modes
 from .modes.rules import Rules, SignRule, SlidingMode, SlidingRule, StaticFriction
 from .planning.evaluator import Evaluator
 from .planning.path import Waypoint, evaluate_path
+from .planning.placing import place_hand
 from .problem.fingers import ControlMode, FingerContacts, JointSpace, assemble_joint_space
 from .problem.joint_units import JointUnit
 from .problem.quasistatic import QuasistaticProblem
@@ -121,6 +122,7 @@ __all__ = [
     "moment_first",
     "optimize",
     "optimum_gradients",
+    "place_hand",
     "read_results",
     "robustness",
     "run_study",

@@ -56,7 +56,7 @@ def test_without_torques_there_is_nothing_to_simulate(tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--push", "1,2"), "--push: needs three numbers FX,FY,FZ in newtons, got '1,2'"),
+        (("--push", "1,2"), "--push: needs three numbers with commas: 1,0,0; got '1,2'"),
         (("--push", "1,2,nan"), "--push: needs three numbers"),
         (("--save", "out.gif"), "--save: needs a file that ends in .html or .mp4, got 'out.gif'"),
         (("--seconds", "-1"), "seconds: is -1.0"),

@@ -86,6 +86,14 @@ _COMMANDS = {
             "graspless-pin new allegro_right mug.stl --mass 0.3 --support slope:20deg",
         ),
     ),
+    "place": _Command(
+        "placing.place",
+        "Find where the hand holds the object, and write that scene.",
+        (
+            "graspless-pin place scene.yaml -o placed.yaml",
+            "graspless-pin place scene.yaml -o placed.yaml --approach 0,0,-1 --seed 1",
+        ),
+    ),
     "close": _Command(
         "posing.close_scene",
         "Close fingers until they touch the object or reach their limits, and write that scene.",

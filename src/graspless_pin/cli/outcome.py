@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 import sys
 import textwrap
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from graspless_pin.errors import GrasplessPinError
+from graspless_pin.errors import ArgumentError, GrasplessPinError
 from graspless_pin.findings import Finding, Severity, gravest_first, heard, is_serious
 from graspless_pin.intake.text import printable
 
@@ -70,6 +71,21 @@ class _Said:
 
     findings: set[Finding] = field(default_factory=set)
     room: int = 1950
+
+
+def three_numbers(option: str, text: str) -> list[float]:
+    """Return the numbers of an option such as ``1,0,0``.
+
+    Raises:
+        ArgumentError: If they are not three finite ones.
+    """
+    try:
+        numbers = [float(word) for word in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != 3 or not all(map(math.isfinite, numbers)):
+        raise ArgumentError(option, f"needs three numbers with commas: 1,0,0; got {text!r}")
+    return numbers
 
 
 _SAID: ContextVar[_Said] = ContextVar("said")

@@ -5,12 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 
 from graspless_pin.algorithms.force_bounds import contact_force_bounds
 from graspless_pin.algorithms.options import RequiredStability
-from graspless_pin.cli.outcome import ExitCode, echo_findings, plain_errors
+from graspless_pin.cli.outcome import ExitCode, echo_findings, plain_errors, three_numbers
 from graspless_pin.cli.waiting import loaded_scene, waiting_for
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import tell
@@ -75,7 +74,7 @@ def simulate_scene(
     with plain_errors():
         loaded = loaded_scene(scene)
         tell(*loaded.findings)
-        force = _three_numbers(push)
+        force = three_numbers("--push", push)
         if save is not None and save.suffix.lower() not in (".html", ".mp4"):
             raise ArgumentError("--save", f"needs a file that ends in .html or .mp4, got '{save}'")
         with waiting_for("solving"):
@@ -125,13 +124,3 @@ def _verdict(scene: Scene, found: Simulation) -> StabilityVerdict:
     if hand_support_contacts(scene):
         return scene.stability(found.torques)
     return stability(found.problem, found.torques)
-
-
-def _three_numbers(text: str) -> list[float]:
-    try:
-        numbers = [float(word) for word in text.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) != 3 or not np.isfinite(numbers).all():
-        raise ArgumentError("--push", f"needs three numbers FX,FY,FZ in newtons, got {text!r}")
-    return numbers

@@ -4,30 +4,39 @@ from __future__ import annotations
 
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from graspless_pin.scene import Scene, load_scene
 
 _PATIENCE = 1.0  # s; what is done by then needs no word
+_OFTEN = 0.2  # s
 
 
 @contextmanager
-def waiting_for(what: str) -> Iterator[None]:
+def waiting_for(what: str) -> Iterator[Callable[[str], None]]:
     """Show on standard error, if that is a terminal, what is being done; print nothing inside.
 
     Args:
         what: In words, such as ``looking for a verdict``.
+
+    Returns:
+        Takes how far it is, in words.
     """
+    said = [what]
+
+    def say(how_far: str) -> None:
+        said[0] = f"{what}: {how_far}"
+
     if not sys.stderr.isatty():
-        yield
+        yield say
         return
     done = threading.Event()
-    thread = threading.Thread(target=_show, args=(what, done), daemon=True)
+    thread = threading.Thread(target=_show, args=(said, done), daemon=True)
     thread.start()
     try:
-        yield
+        yield say
     finally:
         done.set()
         thread.join()
@@ -39,10 +48,13 @@ def loaded_scene(path: Path) -> Scene:
         return load_scene(path)
 
 
-def _show(what: str, done: threading.Event) -> None:
+def _show(said: list[str], done: threading.Event) -> None:
     if done.wait(_PATIENCE):
         return
     from rich.console import Console
 
-    with Console(stderr=True).status(f"{what} (Ctrl-C ends it)"):
-        done.wait()
+    with Console(stderr=True).status("") as status:
+        while True:
+            status.update(f"{said[0]} (Ctrl-C ends it)")
+            if done.wait(_OFTEN):
+                return

@@ -1,0 +1,93 @@
+"""``graspless-pin place``: from a hand that is anywhere to one that holds the object."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from graspless_pin.cli.outcome import ExitCode, plain_errors, three_numbers
+from graspless_pin.cli.solving import VERDICT_NODES
+from graspless_pin.cli.waiting import loaded_scene, waiting_for
+from graspless_pin.errors import ArgumentError
+from graspless_pin.planning import place_hand
+from graspless_pin.scene.saving import scene_text, write_scene_file
+
+
+def place(
+    scene: Annotated[Path, typer.Argument(help="Scene file (YAML); the hand may be anywhere.")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FILE", help="The scene file to write.")
+    ],
+    approach: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z", help="Direction in which the palm approaches, world. Default: all."
+        ),
+    ] = None,
+    point: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z", help="Point that it goes for, world, m. Default: all in the object."
+        ),
+    ] = None,
+    finger: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Use this finger; may be repeated. Default: all."),
+    ] = None,
+    margin: Annotated[
+        float | None,
+        typer.Option(help="Smallest margin of a place, N; default: the scene's, or 0.1."),
+    ] = None,
+    rank: Annotated[int, typer.Option(min=1, help="Write the place of this rank.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Of all random choices.")] = 0,
+    candidates: Annotated[int, typer.Option(min=1, help="How many are tried.")] = 600,
+    time_limit: Annotated[
+        float, typer.Option(min=0.0, metavar="SECONDS", help="Ends with what was found by then.")
+    ] = 60.0,
+    verdict_nodes: Annotated[
+        int,
+        typer.Option(min=0, help="Sets of outcomes that each verdict may look at; 0: no verdicts."),
+    ] = VERDICT_NODES,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes on this machine; default: all cores.")
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace a file of that name.")
+    ] = False,
+) -> None:
+    """Find where the hand holds the object, and write that scene.
+
+    Open hands are brought to the object and closed. The best that holds it is written.
+    The same seed finds the same places.
+
+    Exit code 0: written; 1: no place was found, and why; 2: bad input.
+    """
+    with plain_errors():
+        loaded = loaded_scene(scene)
+
+        def text(target: Path) -> str:
+            with waiting_for("placing the hand") as say:
+                found = place_hand(
+                    loaded,
+                    approach=None if approach is None else three_numbers("--approach", approach),
+                    point=None if point is None else three_numbers("--point", point),
+                    fingers=finger,
+                    margin=margin,
+                    seed=seed,
+                    candidates=candidates,
+                    time_limit=time_limit,
+                    verdict_nodes=verdict_nodes,
+                    workers=workers,
+                    progress=lambda done, of, good: say(f"{done} of {of} tried, {good} hold"),
+                )
+            typer.echo(found)
+            if not found.places:
+                raise typer.Exit(ExitCode.INFEASIBLE)
+            if rank > len(found.places):
+                raise ArgumentError("--rank", f"is {rank}; {len(found.places)} places are ranked")
+            return scene_text(found.places[rank - 1].scene, target)
+
+        typer.echo(f"wrote {write_scene_file(output, text, overwrite=overwrite)}")
+        typer.echo(f"now: graspless-pin solve {output}")

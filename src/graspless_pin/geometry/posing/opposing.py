@@ -1,0 +1,270 @@
+"""Postures in which the fingers of a hand oppose each other, and how they open from there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.contact.distances import bounded_set
+from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.geometry.hand.tree import LinkGeometry
+from graspless_pin.geometry.pickling import Record
+from graspless_pin.geometry.posing.finger_joints import (
+    chosen_fingers,
+    driving_columns,
+    flexion_rates,
+    groups_of_fingers,
+)
+from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
+from graspless_pin.problem.checks import FloatArray
+
+_NEAR_START = 0.01  # m a half-range: how far off a tip may stay for a posture near the start
+_APART = 3.0  # how much more tips that overlap count than tips that are apart
+_MOST_EVALUATIONS = 40
+_INSIDE = 1e-6  # of a joint's range
+_SLOWEST = 0.05  # of the quickest joint's rate
+_SAME_PLACE = 1e-9  # m
+_AJAR = 0.4  # of the way to the open ends, where fingers should not be in each other
+_OVERLAP = 2e-3  # m that collision shapes may be too wide
+_BESIDE = 0.5  # cosine between ways of closing, above which fingers stand beside each other
+_NEARLY_CLOSED = 0.05  # of the way to the open ends
+
+
+@dataclass(frozen=True, eq=False)
+class OpposingPosture(Record):
+    """A posture in which fingertips are as near each other as they come, and how to leave it.
+
+    Points are in the world, with the hand's bases where they are. Vectors (a,) are of the
+    independent joints.
+
+    Attributes:
+        closed: (a,) positions in which the tips meet, rad or m.
+        opened: (a,) positions with the joints that flex the fingers at their open ends.
+        palm: (3,) middle of the first joints of the fingers that meet, m.
+        meeting: (3,) middle of their tips at ``closed``, m.
+        opposition: Smallest cosine between the ways in which two of the tips close; -1: head on.
+        overlap: Deepest overlap of the hand in itself with the fingers ajar, m.
+    """
+
+    closed: FloatArray
+    opened: FloatArray
+    palm: FloatArray
+    meeting: FloatArray
+    opposition: float
+    overlap: float
+
+    @property
+    def axis(self) -> FloatArray:
+        """(3,) unit vector from the palm to where the tips meet: the way the hand approaches."""
+        return _unit(self.meeting - self.palm)
+
+    def closing_rates(self, opened: FloatArray) -> FloatArray:
+        """Return (a,) rates that lead from an opened posture through the closed one.
+
+        Args:
+            opened: (a,) positions between ``closed`` and ``opened``.
+        """
+        way, whole_way = self.closed - opened, self.closed - self.opened
+        quickest = float(np.abs(way).max(initial=_SAME_PLACE))
+        slow = (whole_way != 0.0) & (np.abs(way) < _SLOWEST * quickest)
+        return np.where(slow, np.copysign(_SLOWEST, whole_way), way / quickest)
+
+
+def fingers_that_close(hand: Hand, fingers: Sequence[str] | None) -> tuple[str, ...]:
+    """Return those of the named fingers, or of all, that have both a joint and a shape.
+
+    Raises:
+        ArgumentError: If a finger is unknown, or none of them has both.
+    """
+    names = chosen_fingers(hand, fingers)
+    able = tuple(name for name in names if driving_columns(hand, name) and tip_shapes(hand, name))
+    if not able:
+        raise ArgumentError(
+            "fingers", f"none of {', '.join(names)} has both a joint and a collision shape"
+        )
+    return able
+
+
+def opposing_postures(
+    hand: Hand, fingers: tuple[str, ...], count: int, rng: np.random.Generator
+) -> tuple[OpposingPosture, ...]:
+    """Find postures in which fingertips meet: there a hand is meant to hold things.
+
+    Some of the fingers are chosen at random, and their tips brought as near to their middle as they
+    come without overlap, from random positions of their joints. The other fingers close straight.
+    Joints that do not move these fingers stay.
+
+    Args:
+        hand: The hand.
+        fingers: Fingers with joints and shapes: see `fingers_that_close`.
+        count: How many postures to try.
+        rng: Where fingers and starts are drawn from.
+
+    Returns:
+        The postures in which the fingers are clear of each other and oppose each other, those first
+        that do so most; the best one if none does.
+    """
+    ends = hand.tree.ranges
+    start = hand.positions[list(hand.tree.coupling.leaders)]
+    lower = np.where(np.isfinite(ends[0]), ends[0], start - np.pi)
+    upper = np.where(np.isfinite(ends[1]), ends[1], start + np.pi)
+    found = []
+    for _ in range(count):
+        size = int(rng.integers(min(2, len(fingers)), len(fingers) + 1))
+        chosen = rng.permutation(len(fingers))[:size].tolist()
+        members = tuple([fingers[index] for index in sorted(chosen)])
+        found.append(_posture(hand, fingers, members, (lower, upper), rng))
+    found.sort(key=lambda one: (max(one.overlap - _OVERLAP, 0.0), one.opposition))
+    good = [one for one in found if one.overlap <= _OVERLAP and one.opposition < _BESIDE]
+    return tuple(good or found[:1])
+
+
+def tip_shapes(hand: Hand, finger: str) -> list[LinkGeometry]:
+    """Return the shapes of the last link of a finger that has some."""
+    spec = hand.fingers[finger]
+    shaped = {item.link for item in hand.tree.geometries}
+    ends = [*spec.links, *(() if spec.tip is None else (spec.tip,))]
+    last = [link for link in ends if link in shaped][-1:]
+    return [item for item in hand.tree.geometries if item.link in last]
+
+
+class _Tips:
+    """The middles of some fingertips, at any posture."""
+
+    def __init__(self, hand: Hand, fingers: Sequence[str]) -> None:
+        self._tree = hand.tree
+        self._shapes = [
+            [(item, np.append(bounded_set(item).center, 1.0)) for item in tip_shapes(hand, name)]
+            for name in fingers
+        ]
+        self._first = [
+            1 + min(hand.tree.joint_index[joint] for joint in hand.fingers[name].joints)
+            for name in fingers
+        ]
+        thickness = [
+            max(bounded_set(item).half_extents.min() for item, _ in own) for own in self._shapes
+        ]
+        self._pairs = np.triu_indices(len(fingers), 1)
+        self._least = np.array(thickness)[np.array(self._pairs)].sum(axis=0)
+
+    def at(self, independent: FloatArray) -> FloatArray:
+        """Return (F, 3) the middles, m."""
+        T = self._joint_poses(independent)
+        middles = [
+            np.mean([T[item.joint] @ item.T_joint_geometry @ own for item, own in shapes], axis=0)
+            for shapes in self._shapes
+        ]
+        return np.array(middles)[:, :3]
+
+    def palm(self, independent: FloatArray) -> FloatArray:
+        """Return (3,) the middle of the fingers' first joints, m."""
+        return self._joint_poses(independent)[self._first, :3, 3].mean(axis=0)
+
+    def misses(self, independent: FloatArray) -> FloatArray:
+        """Return how far the tips are from their middle, and what they overlap by, m."""
+        points = self.at(independent)
+        gaps = np.linalg.norm(points[self._pairs[0]] - points[self._pairs[1]], axis=1)
+        overlaps = _APART * np.maximum(self._least - gaps, 0.0)
+        return np.concatenate([(points - points.mean(axis=0)).ravel(), overlaps])
+
+    def _joint_poses(self, independent: FloatArray) -> FloatArray:
+        coupling = self._tree.coupling
+        return self._tree.kinematics(coupling.S @ independent + coupling.offset).T_world_joint
+
+
+def _posture(
+    hand: Hand,
+    fingers: tuple[str, ...],
+    members: tuple[str, ...],
+    ends: tuple[FloatArray, FloatArray],
+    rng: np.random.Generator,
+) -> OpposingPosture:
+    """Return a posture in which some fingers meet."""
+    tips = _Tips(hand, members)
+    closed = _met(hand, fingers, members, tips, ends, rng)
+    palm, meeting = tips.palm(closed), tips.at(closed).mean(axis=0)
+    opened = closed.copy()
+    for group in groups_of_fingers(hand, fingers):
+        straight, bent = _ends_of_flexion(hand, group, closed, ends, (palm, meeting))
+        columns = np.flatnonzero(straight != bent)
+        opened[columns] = straight[columns]
+        if not set(group) & set(members):
+            closed[columns] = bent[columns]
+    ajar = hand.with_positions(closed + _AJAR * (opened - closed))
+    ways = tips.at(closed) - tips.at(closed + _NEARLY_CLOSED * (opened - closed))
+    ways /= np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), _SAME_PLACE)
+    overlap = max((one.depth for one in unwanted_overlaps(ajar)), default=0.0)
+    return OpposingPosture(closed, opened, palm, meeting, float((ways @ ways.T).min()), overlap)
+
+
+def _met(
+    hand: Hand,
+    fingers: Sequence[str],
+    members: Sequence[str],
+    tips: _Tips,
+    ends: tuple[FloatArray, FloatArray],
+    rng: np.random.Generator,
+) -> FloatArray:
+    """Return (a,) positions in which the tips of some fingers are near each other."""
+    lower, upper = ends
+    closed = hand.positions[list(hand.tree.coupling.leaders)].copy()
+    for finger in fingers:
+        own = driving_columns(hand, finger)
+        closed[own] = np.clip(0.0, lower[own], upper[own])
+    moving = sorted({column for name in members for column in driving_columns(hand, name)})
+    moving = [column for column in moving if upper[column] > lower[column]]
+    if not moving:
+        return closed
+    half = 0.5 * (upper - lower)[moving]
+    start = rng.uniform(lower[moving] + _INSIDE * half, upper[moving] - _INSIDE * half)
+
+    def misses(values: FloatArray) -> FloatArray:
+        there = closed.copy()
+        there[moving] = values
+        return np.concatenate([tips.misses(there), _NEAR_START * (values - start) / half])
+
+    bounds = lower[moving], upper[moving]
+    closed[moving] = least_squares(misses, start, bounds=bounds, max_nfev=_MOST_EVALUATIONS).x
+    return closed
+
+
+def _ends_of_flexion(
+    hand: Hand,
+    group: Sequence[str],
+    closed: FloatArray,
+    ends: tuple[FloatArray, FloatArray],
+    line: tuple[FloatArray, FloatArray],
+) -> tuple[FloatArray, FloatArray]:
+    """Return (a,) positions with fingers at the end that is far from a line, and at the other.
+
+    Args:
+        hand: The hand.
+        group: Fingers that move together.
+        closed: (a,) positions of all joints that do not flex them.
+        ends: (a,) lowest and highest positions.
+        line: Two points of the line, from the palm to where tips meet.
+    """
+    flexion: dict[int, float] = {}
+    for finger in group:
+        flexion = flexion_rates(hand.with_positions(closed), finger) | flexion
+    tips, way = _Tips(hand, group), _unit(line[1] - line[0])
+    choices = []
+    for sense in (1.0, -1.0):
+        there = closed.copy()
+        for column, rate in flexion.items():
+            there[column] = ends[int(sense * rate > 0.0)][column]
+        offsets = tips.at(there) - line[0]
+        aside = offsets - np.outer(offsets @ way, way)
+        choices.append((float(np.linalg.norm(aside, axis=1).sum()), there))
+    bent, straight = sorted(choices, key=lambda one: one[0])
+    return straight[1], bent[1]
+
+
+def _unit(vector: FloatArray) -> FloatArray:
+    """Return a vector's direction; of one without, the z axis."""
+    length = float(np.linalg.norm(vector))
+    return vector / length if length > _SAME_PLACE else np.array([0.0, 0.0, 1.0])

@@ -1,0 +1,108 @@
+"""Places of a hand: the best of what was tried, and why the rest is none."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from graspless_pin.holding.verdict import Stability, StabilityVerdict
+from graspless_pin.planning.placing_candidates import PlacingFault
+from graspless_pin.scene import Scene
+from graspless_pin.solution import TorqueSolution
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedHand:
+    """A place of a hand with its torques. See the example of `place_hand`.
+
+    Attributes:
+        scene: The scene with the hand there.
+        solution: The torques of Algorithm 1.
+        touching: The hand's links that touch the object.
+        verdict: Whether the object stays with these torques; None where that was not asked, or
+            cannot be told of this hand.
+    """
+
+    scene: Scene
+    solution: TorqueSolution
+    touching: tuple[str, ...]
+    verdict: StabilityVerdict | None
+
+    @property
+    def holds(self) -> bool:
+        """Whether it is proven that rest is the only outcome."""
+        return self.verdict is not None and self.verdict.status is Stability.STRONG
+
+    def __str__(self) -> str:
+        """Margin, links and verdict."""
+        said = "" if self.verdict is None else f"\n{self.verdict}"
+        links = ", ".join(self.touching)
+        return f"margin {self.solution.margin:.3g} N; touches with {links}{said}"
+
+
+@dataclass(frozen=True, eq=False)
+class HandPlacement:
+    """Places of a hand. See the example of `place_hand`.
+
+    Attributes:
+        places: The best places: first those of which it is proven that the object stays, last those
+            of which it is proven that it need not, each by falling margin.
+        found: How many candidates are places.
+        tried: How many candidates were tried.
+        faults: How many were none, by reason, in the order in which reasons are found out.
+        complete: Whether all candidates were tried; a time limit may have ended it before.
+        seconds: What it took, s.
+    """
+
+    places: tuple[PlacedHand, ...]
+    found: int
+    tried: int
+    faults: Mapping[PlacingFault, int]
+    complete: bool
+    seconds: float
+
+    @property
+    def scene(self) -> Scene | None:
+        """The scene with the hand at the best place; None: there is none."""
+        return self.places[0].scene if self.places else None
+
+    def __str__(self) -> str:
+        """Return the best places, and why the other candidates are none."""
+        lines = [str(place) for place in self.places[:1]]
+        for rank, place in enumerate(self.places[1:], 2):
+            verdict = "" if place.verdict is None else f"; {str(place.verdict).partition(':')[0]}"
+            count = len(place.touching)
+            lines.append(
+                f"rank {rank}: margin {place.solution.margin:.3g} N; {count} links{verdict}"
+            )
+        ended = "" if self.complete else "; the time limit ended it"
+        lines.append(
+            f"{self.found} of {self.tried} candidates hold the object ({self.seconds:.1f} s{ended})"
+        )
+        width = len(str(max(self.faults.values(), default=0)))
+        lines += [f"{count:{width + 2}} {fault.words}" for fault, count in self.faults.items()]
+        if not self.places:
+            lines.append(self.advice)
+        return "\n".join(lines)
+
+    @property
+    def advice(self) -> str:
+        """What to try where no place was found, judging by how far the candidates came."""
+        return _ADVICE[max(self.faults, key=list(PlacingFault).index)] if self.faults else ""
+
+
+_LARGER = "the object may be too large or too small for the hand: look at the units of its mesh"
+_OTHERS = "try more candidates, other fingers or an approach of your own"
+_ADVICE = {
+    PlacingFault.SUPPORT_IN_THE_WAY: f"nowhere is the open hand clear of the supports; {_OTHERS}",
+    PlacingFault.OBJECT_IN_THE_WAY: f"nowhere is the open hand clear of the object; {_LARGER}",
+    PlacingFault.TOUCHES_NOTHING: f"no finger reaches the object; {_LARGER}",
+    PlacingFault.HAND_ON_SUPPORT: f"each closed hand touches a support; {_OTHERS}",
+    PlacingFault.HAND_THROUGH_ITSELF: f"each closed hand is in itself; {_OTHERS}",
+    PlacingFault.ONE_FINGER_ONLY: f"never do two fingers touch the object; {_LARGER}",
+    PlacingFault.UNUSABLE_CONTACTS: "put the hand there with close_fingers to see what is wrong",
+    PlacingFault.INFEASIBLE: "raise the effort limits or the friction if they are too low, or "
+    "lower the mass",
+    PlacingFault.UNDECIDED: "raise node_limit in the scene's solve",
+    PlacingFault.MARGIN_TOO_SMALL: "ask for a smaller margin, or raise the effort limits",
+}

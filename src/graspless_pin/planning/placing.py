@@ -1,0 +1,262 @@
+"""Placing a hand at an object: from its file to a pose and a posture that hold."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import replace
+from queue import SimpleQueue
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from graspless_pin.child_processes import ChildProcesses, usable_cores
+from graspless_pin.errors import ArgumentError, SceneError, StateError, StateFault
+from graspless_pin.findings import heard
+from graspless_pin.geometry.posing.opposing import fingers_that_close, opposing_postures
+from graspless_pin.holding.verdict import Stability
+from graspless_pin.planning.hand_placement import HandPlacement, PlacedHand
+from graspless_pin.planning.placing_candidates import (
+    NODES,
+    ClosedHand,
+    PlacingFault,
+    PlacingPlan,
+    TriedCandidate,
+    try_candidate,
+    try_candidates,
+)
+from graspless_pin.problem.checks import finite_array, real_number, whole_number
+from graspless_pin.scene import Scene, settle
+from graspless_pin.scene.load import checked_scene
+from graspless_pin.scene.moved import displaced_hand
+
+PlacingProgress = Callable[[int, int, int], object]
+"""Called with how many candidates are done, how many there are, and how many are places."""
+
+_POSTURES = 24
+_PARENTS = 8
+_PLACES = 5
+_ORDER = Stability.STRONG, Stability.UNDECIDED, Stability.WEAK, Stability.NONE
+
+
+def place_hand(
+    scene: Scene,
+    *,
+    approach: ArrayLike | None = None,
+    point: ArrayLike | None = None,
+    fingers: Sequence[str] | None = None,
+    margin: float | None = None,
+    seed: int = 0,
+    candidates: int = 600,
+    time_limit: float | None = 60.0,
+    verdict_nodes: int = 300,
+    workers: int | None = None,
+    progress: PlacingProgress | None = None,
+) -> HandPlacement:
+    """Find where a hand holds the scene's object, wherever the hand is now.
+
+    An object that touches no support is put down along gravity first, if a support lies in the way.
+    Each candidate opens the fingers from a posture in which their tips meet, goes for a point in
+    the object, backs off until the open hand is clear, and closes. A gripper whose jaws have one
+    motor is shifted until both touch. Fingers that touch nothing open again. Algorithm 1 tells the
+    margin of what is left. Two thirds of the candidates are drawn anew, the rest near the best
+    eight of these. The best
+    five are asked whether the object stays, which comes first in their order.
+
+    What a candidate becomes depends on the seed and its number alone: the same call finds the same
+    places, with as many processes as there may be, unless the time limit ends it.
+
+    Args:
+        scene: A scene with a hand, no matter where; its contacts are found, not given.
+        approach: (3,) direction in which the palm approaches, world axes, of any length; None: all.
+        point: (3,) point that it goes for, world, m; None: points inside the object.
+        fingers: Fingers that may close; None: all. The others stay as they are.
+        margin: Smallest margin of a place, N; None: the scene's own, 0.1 N if it has none.
+        seed: Of all random choices.
+        candidates: How many are tried.
+        time_limit: After how many seconds it ends with what was found; None: it goes on.
+        verdict_nodes: Sets of outcomes that each verdict may look at; 0: none is asked for.
+        workers: Processes; 1: this one; None: as many as there are cores.
+        progress: Is told how far it is.
+
+    Returns:
+        The best places, and why the other candidates are none. No place is an answer.
+
+    Raises:
+        SceneError: If the scene has no hand or gives its contacts, cannot be used, or the object is
+            in a support.
+        ArgumentError: If a finger is unknown, or an argument out of range.
+        CrashError: If a process dies.
+
+    Examples:
+        >>> from graspless_pin import load_scene, place_hand
+        >>> scene = load_scene("examples/trihand_push_box.yaml")
+        >>> found = place_hand(scene, candidates=60, verdict_nodes=0, workers=1)
+        >>> found.scene is not None and found.places[0].solution.margin > 0.1
+        True
+    """
+    begin = time.monotonic()
+    plan = _plan(scene, approach, point, fingers, margin, seed)
+    count = whole_number("candidates", candidates, 1)
+    limit = np.inf if time_limit is None else real_number("time_limit", time_limit, 0.0)
+    crew = whole_number("workers", usable_cores() if workers is None else workers, 1)
+    first = -(-2 * count // 3)
+    tried: list[TriedCandidate] = []
+    children = ChildProcesses()
+    try:
+        for numbers in (range(first), range(first, count)):
+            varied = replace(plan, parents=_best(tried)[:_PARENTS])
+            for one in _computed(varied, numbers, children, crew, begin + limit):
+                tried.append(one)
+                if progress is not None:
+                    progress(len(tried), count, sum(one.fault is None for one in tried))
+    finally:
+        children.stop()
+    good = [one for one in tried if one.fault is None]
+    nodes = whole_number("verdict_nodes", verdict_nodes, 0)
+    places = _with_verdicts(plan, _best(good)[:_PLACES], nodes, begin + limit)
+    counts = Counter(one.fault for one in tried if one.fault is not None)
+    return HandPlacement(
+        places=places,
+        found=len(good),
+        tried=len(tried),
+        faults={fault: counts[fault] for fault in PlacingFault if counts[fault]},
+        complete=len(tried) == count,
+        seconds=time.monotonic() - begin,
+    )
+
+
+def _plan(
+    scene: Scene,
+    approach: ArrayLike | None,
+    point: ArrayLike | None,
+    fingers: Sequence[str] | None,
+    margin: float | None,
+    seed: int,
+) -> PlacingPlan:
+    """Check what was given and return what all candidates share."""
+    checked_scene(scene)
+    if scene.hand is None:
+        raise SceneError(f"{scene.name}: the scene has no hand to be placed; add one")
+    if scene.given_contacts is not None:
+        raise SceneError(
+            f"{scene.name}: contacts are given, and would stay where they are; leave the key out"
+        )
+    way = None if approach is None else finite_array("approach", approach, (3,))
+    if way is not None and not way.any():
+        raise ArgumentError("approach", "needs a direction, got zeros")
+    names = fingers_that_close(scene.hand, fingers)
+    required = scene.solve_options.get("margin", 0.1) if margin is None else margin
+    rng = np.random.default_rng(whole_number("seed", seed, 0))
+    return PlacingPlan(
+        scene=_at_rest(scene),
+        hand=scene.hand,
+        fingers=names,
+        postures=opposing_postures(scene.hand, names, _POSTURES, rng),
+        direction=None if way is None else way / np.linalg.norm(way),
+        point=None if point is None else finite_array("point", point, (3,)),
+        margin=real_number("margin", required, 0.0),
+        seed=seed,
+    )
+
+
+def _at_rest(scene: Scene) -> Scene:
+    """Return the scene with the object on a support, where one lies below it.
+
+    Raises:
+        StateError: If the object is in a support.
+    """
+    try:
+        if len(scene.with_changes(hand=None, motion=None).contacts.arrays):
+            return scene
+    except StateError as error:
+        if error.kind is not StateFault.NO_CONTACT:
+            raise
+    try:
+        return settle(scene)
+    except SceneError:
+        return scene
+
+
+def _computed(
+    plan: PlacingPlan,
+    numbers: Sequence[int],
+    children: ChildProcesses,
+    workers: int,
+    deadline: float,
+) -> Iterator[TriedCandidate]:
+    """Yield what becomes of candidates as it is found, until the deadline."""
+    if workers == 1:
+        for number in numbers:
+            if time.monotonic() > deadline:
+                return
+            yield try_candidate(plan, number)
+        return
+    found: SimpleQueue[TriedCandidate | BaseException | None] = SimpleQueue()
+
+    def compute(own: Sequence[int]) -> None:
+        try:
+            child = children.taken(_ready)
+            try:
+                for one in child.iterate(try_candidates, plan, own):
+                    found.put(one)
+                    if time.monotonic() > deadline:
+                        break
+            finally:
+                children.give_back(child)
+        except BaseException as error:  # for whoever reads the queue
+            found.put(error)
+        found.put(None)
+
+    with ThreadPoolExecutor(workers, thread_name_prefix="graspless-place") as threads:
+        try:
+            for k in range(workers):
+                threads.submit(compute, numbers[k::workers])
+            running = workers
+            while running:
+                one = found.get()
+                if isinstance(one, BaseException):
+                    raise one  # noqa: TRY301 - another thread's
+                if one is None:
+                    running -= 1
+                else:
+                    yield one
+        except BaseException:
+            children.stop()
+            raise
+
+
+def _best(tried: Sequence[TriedCandidate]) -> tuple[ClosedHand, ...]:
+    """Return closed hands by falling margin."""
+    closed = [(one.closed.margin, -one.number, one.closed) for one in tried if one.closed]
+    return tuple(one for _, _, one in sorted(closed, key=lambda one: one[:2], reverse=True))
+
+
+def _with_verdicts(
+    plan: PlacingPlan, closed: Sequence[ClosedHand], nodes: int, deadline: float
+) -> tuple[PlacedHand, ...]:
+    """Return places with their verdicts, those first that are proven to hold."""
+    places = []
+    for one in closed:
+        hand = displaced_hand(plan.hand.with_positions(one.positions), one.displacement)
+        scene = plan.scene.with_changes(hand=hand)
+        with heard():
+            solution = scene.solve("margin", node_limit=NODES)
+            verdict = None
+            if nodes and time.monotonic() < deadline:
+                with suppress(ArgumentError):  # a link without mass
+                    verdict = scene.stability(solution.torques, node_limit=nodes)
+        places.append(PlacedHand(scene, solution, one.touching, verdict))
+    return tuple(sorted(places, key=_rank))
+
+
+def _rank(place: PlacedHand) -> int:
+    return _ORDER.index(Stability.UNDECIDED if place.verdict is None else place.verdict.status)
+
+
+def _ready() -> bool:
+    """Answer. Where this can be called, what tries candidates has been loaded."""
+    return True

@@ -1,0 +1,208 @@
+"""A hand that is anywhere is brought to the object; the answer says why it does not hold it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from graspless_pin import Hand, Scene, place_hand
+from graspless_pin.errors import ArgumentError, SceneError
+from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
+from graspless_pin.geometry.bodies.shapes import Box, HalfSpace, Sphere
+from graspless_pin.geometry.hand.mounts import Mount
+from graspless_pin.geometry.poses import pose_matrix
+from graspless_pin.geometry.posing.approaching import back_until_free, centering_shift, shortfall
+from graspless_pin.geometry.posing.opposing import fingers_that_close, opposing_postures
+from graspless_pin.geometry.robots.files import describe_urdf
+from graspless_pin.planning import HandPlacement, PlacingFault
+from graspless_pin.scene.moved import displaced_hand
+
+FINGER = """
+<joint name="{side}_slide" type="prismatic"><parent link="palm"/><child link="{side}_jaw"/>
+<origin xyz="{x} 0 0.05"/><axis xyz="{axis} 0 0"/>{mimic}
+<limit lower="0" upper="0.05" effort="20" velocity="1"/></joint>
+<link name="{side}_jaw"><inertial><mass value="0.05"/>
+<inertia ixx="1e-5" iyy="1e-5" izz="1e-5" ixy="0" ixz="0" iyz="0"/></inertial>
+<collision><geometry><box size="0.01 0.02 0.06"/></geometry></collision></link>"""
+CUBE = Box((0.05, 0.05, 0.05))
+DOWN = np.array([0.0, 0.0, -1.0])
+
+
+@pytest.fixture(scope="module")
+def gripper(tmp_path_factory: pytest.TempPathFactory) -> Hand:
+    """Two jaws of one motor, 1 to 11 cm apart, closing at zero; the palm looks along +z."""
+    file = tmp_path_factory.mktemp("gripper") / "gripper.urdf"
+    file.write_text(
+        '<robot name="gripper"><link name="palm"><collision><geometry><box size="0.14 0.04 0.02"/>'
+        "</geometry></collision></link>"
+        + FINGER.format(side="left", x=-0.01, axis=-1, mimic="")
+        + FINGER.format(side="right", x=0.01, axis=1, mimic='<mimic joint="left_slide"/>')
+        + "</robot>"
+    )
+    return Hand.assemble([Mount(describe_urdf(file))])
+
+
+def scene_of(hand: Hand, mass: float = 0.3) -> Scene:
+    """A cube above a table, and the hand two metres above both."""
+    return Scene(
+        name="a cube",
+        object=ManipulatedObject.from_shape("cube", CUBE, pose_matrix([0.0, 0.0, 1.2]), mass=mass),
+        friction={"default": 0.6},
+        hand=displaced_hand(hand, pose_matrix([0.0, 0.0, 2.0])),
+        supports=(Support("table", HalfSpace(), np.eye(4)),),
+    )
+
+
+@pytest.fixture(scope="module")
+def scene(gripper: Hand) -> Scene:
+    return scene_of(gripper)
+
+
+@pytest.fixture(scope="module")
+def found(scene: Scene) -> HandPlacement:
+    return place_hand(scene, candidates=60, workers=1, verdict_nodes=100)
+
+
+def quickly(scene: Scene, **options: Any) -> HandPlacement:
+    return place_hand(scene, **{"workers": 1, "verdict_nodes": 0, **options})
+
+
+def test_the_best_place_holds_with_two_links_and_clear_of_the_table(found) -> None:
+    assert found.places
+    for place in found.places:
+        assert place.solution.margin >= 0.1
+        assert {"left_jaw", "right_jaw"} <= set(place.touching)
+        assert place.scene.solve().margin == pytest.approx(place.solution.margin, abs=1e-9)
+        assert not [one for one in place.scene.findings if one.severity == "serious"]
+        # Corners of all boxes of the hand, of which none may be at the table.
+        for body in place.scene.hand.collision_bodies():
+            half = np.array(body.geometry.halfSide)
+            corners = half * (np.indices((2, 2, 2)).reshape(3, -1).T * 2 - 1)
+            T = np.array(body.T_world_geometry)
+            assert (corners @ T[:3, :3].T + T[:3, 3])[:, 2].min() > place.scene.contact_tolerance
+
+
+def test_the_object_is_put_down_first(scene: Scene, found) -> None:
+    assert scene.object.T_world_object[2, 3] == 1.2
+    assert found.scene.object.T_world_object[2, 3] == pytest.approx(0.025, abs=2e-6)
+
+
+def test_what_is_proven_to_stay_comes_first_and_then_the_margin(found) -> None:
+    statuses = ["strong", "undecided", "weak", "none"]
+    order = [(statuses.index(one.verdict.status), -one.solution.margin) for one in found.places]
+    assert order == sorted(order) and found.places[0].holds
+
+
+def test_every_candidate_is_accounted_for(found) -> None:
+    assert found.complete and found.tried == 60
+    assert found.found + sum(found.faults.values()) == 60
+    assert list(found.faults) == [fault for fault in PlacingFault if fault in found.faults]
+    assert f"{found.found} of 60 candidates hold the object" in str(found)
+
+
+def test_processes_find_the_same_places_and_another_seed_others(scene: Scene, found) -> None:
+    again = quickly(scene, candidates=60, workers=2)
+    assert again.faults == found.faults and again.found == found.found
+    here, there = ({round(one.solution.margin, 6) for one in two.places} for two in (again, found))
+    assert here == there
+    assert quickly(scene, candidates=60, seed=1).faults != found.faults
+
+
+def test_the_palm_comes_from_where_it_is_told_to(scene: Scene) -> None:
+    placed = quickly(scene, approach=2.0 * DOWN, candidates=30).places
+    assert placed
+    for place in placed:
+        assert place.scene.hand is not None
+        way = place.scene.object.center_of_mass_world - place.scene.hand.T_world_base[:3, 3]
+        assert way @ DOWN > 0.8 * np.linalg.norm(way)
+
+
+def test_the_palm_goes_for_the_point_that_it_is_told(scene: Scene) -> None:
+    aside = np.array([0.0, 0.02, 0.04])
+    (place, *_) = quickly(scene, approach=DOWN, point=aside, candidates=30).places
+    assert place.scene.hand is not None
+    T = place.scene.hand.T_world_base
+    across = np.eye(3) - np.outer(T[:3, 2], T[:3, 2])
+    assert np.linalg.norm(across @ (T[:3, 3] - aside)) < 0.03
+
+
+@pytest.mark.parametrize(
+    ("mass", "approach", "fault", "advice"),
+    [
+        (0.3, -DOWN, PlacingFault.SUPPORT_IN_THE_WAY, "clear of the supports"),
+        (100.0, DOWN, PlacingFault.INFEASIBLE, "effort limits"),
+    ],
+)
+def test_no_place_is_an_answer_with_a_reason(gripper, mass, approach, fault, advice) -> None:
+    found = quickly(scene_of(gripper, mass=mass), candidates=40, approach=approach)
+    assert found.scene is None and not found.places and found.faults[fault] > 0
+    assert advice in found.advice and str(found).endswith(found.advice)
+
+
+def test_a_margin_that_none_has_is_a_reason(scene: Scene) -> None:
+    found = quickly(scene, candidates=40, margin=1e3)
+    assert not found.places and found.faults[PlacingFault.MARGIN_TOO_SMALL] > 0
+
+
+def test_time_that_is_up_ends_the_search(scene: Scene) -> None:
+    for workers in (1, 2):
+        found = quickly(scene, candidates=500, time_limit=0.0, workers=workers)
+        assert not found.complete and found.tried < 500
+        assert "the time limit ended it" in str(found)
+
+
+def test_progress_counts_up_to_the_end(scene: Scene) -> None:
+    seen: list[tuple[int, int, int]] = []
+    quickly(scene, candidates=7, progress=lambda *told: seen.append(told))
+    assert [one[:2] for one in seen] == [(k, 7) for k in range(1, 8)]
+
+
+def test_what_cannot_be_placed_is_refused(scene: Scene, gripper: Hand) -> None:
+    with pytest.raises(SceneError, match="no hand to be placed"):
+        place_hand(scene.with_changes(hand=None))
+    with pytest.raises(SceneError, match="contacts are given"):
+        place_hand(scene.with_changes(given_contacts=()))
+    buried = scene.object.with_pose(np.eye(4))
+    with pytest.raises(SceneError, match="move one until they touch"):
+        place_hand(scene.with_changes(object=buried))
+    with pytest.raises(ArgumentError, match=r"fingers: unknown finger 'thumb'"):
+        place_hand(scene, fingers=["thumb"])
+    with pytest.raises(ArgumentError, match="approach: needs a direction"):
+        place_hand(scene, approach=(0, 0, 0))
+    bare = replace(gripper.tree, geometries=gripper.tree.geometries[:1])
+    with pytest.raises(ArgumentError, match="both a joint and a collision shape"):
+        place_hand(scene.with_changes(hand=replace(gripper, tree=bare)))
+
+
+def test_jaws_meet_in_their_middle_and_open_apart(gripper: Hand) -> None:
+    names = fingers_that_close(gripper, None)
+    posture = opposing_postures(gripper, names, 4, np.random.default_rng(0))[0]
+    assert posture.opposition == pytest.approx(-1.0) and posture.overlap == 0.0
+    np.testing.assert_allclose(posture.meeting, [0.0, 0.0, 0.05], atol=1e-9)
+    np.testing.assert_allclose(posture.palm, [0.0, 0.0, 0.05], atol=1e-9)
+    assert posture.opened[0] == 0.05 > posture.closed[0]
+    assert posture.closing_rates(posture.opened)[0] == -1.0
+
+
+def test_an_open_hand_backs_off_as_far_as_it_must() -> None:
+    ball = ManipulatedObject.from_shape("ball", Sphere(0.03), np.eye(4), mass=1.0).placed_bodies
+    table = Support("table", HalfSpace(), np.eye(4)).placed_bodies
+    back, last = back_until_free(ball, [(table, 0.01)], DOWN, 1.0)
+    assert back == pytest.approx(0.04, abs=1e-6) and last == 0
+    assert back_until_free(ball, [(table, 0.01)], DOWN, 0.02) == (None, 0)
+    assert back_until_free(ball, [(table, 0.01)], np.array([1.0, 0.0, 0.0]), 0.5)[0] is None
+    assert shortfall(ball, table, 0.0) == pytest.approx(0.03, abs=1e-6)
+
+
+def test_a_gripper_is_shifted_until_both_jaws_are_equally_near(gripper: Hand) -> None:
+    ball = ManipulatedObject.from_shape(
+        "ball", Sphere(0.02), pose_matrix([0.006, 0.0, 0.06]), mass=1.0
+    ).placed_bodies
+    shift = centering_shift(
+        gripper.with_configuration({"left_slide": 0.03}), tuple(gripper.fingers), ball
+    )
+    assert shift is not None
+    np.testing.assert_allclose(shift, [0.006, 0.0, 0.0], atol=1e-6)
