@@ -8,13 +8,13 @@ import time
 
 import pytest
 
-from graspless_pin.cli import waiting
+from graspless_pin import waiting
 
 SCRIPT = """
 import time
-from graspless_pin.cli import waiting
+from graspless_pin import waiting
 waiting._PATIENCE = {patience}
-with waiting.waiting_for("doing the work"):
+with waiting.waiting_for("doing the work"), waiting.waiting_for("its [half]"):
     time.sleep(0.6)
 print("done")
 """
@@ -40,7 +40,7 @@ def terminal(patience: float) -> str:
 
 
 def test_what_takes_long_is_said_on_a_terminal() -> None:
-    assert "doing the work (Ctrl-C ends it)" in terminal(0.1)
+    assert "doing the work: its [half] (Ctrl-C ends it)" in terminal(0.1)
 
 
 def test_what_is_quick_is_not_said() -> None:

@@ -10,8 +10,7 @@ import typer
 from graspless_pin.algorithms.force_bounds import contact_force_bounds
 from graspless_pin.algorithms.robustness import Robustness, robustness
 from graspless_pin.algorithms.what_would_hold import what_would_hold
-from graspless_pin.cli.outcome import ExitCode, echo_findings, plain_errors
-from graspless_pin.cli.waiting import loaded_scene, waiting_for
+from graspless_pin.cli.outcome import ExitCode, echo_findings, loaded_scene, plain_errors
 from graspless_pin.findings import tell
 from graspless_pin.holding.verdict import Stability
 from graspless_pin.modes.rules import StaticFriction
@@ -20,6 +19,7 @@ from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
 from graspless_pin.scene.scene_stability import unknown_of
 from graspless_pin.solution import TorqueSolution
+from graspless_pin.waiting import waiting_for
 
 _TOUCHING = 1e-9  # m; what is no farther apart touches
 _RANGES_TIME = 10.0  # s; by then most free rays are found

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from enum import IntEnum
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -18,8 +19,10 @@ import typer
 from graspless_pin.errors import ArgumentError, GrasplessPinError
 from graspless_pin.findings import Finding, Severity, gravest_first, heard, is_serious
 from graspless_pin.intake.text import printable
+from graspless_pin.waiting import waiting_for
 
 if TYPE_CHECKING:
+    from graspless_pin.scene import Scene
     from graspless_pin.solution import TorqueSolution
 
 
@@ -56,6 +59,14 @@ def plain_errors() -> Iterator[None]:
         finally:
             echo_findings(found)
             _SAID.reset(token)
+
+
+def loaded_scene(path: Path) -> Scene:
+    """Load a scene, and say so where it takes long: a mesh may have a million triangles."""
+    from graspless_pin.scene import load_scene
+
+    with waiting_for(f"loading {path}"):
+        return load_scene(path)
 
 
 def exit_code(solution: TorqueSolution) -> ExitCode:

@@ -7,12 +7,12 @@ from typing import Annotated
 
 import typer
 
-from graspless_pin.cli.outcome import ExitCode, plain_errors, three_numbers
+from graspless_pin.cli.outcome import ExitCode, loaded_scene, plain_errors, three_numbers
 from graspless_pin.cli.solving import VERDICT_NODES
-from graspless_pin.cli.waiting import loaded_scene, waiting_for
 from graspless_pin.errors import ArgumentError
 from graspless_pin.planning import place_hand
 from graspless_pin.scene.saving import scene_text, write_scene_file
+from graspless_pin.waiting import waiting_for
 
 
 def place(

@@ -9,10 +9,9 @@ from typing import Annotated
 import typer
 
 from graspless_pin.algorithms.force_bounds import ContactForceBounds, contact_force_bounds
-from graspless_pin.cli.outcome import echo_findings, exit_code, plain_errors
+from graspless_pin.cli.outcome import echo_findings, exit_code, loaded_scene, plain_errors
 from graspless_pin.cli.simulating import simulated_words
 from graspless_pin.cli.solving import VERDICT_NODES, asked_verdict
-from graspless_pin.cli.waiting import loaded_scene, waiting_for
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.findings import tell
 from graspless_pin.modes.rules import StaticFriction
@@ -25,6 +24,7 @@ from graspless_pin.simulation import simulate
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.viewer.page import DEFAULT_PORT
 from graspless_pin.viewer.page import view as show
+from graspless_pin.waiting import waiting_for
 
 
 def report(

@@ -9,8 +9,13 @@ import typer
 
 from graspless_pin.algorithms.force_bounds import contact_force_bounds
 from graspless_pin.algorithms.options import RequiredStability
-from graspless_pin.cli.outcome import ExitCode, echo_findings, plain_errors, three_numbers
-from graspless_pin.cli.waiting import loaded_scene, waiting_for
+from graspless_pin.cli.outcome import (
+    ExitCode,
+    echo_findings,
+    loaded_scene,
+    plain_errors,
+    three_numbers,
+)
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import tell
 from graspless_pin.holding.stability import stability
@@ -24,6 +29,7 @@ from graspless_pin.scene import Scene
 from graspless_pin.scene.scene_stability import hand_support_contacts
 from graspless_pin.simulation import SimulatedOutcome, Simulation, simulate
 from graspless_pin.simulation.video import write_video
+from graspless_pin.waiting import waiting_for
 
 _RANGES_TIME = 10.0  # s; by then most ranges are proven
 

@@ -10,8 +10,7 @@ import typer
 from graspless_pin.algorithms.force_bounds import ContactForceBounds, contact_force_bounds
 from graspless_pin.algorithms.options import RequiredStability, Search
 from graspless_pin.algorithms.torque import TorqueScale
-from graspless_pin.cli.outcome import echo_findings, exit_code, plain_errors
-from graspless_pin.cli.waiting import loaded_scene, waiting_for
+from graspless_pin.cli.outcome import echo_findings, exit_code, loaded_scene, plain_errors
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import tell
 from graspless_pin.holding.verdict import StabilityVerdict
@@ -20,6 +19,7 @@ from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.report import scene_solution_text
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
+from graspless_pin.waiting import waiting_for
 
 _RANGES_TIME = 2.0  # s
 VERDICT_NODES = 300

@@ -12,7 +12,6 @@ from typing import Annotated
 import typer
 
 from graspless_pin.cli.outcome import plain_errors
-from graspless_pin.cli.waiting import waiting_for
 from graspless_pin.drafts import draft_of
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.shapes import (
@@ -27,6 +26,7 @@ from graspless_pin.geometry.bodies.shapes import (
 from graspless_pin.scene import scene_json_schema
 from graspless_pin.scene.new_scene import SCHEMA_FILE, NewScene, new_scene_text
 from graspless_pin.scene.saving import write_scene_file
+from graspless_pin.waiting import waiting_for
 
 _PRIMITIVES: dict[str, tuple[str, Callable[..., Shape]]] = {
     "box": ("X,Y,Z", lambda x, y, z: Box((x, y, z))),

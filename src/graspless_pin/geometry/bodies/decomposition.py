@@ -13,12 +13,10 @@ import hashlib
 import importlib.metadata
 import io
 import os
-import threading
 import time
 import zipfile
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -40,6 +38,7 @@ from graspless_pin.geometry.bodies.dense_hulls import hull_corners
 from graspless_pin.geometry.bodies.polytopes import hull_of
 from graspless_pin.magnitudes import LONGEST_TIME
 from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.waiting import waiting_for
 
 if TYPE_CHECKING:
     import trimesh
@@ -54,7 +53,6 @@ MOST_PIECES = 1000
 """More convex pieces than any mesh needs."""
 
 _CONVEX = 1.0 - 1e-6  # share of its hull that a mesh fills if it is convex
-_PATIENCE = 1.0  # s without a sign of life
 _UNREADABLE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error)
 
 
@@ -139,7 +137,8 @@ def convex_pieces(mesh: trimesh.Trimesh, label: str, cut: Cut = Cut()) -> tuple[
     known = _read(file)
     if known is not None:
         return known
-    with _sign_of_life(f"cutting {label} into convex pieces, for {cut.time_limit:g} s at most"):
+    how_long = f"for {cut.time_limit:g} s at most"
+    with waiting_for(f"cutting {label} into convex pieces, {how_long}", everywhere=True):
         pieces = _cut(mesh, label, cut)
     _write(file, pieces)
     return pieces
@@ -221,34 +220,6 @@ def _inverted(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
     import trimesh
 
     return trimesh.Trimesh(mesh.vertices, mesh.faces[:, ::-1], process=False)
-
-
-@contextmanager
-def _sign_of_life(message: str) -> Iterator[None]:
-    """Tell on standard error what slow work goes on; on a terminal with a moving bar."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    progress = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
-
-    def tell() -> None:
-        if console.is_terminal:
-            progress.add_task(message, total=None)
-            progress.start()
-        else:
-            console.print(message, markup=False, highlight=False, soft_wrap=True)
-
-    timer = threading.Timer(_PATIENCE, tell)
-    timer.daemon = True
-    timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()
-        timer.join()
-        progress.stop()
 
 
 def _cache_folder() -> Path:
