@@ -15,10 +15,12 @@ DIRECTIONS ?= --turned 1000 --listed 100
 TAMPERING ?= 1000
 HOLDING ?= --count 5
 GUARANTEED ?= --count 20
+WHEEL_VENV ?= .venv-wheel
+WHEEL_TESTS ?= tests/compiled tests/core
 STATES ?= --count 10000
 FUZZ ?= --count 2000 --seed 1
 
-.PHONY: install run test lint types docs readme-pictures notebooks bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding mistakes clean hands states dense
+.PHONY: install run test lint types docs readme-pictures notebooks bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding mistakes clean hands states dense wheel
 
 install: $(STAMP)
 
@@ -36,6 +38,16 @@ run: install
 test: install
 	bash tests/browser/install_chromium.sh
 	$(BIN)/python -m pytest --numprocesses auto
+
+# A wheel of this platform, and its tests where nothing can be compiled.
+wheel: install
+	rm -rf dist $(WHEEL_VENV)
+	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist .
+	$(PYTHON) -m venv $(WHEEL_VENV)
+	PATH=$(abspath $(WHEEL_VENV))/bin CC=none $(WHEEL_VENV)/bin/python -m pip install --quiet --disable-pip-version-check \
+	  "graspless-pin[all,dev] @ file://$$(ls $(CURDIR)/dist/*.whl)"
+	PATH=$(abspath $(WHEEL_VENV))/bin CC=none $(WHEEL_VENV)/bin/graspless-pin --version
+	PATH=$(abspath $(WHEEL_VENV))/bin CC=none $(WHEEL_VENV)/bin/python -P -m pytest -q -n 2 $(WHEEL_TESTS)
 
 lint: export PATH := $(abspath $(BIN)):$(PATH)
 lint: install
@@ -107,4 +119,4 @@ mutants-of-loops: install
 	$(BIN)/python -m mutation.loops
 
 clean:
-	rm -rf $(VENV) site out
+	rm -rf $(VENV) $(WHEEL_VENV) dist site out

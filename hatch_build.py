@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import hashlib
+import os
 import sys
 import sysconfig
 import tempfile
 from pathlib import Path
 from typing import Any
 
+import Cython
 import numpy as np
 from Cython.Build import cythonize
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
@@ -18,25 +21,41 @@ _PACKAGE = "graspless_pin.compiled"
 # Only this Python's: installations of others into the same tree keep theirs beside it.
 _LIBRARIES = f"*{sysconfig.get_config_var('EXT_SUFFIX')}"
 # Without fused rounding the results are the same on every processor; there, that is the default.
+_STAMP = f".compiled{sysconfig.get_config_var('EXT_SUFFIX')}.stamp"
 _FLAGS = [] if sys.platform == "win32" else ["-O3", "-ffp-contract=off"]
 
 
 class CompiledLoops(BuildHookInterface):
-    """Builds the extension modules in place and adds them to the wheel."""
+    """Builds the extension modules in place, unless they are there, and adds them to the wheel."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:  # noqa: ARG002
-        """Compile, or say that it was not possible."""
+        """Compile what has changed since the last time, or say that it was not possible."""
         root, package = Path(self.root), f"src/{_PACKAGE.replace('.', '/')}"
-        for stale in (root / package).glob(_LIBRARIES):
-            stale.unlink()
-        try:
-            _compile(root, sorted((root / package).glob("*.pyx")))
-        except (BaseError, CCompilerError, OSError) as error:
-            self.app.display_warning(f"graspless_pin goes without its compiled loops: {error}")
-            return
+        sources = sorted((root / package).glob("*.pyx"))
+        stamp = root / package / _STAMP
+        made_of = _digest([*sources, *sorted((root / package).glob("*.pxd"))])
+        libraries = list((root / package).glob(_LIBRARIES))
+        if len(libraries) < len(sources) or not stamp.is_file() or stamp.read_text() != made_of:
+            for stale in (*libraries, *stamp.parent.glob(_STAMP)):
+                stale.unlink()
+            try:
+                _compile(root, sources)
+            except (BaseError, CCompilerError, OSError) as error:
+                self.app.display_warning(f"graspless_pin goes without its compiled loops: {error}")
+                return
+            stamp.write_text(made_of)
         build_data["pure_python"] = False
         build_data["infer_tag"] = True
         build_data["artifacts"].append(f"{package}/{_LIBRARIES}")
+
+
+def _digest(sources: list[Path]) -> str:
+    """Return what changes with anything that the compiled modules are made of."""
+    made_of = hashlib.sha256(f"{Cython.__version__} {np.__version__}".encode())
+    made_of.update(repr([os.environ.get(name) for name in ("CC", "CFLAGS", "LDFLAGS")]).encode())
+    for source in (*sources, Path(__file__)):
+        made_of.update(source.read_bytes())
+    return made_of.hexdigest()
 
 
 def _compile(root: Path, sources: list[Path]) -> None:

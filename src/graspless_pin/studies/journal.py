@@ -8,7 +8,6 @@ journal is refused. (SQLite would need checksums of its own, too: it has none fo
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import time
@@ -17,6 +16,8 @@ from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
+
+import portalocker
 
 from graspless_pin.errors import StudyError
 from graspless_pin.studies.sample_evaluation import Row
@@ -201,7 +202,7 @@ def _identity(line: bytes) -> dict[str, Any] | None:
 def _locked(file: IO[bytes]) -> bool:
     """Take the lock of a file for this process, if nobody has it."""
     try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
+        portalocker.lock(file, portalocker.LockFlags.EXCLUSIVE | portalocker.LockFlags.NON_BLOCKING)
+    except portalocker.LockException:
         return False
     return True
