@@ -327,7 +327,7 @@ def margin_of(evaluator, q):
 
 def test_without_a_proof_a_state_is_not_called_feasible(monkeypatch):
     monkeypatch.setattr(
-        "graspless_pin.planning.evaluator.reaches_margin", lambda *_, **__: (None, None)
+        "graspless_pin.planning.state_solver.reaches_margin", lambda *_, **__: (None, None)
     )
     assert not Evaluator(example("trihand_push_box")).is_feasible(margin=0.0)
 

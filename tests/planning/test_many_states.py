@@ -9,9 +9,11 @@ import pytest
 import yaml
 from planning_scenes import EXAMPLES, example, nearby, shifted
 
-from graspless_pin import load_scene
+from graspless_pin import Margin, SolveOptions, load_scene
 from graspless_pin.errors import ArgumentError, CrashError
 from graspless_pin.planning import EvaluatedStates, Evaluator, StateStatus, many_states
+from graspless_pin.planning.configurations import Configurations
+from graspless_pin.planning.state_solver import StateSolver
 
 
 def varied(count: int, seed: int = 0) -> tuple[Evaluator, dict[str, Any]]:
@@ -110,9 +112,10 @@ def test_processes_find_the_same_and_go_on_after_one_died():
     there = evaluator.evaluate_many(**states, workers=2)
 
     assert_same(there, here)
+    solver = StateSolver(Configurations(evaluator.scene), Margin(), SolveOptions())
     with pytest.raises(CrashError):
         many_states.gathered(
-            end_the_process, evaluator, many_states.checked_states(evaluator, **states), 2, None
+            end_the_process, solver, many_states.checked_states(9, **states), 2, None
         )
     feasible = evaluator.are_feasible(**states, margin=margin, workers=2)
     np.testing.assert_array_equal(feasible, here.margins >= margin)
@@ -120,7 +123,7 @@ def test_processes_find_the_same_and_go_on_after_one_died():
         evaluator.evaluate_many({"thumb": 0.1}, states["T_world_object"], workers=2)
 
 
-def end_the_process(evaluator: Evaluator, states: many_states.StateArrays) -> Any:
+def end_the_process(solver: StateSolver, states: many_states.StateArrays) -> Any:
     os.kill(os.getpid(), signal.SIGKILL)
 
 

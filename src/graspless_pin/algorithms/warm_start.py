@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from graspless_pin.algorithms.carried import WarmStart
 from graspless_pin.algorithms.formulation import Formulation, formulate
 from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.options import SolveOptions
@@ -31,28 +32,12 @@ from graspless_pin.modes.rules import SlidingMode, SlidingRule, candidate_contac
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, real_number
 from graspless_pin.programs.active_set import ActiveSet, active_set_of, solved_on
+from graspless_pin.programs.assembly import likeness_of
 from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.solvers import Answer, Outcome
 
 _OPEN = (Status.NOT_FOUND_IN_LIMIT, Status.UNVERIFIED, Status.STRONG_NOT_FOUND)
-
-
-@dataclass(frozen=True, eq=False)
-class WarmStart:
-    """What a search leaves behind for those of similar problems with the same contacts.
-
-    Attributes:
-        mode: The best mode; None: no mode was found.
-        relaxation: What is active at the optimum of the program without modes; None: not known.
-        in_mode: Likewise of the mode's own program.
-        motion: A virtual motion behind the mode, scaled; None: not at hand.
-    """
-
-    mode: SlidingMode | None = None
-    relaxation: ActiveSet | None = None
-    in_mode: ActiveSet | None = None
-    motion: FloatArray | None = None
 
 
 COLD_START = WarmStart()
@@ -209,13 +194,15 @@ class _WarmState(SearchState):
 
     def left_behind(self) -> WarmStart:
         """Return what the search leaves behind; what it did not come to stays as it began."""
-        start = self.start
+        start, problem = self.start, self.formulation.problem
         mode = start.mode if self.mode is None else self.mode
+        open_still = mode is None or self.in_mode is not None or not mode.own_signs.all()
         return WarmStart(
             mode,
             self.without_mode or start.relaxation,
             self.in_mode or (start.in_mode if mode is start.mode else None),
             self.oracle.motion,
+            None if open_still or problem.is_round else likeness_of(problem),
         )
 
 

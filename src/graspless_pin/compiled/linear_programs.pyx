@@ -176,6 +176,11 @@ def judged(rows, low, high, c, lb, ub, box, x, y, z):
     cdef cnp.ndarray others = as_vector(z, R - m), level = empty1(R), counted = empty1(R)
     cdef double* at = data(level)
     cdef double* w = data(counted)
+    cdef cnp.ndarray places = <cnp.ndarray>cnp.PyArray_EMPTY(
+        1, cnp.PyArray_DIMS(level), cnp.NPY_INTP, 0
+    )
+    cdef cnp.npy_intp* place = numbers_of(places)
+    cdef Py_ssize_t count = 0
     cdef const double* column
     cdef double bound = 0.0, value = 0.0, residual = 0.0, slope, side, total = 0.0
     for i in range(R):
@@ -185,16 +190,15 @@ def judged(rows, low, high, c, lb, ub, box, x, y, z):
             side = data(upper)[i] if w[i] > 0.0 else data(lower)[i]
             if isfinite(side):
                 bound -= w[i] * side
-            else:
-                w[i] = 0.0
+                place[count] = i
+                count += 1
     for j in range(n):
         column, side = data(matrix) + R * j, data(point)[j]
         slope = data(cost)[j]
         for i in range(R):
             at[i] += side * column[i]
-        for i in range(R):
-            if w[i] != 0.0:
-                slope += w[i] * column[i]
+        for i in range(count):
+            slope += w[place[i]] * column[place[i]]
         total += side
         value += data(cost)[j] * side
         residual = max(residual, side - data(most)[j], data(least)[j] - side)
@@ -248,7 +252,12 @@ def refined(
         as_vector(weights, m), cnp.NPY_CORDER
     )
     cdef cnp.ndarray gathered = empty(m, n), sides = empty1(m), left = empty1(max(m, n))
-    cdef cnp.ndarray rest = empty1(max(m, n))
+    cdef cnp.ndarray rest = empty1(max(m, n)), other = empty1(n)
+    cdef cnp.npy_intp length = m * n + m
+    cdef cnp.ndarray entries = <cnp.ndarray>cnp.PyArray_EMPTY(1, &length, cnp.NPY_INTP, 0)
+    cdef cnp.npy_intp* place = numbers_of(entries)
+    cdef cnp.npy_intp* ends = place + m * n
+    cdef double* y = data(other)
     cdef double* E = data(gathered)
     cdef double* e = data(sides)
     cdef double* b = data(left)
@@ -258,13 +267,15 @@ def refined(
     cdef double trace = 0.0
     cdef bint wide = m <= n
     memset(E, 0, m * n * sizeof(double))
+    for i in range(r):
+        if not 0 <= numbers_of(chosen)[i] < R:
+            raise ValueError("needs rows that exist")
+    for j in range(n):
+        for i in range(r):
+            E[n * i + j] = data(matrix)[R * j + numbers_of(chosen)[i]]
     for i in range(m):
         if i < r:
             k = numbers_of(chosen)[i]
-            if not 0 <= k < R:
-                raise ValueError("needs rows that exist")
-            for j in range(n):
-                E[n * i + j] = data(matrix)[R * j + k]
             e[i] = data(higher)[k] if flags_of(top)[i] else data(lower)[k]
         else:
             k = numbers_of(bounded)[i - r]
@@ -274,6 +285,12 @@ def refined(
             e[i] = data(most)[k] if flags_of(top)[i] else data(least)[k]
         if not isfinite(e[i]):
             return None
+        # Most rows are those of cones, which have few entries.
+        ends[i] = n * i
+        for j in range(n):
+            if E[n * i + j] != 0.0:
+                place[ends[i]] = j
+                ends[i] += 1
     size = m if wide else n
     cdef cnp.ndarray gram = empty(size, size)
     cdef double* G = data(gram)
@@ -284,9 +301,9 @@ def refined(
     else:
         memset(G, 0, n * n * sizeof(double))
         for k in range(m):
-            for i in range(n):
-                for j in range(i + 1):
-                    G[n * i + j] += E[n * k + i] * E[n * k + j]
+            for i in range(n * k, ends[k]):
+                for j in range(n * k, i + 1):
+                    G[n * place[i] + place[j]] += E[n * k + place[i]] * E[n * k + place[j]]
     for i in range(size):
         trace += G[size * i + i]
     for i in range(size):
@@ -295,12 +312,12 @@ def refined(
         return None
     for _ in range(corrections):
         # What is left of the sides, and the slope of the Lagrangian.
-        for i in range(m):
-            b[i] = e[i] - inner(E + n * i, z, n)
         memcpy(d, data(cost), n * sizeof(double))
         for i in range(m):
-            for j in range(n):
-                d[j] += w[i] * E[n * i + j]
+            b[i] = e[i]
+            for j in range(n * i, ends[i]):
+                b[i] -= E[n * i + place[j]] * z[place[j]]
+                d[place[j]] += w[i] * E[n * i + place[j]]
         if wide:
             solve_factored(G, m, b)
             for i in range(m):
@@ -313,12 +330,12 @@ def refined(
                 w[i] -= b[i]
         else:
             solve_factored(G, n, d)
+            memset(y, 0, n * sizeof(double))
             for i in range(m):
-                w[i] -= inner(E + n * i, d, n)
-            memset(d, 0, n * sizeof(double))
-            for i in range(m):
-                for j in range(n):
-                    d[j] += b[i] * E[n * i + j]
+                for j in range(n * i, ends[i]):
+                    w[i] -= E[n * i + place[j]] * d[place[j]]
+                    y[place[j]] += b[i] * E[n * i + place[j]]
+            memcpy(d, y, n * sizeof(double))
             solve_factored(G, n, d)
             for j in range(n):
                 z[j] += d[j]

@@ -139,26 +139,35 @@ cdef inline void effects_of(
         out[6 + k] = a[0] * J[k] + a[1] * J[L + k] + a[2] * J[2 * L + k]
 
 
+cdef inline double inner(const double* a, const double* b, Py_ssize_t n) noexcept nogil:
+    """Product of two vectors, by four sums that do not wait for each other."""
+    cdef Py_ssize_t k, whole = n - n % 4
+    cdef double first = 0.0, second = 0.0, third = 0.0, fourth = 0.0
+    for k in range(0, whole, 4):
+        first += a[k] * b[k]
+        second += a[k + 1] * b[k + 1]
+        third += a[k + 2] * b[k + 2]
+        fourth += a[k + 3] * b[k + 3]
+    for k in range(whole, n):
+        first += a[k] * b[k]
+    return (first + second) + (third + fourth)
+
+
 cdef inline bint factor(double* gram, Py_ssize_t n) noexcept nogil:
     """Put the Cholesky factor L of a symmetric matrix into its lower half; whether there is one."""
-    cdef Py_ssize_t i, j, k
+    cdef Py_ssize_t i, j
     cdef double pivot
     cdef double* row
     cdef double* other
     for j in range(n):
         row = gram + n * j
-        pivot = row[j]
-        for k in range(j):
-            pivot -= row[k] * row[k]
+        pivot = row[j] - inner(row, row, j)
         if not pivot > 0.0:
             return False
         row[j] = sqrt(pivot)
         for i in range(j + 1, n):
             other = gram + n * i
-            pivot = other[j]
-            for k in range(j):
-                pivot -= other[k] * row[k]
-            other[j] = pivot / row[j]
+            other[j] = (other[j] - inner(other, row, j)) / row[j]
     return True
 
 
@@ -166,19 +175,8 @@ cdef inline void solve_factored(const double* L, Py_ssize_t n, double* b) noexce
     """Solve L L^T x = b in place."""
     cdef Py_ssize_t i, k
     for i in range(n):
-        for k in range(i):
-            b[i] -= L[n * i + k] * b[k]
-        b[i] /= L[n * i + i]
+        b[i] = (b[i] - inner(L + n * i, b, i)) / L[n * i + i]
     for i in range(n - 1, -1, -1):
-        for k in range(i + 1, n):
-            b[i] -= L[n * k + i] * b[k]
         b[i] /= L[n * i + i]
-
-
-cdef inline double inner(const double* a, const double* b, Py_ssize_t n) noexcept nogil:
-    """Product of two vectors."""
-    cdef Py_ssize_t k
-    cdef double total = 0.0
-    for k in range(n):
-        total += a[k] * b[k]
-    return total
+        for k in range(i):
+            b[k] -= L[n * i + k] * b[i]

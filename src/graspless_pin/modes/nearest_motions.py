@@ -50,6 +50,11 @@ class _Seen(NamedTuple):
         return np.where(signs != 0.0, signs, np.where(self.sliding < 0.0, -1.0, 1.0))
 
 
+def judged_by(clear: float) -> tuple[float, int, float, float]:
+    """Return what the compiled `witness` judges motions by; ``clear`` as in `NearestMotions`."""
+    return _DAMPING, _CORRECTIONS, RANK_TOLERANCE, clear**2
+
+
 class NearestMotions:
     """Damped least squares over the motions that keep contacts touching, kept between calls."""
 
@@ -62,7 +67,7 @@ class NearestMotions:
         """
         self._rows = rows
         self._clear = clear
-        self._judged_by = _DAMPING, _CORRECTIONS, RANK_TOLERANCE, clear**2
+        self._judged_by = judged_by(clear)
         self._known: dict[tuple[int, ...], FloatArray] = {}
 
     def guessed_witness(

@@ -25,14 +25,15 @@ class Configurations:
     """The states that a scene can be put into.
 
     Attributes:
+        scene: The scene; what a state does not say is as it is there.
         joint_names: The a joints that do not follow others, in the hand's order.
         joint_limits: (lower, upper), each (a,), rad or m; infinite where there is no limit, and
             narrowed by the limits of the joints that follow.
     """
 
     def __init__(self, scene: Scene) -> None:
-        """Take the scene; what a state does not say stays as it is there."""
-        self._scene = scene
+        """Take the scene."""
+        self.scene = scene
         self._hand = hand = scene.hand
         self.joint_names: tuple[str, ...] = ()
         self.joint_limits: tuple[FloatArray, FloatArray] = (np.zeros(0), np.zeros(0))
@@ -106,12 +107,12 @@ class Configurations:
         if q is not None:
             changes["hand"] = self.hand_at(q)
         if T_world_object is not None:
-            changes["object"] = self._scene.object.with_pose(T_world_object)
+            changes["object"] = self.scene.object.with_pose(T_world_object)
         if twist is not None:
             changes["motion"] = (
                 twist if isinstance(twist, Motion) else Motion(finite_array("twist", twist, (6,)))
             )
-        return self._scene.with_changes(**changes)
+        return self.scene.with_changes(**changes)
 
     def _named(self, q: Mapping[str, float]) -> dict[str, float]:
         known = () if self._hand is None else self._hand.joint_names

@@ -6,22 +6,20 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.planning.evaluation import Evaluation, StateStatus
 from graspless_pin.planning.many_states import Arrays, Progress, StateArrays, gathered
+from graspless_pin.planning.state_solver import CarriedState, StateSolver
 from graspless_pin.problem.checks import FloatArray, whole_number
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.scene.joints import possible_columns
 
-if TYPE_CHECKING:
-    from graspless_pin.planning.evaluator import Evaluator
-
-
 STATUSES = tuple(StateStatus)
+_FOUND = STATUSES.index(StateStatus.FOUND)
 
 
 class StateFigures(NamedTuple):
@@ -53,7 +51,7 @@ class StateFigures(NamedTuple):
         codes, margins = np.zeros(count, dtype=np.uint8), np.full(count, -np.inf)
         return cls(codes, margins, torques, counts, *unknown)
 
-    def put(self, number: int, evaluation: Evaluation, torque_names: Sequence[str]) -> None:
+    def put(self, number: int, evaluation: Evaluation, torque_names: tuple[str, ...]) -> None:
         """Enter what was found of one state.
 
         Args:
@@ -69,12 +67,28 @@ class StateFigures(NamedTuple):
         self.contact_counts[number] = solution.problem.contact_count
         self.bounds[number] = certificate.bound
         if evaluation.found:
-            names = evaluation.joint_names
-            columns = [torque_names.index(name) for name in names] if names != torque_names else ...
+            columns = _columns(evaluation.joint_names, torque_names)
             self.margins[number] = evaluation.margin
             self.torques[number, columns] = evaluation.torques
             self.gaps[number] = certificate.gap
             self.residuals[number] = certificate.primal_residual
+
+    def put_carried(self, number: int, state: CarriedState, torque_names: tuple[str, ...]) -> None:
+        """Enter what was found of one state whose optimum was carried over: see `put`."""
+        problem, optimum = state.problem, state.optimum
+        self.codes[number] = _FOUND
+        self.contact_counts[number] = len(problem.positions)
+        self.margins[number] = problem.margin_of(optimum.forces)
+        torques = problem.jacobian.T @ optimum.forces.ravel() + problem.gravity_torques
+        self.torques[number, _columns(problem.joint_names, torque_names)] = torques
+        self.bounds[number] = optimum.bound * optimum.unit
+        self.gaps[number] = optimum.gap
+        self.residuals[number] = optimum.residual
+
+
+def _columns(names: tuple[str, ...], torque_names: tuple[str, ...]) -> Any:
+    """Return where some torques stand among all."""
+    return ... if names == torque_names else [torque_names.index(name) for name in names]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -143,7 +157,7 @@ class EvaluatedStates:
 
 
 def evaluated_states(
-    evaluator: Evaluator,
+    solver: StateSolver,
     states: StateArrays,
     kept: Sequence[int],
     workers: int | None,
@@ -151,10 +165,10 @@ def evaluated_states(
 ) -> EvaluatedStates:
     """Return what is found of states: see `Evaluator.evaluate_many`."""
     whole = [whole_number("evaluations", number, 0, states.total - 1) for number in kept]
-    columns = possible_columns(evaluator.scene.hand)
+    columns = possible_columns(solver.configurations.scene.hand)
     names = tuple(columns)
-    figures = StateFigures(*gathered(figures_of, evaluator, states, workers, progress))
-    evaluations = {number: evaluator.evaluate(**states.arguments(number)) for number in whole}
+    figures = StateFigures(*gathered(figures_of, solver, states, workers, progress))
+    evaluations = {number: solver.evaluate(*states.one(number)) for number in whole}
     for number, evaluation in evaluations.items():
         figures.put(number, evaluation, names)
     statuses = np.array(STATUSES, dtype=object)[figures.codes]
@@ -163,30 +177,33 @@ def evaluated_states(
     return EvaluatedStates(names, tuple(columns.values()), statuses, *figures[1:], evaluations)
 
 
-def figures_of(evaluator: Evaluator, states: StateArrays) -> StateFigures:
-    """Evaluate states one after the other."""
-    names = tuple(possible_columns(evaluator.scene.hand))
+def figures_of(solver: StateSolver, states: StateArrays) -> StateFigures:
+    """Solve states one after the other."""
+    names = tuple(possible_columns(solver.configurations.scene.hand))
     figures = StateFigures.room(states.total, len(names))
     for number in range(states.total):
-        figures.put(number, evaluator.evaluate(**states.arguments(number)), names)
+        answer = solver.answer(*states.one(number))
+        if isinstance(answer, Evaluation):
+            figures.put(number, answer, names)
+        else:
+            figures.put_carried(number, answer, names)
     return figures
 
 
 def feasible_states(
-    evaluator: Evaluator,
+    solver: StateSolver,
     states: StateArrays,
     margin: float,
     workers: int | None,
     progress: Progress | None,
 ) -> NDArray[np.bool_]:
     """Return which states are feasible: see `Evaluator.are_feasible`."""
-    (feasible,) = gathered(
-        partial(feasible_ones, margin=margin), evaluator, states, workers, progress
-    )
+    decide = partial(feasible_ones, margin=margin)
+    (feasible,) = gathered(decide, solver, states, workers, progress)
     return feasible
 
 
-def feasible_ones(evaluator: Evaluator, states: StateArrays, margin: float) -> Arrays:
+def feasible_ones(solver: StateSolver, states: StateArrays, margin: float) -> Arrays:
     """Decide on states one after the other."""
-    every = map(states.arguments, range(states.total))
-    return (np.array([evaluator.is_feasible(**one, margin=margin) for one in every], dtype=bool),)
+    every = map(states.one, range(states.total))
+    return (np.array([solver.reaches(*one, margin) for one in every], dtype=bool),)

@@ -4,19 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from typing import Any, Unpack
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.algorithms.options import SolveKeywords
 from graspless_pin.algorithms.torque import objective_and_options
-from graspless_pin.algorithms.warm_start import (
-    COLD_START,
-    WarmStart,
-    reaches_margin,
-    solve_from,
-)
 from graspless_pin.modes.rules import Rules
 from graspless_pin.planning.configurations import Configuration, Configurations
 from graspless_pin.planning.evaluated_states import (
@@ -24,19 +18,14 @@ from graspless_pin.planning.evaluated_states import (
     evaluated_states,
     feasible_states,
 )
-from graspless_pin.planning.evaluation import Evaluation, StateStatus
+from graspless_pin.planning.evaluation import Evaluation
 from graspless_pin.planning.many_states import Progress, checked_states
-from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.planning.state_solver import StateSolver
 from graspless_pin.problem.checks import FloatArray, real_number
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
 from graspless_pin.scene.load import checked_scene
 from graspless_pin.scene.motion_and_contacts import Motion
-from graspless_pin.scene.scene_stability import unknown_of
-from graspless_pin.solution import Status
-
-_MOST_KEPT = 256
-_UNDECIDED = (Status.NOT_FOUND_IN_LIMIT, Status.UNVERIFIED, Status.STRONG_NOT_FOUND)
 
 
 class Evaluator:
@@ -103,19 +92,17 @@ class Evaluator:
         chosen = {**scene.solve_options, **told}
         self.required_margin = real_number("required_margin", chosen.get("margin", 0.1), 0.0)
         self.scene = scene
-        self._objective, self._options = objective_and_options(**chosen)
-        self._configurations = Configurations(scene)
-        self._warm_starts: dict[tuple[Any, ...], WarmStart] = {}
+        self._solver = StateSolver(Configurations(scene), *objective_and_options(**chosen))
 
     @property
     def algorithm(self) -> Algorithm | None:
         """What `evaluate` solves: Algorithm 1 or 2."""
-        return self._objective.algorithm
+        return self._solver.objective.algorithm
 
     @property
     def rules(self) -> Rules:
         """The reading of the virtual-sliding constraint."""
-        return self._options.rules
+        return self._solver.options.rules
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -123,16 +110,12 @@ class Evaluator:
 
         All movable joints of the hand in its order, without those that follow others.
         """
-        return self._configurations.joint_names
+        return self._solver.configurations.joint_names
 
     @property
     def joint_limits(self) -> tuple[FloatArray, FloatArray]:
         """(lower, upper), each (a,), rad or m; infinite where there is no limit."""
-        return self._configurations.joint_limits
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Return what was given: what was learned is learned again elsewhere."""
-        return {**self.__dict__, "_warm_starts": {}}
+        return self._solver.configurations.joint_limits
 
     def with_regularization(self, regularization: float) -> Evaluator:
         """Return an evaluator of the same scene and options with another regularisation.
@@ -145,8 +128,8 @@ class Evaluator:
         """
         other = copy(self)
         epsilon = real_number("regularization", regularization, 0.0)
-        other._objective = self._objective.with_figure("regularization", epsilon)
-        other._warm_starts = {}
+        objective = self._solver.objective.with_figure("regularization", epsilon)
+        other._solver = StateSolver(self._solver.configurations, objective, self._solver.options)
         return other
 
     def evaluate(
@@ -174,24 +157,7 @@ class Evaluator:
             SceneError: If the scene cannot be used in any state: a body without a coefficient of
                 friction, a shape that cannot be used.
         """
-        state = self._configurations.problem_at(q, T_world_object, twist)
-        if isinstance(state, Evaluation):
-            return state
-        scene, problem = state
-        key = _structure(scene, problem, self.algorithm)
-        solution, learned = solve_from(
-            problem,
-            self._objective,
-            self._options,
-            self._warm_starts.get(key, COLD_START),
-            self._unknown(scene),
-        )
-        self._learn(key, learned)
-        if solution.found:
-            return Evaluation(StateStatus.FOUND, "", scene, solution)
-        undecided = solution.status in _UNDECIDED
-        status = StateStatus.UNDECIDED if undecided else StateStatus.INFEASIBLE
-        return Evaluation(status, solution.status.message, scene, solution)
+        return self._solver.evaluate(q, T_world_object, twist)
 
     def evaluate_many(
         self,
@@ -224,8 +190,8 @@ class Evaluator:
             SceneError: As for `evaluate`.
             CrashError: If a process dies.
         """
-        states = checked_states(self, q, T_world_object, twist)
-        return evaluated_states(self, states, evaluations, workers, progress)
+        states = checked_states(len(self.joint_names), q, T_world_object, twist)
+        return evaluated_states(self._solver, states, evaluations, workers, progress)
 
     def are_feasible(
         self,
@@ -243,8 +209,8 @@ class Evaluator:
         `is_feasible`.
         """
         required = self.required_margin if margin is None else real_number("margin", margin, 0.0)
-        states = checked_states(self, q, T_world_object, twist)
-        return feasible_states(self, states, required, workers, progress)
+        states = checked_states(len(self.joint_names), q, T_world_object, twist)
+        return feasible_states(self._solver, states, required, workers, progress)
 
     def is_feasible(
         self,
@@ -274,20 +240,7 @@ class Evaluator:
             SceneError: As for `evaluate`.
         """
         required = self.required_margin if margin is None else real_number("margin", margin, 0.0)
-        state = self._configurations.problem_at(q, T_world_object, twist)
-        if isinstance(state, Evaluation):
-            return False
-        scene, problem = state
-        key = _structure(scene, problem, Algorithm.MARGIN)
-        reached, learned = reaches_margin(
-            problem,
-            required,
-            self._options,
-            self._warm_starts.get(key, COLD_START),
-            self._unknown(scene),
-        )
-        self._learn(key, learned)
-        return bool(reached)
+        return self._solver.reaches(q, T_world_object, twist, required)
 
     def scene_at(
         self,
@@ -305,7 +258,7 @@ class Evaluator:
         Raises:
             ArgumentError: As for `evaluate`, or a joint stands outside its limits.
         """
-        return self._configurations.scene_at(q, T_world_object, twist)
+        return self._solver.configurations.scene_at(q, T_world_object, twist)
 
     def configuration(self, q: Configuration | None = None) -> FloatArray:
         """Return a configuration as an array.
@@ -319,19 +272,4 @@ class Evaluator:
         Raises:
             ArgumentError: As for `evaluate`.
         """
-        return self._configurations.array({} if q is None else q)
-
-    def _unknown(self, scene: Scene) -> str:
-        return unknown_of(scene) if self._options.strong else ""
-
-    def _learn(self, key: tuple[Any, ...], learned: WarmStart) -> None:
-        if len(self._warm_starts) >= _MOST_KEPT:
-            self._warm_starts = {}
-        self._warm_starts[key] = learned
-
-
-def _structure(
-    scene: Scene, problem: QuasistaticProblem, algorithm: Algorithm | None
-) -> tuple[Any, ...]:
-    """Return what must be alike for the warm start of one state to serve in another."""
-    return algorithm, scene.contacts.bodies, problem.is_sliding.tobytes()
+        return self._solver.configurations.array({} if q is None else q)

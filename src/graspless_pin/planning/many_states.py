@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 from uuid import uuid4
 
 import numpy as np
@@ -15,11 +15,9 @@ from graspless_pin.child_processes import kept_processes, usable_cores
 from graspless_pin.derived import Derived
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.poses import RIGIDITY_TOLERANCE, as_pose
+from graspless_pin.planning.state_solver import StateSolver
 from graspless_pin.problem.checks import FloatArray, all_within, finite_array, whole_number
 from graspless_pin.scene.motion_and_contacts import Motion
-
-if TYPE_CHECKING:
-    from graspless_pin.planning.evaluator import Evaluator
 
 Progress = Callable[[int, int], object]
 """Called with the number of states that are done, and with that of all."""
@@ -30,7 +28,7 @@ _CHUNK = 1000
 """States that are computed in one go: tens of milliseconds, long beside the way to a process."""
 _WORTH_A_PROCESS = 10_000
 """States for which a process is used that nobody asked for: it takes a second to start."""
-_MOST_EVALUATORS = 4
+_MOST_SOLVERS = 4
 _BLOCK = 4096
 _DIMENSIONS = {"q": 2, "T_world_object": 3, "twist": 2}
 """Of what has an entry for each state."""
@@ -55,16 +53,20 @@ class StateArrays(NamedTuple):
         each = {name: values[numbers] for name, values in self.each.items()}
         return StateArrays(len(range(self.total)[numbers]), each, self.common)
 
-    def arguments(self, number: int) -> dict[str, Any]:
+    def one(self, number: int) -> tuple[Any, Any, Any]:
         """Return the arguments of `Evaluator.evaluate` for one of the states."""
-        return {name: values[number] for name, values in self.each.items()} | dict(self.common)
+        q, T, twist = (
+            self.each[name][number] if name in self.each else self.common[name]
+            for name in _DIMENSIONS
+        )
+        return q, T, twist
 
 
-def checked_states(evaluator: Evaluator, q: Any, T_world_object: Any, twist: Any) -> StateArrays:
+def checked_states(joint_count: int, q: Any, T_world_object: Any, twist: Any) -> StateArrays:
     """Return states as they are given to `Evaluator.evaluate_many`.
 
     Args:
-        evaluator: Whose joints ``q`` is of.
+        joint_count: a.
         q: See there.
         T_world_object: See there.
         twist: See there.
@@ -73,7 +75,6 @@ def checked_states(evaluator: Evaluator, q: Any, T_world_object: Any, twist: Any
         ArgumentError: If nothing has an entry for each state, or not as many as another; if a shape
             is wrong, a number not finite or a pose not rigid.
     """
-    joint_count = len(evaluator.joint_names)
     given = {"q": q, "T_world_object": T_world_object, "twist": twist}
     shapes = {"q": (joint_count,), "T_world_object": (4, 4), "twist": (6,)}
     each: dict[str, FloatArray] = {}
@@ -122,8 +123,8 @@ def _check_rigid(poses: FloatArray) -> None:
 
 
 def gathered(
-    compute: Callable[[Evaluator, StateArrays], Arrays],
-    evaluator: Evaluator,
+    compute: Callable[[StateSolver, StateArrays], Arrays],
+    solver: StateSolver,
     states: StateArrays,
     workers: int | None,
     progress: Progress | None,
@@ -132,7 +133,7 @@ def gathered(
 
     Args:
         compute: Finds it for some of them.
-        evaluator: Evaluates them.
+        solver: Solves them.
         states: K states.
         workers: Processes; 1: this one; None: as many as there are cores, where it is worth it.
         progress: Is told how far it is; None: nobody is.
@@ -147,9 +148,7 @@ def gathered(
     size = min(_CHUNK, max(1, -(-states.total // (4 * workers)))) if workers > 1 else _CHUNK
     chunks = [slice(k, k + size) for k in range(0, states.total, size)] or [slice(0, 0)]
     whole: Arrays = ()
-    for chunk, found in zip(
-        chunks, _found(compute, evaluator, states, chunks, workers), strict=True
-    ):
+    for chunk, found in zip(chunks, _found(compute, solver, states, chunks, workers), strict=True):
         if not whole:
             whole = tuple([np.empty((states.total, *a.shape[1:]), a.dtype) for a in found])
         for array, part in zip(whole, found, strict=True):
@@ -160,17 +159,17 @@ def gathered(
 
 
 def _found(
-    compute: Callable[[Evaluator, StateArrays], Arrays],
-    evaluator: Evaluator,
+    compute: Callable[[StateSolver, StateArrays], Arrays],
+    solver: StateSolver,
     states: StateArrays,
     chunks: list[slice],
     workers: int,
 ) -> Iterator[Arrays]:
     """Yield what is found of each chunk, in order."""
     if workers == 1:
-        yield from (compute(evaluator, states.part(chunk)) for chunk in chunks)
+        yield from (compute(solver, states.part(chunk)) for chunk in chunks)
         return
-    processes, token = kept_processes(), _TOKENS.of(evaluator)
+    processes, token = kept_processes(), _TOKENS.of(solver)
 
     def found(chunk: slice) -> Arrays:
         child = processes.taken(_ready)
@@ -178,7 +177,7 @@ def _found(
         try:
             there = child.call(_found_there, compute, token, None, part)
             if there is None:
-                there = child.call(_found_there, compute, token, evaluator, part)
+                there = child.call(_found_there, compute, token, solver, part)
             return there
         finally:
             processes.give_back(child)
@@ -190,24 +189,24 @@ def _found(
             threads.shutdown(wait=True, cancel_futures=True)
 
 
-_TOKENS: Derived[Evaluator, str] = Derived(lambda _: uuid4().hex, most=math.inf)
-"""What tells an evaluator from all others, in any process."""
-_EVALUATORS: dict[str, Evaluator] = {}
+_TOKENS: Derived[StateSolver, str] = Derived(lambda _: uuid4().hex, most=math.inf)
+"""What tells a solver from all others, in any process."""
+_SOLVERS: dict[str, StateSolver] = {}
 """Those that this process was sent, by token: what they have learned serves the next chunk."""
 
 
 def _found_there(
-    compute: Callable[[Evaluator, StateArrays], Arrays],
+    compute: Callable[[StateSolver, StateArrays], Arrays],
     token: str,
-    evaluator: Evaluator | None,
+    solver: StateSolver | None,
     states: StateArrays,
 ) -> Arrays | None:
-    """Return what is found of states in another process; None: the evaluator is not there yet."""
-    if evaluator is not None:
-        if len(_EVALUATORS) >= _MOST_EVALUATORS:
-            del _EVALUATORS[next(iter(_EVALUATORS))]
-        _EVALUATORS[token] = evaluator
-    known = _EVALUATORS.get(token)
+    """Return what is found of states in another process; None: the solver is not there yet."""
+    if solver is not None:
+        if len(_SOLVERS) >= _MOST_SOLVERS:
+            del _SOLVERS[next(iter(_SOLVERS))]
+        _SOLVERS[token] = solver
+    known = _SOLVERS.get(token)
     return None if known is None else compute(known, states)
 
 

@@ -18,7 +18,7 @@ from scipy.linalg import get_lapack_funcs
 from graspless_pin.compiled import linear_programs
 from graspless_pin.problem.checks import FloatArray, all_finite
 from graspless_pin.programs.answers import Answer, Outcome, proven
-from graspless_pin.programs.program import LARGEST_IN_C, Program
+from graspless_pin.programs.program import LARGEST_IN_C, LinearArrays, Program
 
 # Stands in for ranks: relative to the rows' squares, far above their rounding. What it falsifies
 # the corrections take back, and the check judges the rest.
@@ -26,7 +26,7 @@ _DAMPING = 1e-13
 _CORRECTIONS = 2
 # Linear systems are solved to rounding: an answer that is worse, though it would pass, met
 # constraints that contradict each other by a hair, and a solver should say what that means.
-_EXACT = 1e-9
+EXACT = 1e-9
 
 _potrf, _potrs = get_lapack_funcs(("potrf", "potrs"))
 
@@ -110,7 +110,7 @@ def solved_on(program: Program, near: ActiveSet, cutoff: float) -> tuple[Answer,
     answer = proven(program, (x, *split), near.solver, cutoff)
     if answer.outcome is Outcome.FAILED:
         return None
-    exact = _EXACT * max(1.0, abs(answer.value))
+    exact = EXACT * max(1.0, abs(answer.value))
     if answer.outcome is Outcome.SOLVED and max(answer.residual, abs(answer.gap)) > exact:
         return None
     return answer, ActiveSet(
@@ -123,12 +123,10 @@ def _refined(program: Program, near: ActiveSet) -> tuple[FloatArray, FloatArray,
 
     None if they cannot be solved.
     """
-    low, high = program.sides
     if linear_programs is not None and program.rows.size <= LARGEST_IN_C:
-        return linear_programs.refined(
-            program.rows.T, low, high, program.c, program.lb, program.ub,
-            near.rows, near.at_bounds, near.upper, near.x, near.weights, _DAMPING, _CORRECTIONS,
-        )  # fmt: skip
+        low, high = program.sides
+        arrays = program.rows.T, low, high, program.c, program.lb, program.ub
+        return refined_arrays(arrays, near)
     E, sides = _active(program, near)
     wide = len(E) <= len(program.c)
     gram = E @ E.T if wide else E.T @ E
@@ -151,6 +149,24 @@ def _refined(program: Program, near: ActiveSet) -> tuple[FloatArray, FloatArray,
     multipliers = np.zeros(sum(near.sizes))
     multipliers[near.rows] = weights[:count]
     return x, weights, multipliers
+
+
+def refined_arrays(
+    program: LinearArrays, near: ActiveSet
+) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Return what `solved_on` checks: x, multipliers of what is active, and of all rows.
+
+    Args:
+        program: The program.
+        near: An optimum of a similar one of the same size.
+
+    Returns:
+        None where a side is infinite or the rows cannot be told apart.
+    """
+    return linear_programs.refined(
+        *program, near.rows, near.at_bounds, near.upper, near.x, near.weights, _DAMPING,
+        _CORRECTIONS,
+    )  # fmt: skip
 
 
 def _active(program: Program, near: ActiveSet) -> tuple[FloatArray, FloatArray]:

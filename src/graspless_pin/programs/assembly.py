@@ -12,11 +12,11 @@ from graspless_pin.compiled import linear_programs
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.programs.builder import ProgramBuilder
-from graspless_pin.programs.cones import ConeRows, cone_reach, cone_rows
+from graspless_pin.programs.cones import edge_cones, reach_of
 from graspless_pin.programs.forces import ForceCoordinates, force_coordinates, force_rows
-from graspless_pin.programs.layout import ForceLayout
+from graspless_pin.programs.layout import ForceLayout, layout_of
 from graspless_pin.programs.objectives import Margin, Objective, Torque, TorqueShare
-from graspless_pin.programs.program import FARTHEST, Program
+from graspless_pin.programs.program import FARTHEST, LinearArrays, Program
 
 
 def built(
@@ -60,33 +60,10 @@ def assembled(
     by_loops = type(objective) in (Margin, Torque, TorqueShare) and not problem.is_round
     if linear_programs is None or far or not by_loops:
         return built(objective, problem, coordinates)
-    cones, epsilon = cone_rows(problem), objective.regularization
-    shared, largest = _shared(cones, coordinates.layout), _NOT_LARGEST
-    if isinstance(objective, Torque):
-        largest = _largest(objective, problem, coordinates)
-    columns, low, high, box, bounds, is_far = linear_programs.paper_program(
-        problem.positions,
-        coordinates.directions,
-        problem.jacobian,
-        coordinates.layout.axes,
-        shared.sides.T,
-        len(cones.rows),
-        cone_reach(problem),
-        problem.has_cone,
-        problem.max_normal_force,
-        problem.external_wrench,
-        problem.lower_torque,
-        problem.upper_torque,
-        problem.gravity_torques,
-        coordinates.force_scale,
-        coordinates.joint_scale,
-        coordinates.length_scale,
-        FARTHEST,
-        *largest,
-    )
-    (lb, ub), P, c = bounds, shared.flat, shared.last
-    if largest is _NOT_LARGEST:
-        (lb, ub), c = shared.free, shared.minus_last
+    likeness, epsilon = likeness_of(problem), objective.regularization
+    arrays, box, is_far = paper_arrays(objective, problem, coordinates, likeness)
+    columns, low, high, c, lb, ub = arrays
+    P = likeness.flat
     if epsilon > 0.0:
         P, lb = np.append(coordinates.curvature(epsilon), 0.0), lb.copy()
         lb[-1] = 0.0
@@ -106,6 +83,101 @@ def assembled(
     )
 
 
+class Likeness(NamedTuple):
+    """What problems share whose contacts have the same cones and slide alike.
+
+    Attributes:
+        layout: Where the force coordinates stand.
+        face_count: Side faces of all cones.
+        reach: (2, n) see `cone_reach`.
+        sides: (n + 1, s) transposed rows x + e of faces, n^T f + e and, without a cone, -n^T f + e.
+        free: (2, n + 1) -inf and inf.
+        last: (n + 1,) one for the last variable, else zero.
+        minus_last: (n + 1,) minus that.
+        flat: (n + 1,) zeros.
+    """
+
+    layout: ForceLayout
+    face_count: int
+    reach: FloatArray
+    sides: FloatArray
+    free: FloatArray
+    last: FloatArray
+    minus_last: FloatArray
+    flat: FloatArray
+
+
+def likeness_of(problem: QuasistaticProblem) -> Likeness:
+    """Return what a problem with pyramids for cones shares with those like it: the same object."""
+    mask, friction = problem.has_cone.tobytes(), problem.friction.tobytes()
+    return _likeness(mask, friction, problem.is_sliding.tobytes(), problem.cone_edges)
+
+
+@lru_cache(maxsize=256)
+def _likeness(mask: bytes, friction: bytes, _sliding: bytes, edges: int) -> Likeness:
+    layout = layout_of(mask)
+    cones = edge_cones(layout, np.frombuffer(friction)[layout.cones], edges)
+    n, normal = layout.size, layout.picks
+    parts = [cones.rows, normal, -normal[layout.bare]]
+    sides = np.ones((sum(map(len, parts)), n + 1), order="F")
+    sides[:, :-1] = np.concatenate(parts)
+    free = np.full((2, n + 1), np.inf)
+    free[0] = -np.inf
+    last = np.zeros(n + 1)
+    last[-1] = 1.0
+    arrays = sides.T, free, last, -last, np.zeros(n + 1)
+    for array in arrays:
+        read_only(array)
+    return Likeness(layout, len(cones.rows), reach_of(mask, friction), *arrays)
+
+
+def paper_arrays(
+    objective: Objective,
+    problem: QuasistaticProblem,
+    coordinates: ForceCoordinates,
+    likeness: Likeness,
+) -> tuple[LinearArrays, FloatArray, bool]:
+    """Return what the compiled loops make of Algorithm 1 or 2.
+
+    Args:
+        objective: `Margin`, `Torque` or `TorqueShare`.
+        problem: The problem, with pyramids for cones.
+        coordinates: Its force coordinates.
+        likeness: See `likeness_of`.
+
+    Returns:
+        The program; its (2, n + 1) box; and whether a side is far or a row has none.
+    """
+    largest = _NOT_LARGEST
+    if isinstance(objective, Torque):
+        largest = _largest(objective, problem, coordinates)
+    columns, low, high, box, bounds, is_far = linear_programs.paper_program(
+        problem.positions,
+        coordinates.directions,
+        problem.jacobian,
+        likeness.layout.axes,
+        likeness.sides,
+        likeness.face_count,
+        likeness.reach,
+        problem.has_cone,
+        problem.max_normal_force,
+        problem.external_wrench,
+        problem.lower_torque,
+        problem.upper_torque,
+        problem.gravity_torques,
+        coordinates.force_scale,
+        coordinates.joint_scale,
+        coordinates.length_scale,
+        FARTHEST,
+        *largest,
+    )
+    if largest is _NOT_LARGEST:
+        lb, ub = likeness.free
+        return (columns, low, high, likeness.minus_last, lb, ub), box, is_far
+    lb, ub = bounds
+    return (columns, low, high, likeness.last, lb, ub), box, is_far
+
+
 _Largest = tuple[float, NDArray[np.int_], FloatArray, FloatArray]
 """A margin over the force scale; joints, factors and levels of the rows of the largest torque."""
 _NOT_LARGEST: _Largest = -1.0, np.zeros(0, int), np.zeros(0), np.zeros(0)
@@ -121,37 +193,3 @@ def _largest(
         np.concatenate([side.sign * scale[side.joints] / side.unit for side in sides]),
         np.concatenate([side.level for side in sides]),
     )
-
-
-class _Shared(NamedTuple):
-    """What the programs of Algorithms 1 and 2 with the same cones share.
-
-    Attributes:
-        sides: (s, n + 1) the rows x + e of faces, n^T f + e and, without a cone, -n^T f + e.
-        free: (2, n + 1) -inf and inf.
-        last: (n + 1,) one for the last variable, else zero.
-        minus_last: (n + 1,) minus that.
-        flat: (n + 1,) zeros.
-    """
-
-    sides: FloatArray
-    free: FloatArray
-    last: FloatArray
-    minus_last: FloatArray
-    flat: FloatArray
-
-
-@lru_cache(maxsize=16)
-def _shared(cones: ConeRows, layout: ForceLayout) -> _Shared:
-    n, normal = layout.size, layout.picks
-    parts = [cones.rows, normal, -normal[layout.bare]]
-    sides = np.ones((sum(map(len, parts)), n + 1), order="F")
-    sides[:, :-1] = np.concatenate(parts)
-    free = np.full((2, n + 1), np.inf)
-    free[0] = -np.inf
-    last = np.zeros(n + 1)
-    last[-1] = 1.0
-    made = _Shared(sides, free, last, -last, np.zeros(n + 1))
-    for array in made:
-        read_only(array)
-    return made

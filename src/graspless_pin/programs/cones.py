@@ -115,7 +115,8 @@ def _cone_rows(cone: ConeModel, mask: bytes, friction: bytes, edges: int) -> Con
 
 
 @lru_cache(maxsize=_MOST_KEPT)
-def _reach(mask: bytes, friction: bytes) -> FloatArray:
+def reach_of(mask: bytes, friction: bytes) -> FloatArray:
+    """Return `cone_reach` by the bytes of the problem's `has_cone` and `friction`."""
     layout = layout_of(mask)
     coefficients, tangent = np.frombuffer(friction)[layout.cones, None], layout.friction
     reach = np.zeros((2, layout.size))
@@ -126,4 +127,4 @@ def _reach(mask: bytes, friction: bytes) -> FloatArray:
 
 def cone_reach(problem: QuasistaticProblem) -> FloatArray:
     """Return (2, n) bounds of forces inside cones, each in limits of its contact's normal force."""
-    return _reach(problem.has_cone.tobytes(), problem.friction.tobytes())
+    return reach_of(problem.has_cone.tobytes(), problem.friction.tobytes())

@@ -18,6 +18,9 @@ FARTHEST = 1e8
 _LARGEST_DENSE = 8192
 LARGEST_IN_C = 65536
 """Entries of the rows from which on numpy's and LAPACK's products are faster than plain loops."""
+LinearArrays = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
+"""(n, R) transposed rows, (R,) lower and (R,) upper sides, (n,) costs, (n,) lower and (n,) upper
+bounds of a linear program."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,88 @@
+"""Optima that loops alone carry over: what they prove, and that nothing else passes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from planning_scenes import example, nearby
+
+from graspless_pin import Margin, SolveOptions, Torque, compiled
+from graspless_pin.algorithms.carried import WarmStart, carried, solution_carried
+from graspless_pin.algorithms.solve import solve_problem
+from graspless_pin.algorithms.warm_start import solve_from
+from graspless_pin.planning import Evaluator
+from graspless_pin.planning.configurations import Configurations
+from graspless_pin.planning.state_solver import CarriedState, StateSolver
+from graspless_pin.report import solution_document
+from graspless_pin.report.verify import verify_document
+
+SCENE = "allegro_box_on_slope"
+pytestmark = pytest.mark.skipif(compiled.linear_programs is None, reason="nothing was compiled")
+
+
+@pytest.fixture(scope="module")
+def learned():
+    """A problem of the Allegro hand's box, and what its solution leaves behind."""
+    problem = example(SCENE).problem()
+    return problem, solve_from(problem, Margin(), SolveOptions())[1]
+
+
+@pytest.mark.parametrize("objective", [Margin(), Torque(required_margin=0.1)])
+@pytest.mark.parametrize("name", [SCENE, "trihand_push_box", "paper/cuboid_sliding_up"])
+def test_a_carried_optimum_is_the_optimum(name, objective):
+    solver = StateSolver(Configurations(example(name)), objective, SolveOptions())
+    evaluator = Evaluator(example(name))
+    rng = np.random.default_rng(8)
+    seen = 0
+    for _ in range(12):
+        q = nearby(evaluator, rng, 2e-4)
+        answer = solver.answer(q, None, None)
+        if not isinstance(answer, CarriedState):
+            continue
+        seen += 1
+        scene, problem, optimum, start = answer
+        solution = solution_carried(problem, objective, SolveOptions().rules, optimum, start)
+        cold = solve_problem(problem, objective)
+        assert solution.value == pytest.approx(cold.value, abs=2e-7)
+        assert abs(optimum.gap) <= 1e-8 * abs(optimum.unit)
+        document = solution_document(solution, scene)
+        assert verify_document(document).proven
+    assert seen >= 3
+
+
+def test_the_first_start_that_serves_is_taken(learned):
+    problem, start = learned
+    found = carried(problem, Margin(), SolveOptions(), (WarmStart(), start))
+    assert found is not None
+    assert found[1] == 1
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda start: replace(start, motion=-start.motion),
+        lambda start: replace(
+            start, relaxation=start.relaxation._replace(upper=~start.relaxation.upper)
+        ),
+        lambda start: replace(
+            start, relaxation=start.relaxation._replace(rows=start.relaxation.rows[:10],
+                                                        upper=start.relaxation.upper[:10],
+                                                        weights=start.relaxation.weights[:10])
+        ),
+        lambda start: replace(start, likeness=start.likeness._replace()),
+    ],
+    ids=["motion", "sides", "rows", "likeness"],
+)  # fmt: skip
+def test_a_start_that_does_not_fit_says_nothing(learned, spoil):
+    problem, start = learned
+    assert carried(problem, Margin(), SolveOptions(), (start,)) is not None
+    assert carried(problem, Margin(), SolveOptions(), (spoil(start),)) is None
+
+
+def test_more_than_the_best_case_is_not_carried(learned):
+    problem, start = learned
+    for options in (SolveOptions.parse(stability="strong"), SolveOptions.parse(
+        sign_rule="direction")):  # fmt: skip
+        assert carried(problem, Margin(), options, (start,)) is None
+    assert carried(problem, Margin(regularization=1e-3), SolveOptions(), (start,)) is None
+    assert carried(problem, Margin(), SolveOptions(), ()) is None
