@@ -15,6 +15,7 @@ from graspless_pin.planning.configurations import Configurations
 from graspless_pin.planning.state_solver import CarriedState, StateSolver
 from graspless_pin.report import solution_document
 from graspless_pin.report.verify import verify_document
+from graspless_pin.scene.plain_problems import PlainProblem, PlainProblems
 
 SCENE = "allegro_box_on_slope"
 pytestmark = pytest.mark.skipif(compiled.linear_programs is None, reason="nothing was compiled")
@@ -40,12 +41,13 @@ def test_a_carried_optimum_is_the_optimum(name, objective):
         if not isinstance(answer, CarriedState):
             continue
         seen += 1
-        scene, problem, optimum, start = answer
-        solution = solution_carried(problem, objective, SolveOptions().rules, optimum, start)
-        cold = solve_problem(problem, objective)
+        full = evaluator.scene_at(q).problem()
+        _, optimum, start = answer
+        solution = solution_carried(full, objective, SolveOptions().rules, optimum, start)
+        cold = solve_problem(full, objective)
         assert solution.value == pytest.approx(cold.value, abs=2e-7)
         assert abs(optimum.gap) <= 1e-8 * abs(optimum.unit)
-        document = solution_document(solution, scene)
+        document = solution_document(solution)
         assert verify_document(document).proven
     assert seen >= 3
 
@@ -86,3 +88,30 @@ def test_more_than_the_best_case_is_not_carried(learned):
         assert carried(problem, Margin(), options, (start,)) is None
     assert carried(problem, Margin(regularization=1e-3), SolveOptions(), (start,)) is None
     assert carried(problem, Margin(), SolveOptions(), ()) is None
+
+
+@pytest.mark.parametrize("name", [SCENE, "two_hands_slide_crate", "trihand_pivot_box"])
+def test_plain_arrays_are_those_of_the_problem(name):
+    evaluator = Evaluator(example(name))
+    plain = PlainProblems(evaluator.scene)
+    rng = np.random.default_rng(9)
+    seen = 0
+    for _ in range(8):
+        q = nearby(evaluator, rng, 2e-4)
+        scene = evaluator.scene_at(q)
+        problem = scene.problem()
+        found = plain.at(q)
+        plain.learn(scene, problem)
+        if found is None:
+            continue
+        seen += 1
+        assert found[0] == scene.contacts.bodies
+        for attribute in PlainProblem._fields:
+            mine, own = getattr(found[1], attribute), getattr(problem, attribute)
+            if isinstance(own, np.ndarray):
+                np.testing.assert_allclose(mine, own, rtol=0, atol=1e-14)
+            else:
+                assert mine == own
+    assert (seen >= 3) == (name == SCENE)
+    lower, _ = evaluator.joint_limits
+    assert plain.at(lower - 1.0) is None

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from graspless_pin.algorithms.carried import Carried, WarmStart, carried, solution_carried
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.search import closeness
@@ -13,6 +15,7 @@ from graspless_pin.planning.evaluation import Evaluation, StateStatus
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.scene import Scene
+from graspless_pin.scene.plain_problems import PlainProblems
 from graspless_pin.scene.scene_stability import unknown_of
 from graspless_pin.solution import Status, TorqueSolution
 
@@ -29,13 +32,11 @@ class CarriedState(NamedTuple):
     """A state whose optimum was carried over.
 
     Attributes:
-        scene: The scene in this state.
-        problem: Its problem.
+        problem: Its problem, or what loops read of it.
         optimum: The optimum.
         start: What it was carried over from.
     """
 
-    scene: Scene
     problem: QuasistaticProblem
     optimum: Carried
     start: WarmStart
@@ -61,52 +62,79 @@ class StateSolver:
         self.objective = objective
         self.options = options
         self._starts: dict[_Contacts, tuple[WarmStart, ...]] = {}
+        self._plain = PlainProblems(configurations.scene)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what was given: what was learned is learned again elsewhere."""
-        return {**self.__dict__, "_starts": {}}
+        plain = PlainProblems(self.configurations.scene)
+        return {**self.__dict__, "_starts": {}, "_plain": plain}
 
     def answer(self, q: Any, T_world_object: Any, twist: Any) -> Evaluation | CarriedState:
-        """Solve for one state; the arguments are those of `Evaluator.evaluate`."""
+        """Solve for one state, with as few records as can be: see `Evaluator.evaluate`."""
+        found = self._carried_at(q, T_world_object, twist, self.objective)
+        if found is not None:
+            return found
+        solved = self._solved(q, T_world_object, twist)
+        return solved if isinstance(solved, Evaluation) else solved[1]
+
+    def evaluate(self, q: Any, T_world_object: Any, twist: Any) -> Evaluation:
+        """Return the whole answer for one state: see `Evaluator.evaluate`."""
+        solved = self._solved(q, T_world_object, twist)
+        if isinstance(solved, Evaluation):
+            return solved
+        scene, (problem, optimum, start) = solved
+        rules = self.options.rules
+        return _evaluation(scene, solution_carried(problem, self.objective, rules, optimum, start))
+
+    def _solved(
+        self, q: Any, T_world_object: Any, twist: Any
+    ) -> Evaluation | tuple[Scene, CarriedState]:
+        """Solve for one state; what a search finds is learned."""
         state = self.configurations.problem_at(q, T_world_object, twist)
         if isinstance(state, Evaluation):
             return state
         scene, problem = state
-        contacts = _contacts(scene, problem, self.objective)
-        found = self._carried(contacts, problem, self.objective)
+        bodies = scene.contacts.bodies
+        found = self._carried(bodies, problem, self.objective)
         if found is not None:
-            return CarriedState(scene, problem, *found)
+            return scene, found
+        contacts = _contacts(bodies, problem, self.objective)
         solution, learned = solve_from(
             problem, self.objective, self.options, self._best(contacts), self._unknown(scene)
         )
         self._learn(contacts, learned)
+        self._plain.learn(scene, problem)
         return _evaluation(scene, solution)
-
-    def evaluate(self, q: Any, T_world_object: Any, twist: Any) -> Evaluation:
-        """Return the whole answer for one state: see `Evaluator.evaluate`."""
-        answer = self.answer(q, T_world_object, twist)
-        if isinstance(answer, Evaluation):
-            return answer
-        scene, problem, optimum, start = answer
-        rules = self.options.rules
-        return _evaluation(scene, solution_carried(problem, self.objective, rules, optimum, start))
 
     def reaches(self, q: Any, T_world_object: Any, twist: Any, margin: float) -> bool:
         """Tell whether a state is proven to reach a margin: see `Evaluator.is_feasible`."""
-        state = self.configurations.problem_at(q, T_world_object, twist)
-        if isinstance(state, Evaluation):
-            return False
-        (scene, problem), objective = state, Margin()
-        contacts = _contacts(scene, problem, objective)
-        found = self._carried(contacts, problem, objective)
-        if found is not None:
-            goal = margin / abs(found[0].unit)
-            return found[0].value <= closeness(goal) - goal
-        reached, learned = reaches_margin(
-            problem, margin, self.options, self._best(contacts), self._unknown(scene)
-        )
-        self._learn(contacts, learned)
-        return bool(reached)
+        objective = Margin()
+        found = self._carried_at(q, T_world_object, twist, objective)
+        if found is None:
+            state = self.configurations.problem_at(q, T_world_object, twist)
+            if isinstance(state, Evaluation):
+                return False
+            scene, problem = state
+            found = self._carried(scene.contacts.bodies, problem, objective)
+            if found is None:
+                contacts = _contacts(scene.contacts.bodies, problem, objective)
+                reached, learned = reaches_margin(
+                    problem, margin, self.options, self._best(contacts), self._unknown(scene)
+                )
+                self._learn(contacts, learned)
+                self._plain.learn(scene, problem)
+                return bool(reached)
+        goal = margin / abs(found.optimum.unit)
+        return found.optimum.value <= closeness(goal) - goal
+
+    def _carried_at(
+        self, q: Any, T_world_object: Any, twist: Any, objective: Objective
+    ) -> CarriedState | None:
+        """Return the optimum of a state that differs in an array of positions alone, if it can."""
+        if T_world_object is not None or twist is not None or not isinstance(q, np.ndarray):
+            return None
+        plain = self._plain.at(q)
+        return None if plain is None else self._carried(plain[0], plain[1].as_problem, objective)
 
     def _unknown(self, scene: Scene) -> str:
         return unknown_of(scene) if self.options.strong else ""
@@ -117,9 +145,13 @@ class StateSolver:
         return starts[0] if starts else COLD_START
 
     def _carried(
-        self, contacts: _Contacts, problem: QuasistaticProblem, objective: Objective
-    ) -> tuple[Carried, WarmStart] | None:
-        """Return the optimum that something learned leads to, and what that is."""
+        self,
+        bodies: tuple[str, ...],
+        problem: QuasistaticProblem,
+        objective: Objective,
+    ) -> CarriedState | None:
+        """Return the optimum that something learned of the same contacts leads to."""
+        contacts = _contacts(bodies, problem, objective)
         starts = self._starts.get(contacts, ())
         found = carried(problem, objective, self.options, starts)
         if found is None:
@@ -128,7 +160,7 @@ class StateSolver:
         if place:
             others = starts[:place] + starts[place + 1 :]
             self._starts[contacts] = (starts[place], *others)
-        return optimum, starts[place]
+        return CarriedState(problem, optimum, starts[place])
 
     def _learn(self, contacts: _Contacts, learned: WarmStart) -> None:
         if len(self._starts) >= _MOST_KEPT:
@@ -138,8 +170,10 @@ class StateSolver:
         self._starts[contacts] = (learned, *others[: _MOST_ALIKE - 1])
 
 
-def _contacts(scene: Scene, problem: QuasistaticProblem, objective: Objective) -> _Contacts:
-    return objective.algorithm, scene.contacts.bodies, problem.is_sliding.tobytes()
+def _contacts(
+    bodies: tuple[str, ...], problem: QuasistaticProblem, objective: Objective
+) -> _Contacts:
+    return objective.algorithm, bodies, problem.is_sliding.tobytes()
 
 
 def _evaluation(scene: Scene, solution: TorqueSolution) -> Evaluation:

@@ -25,7 +25,7 @@ from graspless_pin.problem.checks import FloatArray
 
 _TOLERANCE = 1e-3  # m
 _MAX_PENETRATION = 5e-3  # m
-_MERGE_DISTANCE = 1e-3  # m
+MERGE_DISTANCE = 1e-3  # m
 _MAX_POINTS = 8
 
 
@@ -36,7 +36,7 @@ def find_contacts(
     *,
     tolerance: float = _TOLERANCE,
     max_penetration: float = _MAX_PENETRATION,
-    merge_distance: float = _MERGE_DISTANCE,
+    merge_distance: float = MERGE_DISTANCE,
     max_points: int = _MAX_POINTS,
 ) -> tuple[ContactPoint, ...]:
     """Find all points at which hand and supports touch the object.
@@ -79,7 +79,7 @@ def contact_arrays(
     kind: BodyKind,
     tolerance: float = _TOLERANCE,
     max_penetration: float = _MAX_PENETRATION,
-    merge_distance: float = _MERGE_DISTANCE,
+    merge_distance: float = MERGE_DISTANCE,
     max_points: int = _MAX_POINTS,
 ) -> ContactArrays:
     """Find where the object touches hand links, or where it touches supports.
