@@ -47,7 +47,7 @@ wheel: install
 	PATH=$(abspath $(WHEEL_VENV))/bin CC=none $(WHEEL_VENV)/bin/python -m pip install --quiet --disable-pip-version-check \
 	  "graspless-pin[all,dev] @ file://$$(ls $(CURDIR)/dist/*.whl)"
 	PATH=$(abspath $(WHEEL_VENV))/bin CC=none $(WHEEL_VENV)/bin/graspless-pin --version
-	PATH=$(abspath $(WHEEL_VENV))/bin CC=none $(WHEEL_VENV)/bin/python -P -m pytest -q -n 2 $(WHEEL_TESTS)
+	PATH=$(abspath $(WHEEL_VENV))/bin CC=none $(WHEEL_VENV)/bin/python -m pytest -q -n 2 $(WHEEL_TESTS)
 
 lint: export PATH := $(abspath $(BIN)):$(PATH)
 lint: install
