@@ -20,7 +20,7 @@ WHEEL_TESTS ?= tests/compiled tests/core
 STATES ?= --count 10000
 FUZZ ?= --count 2000 --seed 1
 
-.PHONY: install run test lint types docs readme-pictures notebooks bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding mistakes clean hands states dense wheel
+.PHONY: install run test lint types docs readme-pictures notebooks bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding mistakes clean hands place states dense wheel
 
 install: $(STAMP)
 
@@ -102,6 +102,13 @@ hands: install
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --upgrade --target out/hands \
 	  gymnasium-robotics==1.4.2 robosuite==1.5.2 dexmate-urdf==0.8.4 icub-models==3.2.0
 	$(BIN)/python -m tests.oracles.package_hands out/hands
+
+place: install
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --upgrade --target out/hands \
+	  gymnasium-robotics==1.4.2 robosuite==1.5.2 icub-models==3.2.0 airo-models==0.0.12
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --upgrade --target out/hands \
+	  --only-binary :all: --python-version 3.10 --platform manylinux2014_x86_64 pybullet==3.2.7
+	$(BIN)/python -m tests.oracles.placed_pairs out/hands
 
 states: install
 	$(BIN)/python -m tests.oracles.verified_states $(STATES)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from textwrap import fill
 
 from graspless_pin.holding.verdict import Stability, StabilityVerdict
 from graspless_pin.planning.placing_candidates import PlacingFault
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
+from graspless_pin.solution.tables import COLUMNS
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,9 +37,10 @@ class PlacedHand:
 
     def __str__(self) -> str:
         """Margin, links and verdict."""
-        said = "" if self.verdict is None else f"\n{self.verdict}"
         links = ", ".join(self.touching)
-        return f"margin {self.solution.margin:.3g} N; touches with {links}{said}"
+        lines = [f"margin {self.solution.margin:.3g} N; touches with {links}"]
+        lines += [] if self.verdict is None else [str(self.verdict)]
+        return "\n".join(fill(line, COLUMNS) for line in lines)
 
 
 @dataclass(frozen=True, eq=False)
