@@ -1,7 +1,8 @@
 """Read a URDF as inert data: refuse XML tricks, find its meshes, prefix its names.
 
 Pinocchio gets the text only after this module has checked it: its own parser reports mistakes on
-standard error only, drops malformed shapes and fails on relative mesh paths.
+standard error only, drops malformed shapes and fails on relative mesh paths. Why no other parser
+stands before the checks: see docs/architecture.md.
 """
 
 from __future__ import annotations
