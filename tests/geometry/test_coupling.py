@@ -13,6 +13,7 @@ from graspless_pin.errors import (
 from graspless_pin.geometry.hand.coupling import resolve_couplings
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.mounts import Mount
+from graspless_pin.geometry.inspection.audit import audit_urdf
 from graspless_pin.geometry.robots.description import JointCoupling
 
 CHAIN = "".join(link(name, mass=0.1) for name in ("base", "a", "b", "c", "d"))
@@ -235,3 +236,18 @@ def test_an_underactuated_finger_holds_what_its_one_tendon_can_hold(tmp_path):
     np.testing.assert_allclose(held.torques, [18.0, 0.0], atol=1e-5)
     assert not solve(3.0, 4.0).found
     assert not solve(40.0, 30.0).found  # 180 N of tension
+
+
+def test_a_joint_that_nobody_names_stands_where_its_followers_may(tmp_path):
+    """Zero would take the follower to -0.028, outside its limits of 0 and 0.035."""
+    narrow = joint("b", "a", "b", limit='lower="0" upper="0.035" effort="2"')
+    body = CHAIN.replace(joint("b", "a", "b"), narrow)
+    file = robot(tmp_path, "couplings:\n  b: {follows: {a: 0.5}, offset: -0.028}\n", body)
+    hand = Hand.assemble([Mount(file)])
+    by_name = dict(zip(hand.joint_names, hand.positions.tolist(), strict=True))
+    assert by_name["a"] == pytest.approx(0.056)
+    assert by_name["b"] == pytest.approx(0.0, abs=1e-15)
+    again = hand.with_configuration({"a": by_name["a"]})
+    np.testing.assert_array_equal(again.positions, hand.positions)
+    said = [item.message for item in audit_urdf(file).findings if item.subject == "joint a"]
+    assert said == ["zero is outside the limits of what follows it; unnamed, it stands at 0.056"]

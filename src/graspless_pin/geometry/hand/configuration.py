@@ -23,7 +23,7 @@ def joint_positions(
         q: Position by joint name in radians or metres. A mimic joint may be named if its value
             agrees with the joint it follows.
         start: (n,) positions of the joints that ``q`` does not name; None is zero, clamped into
-            the limits.
+            the limits: of independent joints those of their followers count, too.
 
     Returns:
         (n,) read-only positions in model order.
@@ -38,6 +38,10 @@ def joint_positions(
     except KeyError as error:
         raise unknown_name("q", "joint", str(error.args[0]), tree.joint_names) from error
     positions = np.clip(0.0, tree.lower, tree.upper) if start is None else start.copy()
+    if start is None:
+        leaders, (low, high) = np.array(coupling.leaders, dtype=int), tree.ranges
+        some = low <= high  # else a joint and its followers contradict each other
+        positions[leaders[some]] = np.clip(0.0, low[some], high[some])
     if indices:
         try:
             positions[indices] = list(q.values())

@@ -15,6 +15,7 @@ from graspless_pin.geometry.hand.configuration import joint_positions
 from graspless_pin.geometry.hand.coupling import dangling_couplings
 from graspless_pin.geometry.hand.effort_limits import is_placeholder
 from graspless_pin.geometry.hand.mounts import JoinedMounts, Mount, join_mounts
+from graspless_pin.geometry.hand.tree import LIMIT_TOLERANCE
 from graspless_pin.geometry.hand.urdf import URDF, parse_robot, read_urdf
 from graspless_pin.geometry.hand.urdf_tree import keep_below
 from graspless_pin.geometry.hand.urdf_visuals import let_visuals_collide
@@ -240,10 +241,12 @@ def _audit_joints(robot: RobotDescription, joined: JoinedMounts) -> Iterator[Fin
             )
         elif name in tree.locked:
             continue
-        elif index in tree.coupling.leaders and not lowest[index] <= 0.0 <= highest[index]:
+        elif index in tree.coupling.leaders and abs(rest[index]) > LIMIT_TOLERANCE:
+            own = not lowest[index] <= 0.0 <= highest[index]
+            of = f"its limits {limits}" if own else "the limits of what follows it"
             yield Finding(
                 FindingCode.NEUTRAL_OUTSIDE,
                 f"joint {name}",
-                f"zero is outside its limits {limits}; unnamed, it stands at {rest[index]:g}",
+                f"zero is outside {of}; unnamed, it stands at {rest[index]:g}",
                 "name its position in q if that is not what is meant",
             )
