@@ -63,8 +63,8 @@ def place_hand(
     the object, backs off until the open hand is clear, and closes. A gripper whose jaws have one
     motor is shifted until both touch. Fingers that touch nothing open again. Algorithm 1 tells the
     margin of what is left. Two thirds of the candidates are drawn anew, the rest near the best
-    eight of these. The best
-    five are asked whether the object stays, which comes first in their order.
+    eight of these. The best five are asked whether the object stays, which comes first in their
+    order.
 
     What a candidate becomes depends on the seed and its number alone: the same call finds the same
     places, with as many processes as there may be, unless the time limit ends it.
