@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import subprocess
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
+import portalocker
 import pytest
 
 from graspless_pin import compiled
@@ -68,3 +72,25 @@ def form(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str
     elif compiled.small_arrays is None:
         pytest.skip("the loops are not compiled")
     return request.param
+
+
+@pytest.fixture(scope="session")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The documentation site, built once for the tests of all workers, without a warning."""
+    own = tmp_path_factory.getbasetemp()
+    common = own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
+    folder, part = common / "site", own / "site.part"
+    with portalocker.Lock(common / "site.lock", timeout=300.0):
+        if not folder.exists():
+            command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet"]
+            built = subprocess.run(  # noqa: S603 - our own command
+                [*command, "--site-dir", str(part)],
+                cwd=Path(__file__).parents[1],
+                env=os.environ | {"NO_MKDOCS_2_WARNING": "1"},
+                capture_output=True,
+                text=True,
+                check=False,
+            )
+            assert (built.returncode, built.stdout, built.stderr) == (0, "", "")
+            part.rename(folder)
+    return folder

@@ -19,13 +19,13 @@ finally:
     sys.stderr.write(" ".join(sys.modules))
 """
 HEAVY = {
-    "coacd", "example_robot_data", "jinja2", "matplotlib", "mujoco", "networkx", "pandas",
-    "proxsuite", "pyarrow", "qpsolvers", "rich", "scipy.optimize", "scipy.spatial", "scipy.stats",
-    "trimesh", "viser", "yourdfpy",
+    "coacd", "example_robot_data", "highspy", "jinja2", "matplotlib", "mujoco", "networkx",
+    "pandas", "proxsuite", "pyarrow", "qpsolvers", "rich", "scipy.optimize", "scipy.spatial",
+    "scipy.stats", "trimesh", "viser", "yourdfpy",
 }  # fmt: skip
 PARTS = {
-    "planning", "plots", "report.document", "report.html", "report.verify", "simulation", "studies",
-    "viewer", "visualization",
+    "algorithms.guaranteed_torques", "holding.stability", "planning", "plots", "report.document",
+    "report.html", "report.verify", "simulation", "studies", "viewer", "visualization",
 }  # fmt: skip
 
 

@@ -257,7 +257,7 @@ def test_no_file_that_a_document_names_is_opened(tmp_path, monkeypatch):
         document["provenance"]["scene_file"] = name
         case = case_of_document(document)
         assert "scene file" in case.missing and case.command is None
-        assert "tulip" not in report_html(case)
+        assert name != str(secret) or "tulip" not in report_html(case)
     document["provenance"] = 5
     assert case_of_document(document).missing == "The document names no scene file."
     assert opened == []

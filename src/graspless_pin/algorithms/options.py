@@ -7,7 +7,7 @@ from enum import StrEnum
 from typing import Self
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.holding.stability import NODE_LIMIT
+from graspless_pin.holding.options import NODE_LIMIT
 from graspless_pin.modes.rules import (
     RuleOptions,
     Rules,

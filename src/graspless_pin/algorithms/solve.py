@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from graspless_pin.algorithms.formulation import Formulation, formulate
-from graspless_pin.algorithms.guaranteed_torques import guaranteed
 from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.options import DEFAULT_OPTIONS, SolveOptions
 from graspless_pin.algorithms.search import SearchResult, SearchState, in_mode, undecided
@@ -74,6 +73,8 @@ def as_stable(
     """
     if not options.strong:
         return best
+    # Loaded here: the best case needs no verdict, and goes without its search and solver.
+    from graspless_pin.algorithms.guaranteed_torques import guaranteed
 
     def optimum(problem: QuasistaticProblem, objective: Objective) -> TorqueSolution:
         return _best_case(problem, objective, options, limits)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from typing import TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +21,7 @@ from graspless_pin.holding.free_motions import free_motions
 from graspless_pin.holding.kept_motion import other_motion
 from graspless_pin.holding.motion_words import motion_words, state_words
 from graspless_pin.holding.moving import find_motion, outcome_record
+from graspless_pin.holding.options import NODE_LIMIT
 from graspless_pin.holding.relaxation import FORCE_LIMIT, Relaxation
 from graspless_pin.holding.rest import BALANCE_TOLERANCE
 from graspless_pin.holding.verdict import (
@@ -42,9 +42,6 @@ from graspless_pin.problem.checks import (
 from graspless_pin.problem.inertias import hybrid_contacts, whole_inertia
 from graspless_pin.problem.quasistatic import checked_problem
 
-NODE_LIMIT = 3000
-"""Sets of outcomes that are looked at unless told otherwise."""
-
 
 @dataclass(frozen=True)
 class _Limits:
@@ -54,14 +51,6 @@ class _Limits:
     def passed(self, nodes: int) -> bool:
         """Return whether the search has to end after so many nodes."""
         return nodes >= self.nodes or time.monotonic() > self.deadline
-
-
-class StabilityKeywords(TypedDict, total=False):
-    """Options of `stability` by name."""
-
-    acceleration_resolution: float
-    node_limit: int
-    time_limit: float | None
 
 
 def stability(

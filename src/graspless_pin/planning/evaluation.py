@@ -10,7 +10,7 @@ from typing import Unpack
 import numpy as np
 
 from graspless_pin.errors import NoSolutionError, StateFault
-from graspless_pin.holding.stability import StabilityKeywords
+from graspless_pin.holding.options import StabilityKeywords
 from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.joint_units import JointUnit

@@ -13,7 +13,7 @@ from pydantic import (
     Field,
 )
 
-from graspless_pin.holding.stability import NODE_LIMIT
+from graspless_pin.holding.options import NODE_LIMIT
 from graspless_pin.intake.fields import (
     ByName,
     Description,

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from graspless_pin.geometry.contact.broad_phase import near_pairs
 from graspless_pin.geometry.contact.distances import separation
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.holding.stability import StabilityKeywords, stability, undecided_verdict
+from graspless_pin.holding.options import StabilityKeywords
 from graspless_pin.holding.verdict import StabilityVerdict
 
 if TYPE_CHECKING:
@@ -59,6 +59,9 @@ def verdict_of(
         SceneError: See `Scene.contacts`.
         ArgumentError: If a link of the fingers has no mass and its motor no inertia.
     """
+    # Loaded here: whoever solves without a verdict goes without the search and its solver.
+    from graspless_pin.holding.stability import stability, undecided_verdict
+
     why = unknown_of(scene)
     if not why:
         return stability(scene.problem(), torques, **options)

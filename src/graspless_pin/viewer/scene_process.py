@@ -20,7 +20,7 @@ from graspless_pin.errors import (
     StateError,
     StateFault,
 )
-from graspless_pin.holding.stability import StabilityKeywords
+from graspless_pin.holding.options import StabilityKeywords
 from graspless_pin.holding.verdict import Stability
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.programs.objectives import Algorithm

@@ -1,0 +1,16 @@
+"""Options of a verdict by name, apart from the search: who states them does not load it."""
+
+from __future__ import annotations
+
+from typing import TypedDict
+
+NODE_LIMIT = 3000
+"""Sets of outcomes that are looked at unless told otherwise."""
+
+
+class StabilityKeywords(TypedDict, total=False):
+    """Options of `stability` by name."""
+
+    acceleration_resolution: float
+    node_limit: int
+    time_limit: float | None
