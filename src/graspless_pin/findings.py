@@ -56,6 +56,7 @@ class FindingCode(StrEnum):
     UNLIKELY_GRAVITY = "unlikely-gravity", Severity.WARNING
     STEEP_FRICTION = "steep-friction", Severity.WARNING
     DANGLING_MIMIC = "dangling-mimic", Severity.WARNING
+    CONTRADICTING_LIMITS = "contradicting-limits", Severity.WARNING
     PLACEHOLDER_EFFORT = "placeholder-effort", Severity.WARNING
     UNKNOWN_EFFORT = "unknown-effort", Severity.WARNING
     SHARED_TENDON = "tendon-without-limits", Severity.WARNING

@@ -42,7 +42,7 @@ def test_limits_efforts_and_mimics(tmp_path):
     body += joint("endless", "b", "c", "continuous", limit="")
     body += joint("bent", "c", "d", limit='lower="0.5" upper="1" effort="1"')
     body += joint("lost", "d", "e", extra='<mimic joint="ero"/>')
-    far = '<mimic joint="zero" offset="3"/>'
+    far = '<mimic joint="zero" offset="3"/><mimic joint="endless"/>'
     body += joint("far", "e", "f", extra=far)
     body += joint("left_lead", "f", "g", limit='lower="-1" upper="1" effort="1000"')
     report = audit(tmp_path, body.replace('"ero"', '"lead"'))

@@ -10,6 +10,7 @@ from graspless_pin.errors import (
     GrasplessPinWarning,
     RobotError,
 )
+from graspless_pin.findings import FindingCode
 from graspless_pin.geometry.hand.coupling import resolve_couplings
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.mounts import Mount
@@ -251,3 +252,39 @@ def test_a_joint_that_nobody_names_stands_where_its_followers_may(tmp_path):
     np.testing.assert_array_equal(again.positions, hand.positions)
     said = [item.message for item in audit_urdf(file).findings if item.subject == "joint a"]
     assert said == ["zero is outside the limits of what follows it; unnamed, it stands at 0.056"]
+
+
+@pytest.mark.parametrize(
+    ("factor", "offset", "limits", "left_out"),
+    [
+        (-1.0, 0.0, (0.0, 0.548), True),  # a mirrored jaw with its twin's limits
+        (1.0, 0.0, (0.5484, 1.0), True),  # a hair apart
+        (-1.0, 0.0, (-0.548, 0.0), False),
+        (1.0, 0.0, (0.3, 1.0), False),  # narrows its leader
+        (1.0, 0.0, (0.0, 0.0), False),  # locks it
+    ],
+)
+def test_limits_that_leave_a_leader_nowhere_to_go_are_left_out(
+    tmp_path, factor, offset, limits, left_out
+):
+    written = 'lower="{:g}" upper="{:g}" effort="2"'
+    body = CHAIN.replace(
+        joint("a", "base", "a"), joint("a", "base", "a", limit=written.format(0, 0.548))
+    )
+    mimic = f'<mimic joint="a" multiplier="{factor}" offset="{offset}"/>'
+    body = body.replace(
+        joint("b", "a", "b"), joint("b", "a", "b", limit=written.format(*limits), extra=mimic)
+    )
+    file = write_urdf(tmp_path, body)
+    code = FindingCode.CONTRADICTING_LIMITS
+    found = [one for one in audit_urdf(file).findings if one.code is code]
+    assert [one.subject for one in found] == ["joint b"] * left_out
+    if not left_out:
+        return
+    assert "leave no travel to a" in found[0].message
+    with pytest.warns(GrasplessPinWarning, match="leave no travel"):
+        hand = Hand.from_urdf(file)
+    for position in (0.0, 0.3, 0.548):
+        moved = hand.with_configuration({"a": position})
+        assert moved.q["b"] == factor * position + offset
+    assert hand.tree.ranges[0][0] == 0.0 and hand.tree.ranges[1][0] == 0.548

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin  # pyright: ignore[reportMissingImports]
 import pytest
 
 from graspless_pin import Hand
@@ -75,10 +76,11 @@ def test_an_object_is_the_same_whatever_the_frame(
     assert filled.volume == pytest.approx(8.0 * 0.1 * 0.2 * 0.3 / 6.0)
 
 
-def test_a_link_has_the_unit_and_the_axes_of_urdf(tmp_path: Path) -> None:
-    """Readers of URDF leave the axes as they are; collision shape and looks agree."""
-    mesh = written(tmp_path, "Y_UP", 0.01)
-    geometry = f'<geometry><mesh filename="{mesh.name}"/></geometry>'
+@pytest.mark.parametrize("up", ["Z_UP", "Y_UP", "X_UP"])
+def test_a_link_has_the_unit_and_the_axes_of_urdf(tmp_path: Path, up: str) -> None:
+    """Pinocchio leaves the axes as they are, and the unit, too; collision shape and looks agree."""
+    mesh = written(tmp_path, up, 0.01)
+    geometry = f'<geometry><mesh filename="{mesh}"/></geometry>'
     urdf = tmp_path / "part.urdf"
     urdf.write_text(
         f'<robot name="part"><link name="palm"><visual>{geometry}</visual>'
@@ -86,11 +88,15 @@ def test_a_link_has_the_unit_and_the_axes_of_urdf(tmp_path: Path) -> None:
     )
     hand = Hand.from_urdf(urdf)
     corners = in_order(np.array(hand.collision_bodies()[0].geometry.points()))
-    np.testing.assert_allclose(corners, in_order(CORNERS[:, [0, 2, 1]] * [1, 1, -1]), atol=1e-12)
+    model = pin.buildModelFromUrdf(str(urdf))
+    (read,) = pin.buildGeomFromUrdf(model, str(urdf), pin.GeometryType.COLLISION).geometryObjects
+    centimetres = np.unique(read.geometry.vertices(), axis=0)
+    np.testing.assert_allclose(corners, in_order(0.01 * centimetres), atol=1e-7)
     ((_, drawn),) = hand_triangles(hand)
     np.testing.assert_allclose(in_order(drawn.vertices), corners, atol=1e-12)
-    (found,) = [one for one in audit_urdf(urdf).findings if one.code is FindingCode.MESH_AXES]
-    assert "part.dae" in found.message and "Y_UP" in found.message
+    found = [one for one in audit_urdf(urdf).findings if one.code is FindingCode.MESH_AXES]
+    assert len(found) == (up != "Z_UP")
+    assert all("part.dae" in one.message and up in one.message for one in found)
 
 
 def test_a_unit_that_is_none_is_refused(tmp_path: Path) -> None:

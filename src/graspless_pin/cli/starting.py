@@ -85,6 +85,13 @@ def new(
             help="Let links without collision shapes collide with their visual ones.",
         ),
     ] = False,
+    root_link: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LINK",
+            help="Take only this link and what hangs on it, such as the palm of a whole robot.",
+        ),
+    ] = None,
     package_dir: Annotated[
         list[Path] | None, typer.Option(help="Where package:// addresses are looked up.")
     ] = None,
@@ -110,6 +117,7 @@ def new(
             slope=_slope(support),
             efforts={name: limit for name, limit in limits.items() if name},
             visuals_collide=visuals_collide,
+            root_link=root_link,
             effort=limits.get(""),
         )
         open_limits: tuple[str, ...] = ()

@@ -49,6 +49,8 @@ class NewScene:
         slope: Angle of the support, rad; it falls towards +x.
         efforts: Effort limit (N m, N) by finger, joint or tendon, taken before the robot's own.
         visuals_collide: Whether links without collision shapes take their visual ones.
+        root_link: Link to take with all that hangs on it, such as the palm of a whole robot; None:
+            the robot file's, else all.
         effort: Of all others whose limit the robot's files do not tell; None: left open.
     """
 
@@ -61,6 +63,7 @@ class NewScene:
     slope: float = 0.0
     efforts: Mapping[str, float] = field(default_factory=dict)
     visuals_collide: bool = False
+    root_link: str | None = None
     effort: float | None = None
 
 
@@ -77,8 +80,11 @@ def new_scene_text(new: NewScene, target: Path) -> tuple[str, tuple[str, ...]]:
         GrasplessPinError: If robot, mesh or a figure does not do.
     """
     robot = find_robot(new.robot, new.package_dirs)
-    if new.visuals_collide:
-        robot = replace(robot, visuals_collide=True)
+    robot = replace(
+        robot,
+        visuals_collide=new.visuals_collide or robot.visuals_collide,
+        root_link=new.root_link or robot.root_link,
+    )
     with heard() as found:
         hand = Hand.assemble([Mount(robot)], effort_limits=new.efforts)
     tell(*(one for one in found if one.code not in _LIMITS))

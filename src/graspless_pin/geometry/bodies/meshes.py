@@ -30,8 +30,8 @@ def load_mesh(path: Path, *, upright: bool = True) -> trimesh.Trimesh:
 
     Args:
         path: The file.
-        upright: Whether the axis that a DAE says is up becomes z, as for an object; readers of
-            URDF, Pinocchio among them, leave links' meshes as they are.
+        upright: Whether the axis that a DAE says is up becomes z, as for an object; Pinocchio, RViz
+            and MoveIt leave links' meshes as they are.
 
     Raises:
         MeshError: The file is missing, of an unknown format, unreadable or without faces, names

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.errors import ArgumentError, JointLimitError
-from graspless_pin.geometry.hand.tree import FOLLOWER_TOLERANCE, KinematicTree, unknown_name
+from graspless_pin.geometry.hand.coupling import FOLLOWER_TOLERANCE
+from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
 from graspless_pin.problem.checks import in_order
 
 

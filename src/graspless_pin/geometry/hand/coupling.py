@@ -17,6 +17,13 @@ from graspless_pin.errors import RobotError
 from graspless_pin.findings import Finding, FindingCode, tell
 from graspless_pin.geometry.pickling import Record
 from graspless_pin.geometry.robots.description import JointCoupling
+from graspless_pin.problem.checks import FloatArray, read_only
+
+LIMIT_TOLERANCE = 1e-6
+"""How far outside its limits a named joint may stand (rounded input), radians or metres."""
+
+FOLLOWER_TOLERANCE = 1e-3
+"""The same for mimic joints, whose limits rarely match multiplier times limit to all digits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +113,79 @@ def dangling_couplings(
         for leader in item.follows
         if leader not in joint_names
     ]
+
+
+def independent_ranges(
+    coupling: Coupling, lower: FloatArray, upper: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the (a,) lowest and highest positions of the independent joints, rad or m.
+
+    The limits of the joints that follow it narrow a joint's range where they are narrower by more
+    than rounding; a joint that follows several does not, because how far one of them may go depends
+    on the others.
+
+    Args:
+        coupling: Coupled joints.
+        lower: (n,) lower limits of all joints, -inf where there is none.
+        upper: (n,) upper limits, inf where there is none.
+    """
+    leaders, S = list(coupling.leaders), coupling.S
+    lowest, highest = lower[leaders].copy(), upper[leaders].copy()
+    for row, column in zip(*np.nonzero(S), strict=True):
+        if leaders[column] == row or np.count_nonzero(S[row]) > 1:
+            continue
+        ends = np.array([lower[row], upper[row]]) - coupling.offset[row]
+        low, high = sorted(ends / S[row, column])
+        slack = FOLLOWER_TOLERANCE / abs(S[row, column])
+        lowest[column] = low if low - slack > lowest[column] else lowest[column]
+        highest[column] = high if high + slack < highest[column] else highest[column]
+    return read_only(lowest), read_only(highest)
+
+
+def limits_that_agree(
+    joint_names: Sequence[str], coupling: Coupling, lower: FloatArray, upper: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the (n,) lower and upper limits of all joints, without those that contradict others.
+
+    Where the limits of one that follows it leave a joint no travel, or no place at all, they are
+    left out: it stands where its leader takes it, as in ROS. One without travel locks its leader.
+
+    Args:
+        joint_names: The n movable joints.
+        coupling: Coupled joints.
+        lower: (n,) -inf where there is none, rad or m.
+        upper: (n,) inf where there is none.
+
+    Warns:
+        GrasplessPinWarning: Limits are left out.
+    """
+    agreed, contradicting, leaders = (lower.copy(), upper.copy()), [], list(coupling.leaders)
+    travels = upper - lower > LIMIT_TOLERANCE
+    for row in sorted(set(range(len(lower))).difference(leaders)):
+        alone = np.full_like(lower, -np.inf), np.full_like(upper, np.inf)
+        for own, limits in zip(alone, agreed, strict=True):
+            own[[row, *leaders]] = limits[[row, *leaders]]
+        low, high = independent_ranges(coupling, *alone)
+        stuck = high - low <= LIMIT_TOLERANCE if travels[row] else high < low
+        if (stuck & travels[leaders]).any():
+            contradicting.append(row)
+    for limits, end in zip(agreed, (-np.inf, np.inf), strict=True):
+        limits[contradicting] = end
+    for row in contradicting:
+        name = joint_names[row]
+        followed = ", ".join(joint_names[leaders[column]] for column in coupling.drivers([row]))
+        tell(
+            Finding(
+                FindingCode.CONTRADICTING_LIMITS,
+                f"joint {name}",
+                f"the limits of {name} leave no travel to {followed}, which it follows: they are "
+                "left out, as in ROS",
+                "correct limits, multiplier or offset in the file, or couple the joint in a robot "
+                "file",
+                ("hand",),
+            )
+        )
+    return agreed
 
 
 def groups_that_share(joints: Mapping[str, set[int]]) -> list[list[str]]:

@@ -16,7 +16,14 @@ from graspless_pin.compiled import rigid_bodies
 from graspless_pin.errors import ArgumentError, RobotError
 from graspless_pin.geometry.bodies.collision import BodyShapes
 from graspless_pin.geometry.bodies.decomposition import Cut
-from graspless_pin.geometry.hand.coupling import Coupling, resolve_couplings
+from graspless_pin.geometry.hand.coupling import (
+    FOLLOWER_TOLERANCE,
+    LIMIT_TOLERANCE,
+    Coupling,
+    independent_ranges,
+    limits_that_agree,
+    resolve_couplings,
+)
 from graspless_pin.geometry.hand.link_shapes import LinkGeometry, link_geometries
 from graspless_pin.geometry.hand.urdf import UNBOUNDED, UrdfDocument
 from graspless_pin.geometry.hand.urdf_visuals import LinkVisual
@@ -25,12 +32,6 @@ from graspless_pin.geometry.pickling import Record
 from graspless_pin.geometry.robots.description import JointCoupling
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.spelling import names_in_words
-
-LIMIT_TOLERANCE = 1e-6
-"""How far outside its limits a named joint may stand (rounded input), radians or metres."""
-
-FOLLOWER_TOLERANCE = 1e-3
-"""The same for mimic joints, whose limits rarely match multiplier times limit to all digits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,23 +89,8 @@ class KinematicTree(Record):
 
     @cached_property
     def ranges(self) -> tuple[FloatArray, FloatArray]:
-        """(a,) lowest and highest positions of the independent joints, rad or m.
-
-        The limits of the joints that follow it narrow a joint's range where they are narrower by
-        more than rounding; a joint that follows several does not, because how far one of them may
-        go depends on the others.
-        """
-        leaders, S = list(self.coupling.leaders), self.coupling.S
-        lower, upper = self.lower[leaders].copy(), self.upper[leaders].copy()
-        for row, column in zip(*np.nonzero(S), strict=True):
-            if leaders[column] == row or np.count_nonzero(S[row]) > 1:
-                continue
-            ends = np.array([self.lower[row], self.upper[row]]) - self.coupling.offset[row]
-            low, high = sorted(ends / S[row, column])
-            slack = FOLLOWER_TOLERANCE / abs(S[row, column])
-            lower[column] = low if low - slack > lower[column] else lower[column]
-            upper[column] = high if high + slack < upper[column] else upper[column]
-        return read_only(lower), read_only(upper)
+        """(a,) lowest and highest positions of the independent joints, `independent_ranges`."""
+        return independent_ranges(self.coupling, self.lower, self.upper)
 
     @cached_property
     def locked(self) -> frozenset[str]:
@@ -273,7 +259,8 @@ def build_tree(
         MeshError: If a mesh cannot be read or has no volume.
 
     Warns:
-        DanglingMimicWarning: If a mimic joint follows a joint that does not exist.
+        GrasplessPinWarning: If a mimic joint follows a joint that does not exist, or its limits
+            keep one that it follows from moving.
     """
     model, geometry_model = pin.Model(), pin.GeometryModel()
     for document, T_world_base in parts:
@@ -294,6 +281,13 @@ def build_tree(
     starts = [model.idx_qs[joint] for joint in range(1, model.njoints)]
     lower = np.where(single, model.lowerPositionLimit[starts], -np.inf)
     upper = np.where(single, model.upperPositionLimit[starts], np.inf)
+    coupling = resolve_couplings(joint_names, follows.values())
+    lower, upper = limits_that_agree(
+        joint_names,
+        coupling,
+        np.where(lower <= -UNBOUNDED, -np.inf, lower),
+        np.where(upper >= UNBOUNDED, np.inf, upper),
+    )
     return KinematicTree(
         pinocchio_model=model,
         joint_names=joint_names,
@@ -309,9 +303,9 @@ def build_tree(
                 model, item, cuts, meshes.get(item.name), is_capsule=item.name in capsules
             )
         ),
-        coupling=resolve_couplings(joint_names, follows.values()),
-        lower=np.where(lower <= -UNBOUNDED, -np.inf, lower),
-        upper=np.where(upper >= UNBOUNDED, np.inf, upper),
+        coupling=coupling,
+        lower=lower,
+        upper=upper,
         visuals=tuple(visual for document, _ in parts for visual in document.visuals),
     )
 

@@ -12,10 +12,9 @@ from pathlib import Path
 from graspless_pin.errors import ArgumentError, MeshError, RobotError
 from graspless_pin.findings import Finding, FindingCode, gravest_first, heard
 from graspless_pin.geometry.hand.configuration import joint_positions
-from graspless_pin.geometry.hand.coupling import dangling_couplings
+from graspless_pin.geometry.hand.coupling import LIMIT_TOLERANCE, dangling_couplings
 from graspless_pin.geometry.hand.effort_limits import is_placeholder
 from graspless_pin.geometry.hand.mounts import JoinedMounts, Mount, join_mounts
-from graspless_pin.geometry.hand.tree import LIMIT_TOLERANCE
 from graspless_pin.geometry.hand.urdf import URDF, parse_robot, read_urdf
 from graspless_pin.geometry.hand.urdf_tree import keep_below
 from graspless_pin.geometry.hand.urdf_visuals import let_visuals_collide
