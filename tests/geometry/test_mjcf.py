@@ -460,3 +460,14 @@ def test_several_trees_hang_on_the_world_until_one_is_chosen(claw: Path) -> None
     document, tree = tree_of(claw, root_link="near")
     assert document.root == "near"
     assert set(tree.joint_names) == {"curl", "end"}
+
+
+@pytest.mark.parametrize("compiler", ["degree", "radian"])
+def test_angles_that_look_like_radians_are_found(claw: Path, compiler: str) -> None:
+    text = HAND.replace("0 90", "0 1.5").replace("-30 30", "-0.5 0.5")
+    claw.write_text(text.replace('angle="degree"', f'angle="{compiler}"'))
+    found = [one for one in audit_urdf(claw).findings if one.code is FindingCode.ANGLE_IN_RADIANS]
+    assert len(found) == (compiler == "degree")
+    assert all("by more than 1.5 degrees" in one.message for one in found)
+    claw.write_text(HAND)
+    assert FindingCode.ANGLE_IN_RADIANS not in {one.code for one in audit_urdf(claw).findings}

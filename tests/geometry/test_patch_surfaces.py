@@ -92,3 +92,31 @@ def test_a_bent_surface_that_is_near_only_between_its_corners_touches_at_one_poi
     (point,) = find_contacts(own, [], [plate], tolerance=5e-5)
     assert np.linalg.norm(point.position[:2]) < 5e-3
     assert 2e-5 < point.distance < 6e-5
+
+
+@pytest.mark.parametrize("step", [0.0, 2e-5, 6e-5])
+@pytest.mark.parametrize("slit", [2e-5, 4e-4])
+def test_points_of_joined_pieces_are_on_them(step, slit):
+    """Halves of a hexagon on two plates with the same step, corners of both closer than 1 mm."""
+    half = np.array([[0.5 * slit, -0.012], [0.01, -0.006], [0.01, 0.006], [0.5 * slit, 0.012]])
+    corners = [
+        np.array([[side * x, y, z + up] for x, y in half.tolist() for z in (0.0, 0.01)])
+        for side, up in ((1.0, 0.0), (-1.0, step))
+    ]
+    hulls = [ConvexHull(piece) for piece in corners]
+    shapes = [convex_geometry(piece, "disc") for piece in corners]
+    plates = [
+        box("plate", (0.1, 0.1, 0.02), (0.05 * side, 0.0, -0.01 + up))
+        for side, up in ((1, 0.0), (-1, step))
+    ]
+    for tilt in ([0.0, 0.0, 0.0], [1e-3, 0.0, 0.0], [-5e-4, 5e-4, 2e-2], [0.0, -1e-3, -1e-2]):
+        T = pose_matrix([0.0, 0.0, 2e-5], Rotation.from_rotvec(tilt).as_matrix())
+        found = find_contacts([CollisionBody("disc", one, T) for one in shapes], [], plates)
+        assert len(found) >= 3
+        for point in found:
+            to_object = 0.5 * point.distance * point.normal
+            at = (point.position + to_object - T[:3, 3]) @ T[:3, :3]
+            off = min(float(height_over(hull, at[None])[0]) for hull in hulls)
+            x, _, height = point.position - to_object
+            on_plate = height - step if x < 0.0 else min(height, abs(height - step), key=abs)
+            assert abs(off) < 5e-6 and abs(on_plate) < 5e-6

@@ -19,7 +19,7 @@ from graspless_pin.geometry.contact.closed_form_contacts import (
 )
 from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays, ContactPoint
 from graspless_pin.geometry.contact.corners import corner_groups, group_means
-from graspless_pin.geometry.contact.merging import Touch, merge_touches, on_surfaces
+from graspless_pin.geometry.contact.merging import Touch, is_on_both, merge_touches, on_surfaces
 from graspless_pin.geometry.contact.patches import find_patch
 from graspless_pin.problem.checks import FloatArray
 
@@ -213,6 +213,13 @@ def _contacts_of(touch: Touch, limits: ContactLimits) -> tuple[FloatArray, list[
     )
     means = [math.fsum(gaps[k] for k in group) / len(group) for group in groups]
     middles = group_means(points, groups)
-    if len(groups) == len(points) or touch.is_joined:
+    if len(groups) == len(points):
         return middles, means
-    return on_surfaces(touch, middles, means)
+    if not touch.parts:
+        return on_surfaces(touch, middles, means)
+    for k, group in enumerate(groups):  # between pieces there may be a step or a slit
+        if len(group) > 1 and not is_on_both(touch, middles[k], means[k]):
+            away = np.linalg.norm(points[group] - middles[k], axis=1)
+            corner = group[int(away.round(9).argmin())]
+            middles[k], means[k] = points[corner], gaps[corner]
+    return middles, means

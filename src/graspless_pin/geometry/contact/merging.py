@@ -29,6 +29,7 @@ _SAME_SURFACE = 1e-4  # m: how far pieces of one body may be off where they meet
 _COS_FLAT = math.cos(math.radians(45.0))  # what is steeper is a step or groove, not a seam
 _INTO = -0.1  # cosine below which a direction goes into a surface
 _STEP = 0.1  # part of a piece's size by which it passes another's face where they make a step
+_ON_SURFACE = 5e-6  # m: how far means of corners may be off a surface
 _STRAIGHT = 2e-5  # m: corners that stick out by less come from pieces' slightly different normals
 _SHARES = np.linspace(0.0, 1.0, 9)[1:-1]  # of a line, where it is looked at
 _LEVEL = 1e-6  # m: gaps that differ by less are the same
@@ -45,7 +46,7 @@ class Touch:
         normal: (3,) from the first to the second, world axes.
         points: (K, 3) midway between the bodies, counterclockwise about the normal, world, m.
         gaps: K signed gaps, m.
-        is_joined: Whether other pieces in the same plane have points among them.
+        parts: The patches of several pieces in one plane that it joins; empty: it is of one pair.
     """
 
     object_piece: CollisionBody
@@ -54,7 +55,7 @@ class Touch:
     normal: FloatArray
     points: FloatArray
     gaps: list[float]
-    is_joined: bool = False
+    parts: tuple[Touch, ...] = ()
 
     @property
     def into_object(self) -> FloatArray:
@@ -127,6 +128,16 @@ def on_surfaces(
             sides.append(-half)
     low, high = sides[0], -sides[1]
     return points + (0.5 * (low + high))[:, None] * inward, (high - low).tolist()
+
+
+def is_on_both(touch: Touch, point: FloatArray, gap: float) -> bool:
+    """Return whether a point (3,) of joined patches is midway between the bodies' surfaces."""
+    half = 0.5 * gap * touch.into_object
+    sides = (
+        ({one.object_piece for one in touch.parts}, point + half),
+        ({one.other_piece for one in touch.parts}, point - half),
+    )
+    return all(abs(min(_height(one, at) for one in pieces)) <= _ON_SURFACE for pieces, at in sides)
 
 
 def _is_seam(
@@ -244,7 +255,7 @@ def _union(group: Sequence[Touch], merge_distance: float) -> Touch:
         near[k] = not near.any() or (rises.min() <= _LEVEL and distances.min() >= apart)
     points, gaps = points[near], gaps[near]
     order = hull_order(points, seed.normal, _STRAIGHT)
-    return replace(seed, points=points[order], gaps=gaps[order].tolist(), is_joined=True)
+    return replace(seed, points=points[order], gaps=gaps[order].tolist(), parts=tuple(group))
 
 
 def _repeats(touch: Touch, other: Touch, merge_distance: float) -> bool:

@@ -179,7 +179,7 @@ def limits_that_agree(
                 FindingCode.CONTRADICTING_LIMITS,
                 f"joint {name}",
                 f"the limits of {name} leave no travel to {followed}, which it follows: they are "
-                "left out, as in ROS",
+                "left out",
                 "correct limits, multiplier or offset in the file, or couple the joint in a robot "
                 "file",
                 ("hand",),

@@ -49,7 +49,7 @@ def read_mjcf(path: Path) -> MjcfSource:
         RobotError: If MuJoCo is not installed or refuses the file.
 
     Warns:
-        GrasplessPinWarning: What MuJoCo warns of.
+        GrasplessPinWarning: What MuJoCo warns of, or angles that look like radians.
     """
     mujoco = _load_mujoco(path)
     # Its own way to warn is a log file in the current folder.
@@ -72,6 +72,18 @@ def read_mjcf(path: Path) -> MjcfSource:
                 path.name,
                 f"{path}: MuJoCo says: {text}",
                 "look whether it matters for kinematics, shapes or limits",
+            )
+        )
+    hinges = (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE) & (model.jnt_limited == 1)
+    widest = float(np.rad2deg(np.ptp(model.jnt_range[hinges], axis=1)).max(initial=0.0))
+    if spec.compiler.degree and 0.0 < widest <= 2.0 * np.pi:
+        tell(
+            Finding(
+                FindingCode.ANGLE_IN_RADIANS,
+                path.name,
+                f"{path}: none of its hinges turns by more than {widest:.3g} degrees, which is the "
+                "unit of an MJCF that states none; these look like radians",
+                'write <compiler angle="radian"/> into it, or give the model that includes it',
             )
         )
     return MjcfSource(mujoco, path, spec, model)
