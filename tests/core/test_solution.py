@@ -30,6 +30,15 @@ def test_fields_of_a_found_solution():
     assert solution.certificate.force_programs >= 1
 
 
+def test_names_are_broken_where_a_table_would_be():
+    names = ["left_finger_proximal_joint", "right_finger_proximal_joint"]
+    text = str(maximize_margin(QuasistaticProblem(**cuboid_arguments(1.0), joint_names=names)))
+    table = text.partition("joint ")[2].partition("torques in")[0]
+    assert max(map(len, text.splitlines())) == 80
+    assert "".join(line.split()[0] for line in table.splitlines()[2:]) == "".join(names)
+    assert "+4.77" in table
+
+
 def test_the_text_names_joints_contacts_and_margin():
     names = ["left_lever", "right_lever"]
     solution = maximize_margin(QuasistaticProblem(**cuboid_arguments(1.0), joint_names=names))

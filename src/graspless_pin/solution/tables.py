@@ -21,6 +21,8 @@ _LEAST, _MOST = 0.01, 1e6
 _NOTHING = 1e-6
 COLUMNS = 80
 """Columns of the narrowest terminal."""
+_NARROWEST = 12
+"""Columns that a name is left at least."""
 _JOINT_HEADERS = ["joint", "contacts", "gravity", "torque", "lower", "upper", "of limit"]
 _CONTACT_LEGEND = (
     "point from the centre of mass; normal force in N; of mu: friction used, or limit\n"
@@ -36,7 +38,8 @@ class Table(NamedTuple):
         headers: One a column.
         legend: A line below it.
         floats: Format of cells that are floats.
-        texts: Columns whose texts are none of numbers, whatever they look like.
+        texts: Columns whose texts are none of numbers, whatever they look like. The first one is
+            broken where a terminal of 80 columns would break the whole table.
     """
 
     rows: Sequence[Sequence[Any]]
@@ -47,11 +50,21 @@ class Table(NamedTuple):
 
     def __str__(self) -> str:
         """Return the table as text."""
-        table = tabulate(
-            self.rows, self.headers, floatfmt=self.floats, stralign="left",
-            disable_numparse=list(self.texts),
-        )  # fmt: skip
+        table = self._text()
+        excess = max(map(len, table.splitlines())) - COLUMNS
+        if excess > 0 and self.texts:
+            names = self.texts[0]
+            width = max(len(str(row[names])) for row in self.rows) - excess
+            widths: list[int | None] = [None] * len(self.headers)
+            widths[names] = max(width, len(self.headers[names]), _NARROWEST)
+            table = self._text(widths)
         return f"{table}\n{self.legend}" if self.legend else table
+
+    def _text(self, widths: Sequence[int | None] | None = None) -> str:
+        return tabulate(
+            self.rows, self.headers, floatfmt=self.floats, stralign="left",
+            disable_numparse=list(self.texts), maxcolwidths=widths,
+        )  # fmt: skip
 
     def html(self) -> str:
         """Return the table as HTML, for notebooks; all text is escaped."""
@@ -94,7 +107,7 @@ def joint_table(problem: QuasistaticProblem, from_contacts: FloatArray) -> Table
         columns.insert(1, [unit.value for unit in problem.joint_units])
         headers.insert(1, "unit")
     legend = f"torques in {units_text(problem.joint_units)}"
-    return Table(list(zip(*columns, strict=True)), headers, legend, digits_of(size, "+"))
+    return Table(list(zip(*columns, strict=True)), headers, legend, digits_of(size, "+"), (0,))
 
 
 def contact_table(
