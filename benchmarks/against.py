@@ -22,6 +22,8 @@ from typing import Any
 from tabulate import tabulate
 
 from benchmarks.ratios import ALLOWED, LEAST_ROUNDS, Ratio, ratios_of
+from benchmarks.study_loops import STUDIES, study_rate
+from graspless_pin.child_processes import usable_cores
 
 ROOT = Path(__file__).parents[1]
 ROUNDS = 9
@@ -56,12 +58,37 @@ def main() -> int:
             order = (new, base) if number % 2 else (base, new)
             printed = {python: _rows(python) for python in order}
             rounds.append((printed[new], printed[base]))
+        beside = _studies(base)
         if not Path(rounds[0][1]["package"]).is_relative_to(Path(folder).resolve()):
             raise RuntimeError(f"measured {rounds[0][1]['package']}, which is not the base")
     text, passed = judged(rounds)
-    print(f"### This version over {commit[:10]}\n\n{text}")
+    print(f"### This version over {commit[:10]}\n\n{text}\n\n{beside}")
     print(f"\n{given.rounds} rounds in {time.perf_counter() - start:.0f} s.")
     return 0 if passed else 1
+
+
+def _studies(base: Path) -> str:
+    """Studies of 10 000 samples beside a loop of the base over problems that are ready."""
+    cores, rows = usable_cores(), []
+    loops = json.loads(_run([base, "-m", "benchmarks.study_loops"], ROOT, **ONE_THREAD))
+    for name in STUDIES:
+        rate = study_rate(name, cores)
+        rows.append([name, loops[name], rate, rate / loops[name]])
+    again = json.loads(_run([base, "-m", "benchmarks.study_loops"], ROOT, **ONE_THREAD))
+    for row in rows:
+        row[1] = 0.5 * (row[1] + again[row[0]])
+        row[3] = row[2] / row[1]
+    headers = [
+        "10 000 samples of",
+        "loop of the base, 1/s",
+        f"study, {cores} processes, 1/s",
+        "ratio",
+    ]
+    table = tabulate(rows, headers, "pipe", floatfmt=("", ".0f", ".0f", ".2f"))
+    return (
+        f"{table}\n\nThe loop is over `maximize_margin`, problems ready, in one process, before "
+        f"and after the studies on {cores} processes. Aims: 3 and 8."
+    )
 
 
 def judged(rounds: Sequence[Round]) -> tuple[str, bool]:

@@ -17,14 +17,14 @@ from graspless_pin import QuasistaticProblem, maximize_margin
 from graspless_pin.child_processes import usable_cores
 from graspless_pin.studies import Study, load_study, run_study
 from graspless_pin.studies.executors import Workforce, local_processes
-from graspless_pin.studies.study import Sample
+from graspless_pin.studies.sample_parts import Sample
 
 _STUDY = Path(__file__).parents[1] / "examples" / "studies" / "cuboid_friction_slope_height.yaml"
 _SAMPLES = 2000
 _EVERY = 10
 
 
-class _Counted(Executor):
+class Counted(Executor):
     """Processes that are already there, asked directly; adds up the seconds that samples take."""
 
     def __init__(self, processes: Workforce) -> None:
@@ -51,7 +51,7 @@ def cuboid_study() -> str:
     before = [timed(loop) for loop in loops]
     cores = usable_cores()
     processes = local_processes(cores)
-    counted = _Counted(processes)
+    counted = Counted(processes)
     try:
         with tempfile.TemporaryDirectory() as folder:
             output = Path(folder) / "out.parquet"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 from weakref import ref
 
 _Source = TypeVar("_Source")
@@ -45,3 +45,40 @@ class Derived(Generic[_Source, _Value]):
             with suppress(KeyError, RuntimeError):  # another thread was faster
                 del entries[next(iter(entries))]
         return value
+
+
+class Latest:
+    """Values by name, each made again only where something that it is made from is another."""
+
+    def __init__(self) -> None:
+        """Begin with none."""
+        self._kept: dict[Any, tuple[tuple[Any, ...], Any]] = {}
+
+    def of(self, name: Any, sources: tuple[Any, ...], make: Callable[[], _Value]) -> _Value:
+        """Return the value of a name: the last one if its sources are the same, else a new one.
+
+        Args:
+            name: What the value is called.
+            sources: All that it depends on: the same objects, or equal numbers and texts.
+            make: Makes it.
+        """
+        kept = self._kept.get(name)
+        if (
+            kept is not None
+            and len(kept[0]) == len(sources)
+            and all(map(_is_same, kept[0], sources))
+        ):
+            return kept[1]
+        made = make()
+        self._kept[name] = sources, made
+        return made
+
+
+_PLAIN = (float, int, str, bool, bytes)
+
+
+def _is_same(one: Any, other: Any) -> bool:
+    if one is other:
+        return True
+    kind = type(one)
+    return kind is type(other) and kind in _PLAIN and repr(one) == repr(other)

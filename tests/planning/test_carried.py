@@ -71,7 +71,7 @@ def test_the_first_start_that_serves_is_taken(learned):
                                                         upper=start.relaxation.upper[:10],
                                                         weights=start.relaxation.weights[:10])
         ),
-        lambda start: replace(start, likeness=start.likeness._replace()),
+        lambda start: replace(start, likeness=start.likeness._replace(face_count=1)),
     ],
     ids=["motion", "sides", "rows", "likeness"],
 )  # fmt: skip

@@ -8,10 +8,11 @@ import yaml
 from study_tools import CUBOID, HEIGHT, PAPER, SLOPE, study, study_file
 
 from graspless_pin import load_scene
-from graspless_pin.errors import StudyError
+from graspless_pin.errors import SceneError, StudyError
 from graspless_pin.geometry.bodies.shapes import Box
-from graspless_pin.scene.hand_building import SceneParts
+from graspless_pin.scene import hand_building, touching
 from graspless_pin.studies import Study, load_study
+from graspless_pin.studies.sample_parts import SampleParts
 
 TIGHT = 1e-9
 
@@ -175,20 +176,86 @@ def test_what_is_computed_goes_into_the_scene():
     assert torques == expected
 
 
-@pytest.mark.parametrize("key", ["hand.q.joint_1.0", "hand.base_pose.position.2"])
-def test_parts_that_are_kept_change_nothing(key):
-    value = {"hand.q.joint_1.0": 0.3, "hand.base_pose.position.2": 0.0628}[key]
-    steps = {"values": [value, value + 1e-4, value]}
+ANYTHING = {
+    "hand.q.joint_1.0": {"values": [0.3, 0.3001]},
+    "hand.base_pose.position.2": {"values": [0.0628, 0.0629]},
+    "hand.effort_limits.index": {"values": [0.5, 0.7]},
+    "hand.count_own_weight": {"values": [True, False]},
+    "slope": {"values": [0.0, 1e-3], "turn": {"what": ["hand", "object"], "axis": [0, 0, 1]}},
+    "object.mass": {"from": 0.5, "to": 2.0},
+    "object.center_of_mass": {"values": {"low": [0, 0, -0.01], "middle": [0, 0, 0]}},
+    "friction.supports": {"values": [0.3, 0.4]},
+    "gravity.0": {"values": [0.0, -0.0, 0.1]},
+    "max_normal_force": {"values": [20.0, 30.0]},
+    "cone_edges": {"values": [8, 16]},
+    "contact_tolerance": {"values": [0.001, 0.0011]},
+    "solve.sign_rule": {"values": ["strict", "exact"]},
+}
+
+
+def test_parts_that_are_kept_change_nothing():
+    """Every array of every sample is bit for bit that of the scene built anew."""
     path = str(PAPER.parent / "allegro_box_on_slope.yaml")
-    made = Study.from_data({"scene": path, "vary": {key: steps}})
-    parts = SceneParts()
+    sampling = {"method": "sobol", "samples": 48, "seed": 2}
+    made = Study.from_data({"scene": path, "vary": ANYTHING, "sampling": sampling})
+    parts = SampleParts()
     for sample in made.samples:
-        kept, fresh = (made.scene_at(sample, use).problem() for use in (parts, None))
-        np.testing.assert_array_equal(kept.jacobian, fresh.jacobian)
-        np.testing.assert_array_equal(kept.positions, fresh.positions)
-        np.testing.assert_array_equal(kept.gravity_torques, fresh.gravity_torques)
-    assert len(parts.robots) == 1
-    assert len(parts.hands) == (1 if key.startswith("hand.q") else 2)
+        assert made.tree_at(sample, parts) == made.tree_at(sample)
+        kept, fresh = (made.scene_at(sample, use) for use in (parts, None))
+        assert kept.solve_options == fresh.solve_options
+        kept, fresh = kept.problem(), fresh.problem()
+        for name, value in vars(fresh).items():
+            if isinstance(value, np.ndarray):
+                assert getattr(kept, name).tobytes() == value.tobytes(), name
+        assert kept.cone_edges == fresh.cone_edges
+        np.testing.assert_array_equal(kept.object_inertia, fresh.object_inertia)
+    assert len(parts.robots) == len(parts.hands) == 1
+
+
+@pytest.mark.parametrize(
+    ("keys", "geometry", "hands"),
+    [
+        (["friction.supports", "object.mass", "max_normal_force", "gravity.0"], 2, 1),
+        (["hand.effort_limits.index", "solve.sign_rule", "cone_edges"], 2, 1),
+        (["hand.base_pose.position.2"], 3, 1),
+        (["hand.q.joint_1.0"], 3, 1),
+        (["slope"], 4, 1),
+    ],
+)
+def test_only_what_a_variable_touches_is_made_again(monkeypatch, keys, geometry, hands):
+    """Contacts on the hand and on supports are looked for once, or once for each pose."""
+    calls = {"contact_arrays": 0, "assembled_mounts": 0}
+    for module, name in ((touching, "contact_arrays"), (hand_building, "assembled_mounts")):
+        monkeypatch.setattr(module, name, counted(calls, name, getattr(module, name)))
+    path = str(PAPER.parent / "allegro_box_on_slope.yaml")
+    vary = {key: ANYTHING[key] for key in keys if "values" in ANYTHING[key]}
+    made = Study.from_data({"scene": path, "vary": vary})
+    parts = SampleParts()
+    for sample in made.samples:
+        made.scene_at(sample, parts).problem()
+    assert calls == {"contact_arrays": geometry, "assembled_mounts": hands}
+
+
+def counted(calls, name, function):
+    def call(*args, **options):
+        calls[name] += 1
+        return function(*args, **options)
+
+    return call
+
+
+def test_a_mistake_in_one_sample_is_told_as_it_is_without_parts():
+    vary = {"object.mass": {"values": [1.0, -1.0]}, "friction.default": {"values": [0.3, 0.4]}}
+    made = study(vary)
+    parts = SampleParts()
+    said = set()
+    for sample in made.samples:
+        for use in (parts, None):
+            try:
+                made.scene_at(sample, use)
+            except SceneError as error:
+                said.add(str(error))
+    assert len(said) == 1
 
 
 MATERIALS = """\

@@ -129,7 +129,7 @@ def carried(
     if reach > FARTHEST * force or arrays[0].size > LARGEST_IN_C:
         return None
     for place, start in enumerate(starts):
-        if start.likeness is likeness:
+        if start.likeness is not None and start.likeness.has_rows_of(likeness):
             found = _optimum(problem, arrays, box, objective.cutoff, likeness.layout, start)
             if found is not None:
                 unit = objective.unit(problem, coordinates)

@@ -106,6 +106,19 @@ class Likeness(NamedTuple):
     minus_last: FloatArray
     flat: FloatArray
 
+    def has_rows_of(self, other: Likeness) -> bool:
+        """Whether the programs of both have the same rows, whatever the coefficients of friction.
+
+        Then what is active in one may be in the other. It is told by content: which objects are
+        remembered depends on what was solved before.
+        """
+        own, others = self.layout, other.layout
+        return self is other or (
+            self.face_count == other.face_count
+            and own.size == others.size
+            and (own is others or own.cones.tobytes() == others.cones.tobytes())
+        )
+
 
 def likeness_of(problem: QuasistaticProblem) -> Likeness:
     """Return what a problem with pyramids for cones shares with those like it: the same object."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -35,52 +35,91 @@ from graspless_pin.scene.body_schema import (
     SupportEntry,
     TwistEntry,
 )
-from graspless_pin.scene.yaml_source import Location, YamlSource
+from graspless_pin.scene.stages import SceneParts
+from graspless_pin.scene.yaml_source import Location, YamlSource, key_text
+
+_Body = TypeVar("_Body", ManipulatedObject, Support)
 
 
-def build_object(file: YamlSource, entry: ObjectEntry) -> ManipulatedObject:
-    """Return the object of a scene file.
-
-    Raises:
-        SceneError: Naming the part of the file.
-    """
-    shape = file.at(("object", "shape"), lambda: _shape(file, entry.shape))
-    file.at(("object", "shape"), lambda: coal_geometries(shape), ("path",))
-    return file.at(
-        ("object",),
-        lambda: ManipulatedObject.from_shape(
-            entry.name,
-            shape,
-            build_pose(file, ("object", "pose"), entry.pose),
-            mass=entry.mass,
-            density=entry.density,
-            center_of_mass=entry.center_of_mass,
-            material=entry.material,
-            inertia=entry.inertia,
-        ),
-    )
-
-
-def build_support(file: YamlSource, where: Location, entry: SupportEntry) -> Support:
-    """Return the support at a location of a scene file.
+def build_object(file: YamlSource, parts: SceneParts, entry: ObjectEntry) -> ManipulatedObject:
+    """Return the object of a scene file, or what is the same of the scene before.
 
     Raises:
         SceneError: Naming the part of the file.
     """
-    pose = build_pose(file, (*where, "pose"), entry.pose)
-    support = file.at(
-        where,
-        lambda: Support(
-            entry.name,
-            _shape(file, entry.shape),
-            pose,
-            friction=entry.friction,
-            velocity=twist_of(entry.velocity),
-            material=entry.material,
-        ),
-    )
-    file.at((*where, "shape"), support.collision_bodies, ("path",))
-    return support
+    where = ("object",)
+
+    def made() -> ManipulatedObject:
+        shape = _shape_at(file, parts, (*where, "shape"), entry.shape)
+        pose = _pose_at(file, parts, (*where, "pose"), entry.pose)
+        body = file.at(
+            where,
+            lambda: ManipulatedObject.from_shape(
+                entry.name,
+                shape,
+                pose,
+                mass=entry.mass,
+                density=entry.density,
+                center_of_mass=entry.center_of_mass,
+                material=entry.material,
+                inertia=entry.inertia,
+            ),
+        )
+        return _with_pieces(parts, where, body, pose)
+
+    return parts.stage(key_text(where), (entry,), made)
+
+
+def build_support(
+    file: YamlSource, parts: SceneParts, where: Location, entry: SupportEntry
+) -> Support:
+    """Return the support at a location of a scene file, or what is the same of the scene before.
+
+    Raises:
+        SceneError: Naming the part of the file.
+    """
+
+    def made() -> Support:
+        pose = _pose_at(file, parts, (*where, "pose"), entry.pose)
+        shape = _shape_at(file, parts, (*where, "shape"), entry.shape)
+        body = file.at(
+            where,
+            lambda: Support(
+                entry.name,
+                shape,
+                pose,
+                friction=entry.friction,
+                velocity=twist_of(entry.velocity),
+                material=entry.material,
+            ),
+        )
+        return _with_pieces(parts, where, body, pose)
+
+    return parts.stage(key_text(where), (entry,), made)
+
+
+def _pose_at(file: YamlSource, parts: SceneParts, where: Location, entry: PoseEntry) -> FloatArray:
+    return parts.stage(key_text(where), (entry,), lambda: build_pose(file, where, entry))
+
+
+def _shape_at(file: YamlSource, parts: SceneParts, where: Location, entry: Any) -> Shape:
+    """Return the shape at a location of a scene file, which can be made of convex pieces."""
+
+    def made() -> Shape:
+        shape = file.at(where, lambda: _shape(file, entry))
+        file.at(where, lambda: coal_geometries(shape), ("path",))
+        return shape
+
+    return parts.stage(key_text(where), (entry,), made)
+
+
+def _with_pieces(parts: SceneParts, where: Location, made: _Body, pose: FloatArray) -> _Body:
+    """Return a body with the convex pieces that it had, and where they were, if it still does."""
+    name, kept = key_text(where), parts.latest
+    pieces = kept.of(f"{name}: pieces", (made.shape, made.name), lambda: made.shapes)
+    placed = kept.of(f"{name}: placed pieces", (pieces, pose), lambda: made.placed_bodies)
+    vars(made).update(shapes=pieces, geometries=pieces.geometries, placed_bodies=placed)
+    return made
 
 
 def build_pose(file: YamlSource, where: Location, entry: PoseEntry) -> FloatArray:

@@ -63,6 +63,15 @@ def joint_columns(
     return _with_hybrid_fingers(joints, hand, touching, limit)
 
 
+def with_limits_of(hand: Hand, joints: ControlledJoints) -> ControlledJoints:
+    """Return columns with the effort limits of a hand, which is otherwise the one they are of."""
+    lower, upper = hand.effort_limits
+    own, (low, high) = len(lower), joints.limits
+    if own < len(low):
+        lower, upper = np.concatenate((lower, low[own:])), np.concatenate((upper, high[own:]))
+    return joints._replace(limits=(lower, upper))
+
+
 def possible_columns(hand: Hand | None) -> dict[str, JointUnit]:
     """Return the units by name of all columns that `joint_columns` may have, whatever touches."""
     if hand is None:

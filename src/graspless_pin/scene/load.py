@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import reprlib
 from collections.abc import Sequence
@@ -19,11 +20,11 @@ from graspless_pin.magnitudes import LARGEST_LOAD_OVER_LIMIT
 from graspless_pin.scene.body_building import build_object, build_support, twist_of
 from graspless_pin.scene.entry_findings import entry_findings
 from graspless_pin.scene.friction import friction_by_name
-from graspless_pin.scene.hand_building import SceneParts, build_hand
-from graspless_pin.scene.messages import validated
+from graspless_pin.scene.hand_building import build_hand
 from graspless_pin.scene.motion_and_contacts import GivenContact, HandMotion, Motion
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_schema import MotionEntry, SceneEntry
+from graspless_pin.scene.stages import SceneParts
 from graspless_pin.scene.yaml_source import Location, YamlSource, key_text
 from graspless_pin.spelling import names_in_words, what_to_pass
 
@@ -82,14 +83,20 @@ def build_scene(source: YamlSource, parts: SceneParts | None = None) -> Scene:
             f"{source.where(())}: found {reprlib.repr(source.data)}; a scene is a mapping with the "
             "keys object, friction, hand, supports, ..."
         )
-    entry = validated(source, SceneEntry)
+    parts = parts or SceneParts()
+    entry = parts.validated(source)
     with heard() as found:
-        scene = _scene(source, parts or SceneParts(), entry)
-        tell(*entry_findings(entry, scene.materials))
+        scene = _scene(source, parts, entry)
+        bodies = entry.object, entry.hand, *entry.supports
+        parts.stage(
+            "entry",
+            (*bodies, scene.materials),
+            lambda: tell(*entry_findings(entry, scene.materials)),
+        )
     of_hand = () if scene.hand is None else scene.hand.findings
     placed = [one if one in of_hand else _placed(source, one) for one in found]
     tell(*placed)
-    scene = replace(scene, load_findings=tuple(one for one in placed if one not in of_hand))
+    vars(scene)["load_findings"] = tuple(one for one in placed if one not in of_hand)
     if entry.warnings == "error":
         _refuse(source, scene.findings)
     return scene
@@ -117,23 +124,29 @@ def _scene(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Scene:
     if entry.hand is not None:
         hand = build_hand(file, parts, entry.hand)
     supports = tuple(
-        build_support(file, ("supports", index), item) for index, item in enumerate(entry.supports)
+        build_support(file, parts, ("supports", index), item)
+        for index, item in enumerate(entry.supports)
     )
     links = () if hand is None else hand.link_names
     bodies = [*(support.name for support in supports), *links]
     _check_names(file, entry, links)
-    made = build_object(file, entry.object)
+    made = build_object(file, parts, entry.object)
     _check_weight(file, entry, made)
     weight = entry.hand is None or entry.hand.count_own_weight
-    return Scene(
+    axes = tuple(np.array(axis) for axis in entry.tangent_axes)
+    scene = Scene(
         name=entry.name or file.path.stem,
         path=file.path,
-        gravity=np.array(entry.gravity),
+        gravity=parts.latest.of("gravity", (repr(entry.gravity),), lambda: np.array(entry.gravity)),
         hand=hand,
         object=made,
-        supports=supports,
+        supports=parts.latest.of("supports", supports, lambda: supports),
         friction=file.at((), lambda: friction_by_name(entry.friction, bodies)),
-        materials=_materials(file, entry),
+        materials=parts.stage(
+            "materials",
+            (repr(entry.materials), entry.object, entry.hand, *entry.supports),
+            lambda: _materials(file, entry),
+        ),
         hand_material=None if entry.hand is None else entry.hand.material,
         given_contacts=_contacts(file, entry, bodies),
         motion=_motion(file, entry.motion, hand),
@@ -143,16 +156,18 @@ def _scene(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Scene:
         contact_tolerance=entry.contact_tolerance,
         max_penetration=entry.max_penetration,
         points_per_patch=entry.points_per_patch,
-        tangent_axes=tuple(np.array(axis) for axis in entry.tangent_axes),
+        tangent_axes=parts.latest.of("axes", (repr(entry.tangent_axes),), lambda: axes),
         count_own_weight=weight,
         hybrid_force_limit=None if entry.hand is None else entry.hand.hybrid_force_limit,
-        solve_options=entry.solve.model_dump(),
+        solve_options=parts.latest.of("solve", (entry.solve,), entry.solve.model_dump),
     )
+    vars(scene)["_kept"] = parts.latest
+    return scene
 
 
 def _check_weight(file: YamlSource, entry: SceneEntry, made: ManipulatedObject) -> None:
     """Refuse an object whose weight no double holds beside the force that must bear it."""
-    weight = made.mass * float(np.linalg.norm(entry.gravity))
+    weight = made.mass * math.hypot(*entry.gravity)
     most = LARGEST_LOAD_OVER_LIMIT * entry.max_normal_force
     if weight > most:
         raise file.error(

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import ArgumentError, SceneError
+from graspless_pin.geometry.hand.displacement import displaced_tree
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.scene import Scene
@@ -36,7 +37,9 @@ def displaced_hand(hand: Hand, T: FloatArray) -> Hand:
     """
     poses = {prefix: T @ pose for prefix, pose in hand.base_poses.items()}
     mounts = tuple(replace(one, T_world_base=poses[one.prefix]) for one in hand.mounts)
-    return replace(hand, tree=hand.tree.displaced(T), base_poses=poses, mounts=mounts)
+    return replace(
+        hand, tree=displaced_tree(hand.tree, [T] * len(mounts)), base_poses=poses, mounts=mounts
+    )
 
 
 def bent_hand(hand: Hand, change: FloatArray) -> Hand:

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import operator
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.torque import objective_and_options
+from graspless_pin.derived import Latest
 from graspless_pin.errors import (
     ArgumentError,
     SceneError,
@@ -22,11 +23,9 @@ from graspless_pin.errors import (
     StateFault,
 )
 from graspless_pin.findings import Finding
-from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
 from graspless_pin.geometry.bodies.materials import Materials
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
-from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays
-from graspless_pin.geometry.contact.finding import contact_arrays
+from graspless_pin.geometry.contact.contact_points import ContactArrays
 from graspless_pin.geometry.contact.motion import (
     checked_twist,
     classified,
@@ -40,27 +39,26 @@ from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.cones import projected_tangents
 from graspless_pin.problem.derived_inertias import with_derived_inertias
 from graspless_pin.problem.own_arrays import problem_of_own_arrays
-from graspless_pin.programs.objectives import Algorithm
+from graspless_pin.programs.objectives import Algorithm, Objective
 from graspless_pin.scene.changes import checked_changes
 from graspless_pin.scene.friction import FrictionTable
 from graspless_pin.scene.joints import (
     ControlledJoints,
     inertia_of_columns,
     joint_columns,
+    with_limits_of,
 )
 from graspless_pin.scene.motion_and_contacts import (
     GivenContact,
     Motion,
     SceneContacts,
     body_velocities,
-    given_arrays,
 )
 from graspless_pin.scene.scene_findings import findings_of, nothing_touches
 from graspless_pin.scene.scene_screen import scene_line, scene_screen
 from graspless_pin.scene.scene_stability import unknown_of, verdict_of
+from graspless_pin.scene.touching import touching_of
 from graspless_pin.solution import TorqueSolution
-
-_Made = TypeVar("_Made")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -153,7 +151,7 @@ class Scene(PickledByFields):
                 motion drives the object into something or away from everything.
             SceneError: If a shape cannot be used.
         """
-        touching = self._touching()
+        touching = touching_of(self, self._kept)
         if not len(touching):
             raise StateError(StateFault.NO_CONTACT, f"{self._label()}: {nothing_touches(self)}")
         motion = self.motion
@@ -197,7 +195,7 @@ class Scene(PickledByFields):
         problem = (made if self.given_contacts is None else QuasistaticProblem)(
             touching.positions - self.object.center_of_mass_world,
             touching.normals,
-            self._once(
+            self._kept.of(
                 "weight",
                 (self.object.mass, self.gravity),
                 lambda: np.concatenate([self.object.mass * self.gravity, np.zeros(3)]),
@@ -220,9 +218,17 @@ class Scene(PickledByFields):
 
     def _joints(self, touching: ContactArrays) -> ControlledJoints:
         gravity = self.gravity if self.count_own_weight else None
-        limit = self.hybrid_force_limit or self.max_normal_force
+        hand, limit = self.hand, 0.0
+        if hand is not None and hand.control.hybrid_fingers:
+            limit = self.hybrid_force_limit or self.max_normal_force
         try:
-            return joint_columns(self.hand, touching, gravity, limit)
+            if hand is None:
+                return joint_columns(None, touching, gravity, limit)
+            sources = hand.tree, hand.positions, hand.actuation, hand.control, touching, gravity
+            joints = self._kept.of(
+                "joints", (*sources, limit), lambda: joint_columns(hand, touching, gravity, limit)
+            )
+            return with_limits_of(hand, joints)
         except SceneError as error:
             raise error.at(self._label()) from error
 
@@ -230,7 +236,7 @@ class Scene(PickledByFields):
         materials = self.hand_material, self.object.material, self.materials
         sources = self.supports, self.friction, *materials
         try:
-            table = self._once("friction", sources, lambda: FrictionTable(*sources))
+            table = self._kept.of("friction", sources, lambda: FrictionTable(*sources))
             return table.coefficients(touching)
         except SceneError as error:
             raise error.at(self._label()) from error
@@ -247,10 +253,19 @@ class Scene(PickledByFields):
             SceneError: See `contacts`; or if the scene's own solver is not installed.
         """
         mode = options.pop("mode", None)
+        objective, how = self.asked(algorithm, **options)
+        unknown = unknown_of(self) if how.strong else ""
+        found = solve_problem(self.problem(), objective, how, mode=mode, unknown=unknown)
+        return found.of_source(self)
+
+    def asked(self, algorithm: str | None = None, **options: Any) -> tuple[Objective, SolveOptions]:
+        """Return what `solve` solves for, and how; the arguments are the same."""
         chosen = {**self.solve_options, **options}
         chosen["algorithm"] = algorithm or chosen.get("algorithm", "margin")
         try:
-            objective, how = objective_and_options(**chosen)
+            objective, how = self._kept.of(
+                "asked", (*chosen, *chosen.values()), lambda: objective_and_options(**chosen)
+            )
         except SolverUnavailableError as error:
             if "solver" in options:
                 raise
@@ -262,9 +277,7 @@ class Scene(PickledByFields):
                     "is an option of Algorithm 2 and would change nothing here; ask for the "
                     "algorithm 'torque' or leave it out",
                 )
-        unknown = unknown_of(self) if how.strong else ""
-        found = solve_problem(self.problem(), objective, how, mode=mode, unknown=unknown)
-        return replace(found, _source=self)
+        return objective, how
 
     def stability(self, torques: ArrayLike, **options: Any) -> StabilityVerdict:
         """Tell whether the object stays with motor torques (L,): see `graspless_pin.stability`.
@@ -295,53 +308,11 @@ class Scene(PickledByFields):
     def _label(self) -> str:
         return self.name if self.path is None else str(self.path)
 
-    def _touching(self) -> ContactArrays:
-        """All contacts before the motion, hand first."""
-        if self.given_contacts is not None:
-            links = () if self.hand is None else self.hand.link_names
-            return given_arrays(self.given_contacts, links)
-        hand_bodies = () if self.hand is None else self.hand.placed_bodies
-        on_hand = self._found(hand_bodies, BodyKind.HAND)
-        limits = self.contact_tolerance, self.max_penetration, self.points_per_patch
-        sources = self.object, self.supports, *limits
-        return on_hand.followed_by(self._once("on supports", sources, self._found_on_supports))
-
-    def _found(self, bodies: Sequence[CollisionBody], kind: BodyKind) -> ContactArrays:
-        pieces = self.object.placed_bodies
-        try:
-            return contact_arrays(
-                pieces,
-                bodies,
-                kind,
-                tolerance=self.contact_tolerance,
-                max_penetration=self.max_penetration,
-                max_points=self.points_per_patch,
-            )
-        except SceneError as error:
-            raise error.at(self._label()) from error
-
-    def _found_on_supports(self) -> ContactArrays:
-        bodies = self._once("support bodies", (self.supports,), self._support_bodies)
-        return self._found(bodies, BodyKind.SUPPORT)
-
-    def _support_bodies(self) -> PlacedBodies:
-        """Return the pieces of all supports."""
-        return PlacedBodies.joined([support.placed_bodies for support in self.supports])
-
     @cached_property
-    def _kept(self) -> dict[str, tuple[tuple[Any, ...], Any]]:
-        """What this scene and those changed from it found last, and what they found it from."""
-        return {}
-
-    def _once(self, name: str, sources: tuple[Any, ...], make: Callable[[], _Made]) -> _Made:
-        """Return what ``make`` returns, made again only where a source is another object."""
-        kept = self._kept.get(name)
-        if kept is not None and all(map(operator.is_, kept[0], sources)):
-            return kept[1]
-        made = make()
-        self._kept[name] = sources, made
-        return made
+    def _kept(self) -> Latest:
+        """What this scene and those changed from it, or made of the same parts, found last."""
+        return Latest()
 
     def _supports_moving(self) -> bool:
         supports = self.supports
-        return self._once("moving", (supports,), lambda: any(s.velocity.any() for s in supports))
+        return self._kept.of("moving", (supports,), lambda: any(s.velocity.any() for s in supports))

@@ -70,6 +70,12 @@ class TorqueSolution:
     _explanation: str | None = None
     _source: HasFindings | None = None
 
+    def of_source(self, source: Any) -> TorqueSolution:
+        """Return the solution as that of a scene, whose findings are told with its own."""
+        own = object.__new__(type(self))
+        vars(own).update(vars(self), _source=source)
+        return own
+
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What is wrong with the scene that it is of, and with itself; the gravest first."""

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from graspless_pin.errors import GrasplessPinError, SceneError, StudyError
-from graspless_pin.scene.hand_building import SceneParts
 from graspless_pin.scene.messages import validated
 from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.solvers import check_solver
 from graspless_pin.studies.keys import Tree
-from graspless_pin.studies.study import Sample, Study
+from graspless_pin.studies.sample_parts import Sample, SampleParts
+from graspless_pin.studies.study import Study
 
 _MOST_TRIED = 64
 
@@ -47,7 +47,7 @@ def _check_values(study: Study, name: str, value: object, tree: Tree) -> None:
 def _check_any_touches(study: Study) -> None:
     count = len(study.samples)
     spread = np.linspace(0, count - 1, min(count, _MOST_TRIED)).round().astype(int)
-    parts = SceneParts()
+    parts = SampleParts()
     failure: tuple[Sample, GrasplessPinError] | None = None
     for number in dict.fromkeys(spread.tolist()):
         sample = study.samples[number]

@@ -23,6 +23,8 @@ Tree = dict[str, Any]
 _BY_NAME = ("q", "effort_limits", "joint_velocities", "friction", "control")
 """Mappings whose keys are names, which may hold dots."""
 _ZERO = ("position", "rpy", "linear", "angular")
+_HOLDERS = ("object", "supports", "hand", "mounts")
+"""What holds names and places beside other things."""
 VECTORS = ("gravity", "tangent_axes", "motion")
 
 
@@ -88,7 +90,7 @@ def _entered(node: Any, defaults: Tree, location: Location, key: str) -> Any:
     inner = _inside(node, name)
     if inner is None or (name == "friction" and not isinstance(inner, dict)):
         inner = _default(defaults, location) if inner is None else {"default": inner}
-        put(node, (name,), inner)
+        node[name] = inner
     if not isinstance(inner, dict | list):
         above = ".".join(map(str, location))
         raise StudyError(f"{key}: {above} is {inner!r} and has no keys below it")
@@ -119,12 +121,44 @@ def copied(data: Any) -> Any:
     return [copied(item) for item in data] if isinstance(data, list) else data
 
 
-def put(tree: Any, location: Location, value: Any) -> None:
-    """Set what stands at a location."""
-    node: Any = tree
-    for part in location[:-1]:
-        node = node[part]
-    node[location[-1]] = value
+def put(tree: Any, location: Location, value: Any) -> Any:
+    """Return a tree with a value at a location; the rest is shared."""
+    first, *rest = location
+    changed = tree.copy()
+    changed[first] = put(tree[first], tuple(rest), value) if rest else value
+    return changed
+
+
+def movable_part(tree: Tree) -> Tree:
+    """Return the part of a scene that `move` and `turn` read and change: names and places."""
+    part = {name: tree[name] for name in VECTORS if name in tree}
+    part["object"] = _only(tree["object"], "name", "pose")
+    if tree.get("supports"):
+        part["supports"] = [_only(item, "name", "pose", "velocity") for item in tree["supports"]]
+    hand = tree.get("hand")
+    if hand is not None:
+        part["hand"] = _only(hand, "base_pose")
+        if hand.get("mounts"):
+            mounts = [_only(item, "prefix", "base_pose") for item in hand["mounts"]]
+            part["hand"]["mounts"] = mounts
+    return part
+
+
+def _only(entry: Tree, *names: str) -> Tree:
+    return {name: entry[name] for name in names if name in entry}
+
+
+def with_part(tree: Any, part: Any) -> Any:
+    """Return a tree with what a part of it, such as `movable_part`, holds; the rest is shared."""
+    if isinstance(part, list):
+        return [*map(with_part, tree, part)]
+    return {
+        **tree,
+        **{
+            name: with_part(tree[name], item) if name in _HOLDERS else item
+            for name, item in part.items()
+        },
+    }
 
 
 def move(

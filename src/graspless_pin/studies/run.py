@@ -26,11 +26,7 @@ from graspless_pin.drafts import remove_stale_drafts
 from graspless_pin.errors import StudyError
 from graspless_pin.problem.checks import whole_number
 from graspless_pin.studies.checks import check_study
-from graspless_pin.studies.executors import (
-    Workforce,
-    given_executor,
-    local_processes,
-)
+from graspless_pin.studies.executors import Workforce, given_executor, local_processes
 from graspless_pin.studies.journal import JOURNAL_FORMAT, Journal, discard
 from graspless_pin.studies.sample_evaluation import Failure, Row, evaluate_each
 from graspless_pin.studies.study import Study
@@ -50,7 +46,7 @@ if TYPE_CHECKING:
 
 _CHUNK_SECONDS = 0.5
 """How long a chunk should take: long beside the way to a worker, short beside a progress bar."""
-_LARGEST_CHUNK = 256
+_LARGEST_CHUNK = 4096
 _LONGEST_NAME = 220
 """Bytes of an output's name; its journal and draft have longer ones, and 255 is the end."""
 _AHEAD = 2
@@ -272,18 +268,32 @@ class _Dispatch:
             self.force.close()
             for future in left:
                 if future.done() and future.exception() is None:
-                    self.keep(future.result()[0])
+                    chunk = {*self.running[future]}
+                    self.keep([row for row in future.result()[0] if row["sample"] in chunk])
 
     def _send(self) -> None:
         while self.queue and len(self.running) < _AHEAD * self.force.workers:
-            size = min(self._size(), len(self.queue))
-            chunk = [self.queue.popleft() for _ in range(size)]
-            samples = [(number, self.study.samples[number]) for number in chunk]
+            chunk = self._chunk()
+            samples = [(number, self.study.samples[number]) for number in self._with_blocks(chunk)]
             try:
                 future = self.force.submit(evaluate_each, self._plan, samples)
             except BrokenExecutor as error:
                 raise _lost(error) from error
             self.running[future] = chunk
+
+    def _chunk(self) -> list[int]:
+        """Take the next samples off the queue: whole blocks, as far as they are missing."""
+        block, size = self.study.block, self._size()
+        chunk: list[int] = []
+        while self.queue and (len(chunk) < size or self.queue[0] // block == chunk[-1] // block):
+            chunk.append(self.queue.popleft())
+        return chunk
+
+    def _with_blocks(self, chunk: Sequence[int]) -> list[int]:
+        """Return samples and what they may learn from: those before them in their blocks."""
+        block = self.study.block
+        last = {number // block: number for number in chunk}
+        return [n for place, end in last.items() for n in range(place * block, end + 1)]
 
     @cached_property
     def _plan(self) -> Study:
@@ -299,14 +309,14 @@ class _Dispatch:
 
     def _receive(self, future: Future[Any]) -> None:
         """Keep the rows of a future."""
-        chunk = self.running.pop(future)
+        chunk = {*self.running.pop(future)}
         try:
             rows, seconds = future.result()
         except StudyError:
             raise
         except Exception as error:
             raise _lost(error) from error
-        self.keep(rows)
+        self.keep([row for row in rows if row["sample"] in chunk])
         now = seconds / len(chunk)
         self.pace = now if self.pace is None else 0.5 * (self.pace + now)
 

@@ -7,21 +7,21 @@ from enum import StrEnum
 from functools import lru_cache
 from typing import Any
 
-import numpy as np
-
 from graspless_pin.algorithms.disturbances import disturbance_margin
 from graspless_pin.algorithms.force_bounds import contact_force_bounds
 from graspless_pin.algorithms.minimum_friction import minimum_friction
 from graspless_pin.errors import GrasplessPinError, StudyError
 from graspless_pin.holding.verdict import StabilityVerdict
-from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray
+from graspless_pin.planning.warm_starts import WarmStarts
 from graspless_pin.problem.joint_units import JointUnit
-from graspless_pin.scene.hand_building import SceneParts
 from graspless_pin.scene.scene import Scene
+from graspless_pin.scene.scene_stability import unknown_of
 from graspless_pin.solution import Status, TorqueSolution
-from graspless_pin.studies.study import Sample, Study
+from graspless_pin.studies.sample_parts import Sample, SampleParts
+from graspless_pin.studies.study import Study
 
+_SUFFIXES = {unit: unit.replace(" ", "") for unit in JointUnit}
+"""What ends the name of a column, by unit."""
 Row = dict[str, Any]
 """Results by column."""
 
@@ -43,35 +43,51 @@ class Failure(StrEnum):
 def evaluate_each(study: Study, samples: Sequence[tuple[int, Sample]]) -> Iterator[Row]:
     """Evaluate samples in this process; robots that an earlier call has read are kept.
 
+    What was learned of a sample serves in those after it in its block.
+
     Args:
         study: The study.
-        samples: Number and values of each sample.
+        samples: Number and values of each sample; of each block all from its beginning.
 
     Yields:
         The row of each.
     """
     parts = _parts_of(study.fingerprint)
+    block, starts = None, None
     for number, sample in samples:
-        yield evaluate_sample(study, number, sample, parts)
+        if study.block > 1 and number // study.block != block:
+            block, starts = number // study.block, WarmStarts()
+        yield evaluate_sample(study, number, sample, parts, starts)
 
 
 @lru_cache(maxsize=4)
-def _parts_of(_fingerprint: str) -> SceneParts:
+def _parts_of(_fingerprint: str) -> SampleParts:
     """Return what the scenes of a study share in this process."""
-    return SceneParts()
+    return SampleParts()
 
 
 def evaluate_sample(
-    study: Study, number: int, sample: Sample, parts: SceneParts | None = None
+    study: Study,
+    number: int,
+    sample: Sample,
+    parts: SampleParts | None = None,
+    starts: WarmStarts | None = None,
 ) -> Row:
     """Return the row of one sample. A failure is a row, too.
+
+    Args:
+        study: The study.
+        number: The sample's number.
+        sample: Its values.
+        parts: What scenes of earlier samples left; it changes nothing of the row.
+        starts: What was learned of samples before it in its block; None: nothing is carried over.
 
     Raises:
         StudyError: If the study's record cannot keep the solution.
     """
     try:
         scene = study.scene_at(sample, parts)
-        return {"sample": number, **_results(study, number, scene)}
+        return {"sample": number, **_results(study, number, scene, starts)}
     except StudyError:
         raise
     except Exception as error:
@@ -86,9 +102,9 @@ def failure_row(number: int, why: Failure, error: str) -> Row:
     return {"sample": number, "status": why.value, "found": False, "error": error}
 
 
-def _results(study: Study, number: int, scene: Scene) -> Row:
+def _results(study: Study, number: int, scene: Scene, starts: WarmStarts | None) -> Row:
     compute = study.entry.compute
-    solution = scene.solve(None, node_limit=compute.node_limit, time_limit=compute.time_limit)
+    solution = _solution(study, scene, starts)
     if study.record is not None:
         try:
             study.record(number, scene, solution)
@@ -96,12 +112,17 @@ def _results(study: Study, number: int, scene: Scene) -> Row:
             raise StudyError(f"sample {number}: {error}") from error
     problem = solution.problem
     row: Row = {"status": solution.status.name.lower(), "found": solution.found}
-    row |= dict.fromkeys(_largest(problem, np.zeros(problem.joint_count)))
+    suffixes = [_SUFFIXES[unit] for unit in problem.joint_units]
+    there = [one for one in _SUFFIXES.values() if one in suffixes] or [_SUFFIXES[JointUnit.TORQUE]]
+    row |= dict.fromkeys([LARGEST_TORQUE + one for one in there])
     if solution.found:
-        torques = solution.torques
-        row |= {"margin_N": solution.margin, **_largest(problem, torques)}
-        named = zip(problem.joint_names, problem.joint_units, torques.tolist(), strict=True)
-        row |= {f"torque_{name}_{_suffix(unit)}": torque for name, unit, torque in named}
+        row["margin_N"] = solution.margin
+        row |= dict.fromkeys([LARGEST_TORQUE + one for one in there], 0.0)
+        torques = solution.torques.tolist()
+        for suffix, torque in zip(suffixes, torques, strict=True):
+            row[LARGEST_TORQUE + suffix] = max(row[LARGEST_TORQUE + suffix], abs(torque))
+        for name, suffix, torque in zip(problem.joint_names, suffixes, torques, strict=True):
+            row[f"torque_{name}_{suffix}"] = torque
     row["contacts"] = problem.contact_count
     row["nodes"] = solution.certificate.nodes
     if compute.verdict and solution.found:
@@ -113,6 +134,18 @@ def _results(study: Study, number: int, scene: Scene) -> Row:
     return row
 
 
+def _solution(study: Study, scene: Scene, starts: WarmStarts | None) -> TorqueSolution:
+    compute = study.entry.compute
+    limits = {"node_limit": compute.node_limit, "time_limit": compute.time_limit}
+    if starts is None:
+        return scene.solve(None, **limits)
+    objective, how = scene.asked(**limits)
+    asked_for = how.rules, *scene.contacts.bodies
+    unknown = unknown_of(scene) if how.strong else ""
+    found = starts.solved(asked_for, scene.problem(), objective, how, unknown)
+    return found.of_source(scene)
+
+
 def _verdict(study: Study, scene: Scene, solution: TorqueSolution) -> StabilityVerdict:
     """Return the verdict on a sample's torques: its own where they are guaranteed."""
     known = solution.guarantee and solution.guarantee.verdict
@@ -121,21 +154,6 @@ def _verdict(study: Study, scene: Scene, solution: TorqueSolution) -> StabilityV
     nodes = scene.solve_options["verdict_nodes"]
     limit = study.entry.compute.time_limit
     return scene.stability(solution.torques, node_limit=nodes, time_limit=limit)
-
-
-def _largest(problem: QuasistaticProblem, torques: FloatArray) -> Row:
-    """Return the largest |torque| of the joints of each unit that there is; N m without joints."""
-    units = np.array(problem.joint_units or [JointUnit.TORQUE])
-    absolute = np.abs(torques) if len(torques) else np.zeros(1)
-    return {
-        f"{LARGEST_TORQUE}{_suffix(unit)}": float(absolute[units == unit].max())
-        for unit in JointUnit
-        if unit in units
-    }
-
-
-def _suffix(unit: JointUnit) -> str:
-    return unit.replace(" ", "")
 
 
 def _analyses(study: Study, solution: TorqueSolution) -> Row:

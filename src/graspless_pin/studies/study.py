@@ -17,7 +17,6 @@ from graspless_pin.errors import StudyError
 from graspless_pin.intake.files import FileKind, is_file, read_bytes
 from graspless_pin.scene.degrees import in_radians
 from graspless_pin.scene.entry_findings import materials_in_words, other_materials
-from graspless_pin.scene.hand_building import SceneParts
 from graspless_pin.scene.load import build_scene
 from graspless_pin.scene.messages import validated
 from graspless_pin.scene.scene import Scene
@@ -25,13 +24,14 @@ from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.scene.yaml_source import Location, YamlSource, key_text
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.studies.keys import Tree, copied
+from graspless_pin.studies.sample_parts import Sample, SampleParts
 from graspless_pin.studies.study_schema import StudyEntry
 from graspless_pin.studies.variables import Variable, make_variable
 
 MOST_SAMPLES = 10_000_000
-
-Sample = tuple[Any, ...]
-"""The value of every variable."""
+_LARGEST_BLOCK = 64
+_BLOCKS = 256
+"""As many workers at least have something to do where there are enough samples."""
 
 
 class SolutionWriter(Protocol):
@@ -62,6 +62,8 @@ class Study:
         variables: What varies, in the order of the file.
         samples: The values of all variables, sample by sample.
         fingerprint: Hash of all that the results depend on but the versions of libraries.
+        block: How many samples follow each other in which one may begin with what was learned of
+            those before it; 1: none does.
         record: What takes each sample's solution as it is found; None: only its row is kept.
     """
 
@@ -71,6 +73,7 @@ class Study:
     variables: tuple[Variable, ...]
     samples: tuple[Sample, ...]
     fingerprint: str
+    block: int = 1
     record: SolutionWriter | None = None
 
     @property
@@ -91,31 +94,27 @@ class Study:
         """
         return _made(YamlSource(Path("study"), copied(dict(data)), _STUDY), Path(folder))
 
-    def placed_at(self, sample: Sample) -> Tree:
+    def placed_at(self, sample: Sample, parts: SampleParts | None = None) -> Tree:
         """Return the scene file's content with the keys of one sample set, nothing moved yet."""
-        tree = in_radians(self.scene.data)
-        for variable, value in zip(self.variables, sample, strict=True):
-            variable.place(tree, value)
-        return tree
+        return (parts or SampleParts()).placed(self.scene.data, self.variables, sample)
 
-    def tree_at(self, sample: Sample) -> Tree:
-        """Return the content of the scene file at one sample."""
-        tree = self.placed_at(sample)
-        for variable, value in zip(self.variables, sample, strict=True):
-            variable.displace(tree, value)
-        return tree
+    def tree_at(self, sample: Sample, parts: SampleParts | None = None) -> Tree:
+        """Return the content of the scene file at one sample; it shares parts with others."""
+        parts = parts or SampleParts()
+        return parts.moved(self.placed_at(sample, parts), self.variables, sample)
 
-    def scene_at(self, sample: Sample, parts: SceneParts | None = None) -> Scene:
+    def scene_at(self, sample: Sample, parts: SampleParts | None = None) -> Scene:
         """Return the scene at one sample.
 
         Args:
             sample: The values of all variables, e.g. one of `samples`.
-            parts: What earlier scenes left.
+            parts: What scenes of earlier samples left.
 
         Raises:
             SceneError: If the scene cannot be used with these values.
         """
-        return build_scene(replace(self.scene, data=self.tree_at(sample)), parts)
+        parts = parts or SampleParts()
+        return build_scene(replace(self.scene, data=self.tree_at(sample, parts)), parts)
 
 
 def load_study(path: str | Path) -> Study:
@@ -165,14 +164,30 @@ def _made(source: YamlSource, folder: Path) -> Study:
     _check_targets(variables, options, fail)
     _check_materials(usual, variables, fail)
     _check_algorithm(tree, variables, options, fail)
+    samples = _samples(entry, variables, fail)
     return Study(
         entry=entry,
         source=source,
         scene=replace(scene, data=tree),
         variables=variables,
-        samples=_samples(entry, variables, fail),
+        samples=samples,
         fingerprint=_fingerprint(entry, tree, file.parent),
+        block=_block(entry, tree, variables, len(samples)),
     )
+
+
+def _block(entry: StudyEntry, tree: Tree, variables: tuple[Variable, ...], count: int) -> int:
+    """Return how many samples learn from each other.
+
+    It has to depend on the study alone. None do where time decides what a sample comes to: then
+    those after it would depend on it, too.
+    """
+    compute = entry.compute
+    limits = compute.time_limit, compute.sample_time_limit, tree["solve"].get("time_limit")
+    varied = any(place == ("solve", "time_limit") for one in variables for place, *_ in one.targets)
+    if varied or any(limit is not None for limit in limits):
+        return 1
+    return max(1, min(_LARGEST_BLOCK, count // _BLOCKS))
 
 
 def _check_targets(variables: tuple[Variable, ...], options: Mapping[str, Any], fail: Any) -> None:

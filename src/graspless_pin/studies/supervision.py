@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import time
-from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from graspless_pin.child_process import ChildProcess
 from graspless_pin.child_processes import ChildProcesses, kept_processes
 from graspless_pin.errors import CrashError, OverrunError, StudyError
 from graspless_pin.studies.sample_evaluation import Failure, Row, failure_row
-from graspless_pin.studies.study import Sample, Study
+from graspless_pin.studies.sample_parts import Sample
+from graspless_pin.studies.study import Study
 
 EvaluateSamples = Callable[[Study, Sequence[tuple[int, Sample]]], Iterator[Row]]
 """Yields the rows of samples, such as `evaluate_each`."""
 
+_PAUSE = 0.02
+"""Seconds between two messages of a process: each costs as much as a fast sample."""
 _TRIES = 2
 """How many processes a sample may end: the first may have ended for another reason."""
 
@@ -41,37 +43,79 @@ def compute_in(
         StudyError: If processes do not start.
     """
     limit = study.entry.compute.sample_time_limit
-    rest = deque(samples)
-    rows: list[Row] = []
+    pause = _PAUSE if limit is None else 0.0
+    rows: dict[int, Row] = {}
     tries = 0
 
     def give_up(why: Failure, error: str) -> None:
-        rows.append(failure_row(rest.popleft()[0], why, error))
+        number = next(number for number, _ in samples if number not in rows)
+        rows[number] = failure_row(number, why, error)
 
     child = _taken(processes)
     begin = time.perf_counter()
     try:
-        while rest and not processes.stopped.is_set():
+        while len(rows) < len(samples) and not processes.stopped.is_set():
             if not child.is_running:
                 child = _taken(processes, child)
+            rest = _rest(study, samples, rows)
             try:
-                for row in child.iterate(evaluation, study, tuple(rest), limit=limit):
-                    rows.append(row)
-                    rest.popleft()
-                    tries = 0
+                for more in child.iterate(_together, evaluation, study, rest, pause, limit=limit):
+                    new = {row["sample"]: row for row in more}
+                    tries = 0 if new.keys() - rows.keys() else tries
+                    rows = new | rows
             except OverrunError as error:
                 give_up(Failure.OUT_OF_TIME, f"{error} (sample_time_limit)")
                 tries = 0
             except CrashError as error:
                 if processes.stopped.is_set():
                     break
-                tries += 1
+                # Which of several it was shows where the next process sends them one by one.
+                tries += pause == 0.0
+                pause = 0.0
                 if tries == _TRIES:
                     give_up(Failure.CRASHED, f"{error}, and so was a second one")
                     tries = 0
     finally:
         processes.give_back(child)
-    return rows, time.perf_counter() - begin
+    return [*rows.values()], time.perf_counter() - begin
+
+
+def _rest(
+    study: Study, samples: Sequence[tuple[int, Sample]], rows: Mapping[int, Row]
+) -> tuple[tuple[int, Sample], ...]:
+    """Return what has no row yet, and what it may learn from: of its block what came before."""
+    first = next(number for number, _ in samples if number not in rows)
+    gone = {number for number, row in rows.items() if row["status"] == Failure.CRASHED}
+    begin = first - first % study.block
+    return tuple([one for one in samples if one[0] >= begin and one[0] not in gone])
+
+
+def _together(
+    evaluation: EvaluateSamples,
+    study: Study,
+    samples: Sequence[tuple[int, Sample]],
+    pause: float,
+) -> Iterator[list[Row]]:
+    """Yield the rows that an evaluation yields, if they come fast, many at a time.
+
+    A list is never longer than all before it together: so much is lost with a process at most.
+
+    Args:
+        evaluation: What yields rows.
+        study: The study.
+        samples: Number and values of each sample.
+        pause: Least seconds between two lists; 0: each row comes alone.
+    """
+    rows: list[Row] = []
+    sent, last = 1, time.perf_counter()
+    for row in evaluation(study, samples):
+        rows.append(row)
+        if len(rows) >= sent or time.perf_counter() - last >= pause:
+            yield rows
+            sent += len(rows)
+            rows, last = [], time.perf_counter()
+    if rows:
+        yield rows
 
 
 def start_in(processes: ChildProcesses) -> None:

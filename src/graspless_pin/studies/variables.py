@@ -158,24 +158,28 @@ class Variable:
         """Values that a check should try: all that are listed, or the ends of the range."""
         return self.points() if self.is_choice else list(dict.fromkeys(self._range()))
 
-    def place(self, tree: Tree, value: Any) -> None:
-        """Set the variable's keys in a scene."""
-        if not self.targets:
-            return
+    @property
+    def displaces(self) -> bool:
+        """Whether it moves or turns bodies."""
+        return self.entry.move is not None or self.entry.turn is not None
+
+    def placed(self, tree: Tree, value: Any) -> Tree:
+        """Return a scene with the variable's keys set."""
         if isinstance(self.entry.values, dict):
             value = self.entry.values[value]
         if isinstance(value, bool) or not isinstance(value, int | float):
             for location, _, _ in self.targets:
-                put(tree, location, value)
-            return
+                tree = put(tree, location, value)
+            return tree
         for location, factor, offset in self.targets:
-            if self.unit.factor == factor == 1.0 and offset == 0.0:
-                put(tree, location, value)
-            else:
-                put(tree, location, factor * (value * self.unit.factor) + offset)
+            number = value
+            if not (self.unit.factor == factor == 1.0 and offset == 0.0):
+                number = factor * (value * self.unit.factor) + offset
+            tree = put(tree, location, number)
+        return tree
 
     def displace(self, tree: Tree, value: Any) -> None:
-        """Move or turn the variable's bodies."""
+        """Move or turn the variable's bodies in a part of a scene, see `movable_part`."""
         if self.entry.move is not None:
             entry = self.entry.move
             way = (value - entry.as_in_scene) * self.unit.factor

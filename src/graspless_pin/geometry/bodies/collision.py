@@ -81,6 +81,8 @@ class PlacedBodies(Sequence[CollisionBody]):
     @classmethod
     def joined(cls, parts: Sequence[PlacedBodies]) -> PlacedBodies:
         """Put bodies that are placed together one after the other."""
+        if len(parts) == 1:
+            return parts[0]
         names = tuple(name for part in parts for name in part.shapes.names)
         geometries = tuple(shape for part in parts for shape in part.shapes.geometries)
         poses = np.concatenate([np.empty((0, 4, 4)), *(part.poses for part in parts)])

@@ -15,6 +15,7 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import Finding
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
 from graspless_pin.geometry.hand.actuation import Actuation
+from graspless_pin.geometry.hand.assembly import ControlModes, assembled_mounts, hand_fields
 from graspless_pin.geometry.hand.configuration import (
     independent_positions,
     independent_rates,
@@ -22,7 +23,7 @@ from graspless_pin.geometry.hand.configuration import (
 )
 from graspless_pin.geometry.hand.effort_limits import EffortLimit
 from graspless_pin.geometry.hand.fingers import ControlPlan
-from graspless_pin.geometry.hand.mounts import ControlModes, Mount, hand_fields
+from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.hand.posed_links import (
     PosedLinks,
     checked_points,
@@ -50,9 +51,8 @@ class Hand(Record):
     ``J^T f + gravity_torques(gravity)``.
 
     Fingers that nobody names are the branches below the palm. Joints that are not below a palm,
-    such as an arm's, are position-controlled unless ``control`` says otherwise.
-
-    See the example of `load_scene`.
+    such as an arm's, are position-controlled unless ``control`` says otherwise. See the example of
+    `load_scene`.
 
     Attributes:
         tree: Kinematics and shapes of all mounted robots.
@@ -154,7 +154,7 @@ class Hand(Record):
             GrasplessPinWarning: If an effort limit looks like a placeholder or is called unknown,
                 or a mimic joint follows a joint that does not exist.
         """
-        return cls(**hand_fields(mounts, q or {}, control, effort_limits or {}, armature or {}))
+        return cls(**hand_fields(assembled_mounts(mounts, control, armature), q, effort_limits))
 
     def with_configuration(self, q: Mapping[str, float]) -> Hand:
         """Return this hand at another configuration; joints that ``q`` does not name stay.

@@ -1,29 +1,19 @@
-"""Robots fixed to the world, how several of them become one tree, and that a hand."""
+"""Robots fixed to the world, and how several of them become one tree."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.errors import ArgumentError, RobotError
-from graspless_pin.findings import heard, tell
 from graspless_pin.geometry.bodies.decomposition import Cut
-from graspless_pin.geometry.hand.actuation import plan_actuation
-from graspless_pin.geometry.hand.armature import joint_armatures
-from graspless_pin.geometry.hand.configuration import joint_positions
-from graspless_pin.geometry.hand.effort_limits import (
-    EffortLimit,
-    expand_overrides,
-    resolve_effort_limits,
-    spread_names,
-)
+from graspless_pin.geometry.hand.effort_limits import expand_overrides, spread_names
 from graspless_pin.geometry.hand.finger_discovery import discover_hands
-from graspless_pin.geometry.hand.fingers import check_fingers, driving_joints, plan_control
+from graspless_pin.geometry.hand.fingers import check_fingers, driving_joints
 from graspless_pin.geometry.hand.tree import KinematicTree, build_tree, unknown_name
 from graspless_pin.geometry.hand.urdf import UrdfDocument, read_urdf
 from graspless_pin.geometry.poses import as_pose
@@ -34,10 +24,6 @@ from graspless_pin.geometry.robots.description import (
     RobotDescription,
 )
 from graspless_pin.geometry.robots.files import find_robot
-from graspless_pin.problem import ControlMode
-
-ControlModes = ControlMode | str | Mapping[str, ControlMode | str]
-"""One mode for all joints, or modes by finger, arm or joint name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,55 +228,4 @@ def _prefix_fingers(prefix: str, fingers: Mapping[str, FingerSpec]) -> dict[str,
             tip=None if spec.tip is None else prefix + spec.tip,
         )
         for finger, spec in fingers.items()
-    }
-
-
-def hand_fields(
-    mounts: Sequence[Mount],
-    q: Mapping[str, float],
-    control: ControlModes | None,
-    effort_limits: Mapping[str, EffortLimit],
-    armature: float | Mapping[str, float],
-) -> dict[str, Any]:
-    """Return the fields of the hand that `Hand.assemble` makes, with what looked wrong."""
-    with heard() as found:
-        parts = join_mounts(mounts)
-        tree = parts.tree
-        mounted = tuple(
-            replace(
-                mount,
-                source=mount.robot(),
-                T_world_base=parts.base_poses[mount.prefix],
-                package_dirs=(),
-                root_link=None,
-            )
-            for mount in mounts
-        )
-        given = expand_overrides(tree, parts.fingers, effort_limits, parts.tendons)
-        plan = plan_control(tree, parts.fingers, control, arms=parts.arms, held=parts.held_joints)
-        actuation = plan_actuation(tree, plan, parts.tendons)
-        for joint, value in joint_armatures(tree, parts.fingers, armature).items():
-            tree.pinocchio_model.armature[joint] = value
-        limits = resolve_effort_limits(
-            tree,
-            actuation,
-            parts.effort_limits | given,
-            parts.effort_unknown,
-            parts.held_joints,
-            parts.tensions,
-        )
-        positions = joint_positions(tree, q)
-    tell(*found)
-    return {
-        "tree": tree,
-        "mounts": mounted,
-        "base_poses": parts.base_poses,
-        "palms": parts.palms,
-        "fingers": parts.fingers,
-        "arms": parts.arms,
-        "control": plan,
-        "actuation": actuation,
-        "effort_limits": limits,
-        "positions": positions,
-        "findings": tuple(found),
     }

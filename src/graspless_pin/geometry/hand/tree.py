@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
 from typing import Any
@@ -51,6 +51,8 @@ class KinematicTree(Record):
         lower: (n,) lower position limits, -inf where there is none (radians or metres).
         upper: (n,) upper position limits, inf where there is none.
         visuals: How the links look; only drawing asks.
+        bases: The mounted robots: names of links and joints, and the Pinocchio inertia of what
+            does not move, in world axes.
     """
 
     pinocchio_model: Any
@@ -61,6 +63,7 @@ class KinematicTree(Record):
     lower: FloatArray
     upper: FloatArray
     visuals: tuple[LinkVisual, ...] = ()
+    bases: tuple[tuple[frozenset[str], Any], ...] = ()
 
     @cached_property
     def joint_index(self) -> Mapping[str, int]:
@@ -190,23 +193,6 @@ class KinematicTree(Record):
         columns = J[:3].T + np.cross(J[3:].T, points[:, None])
         return columns.transpose(0, 2, 1) * self._moves[list(joints)][:, None]
 
-    def displaced(self, T: FloatArray) -> KinematicTree:
-        """Return the tree with what is fixed to the world moved by a (4, 4) pose, world axes."""
-        model, way = self.pinocchio_model.copy(), pin.SE3(np.array(T))
-        for joint in range(1, model.njoints):
-            if model.parents[joint] == 0:
-                model.jointPlacements[joint] = way * model.jointPlacements[joint]
-        for index in range(1, model.nframes):
-            frame = model.frames[index]
-            if frame.parentJoint == 0:
-                frame.placement = way * frame.placement
-        model.inertias[0] = way.act(model.inertias[0])
-        geometries = tuple(
-            item if item.joint else replace(item, T_joint_geometry=T @ item.T_joint_geometry)
-            for item in self.geometries
-        )
-        return replace(self, pinocchio_model=model, geometries=geometries)
-
     def gravity_torques(self, positions: FloatArray, gravity: FloatArray) -> FloatArray:
         """Return the (n,) torques that carry the links' weight at (n,) joint positions.
 
@@ -263,8 +249,12 @@ def build_tree(
             keep one that it follows from moving.
     """
     model, geometry_model = pin.Model(), pin.GeometryModel()
+    bases = []
     for document, T_world_base in parts:
         part, part_geometry = _load(document, with_shapes=with_shapes)
+        inertia = pin.SE3(np.array(T_world_base)).act(part.inertias[0])
+        names = frozenset([*part.names, *(frame.name for frame in part.frames)])
+        bases.append((names, inertia))
         model, geometry_model = pin.appendModel(
             model, part, geometry_model, part_geometry, 0, pin.SE3(np.array(T_world_base))
         )
@@ -307,6 +297,7 @@ def build_tree(
         lower=lower,
         upper=upper,
         visuals=tuple(visual for document, _ in parts for visual in document.visuals),
+        bases=tuple(bases),
     )
 
 

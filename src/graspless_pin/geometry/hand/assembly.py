@@ -1,0 +1,149 @@
+"""From robots to all that a hand is, but for where its joints stand and what its motors give."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspless_pin.findings import Finding, heard, tell
+from graspless_pin.geometry.hand.actuation import Actuation, plan_actuation
+from graspless_pin.geometry.hand.armature import joint_armatures
+from graspless_pin.geometry.hand.configuration import joint_positions
+from graspless_pin.geometry.hand.displacement import displaced_tree
+from graspless_pin.geometry.hand.effort_limits import (
+    EffortLimit,
+    expand_overrides,
+    resolve_effort_limits,
+)
+from graspless_pin.geometry.hand.fingers import ControlPlan, plan_control
+from graspless_pin.geometry.hand.mounts import JoinedMounts, Mount, join_mounts
+from graspless_pin.geometry.poses import as_pose, invert
+from graspless_pin.problem import ControlMode
+
+ControlModes = ControlMode | str | Mapping[str, ControlMode | str]
+"""One mode for all joints, or modes by finger, arm or joint name."""
+
+
+@dataclass(frozen=True, eq=False)
+class AssembledMounts:
+    """What a hand is before it is told where its joints stand and what its motors give.
+
+    Attributes:
+        joined: The mounted robots as one tree.
+        mounts: The robots, each found.
+        plan: Control modes of the independent joints, and the hybrid fingers.
+        actuation: The L actuators.
+        findings: What looked wrong.
+    """
+
+    joined: JoinedMounts
+    mounts: tuple[Mount, ...]
+    plan: ControlPlan
+    actuation: Actuation
+    findings: tuple[Finding, ...]
+
+    def effort_limits(
+        self, given: Mapping[str, EffortLimit]
+    ) -> tuple[tuple[NDArray[np.float64], NDArray[np.float64]], tuple[Finding, ...]]:
+        """Return the (lower, upper) limits of the L actuators, and what of them looks wrong.
+
+        Args:
+            given: Limits by finger, joint or tendon that replace those of robot files and URDFs.
+        """
+        joined = self.joined
+        own = expand_overrides(joined.tree, joined.fingers, given, joined.tendons)
+        with heard() as found:
+            limits = resolve_effort_limits(
+                joined.tree,
+                self.actuation,
+                joined.effort_limits | own,
+                joined.effort_unknown,
+                joined.held_joints,
+                joined.tensions,
+            )
+        tell(*found)
+        return limits, tuple(found)
+
+    def at_bases(self, poses: Sequence[ArrayLike]) -> AssembledMounts:
+        """Return the same with the mounts' root links at other (4, 4) poses, world axes.
+
+        Raises:
+            ArgumentError: If a pose is not rigid.
+        """
+        before = self.joined.base_poses
+        now = {name: as_pose("T_world_base", T) for name, T in zip(before, poses, strict=True)}
+        ways = [T @ invert(before[name]) for name, T in now.items()]
+        tree = displaced_tree(self.joined.tree, ways)
+        mounts = tuple(replace(one, T_world_base=now[one.prefix]) for one in self.mounts)
+        return replace(self, joined=replace(self.joined, tree=tree, base_poses=now), mounts=mounts)
+
+
+def assembled_mounts(
+    mounts: Sequence[Mount],
+    control: ControlModes | None = None,
+    armature: float | Mapping[str, float] | None = None,
+) -> AssembledMounts:
+    """Assemble robots as `Hand.assemble` does; what looked wrong is told.
+
+    Args:
+        mounts: The robots.
+        control: See `Hand.assemble`.
+        armature: See `Hand.assemble`.
+    """
+    with heard() as found:
+        joined = join_mounts(mounts)
+        tree = joined.tree
+        mounted = tuple(
+            replace(
+                mount,
+                source=mount.robot(),
+                T_world_base=joined.base_poses[mount.prefix],
+                package_dirs=(),
+                root_link=None,
+            )
+            for mount in mounts
+        )
+        arms, held = joined.arms, joined.held_joints
+        plan = plan_control(tree, joined.fingers, control, arms=arms, held=held)
+        actuation = plan_actuation(tree, plan, joined.tendons)
+        for joint, value in joint_armatures(tree, joined.fingers, armature or {}).items():
+            tree.pinocchio_model.armature[joint] = value
+    tell(*found)
+    return AssembledMounts(joined, mounted, plan, actuation, tuple(found))
+
+
+def hand_fields(
+    parts: AssembledMounts,
+    q: Mapping[str, float] | None,
+    effort_limits: Mapping[str, EffortLimit] | None,
+) -> dict[str, Any]:
+    """Return the fields of the hand that `Hand.assemble` makes; what looks wrong is told."""
+    limits, found = parts.effort_limits(effort_limits or {})
+    return fields_of(parts, limits, joint_positions(parts.joined.tree, q or {}), found)
+
+
+def fields_of(
+    parts: AssembledMounts,
+    limits: tuple[NDArray[np.float64], NDArray[np.float64]],
+    positions: NDArray[np.float64],
+    found: tuple[Finding, ...],
+) -> dict[str, Any]:
+    """Return the fields of a hand with its (L,) limits and (n,) positions, and what they told."""
+    joined = parts.joined
+    return {
+        "tree": joined.tree,
+        "mounts": parts.mounts,
+        "base_poses": joined.base_poses,
+        "palms": joined.palms,
+        "fingers": joined.fingers,
+        "arms": joined.arms,
+        "control": parts.plan,
+        "actuation": parts.actuation,
+        "effort_limits": limits,
+        "positions": positions,
+        "findings": (*parts.findings, *found),
+    }

@@ -1,0 +1,137 @@
+"""What was learned of states serves in others with the same contacts."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from graspless_pin.algorithms.carried import Carried, WarmStart, carried, solution_carried
+from graspless_pin.algorithms.options import SolveOptions
+from graspless_pin.algorithms.warm_start import COLD_START, solve_from
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.programs.objectives import Objective
+from graspless_pin.solution import TorqueSolution
+
+_MOST_KEPT = 256
+_MOST_ALIKE = 8
+"""Warm starts of one set of contacts: trying one costs a tenth of a solver's answer."""
+
+_Contacts = tuple[Any, ...]
+"""What must be alike for what was learned of one state to serve in another."""
+
+
+class CarriedState(NamedTuple):
+    """A state whose optimum was carried over.
+
+    Attributes:
+        problem: Its problem, or what loops read of it.
+        optimum: The optimum.
+        start: What it was carried over from.
+    """
+
+    problem: QuasistaticProblem
+    optimum: Carried
+    start: WarmStart
+
+
+class WarmStarts:
+    """Warm starts by contacts, tried in the order of their success. Threads may share them."""
+
+    def __init__(self) -> None:
+        """Begin with nothing learned."""
+        self._starts: dict[_Contacts, tuple[WarmStart, ...]] = {}
+
+    def best(
+        self, bodies: tuple[Any, ...], problem: QuasistaticProblem, objective: Objective
+    ) -> WarmStart:
+        """Return what served last with the same contacts, or was learned since.
+
+        Args:
+            bodies: What the object touches.
+            problem: The problem.
+            objective: What is optimised.
+        """
+        starts = self._starts.get(_contacts(bodies, problem, objective))
+        return starts[0] if starts else COLD_START
+
+    def carried(
+        self,
+        bodies: tuple[Any, ...],
+        problem: QuasistaticProblem,
+        objective: Objective,
+        options: SolveOptions,
+    ) -> CarriedState | None:
+        """Return the optimum that something learned of the same contacts leads to.
+
+        Args:
+            bodies: See `best`.
+            problem: See `best`.
+            objective: See `best`.
+            options: How it is solved.
+        """
+        contacts = _contacts(bodies, problem, objective)
+        starts = self._starts.get(contacts, ())
+        found = carried(problem, objective, options, starts)
+        if found is None:
+            return None
+        optimum, place = found
+        if place:
+            others = starts[:place] + starts[place + 1 :]
+            self._starts[contacts] = (starts[place], *others)
+        return CarriedState(problem, optimum, starts[place])
+
+    def searched(
+        self,
+        bodies: tuple[Any, ...],
+        problem: QuasistaticProblem,
+        objective: Objective,
+        options: SolveOptions,
+        unknown: str = "",
+    ) -> TorqueSolution:
+        """Solve a problem by a search that begins with what served last, and learn from it.
+
+        Args:
+            bodies: See `best`.
+            problem: See `best`.
+            objective: See `best`.
+            options: How it is solved.
+            unknown: See `solve_problem`.
+        """
+        start = self.best(bodies, problem, objective)
+        solution, learned = solve_from(problem, objective, options, start, unknown)
+        self.learn(bodies, problem, objective, learned)
+        return solution
+
+    def learn(
+        self,
+        bodies: tuple[Any, ...],
+        problem: QuasistaticProblem,
+        objective: Objective,
+        learned: WarmStart,
+    ) -> None:
+        """Keep what a search has left behind."""
+        if len(self._starts) >= _MOST_KEPT:
+            self._starts = {}
+        contacts = _contacts(bodies, problem, objective)
+        before = self._starts.get(contacts, ())
+        others = [start for start in before if start.likeness is not None]
+        self._starts[contacts] = (learned, *others[: _MOST_ALIKE - 1])
+
+    def solved(
+        self,
+        bodies: tuple[Any, ...],
+        problem: QuasistaticProblem,
+        objective: Objective,
+        options: SolveOptions,
+        unknown: str = "",
+    ) -> TorqueSolution:
+        """Return the solution: carried over if it can be, else searched; see `searched`."""
+        found = self.carried(bodies, problem, objective, options)
+        if found is None:
+            return self.searched(bodies, problem, objective, options, unknown)
+        return solution_carried(problem, objective, options.rules, found.optimum, found.start)
+
+
+def _contacts(
+    bodies: tuple[Any, ...], problem: QuasistaticProblem, objective: Objective
+) -> _Contacts:
+    return objective.algorithm, bodies, problem.is_sliding.tobytes()
