@@ -1,9 +1,10 @@
-"""Do what a new user does, for ten hands and objects of packages: new, place, solve, report.
+"""Do what a new user does, for hands and objects of packages: new, place, solve, report.
 
 `make place` downloads the packages without their dependencies into out/hands; their files are read,
 their code is not. Each pair goes through four commands in a folder of its own, and no file is
 edited by hand. What comes out is held against figures of its own: the JSON's contacts and margin,
-and the corners of the hand's shapes against the support's plane.
+and the corners of the hand's shapes against the support's plane. Times that must be kept are of the
+processors, which on a machine with nothing else to do are more than those of the clock.
 """
 
 from __future__ import annotations
@@ -45,8 +46,17 @@ PAIRS: dict[str, tuple[str, str]] = {
     ),
     "Jaco, duck": (f"{GRIPPERS}/jaco_three_finger_gripper.xml", f"{DUCK} --effort 1"),
 }
-ENOUGH, MARGIN, SECONDS = 8, 0.1, 180.0
-"""Pairs of ten that must succeed, their margin, N, and what they may take, s."""
+MORE_PAIRS: dict[str, tuple[str, str]] = {
+    "PR2, mug": (PR2, f"{MUG} --effort 4"),
+    "Robotiq 2F-85, duck": (ROBOTIQ, f"{DUCK} --effort 2"),
+    "Allegro, duck": ("allegro_right_hand", f"{DUCK} --effort 0.7"),
+    "Allegro, mug": ("allegro_right_hand", f"{MUG} --effort 0.7"),
+    "Allegro, box on a slope": ("allegro_right_hand", f"{BOX} --effort 0.7 --support slope:15deg"),
+    "PR2 of a whole robot, box": ("pr2", f"{BOX} --effort 4 --root-link r_gripper_palm_link"),
+}
+"""With these each of iCub's hand, PR2, 2F-85 and Allegro meets duck, mug and box."""
+ENOUGH, MARGIN, SECONDS, PLACE_SECONDS = 0.8, 0.1, 180.0, 60.0
+"""Share of the pairs that must succeed, their margin, N, and CPU time of all and of `place`, s."""
 
 
 class Outcome(NamedTuple):
@@ -58,6 +68,7 @@ class Outcome(NamedTuple):
         clearance: Of the hand's lowest corner above the support, m.
         seconds: Of all four commands, s.
         cpu_seconds: Of their processes, s.
+        place_cpu_seconds: Of those of `place` alone, s.
         said: What the command that failed said.
     """
 
@@ -66,13 +77,14 @@ class Outcome(NamedTuple):
     clearance: float
     seconds: float
     cpu_seconds: float
+    place_cpu_seconds: float
     said: str = ""
 
     @property
     def succeeded(self) -> bool:
         """Whether this is what a user wants."""
         sound = self.margin >= MARGIN and self.links >= 2 and self.clearance > 0.0
-        return sound and self.seconds < SECONDS
+        return sound and self.cpu_seconds < SECONDS and self.place_cpu_seconds < PLACE_SECONDS
 
 
 def place_pair(packages: Path, robot: str, more: str, folder: Path) -> Outcome:
@@ -80,28 +92,29 @@ def place_pair(packages: Path, robot: str, more: str, folder: Path) -> Outcome:
     words = more.split()
     if not words[0].startswith("box:"):
         words[0] = str(packages / words[0])
-    dirs = ["--package-dir", str(packages), "--package-dir", str(packages / "share")]
+    if "/" in robot:  # else it is one that example-robot-data brings along
+        robot = str(packages / robot)
+        words += ["--package-dir", str(packages), "--package-dir", str(packages / "share")]
     commands = (
-        ("new", str(packages / robot), *words, "-o", "scene.yaml", *dirs),
+        ("new", robot, *words, "-o", "scene.yaml"),
         ("place", "scene.yaml", "-o", "placed.yaml"),
         ("solve", "placed.yaml", "--json", "solution.json"),
         ("report", "placed.yaml", "-o", "report.html"),
     )
-    begin, before = time.monotonic(), resource.getrusage(resource.RUSAGE_CHILDREN)
-    said = ""
+    begin, said, cpu = time.monotonic(), "", dict[str, float]()
     for command in commands:
+        before = _cpu_seconds()
         done = subprocess.run(  # noqa: S603 - our own command line
             [sys.executable, "-m", "graspless_pin.cli", *command],
             cwd=folder, capture_output=True, text=True, check=False,
         )  # fmt: skip
+        cpu[command[0]] = _cpu_seconds() - before
         if done.returncode:
             said = f"{command[0]}: {done.stdout[-400:]} {done.stderr[-400:]}"
             break
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    seconds = time.monotonic() - begin
+    times = time.monotonic() - begin, sum(cpu.values()), cpu.get("place", np.nan)
     if said:
-        return Outcome(np.nan, 0, np.nan, seconds, cpu, said)
+        return Outcome(np.nan, 0, np.nan, *times, said)
     with heard():
         scene = load_scene(folder / "placed.yaml")
     assert scene.hand is not None and (folder / "report.html").stat().st_size > 10_000
@@ -113,7 +126,12 @@ def place_pair(packages: Path, robot: str, more: str, folder: Path) -> Outcome:
         float((_corners(body) @ up).min()) for body in scene.hand.collision_bodies()
     ) - float(up @ support.T_world_support[:3, 3])
     margin = float(document["margin"])
-    return Outcome(margin, len(bodies.intersection(scene.hand.link_names)), lowest, seconds, cpu)
+    return Outcome(margin, len(bodies.intersection(scene.hand.link_names)), lowest, *times)
+
+
+def _cpu_seconds() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def _corners(body) -> np.ndarray:
@@ -122,11 +140,11 @@ def _corners(body) -> np.ndarray:
 
 
 def main() -> None:
-    """Try all pairs with a folder of packages; exit code 1 where fewer than eight succeed."""
+    """Try all pairs with a folder of packages; exit code 1 where fewer than enough succeed."""
     packages, wanted = Path(sys.argv[1]).absolute(), " ".join(sys.argv[2:])
     good = tried = 0
-    print("pair: margin, links that touch, the hand above the support; seconds, CPU seconds")
-    for name, (robot, more) in PAIRS.items():
+    print("pair: margin, links that touch, the hand above the support; seconds, CPU, of place")
+    for name, (robot, more) in {**PAIRS, **MORE_PAIRS}.items():
         if wanted not in name:
             continue
         with tempfile.TemporaryDirectory() as folder:
@@ -135,11 +153,12 @@ def main() -> None:
         good += seen.succeeded
         print(
             f"{name}: {seen.margin:.2f} N, {seen.links}, {1e3 * seen.clearance:.1f} mm; "
-            f"{seen.seconds:.0f} s, {seen.cpu_seconds:.0f} s {seen.said}",
+            f"{seen.seconds:.0f} s, {seen.cpu_seconds:.0f} s, {seen.place_cpu_seconds:.0f} s "
+            f"{seen.said}",
             flush=True,
         )
     print(f"{good} of {tried} pairs hold")
-    sys.exit(good < min(ENOUGH, tried))
+    sys.exit(good < ENOUGH * tried)
 
 
 if __name__ == "__main__":
