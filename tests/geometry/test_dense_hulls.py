@@ -7,11 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from tests.oracles.dense_meshes import egg
+from tests.oracles.dense_meshes import egg, ring
 
 from graspless_pin import Hand
 from graspless_pin.findings import FindingCode, heard
-from graspless_pin.geometry.bodies.dense_hulls import DENSE_MESH, HULL_TOLERANCE, hull_corners
+from graspless_pin.geometry.bodies import decomposition
+from graspless_pin.geometry.bodies.dense_hulls import (
+    DENSE_CUT,
+    DENSE_MESH,
+    HULL_TOLERANCE,
+    hull_corners,
+)
 from graspless_pin.geometry.bodies.mass_properties import filling
 from graspless_pin.geometry.bodies.shapes import MeshShape, coal_geometry
 
@@ -55,6 +61,28 @@ def test_other_meshes_keep_all_corners() -> None:
     vertices = np.array(egg(5).vertices)
     corners, found = hull_corners(vertices, "the egg")
     assert len(vertices) == len(corners) == 10_242 <= DENSE_MESH and not found
+
+
+def test_a_dense_mesh_is_cut_with_fewer_triangles_and_says_how_far_they_are_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mesh = ring(72)
+    assert len(mesh.faces) > DENSE_CUT
+    given: list[trimesh.Trimesh] = []
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(
+        decomposition, "_cut", lambda solid, *_: [given.append(solid), np.array(solid.vertices)][1:]
+    )
+    with heard() as told:
+        for _ in range(2):  # it is said of pieces that are kept, too
+            decomposition.convex_pieces(mesh, "the ring")
+    assert [one.code for one in told] == 2 * [FindingCode.SIMPLIFIED_HULL]
+    (solid,), found = given, told[0]
+    assert solid.is_watertight and 0.9 * DENSE_CUT < len(solid.faces) <= DENSE_CUT
+    assert solid.volume == pytest.approx(mesh.volume, rel=2e-3)
+    near = trimesh.proximity.closest_point_naive(solid, mesh.vertices[::80])[1]
+    off = float(found.message.split("up to ")[1].split(" mm")[0]) * 1e-3
+    assert float(near.max()) <= 1.05 * off < 2e-4
 
 
 def test_objects_and_links_say_so_and_masses_are_of_the_whole_mesh(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,7 @@ from graspless_pin.errors import (
 )
 from graspless_pin.findings import Finding, FindingCode, tell
 from graspless_pin.geometry.bodies.coacd_call import ITERATIONS, SEED, run_coacd
-from graspless_pin.geometry.bodies.dense_hulls import hull_corners
+from graspless_pin.geometry.bodies.dense_hulls import hull_corners, simplified_for_cutting
 from graspless_pin.geometry.bodies.polytopes import hull_of
 from graspless_pin.magnitudes import LONGEST_TIME
 from graspless_pin.problem.checks import FloatArray, read_only
@@ -110,8 +110,10 @@ def convex_pieces(mesh: trimesh.Trimesh, label: str, cut: Cut = Cut()) -> tuple[
             limit or crashes.
 
     Warns:
-        GrasplessPinWarning: The mesh is not watertight, or the pieces cannot be kept on disk.
+        GrasplessPinWarning: The mesh is not watertight, or so dense that it is simplified, or the
+            pieces cannot be kept on disk.
     """
+    import trimesh
     from scipy.spatial import QhullError
 
     vertices = np.ascontiguousarray(mesh.vertices, dtype=np.float64)
@@ -123,6 +125,10 @@ def convex_pieces(mesh: trimesh.Trimesh, label: str, cut: Cut = Cut()) -> tuple[
     if _is_convex(mesh):
         tell(*simplified)
         return _read_only([hull])
+    vertices, faces, simplified = simplified_for_cutting(vertices, faces, label)
+    if simplified:
+        tell(*simplified)
+        mesh = trimesh.Trimesh(vertices, faces, process=False)
     if not mesh.is_watertight:
         tell(
             Finding(
@@ -229,7 +235,7 @@ def _cache_folder() -> Path:
     return base / "graspless_pin" / "convex"
 
 
-def _key(vertices: FloatArray, faces: NDArray[np.int32], cut: Cut) -> str:
+def _key(vertices: FloatArray, faces: NDArray[np.integer[Any]], cut: Cut) -> str:
     version = importlib.metadata.version("coacd")
     way = f"coacd {version} {cut.concavity!r} {ITERATIONS} {SEED} {len(vertices)}"
     if cut.max_pieces is not None:

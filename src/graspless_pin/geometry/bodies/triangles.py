@@ -12,6 +12,7 @@ import trimesh
 from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.bodies.dense_hulls import with_fewer_triangles
 from graspless_pin.geometry.bodies.meshes import MeshScale, file_state, hull_points, scaled_mesh
 from graspless_pin.geometry.bodies.shapes import (
     Box,
@@ -28,7 +29,6 @@ from graspless_pin.geometry.bodies.shapes import (
 _SECTIONS = 32  # of a circle
 _CAPSULE_SECTIONS = (16, 32)
 _SPHERE_SUBDIVISIONS = 3  # 1280 triangles
-_MOST_TRIES = 24
 _REMEMBERED = 256
 
 
@@ -108,43 +108,13 @@ def slab_triangles(center: ArrayLike, half_width: float, thickness: float) -> Tr
 
 
 def simplified(triangles: Triangles, max_faces: int) -> Triangles:
-    """Return a surface of at most so many triangles, or the same if it has no more.
+    """Return a surface of about so many triangles, or the same if it has no more.
 
-    Vertices in one cell of a grid become one, with the finest grid that is coarse enough: good
-    for looking at, not for computing with.
+    Good for looking at, not for computing with.
     """
     if len(triangles.faces) <= max_faces:
         return triangles
-    low = triangles.vertices.min(axis=0)
-    extent = float(np.ptp(triangles.vertices, axis=0).max())
-    fine, coarse = extent / 2048.0, extent / 2.0
-    best = _clustered(triangles, low, coarse)
-    for _ in range(_MOST_TRIES):
-        cell = float(np.sqrt(fine * coarse))
-        tried = _clustered(triangles, low, cell)
-        if len(tried.faces) <= max_faces:
-            best, coarse = tried, cell
-        else:
-            fine = cell
-        if coarse / fine < 1.02:
-            break
-    return best
-
-
-def _clustered(triangles: Triangles, low: NDArray[np.float64], cell: float) -> Triangles:
-    """Merge the vertices in each cell into their mean and drop what is no triangle any more."""
-    cells = np.floor((triangles.vertices - low) / cell).astype(np.int64)
-    _, owner, sizes = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
-    owner = owner.ravel()
-    sums = np.zeros((len(sizes), 3))
-    np.add.at(sums, owner, triangles.vertices)
-    faces = owner[triangles.faces]
-    kept = (
-        (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
-    )
-    faces = faces[kept]
-    _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
-    return Triangles(sums / sizes[:, None], faces[np.sort(first)])
+    return Triangles(*with_fewer_triangles(triangles.vertices, triangles.faces, max_faces))
 
 
 @lru_cache(maxsize=_REMEMBERED)
