@@ -24,7 +24,7 @@ scene = load_scene(sys.argv[1])
 assert set(scene.contacts.arrays.bodies) == {"table"}
 found = [one.message for one in scene.findings if one.code is FindingCode.SIMPLIFIED_HULL]
 print(round(time.process_time(), 1), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
-print(found[0].partition(": ")[2] if found else "all corners are kept")
+print(found[-1].partition(": ")[2] if found else "all corners are kept")
 """
 SCENE = """
 friction: 0.5

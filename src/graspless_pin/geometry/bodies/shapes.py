@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.errors import ArgumentError, MeshError
-from graspless_pin.findings import Finding, heard, tell
+from graspless_pin.findings import Finding, FindingCode, heard, tell
 from graspless_pin.geometry.bodies.decomposition import (
     DEFAULT_CONCAVITY,
     DEFAULT_TIME_LIMIT,
@@ -216,7 +216,9 @@ def coal_geometries(shape: Shape) -> tuple[Any, ...]:
     """
     if not isinstance(shape, MeshShape) or shape.convex == "hull":
         return (coal_geometry(shape),)
-    hull_points(shape.path, shape.scale)
+    with heard() as said:
+        hull_points(shape.path, shape.scale)
+    tell(*(one for one in said if one.code is not FindingCode.SIMPLIFIED_HULL))  # pieces stand here
     pieces, found = _decomposed(shape, file_state(shape.path))
     tell(*found)
     return pieces
