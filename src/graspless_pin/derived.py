@@ -63,12 +63,12 @@ class Latest:
             make: Makes it.
         """
         kept = self._kept.get(name)
-        if (
-            kept is not None
-            and len(kept[0]) == len(sources)
-            and all(map(_is_same, kept[0], sources))
-        ):
-            return kept[1]
+        if kept is not None and len(kept[0]) == len(sources):
+            for one, other in zip(kept[0], sources, strict=True):
+                if one is not other and not _is_equal(one, other):
+                    break
+            else:
+                return kept[1]
         made = make()
         self._kept[name] = sources, made
         return made
@@ -77,8 +77,6 @@ class Latest:
 _PLAIN = (float, int, str, bool, bytes)
 
 
-def _is_same(one: Any, other: Any) -> bool:
-    if one is other:
-        return True
+def _is_equal(one: Any, other: Any) -> bool:
     kind = type(one)
     return kind is type(other) and kind in _PLAIN and repr(one) == repr(other)

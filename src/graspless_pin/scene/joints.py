@@ -54,9 +54,10 @@ def joint_columns(
     jacobian[: 3 * count] = hand.contact_jacobian(
         touching.bodies[:count], touching.positions[:count]
     )
-    weights = np.zeros(len(names))
     if gravity is not None and names:
         weights = hand.gravity_torques(gravity)
+    else:
+        weights = np.zeros(len(names))
     joints = ControlledJoints(jacobian, hand.effort_limits, weights, names, hand.effort_units)
     if not hand.control.hybrid_fingers:
         return joints
@@ -65,6 +66,8 @@ def joint_columns(
 
 def with_limits_of(hand: Hand, joints: ControlledJoints) -> ControlledJoints:
     """Return columns with the effort limits of a hand, which is otherwise the one they are of."""
+    if joints.limits is hand.effort_limits:
+        return joints
     lower, upper = hand.effort_limits
     own, (low, high) = len(lower), joints.limits
     if own < len(low):

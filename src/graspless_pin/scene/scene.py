@@ -224,7 +224,7 @@ class Scene(PickledByFields):
         try:
             if hand is None:
                 return joint_columns(None, touching, gravity, limit)
-            sources = hand.tree, hand.positions, hand.actuation, hand.control, touching, gravity
+            sources = hand.positions, hand.tree, hand.actuation, hand.control, touching, gravity
             joints = self._kept.of(
                 "joints", (*sources, limit), lambda: joint_columns(hand, touching, gravity, limit)
             )

@@ -55,6 +55,6 @@ def touching_of(scene: Scene, kept: Latest) -> ContactArrays:
         return found((), BodyKind.HAND).followed_by(on_supports)
     return kept.of(
         "touching",
-        (placed, *limits, hand.tree, hand.positions, on_supports),
+        (hand.positions, hand.tree, placed, on_supports, *limits),
         lambda: found(hand.placed_bodies, BodyKind.HAND).followed_by(on_supports),
     )

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,17 +16,18 @@ from graspless_pin.geometry.hand.work_space import Kinematics
 from graspless_pin.geometry.poses import finite_numbers
 
 
-@dataclass(frozen=True, eq=False)
-class PosedLinks:
+class PosedLinks(NamedTuple):
     """The links of a tree at one configuration.
 
     Attributes:
         tree: The tree.
         kinematics: Its joint poses and Jacobian columns.
+        bodies: The collision shapes in model order, each made only when it is asked for.
     """
 
     tree: KinematicTree
     kinematics: Kinematics
+    bodies: PlacedBodies
 
     def pose(self, link: str) -> NDArray[np.float64]:
         """Return the (4, 4) pose ``T_world_link`` of a link's frame.
@@ -38,17 +38,6 @@ class PosedLinks:
         joint = joints_of(self.tree, [link])[0]
         frame = self.tree.pinocchio_model.frames[self.tree.link_frames[link]]
         return self.kinematics.T_world_joint[joint] @ frame.placement.homogeneous
-
-    @cached_property
-    def bodies(self) -> PlacedBodies:
-        """The collision shapes in model order, each made only when it is asked for."""
-        joints, placements = self.tree.shape_placements
-        T_world_joint = self.kinematics.T_world_joint
-        if rigid_bodies is None:
-            poses = T_world_joint.take(joints, axis=0) @ placements
-        else:
-            poses = rigid_bodies.placed(T_world_joint, joints, placements)
-        return PlacedBodies(self.tree.shapes, poses)
 
     def point_jacobians(self, links: Sequence[str], points: ArrayLike) -> NDArray[np.float64]:
         """Return (K, 3, n) velocities of points fixed to links per rate of each movable joint.
@@ -66,7 +55,13 @@ class PosedLinks:
 
 def posed_links(tree: KinematicTree, positions: NDArray[np.float64]) -> PosedLinks:
     """Return the links of a tree at (n,) joint positions."""
-    return PosedLinks(tree, tree.kinematics(positions))
+    kinematics = tree.kinematics(positions)
+    joints, placements = tree.shape_placements
+    if rigid_bodies is None:
+        poses = kinematics.T_world_joint.take(joints, axis=0) @ placements
+    else:
+        poses = rigid_bodies.placed(kinematics.T_world_joint, joints, placements)
+    return PosedLinks(tree, kinematics, PlacedBodies(tree.shapes, poses))
 
 
 def joints_of(tree: KinematicTree, links: Sequence[str]) -> list[int]:
