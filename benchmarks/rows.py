@@ -29,6 +29,7 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 PAPER = ("sphere_on_slope", "cuboid_at_rest", "cuboid_sliding_up", "cuboid_sliding_down")
 POSED = "allegro_box_on_slope"
 WALKED = (POSED, "two_hands_slide_crate", "trihand_pivot_box", "paper/cuboid_at_rest")
+JUDGED = ("paper/sphere_on_slope", "paper/cuboid_at_rest", "trihand_pivot_box")
 SIZES = (6, 12, 24)
 SEEDS = 20
 """Scenes of a row: which of several equally good forces a solver finds first is luck, and may cost
@@ -168,6 +169,17 @@ def evaluator_rows() -> Iterator[tuple[str, Pass]]:
         )
 
 
+def verdict_rows() -> Iterator[tuple[str, Pass]]:
+    """Verdicts on torques: by a certificate alone, by loads of fingers, and by branching."""
+    from graspless_pin import load_scene, stability
+
+    for name in JUDGED:
+        scene = load_scene(EXAMPLES / f"{name}.yaml")
+        problem, torques = scene.problem(), scene.solve("margin").torques
+        title = f"{name.rpartition('/')[2].replace('_', ' ')}, verdict"
+        yield title, partial(_busy, partial(stability, problem, torques))
+
+
 def study_rows() -> Iterator[tuple[str, Pass]]:
     """A small study in this process, from its file to its table."""
     from graspless_pin import load_study, run_study
@@ -190,6 +202,7 @@ GROUPS: dict[str, Callable[[], Iterator[tuple[str, Pass]]]] = {
     "random scenes": random_rows,
     "posed scenes": posed_rows,
     "the evaluator": evaluator_rows,
+    "verdicts": verdict_rows,
     "a study": study_rows,
 }
 

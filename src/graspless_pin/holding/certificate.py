@@ -18,7 +18,7 @@ from graspless_pin.holding.dynamics import (
     generalized_load,
 )
 from graspless_pin.holding.relaxation import FORCE_LIMIT, Relaxation
-from graspless_pin.holding.rest import BALANCE_TOLERANCE, Balance, least_residual
+from graspless_pin.holding.rest import BALANCE_TOLERANCE, Balance, least_residual, pushed
 from graspless_pin.holding.verdict import LoadProof
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
@@ -43,6 +43,10 @@ def balance(
     """
     jacobian, load = in_loads(problem, torques)
     count = problem.contact_count
+    if bearable is not None and not bearable.any():
+        found = pushed(jacobian[:, 0], load)
+        if found is not None:
+            return found
     most = np.full(count, np.nan) if bearable is None else bearable / problem.scales.force
     enough = BALANCE_TOLERANCE if bearable is None else _HOPELESS
     return least_residual(jacobian, load, free_friction(problem), most, enough)

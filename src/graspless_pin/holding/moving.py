@@ -84,49 +84,35 @@ def _relaxed(dynamics: Dynamics, starts: FloatArray) -> FloatArray:
     rows, pushes, mu = dynamics.rows, dynamics.pushes, dynamics.friction
     blocks = np.einsum("lin,ljn->lij", rows, pushes)
     steps = 1.0 / np.maximum(np.linalg.norm(blocks, ord=2, axis=(1, 2)), 1e-12)
-    commanded = dynamics.commanded
-    forces = starts.copy()
-    held = dynamics.is_commanded
-    forces[:, held, 0] = commanded[held]
-    y, still = np.einsum("klj,ljn->kn", forces, pushes) + dynamics.load, _SLOW * dynamics.limit
+    rows, pushes = steps[:, None, None] * rows, pushes.transpose(0, 2, 1).copy()
+    held, commanded = dynamics.is_commanded, dynamics.commanded
+    # Starts last: (M, 3, K), and what they move (n, K).
+    forces = starts.transpose(1, 2, 0).copy()
+    forces[held, 0] = commanded[held, None]
+    changes = np.zeros_like(forces)
+    y = np.einsum("lni,lik->nk", pushes, forces) + dynamics.load[:, None]
+    still = _SLOW * dynamics.limit
     for sweep in range(_SWEEPS):
-        if sweep % _LOOK == _LOOK - 1 and max(map(dynamics.point_acceleration, y)) < still:
+        if sweep % _LOOK == _LOOK - 1 and max(map(dynamics.point_acceleration, y.T)) < still:
             break
-        change = 0.0
-        for contact in range(len(rows)):
-            u = y @ rows[contact].T
-            old = forces[:, contact]
-            trial = old - steps[contact] * u
-            trial[:, 0] -= steps[contact] * mu[contact] * np.hypot(u[:, 1], u[:, 2])
+        for contact, coefficient in enumerate(mu.tolist()):
+            u, old = rows[contact] @ y, forces[contact]
+            trial = old - u
+            side = np.hypot(trial[1], trial[2])
             if held[contact]:
-                trial[:, 0] = commanded[contact]
-                new = _on_disk(trial, mu[contact])
+                trial[0] = commanded[contact]
             else:
-                new = _in_cone(trial, mu[contact])
-            step = new - old
-            y += step @ pushes[contact]
-            forces[:, contact] = new
-            change = max(change, float(np.abs(step).max()))
+                trial[0] -= coefficient * np.hypot(u[1], u[2])
+                on_surface = (trial[0] + coefficient * side) / (1.0 + coefficient * coefficient)
+                trial[0] = np.maximum(np.maximum(trial[0], on_surface), 0.0)
+            trial[1:] *= np.minimum(1.0, coefficient * trial[0] / np.maximum(side, _STILL))
+            np.subtract(trial, old, out=changes[contact])
+            y += pushes[contact] @ changes[contact]
+            forces[contact] = trial
+        change = float(np.abs(changes).max())
         if change < 1e-10 or change > _DIVERGED:
             break
-    return forces
-
-
-def _on_disk(forces: FloatArray, mu: float) -> FloatArray:
-    side = np.hypot(forces[:, 1], forces[:, 2])
-    scale = np.minimum(1.0, mu * forces[:, 0] / np.maximum(side, _STILL))
-    return np.column_stack([forces[:, 0], scale[:, None] * forces[:, 1:]])
-
-
-def _in_cone(forces: FloatArray, mu: float) -> FloatArray:
-    """Return the nearest forces (K, 3) in the round cone."""
-    normal, side = forces[:, 0], np.hypot(forces[:, 1], forces[:, 2])
-    on_surface = np.maximum((normal + mu * side) / (1.0 + mu * mu), 0.0)
-    inside, polar = side <= mu * normal, mu * side <= -normal
-    scale = np.where(side > 0.0, mu * on_surface / np.maximum(side, _STILL), 0.0)
-    nearest = np.column_stack([on_surface, scale[:, None] * forces[:, 1:]])
-    nearest[polar] = 0.0
-    return np.where(inside[:, None], forces, nearest)
+    return forces.transpose(2, 0, 1)
 
 
 def polish(

@@ -189,29 +189,29 @@ class Relaxation:
             np.where(commanded | states.closes, -np.inf, 0.0),
             np.where(may_part | states.closes, np.inf, 0.0),
         )
-        for contact in np.flatnonzero(states.are(ContactState.STICKING) & ~states.sticks):
-            self._slip_rows(int(contact), np.eye(2), np.zeros(2))
+        self._set_slips(states)
+
+    def _set_slips(self, states: States) -> None:
+        """Add what sticking says, and a slip in an arc of at most pi: edges for slip and force."""
+        sticking = np.flatnonzero(states.are(ContactState.STICKING) & ~states.sticks)
         narrow = states.are(ContactState.SLIPPING) & (states.half_width < np.pi)
-        for contact in np.flatnonzero(narrow):
-            self._arc(int(contact), states.center[contact], states.half_width[contact])
-
-    def _slip_rows(self, contact: int, directions: FloatArray, high: FloatArray) -> None:
-        """Add rows on the slip of a contact along (2, 2) directions, from 0 to ``high``."""
-        rows = np.zeros((len(directions), self._size))
-        rows[:, : self._n] = directions @ self.dynamics.rows[contact, 1:]
-        self._simplex.add_rows(rows, np.zeros(len(directions)), high)
-        self._rows_of += [(contact, direction) for direction in directions]
-
-    def _arc(self, contact: int, center: float, half_width: float) -> None:
-        """Add what a slip in an arc of at most pi says: edges for slip and force."""
-        edges, faces = arc_rows(center, half_width, self.dynamics.friction[contact])
-        self._slip_rows(contact, edges, np.full(2, np.inf))
-        first = self._n + 3 * contact
-        forces = np.zeros((3, self._size))
-        forces[:, first : first + 3] = faces
-        self._simplex.add_rows(forces, np.full(3, -np.inf), np.zeros(3))
-        # Rows on forces say nothing of y.
-        self._rows_of += [(contact, np.zeros(2))] * 3
+        slipping = np.flatnonzero(narrow)
+        count, row = 2 * len(sticking) + 5 * len(slipping), 2 * len(sticking)
+        rows, low, high = np.zeros((count, self._size)), np.zeros(count), np.zeros(count)
+        own = self.dynamics.rows[:, 1:]
+        rows[:row, : self._n] = own[sticking].reshape(row, self._n)
+        self._rows_of = [(contact, along) for contact in sticking.tolist() for along in np.eye(2)]
+        for contact in slipping.tolist():
+            center, half_width = states.center[contact], states.half_width[contact]
+            edges, faces = arc_rows(center, half_width, self.dynamics.friction[contact])
+            first = self._n + 3 * contact
+            rows[row : row + 2, : self._n] = edges @ own[contact]
+            rows[row + 2 : row + 5, first : first + 3] = faces
+            high[row : row + 2], low[row + 2 : row + 5] = np.inf, -np.inf
+            # Rows on forces say nothing of y.
+            self._rows_of += [(contact, along) for along in (*edges, *np.zeros((3, 2)))]
+            row += 5
+        self._simplex.add_rows(rows, low, high)
 
     def _cut_ball(self, x: FloatArray, toward_rest: bool) -> bool:
         """Add a tangent of the ball |y|^2 <= h.y before a point outside; return whether it did.

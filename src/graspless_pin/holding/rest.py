@@ -1,7 +1,7 @@
 """Whether rest is an outcome, and with how little friction: one linear program each.
 
-Forces of rest balance the load and the torques inside round cones. The cones are approached by
-tangent planes where the last answer left them.
+Forces of rest balance the load and the torques inside round cones: mostly inside polygons in these.
+Else cones are approached by tangent planes where the last answer left them.
 """
 
 from __future__ import annotations
@@ -13,12 +13,16 @@ from numpy.typing import NDArray
 
 from graspless_pin.holding.cuts import around
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.solvers.simplex import Simplex, SimplexOutcome
+from graspless_pin.solvers.simplex import Simplex, SimplexAnswer, SimplexOutcome
 
 _DIRECTIONS = 8
+_INSCRIBED = float(np.cos(np.pi / _DIRECTIONS))
+"""Of the friction: planes of polygons whose corners are on the circle."""
 _MOST_ROUNDS = 40
 BALANCE_TOLERANCE = 1e-6
 """Of the load: forces that leave less of it unbalanced are forces of rest."""
+_EXACT = 1e-9
+"""Of the load: forces inside their cones that leave less are not looked for further."""
 _OUTSIDE = 1e-10
 """Of the load: forces may be so far outside their cones before another plane cuts them off."""
 
@@ -60,29 +64,18 @@ def least_residual(
     Returns:
         The forces; None where the solver has no answer.
     """
-    count, size = len(jacobian), 3 * len(jacobian) + 1
-    lb, ub = np.full(size, -np.inf), np.full(size, np.inf)
-    lb[::3] = 0.0  # normal forces, and what is left of the load
-    cost = np.zeros(size)
-    cost[-1] = 1.0
-    simplex = Simplex(cost, lb, ub)
-    balance = np.hstack([jacobian.reshape(3 * count, -1).T, np.ones((len(load), 1))])
-    above = np.full(len(load), np.inf)
-    simplex.add_rows(balance, -load, above)
-    balance[:, -1] = -1.0
-    simplex.add_rows(balance, -above, -load)
-    for contact in range(count):
-        contacts = np.full(_DIRECTIONS, contact)
-        _add_planes(simplex, contacts, around(_DIRECTIONS), friction, bearable)
+    # Most loads balance inside polygons in the cones, by one program.
+    inside = _program(jacobian, load, _INSCRIBED * friction, _INSCRIBED * bearable)
+    found = _balance(inside.solve(), len(load), 1)
+    if found is not None and found.residual <= _EXACT:
+        return found
+    simplex = _program(jacobian, load, friction, bearable)
     best: Balance | None = None
     for _ in range(_MOST_ROUNDS):
-        answer = simplex.solve()
-        if answer.outcome is not SimplexOutcome.OPTIMAL:
+        found = _balance(simplex.solve(), len(load), 1 + simplex.solves)
+        if found is None:
             return best
-        forces = answer.x[:-1].reshape(count, 3)
-        marginals = answer.rows
-        proof = marginals[: len(load)] + marginals[len(load) : 2 * len(load)]
-        best = Balance(float(answer.x[-1]), forces, -proof, simplex.solves)
+        best, forces = found, found.forces
         sides = np.hypot(forces[:, 1], forces[:, 2])
         most = np.where(np.isnan(bearable), friction * forces[:, 0], bearable)
         outside = np.flatnonzero(sides > most + _OUTSIDE * np.maximum(1.0, forces[:, 0]))
@@ -94,6 +87,56 @@ def least_residual(
     return best
 
 
+def _program(
+    jacobian: FloatArray, load: FloatArray, friction: FloatArray, bearable: FloatArray
+) -> Simplex:
+    """Return the program of the least residual, with the first planes around cones or disks."""
+    count, size = len(jacobian), 3 * len(jacobian) + 1
+    lb, ub = np.full(size, -np.inf), np.full(size, np.inf)
+    lb[::3] = 0.0  # normal forces, and what is left of the load
+    cost = np.zeros(size)
+    cost[-1] = 1.0
+    simplex = Simplex(cost, lb, ub)
+    balance = np.hstack([jacobian.reshape(3 * count, -1).T, np.ones((len(load), 1))])
+    above = np.full(len(load), np.inf)
+    simplex.add_rows(balance, -load, above)
+    balance[:, -1] = -1.0
+    simplex.add_rows(balance, -above, -load)
+    contacts = np.repeat(np.arange(count), _DIRECTIONS)
+    _add_planes(simplex, contacts, np.tile(around(_DIRECTIONS), (count, 1)), friction, bearable)
+    return simplex
+
+
+def _balance(answer: SimplexAnswer, load_size: int, programs: int) -> Balance | None:
+    """Return what an answer says, None where there is none."""
+    if answer.outcome is not SimplexOutcome.OPTIMAL:
+        return None
+    proof = answer.rows[:load_size] + answer.rows[load_size : 2 * load_size]
+    return Balance(float(answer.x[-1]), answer.x[:-1].reshape(-1, 3), -proof, programs)
+
+
+def pushed(normals: FloatArray, load: FloatArray) -> Balance | None:
+    """Find normal forces alone that balance the load, or leave little of it, by least squares.
+
+    Args:
+        normals: (M, k) G along the normals, in units of the load.
+        load: (k,) g in those units.
+
+    Returns:
+        The forces; None where the method comes to no end.
+    """
+    from scipy.optimize import nnls
+
+    try:
+        sizes, _ = nnls(normals.T, -load)
+    except RuntimeError:
+        return None
+    left = sizes @ normals + load
+    forces = np.column_stack([sizes, np.zeros((len(sizes), 2))])
+    proof = left / max(float(np.abs(left).sum()), np.finfo(float).tiny)
+    return Balance(float(np.abs(left).max()), forces, proof, 1)
+
+
 def _add_planes(
     simplex: Simplex,
     contacts: NDArray[np.int_],
@@ -102,12 +145,10 @@ def _add_planes(
     bearable: FloatArray,
 ) -> None:
     """Add d.f_t <= mu f_n, or d.f_t <= what is bearable."""
-    rows = np.zeros((len(contacts), 3 * len(friction) + 1))
-    high = np.zeros(len(contacts))
-    for row, (contact, direction) in enumerate(zip(contacts, directions, strict=True)):
-        rows[row, 3 * contact + 1 : 3 * contact + 3] = direction
-        if np.isnan(bearable[contact]):
-            rows[row, 3 * contact] = -friction[contact]
-        else:
-            high[row] = bearable[contact]
+    rows = np.zeros((len(contacts), len(friction) + 1, 3))
+    in_cone = np.isnan(bearable[contacts])
+    planes = np.column_stack([np.where(in_cone, -friction[contacts], 0.0), directions])
+    rows[np.arange(len(contacts)), contacts] = planes
+    high = np.where(in_cone, 0.0, bearable[contacts])
+    rows = rows.reshape(len(contacts), -1)[:, : 3 * len(friction) + 1]
     simplex.add_rows(rows, np.full(len(contacts), -np.inf), high)
