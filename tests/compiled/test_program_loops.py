@@ -263,15 +263,23 @@ FIRST = np.array([0])
 NONE = np.zeros(0, dtype=int)
 
 
-def paper_arguments(**changes):
+def program_arguments(**changes):
     values = {
-        "positions": ONES, "directions": AXES, "jacobian": J, "axes": np.array([0, 3]),
-        "cone_rows": np.ones((3, 2)), "face_count": 0, "reach": np.ones((2, 2)),
-        "has_cone": np.ones(2, bool), "most": TWO,
-        "wrench": np.ones(6), "lower": np.zeros(1), "upper": np.ones(1), "gravity": np.zeros(1),
-        "force_scale": 1.0, "joint_scale": np.ones(1), "length_scale": 1.0,
-        "farthest": 1e8, "margin": 0.1, "joints": NONE, "factors": np.zeros(0),
-        "levels": np.zeros(0),
+        "kind": 1, "required": 0.1, "joint_count": 1, "axes": [0, 3], "sides": np.ones((3, 2)),
+        "face_count": 0, "reach": np.ones((2, 2)), "has_cone": np.ones(2, bool), "friction": TWO,
+        "slopes": TWO, "directions": np.ones((2, 8)), "least_lever": 1e-12, "rounding": 1e-12,
+        "farthest": 1e8,
+    }  # fmt: skip
+    return tuple((values | changes).values())
+
+
+def start_arguments(**changes):
+    assert compiled.paper_programs is not None
+    values = {
+        "programs": compiled.paper_programs.PaperPrograms(*program_arguments()), "rows": [0, 8],
+        "at_bounds": [1], "upper": np.ones(3, bool), "x": np.ones(3), "weights": np.ones(3),
+        "count": 9, "signs": np.ones((2, 2)), "contacts": [1], "own_signs": TWO,
+        "motion": np.ones(7), "judged_by": (0.0, 2, 1.0, 1.0),
     }  # fmt: skip
     return tuple((values | changes).values())
 
@@ -312,18 +320,13 @@ def refined_arguments(**changes):
             (ONES, ONES, FRAMES, TWO, np.ones(2, bool), np.ones(3), np.ones((2, 8))),
         ),
         ("contact_frames", "squared_lengths", (np.ones((2, 2)),)),
-        ("linear_programs", "paper_program", paper_arguments(axes=np.array([0, 6]))),
-        ("linear_programs", "paper_program", paper_arguments(axes=np.array([-1, 3]))),
-        ("linear_programs", "paper_program", paper_arguments(axes=np.array([0]))),
-        ("linear_programs", "paper_program", paper_arguments(face_count=1)),
-        ("linear_programs", "paper_program", paper_arguments(face_count=-1)),
-        ("linear_programs", "paper_program", paper_arguments(lower=np.zeros(2))),
-        ("linear_programs", "paper_program", paper_arguments(has_cone=np.ones(3, bool))),
-        ("linear_programs", "paper_program", paper_arguments(levels=np.ones(1))),
-        ("linear_programs", "paper_program",
-         paper_arguments(joints=np.array([1]), factors=np.ones(1), levels=np.ones(1))),
-        ("linear_programs", "paper_program",
-         paper_arguments(joints=np.array([0]), factors=np.ones(1), levels=np.ones(1), margin=-1.0)),
+        ("paper_programs", "PaperPrograms", program_arguments(axes=[0, 6])),
+        ("paper_programs", "PaperPrograms", program_arguments(axes=[-1, 3])),
+        ("paper_programs", "PaperPrograms", program_arguments(axes=[0])),
+        ("paper_programs", "PaperPrograms", program_arguments(face_count=1)),
+        ("paper_programs", "PaperPrograms", program_arguments(face_count=-1)),
+        ("paper_programs", "PaperPrograms", program_arguments(friction=np.ones(3))),
+        ("paper_programs", "PaperPrograms", program_arguments(reach=np.ones((2, 3)))),
         ("linear_programs", "judged", (ROWS, LOW, HIGH, TWO, TWO, TWO, BOX, TWO, TWO, LOW[:1])),
         ("linear_programs", "judged", (ROWS, LOW, HIGH, TWO, TWO, TWO, BOX, LOW, TWO, TWO)),
         ("linear_programs", "refined", refined_arguments(active=np.array([4]))),
@@ -343,12 +346,28 @@ def test_what_does_not_fit_is_refused(loops: str, name: str, arguments: tuple) -
 
 def test_the_arguments_fit_otherwise() -> None:
     assert compiled.linear_programs is not None
-    assert len(compiled.linear_programs.paper_program(*paper_arguments())) == 6
     assert compiled.linear_programs.refined(*refined_arguments()) is not None
     endless = refined_arguments(high=np.full(4, np.inf))
     assert compiled.linear_programs.refined(*endless) is None
     vanishing = refined_arguments(rows=np.zeros((2, 4)))
     assert compiled.linear_programs.refined(*vanishing) is None
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"rows": [9]}, {"rows": [-1, 8]}, {"at_bounds": [3]}, {"upper": np.ones(2, bool)},
+        {"x": np.ones(2)}, {"weights": np.ones(2)}, {"count": 7}, {"count": 12},
+        {"signs": np.ones((3, 2))}, {"contacts": [2]}, {"own_signs": np.ones(3)},
+        {"motion": np.ones(6)},
+    ],
+    ids=str,
+)  # fmt: skip
+def test_an_optimum_of_other_programs_is_refused(changes) -> None:
+    assert compiled.optimum_starts is not None
+    compiled.optimum_starts.Start(*start_arguments())
+    with pytest.raises(ValueError):
+        compiled.optimum_starts.Start(*start_arguments(**changes))
 
 
 @pytest.mark.parametrize("seed", range(12))

@@ -4,18 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from planning_scenes import example, nearby
+from planning_scenes import EXAMPLES, example, nearby
 
-from graspless_pin import Margin, SolveOptions, Torque, compiled
+from graspless_pin import Margin, SolveOptions, Torque, compiled, load_scene
 from graspless_pin.algorithms.carried import WarmStart, carried, solution_carried
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.warm_start import solve_from
+from graspless_pin.geometry.hand.configuration import independent_positions
 from graspless_pin.planning import Evaluator
 from graspless_pin.planning.configurations import Configurations
 from graspless_pin.planning.state_solver import CarriedState, StateSolver
 from graspless_pin.report import solution_document
 from graspless_pin.report.verify import verify_document
-from graspless_pin.scene.plain_problems import PlainProblem, PlainProblems
+from graspless_pin.scene.plain_problems import PlainProblems
 
 SCENE = "allegro_box_on_slope"
 pytestmark = pytest.mark.skipif(compiled.linear_programs is None, reason="nothing was compiled")
@@ -37,7 +38,7 @@ def test_a_carried_optimum_is_the_optimum(name, objective):
     seen = 0
     for _ in range(12):
         q = nearby(evaluator, rng, 2e-4)
-        answer = solver.answer(q, None, None)
+        answer = solver.solved(q, None, None)
         if not isinstance(answer, CarriedState):
             continue
         seen += 1
@@ -71,7 +72,7 @@ def test_the_first_start_that_serves_is_taken(learned):
                                                         upper=start.relaxation.upper[:10],
                                                         weights=start.relaxation.weights[:10])
         ),
-        lambda start: replace(start, likeness=start.likeness._replace(face_count=1)),
+        lambda start: replace(start, likeness=replace(start.likeness, face_count=1)),
     ],
     ids=["motion", "sides", "rows", "likeness"],
 )  # fmt: skip
@@ -90,28 +91,34 @@ def test_more_than_the_best_case_is_not_carried(learned):
     assert carried(problem, Margin(), SolveOptions(), ()) is None
 
 
-@pytest.mark.parametrize("name", [SCENE, "two_hands_slide_crate", "trihand_pivot_box"])
-def test_plain_arrays_are_those_of_the_problem(name):
-    evaluator = Evaluator(example(name))
-    plain = PlainProblems(evaluator.scene)
-    rng = np.random.default_rng(9)
-    seen = 0
-    for _ in range(8):
-        q = nearby(evaluator, rng, 2e-4)
-        scene = evaluator.scene_at(q)
-        problem = scene.problem()
-        found = plain.at(q)
-        plain.learn(scene, problem)
-        if found is None:
-            continue
-        seen += 1
-        assert found[0] == scene.contacts.bodies
-        for attribute in PlainProblem._fields:
-            mine, own = getattr(found[1], attribute), getattr(problem, attribute)
-            if isinstance(own, np.ndarray):
-                np.testing.assert_allclose(mine, own, rtol=0, atol=1e-14)
-            else:
-                assert mine == own
-    assert (seen >= 3) == (name == SCENE)
-    lower, _ = evaluator.joint_limits
-    assert plain.at(lower - 1.0) is None
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.yaml")), ids=lambda path: path.stem)
+def test_loops_find_what_pinocchio_and_the_search_for_contacts_do(path):
+    if "scene:" in path.read_text(encoding="utf-8"):
+        pytest.skip("a study, not a scene")
+    evaluator = Evaluator(load_scene(path))
+    if evaluator.scene.hand is None:
+        pytest.skip("no hand")
+    tree, rng = evaluator.scene.hand.tree, np.random.default_rng(9)
+    loops = PlainProblems(evaluator.scene)
+    q = np.array([nearby(evaluator, rng, 2e-4) for _ in range(4)] + [evaluator.joint_limits[0]])
+    q[4, 0] -= 1.0
+    states = loops.at(q)
+    if states is None:
+        assert path.stem != SCENE
+        return
+    assert states.counts[4] == -1
+    for k in range(4):
+        positions = independent_positions(tree, q[k])
+        gravity = evaluator.scene.gravity * evaluator.scene.count_own_weight
+        weights = tree.gravity_torques(positions, gravity)
+        np.testing.assert_allclose(
+            states.columns[k], tree.kinematics(positions).J.reshape(6, -1), rtol=0, atol=1e-13
+        )
+        np.testing.assert_allclose(states.weights[k], weights, rtol=0, atol=1e-13)
+        if states.counts[k] >= 0:
+            contacts = evaluator.scene_at(q[k]).contacts.arrays
+            rows = states.rows[k, : states.counts[k]]
+            assert contacts.hand_count == len(rows)
+            own = np.hstack([contacts.positions, contacts.normals])[: len(rows)]
+            np.testing.assert_allclose(rows, own, rtol=0, atol=1e-13)
+    assert (states.counts[:4] == 3).all() or path.stem != SCENE

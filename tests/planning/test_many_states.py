@@ -9,7 +9,7 @@ import pytest
 import yaml
 from planning_scenes import EXAMPLES, example, nearby, shifted
 
-from graspless_pin import Margin, SolveOptions, load_scene
+from graspless_pin import Margin, SolveOptions, compiled, load_scene
 from graspless_pin.errors import ArgumentError, CrashError
 from graspless_pin.planning import EvaluatedStates, Evaluator, StateStatus, many_states
 from graspless_pin.planning.configurations import Configurations
@@ -73,6 +73,30 @@ def test_each_state_is_what_evaluate_finds():
     np.testing.assert_array_equal(kept[0].torques, found.torques[0])
     assert kept[5].status is StateStatus.OVERLAP
     assert kept[5].reason
+
+
+@pytest.mark.skipif(compiled.cold_optima is None, reason="nothing was compiled")
+@pytest.mark.parametrize("algorithm", ["margin", "torque"])
+def test_states_that_are_like_none_before_are_answered_by_loops(algorithm, monkeypatch):
+    evaluator = Evaluator(example("allegro_box_on_slope"), algorithm=algorithm)
+    rng, (lower, upper) = np.random.default_rng(3), evaluator.joint_limits
+    q = np.clip(evaluator.configuration() + rng.uniform(-0.02, 0.02, (40, 16)), lower, upper)
+    alone: list[Any] = []
+    solved = StateSolver.solved
+    monkeypatch.setattr(StateSolver, "solved", lambda *a: alone.append(a) or solved(*a))
+
+    found = evaluator.evaluate_many(q, workers=1)
+
+    assert len(alone) <= 24
+    assert len(set(found.contact_counts.tolist())) > 2
+    expected = [Evaluator(evaluator.scene, algorithm=algorithm).evaluate(one) for one in q[::2]]
+    for k, answer in enumerate(expected):
+        assert found.statuses[2 * k] is answer.status
+        if algorithm == "margin":
+            assert found.margins[2 * k] == pytest.approx(answer.margin, abs=1e-9)
+        elif answer.found:
+            torques = np.abs(found.torques[2 * k]).max(), np.abs(answer.torques).max()
+            assert torques[0] == pytest.approx(torques[1], abs=1e-9)
 
 
 def test_with_a_regularization_torques_are_those_of_evaluate():

@@ -8,28 +8,33 @@ nothing is said, and a search begins.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from threading import Lock
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from graspless_pin.algorithms.options import SolveOptions
-from graspless_pin.compiled import contact_frames, linear_programs, virtual_motions
+from graspless_pin.compiled import cold_optima, optimum_starts
+from graspless_pin.derived import Derived
 from graspless_pin.modes.kinematics import THRESHOLD
-from graspless_pin.modes.nearest_motions import CLEARLY, judged_by
+from graspless_pin.modes.nearest_motions import CLEARLY, GUESSES, judged_by
 from graspless_pin.modes.rules import Rules, SlidingMode
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.problem.scales import LEAST_DIFFERENCE, LEAST_LEVER
-from graspless_pin.programs.active_set import EXACT, ActiveSet, refined_arrays
-from graspless_pin.programs.assembly import Likeness, likeness_of, paper_arrays
-from graspless_pin.programs.forces import ForceCoordinates
-from graspless_pin.programs.layout import ForceLayout
-from graspless_pin.programs.objectives import Margin, Objective, Torque, TorqueShare
-from graspless_pin.programs.program import FARTHEST, LARGEST_IN_C, LinearArrays
+from graspless_pin.programs.active_set import CORRECTIONS, DAMPING, EXACT, ActiveSet
+from graspless_pin.programs.assembly import (
+    PAPER_OBJECTIVES,
+    Likeness,
+    likeness_of,
+    shared_arguments,
+)
+from graspless_pin.programs.objectives import Objective
 from graspless_pin.solution import Certificate, Evidence, Status, TorqueSolution
-
-_KINDS = (Margin, Torque, TorqueShare)
-_WITNESS = judged_by(CLEARLY * THRESHOLD)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,79 +109,108 @@ def carried(
         The optimum, proven like any other, and the place of what it was carried over from; None
         where none serves, more than the best case is asked for, or nothing was compiled.
     """
+    loops = _loops(problem, objective, options) if starts else None
+    if loops is None:
+        return None
+    prepared = _prepared(loops, problem, starts)
+    with _LOCK:
+        found = loops.carried(problem, prepared)
+    if found is None:
+        return None
+    place, forces, unit, *others = found
+    reach = max(problem.max_normal_force.tolist())
+    return Carried(forces, -unit if objective.maximizes else unit, reach, *others), place
+
+
+def carried_many(
+    problem: QuasistaticProblem,
+    objective: Objective,
+    options: SolveOptions,
+    learned: WarmStart | None,
+    pool: list[Any],
+    order: NDArray[np.intp],
+    *states: Any,
+) -> int:
+    """Find the optima of states with the same contacts, one after the other.
+
+    Args:
+        problem: One of their problems, for what all of them share.
+        objective: What is optimised.
+        options: How.
+        learned: What a search has left behind since the last time; None: nothing.
+        pool: What loops have learned of these contacts, the most promising first: it changes.
+        order: Numbers of the states.
+        states: The arguments of `carried_optima.Carrier.carried_many` after that.
+
+    Returns:
+        How many in that order were found before the first one that was not.
+    """
+    loops = _loops(problem, objective, options)
+    if loops is None:
+        return 0
+    if learned is not None:
+        pool[:0] = [start for start in _prepared(loops, problem, [learned]) if start is not None]
+    with _LOCK:
+        return loops.carried_many(problem, pool, order, *states)
+
+
+def _loops(problem: QuasistaticProblem, objective: Objective, options: SolveOptions) -> Any:
+    """Return the loops for problems like one; None where more than the best case is asked for."""
     if (
-        linear_programs is None
-        or not starts
-        or type(objective) not in _KINDS
+        cold_optima is None
+        or type(objective) not in PAPER_OBJECTIVES
         or objective.regularization > 0.0
-        or (objective.required_margin > 0.0 and not problem.external_wrench.any())
         or problem.is_round
         or options.strong
         or options.rules.by_direction
     ):
         return None
-    likeness, most = likeness_of(problem), problem.max_normal_force
-    force, length, joints = contact_frames.scales(
-        problem.positions, problem.external_wrench, problem.jacobian, most, LEAST_LEVER,
-        LEAST_DIFFERENCE,
-    )  # fmt: skip
-    directions = contact_frames.force_directions(
-        problem.normals, problem.tangents, problem.friction, problem.sliding, problem.has_cone
+    return _carrier(likeness_of(problem), objective, problem.joint_count)
+
+
+@lru_cache(maxsize=64)
+def _carrier(likeness: Likeness, objective: Objective, joint_count: int) -> Any:
+    return cold_optima.ColdCarrier(
+        guesses=GUESSES,
+        judged_by=judged_by(CLEARLY * THRESHOLD),
+        damping=DAMPING,
+        corrections=CORRECTIONS,
+        exact=EXACT,
+        cutoff=objective.cutoff,
+        **shared_arguments(likeness, objective, joint_count),
     )
-    coordinates = ForceCoordinates(directions, likeness.layout, force, joints, length)
-    arrays, box, _ = paper_arrays(objective, problem, coordinates, likeness)
-    reach = max(most.tolist())
-    if reach > FARTHEST * force or arrays[0].size > LARGEST_IN_C:
-        return None
-    for place, start in enumerate(starts):
-        if start.likeness is not None and start.likeness.has_rows_of(likeness):
-            found = _optimum(problem, arrays, box, objective.cutoff, likeness.layout, start)
-            if found is not None:
-                unit = objective.unit(problem, coordinates)
-                unit = -unit if objective.maximizes else unit
-                reach = min(reach, FARTHEST * force)
-                own = contact_frames.forces(found[0], likeness.layout.axes, directions, force)
-                return Carried(own, unit, reach, *found), place
-    return None
 
 
-def _optimum(
-    problem: QuasistaticProblem,
-    arrays: LinearArrays,
-    box: FloatArray,
-    cutoff: float,
-    layout: ForceLayout,
-    start: WarmStart,
-) -> tuple[Any, ...] | None:
-    """Return the last attributes of `Carried`, if an earlier optimum leads to them."""
+def _prepared(loops: Any, problem: QuasistaticProblem, starts: Sequence[WarmStart]) -> list[Any]:
+    """Return starts as the loops take them; None in the place of one that does not fit."""
+    likeness, prepared = likeness_of(problem), []
+    for start in starts:
+        known = _STARTS.of(start)
+        own, near = known[0]
+        if own is not loops:
+            fits = start.likeness is not None and start.likeness.has_rows_of(likeness)
+            near = _start(loops, start) if fits else None
+            known[0] = loops, near
+        prepared.append(near)
+    return prepared
+
+
+_LOCK = Lock()
+"""One room serves all threads."""
+_STARTS: Derived[WarmStart, list[Any]] = Derived(lambda _: [(None, None)], most=math.inf)
+"""The loops that a start was prepared for last, and what they take it as."""
+
+
+def _start(loops: Any, start: WarmStart) -> Any:
     near, mode, motion = start.relaxation, start.mode, start.motion
-    if near is None or mode is None or motion is None or len(near.x) != len(arrays[0]):
+    if near is None or mode is None or motion is None:
         return None
-    refined = refined_arrays(arrays, near)
-    if refined is None:
+    if len(near.x) != loops.n + 1 or len(motion) != 6 + loops.L:
         return None
-    x, _, multipliers = refined
-    x = contact_frames.without_forbidden(x, layout.friction[None], layout.cones, mode.signs)
-    y, z = multipliers[:6], multipliers[6:]
-    bound, value, residual = linear_programs.judged(*arrays, box, x, y, z)
-    if not max(residual, abs(value - bound)) <= EXACT * max(1.0, abs(value)):
-        return None
-    if value > cutoff:
-        return None
-    effects = contact_frames.contact_map(
-        problem.positions, problem.normals, problem.tangents, problem.jacobian
-    )
-    map_of_motions, scale = virtual_motions.scaled_map(effects)
-    if len(motion) != len(scale):
-        return None
-    if mode.contacts:
-        seen = virtual_motions.witness(
-            map_of_motions, mode.contacts, mode.own_signs.ravel(), motion, 0, *_WITNESS
-        )
-        if seen is None:
-            return None
-        motion = seen[1]
-    return x, value, bound, residual, multipliers, motion, scale
+    return optimum_starts.Start(
+        loops, near.rows, near.at_bounds, near.upper, near.x, near.weights, sum(near.sizes),
+        mode.signs, mode.contacts, mode.own_signs.ravel(), motion, judged_by(CLEARLY * THRESHOLD),
+    )  # fmt: skip
 
 
 def solution_carried(

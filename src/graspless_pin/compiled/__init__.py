@@ -9,21 +9,33 @@ from __future__ import annotations
 
 try:
     from graspless_pin.compiled import (
+        carried_optima,
+        cold_optima,
         contact_frames,
         contact_search,
+        hand_states,
         linear_programs,
+        optimum_starts,
+        paper_programs,
         rigid_bodies,
         small_arrays,
         virtual_motions,
     )
 except ImportError:  # installed without a C compiler
     contact_frames = contact_search = linear_programs = rigid_bodies = small_arrays = None
-    virtual_motions = None
+    carried_optima = cold_optima = hand_states = optimum_starts = paper_programs = (
+        virtual_motions
+    ) = None
 
 __all__ = [
+    "carried_optima",
+    "cold_optima",
     "contact_frames",
     "contact_search",
+    "hand_states",
     "linear_programs",
+    "optimum_starts",
+    "paper_programs",
     "rigid_bodies",
     "small_arrays",
     "virtual_motions",

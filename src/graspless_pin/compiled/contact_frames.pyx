@@ -24,48 +24,66 @@ def contact_map(positions, normals, tangents, jacobian):
         jacobian: (3M, L).
     """
     cdef cnp.ndarray points = as_reals(positions, 2), J = as_reals(jacobian, 2)
-    cdef Py_ssize_t M = points.shape[0], L = J.shape[1], contact
+    cdef Py_ssize_t M = points.shape[0], L = J.shape[1]
     points, J = as_shaped(points, M, 3), as_shaped(J, 3 * M, L)
     cdef cnp.ndarray n = as_shaped(normals, M, 3), t = as_blocks(tangents, M, 3, 2)
     cdef cnp.ndarray effects = empty3(M, 3, 6 + L)
+    map_of(M, L, data(points), data(n), data(t), data(J), data(effects))
+    return effects
+
+
+cdef void map_of(
+    Py_ssize_t M, Py_ssize_t L, const double* points, const double* n, const double* t,
+    const double* J, double* effects
+) noexcept nogil:
+    """Put what `contact_map` returns into a place."""
     cdef double axes[9]
+    cdef Py_ssize_t contact
     cdef int i
     for contact in range(M):
         for i in range(3):
-            axes[i] = data(n)[3 * contact + i]
-            axes[3 + i] = data(t)[6 * contact + 2 * i]
-            axes[6 + i] = data(t)[6 * contact + 2 * i + 1]
+            axes[i] = n[3 * contact + i]
+            axes[3 + i] = t[6 * contact + 2 * i]
+            axes[6 + i] = t[6 * contact + 2 * i + 1]
         for i in range(3):
             effects_of(
-                axes + 3 * i, data(points) + 3 * contact, data(J) + 3 * L * contact, L,
-                data(effects) + (3 * contact + i) * (6 + L),
+                axes + 3 * i, points + 3 * contact, J + 3 * L * contact, L,
+                effects + (3 * contact + i) * (6 + L),
             )
-    return effects
 
 
 def force_directions(normals, tangents, friction, sliding, has_cone):
     """(M, 3, 3) rows n, t1, t2; where there is no cone n - mu v/|v| in the place of n."""
     cdef cnp.ndarray n = as_reals(normals, 2)
-    cdef Py_ssize_t M = n.shape[0], contact
+    cdef Py_ssize_t M = n.shape[0]
     n = as_shaped(n, M, 3)
     cdef cnp.ndarray t = as_blocks(tangents, M, 3, 2), v = as_shaped(sliding, M, 3)
     cdef cnp.ndarray mu = as_vector(friction, M), cones = as_flags(has_cone, M)
     cdef cnp.ndarray rows = empty3(M, 3, 3)
+    directions_of(M, data(n), data(t), data(mu), data(v), flags_of(cones), data(rows))
+    return rows
+
+
+cdef void directions_of(
+    Py_ssize_t M, const double* n, const double* t, const double* mu, const double* v,
+    const cnp.npy_bool* has_cone, double* rows
+) noexcept nogil:
+    """Put what `force_directions` returns into a place."""
     cdef double* out
     cdef double speed, share
+    cdef Py_ssize_t contact
     cdef int i
     for contact in range(M):
-        out = data(rows) + 9 * contact
+        out = rows + 9 * contact
         share = 0.0
-        if not flags_of(cones)[contact]:
-            speed = sqrt(dot(data(v) + 3 * contact, data(v) + 3 * contact))
+        if not has_cone[contact]:
+            speed = sqrt(dot(v + 3 * contact, v + 3 * contact))
             if speed > 0.0:
-                share = data(mu)[contact] / speed
+                share = mu[contact] / speed
         for i in range(3):
-            out[i] = data(n)[3 * contact + i] - share * data(v)[3 * contact + i]
-            out[3 + i] = data(t)[6 * contact + 2 * i]
-            out[6 + i] = data(t)[6 * contact + 2 * i + 1]
-    return rows
+            out[i] = n[3 * contact + i] - share * v[3 * contact + i]
+            out[3 + i] = t[6 * contact + 2 * i]
+            out[6 + i] = t[6 * contact + 2 * i + 1]
 
 
 def forces(x, axes, directions, double scale):
@@ -152,28 +170,40 @@ def margin(forces, normals, tangents, friction, has_cone, most, face_directions)
         face_directions: (2, r) directions of the side faces along t1 and t2.
     """
     cdef cnp.ndarray f = as_reals(forces, 2)
-    cdef Py_ssize_t M = f.shape[0], contact, k, r
+    cdef Py_ssize_t M = f.shape[0], r
     f = as_shaped(f, M, 3)
     cdef cnp.ndarray n = as_shaped(normals, M, 3), t = as_blocks(tangents, M, 3, 2)
     cdef cnp.ndarray slope = as_vector(friction, M), cones = as_flags(has_cone, M)
     cdef cnp.ndarray limit = as_vector(most, M), faces = as_reals(face_directions, 2)
     r = faces.shape[1]
     faces = as_shaped(faces, 2, r)
+    return margin_of(
+        M, data(f), data(n), data(t), data(slope), flags_of(cones), data(limit), r, data(faces)
+    )
+
+
+cdef double margin_of(
+    Py_ssize_t M, const double* forces, const double* normals, const double* tangents,
+    const double* slope, const cnp.npy_bool* has_cone, const double* limit, Py_ssize_t r,
+    const double* faces
+) noexcept nogil:
+    """What `margin` returns, of plain arrays."""
     cdef double least = INFINITY, along, first, second, outward
     cdef const double* g
     cdef const double* axes
+    cdef Py_ssize_t contact, k
     for contact in range(M):
-        g, axes = data(f) + 3 * contact, data(t) + 6 * contact
-        along = dot(data(n) + 3 * contact, g)
-        least = min(least, along, data(limit)[contact] - along)
-        if flags_of(cones)[contact]:
+        g, axes = forces + 3 * contact, tangents + 6 * contact
+        along = dot(normals + 3 * contact, g)
+        least = min(least, along, limit[contact] - along)
+        if has_cone[contact]:
             first = axes[0] * g[0] + axes[2] * g[1] + axes[4] * g[2]
             second = axes[1] * g[0] + axes[3] * g[1] + axes[5] * g[2]
             outward = -INFINITY
             for k in range(r):
-                outward = max(outward, first * data(faces)[k] + second * data(faces)[r + k])
-            along = data(slope)[contact] * along - outward
-            least = min(least, along / sqrt(1.0 + data(slope)[contact] ** 2))
+                outward = max(outward, first * faces[k] + second * faces[r + k])
+            along = slope[contact] * along - outward
+            least = min(least, along / sqrt(1.0 + slope[contact] ** 2))
     return least
 
 
@@ -189,28 +219,41 @@ def scales(positions, wrench, jacobian, limits, double least_lever, double round
         rounding: Smallest distance and moment that count, over what they are differences of.
     """
     cdef cnp.ndarray points = as_reals(positions, 2), J = as_reals(jacobian, 2)
-    cdef Py_ssize_t M = points.shape[0], L = J.shape[1], contact, k
+    cdef Py_ssize_t M = points.shape[0], L = J.shape[1]
     points, J = as_shaped(points, M, 3), as_shaped(J, 3 * M, L)
     cdef cnp.ndarray load = as_vector(wrench, 6), most = as_vector(limits, M), joints = empty1(L)
-    cdef double* lever = data(joints)
+    cdef double force, length
+    scales_of(
+        M, L, data(points), data(load), data(J), data(most), least_lever, rounding, &force, &length,
+        data(joints),
+    )
+    return force, length, joints
+
+
+cdef void scales_of(
+    Py_ssize_t M, Py_ssize_t L, const double* points, const double* f, const double* J,
+    const double* most, double least_lever, double rounding, double* force_scale,
+    double* length_scale, double* lever
+) noexcept nogil:
+    """Put what `scales` returns into three places."""
     cdef const double* row
-    cdef double length = 0.0, longest = 0.0, force = INFINITY, reach = 0.0, size, turn, least
-    cdef double pull = sqrt(dot(data(load), data(load)))
+    cdef double length = 0.0, longest = 0.0, force = INFINITY, reach = 0.0, turn, least
+    cdef double pull = sqrt(dot(f, f))
     cdef double center[3]
     cdef double arm[3]
-    cdef const double* f = data(load)
+    cdef Py_ssize_t contact, k
     cdef int i
     for i in range(3):
         center[i] = 0.0
         for contact in range(M):
-            center[i] += data(points)[3 * contact + i]
+            center[i] += points[3 * contact + i]
         center[i] /= M
     for contact in range(M):
         for i in range(3):
-            arm[i] = data(points)[3 * contact + i] - center[i]
+            arm[i] = points[3 * contact + i] - center[i]
         length = max(length, dot(arm, arm))
-        reach = max(reach, dot(data(points) + 3 * contact, data(points) + 3 * contact))
-        force = min(force, data(most)[contact])
+        reach = max(reach, dot(points + 3 * contact, points + 3 * contact))
+        force = min(force, most[contact])
     arm[0] = f[3] - (center[1] * f[2] - center[2] * f[1])
     arm[1] = f[4] - (center[2] * f[0] - center[0] * f[2])
     arm[2] = f[5] - (center[0] * f[1] - center[1] * f[0])
@@ -224,15 +267,19 @@ def scales(positions, wrench, jacobian, limits, double least_lever, double round
         force = max(pull, turn / length)
     for k in range(L):
         lever[k] = 0.0
-        for contact in range(M):
-            row = data(J) + 3 * L * contact + k
-            size = row[0] * row[0] + row[L] * row[L] + row[2 * L] * row[2 * L]
-            lever[k] = max(lever[k], size)
+    for contact in range(M):
+        row = J + 3 * L * contact
+        for k in range(L):
+            lever[k] = max(
+                lever[k],
+                row[k] * row[k] + row[L + k] * row[L + k] + row[2 * L + k] * row[2 * L + k],
+            )
+    for k in range(L):
         lever[k] = sqrt(lever[k])
         longest = max(longest, lever[k])
     for k in range(L):
         lever[k] = force * (max(lever[k], least_lever * longest) if longest > 0.0 else length)
-    return force, length, joints
+    force_scale[0], length_scale[0] = force, length
 
 
 def squared_lengths(vectors):

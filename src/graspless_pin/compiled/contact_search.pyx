@@ -25,17 +25,6 @@ cdef double _ON_FACE = 1e-9  # m, as in `polytopes`
 cdef class ConvexSets:
     """K convex sets in the frames of their geometries, as `plain_contacts` takes them."""
 
-    cdef Py_ssize_t count
-    cdef cnp.ndarray _kinds, _bodies, _centers, _halves, _reaches, _planes, _starts, _faces
-    cdef cnp.npy_intp* kinds
-    cdef cnp.npy_intp* bodies
-    cdef cnp.npy_intp* starts
-    cdef double* centers
-    cdef double* halves
-    cdef double* reaches
-    cdef double* planes
-    cdef double* faces
-
     def __init__(self, kinds, bodies, centers, half_extents, reaches, planes, starts, faces):
         """Take the sets.
 
@@ -75,10 +64,10 @@ cdef class ConvexSets:
         self.faces = data(self._faces)
 
 
-cdef bint _near(
+cdef bint near_boxes(
     ConvexSets ones, Py_ssize_t p, const double* T, ConvexSets others, Py_ssize_t k,
     const double* T_other, const double* center, double tolerance
-) noexcept:
+) noexcept nogil:
     """Whether no side of the boxes around two sets parts them; `center` is the other's, world."""
     cdef double offset[3]
     cdef double local[3]
@@ -119,7 +108,7 @@ cdef bint _near(
 
 cdef bint _highest_face(
     ConvexSets ones, Py_ssize_t p, const double* x, double* height, const double** face
-) noexcept:
+) noexcept nogil:
     """The face over which a point is highest; whether its foot is on it, or it is inside."""
     cdef const double* one
     cdef double over
@@ -213,6 +202,9 @@ def plain_contacts(
     cdef cnp.npy_intp* times = numbers_of(seen)
     cdef _Rows rows = _Rows()
     cdef list left = [], pairs = [], places = [], gaps = []
+    cdef double row[6]
+    cdef double gap
+    cdef int touches
     cdef bint plain
     count = 0
     for k in range(K):
@@ -220,7 +212,7 @@ def plain_contacts(
         move(T_other, others.centers + 3 * k, center)
         for p in range(P):
             T = data(one_poses) + 16 * p
-            if _near(ones, p, T, others, k, T_other, center, tolerance):
+            if near_boxes(ones, p, T, others, k, T_other, center, tolerance):
                 hits[count] = k * P + p
                 count += 1
                 times[others.bodies[k]] += 1
@@ -230,9 +222,13 @@ def plain_contacts(
         pairs.append((p, k))
         plain = ones.kinds[p] == POLYTOPE and times[others.bodies[k]] == 1
         if plain and others.kinds[k] == BALL:
-            plain = _ball_on_face(
-                ones, p, T, others.reaches[k], T_other, tolerance, max_penetration, rows, gaps
+            touches = ball_on_face(
+                ones, p, T, others.reaches[k], T_other, tolerance, max_penetration, row, &gap
             )
+            plain = touches >= 0
+            if touches > 0:
+                rows.add(row, 0.0, row + 3)
+                gaps.append(gap)
         elif plain and others.kinds[k] == PLANE:
             plain = _face_on_plane(
                 p, T, others.planes + 4 * k, T_other, tolerance, max_penetration, face_of, rows,
@@ -248,33 +244,34 @@ def plain_contacts(
     return places, rows.part(0), rows.part(3), gaps, pairs, left
 
 
-cdef bint _ball_on_face(
+cdef int ball_on_face(
     ConvexSets ones, Py_ssize_t p, const double* T, double radius, const double* T_ball,
-    double tolerance, double max_penetration, _Rows rows, list gaps
-):
-    """Whether a sphere is over a face, or far off; False where it is in too deep or at an edge."""
-    cdef double center[3]
+    double tolerance, double max_penetration, double* row, double* gap
+) noexcept nogil:
+    """Put position and normal (6,) of a sphere's contact with a face, and its gap, into places.
+
+    1: there is one; 0: the sphere is far off; -1: it is in too deep or at an edge.
+    """
+    cdef double offset[3]
     cdef double x[3]
-    cdef double normal[3]
     cdef double height
     cdef const double* face
     cdef bint on_face
     cdef int i
     for i in range(3):
-        center[i] = T_ball[4 * i + 3]
-        normal[i] = center[i] - T[4 * i + 3]
-    turn_back(T, normal, x)
+        offset[i] = T_ball[4 * i + 3] - T[4 * i + 3]
+    turn_back(T, offset, x)
     on_face = _highest_face(ones, p, x, &height, &face)
-    if height - radius > tolerance:
-        return True
-    if height - radius < -max_penetration or not on_face:
-        return False
-    turn(T, face, normal)
+    gap[0] = height - radius
+    if gap[0] > tolerance:
+        return 0
+    if gap[0] < -max_penetration or not on_face:
+        return -1
+    turn(T, face, row + 3)
     for i in range(3):
-        normal[i] = -normal[i]
-    rows.add(center, -height - radius, normal)
-    gaps.append(height - radius)
-    return True
+        row[3 + i] = -row[3 + i]
+        row[i] = T_ball[4 * i + 3] + 0.5 * (height + radius) * row[3 + i]
+    return 1
 
 
 cdef bint _face_on_plane(

@@ -6,29 +6,6 @@ from numpy.typing import NDArray
 Array: TypeAlias = NDArray[np.float64]
 Numbers: TypeAlias = NDArray[np.int_]
 
-def paper_program(
-    positions: Array,
-    directions: Array,
-    jacobian: Array,
-    axes: Numbers,
-    cone_rows: Array,
-    face_count: int,
-    reach: Array,
-    has_cone: NDArray[np.bool_],
-    most: Array,
-    wrench: Array,
-    lower: Array,
-    upper: Array,
-    gravity: Array,
-    force_scale: float,
-    joint_scale: Array,
-    length_scale: float,
-    farthest: float,
-    margin: float,
-    joints: Numbers,
-    factors: Array,
-    levels: Array,
-) -> tuple[Array, Array, Array, Array, Array, bool]: ...
 def judged(
     rows: Array,
     low: Array,

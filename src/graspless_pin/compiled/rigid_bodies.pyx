@@ -6,8 +6,8 @@ from libc.math cimport fabs, sqrt
 cimport numpy as cnp
 
 from graspless_pin.compiled.shared cimport (
-    as_integers, as_poses, as_reals, as_shaped, as_vector, data, dot, empty, empty1, empty3,
-    numbers_of,
+    as_integers, as_poses, as_reals, as_shaped, as_vector, chained, data, dot, empty, empty1,
+    empty3, numbers_of,
 )
 
 cnp.import_array()
@@ -31,19 +31,12 @@ def placed(T_world_joint, joints, T_joint_shape):
     cdef cnp.ndarray poses = empty3(shapes.shape[0], 4, 4)
     cdef const double* A
     cdef const double* B
-    cdef double* C
     cdef Py_ssize_t k
-    cdef int i, j
     for k in range(shapes.shape[0]):
         if not 0 <= number[k] < carriers.shape[0]:
             raise ValueError("needs joints that exist")
         A, B = data(carriers) + 16 * number[k], data(shapes) + 16 * k
-        C = data(poses) + 16 * k
-        for i in range(3):
-            for j in range(4):
-                C[4 * i + j] = A[4 * i] * B[j] + A[4 * i + 1] * B[4 + j] + A[4 * i + 2] * B[8 + j]
-            C[4 * i + 3] += A[4 * i + 3]
-        C[12], C[13], C[14], C[15] = 0.0, 0.0, 0.0, 1.0
+        chained(A, B, data(poses) + 16 * k)
     return poses
 
 
@@ -57,7 +50,7 @@ def point_jacobians(J_world, moved, joints, points):
         points: (K, 3) world, m.
     """
     cdef cnp.ndarray J = as_reals(J_world, 2)
-    cdef Py_ssize_t n = J.shape[1], k, j
+    cdef Py_ssize_t n = J.shape[1], k
     cdef cnp.ndarray arms = as_reals(points, 2)
     cdef Py_ssize_t count = arms.shape[0]
     arms = as_shaped(arms, count, 3)
@@ -67,24 +60,28 @@ def point_jacobians(J_world, moved, joints, points):
     cdef cnp.ndarray numbers = as_integers(joints, count)
     cdef cnp.npy_intp* number = numbers_of(numbers)
     cdef cnp.ndarray jacobians = empty3(count, 3, n)
-    cdef const double* column = data(J)
-    cdef const double* moves
-    cdef const double* p
-    cdef double* out
     for k in range(count):
         if not 0 <= number[k] < mask.shape[0]:
             raise ValueError("needs joints that exist")
-        p, moves = data(arms) + 3 * k, data(mask) + n * number[k]
-        out = data(jacobians) + 3 * n * k
-        for j in range(n):
-            out[j] = moves[j] * (column[j] + column[4 * n + j] * p[2] - column[5 * n + j] * p[1])
-            out[n + j] = moves[j] * (
-                column[n + j] + column[5 * n + j] * p[0] - column[3 * n + j] * p[2]
-            )
-            out[2 * n + j] = moves[j] * (
-                column[2 * n + j] + column[3 * n + j] * p[1] - column[4 * n + j] * p[0]
-            )
+        jacobian_of(
+            n, data(J), data(mask) + n * number[k], data(arms) + 3 * k, data(jacobians) + 3 * n * k
+        )
     return jacobians
+
+
+cdef void jacobian_of(
+    Py_ssize_t n, const double* column, const double* moves, const double* p, double* out
+) noexcept nogil:
+    """Put the (3, n) velocities of one point, see `point_jacobians`, into a place."""
+    cdef Py_ssize_t j
+    for j in range(n):
+        out[j] = moves[j] * (column[j] + column[4 * n + j] * p[2] - column[5 * n + j] * p[1])
+        out[n + j] = moves[j] * (
+            column[n + j] + column[5 * n + j] * p[0] - column[3 * n + j] * p[2]
+        )
+        out[2 * n + j] = moves[j] * (
+            column[2 * n + j] + column[3 * n + j] * p[1] - column[4 * n + j] * p[0]
+        )
 
 
 def twist_velocities(twist, center, points):

@@ -72,12 +72,17 @@ cdef inline cnp.ndarray as_blocks(
     return array
 
 
-cdef inline cnp.npy_bool* flags_of(cnp.ndarray array) noexcept:
+cdef inline cnp.npy_bool* flags_of(cnp.ndarray array) noexcept nogil:
     return <cnp.npy_bool*>cnp.PyArray_DATA(array)
 
 
-cdef inline cnp.npy_intp* numbers_of(cnp.ndarray array) noexcept:
+cdef inline cnp.npy_intp* numbers_of(cnp.ndarray array) noexcept nogil:
     return <cnp.npy_intp*>cnp.PyArray_DATA(array)
+
+
+cdef inline cnp.ndarray no_numbers(Py_ssize_t length):
+    cdef cnp.npy_intp shape = length
+    return <cnp.ndarray>cnp.PyArray_ZEROS(1, &shape, cnp.NPY_INTP, 0)
 
 
 cdef inline cnp.ndarray empty1(Py_ssize_t length):
@@ -91,7 +96,7 @@ cdef inline cnp.ndarray empty3(Py_ssize_t count, Py_ssize_t rows, Py_ssize_t col
     return <cnp.ndarray>cnp.PyArray_EMPTY(3, shape, cnp.NPY_DOUBLE, 0)
 
 
-cdef inline double* data(cnp.ndarray array) noexcept:
+cdef inline double* data(cnp.ndarray array) noexcept nogil:
     return <double*>cnp.PyArray_DATA(array)
 
 
@@ -124,6 +129,16 @@ cdef inline void move(const double* T, const double* x, double* y) noexcept nogi
     cdef int i
     for i in range(3):
         y[i] = dot(T + 4 * i, x) + T[4 * i + 3]
+
+
+cdef inline void chained(const double* A, const double* B, double* C) noexcept nogil:
+    """The pose C = A B."""
+    cdef int i, j
+    for i in range(3):
+        for j in range(4):
+            C[4 * i + j] = A[4 * i] * B[j] + A[4 * i + 1] * B[4 + j] + A[4 * i + 2] * B[8 + j]
+        C[4 * i + 3] += A[4 * i + 3]
+    C[12], C[13], C[14], C[15] = 0.0, 0.0, 0.0, 1.0
 
 
 cdef inline void effects_of(

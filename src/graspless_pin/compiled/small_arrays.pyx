@@ -2,10 +2,13 @@
 """Checks of small arrays, and the tangents of a few contacts."""
 
 from libc.math cimport fabs, isfinite, sqrt
+from libc.string cimport memcpy
 
 cimport numpy as cnp
 
-from graspless_pin.compiled.shared cimport as_reals, as_shaped, as_vector, data, dot, empty3
+from graspless_pin.compiled.shared cimport (
+    as_reals, as_shaped, as_vector, data, dot, empty, empty3,
+)
 
 cnp.import_array()
 
@@ -19,17 +22,30 @@ def tangents(normals, axes):
     inward = as_shaped(inward, count, 3)
     cdef cnp.ndarray frames = empty3(count, 3, 2)
     cdef list directions = [as_vector(axis, 3) for axis in axes]
+    cdef cnp.ndarray given = empty(len(directions), 3)
+    for k in range(len(directions)):
+        memcpy(data(given) + 3 * k, data(<cnp.ndarray>directions[k]), 3 * sizeof(double))
+    tangents_of(count, data(inward), len(directions), data(given), data(frames))
+    return frames
+
+
+cdef void tangents_of(
+    Py_ssize_t count, const double* normals, Py_ssize_t axis_count, const double* axes,
+    double* frames
+) noexcept nogil:
+    """Put what `tangents` returns into a place."""
     cdef const double* n
     cdef const double* a
     cdef double* out
     cdef double t[3]
     cdef double along, length
+    cdef Py_ssize_t k, axis
     cdef int i
     for k in range(count):
-        n, out = data(inward) + 3 * k, data(frames) + 6 * k
+        n, out = normals + 3 * k, frames + 6 * k
         length = 0.0
-        for axis in directions:
-            a = data(<cnp.ndarray>axis)
+        for axis in range(axis_count):
+            a = axes + 3 * axis
             along = dot(a, n)
             if fabs(along) <= _NEARLY_PARALLEL * sqrt(dot(a, a)):
                 for i in range(3):
@@ -51,7 +67,6 @@ def tangents(normals, axes):
         out[1] = n[1] * t[2] - n[2] * t[1]
         out[3] = n[2] * t[0] - n[0] * t[2]
         out[5] = n[0] * t[1] - n[1] * t[0]
-    return frames
 
 
 def all_finite(arrays):

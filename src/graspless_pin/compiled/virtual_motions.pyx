@@ -7,7 +7,7 @@ from libc.string cimport memcpy, memset
 cimport numpy as cnp
 
 from graspless_pin.compiled.shared cimport (
-    as_blocks, as_integers, as_reals, as_vector, data, empty, empty1, empty3, factor, inner,
+    as_blocks, as_integers, as_reals, as_vector, data, empty1, empty3, factor, inner,
     numbers_of, solve_factored,
 )
 
@@ -21,14 +21,20 @@ def scaled_map(effects):
     their backward rates that it takes.
     """
     cdef cnp.ndarray local = as_reals(effects, 3)
-    cdef Py_ssize_t rows = local.shape[0] * local.shape[1], n = local.shape[2], row, k
+    cdef Py_ssize_t rows = local.shape[0] * local.shape[1], n = local.shape[2]
     if n < 6:
         raise ValueError("needs shape (M, 3, 6 + L)")
     cdef cnp.ndarray scale = empty1(n)
     cdef cnp.ndarray scaled = empty3(local.shape[0], local.shape[1], n)
-    cdef const double* values = data(local)
-    cdef double* size = data(scale)
-    cdef double* out = data(scaled)
+    scaled_of(rows, n, data(local), data(scale), data(scaled))
+    return scaled, scale
+
+
+cdef void scaled_of(
+    Py_ssize_t rows, Py_ssize_t n, const double* values, double* size, double* out
+) noexcept nogil:
+    """Put what `scaled_map` returns into two places."""
+    cdef Py_ssize_t row, k
     memset(size, 0, n * sizeof(double))
     for row in range(rows):
         for k in range(n):
@@ -38,7 +44,6 @@ def scaled_map(effects):
     for row in range(rows):
         for k in range(n):
             out[n * row + k] = values[n * row + k] * (size[k] if k < 6 else -size[k])
-    return scaled, scale
 
 
 cdef void touching(
@@ -92,7 +97,8 @@ def witness(
         if none was found.
     """
     cdef cnp.ndarray local = as_reals(rows, 3)
-    cdef Py_ssize_t M = local.shape[0], n = local.shape[2], s, i, j, attempt
+    cdef Py_ssize_t M = local.shape[0], n = local.shape[2], s, i
+    cdef cnp.ndarray start
     local = as_blocks(local, M, 3, n)
     cdef cnp.ndarray asked = as_reals(signs, 1)
     s = asked.shape[0] // 2
@@ -101,56 +107,78 @@ def witness(
     for i in range(s):
         if not 0 <= number[i] < M:
             raise ValueError("needs contacts that exist")
-    cdef cnp.ndarray found = empty1(n), full = empty1(2 * s)
-    cdef cnp.ndarray normals = empty(s, n), tangents = empty(2 * s, n), held = empty(2 * s, n)
-    cdef cnp.ndarray gram = empty(s, s), other = empty(2 * s, 2 * s)
-    cdef cnp.ndarray small = empty1(max(s, 1)), wanted = empty1(2 * s), solved = empty1(2 * s)
-    cdef double* N = data(normals)
-    cdef double* T = data(tangents)
-    cdef double* H = data(held)
-    cdef double* G = data(gram)
-    cdef double* x = data(found)
-    cdef double* sign = data(full)
-    cdef double* w = data(wanted)
-    cdef double* b = data(solved)
+    cdef cnp.ndarray found = empty1(n), full = empty1(2 * s), room = empty1(witness_room(s, n))
+    cdef const double* guess = NULL
+    if near is not None:
+        start = as_vector(near, n)
+        guess = data(start)
+    if witness_of(
+        M, n, data(local), s, number, data(wanted_signs), guess, guesses, damping, corrections,
+        rank_tolerance, least, data(room), data(full), data(found),
+    ):
+        return full, found
+    return None
+
+
+cdef Py_ssize_t witness_room(Py_ssize_t s, Py_ssize_t n) noexcept nogil:
+    """Numbers that `witness_of` keeps on its way."""
+    return 5 * s * n + 5 * s * s + 5 * s + 1
+
+
+cdef bint witness_of(
+    Py_ssize_t M, Py_ssize_t n, const double* local, Py_ssize_t s, const cnp.npy_intp* number,
+    const double* wanted_signs, const double* near, int guesses, double damping, int corrections,
+    double rank_tolerance, double least, double* room, double* sign, double* x
+) noexcept nogil:
+    """Put what `witness` returns into two places; whether there is anything."""
+    cdef double* N = room
+    cdef double* T = N + s * n
+    cdef double* H = T + 2 * s * n
+    cdef double* G = H + 2 * s * n
+    cdef double* other = G + s * s
+    cdef double* small = other + 4 * s * s
+    cdef double* w = small + s + 1
+    cdef double* b = w + 2 * s
     cdef double slowest, size, apart, slide
     cdef bint can_hold, can_guess = False
+    cdef Py_ssize_t i, j, attempt
+    cdef int _
     for i in range(s):
-        memcpy(N + n * i, data(local) + 3 * n * number[i], n * sizeof(double))
-        memcpy(T + 2 * n * i, data(local) + (3 * number[i] + 1) * n, 2 * n * sizeof(double))
+        memcpy(N + n * i, local + 3 * n * number[i], n * sizeof(double))
+        memcpy(T + 2 * n * i, local + (3 * number[i] + 1) * n, 2 * n * sizeof(double))
     can_hold = factor_of(N, s, n, damping, G)
     for attempt in range(-1, guesses):
         if attempt < 0:
-            if near is None:
+            if near == NULL:
                 continue
-            memcpy(x, data(as_vector(near, n)), n * sizeof(double))
+            memcpy(x, near, n * sizeof(double))
         else:
             if attempt == 0:
                 memcpy(H, T, 2 * s * n * sizeof(double))
                 if can_hold:
                     for i in range(2 * s):
-                        touching(N, G, s, n, H + n * i, data(small))
-                can_guess = factor_of(H, 2 * s, n, damping, data(other))
-                memcpy(w, data(wanted_signs), 2 * s * sizeof(double))
+                        touching(N, G, s, n, H + n * i, small)
+                can_guess = factor_of(H, 2 * s, n, damping, other)
+                memcpy(w, wanted_signs, 2 * s * sizeof(double))
             if not can_guess:
-                return None
+                return False
             memcpy(b, w, 2 * s * sizeof(double))
-            solve_factored(data(other), 2 * s, b)
+            solve_factored(other, 2 * s, b)
             memset(x, 0, n * sizeof(double))
             for i in range(2 * s):
                 for j in range(n):
                     x[j] += b[i] * H[n * i + j]
         if can_hold:
             for _ in range(corrections):
-                touching(N, G, s, n, x, data(small))
+                touching(N, G, s, n, x, small)
         size, apart, slowest = 0.0, 0.0, INFINITY
         for i in range(3 * M):
-            size += inner(data(local) + n * i, x, n) ** 2
+            size += inner(local + n * i, x, n) ** 2
         for i in range(s):
             apart += inner(N + n * i, x, n) ** 2
         for i in range(2 * s):
             slide = inner(T + n * i, x, n)
-            sign[i] = data(wanted_signs)[i]
+            sign[i] = wanted_signs[i]
             if sign[i] == 0.0:
                 sign[i] = -1.0 if slide < 0.0 else 1.0
             slowest = min(slowest, slide * sign[i])
@@ -159,5 +187,5 @@ def witness(
             slowest > 0.0 and slowest * slowest >= least * size
             and apart <= rank_tolerance * rank_tolerance * size
         ):
-            return full, found
-    return None
+            return True
+    return False

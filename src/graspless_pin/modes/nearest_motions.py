@@ -19,7 +19,7 @@ MOST_KEPT = 4096
 
 CLEARLY = 10.0
 """How many times faster than the threshold a sliding is that needs no search."""
-_GUESSES = 4
+GUESSES = 4
 # Stands in for ranks where the answer is checked: of squared rows of unit size, far above their
 # rounding and far below what a motion needs.
 _DAMPING = 1e-12
@@ -90,7 +90,7 @@ class NearestMotions:
             near = None
         if virtual_motions is not None and len(contacts) <= _MOST_IN_C:
             return virtual_motions.witness(
-                self._rows, contacts, signs, near, _GUESSES, *self._judged_by
+                self._rows, contacts, signs, near, GUESSES, *self._judged_by
             )
         if near is not None:
             seen = self._held(contacts, near)
@@ -99,7 +99,7 @@ class NearestMotions:
                 return full, seen.motion
         nearest = self._motions(contacts)
         wanted = signs
-        for _ in range(_GUESSES):
+        for _ in range(GUESSES):
             seen = self._split(nearest @ wanted)
             full = seen.completed(signs)
             if self._slides(seen, full):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
@@ -11,11 +11,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from graspless_pin.algorithms.search import CLOSED
 from graspless_pin.planning.evaluation import Evaluation, StateStatus
 from graspless_pin.planning.many_states import Arrays, Progress, StateArrays, gathered
-from graspless_pin.planning.state_solver import CarriedState, StateSolver
+from graspless_pin.planning.state_solver import CarriedStates, StateSolver
+from graspless_pin.planning.warm_starts import CarriedState
 from graspless_pin.problem.checks import FloatArray, whole_number
 from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.scene.joints import possible_columns
 
 STATUSES = tuple(StateStatus)
@@ -84,6 +87,21 @@ class StateFigures(NamedTuple):
         self.bounds[number] = optimum.bound * optimum.unit
         self.gaps[number] = optimum.gap
         self.residuals[number] = optimum.residual
+
+    def put_all(self, carried: CarriedStates, columns: Any) -> None:
+        """Enter what was carried over, with the torques in some columns: see `put`."""
+        found = carried.found
+        self.codes[found] = _FOUND
+        self.contact_counts[found] = carried.contact_counts[found]
+        margins, _, bounds, gaps, residuals, _ = carried.figures.T
+        for own, values in (
+            (self.margins, margins),
+            (self.bounds, bounds),
+            (self.gaps, gaps),
+            (self.residuals, residuals),
+        ):
+            own[found] = values[found]
+        self.torques[np.ix_(found, columns)] = carried.torques[found]
 
 
 def _columns(names: tuple[str, ...], torque_names: tuple[str, ...]) -> Any:
@@ -178,16 +196,33 @@ def evaluated_states(
 
 
 def figures_of(solver: StateSolver, states: StateArrays) -> StateFigures:
-    """Solve states one after the other."""
-    names = tuple(possible_columns(solver.configurations.scene.hand))
+    """Solve states: by loops where they can, else one after the other."""
+    hand = solver.configurations.scene.hand
+    names = tuple(possible_columns(hand))
     figures = StateFigures.room(states.total, len(names))
-    for number in range(states.total):
-        answer = solver.answer(*states.one(number))
+
+    def alone(number: int) -> None:
+        answer = solver.solved(*states.one(number))
         if isinstance(answer, Evaluation):
             figures.put(number, answer, names)
         else:
             figures.put_carried(number, answer, names)
+
+    carried = carried_or_alone(solver, states, solver.objective, alone)
+    if carried is not None and hand is not None:
+        figures.put_all(carried, [names.index(name) for name in hand.joint_names])
     return figures
+
+
+def carried_or_alone(
+    solver: StateSolver, states: StateArrays, objective: Objective, alone: Callable[[int], object]
+) -> CarriedStates | None:
+    """Return what `StateSolver.carried_many` does; where that is None, solve each state alone."""
+    carried = solver.carried_many(states.configurations, objective, alone)
+    if carried is None:
+        for number in range(states.total):
+            alone(number)
+    return carried
 
 
 def feasible_states(
@@ -204,6 +239,16 @@ def feasible_states(
 
 
 def feasible_ones(solver: StateSolver, states: StateArrays, margin: float) -> Arrays:
-    """Decide on states one after the other."""
-    every = map(states.one, range(states.total))
-    return (np.array([solver.reaches(*one, margin) for one in every], dtype=bool),)
+    """Decide on states: by loops where they can, else one after the other."""
+    feasible = np.zeros(states.total, dtype=bool)
+
+    def alone(number: int) -> None:
+        feasible[number] = solver.reaches(*states.one(number), margin)
+
+    carried = carried_or_alone(solver, states, Margin(), alone)
+    if carried is not None:
+        found = carried.found
+        _, value, _, _, _, unit = carried.figures[found].T
+        goal = margin / np.abs(unit)
+        feasible[found] = value <= CLOSED * np.maximum(1.0, goal) - goal
+    return (feasible,)

@@ -48,6 +48,12 @@ class StateArrays(NamedTuple):
     each: Mapping[str, FloatArray]
     common: Mapping[str, Any]
 
+    @property
+    def configurations(self) -> FloatArray | None:
+        """(K, a), if nothing else is given."""
+        others = [*self.each, *(name for name, value in self.common.items() if value is not None)]
+        return self.each["q"] if others == ["q"] else None
+
     def part(self, numbers: slice) -> StateArrays:
         """Return a part of the states."""
         each = {name: values[numbers] for name, values in self.each.items()}

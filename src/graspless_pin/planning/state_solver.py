@@ -2,24 +2,52 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from graspless_pin.algorithms.carried import solution_carried
+from graspless_pin.algorithms.carried import carried_many, solution_carried
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.search import closeness
 from graspless_pin.algorithms.warm_start import reaches_margin
 from graspless_pin.planning.configurations import Configurations
 from graspless_pin.planning.evaluation import Evaluation, StateStatus
 from graspless_pin.planning.warm_starts import CarriedState, WarmStarts
+from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.scene import Scene
-from graspless_pin.scene.plain_problems import PlainProblems
+from graspless_pin.scene.plain_problems import PlainProblems, PlainStates
 from graspless_pin.scene.scene_stability import unknown_of
 from graspless_pin.solution import Status, TorqueSolution
 
 _UNDECIDED = (Status.NOT_FOUND_IN_LIMIT, Status.UNVERIFIED, Status.STRONG_NOT_FOUND)
+
+
+class CarriedStates(NamedTuple):
+    """What was carried over to K states; NaN and zero where nothing was.
+
+    Attributes:
+        figures: (K, 6) with the columns that `carried_optima.FIGURES` names.
+        torques: (K, L).
+        contact_counts: (K,).
+    """
+
+    figures: FloatArray
+    torques: FloatArray
+    contact_counts: NDArray[np.int32]
+
+    @classmethod
+    def room(cls, count: int, joint_count: int) -> CarriedStates:
+        """Return room for states."""
+        figures = np.full((count, 6), np.nan)
+        return cls(figures, np.full((count, joint_count), np.nan), np.zeros(count, np.int32))
+
+    @property
+    def found(self) -> NDArray[np.bool_]:
+        """(K,) where something was."""
+        return self.contact_counts > 0
 
 
 class StateSolver:
@@ -49,11 +77,60 @@ class StateSolver:
         plain = PlainProblems(self.configurations.scene)
         return {**self.__dict__, "_starts": WarmStarts(), "_plain": plain}
 
-    def answer(self, q: Any, T_world_object: Any, twist: Any) -> Evaluation | CarriedState:
+    def carried_many(
+        self, q: FloatArray | None, objective: Objective, alone: Callable[[int], object]
+    ) -> CarriedStates | None:
+        """Carry optima over to many states by loops alone, and have others solved as they come.
+
+        Args:
+            q: (K, a) configurations in which nothing else differs from the scene; None: something
+                does.
+            objective: What is optimised.
+            alone: Called with the number of each state that has to be solved by itself, so that
+                what is learned there serves those after it.
+
+        Returns:
+            What was carried over; None: nothing can be, and nothing was called.
+        """
+        states = None if q is None else self._plain.at(q)
+        if states is None:
+            return None
+        count, joints = states.weights.shape
+        found = CarriedStates.room(count, joints)
+        for shapes, order in states.groups():
+            begin = 0
+            while begin < len(order):
+                begin += self._carry_on(shapes, objective, order[begin:], states, found)
+                if begin < len(order):
+                    alone(int(order[begin]))
+                    begin += 1
+        for number in np.flatnonzero(states.counts < 0).tolist():
+            alone(number)
+        return found
+
+    def _carry_on(
+        self,
+        shapes: tuple[int, ...],
+        objective: Objective,
+        order: NDArray[np.intp],
+        states: PlainStates,
+        found: CarriedStates,
+    ) -> int:
+        """Carry optima over to states with the same contacts; how many before one needs more."""
+        alike = self._plain.alike(shapes)
+        if alike is None:
+            return 0
+        bodies, carriers, problem = alike
+        learned, pool = self._starts.pool(bodies, problem, objective)
+        count = carried_many(
+            problem, objective, self.options, learned, pool, order, states, self._plain.moves,
+            carriers, *self._plain.frame, found.figures, found.torques,
+        )  # fmt: skip
+        found.contact_counts[order[:count]] = problem.contact_count
+        return count
+
+    def solved(self, q: Any, T_world_object: Any, twist: Any) -> Evaluation | CarriedState:
         """Solve for one state, with as few records as can be: see `Evaluator.evaluate`."""
-        found = self._carried_at(q, T_world_object, twist, self.objective)
-        if found is not None:
-            return found
         solved = self._solved(q, T_world_object, twist)
         return solved if isinstance(solved, Evaluation) else solved[1]
 
@@ -87,35 +164,22 @@ class StateSolver:
     def reaches(self, q: Any, T_world_object: Any, twist: Any, margin: float) -> bool:
         """Tell whether a state is proven to reach a margin: see `Evaluator.is_feasible`."""
         objective = Margin()
-        found = self._carried_at(q, T_world_object, twist, objective)
+        state = self.configurations.problem_at(q, T_world_object, twist)
+        if isinstance(state, Evaluation):
+            return False
+        scene, problem = state
+        what = scene.contacts.bodies, problem, objective
+        found = self._starts.carried(*what, self.options)
         if found is None:
-            state = self.configurations.problem_at(q, T_world_object, twist)
-            if isinstance(state, Evaluation):
-                return False
-            scene, problem = state
-            what = scene.contacts.bodies, problem, objective
-            found = self._starts.carried(*what, self.options)
-            if found is None:
-                start = self._starts.best(*what)
-                reached, learned = reaches_margin(
-                    problem, margin, self.options, start, self._unknown(scene)
-                )
-                self._starts.learn(*what, learned)
-                self._plain.learn(scene, problem)
-                return bool(reached)
+            start = self._starts.best(*what)
+            reached, learned = reaches_margin(
+                problem, margin, self.options, start, self._unknown(scene)
+            )
+            self._starts.learn(*what, learned)
+            self._plain.learn(scene, problem)
+            return bool(reached)
         goal = margin / abs(found.optimum.unit)
         return found.optimum.value <= closeness(goal) - goal
-
-    def _carried_at(
-        self, q: Any, T_world_object: Any, twist: Any, objective: Objective
-    ) -> CarriedState | None:
-        """Return the optimum of a state that differs in an array of positions alone, if it can."""
-        if T_world_object is not None or twist is not None or not isinstance(q, np.ndarray):
-            return None
-        plain = self._plain.at(q)
-        if plain is None:
-            return None
-        return self._starts.carried(plain[0], plain[1].as_problem, objective, self.options)
 
     def _unknown(self, scene: Scene) -> str:
         return unknown_of(scene) if self.options.strong else ""

@@ -23,7 +23,7 @@ class CarriedState(NamedTuple):
     """A state whose optimum was carried over.
 
     Attributes:
-        problem: Its problem, or what loops read of it.
+        problem: Its problem.
         optimum: The optimum.
         start: What it was carried over from.
     """
@@ -39,6 +39,24 @@ class WarmStarts:
     def __init__(self) -> None:
         """Begin with nothing learned."""
         self._starts: dict[_Contacts, tuple[WarmStart, ...]] = {}
+        self._learned: dict[_Contacts, WarmStart] = {}
+        self._pools: dict[_Contacts, tuple[WarmStart | None, list[Any]]] = {}
+
+    def pool(
+        self, bodies: tuple[Any, ...], problem: QuasistaticProblem, objective: Objective
+    ) -> tuple[WarmStart | None, list[Any]]:
+        """Return what a search has learned since the last time, and the pool of loops.
+
+        Args:
+            bodies: See `best`.
+            problem: See `best`.
+            objective: See `best`.
+        """
+        contacts = _contacts(bodies, problem, objective)
+        last, pool = self._pools.get(contacts, (None, []))
+        learned = self._learned.get(contacts)
+        self._pools[contacts] = learned, pool
+        return None if learned is last else learned, pool
 
     def best(
         self, bodies: tuple[Any, ...], problem: QuasistaticProblem, objective: Objective
@@ -110,8 +128,9 @@ class WarmStarts:
     ) -> None:
         """Keep what a search has left behind."""
         if len(self._starts) >= _MOST_KEPT:
-            self._starts = {}
+            self._starts, self._learned, self._pools = {}, {}, {}
         contacts = _contacts(bodies, problem, objective)
+        self._learned[contacts] = learned
         before = self._starts.get(contacts, ())
         others = [start for start in before if start.likeness is not None]
         self._starts[contacts] = (learned, *others[: _MOST_ALIKE - 1])

@@ -22,8 +22,8 @@ from graspless_pin.programs.program import LARGEST_IN_C, LinearArrays, Program
 
 # Stands in for ranks: relative to the rows' squares, far above their rounding. What it falsifies
 # the corrections take back, and the check judges the rest.
-_DAMPING = 1e-13
-_CORRECTIONS = 2
+DAMPING = 1e-13
+CORRECTIONS = 2
 # Linear systems are solved to rounding: an answer that is worse, though it would pass, met
 # constraints that contradict each other by a hair, and a solver should say what that means.
 EXACT = 1e-9
@@ -131,12 +131,12 @@ def _refined(program: Program, near: ActiveSet) -> tuple[FloatArray, FloatArray,
     wide = len(E) <= len(program.c)
     gram = E @ E.T if wide else E.T @ E
     diagonal = gram.reshape(-1)[:: len(gram) + 1]
-    diagonal += _DAMPING * float(np.add.reduce(diagonal))
+    diagonal += DAMPING * float(np.add.reduce(diagonal))
     factor, failed = _potrf(gram, lower=1)
     if failed or not all_finite((sides,)):
         return None
     x, weights = near.x, near.weights
-    for _ in range(_CORRECTIONS):
+    for _ in range(CORRECTIONS):
         beyond, slope = sides - E.dot(x), program.c + weights.dot(E)
         if wide:
             x = x + _potrs(factor, beyond, lower=1)[0].dot(E)
@@ -164,8 +164,8 @@ def refined_arrays(
         None where a side is infinite or the rows cannot be told apart.
     """
     return linear_programs.refined(
-        *program, near.rows, near.at_bounds, near.upper, near.x, near.weights, _DAMPING,
-        _CORRECTIONS,
+        *program, near.rows, near.at_bounds, near.upper, near.x, near.weights, DAMPING,
+        CORRECTIONS,
     )  # fmt: skip
 
 

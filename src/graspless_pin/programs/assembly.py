@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
+from threading import Lock
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from graspless_pin.compiled import linear_programs
+from graspless_pin.compiled import paper_programs
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.problem.cones import face_directions
+from graspless_pin.problem.scales import LEAST_DIFFERENCE, LEAST_LEVER
 from graspless_pin.programs.builder import ProgramBuilder
 from graspless_pin.programs.cones import edge_cones, reach_of
 from graspless_pin.programs.forces import ForceCoordinates, force_coordinates, force_rows
 from graspless_pin.programs.layout import ForceLayout, layout_of
 from graspless_pin.programs.objectives import Margin, Objective, Torque, TorqueShare
-from graspless_pin.programs.program import FARTHEST, LinearArrays, Program
+from graspless_pin.programs.program import FARTHEST, Program
+
+PAPER_OBJECTIVES = (Margin, Torque, TorqueShare)
+"""Those that compiled loops assemble."""
+_LOCK = Lock()
+"""One room serves all threads."""
 
 
 def built(
@@ -56,13 +65,15 @@ def assembled(
 
     The loops stack the rows in the order in which `Margin` and `Torque` build them.
     """
-    far = max(problem.max_normal_force.tolist()) > FARTHEST * coordinates.force_scale
-    by_loops = type(objective) in (Margin, Torque, TorqueShare) and not problem.is_round
-    if linear_programs is None or far or not by_loops:
+    if paper_programs is None or type(objective) not in PAPER_OBJECTIVES or problem.is_round:
         return built(objective, problem, coordinates)
     likeness, epsilon = likeness_of(problem), objective.regularization
-    arrays, box, is_far = paper_arrays(objective, problem, coordinates, likeness)
-    columns, low, high, c, lb, ub = arrays
+    with _LOCK:
+        arrays = _programs(likeness, objective, problem.joint_count).arrays(problem)
+    if arrays is None:  # normal forces are far
+        return built(objective, problem, coordinates)
+    columns, low, high, box, (lb, ub), is_far = arrays
+    last = likeness.minus_last if objective.maximizes else likeness.last
     P = likeness.flat
     if epsilon > 0.0:
         P, lb = np.append(coordinates.curvature(epsilon), 0.0), lb.copy()
@@ -75,7 +86,7 @@ def assembled(
         high,
         linear=epsilon == 0.0,
         P=P,
-        c=c,
+        c=last,
         lb=lb,
         ub=ub,
         box=box,
@@ -83,7 +94,8 @@ def assembled(
     )
 
 
-class Likeness(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Likeness:
     """What problems share whose contacts have the same cones and slide alike.
 
     Attributes:
@@ -91,20 +103,22 @@ class Likeness(NamedTuple):
         face_count: Side faces of all cones.
         reach: (2, n) see `cone_reach`.
         sides: (n + 1, s) transposed rows x + e of faces, n^T f + e and, without a cone, -n^T f + e.
-        free: (2, n + 1) -inf and inf.
         last: (n + 1,) one for the last variable, else zero.
         minus_last: (n + 1,) minus that.
         flat: (n + 1,) zeros.
+        friction: (M,) coefficients.
+        edges: Of a cone.
     """
 
     layout: ForceLayout
     face_count: int
     reach: FloatArray
     sides: FloatArray
-    free: FloatArray
     last: FloatArray
     minus_last: FloatArray
     flat: FloatArray
+    friction: FloatArray
+    edges: int
 
     def has_rows_of(self, other: Likeness) -> bool:
         """Whether the programs of both have the same rows, whatever the coefficients of friction.
@@ -134,75 +148,35 @@ def _likeness(mask: bytes, friction: bytes, _sliding: bytes, edges: int) -> Like
     parts = [cones.rows, normal, -normal[layout.bare]]
     sides = np.ones((sum(map(len, parts)), n + 1), order="F")
     sides[:, :-1] = np.concatenate(parts)
-    free = np.full((2, n + 1), np.inf)
-    free[0] = -np.inf
     last = np.zeros(n + 1)
     last[-1] = 1.0
-    arrays = sides.T, free, last, -last, np.zeros(n + 1)
+    arrays = sides.T, last, -last, np.zeros(n + 1), np.frombuffer(friction)
     for array in arrays:
         read_only(array)
-    return Likeness(layout, len(cones.rows), reach_of(mask, friction), *arrays)
+    return Likeness(layout, len(cones.rows), reach_of(mask, friction), *arrays, edges)
 
 
-def paper_arrays(
-    objective: Objective,
-    problem: QuasistaticProblem,
-    coordinates: ForceCoordinates,
-    likeness: Likeness,
-) -> tuple[LinearArrays, FloatArray, bool]:
-    """Return what the compiled loops make of Algorithm 1 or 2.
-
-    Args:
-        objective: `Margin`, `Torque` or `TorqueShare`.
-        problem: The problem, with pyramids for cones.
-        coordinates: Its force coordinates.
-        likeness: See `likeness_of`.
-
-    Returns:
-        The program; its (2, n + 1) box; and whether a side is far or a row has none.
-    """
-    largest = _NOT_LARGEST
-    if isinstance(objective, Torque):
-        largest = _largest(objective, problem, coordinates)
-    columns, low, high, box, bounds, is_far = linear_programs.paper_program(
-        problem.positions,
-        coordinates.directions,
-        problem.jacobian,
-        likeness.layout.axes,
-        likeness.sides,
-        likeness.face_count,
-        likeness.reach,
-        problem.has_cone,
-        problem.max_normal_force,
-        problem.external_wrench,
-        problem.lower_torque,
-        problem.upper_torque,
-        problem.gravity_torques,
-        coordinates.force_scale,
-        coordinates.joint_scale,
-        coordinates.length_scale,
-        FARTHEST,
-        *largest,
-    )
-    if largest is _NOT_LARGEST:
-        lb, ub = likeness.free
-        return (columns, low, high, likeness.minus_last, lb, ub), box, is_far
-    lb, ub = bounds
-    return (columns, low, high, likeness.last, lb, ub), box, is_far
+def shared_arguments(likeness: Likeness, objective: Objective, joint_count: int) -> dict[str, Any]:
+    """Return what `compiled.paper_programs` takes for one of the paper's objectives."""
+    kinds = paper_programs.MARGIN, paper_programs.TORQUE, paper_programs.SHARE
+    return {
+        "kind": kinds[[type(objective) is kind for kind in PAPER_OBJECTIVES].index(True)],
+        "required": objective.required_margin,
+        "joint_count": joint_count,
+        "axes": likeness.layout.axes,
+        "sides": likeness.sides,
+        "face_count": likeness.face_count,
+        "reach": likeness.reach,
+        "has_cone": ~likeness.layout.bare,
+        "friction": likeness.friction,
+        "slopes": likeness.friction * math.cos(math.pi / likeness.edges),
+        "directions": face_directions(likeness.edges),
+        "least_lever": LEAST_LEVER,
+        "rounding": LEAST_DIFFERENCE,
+        "farthest": FARTHEST,
+    }
 
 
-_Largest = tuple[float, NDArray[np.int_], FloatArray, FloatArray]
-"""A margin over the force scale; joints, factors and levels of the rows of the largest torque."""
-_NOT_LARGEST: _Largest = -1.0, np.zeros(0, int), np.zeros(0), np.zeros(0)
-
-
-def _largest(
-    objective: Torque, problem: QuasistaticProblem, coordinates: ForceCoordinates
-) -> _Largest:
-    sides, scale = objective.sides(problem, coordinates), coordinates.joint_scale
-    return (
-        objective.required_margin / coordinates.force_scale,
-        np.concatenate([side.joints for side in sides]),
-        np.concatenate([side.sign * scale[side.joints] / side.unit for side in sides]),
-        np.concatenate([side.level for side in sides]),
-    )
+@lru_cache(maxsize=256)
+def _programs(likeness: Likeness, objective: Objective, joint_count: int) -> Any:
+    return paper_programs.PaperPrograms(**shared_arguments(likeness, objective, joint_count))

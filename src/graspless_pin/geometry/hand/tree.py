@@ -189,9 +189,9 @@ class KinematicTree(Record):
         """
         J = J_world.reshape(6, -1)
         if rigid_bodies is not None:
-            return rigid_bodies.point_jacobians(J, self._moves, joints, points)
+            return rigid_bodies.point_jacobians(J, self.moves, joints, points)
         columns = J[:3].T + np.cross(J[3:].T, points[:, None])
-        return columns.transpose(0, 2, 1) * self._moves[list(joints)][:, None]
+        return columns.transpose(0, 2, 1) * self.moves[list(joints)][:, None]
 
     def gravity_torques(self, positions: FloatArray, gravity: FloatArray) -> FloatArray:
         """Return the (n,) torques that carry the links' weight at (n,) joint positions.
@@ -213,7 +213,7 @@ class KinematicTree(Record):
         return starts, np.flatnonzero(np.array(self.pinocchio_model.nqs)[1:] == 2)
 
     @cached_property
-    def _moves(self) -> FloatArray:
+    def moves(self) -> FloatArray:
         """(n + 1, n) one where joint j moves what is attached to Pinocchio joint i, else 0."""
         return self.supports.astype(np.float64)
 

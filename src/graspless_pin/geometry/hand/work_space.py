@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]
 from numpy.lib.stride_tricks import as_strided
+from numpy.typing import NDArray
 
 from graspless_pin.problem.checks import FloatArray, make_read_only
 
@@ -81,6 +82,26 @@ class WorkSpace:
         with self._lock:
             inertia = np.array(pin.crba(self._model, self._data, q))
         return inertia.reshape(self._model.nv, self._model.nv)
+
+
+def joint_motions(tree: Any) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
+    """Return each joint's parent, its pose there, and the direction that it moves in.
+
+    Args:
+        tree: `KinematicTree`, whose n movable joints have one degree of freedom each.
+
+    Returns:
+        (n + 1,) joints; (n + 1, 4, 4) poses in their parents' frames at position zero; and (n, 6)
+        unit twists [v; omega] of the movable joints in their own frames: either half is zero.
+    """
+    model = tree.pinocchio_model
+    q, axes = pin.neutral(model), np.zeros((model.njoints - 1, 6))
+    for joint, axis in zip(model.joints.tolist()[1:], axes, strict=True):
+        data = joint.createData()
+        joint.calc(data, q)
+        axis[:] = np.ravel(data.S)
+    placements = [placement.homogeneous for placement in model.jointPlacements.tolist()]
+    return np.array(model.parents, dtype=np.intp), np.array(placements), axes
 
 
 def _pose_columns(data: Any) -> FloatArray | None:

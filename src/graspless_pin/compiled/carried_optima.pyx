@@ -1,0 +1,361 @@
+# cython: boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
+"""Optima of Algorithms 1 and 2, carried over to problems with the same contacts, and proven."""
+
+from libc.math cimport INFINITY, fabs, isfinite
+from libc.string cimport memcpy, memset
+
+cimport numpy as cnp
+
+from graspless_pin.compiled.contact_frames cimport map_of, margin_of
+from graspless_pin.compiled.optimum_starts cimport Start
+from graspless_pin.compiled.paper_programs cimport MARGIN, PaperPrograms
+from graspless_pin.compiled.rigid_bodies cimport jacobian_of
+from graspless_pin.compiled.shared cimport (
+    as_blocks, as_integers, as_reals, as_shaped, as_vector, data, empty, empty1, factor, inner,
+    numbers_of, solve_factored,
+)
+from graspless_pin.compiled.small_arrays cimport tangents_of
+from graspless_pin.compiled.virtual_motions cimport scaled_of, witness_of
+
+cnp.import_array()
+
+cdef Py_ssize_t _MOST_STARTS = 8
+
+FIGURES = ("margin", "value", "bound", "gap", "residual", "unit")
+"""Columns of what `Carrier.carried_many` finds, in the objective's unit or scaled."""
+
+
+cdef class Carrier(PaperPrograms):
+    """Programs with room for the optimum of one problem, and for the way to it."""
+
+    def __init__(
+        self, double damping, int corrections, double exact, double cutoff, **shared
+    ):
+        """Take what the problems share.
+
+        Args:
+            damping: See `linear_programs.refined`.
+            corrections: See there.
+            exact: Largest residual and gap of an optimum, scaled.
+            cutoff: A value from which on there is no solution.
+            shared: See `PaperPrograms`.
+        """
+        PaperPrograms.__init__(self, **shared)
+        cdef Py_ssize_t n = self.n, rows = 6 + 3 * self.L + self.s
+        self.damping, self.corrections, self.exact = damping, corrections, exact
+        self.cutoff = cutoff
+        self.x, self.w, self.counted = self.room(n + 1), self.room(rows), self.room(self.W)
+        self.levels, self.d, self.y = self.room(self.W), self.room(n + 1), self.room(n + 1)
+        self.G, self.forces = self.room((n + 1) * (n + 1)), self.room(3 * self.M)
+        self.map, self.scaled = self.room(3 * self.M * self.W), self.room(3 * self.M * self.W)
+        self.scale, self.motion = self.room(self.W), self.room(self.W)
+        self.signs = self.room(2 * self.M)
+
+    cdef bint refined(self, Start near) noexcept:
+        """Find point and multipliers for the active rows of an earlier optimum."""
+        cdef Py_ssize_t n1 = self.n + 1, W = self.W, D = near.D, S = near.S, c, q, i, j, e
+        cdef double trace = 0.0, turned, last, factor_of
+        cdef const double* column
+        cdef double* G = self.G
+        cdef double* A = near.A
+        cdef double* w = near.w
+        cdef double* b = near.b
+        cdef double* sides = near.sides
+        for q in range(D + S):
+            sides[q] = self.side(near.rows[q], near.upper[q])
+            if not isfinite(sides[q]):
+                return False
+        for q in range(D):
+            i, factor_of, last = near.rows[q], 1.0, 0.0
+            if i >= self.T:
+                i = 6 + i - self.T
+            elif i >= 6:
+                factor_of, last = self.share[i - 6], -self.level[i - 6]
+                i = 6 + self.joint[i - 6] % self.L
+            for c in range(n1 - 1):
+                A[D * c + q] = factor_of * self.B[W * c + i]
+            A[D * (n1 - 1) + q] = last
+        for i in range(n1):
+            for j in range(i + 1):
+                G[n1 * i + j] = near.gram[n1 * i + j] + inner(A + D * i, A + D * j, D)
+            trace += G[n1 * i + i]
+        for i in range(n1):
+            G[n1 * i + i] += self.damping * trace
+        if not factor(G, n1):
+            return False
+        memcpy(w, near.weights, (D + S) * sizeof(double))
+        memcpy(self.x, near.x, n1 * sizeof(double))
+        for _ in range(self.corrections):
+            # What is left of the sides, and the slope of the Lagrangian.
+            memcpy(b, sides, (D + S) * sizeof(double))
+            for c in range(n1):
+                column, turned = A + D * c, self.x[c]
+                for q in range(D):
+                    b[q] -= column[q] * turned
+                self.d[c] = inner(column, w, D)
+            self.d[n1 - 1] += -1.0 if self.kind == MARGIN else 1.0
+            for q in range(S):
+                for e in range(near.starts[q], near.starts[q + 1]):
+                    b[D + q] -= near.values[e] * self.x[near.columns[e]]
+                    self.d[near.columns[e]] += w[D + q] * near.values[e]
+            for c in range(n1):
+                self.y[c] = inner(A + D * c, b, D)
+            for q in range(S):
+                for e in range(near.starts[q], near.starts[q + 1]):
+                    self.y[near.columns[e]] += b[D + q] * near.values[e]
+            solve_factored(G, n1, self.d)
+            solve_factored(G, n1, self.y)
+            for c in range(n1):
+                column, turned = A + D * c, self.d[c]
+                for q in range(D):
+                    w[q] -= column[q] * turned
+                self.x[c] += self.y[c]
+            for q in range(S):
+                for e in range(near.starts[q], near.starts[q + 1]):
+                    w[D + q] -= near.values[e] * self.d[near.columns[e]]
+        memset(self.w, 0, self.R * sizeof(double))
+        for q in range(D + S):
+            if near.rows[q] >= self.R:
+                self.x[near.rows[q] - self.R] = sides[q]
+            else:
+                self.w[near.rows[q]] = w[q]
+        return True
+
+    cdef void judged(self) noexcept:
+        """Find what point and multipliers prove, see `linear_programs.judged`."""
+        cdef Py_ssize_t n = self.n, W = self.W, c, i, j, k, e
+        cdef double* v = self.counted
+        cdef double* level = self.levels
+        cdef double* slope = self.d
+        cdef double weight, at, total = 0.0, bound = 0.0, residual = 0.0, last = self.x[n]
+        memset(v, 0, W * sizeof(double))
+        memset(level, 0, W * sizeof(double))
+        memset(slope, 0, (n + 1) * sizeof(double))
+        slope[n] = -1.0 if self.kind == MARGIN else 1.0
+        for c in range(n):
+            at = self.x[c]
+            for k in range(W):
+                level[k] += at * self.B[W * c + k]
+        for i in range(self.R):
+            weight = self.w[i]
+            total += weight
+            if i < 6:
+                at = level[i]
+            elif i >= self.T:
+                at = level[6 + i - self.T]
+                residual = max(residual, self.side(i, False) - at)
+            elif i < 6 + self.p:
+                j = 6 + self.joint[i - 6] % self.L
+                at = self.share[i - 6] * level[j] - self.level[i - 6] * last
+            else:
+                at, k = 0.0, i - 6 - self.p
+                for e in range(self.row_start[k], self.row_start[k + 1]):
+                    at += self.row_value[e] * self.x[self.row_column[e]]
+            at -= self.side(i, True)
+            residual = max(residual, at if i >= 6 else fabs(at))
+            if weight == 0.0:
+                continue
+            at = self.side(i, weight > 0.0)
+            if not isfinite(at):
+                continue
+            bound -= weight * at
+            if i < 6:
+                v[i] += weight
+            elif i >= self.T:
+                v[6 + i - self.T] += weight
+            elif i < 6 + self.p:
+                v[6 + self.joint[i - 6] % self.L] += self.share[i - 6] * weight
+                slope[n] -= self.level[i - 6] * weight
+            else:
+                for e in range(self.row_start[k], self.row_start[k + 1]):
+                    slope[self.row_column[e]] += self.row_value[e] * weight
+        for c in range(n + 1):
+            if c < n:
+                slope[c] += inner(self.B + W * c, v, W)
+            at = self.x[c]
+            total += at
+            residual = max(residual, at - self.bounds[n + 1 + c], self.bounds[c] - at)
+            if slope[c] >= 0.0:
+                bound += slope[c] * max(self.box[c], self.bounds[c])
+            else:
+                bound += slope[c] * min(self.box[n + 1 + c], self.bounds[n + 1 + c])
+        self.value = -last if self.kind == MARGIN else last
+        self.bound, self.residual = bound, residual if isfinite(total) else INFINITY
+
+    cdef bint optimum(self, Start near, bint has_map) noexcept:
+        """Find and prove the optimum that an earlier one leads to."""
+        cdef Py_ssize_t c, contact
+        cdef double friction
+        if near.R != self.R or near.n1 != self.n + 1 or near.W != self.W or not self.refined(near):
+            return False
+        for c in range(self.n):
+            contact, friction = self.axes[c] // 3, self.x[c]
+            if (
+                self.axes[c] % 3 and friction != 0.0
+                and friction * near.signs[2 * contact + self.axes[c] % 3 - 1] >= 0.0
+            ):
+                self.x[c] = 0.0
+        self.judged()
+        friction = self.exact * max(1.0, fabs(self.value))
+        if not (self.residual <= friction and fabs(self.value - self.bound) <= friction):
+            return False
+        if self.value > self.cutoff:
+            return False
+        if not has_map:
+            map_of(
+                self.M, self.L, self.points, self.normals, self.tangents, self.J, self.map
+            )
+            scaled_of(3 * self.M, self.W, self.map, self.scale, self.scaled)
+        if near.s:
+            if not witness_of(
+                self.M, self.W, self.scaled, near.s, near.contacts, near.own_signs, near.motion, 0,
+                near.judged[0], <int>near.judged[1], near.judged[2], near.judged[3], near.room,
+                self.signs, self.motion,
+            ):
+                return False
+        else:
+            memcpy(self.motion, near.motion, self.W * sizeof(double))
+        memset(self.forces, 0, 3 * self.M * sizeof(double))
+        for c in range(self.n):
+            for contact in range(3):
+                self.forces[3 * (self.axes[c] // 3) + contact] += (
+                    self.force * self.x[c] * self.frames[3 * self.axes[c] + contact]
+                )
+        return True
+
+    cdef Start begun(self):
+        """What an optimum of the problem leaves behind that is found otherwise; None: nothing."""
+        return None
+
+    def carried(self, problem, list starts):
+        """Return the optimum of one problem, if one of several earlier ones leads to it.
+
+        Args:
+            problem: The problem, or what loops read of it.
+            starts: `Start`s, or None in the place of what cannot be carried over.
+
+        Returns:
+            The place of the one that leads to it; (M, 3) forces, the factor from values to the
+            objective's unit, (n + 1,) the point, value, bound and residual, (R,) multipliers, (6 +
+            L,) a motion, scaled, and (6 + L,) its scale. None if none does.
+        """
+        cdef list held = []
+        cdef cnp.ndarray forces
+        cdef Py_ssize_t place
+        self.hold(problem, held)
+        if not self.posed():
+            return None
+        for place in range(len(starts)):
+            near = starts[place]
+            if near is not None and self.optimum(near, False):
+                forces = empty(self.M, 3)
+                memcpy(data(forces), self.forces, 3 * self.M * sizeof(double))
+                return (
+                    place, forces, self.unit, _copied(self.x, self.n + 1), self.value, self.bound,
+                    self.residual, _copied(self.w, self.R), _copied(self.motion, self.W),
+                    _copied(self.scale, self.W),
+                )
+        return None
+
+    def carried_many(
+        self, problem, list starts, order, states, moves, carriers, center, axes, figures, torques,
+    ):
+        """Find the optima of states with the same contacts until one is not found.
+
+        Args:
+            problem: What the problems of all of them share; the contacts with supports come last.
+            starts: As in `carried`; that which served last comes first afterwards.
+            order: Numbers of the states.
+            states: What `HandStates.at` returned.
+            moves: (n + 1, L) see `rigid_bodies.point_jacobians`.
+            carriers: The joint that carries each contact with the hand.
+            center: (3,) what positions are about, m.
+            axes: (A, 3) see `small_arrays.tangents`.
+            figures: (S, 6) array for the `FIGURES` of all states.
+            torques: (S, L) array for their torques.
+
+        Returns:
+            How many in that order are found before the first one that is not.
+        """
+        cdef list held = []
+        self.take(problem, held)
+        cdef cnp.ndarray rows = as_reals(states[2], 3), columns = as_reals(states[3], 3)
+        cdef cnp.ndarray weights = as_reals(states[4], 2), mask = as_reals(moves, 2)
+        cdef cnp.ndarray numbers = as_integers(order, len(order)), about = as_vector(center, 3)
+        cdef cnp.ndarray carrier = as_integers(carriers, len(carriers)), given = as_reals(axes, 2)
+        cdef cnp.ndarray points = as_shaped(problem.positions, self.M, 3).copy()
+        cdef cnp.ndarray normals = as_shaped(problem.normals, self.M, 3).copy()
+        cdef cnp.ndarray tangents = as_blocks(problem.tangents, self.M, 3, 2).copy()
+        cdef cnp.ndarray J = empty(3 * self.M, self.L)
+        cdef Py_ssize_t H = carrier.shape[0], L = self.L, total = weights.shape[0], number, k, j
+        cdef Py_ssize_t place, count = 0, room = rows.shape[1]
+        cdef double* out
+        cdef const double* row
+        cdef bint found, has_map
+        if (
+            H > min(self.M, room) or rows.shape[2] != 6 or weights.shape[1] != L
+            or mask.shape[1] != L
+        ):
+            raise ValueError("needs states of these contacts")
+        rows, columns = as_blocks(rows, total, room, 6), as_blocks(columns, total, 6, L)
+        figures, torques = as_shaped(figures, total, 6), as_shaped(torques, total, L)
+        for k in range(H):
+            if not 0 <= numbers_of(carrier)[k] < mask.shape[0]:
+                raise ValueError("needs joints that exist")
+        memset(data(J), 0, 3 * self.M * L * sizeof(double))
+        self.points, self.normals, self.tangents = data(points), data(normals), data(tangents)
+        self.J = data(J)
+        while count < numbers.shape[0]:
+            number = numbers_of(numbers)[count]
+            if not 0 <= number < total:
+                raise ValueError("needs states that exist")
+            for k in range(H):
+                row = data(rows) + 6 * (room * number + k)
+                for j in range(3):
+                    data(points)[3 * k + j] = row[j] - data(about)[j]
+                    data(normals)[3 * k + j] = row[3 + j]
+                jacobian_of(
+                    L, data(columns) + 6 * L * number, data(mask) + L * numbers_of(carrier)[k], row,
+                    data(J) + 3 * L * k,
+                )
+            tangents_of(H, data(normals), given.shape[0], data(given), data(tangents))
+            self.gravity = data(weights) + L * number
+            found, has_map = False, False
+            if self.posed():
+                for place in range(len(starts)):
+                    near = starts[place]
+                    if near is not None and self.optimum(near, has_map):
+                        found = True
+                        break
+            if not found and len(starts):
+                near = self.begun()
+                if near is not None and self.optimum(near, True):
+                    found, place = True, 0
+                    starts.insert(0, near)
+                    del starts[_MOST_STARTS:]
+            if not found:
+                break
+            if place:
+                starts.insert(0, starts.pop(place))
+            out = data(figures) + 6 * number
+            out[0] = margin_of(
+                self.M, self.forces, self.normals, self.tangents, self.slopes, self.has_cone,
+                self.most, self.edges, self.directions,
+            )
+            out[1], out[4] = self.value, self.residual
+            out[5] = -self.unit if self.kind == MARGIN else self.unit
+            out[2], out[3] = self.bound * out[5], (self.value - self.bound) * self.unit
+            out = data(torques) + L * number
+            for j in range(L):
+                out[j] = self.gravity[j]
+            for k in range(3 * H):
+                for j in range(L):
+                    out[j] += self.forces[k] * data(J)[L * k + j]
+            count += 1
+        return count
+
+
+cdef cnp.ndarray _copied(const double* values, Py_ssize_t count):
+    cdef cnp.ndarray array = empty1(count)
+    memcpy(data(array), values, count * sizeof(double))
+    return array

@@ -1,0 +1,28 @@
+"""What other loops take of these."""
+
+cimport numpy as cnp
+
+cdef class Start:
+    cdef Py_ssize_t R, D, S, s, n1, W
+    cdef list kept
+    cdef cnp.npy_intp* rows
+    cdef cnp.npy_intp* starts
+    cdef cnp.npy_intp* columns
+    cdef cnp.npy_intp* contacts
+    cdef cnp.npy_bool* upper
+    cdef double* values
+    cdef double* gram
+    cdef double* weights
+    cdef double* x
+    cdef double* signs
+    cdef double* own_signs
+    cdef double* motion
+    cdef double* A
+    cdef double* w
+    cdef double* b
+    cdef double* sides
+    cdef double* room
+    cdef double judged[4]
+
+    cdef double* real(self, cnp.ndarray array)
+    cdef cnp.npy_intp* number(self, cnp.ndarray array)

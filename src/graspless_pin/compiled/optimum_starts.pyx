@@ -1,0 +1,124 @@
+# cython: boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
+"""What an optimum leaves behind, as the loops take it that carry it over."""
+
+from libc.string cimport memset
+
+cimport numpy as cnp
+
+from graspless_pin.compiled.paper_programs cimport PaperPrograms
+from graspless_pin.compiled.shared cimport (
+    as_flags, as_integers, as_shaped, as_vector, data, empty, empty1, flags_of, no_numbers,
+    numbers_of,
+)
+from graspless_pin.compiled.virtual_motions cimport witness_room
+
+cnp.import_array()
+
+
+cdef class Start:
+    """What is active at an optimum, the mode that admits it and a motion behind that mode."""
+
+    def __init__(
+        self, PaperPrograms programs not None, rows, at_bounds, upper, x, weights, Py_ssize_t count,
+        signs, contacts, own_signs, motion, judged_by,
+    ):
+        """Take an optimum of one of the problems that the programs are of.
+
+        Args:
+            programs: The programs.
+            rows: (r,) the active rows.
+            at_bounds: (h,) variables at a bound.
+            upper: (r + h,) whether it is the upper side, or bound.
+            x: (n + 1,) the point.
+            weights: (r + h,) its multipliers.
+            count: R, the number of all rows.
+            signs: (M, 2) of the mode's sliding.
+            contacts: (s,) those that the mode selects.
+            own_signs: (2 s,) theirs.
+            motion: (6 + L,) scaled.
+            judged_by: What `virtual_motions.witness` judges by.
+
+        Raises:
+            ValueError: If the shapes do not fit.
+        """
+        cdef Py_ssize_t n1 = programs.n + 1, p = count - 6 - programs.s - programs.L, r, h, m, k
+        cdef Py_ssize_t i, j, e, total = 0, T = count - programs.L
+        cdef cnp.ndarray active = as_integers(rows, len(rows))
+        cdef cnp.ndarray bounded = as_integers(at_bounds, len(at_bounds))
+        r, h = active.shape[0], bounded.shape[0]
+        m = r + h
+        cdef cnp.ndarray top = as_flags(upper, m), given = as_vector(weights, m)
+        self.kept, self.R, self.s = [], count, len(contacts)
+        self.n1, self.W = n1, programs.W
+        if not 0 <= p <= 2 * programs.L:
+            raise ValueError("needs rows of these programs")
+        self.x = self.real(as_vector(x, n1).copy())
+        self.signs = self.real(as_shaped(signs, programs.M, 2).copy())
+        self.contacts = self.number(as_integers(contacts, self.s).copy())
+        self.own_signs = self.real(as_vector(own_signs, 2 * self.s).copy())
+        self.motion = self.real(as_vector(motion, programs.W).copy())
+        for k in range(self.s):
+            if not 0 <= self.contacts[k] < programs.M:
+                raise ValueError("needs contacts that exist")
+        for k in range(4):
+            self.judged[k] = judged_by[k]
+        self.rows = self.number(no_numbers(m + 1))
+        self.weights = self.real(empty1(m + 1))
+        flags = as_flags([False] * (m + 1), m + 1)
+        self.kept.append(flags)
+        self.upper = flags_of(flags)
+        self.D = self.S = 0
+        # Rows that each state changes come first.
+        for changes in (True, False):
+            for k in range(m):
+                i = numbers_of(active)[k] if k < r else count + numbers_of(bounded)[k - r]
+                if not 0 <= i < count + n1 or (k < r and i >= count):
+                    raise ValueError("needs rows and variables that exist")
+                if (i < 6 + p or T <= i < count) != changes:
+                    continue
+                self.rows[self.D + self.S] = i
+                self.weights[self.D + self.S] = data(given)[k]
+                self.upper[self.D + self.S] = flags_of(top)[k]
+                if changes:
+                    self.D += 1
+                    continue
+                j = i - 6 - p
+                total += 1 if i >= count else programs.row_start[j + 1] - programs.row_start[j]
+                self.S += 1
+        self.starts = self.number(no_numbers(self.S + 1))
+        self.columns = self.number(no_numbers(total + 1))
+        self.values = self.real(empty1(total + 1))
+        self.gram = self.real(empty(n1, n1))
+        memset(self.gram, 0, n1 * n1 * sizeof(double))
+        total = 0
+        for k in range(self.S):
+            i = self.rows[self.D + k]
+            if i >= count:
+                self.columns[total], self.values[total] = i - count, 1.0
+                total += 1
+            else:
+                j = i - 6 - p
+                for e in range(programs.row_start[j], programs.row_start[j + 1]):
+                    self.columns[total], self.values[total] = (
+                        programs.row_column[e], programs.row_value[e],
+                    )
+                    total += 1
+            self.starts[k + 1] = total
+            for i in range(self.starts[k], total):
+                for j in range(self.starts[k], i + 1):
+                    # Columns of a row rise.
+                    self.gram[n1 * self.columns[i] + self.columns[j]] += (
+                        self.values[i] * self.values[j]
+                    )
+        self.A = self.real(empty1(self.D * n1 + 1))
+        self.w, self.b = self.real(empty1(m + 1)), self.real(empty1(m + 1))
+        self.sides = self.real(empty1(m + 1))
+        self.room = self.real(empty1(witness_room(self.s, programs.W)))
+
+    cdef double* real(self, cnp.ndarray array):
+        self.kept.append(array)
+        return data(array)
+
+    cdef cnp.npy_intp* number(self, cnp.ndarray array):
+        self.kept.append(array)
+        return numbers_of(array)

@@ -1,0 +1,277 @@
+# cython: boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
+"""The paper's programs: Algorithms 1 and 2 of problems that are alike, assembled."""
+
+from libc.math cimport INFINITY, fabs, isfinite
+from libc.string cimport memcpy, memset
+
+cimport numpy as cnp
+
+from graspless_pin.compiled.contact_frames cimport directions_of, scales_of
+from graspless_pin.compiled.shared cimport (
+    as_blocks, as_flags, as_integers, as_reals, as_shaped, as_vector, data, effects_of, empty,
+    empty1, flags_of, no_numbers, numbers_of,
+)
+
+cnp.import_array()
+
+cdef class PaperPrograms:
+    """One of the paper's programs for problems that are alike, with room for one of them.
+
+    Rows: balance, largest torque, those that no state changes (cones, normal forces), torques.
+    """
+
+    def __init__(
+        self, int kind, double required, Py_ssize_t joint_count, axes, sides, Py_ssize_t face_count,
+        reach, has_cone, friction, slopes, directions, double least_lever, double rounding,
+        double farthest,
+    ):
+        """Take what the problems share.
+
+        Args:
+            kind: `MARGIN`, `TORQUE` or `SHARE`.
+            required: The required margin, N.
+            joint_count: L.
+            axes: (n,) which axis each coordinate is along, see `ForceLayout`.
+            sides: (n + 1, s) see `Likeness`.
+            face_count: How many of these rows are side faces; the next M are normal forces.
+            reach: (2, n) see `Likeness`.
+            has_cone: (M,).
+            friction: (M,).
+            slopes: (M,) slopes of the side faces.
+            directions: (2, r) their directions along t1 and t2.
+            least_lever: See `contact_frames.scales`.
+            rounding: See there.
+            farthest: Size from which on a side is far, and over the force scale the largest normal
+                force that these loops are for.
+        """
+        cdef cnp.ndarray given = as_reals(sides, 2), cones = as_reals(has_cone, 1)
+        cdef Py_ssize_t n, L = joint_count, c, i, count, rows
+        self.kept = []
+        self.kind, self.required, self.L, self.M = kind, required, L, cones.shape[0]
+        self.n = n = given.shape[0] - 1
+        self.faces, self.W, rows = face_count, 6 + L, given.shape[1]
+        self.s = face_count if kind != MARGIN else rows
+        if rows < face_count + self.M or face_count < 0:
+            raise ValueError("needs the rows of all cones")
+        self.least_lever, self.rounding, self.farthest = least_lever, rounding, farthest
+        self.axes = self.numbers(as_integers(axes, n))
+        for c in range(n):
+            if not 0 <= self.axes[c] < 3 * self.M:
+                raise ValueError("needs axes that exist")
+        self.reach = self.reals(as_shaped(reach, 2, n))
+        self.mu = self.reals(as_vector(friction, self.M))
+        self.slopes = self.reals(as_vector(slopes, self.M))
+        given_directions = as_reals(directions, 2)
+        self.edges = given_directions.shape[1]
+        self.directions = self.reals(as_shaped(given_directions, 2, self.edges))
+        flags = as_flags(has_cone, self.M)
+        self.kept.append(flags)
+        self.has_cone = flags_of(flags)
+        count = 0
+        for i in range((n + 1) * rows):
+            count += data(given)[i] != 0.0
+        self.row_start = self.numbers(no_numbers(self.s + 1))
+        self.row_column = self.numbers(no_numbers(count))
+        self.row_value = self.room(count)
+        count = 0
+        for i in range(self.s):
+            # In Algorithm 2 the margin is no variable.
+            for c in range(n + 1 if kind == MARGIN else n):
+                if data(given)[rows * c + i] != 0.0:
+                    self.row_column[count], self.row_value[count] = c, data(given)[rows * c + i]
+                    count += 1
+            self.row_start[i + 1] = count
+        self.joint = self.numbers(no_numbers(2 * L))
+        self.share, self.level = self.room(2 * L), self.room(2 * L)
+        self.frames, self.joint_scale = self.room(9 * self.M), self.room(L)
+        self.B, self.torque = self.room(n * self.W), self.room(L)
+        self.box, self.bounds = self.room(2 * n + 2), self.room(2 * n + 2)
+
+    cdef double* room(self, Py_ssize_t count):
+        return self.reals(empty1(max(count, 1)))
+
+    cdef double* reals(self, cnp.ndarray array):
+        self.kept.append(array)
+        return data(array)
+
+    cdef cnp.npy_intp* numbers(self, cnp.ndarray array):
+        self.kept.append(array)
+        return numbers_of(array)
+
+    cdef void take(self, problem, list held):
+        """Take what a problem shares with those of other states; its arrays are kept in a list."""
+        cdef cnp.ndarray most = as_vector(problem.max_normal_force, self.M)
+        cdef cnp.ndarray wrench = as_vector(problem.external_wrench, 6)
+        cdef cnp.ndarray lower = as_vector(problem.lower_torque, self.L)
+        cdef cnp.ndarray upper = as_vector(problem.upper_torque, self.L)
+        cdef cnp.ndarray sliding = as_shaped(problem.sliding, self.M, 3)
+        cdef Py_ssize_t k
+        cdef double limit
+        held += [most, wrench, lower, upper, sliding]
+        self.most, self.wrench, self.lower = data(most), data(wrench), data(lower)
+        self.upper, self.sliding, self.p = data(upper), data(sliding), 0
+        if self.kind != MARGIN:
+            for k in range(2 * self.L):
+                limit = self.upper[k] if k < self.L else -self.lower[k - self.L]
+                if self.kind == TORQUE or (isfinite(limit) and limit > 0.0):
+                    self.joint[self.p] = k
+                    self.p += 1
+        self.loaded = False
+        for k in range(6):
+            self.loaded = self.loaded or self.wrench[k] != 0.0
+        self.T = 6 + self.p + self.s
+        self.R = self.T + self.L
+
+    cdef void hold(self, problem, list held):
+        """Take a whole problem; its arrays are kept in a list."""
+        cdef cnp.ndarray points = as_shaped(problem.positions, self.M, 3)
+        cdef cnp.ndarray normals = as_shaped(problem.normals, self.M, 3)
+        cdef cnp.ndarray tangents = as_blocks(problem.tangents, self.M, 3, 2)
+        cdef cnp.ndarray J = as_shaped(problem.jacobian, 3 * self.M, self.L)
+        cdef cnp.ndarray gravity = as_vector(problem.gravity_torques, self.L)
+        held += [points, normals, tangents, J, gravity]
+        self.take(problem, held)
+        self.points, self.normals, self.tangents = data(points), data(normals), data(tangents)
+        self.J, self.gravity = data(J), data(gravity)
+
+    cdef bint posed(self) noexcept:
+        """Assemble what the state changes; False where it has to be left to the general way."""
+        cdef Py_ssize_t n = self.n, W = self.W, L = self.L, c, k, j, contact
+        cdef double top, limit, size, least = INFINITY, margin
+        cdef double* out
+        scales_of(
+            self.M, L, self.points, self.wrench, self.J, self.most, self.least_lever,
+            self.rounding, &self.force, &self.length, self.joint_scale,
+        )
+        if self.required > 0.0 and not self.loaded:
+            for k in range(L):
+                self.joint_scale[k] *= self.required / self.force
+            self.force = self.required
+        top = 0.0
+        for k in range(self.M):
+            least, top = min(least, self.most[k]), max(top, self.most[k])
+        if top > self.farthest * self.force:
+            return False
+        directions_of(
+            self.M, self.normals, self.tangents, self.mu, self.sliding, self.has_cone, self.frames
+        )
+        margin = self.required / self.force
+        for k in range(L):
+            self.torque[k] = fabs(self.gravity[k] / self.joint_scale[k])
+        for c in range(n):
+            contact, out = self.axes[c] // 3, self.B + W * c
+            effects_of(
+                self.frames + 3 * self.axes[c], self.points + 3 * contact,
+                self.J + 3 * L * contact, L, out,
+            )
+            top = self.most[contact] / self.force
+            self.box[c] = self.reach[c] * top
+            self.box[n + 1 + c] = self.reach[n + c] * top
+            for k in range(3):
+                out[3 + k] /= self.length
+            for k in range(L):
+                out[6 + k] *= self.force / self.joint_scale[k]
+                self.torque[k] += fabs(out[6 + k]) * self.box[n + 1 + c]
+            self.bounds[c], self.bounds[n + 1 + c] = -INFINITY, INFINITY
+            if self.kind != MARGIN and self.axes[c] % 3 == 0:
+                self.bounds[n + 1 + c] = top - margin
+                if not self.has_cone[contact]:
+                    self.bounds[c] = margin
+        self.box[n], self.bounds[2 * n + 1] = 0.0, INFINITY
+        if self.kind == MARGIN:
+            self.unit, self.bounds[n] = self.force, -INFINITY
+            self.box[2 * n + 1] = 0.5 * least / self.force
+            return True
+        self.unit, self.bounds[n], top = 0.0, 0.0, 0.0
+        if self.kind == TORQUE:
+            for k in range(L):
+                self.unit = max(self.unit, self.joint_scale[k])
+            if self.unit == 0.0:
+                self.unit = self.force
+        else:
+            for k in range(self.p):
+                j = self.joint[k] % L
+                limit = self.upper[j] if self.joint[k] < L else -self.lower[j]
+                self.unit = max(self.unit, self.joint_scale[j] / limit)
+            self.unit = min(self.unit, 1.0) if self.unit > 0.0 else 1.0
+        for k in range(self.p):
+            j = self.joint[k] % L
+            limit, size = 1.0, 1.0
+            if self.kind == SHARE:
+                limit = self.upper[j] if self.joint[k] < L else -self.lower[j]
+                size = max(self.joint_scale[j] / limit / self.unit, 1.0)
+            self.level[k] = 1.0 / size
+            self.share[k] = self.joint_scale[j] / (self.unit * size * limit)
+            top = max(top, self.torque[j] * self.share[k] / self.level[k])
+            if self.joint[k] >= L:
+                self.share[k] = -self.share[k]
+        self.box[2 * n + 1] = top + 1.0
+        return True
+
+    cdef double side(self, Py_ssize_t i, bint top) noexcept:
+        """The lower or upper side of a row; from R on the bound of a variable."""
+        cdef Py_ssize_t j, k
+        if i < 6:
+            return -self.wrench[i] / (self.force if i < 3 else self.force * self.length)
+        if i >= self.R:
+            return self.bounds[i - self.R + (self.n + 1 if top else 0)]
+        if i >= self.T:
+            j = i - self.T
+            return ((self.upper[j] if top else self.lower[j]) - self.gravity[j]) / (
+                self.joint_scale[j]
+            )
+        if not top:
+            return -INFINITY
+        if i < 6 + self.p:
+            k, j = i - 6, self.joint[i - 6] % self.L
+            return -self.share[k] * (self.gravity[j] / self.joint_scale[j])
+        k = i - 6 - self.p
+        if k < self.faces:
+            return -self.required / self.force if self.kind != MARGIN else 0.0
+        k -= self.faces
+        return self.most[k] / self.force if k < self.M else 0.0
+
+    def arrays(self, problem):
+        """Rows, sides, box and bounds of one problem, see `objectives`.
+
+        Args:
+            problem: The problem.
+
+        Returns:
+            (n + 1, R) transposed rows; (R,) lower and (R,) upper sides; the (2, n + 1) box; (2, n +
+            1) bounds; and whether a side is far or a row has none. None: normal forces are far.
+        """
+        cdef list held = []
+        self.hold(problem, held)
+        if not self.posed():
+            return None
+        cdef Py_ssize_t n1 = self.n + 1, R = self.R, c, i, j, e
+        cdef cnp.ndarray rows = empty(n1, R), low = empty1(R), high = empty1(R)
+        cdef cnp.ndarray box = empty(2, n1), bounds = empty(2, n1)
+        cdef double* out
+        cdef const double* own
+        cdef bint far = False
+        memset(data(rows), 0, n1 * R * sizeof(double))
+        for c in range(n1 - 1):
+            out, own = data(rows) + R * c, self.B + self.W * c
+            memcpy(out, own, 6 * sizeof(double))
+            memcpy(out + self.T, own + 6, self.L * sizeof(double))
+            for i in range(self.p):
+                out[6 + i] = self.share[i] * own[6 + self.joint[i] % self.L]
+        for i in range(self.p):
+            data(rows)[R * (n1 - 1) + 6 + i] = -self.level[i]
+        for i in range(self.s):
+            for e in range(self.row_start[i], self.row_start[i + 1]):
+                data(rows)[R * self.row_column[e] + 6 + self.p + i] = self.row_value[e]
+        for i in range(R):
+            data(low)[i], data(high)[i] = self.side(i, False), self.side(i, True)
+            far = far or self.is_far(data(low)[i]) or self.is_far(data(high)[i])
+            far = far or (not isfinite(data(low)[i]) and not isfinite(data(high)[i]))
+        memcpy(data(box), self.box, 2 * n1 * sizeof(double))
+        memcpy(data(bounds), self.bounds, 2 * n1 * sizeof(double))
+        for j in range(2 * n1):
+            far = far or self.is_far(self.bounds[j])
+        return rows, low, high, box, bounds, far
+
+    cdef bint is_far(self, double side) noexcept:
+        return fabs(side) > self.farthest and isfinite(side)
