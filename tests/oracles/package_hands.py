@@ -107,6 +107,14 @@ def check_hand(path: Path, package_dirs: list[Path]) -> Checked:
     )  # fmt: skip
 
 
+def agrees(seen: Checked) -> bool:
+    """Return whether all oracles agree with a hand."""
+    _, *contacts = seen.contacts
+    gaps, normals, points, off = contacts
+    worst = max(seen.poses, 1e-2 * seen.jacobian, seen.torques)
+    return worst <= 1e-10 and max(gaps, points, off) <= _OFF and normals <= _TILT
+
+
 def _against_mujoco(hand: Hand, path: Path) -> tuple[float, float]:
     mujoco = load_mujoco()
     model = mujoco.MjModel.from_xml_path(str(path))
@@ -228,9 +236,7 @@ def main() -> None:
             print(f"{name}: {error}")
             continue
         touches, *contacts = seen.contacts
-        gaps, normals, points, off = contacts
-        worst = max(seen.poses, 1e-2 * seen.jacobian, seen.torques)
-        wrong += worst > 1e-10 or max(gaps, points, off) > _OFF or normals > _TILT
+        wrong += not agrees(seen)
         figures = _short([seen.poses, seen.jacobian, seen.torques])
         print(f"{name}: {seen.links}, {seen.joints}; {figures}; {touches}, {_short(contacts)}")
     print(f"{len(HANDS)} hands, {wrong} of them wrong")
