@@ -260,6 +260,8 @@ LEGIBILITY = """(root) => {
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
 def test_the_readings_are_legible(allegro, opened, dark):
     page = opened(dark=dark)
+    verdict = page.locator("#graspless-verdict")
+    expect(verdict).to_have_attribute("data-status", "strong", timeout=PATIENCE)
     found: list[dict[str, Any]] = []
     for reading in ("#graspless-result", "#graspless-torques"):
         found += page.locator(reading).evaluate(LEGIBILITY)

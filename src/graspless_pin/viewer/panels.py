@@ -116,7 +116,7 @@ def torque_html(result: SettingsAnswer, *, dark: bool) -> str:
             f"{shown(torque, size, '+')}</span></div>"
         )
     return (
-        f'<div id="graspless-torques" style="{_TEXT};line-height:1.5"><b>Torques</b>{"".join(rows)}'
+        f'<div id="graspless-torques" style="{_TEXT};line-height:1.4"><b>Torques</b>{"".join(rows)}'
         f'<div style="{_MUTED}">motor torques between their limits, '
         f"{escape(units_text(problem.joint_units))}</div></div>"
     )
