@@ -10,6 +10,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+# Before anything loads numpy: several test processes share the cores, and matrices are small.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import portalocker
 import pytest
 

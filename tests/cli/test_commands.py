@@ -14,7 +14,8 @@ import pytest
 import trimesh
 from cli_tools import ALLEGRO, PAPER, ROOT, assert_refused, run, solve_text, spoilt
 
-from graspless_pin import compiled
+from graspless_pin import compiled, contact_force_bounds, load_scene
+from graspless_pin.cli import solving
 from graspless_pin.scene import scene_json_schema
 
 SPHERE = PAPER / "sphere_on_slope.yaml"
@@ -55,6 +56,21 @@ def test_what_matters_stands_before_the_tables():
     alone = run("solve", PAPER / "cuboid_sliding_up.yaml", "--no-verdict").stdout
     assert "keeps its motion" not in alone and "At worst" not in alone
     assert "The margin is limited by" in alone
+
+
+@pytest.mark.parametrize(
+    "name", ["allegro_mug_against_wall", "panda_arm_drag_board", "trihand_pivot_box"]
+)
+def test_the_margin_at_worst_of_an_example_is_proven_on_any_machine(name, monkeypatch):
+    asked = []
+    monkeypatch.setattr(
+        solving, "contact_force_bounds", lambda *_, **options: asked.append(options)
+    )
+    scene = load_scene(ROOT / "examples" / f"{name}.yaml")
+    solution = scene.solve()
+    solving._forces(solution)
+    del asked[0]["time_limit"]
+    assert contact_force_bounds(scene.problem(), solution.torques, **asked[0]).proven.all()
 
 
 def test_guaranteed_torques_state_what_they_cost_and_verify(tmp_path):

@@ -173,6 +173,50 @@ def test_an_answer_near_the_optimum_is_brought_to_rounding(apart):
         assert abs(value - bound) <= 2e-13
 
 
+@pytest.mark.parametrize("size", [1e2, 1e4, 1e6])
+def test_multipliers_between_rows_that_say_the_same_take_nothing_from_a_proof(size):
+    """Two equal rows whose sides differ by rounding: their multipliers may cancel at any size."""
+    one, optimum, (y, z) = vertex(3)
+    off = 1e-10
+    twice = replace(one, A=np.vstack([one.A, one.A[0]]), b=np.append(one.b, one.b[0] + off))
+    found = optimum, np.append(y + np.array([size, 0.0, 0.0]), -size), z
+    assert proven(twice, found, "", np.inf).outcome is (
+        Outcome.SOLVED if size * off < 1e-7 else Outcome.FAILED
+    )
+    nearer = polished(twice, found)
+    assert nearer is not None
+    assert proven(twice, nearer, "", np.inf).outcome is Outcome.SOLVED
+    bound, value, _ = twice.judged(*nearer)
+    assert abs(value - bound) <= 10.0 * off
+
+
+def test_multipliers_that_cancel_but_for_a_variable_at_its_limit_take_nothing_from_a_proof():
+    one, optimum, (y, z) = vertex(3)
+    off, size = 1e-10, 1e4
+    A, held = np.vstack([one.A, one.A[0]]), optimum[0]
+    A[3, 0] += 0.5
+    upper = one.ub.copy()
+    upper[0] = held
+    beside = replace(one, A=A, b=np.append(one.b, one.b[0] + 0.5 * held + off), ub=upper)
+    found = optimum, np.append(y + np.array([size, 0.0, 0.0]), -size), z
+    assert proven(beside, found, "", np.inf).outcome is Outcome.FAILED
+    nearer = polished(beside, found)
+    assert nearer is not None
+    assert proven(beside, nearer, "", np.inf).outcome is Outcome.SOLVED
+
+
+def test_a_point_that_keeps_the_rows_is_not_asked_how_far_they_are_violated():
+    one, optimum, (y, z) = vertex(4)
+    asked = []
+
+    def backend(given: Program):
+        asked.append(len(given.c))
+        return optimum, y, np.zeros_like(z)  # multipliers of something else
+
+    checked_answer(one, backend, "", np.inf)
+    assert set(asked) == {len(one.c)}
+
+
 @pytest.mark.parametrize(("near", "seed"), [(1, 0), (2, 6), (3, 0), (3, 69), (4, 6), (5, 19)])
 def test_rows_that_pass_by_an_optimum_are_told_from_those_that_hold_it(near, seed):
     """An answer in front of them gives them small multipliers, which there turn out negative.

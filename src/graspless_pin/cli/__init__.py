@@ -26,6 +26,8 @@ def run() -> None:
     objects that stay, through which a search for garbage goes again and again: there is none.
     """
     gc.disable()
+    # Matrices are small here: threads that share one only wait for each other.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # A shell may have told the process to ignore Ctrl-C.
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         # No exception: some libraries catch what interrupts their import, and fail later.

@@ -21,7 +21,9 @@ from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.waiting import waiting_for
 
-_RANGES_TIME = 2.0  # s
+_RANGE_NODES = 100
+"""Nodes of each search for the margin at worst: the same answer on any machine."""
+_RANGES_TIME = 20.0  # s; for many contacts, in scenes that are harder than all examples
 VERDICT_NODES = 300
 """Sets of outcomes that a verdict may look at which nobody asked for: about a second."""
 
@@ -123,7 +125,11 @@ def _forces(solution: TorqueSolution) -> ContactForceBounds | None:
         return None
     with waiting_for("looking for the margin at worst"):
         return contact_force_bounds(
-            solution.problem, solution.torques, time_limit=_RANGES_TIME, **solution.rules.options()
+            solution.problem,
+            solution.torques,
+            node_limit=_RANGE_NODES,
+            time_limit=_RANGES_TIME,
+            **solution.rules.options(),
         )
 
 

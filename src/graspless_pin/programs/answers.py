@@ -126,13 +126,14 @@ def _tried(
         again = proven(program, nearer, name, cutoff)
         if again.outcome is not Outcome.FAILED:
             return again
-    bound = answer.bound
+    if program.residual(found[0]) <= _INFEASIBLE:
+        return failed(answer.bound)  # no proof says more than a point violates
     for multipliers in (found[1:], _elastic_multipliers(program, backend)):
         if multipliers is not None:
             proof = program.infeasibility_bound(*multipliers)
             if proof > _INFEASIBLE:
                 return _infeasible(np.inf, proof, *multipliers, name)
-    return failed(bound)
+    return failed(answer.bound)
 
 
 def asked(backend: Backend, program: Program) -> Multipliers | None:

@@ -39,10 +39,11 @@ def polished(program: Program, found: Found) -> Found | None:
     active = np.abs(weights) > np.abs(side - level)
     active[:count] = True
     slope = program.P * x + program.c + weights @ program.rows
-    room = np.where(slope > 0.0, x - program.lb, program.ub - x)
-    held = np.abs(slope) > room
+    bound = np.where(slope > 0.0, program.lb, program.ub)
+    held = np.abs(slope) > np.abs(bound - x)
+    weights[:count] = _without_cancelling(program.A, weights[:count], slope, held)
     for _ in range(_ROUNDS):
-        solved = _solved(program, x, weights, active, held, side)
+        solved = _solved(program, x, weights, active, held, side, bound)
         if solved is None:
             return None
         nearer, turned = solved
@@ -56,6 +57,23 @@ def polished(program: Program, found: Found) -> Found | None:
     return None
 
 
+def _without_cancelling(
+    A: FloatArray, y: FloatArray, slope: FloatArray, held: NDArray[np.bool_]
+) -> FloatArray:
+    """(m,) multipliers of A x = b with little that cancels between rows which depend on each other.
+
+    Such rows may contradict each other by rounding, and the bound multiplies that by what cancels.
+    The slope of variables that are not held stays, and that of held ones keeps its sign.
+    """
+    independent, sizes, _ = np.linalg.svd(A[:, ~held], full_matrices=False)
+    independent = independent[:, sizes > _RANK * sizes.max(initial=0.0)]
+    step = independent @ (independent.T @ y) - y
+    change = (step @ A)[held]
+    turning = change * slope[held] < 0.0
+    room = -slope[held][turning] / change[turning]
+    return y + min(1.0, room.min(initial=1.0)) * step
+
+
 def _solved(
     program: Program,
     x: FloatArray,
@@ -63,10 +81,9 @@ def _solved(
     active: NDArray[np.bool_],
     held: NDArray[np.bool_],
     side: FloatArray,
+    bound: FloatArray,
 ) -> tuple[FloatArray, FloatArray] | None:
     """Solution and (m + k,) multipliers for given active rows and held variables."""
-    slope = program.P * x + program.c + weights @ program.rows
-    bound = np.where(slope > 0.0, program.lb, program.ub)
     rows, free = program.rows[active], ~held
     if not (np.isfinite(side[active]).all() and np.isfinite(bound[held]).all()):
         return None

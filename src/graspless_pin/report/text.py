@@ -68,7 +68,7 @@ def _worst_margin(bounds: ContactForceBounds, solution: TorqueSolution) -> str:
         return "At worst, these torques leave no margin: a contact may be pressed with any force."
     least = figure(bounds.smallest_margin, solution.problem.scales.force)
     proven = bounds.status is Status.OPTIMAL
-    unproven = "" if proven else " or less (there was no time to prove it)"
+    unproven = "" if proven else " or less (not proven)"
     return f"At worst, these torques leave {least} N{unproven}, {bounds.covers}."
 
 
