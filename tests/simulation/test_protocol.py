@@ -44,6 +44,19 @@ def test_a_block_holds_above_its_critical_friction_and_slips_below():
     assert down / np.linalg.norm(down) == pytest.approx([np.cos(TILT), 0, -np.sin(TILT)], abs=1e-3)
 
 
+def test_a_step_lets_all_act_at_once():
+    """The way of a block that slides from rest, from the first instant on."""
+    mu = 0.5 * np.tan(TILT)
+    push = 2.0 * np.array([np.cos(TILT), 0.0, -np.sin(TILT)])
+    run = simulate(block(mu), (), push=push, seconds=0.2, protocol="step").runs[0]
+    way = np.linalg.norm(
+        run.T_world_object[:, :3, 3] - block(mu).object.T_world_object[:3, 3], axis=1
+    )
+    a = 2.0 + 9.81 * 0.5 * np.sin(TILT)
+    np.testing.assert_allclose(way, 0.5 * a * run.times**2, rtol=0.01, atol=2e-5)
+    assert outcomes(simulate(block(2.5 * mu), (), seconds=0.5, protocol="step"))[0] == "held"
+
+
 def test_friction_factor_and_push_count():
     scene = block(1.001 * np.tan(TILT))
     assert simulate(scene, (), friction_factor=0.98, seconds=1.0).outcome == "moved"
@@ -117,6 +130,7 @@ def test_families_are_the_same_scenes_each_time(family):
         ({"push": (1.0, 2.0)}, "push: has shape"),
         ({"friction_factor": np.nan}, "friction_factor: is nan"),
         ({"seconds": 0.0}, "seconds: is 0.0"),
+        ({"protocol": "jump"}, "protocol: is 'jump'; it must be one of 'fixture', 'step'"),
         ({"seconds": 1e4}, "seconds: is 10000; it must be at most 600"),
     ],
 )

@@ -16,6 +16,6 @@ def test_no_verdict_is_contradicted(family):
     assert cases[0].group == Stability.STRONG
     assert not any(case.contradicts() for case in cases)
     (strong, *_) = cases
-    assert replace(strong, outcomes=(SimulatedOutcome.MOVED,) * 2).contradicts()
+    assert replace(strong, outcomes=(SimulatedOutcome.MOVED,) * 3).contradicts()
     assert replace(strong, group=str(Stability.NONE)).contradicts()
     assert not replace(strong, group=str(Stability.WEAK)).contradicts()

@@ -27,7 +27,7 @@ from graspless_pin.report.html.time_lapse import time_lapse, time_lapse_html
 from graspless_pin.report.simulation import simulation_text
 from graspless_pin.scene import Scene
 from graspless_pin.scene.scene_stability import hand_support_contacts
-from graspless_pin.simulation import SimulatedOutcome, Simulation, simulate
+from graspless_pin.simulation import LoadingProtocol, SimulatedOutcome, Simulation, simulate
 from graspless_pin.simulation.video import write_video
 from graspless_pin.waiting import waiting_for
 
@@ -59,6 +59,12 @@ def simulate_scene(
         float, typer.Option(metavar="X", help="Multiply all coefficients of friction by this.")
     ] = 1.0,
     seconds: Annotated[float, typer.Option(metavar="S", help="How long after the release.")] = 2.0,
+    protocol: Annotated[
+        LoadingProtocol,
+        typer.Option(
+            help="fixture: hold the object while the load grows; step: all at once, with impact."
+        ),
+    ] = LoadingProtocol.FIXTURE,
     save: Annotated[
         Path | None,
         typer.Option(
@@ -73,7 +79,7 @@ def simulate_scene(
 ) -> None:
     """Simulate a scene's rest with MuJoCo: does the object stay under constant torques?
 
-    It is held in a fixture while the torques grow, and then released.
+    It is held in a fixture while the torques grow, and then released; or all acts at once.
 
     Exit code 0: held; 1: moved or crept, or there are no torques; 2: bad input.
     """
@@ -99,6 +105,7 @@ def simulate_scene(
                 push=force,
                 friction_factor=friction_factor,
                 seconds=seconds,
+                protocol=protocol,
             )
         if export is not None:
             write_text(found.model.xml, export, kind="model")

@@ -1,4 +1,4 @@
-"""Hold the object in a fixture, ramp the torques up, let go, and see whether it stays."""
+"""Load the object, held in a fixture or free, and see whether it stays."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from graspless_pin.geometry import ManipulatedObject
 from graspless_pin.geometry.pickling import Record
 from graspless_pin.geometry.poses import transformed
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray, finite_array, real_number
+from graspless_pin.problem.checks import FloatArray, choice, finite_array, real_number
 from graspless_pin.scene import Scene
 from graspless_pin.simulation.model import (
     SOFT,
@@ -40,8 +40,17 @@ _LOOKS_OF_FORCES = 20
 _LONGEST = 600.0  # s
 
 
+class LoadingProtocol(StrEnum):
+    """How the load comes upon a simulated object. See the example of `simulate`."""
+
+    FIXTURE = "fixture"
+    """A fixture holds the object while the load grows, and lets go without an impact."""
+    STEP = "step"
+    """Torques, weight and push act at once on an object that is free."""
+
+
 class SimulatedOutcome(StrEnum):
-    """What a simulated object does after its release. See the example of `simulate`."""
+    """What a simulated object does once the load is on it. See the example of `simulate`."""
 
     HELD = "held"
     """It stays within 1 mm and 0.5 degrees."""
@@ -112,12 +121,14 @@ def simulate(
     push: ArrayLike = (0.0, 0.0, 0.0),
     friction_factor: float = 1.0,
     seconds: float = 2.0,
+    protocol: LoadingProtocol | str = LoadingProtocol.FIXTURE,
 ) -> Simulation:
     """Simulate a scene's rest with MuJoCo, with stiff bodies and with soft ones.
 
     The object is held in a fixture for 0.3 s while torques and push grow to what they are. Then it
     is let go, through a damping that fades within 0.2 s: contacts that just touch would close with
     an impact otherwise. The torques stay constant. A run ends early where the object is far away.
+    With ``protocol="step"`` all acts at once on the free object, impact included.
 
     Args:
         scene: The scene, without a declared motion.
@@ -126,6 +137,7 @@ def simulate(
         push: (3,) force on the object's centre of mass, world axes, N.
         friction_factor: What all coefficients of friction are multiplied by.
         seconds: From the release on.
+        protocol: How the load comes upon the object.
 
     Raises:
         ArgumentError: If an argument is out of range or has the wrong shape.
@@ -146,6 +158,7 @@ def simulate(
     span = real_number("seconds", seconds, _LOOK)
     if span > _LONGEST:
         raise ArgumentError("seconds", f"is {span:g}; it must be at most {_LONGEST:g}")
+    how = choice(LoadingProtocol, "protocol", protocol)
     load_mujoco()  # before anything else is done
     problem = scene.problem()
     problem = problem.with_changes(
@@ -161,7 +174,7 @@ def simulate(
         for contact_model in hardness
     ]
     runs = [
-        _run(model, contact_model, scene.object, force, span)
+        _run(model, contact_model, scene.object, force, span, how)
         for model, contact_model in zip(models, hardness, strict=True)
     ]
     return Simulation(tuple(runs), models[0], problem, given)
@@ -173,9 +186,13 @@ def _run(
     manipulated: ManipulatedObject,
     push: FloatArray,
     seconds: float,
+    protocol: LoadingProtocol,
 ) -> SimulatedRun:
     world = World(model)
-    world.load_and_release(push)
+    if protocol is LoadingProtocol.STEP:
+        world.load_at_once(push)
+    else:
+        world.load_and_release(push)
     times, poses, moves = [0.0], [world.object_pose()], [world.joint_moves()]
     changes = [change_of_pose(manipulated, poses[0])]
     forces: deque[Mapping[str, float]] = deque(maxlen=_LOOKS_OF_FORCES)

@@ -73,6 +73,12 @@ class World:
         self.data.eq_active[self.model.equality(FIXTURE).id] = False
         self._release()
 
+    def load_at_once(self, push: FloatArray) -> None:
+        """Let the whole load act from the first step on, with nothing that holds the object."""
+        self.data.eq_active[self.model.equality(FIXTURE).id] = False
+        self.data.ctrl = self._commands
+        self.data.xfrc_applied[self._object, :3] = push
+
     def _release(self) -> None:
         """Let go without an impact: contacts that just touch close while all motion is slow."""
         body = self.model.body(OBJECT)
