@@ -22,7 +22,3 @@ LARGEST_LOAD_OVER_LIMIT = 1e12
 """The load over the largest normal force; beyond, no double holds both."""
 MOST_CONE_EDGES = 1024
 """Edges of a friction cone."""
-MOST_CONTACTS = 1000
-"""Contacts, given ones or of a document."""
-MOST_JOINTS = 1000
-"""Joints of a problem."""

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from graspless_pin.algorithms.limits import NO_LIMITS, Limits
+from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.mode_oracle import NO_FRICTION
 from graspless_pin.algorithms.search import SearchResult, SearchState, finished
 from graspless_pin.errors import ArgumentError
@@ -64,7 +64,7 @@ class _Node:
         return replace(self, sectors={**self.sectors, contact: sector})
 
 
-def search_directions(state: SearchState, gap: float, limits: Limits = NO_LIMITS) -> SearchResult:
+def search_directions(state: SearchState, gap: float, limits: Limits) -> SearchResult:
     """Find the optimum over all virtual motions, friction opposing each, to a proven gap.
 
     Args:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from graspless_pin.algorithms.limits import NO_LIMITS, Limits
+from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.search import SearchResult, SearchState, finished
 from graspless_pin.modes.enumeration import feasible_modes
 from graspless_pin.modes.rules import SlidingMode, StaticFriction
@@ -12,7 +12,7 @@ from graspless_pin.solution import Status
 from graspless_pin.solvers import Outcome
 
 
-def search_exhaustively(state: SearchState, limits: Limits = NO_LIMITS) -> SearchResult:
+def search_exhaustively(state: SearchState, limits: Limits) -> SearchResult:
     """Find the optimum over all feasible modes by solving every maximal one.
 
     The relaxation's optimum is the answer whenever a feasible mode admits its friction; otherwise

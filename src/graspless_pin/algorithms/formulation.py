@@ -46,9 +46,9 @@ class Formulation:
     coordinates: ForceCoordinates
     program: Program
     kinematics: VirtualKinematics
-    cutoff: float = np.inf
-    unit: float = 1.0
-    layers: tuple[int, ...] = (0,)
+    cutoff: float
+    unit: float
+    layers: tuple[int, ...]
 
     @property
     def cone_contacts(self) -> tuple[int, ...]:

@@ -34,7 +34,7 @@ class MinimumFriction:
     """
 
     factor: float
-    proven: bool = True
+    proven: bool
 
     @property
     def found(self) -> bool:

@@ -15,6 +15,7 @@ from graspless_pin.problem.checks import (
     finite_array,
     per_item,
     read_only,
+    real_number,
     unit_rows,
     whole_number,
 )
@@ -180,10 +181,8 @@ def _finger_block(
         column = np.zeros((size, 1))
         contact = finger.contacts[0]
         column[3 * contact : 3 * contact + 3, 0] = normals[contact]
-        limit = per_item(f"{label}.max_force", finger.max_force, 1)
-        if limit[0] < 0.0:
-            raise ArgumentError(f"{label}.max_force", f"is {limit[0]}; it must be >= 0")
-        return column, np.zeros(1), limit, 1
+        limit = real_number(f"{label}.max_force", finger.max_force, 0.0, finite=False)
+        return column, np.zeros(1), np.array([limit]), 1
     if finger.jacobian is None:
         raise ArgumentError(f"{label}.jacobian", "is missing; a force-controlled finger needs it")
     limits = finger.torque_limits

@@ -77,7 +77,7 @@ class ConflictSplit:
 
     items: tuple[tuple[int, int, int], ...]
     combinations: tuple[FloatArray, ...]
-    opened: tuple[int, int] | None = None
+    opened: tuple[int, int] | None
 
 
 @dataclass(frozen=True)

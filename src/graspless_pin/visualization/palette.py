@@ -29,10 +29,6 @@ class Palette:
     roles: Mapping[Role, str]
     fingers: tuple[str, ...]
 
-    def rgb(self, role: Role) -> tuple[int, int, int]:
-        """Return a role's colour as three numbers from 0 to 255."""
-        return _numbers(self.roles[role])
-
     def of_finger(self, finger: int) -> str:
         """Return the colour of a finger by its index, ``#rrggbb``."""
         return self.fingers[finger % len(self.fingers)]
@@ -40,12 +36,8 @@ class Palette:
     def of_mesh(self, mesh: Mesh) -> tuple[int, int, int]:
         """Return a mesh's colour as three numbers from 0 to 255: its finger's, or its role's."""
         own = self.roles[mesh.role] if mesh.finger is None else self.of_finger(mesh.finger)
-        return _numbers(own)
-
-
-def _numbers(color: str) -> tuple[int, int, int]:
-    red, green, blue = bytes.fromhex(color.removeprefix("#"))
-    return red, green, blue
+        red, green, blue = bytes.fromhex(own.removeprefix("#"))
+        return red, green, blue
 
 
 LIGHT = Palette(

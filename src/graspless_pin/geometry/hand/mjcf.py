@@ -25,7 +25,7 @@ from graspless_pin.geometry.hand.mjcf_source import (
     rotation_and_position,
     words,
 )
-from graspless_pin.geometry.hand.urdf_tendons import DrawnTendon, write_tendon
+from graspless_pin.geometry.hand.urdf_tendons import write_tendon
 
 
 def mjcf_robot(path: Path) -> ET.Element:
@@ -78,9 +78,8 @@ class _Writer:
             if body != top:
                 self._add_joints(body)
             self._add_link(body)
-        for tendon in tendons:
-            arms = {self._source.joint(joint): arm for joint, arm in tendon.arms.items()}
-            write_tendon(self._root, tendon.name, DrawnTendon(arms, *tendon.bounds))
+        for name, tendon in tendons.items():
+            write_tendon(self._root, name, tendon)
         return self._root
 
     def _robot_bodies(self) -> tuple[int, NDArray[np.bool_]]:

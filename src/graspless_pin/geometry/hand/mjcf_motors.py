@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +11,7 @@ from graspless_pin.errors import RobotError
 from graspless_pin.findings import Finding, FindingCode, tell
 from graspless_pin.geometry.hand.coupling import groups_that_share
 from graspless_pin.geometry.hand.mjcf_source import MjcfSource
+from graspless_pin.geometry.hand.urdf_tendons import DrawnTendon
 from graspless_pin.problem.checks import FloatArray
 
 _PLAY = 0.2
@@ -19,21 +19,6 @@ _PLAY = 0.2
 
 Mimic = tuple[dict[int, float], float]
 """Multipliers by leader, and offset, of a coupled joint."""
-
-
-@dataclass(frozen=True)
-class DrivenTendon:
-    """A motor that pulls several joints which are not coupled.
-
-    Attributes:
-        name: Of the actuator.
-        arms: Torque on each joint per newton of the motor, m.
-        bounds: Lowest and highest force, N.
-    """
-
-    name: str
-    arms: dict[int, float]
-    bounds: tuple[float, float]
 
 
 def motor_joints(source: MjcfSource) -> list[int]:
@@ -77,8 +62,8 @@ def _led(pull: Mapping[int, float], mimics: Mapping[int, Mimic]) -> dict[int, fl
 
 def motors(
     source: MjcfSource, mimics: Mapping[int, Mimic], inside: NDArray[np.bool_]
-) -> tuple[dict[int, float], list[DrivenTendon]]:
-    """Return what motors bear both ways, by joint, where it is limited, and those of tendons.
+) -> tuple[dict[int, float], dict[str, DrawnTendon]]:
+    """Return what motors bear both ways, by joint, where it is limited, and tendons by name.
 
     Args:
         source: The file.
@@ -109,11 +94,11 @@ def _driven_tendons(
     pulls: Mapping[int, dict[int, float]],
     led: Mapping[int, dict[int, float]],
     inside: NDArray[np.bool_],
-) -> list[DrivenTendon]:
+) -> dict[str, DrawnTendon]:
     """Return the motors of several leaders each; say which of them cannot be told apart."""
     model = source.model
     taken = {model.joint(joint).name for joint in range(model.njnt)}
-    found: list[DrivenTendon] = []
+    found: dict[str, DrawnTendon] = {}
     for group in groups_that_share({str(one): set(own) for one, own in led.items() if own}):
         members = [int(one) for one in group]
         joints = sorted({joint for one in members for joint in led[one]})
@@ -124,7 +109,8 @@ def _driven_tendons(
             name = model.actuator(one).name or f"actuator_{one}"
             if told_apart:
                 own = f"{name}_tendon" if name in taken else name
-                found.append(DrivenTendon(own, pulls[one], _bounds(source, one)))
+                pulled = {source.joint(joint): arm for joint, arm in pulls[one].items()}
+                found[own] = DrawnTendon(pulled, *_bounds(source, one))
                 continue
             why = "other motors that pull the same way"
             if len(shared) < len(members):
