@@ -25,11 +25,15 @@ from mutation.children import COPIED
 
 ROOT = Path(__file__).parents[1]
 LOOPS = Path("src", "graspless_pin", "compiled")
-TESTS = (
+OF_CONTACTS = (
     "tests/compiled",
     "tests/geometry/test_broad_phase.py",
     "tests/geometry/test_closed_form_contacts.py",
+)
+OF_OPTIMA = (
+    "tests/compiled",
     "tests/planning/test_carried.py",
+    "tests/planning/test_many_states.py",
 )
 _SUFFIX = str(sysconfig.get_config_var("EXT_SUFFIX"))
 # As hatch_build.py does, but for the optimisation, which only costs time here.
@@ -38,7 +42,13 @@ _SECONDS = 300.0
 
 
 class Mistake(NamedTuple):
-    """A text of a loop that stands there once, and what takes its place."""
+    """A text that stands once in a file of loops, or of Python that calls them; what replaces it.
+
+    Attributes:
+        loops: The file of loops without its suffix, or the path of the Python from there.
+        text: What stands there.
+        wrong: What takes its place.
+    """
 
     loops: str
     text: str
@@ -46,15 +56,26 @@ class Mistake(NamedTuple):
 
     def __str__(self) -> str:
         """Return it as a line."""
-        return f"{self.loops}.pyx: {self.text!r} -> {self.wrong!r}"
+        return f"{self.file}: {self.text!r} -> {self.wrong!r}"
+
+    @property
+    def file(self) -> str:
+        """The path of the file from the folder of the loops on."""
+        return self.loops if self.loops.endswith(".py") else f"{self.loops}.pyx"
+
+    @property
+    def tests(self) -> tuple[str, ...]:
+        """The tests that it is tried with."""
+        of_contacts = (FRAMES, SEARCH, MOTIONS, BODIES, ARRAYS)
+        return OF_CONTACTS if self.loops in of_contacts else OF_OPTIMA
 
     def source(self, folder: Path) -> str:
-        """Return the loops with the mistake in them.
+        """Return the file with the mistake in it.
 
         Raises:
             ValueError: If the text does not stand there once.
         """
-        right = (folder / f"{self.loops}.pyx").read_text(encoding="utf-8")
+        right = (folder / self.file).read_text(encoding="utf-8")
         if right.count(self.text) != 1:
             raise ValueError(f"{self}: the text stands there {right.count(self.text)} times")
         return right.replace(self.text, self.wrong)
@@ -63,6 +84,7 @@ class Mistake(NamedTuple):
 FRAMES, SEARCH, PROGRAMS = "contact_frames", "contact_search", "linear_programs"
 BODIES, ARRAYS, MOTIONS = "rigid_bodies", "small_arrays", "virtual_motions"
 ASSEMBLY, STATES, CARRIED = "paper_programs", "hand_states", "carried_optima"
+COLD, STARTS, CALLER = "cold_optima", "optimum_starts", "../algorithms/carried.py"
 MISTAKES = tuple(
     Mistake(*one)
     for one in (
@@ -111,6 +133,30 @@ MISTAKES = tuple(
         (CARRIED, "starts.insert(0, starts.pop(place))", "pass"),
         (CARRIED, "if self.value > self.cutoff:", "if False:"),
         (CARRIED, "friction * near.signs", "-friction * near.signs"),
+        (CARRIED, "residual = max(residual, at if i >= 6 else fabs(at))",
+         "residual = max(residual, at)"),
+        (CARRIED, "slope[n] -= self.level[i - 6] * weight", "pass"),
+        (CARRIED, "self.bound * out[5], (self.value", "self.bound * self.unit, (self.value"),
+        (STATES, "+ J[4 * n + j] * (x[2] * g[0] - x[0] * g[2])",
+         "+ J[4 * n + j] * (x[2] * g[0] + x[0] * g[2])"),
+        (COLD, "sign = -1.0 if self.x[c] > 0.0 else 1.0",
+         "sign = 1.0 if self.x[c] > 0.0 else -1.0"),
+        (COLD, "weights.append(self.z[k] if k == 2 * i else -self.z[k])",
+         "weights.append(self.z[k])"),
+        (COLD, "self.rows[n1 * i + n1 - 1] = -self.level[i - 6]",
+         "self.rows[n1 * i + n1 - 1] = 0.0"),
+        (COLD, "share = min(share, -_BACK * values[k] / steps[k])", "pass"),
+        (COLD, "self.q[n1 - 1] = -1.0 if self.kind == MARGIN else 1.0",
+         "self.q[n1 - 1] = -1.0"),
+        (STARTS, "(i < 6 + p or T <= i < count) != changes", "(i < 6 + p) != changes"),
+        (STARTS, "self.upper[self.D + self.S] = flags_of(top)[k]",
+         "self.upper[self.D + self.S] = True"),
+        (STARTS, "for j in range(self.starts[k], i + 1):", "for j in range(i, i + 1):"),
+        (STARTS, "if not 0 <= self.contacts[k] < programs.M:", "if False:"),
+        (CALLER, "-unit if objective.maximizes else unit", "unit"),
+        (CALLER, "or objective.regularization > 0.0", ""),
+        (CALLER, "or options.rules.by_direction", ""),
+        (CALLER, "start.likeness.has_rows_of(likeness)", "start.likeness is not likeness"),
         (BODIES, "column[5 * n + j] * p[0] - column[3 * n + j] * p[2]",
          "column[5 * n + j] * p[0] + column[3 * n + j] * p[2]"),
         (BODIES, "dot(v + 3, v + 3) * longest", "dot(v + 3, v + 3)"),
@@ -143,13 +189,13 @@ def compiled(copy: Path, loops: str) -> None:
          copy)  # fmt: skip
 
 
-def noticed(copy: Path) -> str:
+def noticed(copy: Path, tests: tuple[str, ...]) -> str:
     """Return the test of a copy that fails, "time" if they take too long, empty if none does."""
     command = [sys.executable, "-m", "pytest", "-q", "-x", "--tb=no", "-p", "no:cacheprovider"]
     environment = {**os.environ, "PYTHONPATH": str(copy / "src"), "PYTHONDONTWRITEBYTECODE": "1"}
     try:
         ended = subprocess.run(  # noqa: S603 - our own interpreter
-            [*command, *TESTS], cwd=copy, env=environment, capture_output=True, text=True,
+            [*command, *tests], cwd=copy, env=environment, capture_output=True, text=True,
             timeout=_SECONDS, check=False,
         )  # fmt: skip
     except subprocess.TimeoutExpired:
@@ -192,17 +238,19 @@ def main() -> int:
 
         def attempt(mistake: Mistake) -> str:
             copy = copies.get()
-            source = copy / LOOPS / f"{mistake.loops}.pyx"
+            source = copy / LOOPS / mistake.file
             right, library = source.read_text(encoding="utf-8"), source.with_suffix(_SUFFIX)
-            kept = library.read_bytes()
+            kept = library.read_bytes() if library.exists() else None
             try:
                 source.write_text(mistake.source(copy / LOOPS), encoding="utf-8")
-                compiled(copy, mistake.loops)
-                by = noticed(copy)
+                if kept is not None:
+                    compiled(copy, mistake.loops)
+                by = noticed(copy, mistake.tests)
             finally:
                 source.write_text(right, encoding="utf-8")
-                library.unlink(missing_ok=True)
-                library.write_bytes(kept)
+                if kept is not None:
+                    library.unlink(missing_ok=True)
+                    library.write_bytes(kept)
                 copies.put(copy)
             print(
                 f"{time.monotonic() - start:6.0f} s {by or 'SURVIVED':70.70} {mistake}", flush=True
@@ -210,7 +258,7 @@ def main() -> int:
             return by
 
         first = copies.get()
-        if by := noticed(first):
+        if by := noticed(first, (*OF_CONTACTS, *OF_OPTIMA)):
             print(f"without any mistake: {by}")
             return 1
         copies.put(first)

@@ -29,6 +29,8 @@ from graspless_pin import compiled
 _LEFT_OUT = ("VariableReplacer", "VariableInserter")
 # Leaves that no operator changes; they are most of a tree.
 _UNTOUCHED = ("name", "string", "newline", "endmarker", "error_leaf", "fstring_string")
+# The same of None and of the members of an enum.
+_OF_IDENTITY = ("ReplaceComparisonOperator_Is_Eq", "ReplaceComparisonOperator_IsNot_NotEq")
 _FACTORS = (1e3, 1e-3)
 _SMALL, _LARGE = 0.01, 1e4
 
@@ -118,7 +120,8 @@ _OPERATORS = _operators()
 def _places(package: Path, path: str) -> list[list[Mutant]]:
     """The mutants of a file, place by place."""
     text = (package / path).read_text(encoding="utf-8")
-    ignored = list(_ignored(ast.parse(text)))
+    tree = ast.parse(text)
+    ignored, identities = list(_ignored(tree)), list(_identities(tree))
     counts = dict.fromkeys(_OPERATORS, -1)
     places: dict[tuple[object, ...], list[Mutant]] = {}
     for node in ast_nodes(get_ast(text)):
@@ -131,6 +134,8 @@ def _places(package: Path, path: str) -> list[list[Mutant]]:
                 inside = any(low <= start and end <= high for low, high in ignored)
                 # One more or less is no likely mistake in a tolerance.
                 if inside or (coarse and name == "NumberReplacer"):
+                    continue
+                if name in _OF_IDENTITY and any(a <= start and end <= b for a, b in identities):
                     continue
                 mutant = Mutant(path, start[0], end[0], start[1], name, counts[name])
                 places.setdefault((start, end), []).append(mutant)
@@ -148,20 +153,44 @@ def _is_tolerance(node: NodeOrLeaf) -> bool:
 
 
 def _ignored(tree: ast.Module) -> Iterator[Span]:
-    """Places where a mutant does nothing, or which do not run without the compiled loops."""
+    """Places where a mutant changes no result, or which do not run without the compiled loops."""
     for node in ast.walk(tree):
+        for decorator in getattr(node, "decorator_list", ()):
+            if _name_of(decorator) in ("cache", "lru_cache"):  # time and memory
+                yield (decorator.lineno, 0), (decorator.end_lineno + 1, 0)
         if isinstance(node, ast.arg | ast.AnnAssign) and node.annotation is not None:
             yield _span(node.annotation)
         elif isinstance(node, ast.FunctionDef) and node.returns is not None:
             yield _span(node.returns)
-        elif isinstance(node, ast.keyword) and node.arg == "strict":
-            yield _span(node)  # of zip, which then looks for a mistake that is not there
+        elif isinstance(node, ast.keyword) and node.arg in ("strict", "total"):
+            # Of zip, which then looks for a mistake that is not there; of a typed dictionary.
+            yield _span(node)
+        elif isinstance(node, ast.Call) and _name_of(node) == "reshape":
+            for size in node.args:
+                if isinstance(size, ast.UnaryOp):  # numpy takes any negative number for an open one
+                    yield _span(size)
         elif isinstance(node, ast.If) and _asks_for_loops(node.test):
             yield _span(node.test)
             if any(isinstance(part, ast.IsNot) for part in ast.walk(node.test)):
                 yield _span(node.body[0])[0], _span(node.body[-1])[1]
         elif isinstance(node, ast.stmt) and not hasattr(node, "body") and _asks_for_loops(node):
             yield _span(node)
+
+
+def _identities(tree: ast.Module) -> Iterator[Span]:
+    """Comparisons by ``is`` and ``is not`` with None, or with a member of an enum by its name."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Compare) and len(node.ops) == 1:
+            other = node.comparators[0]
+            member = isinstance(other, ast.Attribute) and other.attr.isupper()
+            if member or (isinstance(other, ast.Constant) and other.value is None):
+                yield _span(node)
+
+
+def _name_of(node: ast.expr) -> str:
+    """Return the last part of what is called, or named."""
+    called = node.func if isinstance(node, ast.Call) else node
+    return getattr(called, "attr", getattr(called, "id", ""))
 
 
 def _asks_for_loops(node: ast.AST) -> bool:

@@ -36,6 +36,18 @@ def test_every_suggestion_makes_the_scene_feasible(problem):
     assert explanation.cause in solution.explanation
 
 
+def test_where_nothing_can_carry_the_weight_help_from_outside_is_all_that_is_suggested():
+    problem = QuasistaticProblem(
+        [[0.05, 0, 0], [-0.05, 0, 0]],
+        [[-1.0, 0, 0], [1.0, 0, 0]],
+        [0, 0, -5.0, 0, 0, 0],
+        friction=0.0,
+    )
+    suggestions = explain(maximize_margin(problem)).suggestions
+    assert len(suggestions) == 1
+    np.testing.assert_allclose(suggestions[0].problem.external_wrench, 0.0, atol=0.06)
+
+
 def test_the_sliding_cuboid_names_its_conflict_and_weaker_rules():
     explanation = explain(maximize_margin(scene("up"), sliding_rule="constrained"))
     assert len(explanation.conflicting_contacts) >= 2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from tests.oracles.directions import listed, turned, with_turned_tangents
 
 from graspless_pin import (
     QuasistaticProblem,
+    SolveOptions,
     compare_rules,
     contact_force_bounds,
     disturbance_margin,
@@ -26,6 +28,7 @@ from graspless_pin import (
     optimum_gradients,
     solve_each_mode,
 )
+from graspless_pin.algorithms.warm_start import reaches_margin
 from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.kinematics import VirtualKinematics
 from graspless_pin.modes.sectors import (
@@ -287,6 +290,18 @@ def test_a_limit_is_said_with_both_values():
     assert f"outer {solution.certificate.bound:.6g} N" in str(solution)
     assert f"inner value {solution.margin:.6g}, " in str(solution)
     assert "round cones" in str(solution)
+
+
+def test_a_margin_inside_the_gap_is_neither_reached_nor_out_of_reach():
+    problem = random_problem(2, 3)
+    options = SolveOptions.parse(sign_rule="direction", direction_gap=1e-2)
+    best = maximize_margin(problem, sign_rule="direction", direction_gap=1e-2)
+    margin, bound = best.margin, best.certificate.bound
+    for wanted, reached in ((0.99 * margin, True), (0.5 * (margin + bound), None),
+                            (1.01 * bound, False)):  # fmt: skip
+        assert reaches_margin(problem, wanted, options)[0] is reached
+    early = replace(options, node_limit=0)
+    assert reaches_margin(problem, 0.99 * margin, early)[0] is not False
 
 
 def test_another_solver_gives_the_same():

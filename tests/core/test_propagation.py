@@ -1,5 +1,7 @@
 """What is concluded from decisions keeps every maximal mode that agrees with them."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from random_scenes import slope_scene
@@ -8,7 +10,8 @@ from scenes import scene
 from graspless_pin import QuasistaticProblem, SlidingMode, enumerate_modes
 from graspless_pin.modes.kinematics import VirtualKinematics
 from graspless_pin.modes.propagation import Decisions, Propagation
-from graspless_pin.modes.rules import Rules
+from graspless_pin.modes.rules import Rules, SignRule
+from graspless_pin.modes.verdicts import Requirement
 
 
 def stiff_cuboid() -> QuasistaticProblem:
@@ -69,3 +72,39 @@ def test_no_maximal_mode_is_lost(name, sign):
         assert all(agree(propagated, mode) for mode in agreeing)
         narrowed += propagated.key != decisions.key
     assert narrowed > 10 or sign == "exact"
+
+
+PAIRS = [(a, b) for a in (-1, 1) for b in (-1, 1)]
+
+
+@pytest.mark.parametrize("name", ["slope-5", "slope-6", "slope-7"])
+def test_each_contact_gets_the_signs_that_it_alone_can_have(name):
+    """One contact slides; what each other could do beside it is asked of the kinematics."""
+    problem = PROBLEMS[name]()
+    kinematics = VirtualKinematics(problem)
+    propagation = Propagation(problem, kinematics, Rules.parse("strict"))
+    concluded = set()
+    for first, pair in product(np.flatnonzero(problem.has_cone).tolist(), PAIRS):
+        start = Decisions.none(problem.contact_count).select(first)
+        for component, sign in enumerate(pair):
+            start = start and start.sign(first, component, sign)
+        assert start is not None
+        found = propagation.propagate(start, probe=True)
+        asked = Requirement(first, pair)
+        if not kinematics.feasible([asked], SignRule.STRICT):
+            assert found is None
+            continue
+        assert found is not None
+        for other in set(np.flatnonzero(problem.has_cone).tolist()) - {first}:
+            ways = [
+                way for way in PAIRS
+                if kinematics.feasible([asked, Requirement(other, way)], SignRule.STRICT)
+            ]  # fmt: skip
+            if not ways:
+                assert found.released[other]
+            for component in range(2) if ways else ():
+                left = {way[component] for way in ways}
+                wanted = left.pop() if len(left) == 1 else 0
+                assert found.signs[other, component] == wanted or found.selected[other]
+                concluded.add((other, component, wanted))
+    assert len({sign for _, _, sign in concluded}) == 3

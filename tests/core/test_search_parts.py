@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from scenes import random_problem, scene, structured_arguments
 
-from graspless_pin import QuasistaticProblem, Status, maximize_margin
+from graspless_pin import QuasistaticProblem, Status, enumerate_modes, maximize_margin
 from graspless_pin.algorithms import branch_and_bound as searching
 from graspless_pin.algorithms import search
 from graspless_pin.algorithms.branch_and_bound import _Node, _resolving, branch_and_bound
 from graspless_pin.algorithms.formulation import formulate
 from graspless_pin.algorithms.mode_oracle import ModeOracle
+from graspless_pin.algorithms.mode_parts import ModePart
 from graspless_pin.algorithms.search import SearchState, closeness
 from graspless_pin.compiled import contact_frames
 from graspless_pin.modes.nearest_motions import NearestMotions
@@ -153,6 +154,46 @@ def test_the_children_of_a_node_share_no_mode_and_lose_none(seed):
             excluded = excluded and pair is not None and pair[k] == sign
         holding = sum(admitted(child, mode) for child in children)
         assert holding == (0 if excluded else 1)
+
+
+def test_what_can_only_be_flipped_is_flipped_first_and_frictionless_contacts_have_no_part():
+    problem = random_problem(0, 4)
+    friction = problem.friction * [1.0, 0.0, 1.0, 0.0]
+    state = state_of(problem.with_changes(friction=friction))
+    program = state.formulation.program
+    chosen = Decisions.none(4).select(2)
+    assert chosen is not None
+    node = _Node(program.lb, program.ub, {}, chosen, 0)
+    x = np.zeros(len(program.c))
+    x[state.formulation.friction_columns(0)] = 5.0
+    signs = ((0, 0, 1), (1, 0, 1), (2, 1, -1), (3, 1, -1))
+    first, second = (c.decisions for c in _resolving(state, node, Conflict(signs, (), None), x))
+    assert (first.signs[2].tolist(), first.signs[0].tolist()) == ([0, 1], [0, 0])
+    assert (second.signs[2].tolist(), second.signs[0].tolist()) == ([0, -1], [-1, 0])
+
+
+def test_signs_of_a_part_are_those_that_all_its_modes_have():
+    problem = scene("rest")
+    mode = maximize_margin(problem).mode
+    one, every = ModePart.one_mode(mode), ModePart.every_mode(problem, RULES)
+    assert {sign for pair in mode.signs.tolist() for sign in pair} == {-1, 0, 1}
+    for contact, signs in enumerate(mode.signs.tolist()):
+        assert one.signs(contact) == tuple(signs)
+        assert every.signs(contact) == (0, 0)
+
+
+def test_one_given_mode_takes_one_program_of_motions_and_counts_as_one():
+    problem = scene("rest")
+    certificate = maximize_margin(problem, mode=maximize_margin(problem).mode).certificate
+    counts = certificate.nodes, certificate.modes_examined, certificate.kinematic_programs
+    assert counts == (1, 1, 1)
+
+
+def test_a_search_by_listing_solves_maximal_modes_alone():
+    problem = SPLIT[0]
+    counts = [len(list(enumerate_modes(problem, maximal=maximal))) for maximal in (True, False)]
+    listed = maximize_margin(problem, search="enumerate").certificate
+    assert listed.modes_examined == 1 + counts[0] < counts[1]
 
 
 @pytest.mark.parametrize(("size", "is_friction"), [(0.9e-8, False), (1.1e-8, True), (1e-6, True)])

@@ -1,5 +1,6 @@
 """Parts of which a mistake rarely shows in an answer, one by one."""
 
+import time
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -9,12 +10,15 @@ from scenes import scene
 
 from graspless_pin.algorithms import branch_and_bound as searching
 from graspless_pin.algorithms import threshold
-from graspless_pin.algorithms.branch_and_bound import _children, _Node
+from graspless_pin.algorithms.branch_and_bound import _children, _deciding, _Node
 from graspless_pin.algorithms.formulation import formulate
+from graspless_pin.algorithms.limits import NO_LIMITS, Limits
 from graspless_pin.algorithms.mode_oracle import ModeOracle, Opposition
+from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.search import SearchState
 from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.enumeration import _refinements
+from graspless_pin.modes.fastest_sliding import Sliding, _evened
 from graspless_pin.modes.propagation import Decisions
 from graspless_pin.modes.rules import Rules
 from graspless_pin.problem.arguments import _checked_tangents
@@ -143,3 +147,46 @@ def test_joints_without_any_lever_count_the_load_at_the_scenes_length(form):
     scales = problem.with_changes(jacobian=np.zeros_like(problem.jacobian)).scales
     expected = np.full(problem.joint_count, scales.force * scales.length)
     np.testing.assert_allclose(scales.joints, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("rule", "pairs"), [
+    ("strict", {(1, 1), (1, -1), (-1, 1), (-1, -1)}),
+    ("nonzero", {(1, 1), (1, -1), (-1, 1), (-1, -1)}),
+])  # fmt: skip
+def test_a_contact_is_decided_by_one_child_for_each_of_its_modes(rule, pairs):
+    one = SearchState(formulate(scene("rest"), Margin()), Rules.parse(rule), "piqp")
+    answer, program = one.relax(), one.formulation.program
+    children = _deciding(one, _Node(program.lb, program.ub, {}, Decisions.none(6), 4), answer)
+    assert children is not None
+    (contact,) = {contact for child in children for contact in child.decided}
+    forces = np.abs(answer.x[one.formulation.coordinates.layout.tangent]).sum(axis=1)
+    assert forces[contact] == forces.max()
+    assert [child.depth for child in children] == [5] * len(children)
+    released, *others = children
+    assert released.decisions.released[contact] and not released.decided
+    assert all(child.decisions.selected[contact] for child in others)
+    known = {tuple(child.decisions.signs[contact].tolist()) for child in others}
+    assert pairs <= known and len(known) == len(others)
+    assert known == {child.decided[contact] for child in others}
+
+
+def test_a_motion_is_evened_where_that_makes_its_slowest_sliding_faster():
+    weights = np.array([0.5, 0.5])
+    moving, strict = np.eye(2), np.ones(2)
+    uneven = Sliding(np.array([1.0, 0.1]), 0.1 / np.hypot(1.0, 0.1), weights)
+    assert _evened(moving, strict, uneven).slowest == pytest.approx(np.sqrt(0.5))
+    even = Sliding(np.array([1.0, 1.0]), np.sqrt(0.5) + 1e-9, weights)
+    assert _evened(moving, strict, even) is even
+
+
+def test_a_negative_margin_is_no_solution_but_with_a_regularization_any_value_may_be_one():
+    assert Margin().cutoff == 0.0
+    assert Margin(1e-3).cutoff == np.inf
+
+
+def test_what_is_left_of_a_time_limit_goes_to_the_searches_that_follow():
+    options = SolveOptions(time_limit=60.0)
+    assert NO_LIMITS.within(options) is options
+    left = Limits(None, time.monotonic() + 5.0).within(options).time_limit
+    assert left is not None and 0.0 < left <= 5.0
+    assert Limits(None, time.monotonic() - 1.0).within(options).time_limit == 0.0

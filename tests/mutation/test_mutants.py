@@ -53,6 +53,30 @@ def test_each_mutant_is_one_change_that_compiles(package):
     assert all("-> float" in source for source in sources)
 
 
+SAME = """
+from functools import lru_cache
+class Options(TypedDict, total=False):
+    name: str
+@lru_cache(maxsize=9)
+def flat(array):
+    return array.reshape(-1)
+def other(one, two, sizes):
+    return one is not None or one is Color.RED or two is one or sizes.reshape(3, 4)
+"""
+
+
+def test_what_is_the_same_either_way_is_left_out_by_its_rule_and_nothing_beside_it(tmp_path):
+    (tmp_path / "same.py").write_text(SAME, encoding="utf-8")
+    mutants = all_mutants(tmp_path, "same.py")
+    sources = [mutant.source(tmp_path) for mutant in mutants]
+    for kept in ("total=False", "@lru_cache(maxsize=9)", "reshape(-1)"):
+        assert all(kept in source for source in sources)
+    for gone in ("one != None", "one == Color.RED"):
+        assert not any(gone in source for source in sources)
+    for tried in ("one is None", "one is not Color.RED", "two == one", "reshape( 4, 4)"):
+        assert any(tried in source for source in sources), tried
+
+
 def test_the_sample_is_the_same_every_time_and_has_no_place_twice(package):
     first, again = (sample(package, ["module.py"], 6, seed=1) for _ in range(2))
     assert first == again and len(first) == 6
@@ -121,6 +145,8 @@ def test_every_mistake_in_the_loops_has_its_place():
     """What was renamed since has to be renamed there, too."""
     assert len(MISTAKES) >= 30
     assert len(set(MISTAKES)) == len(MISTAKES)
+    files = {file.stem for file in (ROOT / LOOPS).glob("*.pyx")}
+    assert files <= {mistake.loops for mistake in MISTAKES}
     for mistake in MISTAKES:
-        right = (ROOT / LOOPS / f"{mistake.loops}.pyx").read_text(encoding="utf-8")
+        right = (ROOT / LOOPS / mistake.file).read_text(encoding="utf-8")
         assert mistake.source(ROOT / LOOPS) != right

@@ -155,3 +155,8 @@ def test_bad_options(options, message):
 def test_unknown_solver():
     with pytest.raises(SolverUnavailableError, match="simplex"):
         margin_torque_curve(scene("up"), solver="simplex")
+
+
+def test_a_curve_says_what_its_torques_are_of():
+    assert margin_torque_curve(scene("rest")).torque_unit == "N m"
+    assert margin_torque_curve(scene("rest"), scale="limits").torque_unit == "share of the limit"
