@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import replace
 from functools import partial
@@ -82,6 +82,6 @@ def _solve_all(problems: list[QuasistaticProblem]) -> None:
         maximize_margin(as_new(problem))
 
 
-def _load_and_solve_all(study: Study, samples: tuple[Sample, ...]) -> None:
+def _load_and_solve_all(study: Study, samples: Sequence[Sample]) -> None:
     for sample in samples:
         maximize_margin(study.scene_at(sample).problem())

@@ -44,9 +44,9 @@ from .solution.guarantee import Guarantee
 from .solution.status import Status
 from .solution.torque_solution import TorqueSolution
 from .solvers.solving import available_solvers
+from .studies.results import read_results
 from .studies.run import run_study
 from .studies.study import load_study
-from .studies.tables import read_results
 
 __all__ = [
     "Certificate",

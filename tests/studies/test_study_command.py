@@ -87,7 +87,7 @@ def test_interrupted(tmp_path, monkeypatch):
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(studying, "run_study", interrupted)
+    monkeypatch.setattr(studying, "compute_study", interrupted)
     file = study_file(tmp_path, data({"friction": FRICTION}))
     result = command(file, "-o", tmp_path / "out.csv")
     assert result.exit_code == 130

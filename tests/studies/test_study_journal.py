@@ -34,8 +34,11 @@ def journal(tmp_path):
 
 def rows_of(file, identity=IDENTITY, **options):
     opened = Journal(file, identity, **options)
+    numbers = [number for number in range(12) if number in opened]
+    assert len(numbers) == opened.count
+    rows = {row["sample"]: row for row in opened.rows(numbers)}
     opened.close()
-    return opened.rows
+    return rows
 
 
 def test_rows_are_read_back(journal):

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from concurrent.futures import wait
+from concurrent.futures import Executor, wait
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -68,7 +68,7 @@ def test_the_number_of_processes_does_not_matter(tmp_path):
 def test_processes_have_one_thread_of_linear_algebra(tmp_path, monkeypatch):
     """The parent keeps as many as it had."""
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "7")
-    monkeypatch.setattr("graspless_pin.studies.run.evaluate_each", tells_threads)
+    monkeypatch.setattr("graspless_pin.studies.dispatch.evaluate_each", tells_threads)
     table = run_study(
         study({"friction": FRICTION}), tmp_path / "out.csv", workers=2, progress=False
     )
@@ -175,7 +175,7 @@ def assert_bad_samples_are_rows(tmp_path, monkeypatch, **options):
     content = sobol(compute={"sample_time_limit": 3}, description=str(tmp_path / "died"))
     made = load_study(study_file(tmp_path, content))
     expected = here(made, tmp_path / "whole.csv")
-    monkeypatch.setattr("graspless_pin.studies.run.evaluate_each", misbehaves)
+    monkeypatch.setattr("graspless_pin.studies.dispatch.evaluate_each", misbehaves)
     table: Any = run_study(made, tmp_path / "out.csv", progress=False, **options)
     bad = list(TOLD)
     assert list(zip(table["status"][bad], table["error"][bad], strict=True)) == [*TOLD.values()]
@@ -211,7 +211,7 @@ def processes_of(cluster) -> Any:
 def test_an_interrupt_does_not_wait_for_a_sample_that_hangs(tmp_path, monkeypatch):
     """And keeps the rows before it, those of its chunk too."""
     made = load_study(study_file(tmp_path, sobol()))
-    monkeypatch.setattr("graspless_pin.studies.run.evaluate_each", hangs_at_seven)
+    monkeypatch.setattr("graspless_pin.studies.dispatch.evaluate_each", hangs_at_seven)
 
     def wait_a_second(running, **options):
         done, rest = wait(running, timeout=5.0, **options)
@@ -219,8 +219,8 @@ def test_an_interrupt_does_not_wait_for_a_sample_that_hangs(tmp_path, monkeypatc
             raise KeyboardInterrupt
         return done, rest
 
-    monkeypatch.setattr("graspless_pin.studies.run.wait", wait_a_second)
-    monkeypatch.setattr("graspless_pin.studies.run._CHUNK_SECONDS", 1e3)
+    monkeypatch.setattr("graspless_pin.studies.dispatch.wait", wait_a_second)
+    monkeypatch.setattr("graspless_pin.studies.dispatch._CHUNK_SECONDS", 1e3)
     begin = time.monotonic()
     with pytest.raises(KeyboardInterrupt):
         run_study(made, tmp_path / "out.csv", workers=1, progress=False)
@@ -267,6 +267,37 @@ def test_dask_gives_the_same_table(tmp_path, cluster):
         )
     one, more = ((tmp_path / f"{name}.parquet").read_bytes() for name in ("one", "dask"))
     assert one == more
+
+
+def test_dask_gives_the_same_table_where_workers_are_lost(tmp_path, cluster):
+    """Each is killed once while it has samples; its nanny starts another one."""
+    made = load_study(study_file(tmp_path, sobol(compute=SLOW)))
+    here(made, tmp_path / "one.parquet")
+    before = processes_of(cluster)
+    with dask_executor(cluster.scheduler_address) as (executor, threads):
+        losing = Losing(executor, {3: 0, 8: 1}, [*before.values()])
+        run_study(made, tmp_path / "dask.parquet", executor=losing, workers=threads, progress=False)
+        executor._client.wait_for_workers(2, timeout=60)
+    assert losing.alone == [False, False] and losing.submitted > 8
+    assert not {*before.values()} & {*processes_of(cluster).values()}
+    one, more = ((tmp_path / f"{name}.parquet").read_bytes() for name in ("one", "dask"))
+    assert one == more
+
+
+class Losing(Executor):
+    """Gives work to an executor, some of whose processes it kills on the way."""
+
+    def __init__(self, executor, losses, processes):
+        self.executor, self.losses, self.processes = executor, losses, processes
+        self.submitted, self.alone = 0, []
+
+    def submit(self, fn, /, *args, **kwargs):
+        future = self.executor.submit(fn, *args, **kwargs)
+        self.submitted += 1
+        if self.submitted in self.losses:
+            self.alone.append(future.done())
+            os.kill(self.processes[self.losses[self.submitted]], signal.SIGKILL)
+        return future
 
 
 def test_no_scheduler_is_told_so():

@@ -76,7 +76,7 @@ def test_joint_names_may_hold_dots():
 def test_a_label_stands_for_a_whole_configuration():
     poses = {"straight": {}, "bent": {"finger_1/hinge": 0.001, "finger_6/hinge": -0.001}}
     made = study({"fingers": {"values": poses, "key": "hand.q"}})
-    assert made.samples == (("straight",), ("bent",))
+    assert [*made.samples] == [("straight",), ("bent",)]
     straight, bent = (made.scene_at(sample).hand for sample in made.samples)
     assert straight is not None and bent is not None
     assert set(straight.q.values()) == {0.0}

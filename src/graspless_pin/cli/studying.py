@@ -13,7 +13,7 @@ import typer
 from graspless_pin.cli import INTERRUPTED
 from graspless_pin.cli.outcome import ExitCode, plain_errors
 from graspless_pin.report.document_files import SampleDocuments
-from graspless_pin.studies import load_study, results_summary, run_study
+from graspless_pin.studies import compute_study, load_study, results_parts, results_summary
 from graspless_pin.studies.executors import dask_executor
 
 
@@ -56,13 +56,14 @@ def study(
         try:
             elsewhere = nullcontext((None, None)) if dask is None else dask_executor(dask)
             with elsewhere as (executor, threads):
-                table = run_study(
+                compute_study(
                     loaded, output, executor=executor, workers=workers or threads,
                     progress=progress, overwrite=overwrite, fresh=fresh,
                 )  # fmt: skip
         except KeyboardInterrupt:
             typer.echo("interrupted; run the same command again to go on", err=True)
             raise typer.Exit(INTERRUPTED) from None
-        typer.echo(results_summary(table))
+        typer.echo(results_summary(output))
         typer.echo(f"{output} after {time.monotonic() - begin:.1f} s")
-    raise typer.Exit(ExitCode.FOUND if any(table["found"].tolist()) else ExitCode.INFEASIBLE)
+        found = any(part["found"].any() for part in results_parts(output, ["found"]))
+    raise typer.Exit(ExitCode.FOUND if found else ExitCode.INFEASIBLE)

@@ -46,10 +46,12 @@ def _check_values(study: Study, name: str, value: object, tree: Tree) -> None:
 
 def _check_any_touches(study: Study) -> None:
     count = len(study.samples)
-    spread = np.linspace(0, count - 1, min(count, _MOST_TRIED)).round().astype(int)
+    spread: list[int] = (
+        np.linspace(0, count - 1, min(count, _MOST_TRIED)).round().astype(int).tolist()
+    )
     parts = SampleParts()
     failure: tuple[Sample, GrasplessPinError] | None = None
-    for number in dict.fromkeys(spread.tolist()):
+    for number in dict.fromkeys(spread):
         sample = study.samples[number]
         try:
             study.scene_at(sample, parts).problem()
@@ -60,7 +62,7 @@ def _check_any_touches(study: Study) -> None:
     if failure is not None:
         names = [variable.column for variable in study.variables]
         values = ", ".join(f"{n} = {v!r}" for n, v in zip(names, failure[0], strict=True))
-        tried = "the only sample" if count == 1 else f"none of {len(set(spread.tolist()))} samples"
+        tried = "the only sample" if count == 1 else f"none of {len({*spread})} samples"
         verb = "cannot" if count == 1 else "can"
         raise StudyError(
             f"{study.source.path}: {tried} {verb} be computed; with {values}: {failure[1]}"

@@ -4,6 +4,7 @@ The journal stands beside the output: the checksum of one JSON object and the ob
 the study first, then the rows in the order in which they came. A last line without its end is what
 a killed run leaves, and is dropped. Any other line that does not fit its checksum is damage: the
 journal is refused. (SQLite would need checksums of its own, too: it has none for what it stores.)
+Rows stay on the disk: of each, the process keeps where its line begins.
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ import json
 import os
 import time
 import zlib
-from collections.abc import Iterable
+from array import array
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
@@ -27,6 +29,8 @@ _SYNC_EVERY = 2.0
 JOURNAL_FORMAT = 2
 _WITHOUT_CHECKSUMS = 1
 _CHECKSUM_DIGITS = 8
+_NOWHERE = -1
+"""Where the line of a sample begins that has none."""
 
 
 class Journal:
@@ -34,7 +38,7 @@ class Journal:
 
     Attributes:
         path: The file.
-        rows: Row by sample number, those of earlier runs included.
+        count: How many samples have a row, those of earlier runs included.
     """
 
     def __init__(
@@ -53,7 +57,7 @@ class Journal:
                 rows of another study.
         """
         self.path = path
-        self.rows: dict[int, Row] = {}
+        self._forget()
         try:
             self._file = path.open("ab+")
         except OSError as error:
@@ -66,6 +70,13 @@ class Journal:
             self._file.close()
             raise
 
+    def _forget(self) -> None:
+        """Begin with no rows."""
+        self.count = 0
+        self._end = 0
+        self._places = array("q")
+        self._kinds: dict[tuple[str, ...], int] = {}
+
     def _begin(self, identity: dict[str, Any], *, fresh: bool, overwrite: bool) -> None:
         if not _locked(self._file):
             raise StudyError(
@@ -73,27 +84,27 @@ class Journal:
                 "output"
             )
         self._file.seek(0)
-        content = self._file.read()
-        kept = content[: content.rfind(b"\n") + 1]
         try:
-            rows = self._read(content, identity, fresh=fresh)
+            self._read(identity, fresh=fresh)
         except StudyError:
             if not overwrite:
                 raise
-            rows = {}
-        self.rows = rows
-        self._file.truncate(len(kept) if rows else 0)
+            self._forget()
+        self._file.truncate(self._end if self.count else 0)
         self._synced = time.monotonic()
-        if not rows:
-            self._append([identity])
+        if not self.count:
+            first = _packed(identity)
+            self._write([first])
+            self._end = len(first)
             self.sync()
 
-    def _read(self, content: bytes, identity: dict[str, Any], *, fresh: bool) -> dict[int, Row]:
-        """Return the rows of this study in a journal; none if it is empty or to be dropped."""
-        if _packed(identity).startswith(content):
-            return {}  # it was killed when it began
-        first, *lines = content[: content.rfind(b"\n") + 1].split(b"\n")[:-1] or [b""]
-        found = _identity(first)
+    def _read(self, identity: dict[str, Any], *, fresh: bool) -> None:
+        """Find the rows of this study in a journal; none if it is empty or to be dropped."""
+        own = _packed(identity)
+        first = self._file.readline()
+        if first != own and own.startswith(first):
+            return  # it was killed when it began
+        found = _identity(first[:-1]) if first.endswith(b"\n") else None
         if found is None:
             raise StudyError(
                 f"{self.path}: is no journal of a study, or its first line is damaged; choose "
@@ -106,14 +117,28 @@ class Journal:
                 "scene was changed; choose another output, or replace it (--overwrite)"
             )
         if fresh:
-            return {}
+            return
         if differing:
             raise StudyError(
                 f"{self.path}: was begun with other versions of the libraries; begin anew "
                 "(--fresh), or choose another output"
             )
-        rows = [self._row(number, line) for number, line in enumerate(lines, start=2)]
-        return dict(rows)
+        self._end = len(first)
+        for number, line in enumerate(self._file, start=2):
+            if not line.endswith(b"\n"):
+                break  # what a killed run leaves
+            self._note(*self._row(number, line[:-1]), len(line))
+
+    def _note(self, sample: int, row: Row, length: int) -> None:
+        """Keep where the line of a row begins, which is the last one."""
+        places = self._places
+        if sample >= len(places):
+            places.extend([_NOWHERE] * (sample + 1 - len(places)))
+        self.count += places[sample] == _NOWHERE
+        places[sample] = self._end
+        self._end += length
+        kind = tuple(row)
+        self._kinds[kind] = min(self._kinds.get(kind, sample), sample)
 
     def _row(self, number: int, line: bytes) -> tuple[int, Row]:
         """Return the number of a sample and its row."""
@@ -126,11 +151,36 @@ class Journal:
                 "line to have its sample computed again, or begin anew (--fresh)"
             ) from None
 
+    def __contains__(self, sample: int) -> bool:
+        """Return whether a sample has a row."""
+        return sample < len(self._places) and self._places[sample] != _NOWHERE
+
+    @property
+    def columns(self) -> list[str]:
+        """What rows hold, in the order of the samples that have it first."""
+        kinds = sorted(self._kinds, key=lambda kind: self._kinds[kind])
+        return [*dict.fromkeys(name for kind in kinds for name in kind)]
+
+    def rows(self, samples: Iterable[int]) -> Iterator[Row]:
+        """Read the rows of samples that have one.
+
+        Raises:
+            StudyError: If the file has changed since it was opened.
+        """
+        for sample in samples:
+            self._file.seek(self._places[sample])
+            try:
+                yield _unpacked(self._file.readline()[:-1])
+            except ValueError:
+                raise StudyError(f"{self.path}: was changed while it was in use") from None
+
     def append(self, rows: Iterable[Row]) -> None:
         """Write rows."""
-        new = list(rows)
-        self.rows.update((int(row["sample"]), row) for row in new)
-        self._append(new)
+        lines = []
+        for row in rows:
+            lines.append(_packed(row))
+            self._note(int(row["sample"]), row, len(lines[-1]))
+        self._write(lines)
         if time.monotonic() - self._synced > _SYNC_EVERY:
             self.sync()
 
@@ -147,8 +197,8 @@ class Journal:
             self.sync()
         self._file.close()
 
-    def _append(self, items: list[dict[str, Any]]) -> None:
-        self._file.write(b"".join(map(_packed, items)))
+    def _write(self, lines: list[bytes]) -> None:
+        self._file.write(b"".join(lines))
         self._file.flush()
 
 

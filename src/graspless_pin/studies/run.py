@@ -1,13 +1,10 @@
-"""Run a study: chunks of samples to workers, rows to the journal, at the end one table."""
+"""Run a study: samples to workers, rows to the journal, at the end one table."""
 
 from __future__ import annotations
 
 import os
-from collections import deque
-from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from collections.abc import Iterable
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,31 +23,20 @@ from graspless_pin.drafts import remove_stale_drafts
 from graspless_pin.errors import StudyError
 from graspless_pin.problem.checks import whole_number
 from graspless_pin.studies.checks import check_study
-from graspless_pin.studies.executors import Workforce, given_executor, local_processes
+from graspless_pin.studies.dispatch import Dispatch
+from graspless_pin.studies.executors import given_executor, local_processes
 from graspless_pin.studies.journal import JOURNAL_FORMAT, Journal, discard
-from graspless_pin.studies.sample_evaluation import Failure, Row, evaluate_each
+from graspless_pin.studies.results import read_results, results_about, results_parts
+from graspless_pin.studies.sample_evaluation import Failure, Row
 from graspless_pin.studies.study import Study
-from graspless_pin.studies.tables import (
-    KEY,
-    check_columns,
-    format_of,
-    read_results,
-    require_tables,
-    results_table,
-    write_results,
-)
+from graspless_pin.studies.tables import check_columns, format_of, require_tables, write_results
 from graspless_pin.versions import versions
 
 if TYPE_CHECKING:
     import pandas as pd
 
-_CHUNK_SECONDS = 0.5
-"""How long a chunk should take: long beside the way to a worker, short beside a progress bar."""
-_LARGEST_CHUNK = 4096
 _LONGEST_NAME = 220
 """Bytes of an output's name; its journal and draft have longer ones, and 255 is the end."""
-_AHEAD = 2
-"""Chunks a worker: one that it computes, and one that waits for it."""
 
 
 def run_study(
@@ -63,18 +49,13 @@ def run_study(
     overwrite: bool = False,
     fresh: bool = False,
 ) -> pd.DataFrame:
-    """Compute all samples of a study and write the table.
-
-    Rows go to a journal beside the output (``results.parquet.journal``) as they come. A run that
-    was killed goes on from there, and a study whose output is complete is only read back.
+    """Compute all samples of a study, write the table and return it: see `compute_study`.
 
     Args:
         study: The study.
         output: The table's file; ``.parquet`` or ``.csv``.
-        executor: Where to compute; None: processes on this machine. Its workers need this package,
-            and the scene's files at the same paths.
-        workers: Processes, or how many chunks of samples the executor is kept busy with; None: the
-            number of cores that this process may use.
+        executor: Where to compute; None: processes on this machine.
+        workers: Processes, or chunks that the executor is kept busy with; None: one a core.
         progress: Whether to show a progress bar on standard error, and whether a run goes on.
         overwrite: Whether what is not this study's may be replaced: the output and its journal.
         fresh: Whether to drop what an earlier run of this study has left.
@@ -102,6 +83,55 @@ def run_study(
         >>> print(results_summary(again).splitlines()[0])
         2 samples: 2 found, 0 infeasible, 0 failed
     """
+    compute_study(
+        study, output, executor=executor, workers=workers, progress=progress, overwrite=overwrite,
+        fresh=fresh,
+    )  # fmt: skip
+    return read_results(output)
+
+
+def compute_study(
+    study: Study,
+    output: str | Path,
+    *,
+    executor: Executor | None = None,
+    workers: int | None = None,
+    progress: bool = True,
+    overwrite: bool = False,
+    fresh: bool = False,
+) -> None:
+    """Compute all samples of a study and write the table, of which a part at a time is in memory.
+
+    Rows go to a journal beside the output (``results.parquet.journal``) as they come. A run that
+    was killed goes on from there, and a study whose output is complete is left as it is.
+
+    Args:
+        study: The study.
+        output: The table's file; ``.parquet`` or ``.csv``.
+        executor: Where to compute; None: processes on this machine. Its workers need this package,
+            and the scene's files at the same paths.
+        workers: Processes, or how many chunks of samples the executor is kept busy with; None: the
+            number of cores that this process may use.
+        progress: Whether to show a progress bar on standard error, and whether a run goes on.
+        overwrite: Whether what is not this study's may be replaced: the output and its journal.
+        fresh: Whether to drop what an earlier run of this study has left.
+
+    Raises:
+        StudyError: If the study cannot be computed at all, the output cannot be written or belongs
+            to another study, or workers cannot be had.
+
+    Examples:
+        >>> from tempfile import TemporaryDirectory
+        >>> from graspless_pin.studies import Study, compute_study, results_parts
+        >>> vary = {"object.mass": {"values": [1.0, 2.0]}}  # kg
+        >>> data = {"scene": "examples/paper/cuboid_at_rest.yaml", "vary": vary}
+        >>> with TemporaryDirectory() as folder:
+        ...     file = f"{folder}/results.parquet"
+        ...     compute_study(Study.from_data(data), file, workers=1, progress=False)
+        ...     for part in results_parts(file):
+        ...         print(part["margin_N"].round(3).tolist())
+        [1.65, 1.875]
+    """
     require_tables()
     file = Path(output)
     format_of(file)
@@ -110,13 +140,12 @@ def run_study(
     count = whole_number("workers", usable_cores() if workers is None else workers, 1)
     journal_file = file.with_name(f"{file.name}.journal")
     if not fresh:
-        finished = _finished(study, file, overwrite=overwrite, goes_on=journal_file.exists())
-        if finished is not None and not _unrecorded(study, finished["status"].tolist()):
+        if _is_finished(study, file, overwrite=overwrite, goes_on=journal_file.exists()):
             discard(journal_file, study.fingerprint)
             remove_stale_drafts(file)
             if progress:
                 _notice(f"{file} is complete: nothing is left to compute (--fresh begins anew)")
-            return finished
+            return
     elif file.is_file() and not overwrite:
         _check_own(study, file)
     _check_folder(file)
@@ -125,30 +154,22 @@ def run_study(
     journal = Journal(journal_file, identity, fresh=fresh, overwrite=overwrite)
     complete = False
     try:
-        known = [journal.rows.get(n, {}).get("status") for n in range(len(study.samples))]
-        again = _unrecorded(study, known)
-        missing = [n for n, status in enumerate(known) if status is None or n in again]
-        if missing:
-            if progress and journal.rows:
-                _notice(f"goes on: {len(journal.rows)} samples are there from an earlier run")
-            _compute(study, missing, journal, executor, count, progress=progress)
-        table = results_table(study, journal.rows)
-        write_results(table, file)
+        _compute(study, journal, executor, count, progress=progress)
+        write_results(study, journal, file)
         complete = True
     finally:
         journal.close(remove=complete)
-    return table
 
 
-def _unrecorded(study: Study, statuses: Sequence[str | None]) -> set[int]:
+def _unrecorded(study: Study, rows: Iterable[Row]) -> set[int]:
     """Return samples with a solution that the study's record lacks; without a record: none."""
     if study.record is None:
         return set()
     failures = {why.value for why in Failure}
     return {
-        number
-        for number, status in enumerate(statuses)
-        if status is not None and status not in failures and not study.record.has(number)
+        row["sample"]
+        for row in rows
+        if row["status"] not in failures and not study.record.has(row["sample"])
     }
 
 
@@ -179,7 +200,7 @@ def _check_folder(file: Path) -> None:
 def _check_own(study: Study, file: Path) -> dict[str, Any]:
     """Return what a file says of its study, which has to be this one."""
     try:
-        about: dict[str, Any] = read_results(file).attrs[KEY]
+        about = results_about(file)
     except StudyError as error:
         raise StudyError(f"{error}; choose another output, or replace it (--overwrite)") from None
     if about["fingerprint"] != study.fingerprint:
@@ -191,141 +212,55 @@ def _check_own(study: Study, file: Path) -> dict[str, Any]:
     return about
 
 
-def _finished(study: Study, file: Path, *, overwrite: bool, goes_on: bool) -> pd.DataFrame | None:
-    """Return the table where the output is already complete; refuse another study's output."""
+def _is_finished(study: Study, file: Path, *, overwrite: bool, goes_on: bool) -> bool:
+    """Return whether the output is already complete; refuse another study's output."""
     if not file.is_file():
-        return None
+        return False
     try:
         about = _check_own(study, file)
     except StudyError:
         if overwrite:
-            return None
+            return False
         raise
     if about["versions"] != versions():
         if overwrite or goes_on:
-            return None
+            return False
         raise StudyError(
             f"{file}: was computed with other versions of the libraries ({about['versions']}); "
             "compute it again (--fresh), or choose another output"
         )
-    return read_results(file)
+    parts = results_parts(file, ["sample", "status"])
+    return not _unrecorded(study, (row for part in parts for row in part.to_dict("records")))
 
 
 def _compute(
-    study: Study,
-    missing: Sequence[int],
-    journal: Journal,
-    executor: Executor | None,
-    count: int,
-    *,
-    progress: bool,
+    study: Study, journal: Journal, executor: Executor | None, count: int, *, progress: bool
 ) -> None:
+    """Compute the samples that have no row, or whose solution the record lacks."""
+    numbers = range(len(study.samples))
+    again = _unrecorded(study, journal.rows(number for number in numbers if number in journal))
+    left = len(numbers) - journal.count + len(again)
+    if not left:
+        return
+    if progress and journal.count:
+        _notice(f"goes on: {journal.count} samples are there from an earlier run")
     with _progress_bar(progress) as bar:
-        total = len(study.samples)
-        task = bar.add_task(study.name, total=total, completed=total - len(missing))
-        if executor is None:
-            force = local_processes(min(count, len(missing)))
-        else:
-            force = given_executor(executor, count)
+        task = bar.add_task(study.name, total=len(numbers), completed=len(numbers) - left)
 
         def keep(rows: list[Row]) -> None:
             journal.append(rows)
             bar.advance(task, len(rows))
 
-        _Dispatch(study, force, keep, deque(missing)).run()
-
-
-@dataclass(eq=False)
-class _Dispatch:
-    """Sends chunks of samples to workers and keeps the rows that come back.
-
-    Attributes:
-        study: The study.
-        force: The workers.
-        keep: Takes rows.
-        queue: Samples that are still to be sent.
-        running: Chunk by future.
-        pace: Seconds a sample, so far.
-    """
-
-    study: Study
-    force: Workforce
-    keep: Callable[[list[Row]], None]
-    queue: deque[int]
-    running: dict[Future[Any], list[int]] = field(default_factory=dict)
-    pace: float | None = None
-
-    def run(self) -> None:
-        """Run until every sample has its row; close the workers."""
+        if executor is None:
+            force = local_processes(min(count, left))
+        else:
+            force = given_executor(executor, count)
+        dispatch = Dispatch(study, force, keep)
+        missing = (number for number in numbers if number not in journal or number in again)
         try:
-            while self.queue or self.running:
-                self._send()
-                done, _ = wait(self.running, return_when=FIRST_COMPLETED)
-                for future in done:
-                    self._receive(future)
+            dispatch.run(missing, left)
         finally:
-            left = [future for future in self.running if not future.cancel()]
-            self.force.close()
-            for future in left:
-                if future.done() and future.exception() is None:
-                    chunk = {*self.running[future]}
-                    self.keep([row for row in future.result()[0] if row["sample"] in chunk])
-
-    def _send(self) -> None:
-        while self.queue and len(self.running) < _AHEAD * self.force.workers:
-            chunk = self._chunk()
-            samples = [(number, self.study.samples[number]) for number in self._with_blocks(chunk)]
-            try:
-                future = self.force.submit(evaluate_each, self._plan, samples)
-            except BrokenExecutor as error:
-                raise _lost(error) from error
-            self.running[future] = chunk
-
-    def _chunk(self) -> list[int]:
-        """Take the next samples off the queue: whole blocks, as far as they are missing."""
-        block, size = self.study.block, self._size()
-        chunk: list[int] = []
-        while self.queue and (len(chunk) < size or self.queue[0] // block == chunk[-1] // block):
-            chunk.append(self.queue.popleft())
-        return chunk
-
-    def _with_blocks(self, chunk: Sequence[int]) -> list[int]:
-        """Return samples and what they may learn from: those before them in their blocks."""
-        block = self.study.block
-        last = {number // block: number for number in chunk}
-        return [n for place, end in last.items() for n in range(place * block, end + 1)]
-
-    @cached_property
-    def _plan(self) -> Study:
-        """The study as workers get it, with every chunk: without the list of all samples."""
-        return replace(self.study, samples=())
-
-    def _size(self) -> int:
-        """Return the next chunk's size: smaller toward the end, so that no worker ends late."""
-        if self.pace is None:
-            return 1
-        fair = len(self.queue) / (_AHEAD * self.force.workers)
-        return max(1, min(int(_CHUNK_SECONDS / self.pace), int(fair), _LARGEST_CHUNK))
-
-    def _receive(self, future: Future[Any]) -> None:
-        """Keep the rows of a future."""
-        chunk = {*self.running.pop(future)}
-        try:
-            rows, seconds = future.result()
-        except StudyError:
-            raise
-        except Exception as error:
-            raise _lost(error) from error
-        self.keep([row for row in rows if row["sample"] in chunk])
-        now = seconds / len(chunk)
-        self.pace = now if self.pace is None else 0.5 * (self.pace + now)
-
-
-def _lost(error: Exception) -> StudyError:
-    return StudyError(
-        f"a worker failed ({type(error).__name__}: {error}); the rows so far are kept: run "
-        "the study again to go on"
-    )
+            dispatch.close()
 
 
 def _progress_bar(shown: bool) -> Progress:

@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 from pathlib import Path
 from typing import Any, Protocol
-
-import numpy as np
-from scipy.stats import qmc
 
 from graspless_pin.errors import StudyError
 from graspless_pin.intake.files import FileKind, is_file, read_bytes
@@ -25,10 +21,10 @@ from graspless_pin.scene.yaml_source import Location, YamlSource, key_text
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.studies.keys import Tree, copied
 from graspless_pin.studies.sample_parts import Sample, SampleParts
+from graspless_pin.studies.samples import samples_of
 from graspless_pin.studies.study_schema import StudyEntry
 from graspless_pin.studies.variables import Variable, make_variable
 
-MOST_SAMPLES = 10_000_000
 _LARGEST_BLOCK = 64
 _BLOCKS = 256
 """As many workers at least have something to do where there are enough samples."""
@@ -60,7 +56,7 @@ class Study:
         source: The study file.
         scene: The scene file with what is computed written into its ``solve`` section.
         variables: What varies, in the order of the file.
-        samples: The values of all variables, sample by sample.
+        samples: The values of all variables, sample by sample; made when they are asked for.
         fingerprint: Hash of all that the results depend on but the versions of libraries.
         block: How many samples follow each other in which one may begin with what was learned of
             those before it; 1: none does.
@@ -71,7 +67,7 @@ class Study:
     source: YamlSource
     scene: YamlSource
     variables: tuple[Variable, ...]
-    samples: tuple[Sample, ...]
+    samples: Sequence[Sample]
     fingerprint: str
     block: int = 1
     record: SolutionWriter | None = None
@@ -164,7 +160,7 @@ def _made(source: YamlSource, folder: Path) -> Study:
     _check_targets(variables, options, fail)
     _check_materials(usual, variables, fail)
     _check_algorithm(tree, variables, options, fail)
-    samples = _samples(entry, variables, fail)
+    samples = samples_of(entry.sampling, variables, fail)
     return Study(
         entry=entry,
         source=source,
@@ -241,35 +237,6 @@ def _check_algorithm(
         for variable in variables:
             if any(location == ("solve", name) for location, _, _ in variable.targets):
                 raise fail(("vary", variable.name), message)
-
-
-def _samples(entry: StudyEntry, variables: tuple[Variable, ...], fail: Any) -> tuple[Sample, ...]:
-    sampling = entry.sampling
-    count = sampling.samples or 1
-    for variable in variables:
-        where = "vary", variable.name
-        if sampling.method == "grid":
-            try:
-                count *= variable.grid_size
-            except StudyError as error:
-                raise fail(where, str(error)) from None
-        elif variable.entry.steps is not None:
-            raise fail((*where, "steps"), "goes with a grid; leave it out")
-    if count > MOST_SAMPLES:
-        raise fail(("sampling",), f"makes {count} samples; at most {MOST_SAMPLES} are possible")
-    if sampling.method == "grid":
-        return tuple(product(*(variable.points() for variable in variables)))
-    rng = np.random.default_rng(sampling.seed)
-    if sampling.method == "sobol":
-        # The sequence is balanced over powers of two; a part of it is still its beginning.
-        engine = qmc.Sobol(len(variables), rng=rng)
-        shares = engine.random_base2(int(np.ceil(np.log2(count))))[:count]
-    else:
-        shares = qmc.LatinHypercube(len(variables), rng=rng).random(count)
-    return tuple(
-        tuple(variable.at(u) for variable, u in zip(variables, row, strict=True))
-        for row in shares.tolist()
-    )
 
 
 def _fingerprint(entry: StudyEntry, tree: Tree, folder: Path) -> str:

@@ -1,16 +1,18 @@
-"""Results as a tidy table, one row a sample: to and from Parquet and CSV."""
+"""Results as a tidy table, one row a sample, in Parquet or CSV: which columns, and how written."""
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from graspless_pin.drafts import draft_of
 from graspless_pin.errors import StudyError
-from graspless_pin.studies.sample_evaluation import LARGEST_TORQUE, Failure, Row
+from graspless_pin.studies.journal import Journal
+from graspless_pin.studies.sample_evaluation import LARGEST_TORQUE
 from graspless_pin.studies.study import Study
 from graspless_pin.versions import versions
 
@@ -36,7 +38,10 @@ _LAST = (
 _TEXT = ("status", "verdict", "reason", "error")
 _ATTRS = "PANDAS_ATTRS"
 """Where ``pandas.read_parquet`` finds ``DataFrame.attrs``."""
-_CSV_MARK = f"# {KEY} "
+CSV_MARK = f"# {KEY} "
+"""Begin of the first line of a CSV file."""
+PART_ROWS = 2**14
+"""Rows that are in memory at a time; a row group of Parquet."""
 
 
 def require_tables() -> None:
@@ -100,24 +105,35 @@ def study_metadata(study: Study) -> dict[str, Any]:
     }
 
 
-def results_table(study: Study, rows: Mapping[int, Row]) -> pd.DataFrame:
-    """Return the table of a study's rows, in the order of its samples."""
+def _made_parts(study: Study, journal: Journal) -> Iterator[pd.DataFrame]:
+    """Yield the table of a study's rows in parts, in the order of its samples."""
+    seen = journal.columns
+    largest = [name for name in _LARGEST if name in seen] or _LARGEST[:1]
+    torques = [name for name in seen if name not in ("sample", *_FIRST, *_LARGEST, *_LAST)]
+    last = [name for name in _LAST if name in seen or name in (*_COUNTS, "reason", "error")]
+    names = [*_FIRST, *largest, *torques, *last]
+    for begin in range(0, len(study.samples), PART_ROWS):
+        numbers = range(len(study.samples))[begin : begin + PART_ROWS]
+        results: list[list[Any]] = [[] for _ in names]
+        for row in journal.rows(numbers):
+            for name, column in zip(names, results, strict=True):
+                column.append(row.get(name))
+        yield _part(study, numbers, dict(zip(names, results, strict=True)))
+
+
+def _part(study: Study, numbers: range, results: dict[str, list[Any]]) -> pd.DataFrame:
+    """Return a part of a table."""
     import pandas as pd
 
-    ordered = [rows[number] for number in range(len(study.samples))]
-    columns: dict[str, Any] = {"sample": pd.Series(range(len(ordered)), dtype="int64")}
-    for index, variable in enumerate(study.variables):
-        values = pd.Series([sample[index] for sample in study.samples])
-        columns[variable.column] = values.astype("str") if values.dtype == object else values
-    seen = dict.fromkeys(name for row in ordered for name in row if name != "sample")
-    largest = [name for name in _LARGEST if name in seen] or _LARGEST[:1]
-    torques = [name for name in seen if name not in (*_FIRST, *_LARGEST, *_LAST)]
-    last = [name for name in _LAST if name in seen or name in (*_COUNTS, "reason", "error")]
-    for name in (*_FIRST, *largest, *torques, *last):
-        columns[name] = pd.Series([row.get(name) for row in ordered], dtype=_type(name))
-    table = pd.DataFrame(columns)
-    table.attrs[KEY] = study_metadata(study)
-    return table
+    columns: dict[str, Any] = {"sample": pd.Series(numbers, dtype="int64")}
+    varied = zip(*[study.samples[number] for number in numbers], strict=True)
+    for variable, values in zip(study.variables, varied, strict=True):
+        kind = pd.Series(variable.extremes()).dtype
+        column = pd.Series(values, dtype=kind)
+        columns[variable.column] = column.astype("str") if kind == "object" else column
+    for name, values in results.items():
+        columns[name] = pd.Series(values, dtype=_type(name))
+    return pd.DataFrame(columns)
 
 
 def _type(name: str) -> str:
@@ -128,22 +144,21 @@ def _type(name: str) -> str:
     return "str" if name in _TEXT else "float64"
 
 
-def write_results(table: pd.DataFrame, output: Path) -> None:
-    """Write a table beside its final name, then move it there in one step.
+def write_results(study: Study, journal: Journal, output: Path) -> None:
+    """Write the table of all rows, part by part, beside its final name; then move it there.
+
+    Args:
+        study: The study, whose samples all have a row.
+        journal: The rows.
+        output: The table's file.
 
     Raises:
         StudyError: If it cannot be written.
     """
-    about = table.attrs[KEY]
+    write = _write_csv if format_of(output) == "csv" else _write_parquet
     try:
         with draft_of(output) as draft:
-            if format_of(output) == "csv":
-                types = {name: str(kind) for name, kind in table.dtypes.items()}
-                head = _CSV_MARK + json.dumps(about | {"columns": types})
-                body = table.to_csv(index=False, lineterminator="\n")
-                draft.write_text(f"{head}\n{body}", encoding="utf-8")
-            else:
-                _write_parquet(table, about, draft)
+            write(_made_parts(study, journal), study_metadata(study), draft)
             with draft.open("rb") as written:
                 os.fsync(written.fileno())
     except OSError as error:
@@ -152,125 +167,25 @@ def write_results(table: pd.DataFrame, output: Path) -> None:
         ) from error
 
 
-def _write_parquet(table: pd.DataFrame, about: dict[str, Any], file: Path) -> None:
+def _write_csv(parts: Iterator[pd.DataFrame], about: dict[str, Any], file: Path) -> None:
+    with file.open("w", encoding="utf-8", newline="") as lines:
+        for k, part in enumerate(parts):
+            if not k:
+                types = {name: str(kind) for name, kind in part.dtypes.items()}
+                lines.write(f"{CSV_MARK}{json.dumps(about | {'columns': types})}\n")
+            part.to_csv(lines, index=False, header=not k, lineterminator="\n")
+
+
+def _write_parquet(parts: Iterator[pd.DataFrame], about: dict[str, Any], file: Path) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    bare = table.copy()
-    bare.attrs = {}
-    content = pa.Table.from_pandas(bare, preserve_index=False)
     said = {KEY: json.dumps(about), _ATTRS: json.dumps({KEY: about})}
-    kept = {**(content.schema.metadata or {}), **said}
-    pq.write_table(content.replace_schema_metadata(kept), file)
-
-
-def read_results(path: str | Path) -> pd.DataFrame:
-    """Read results back.
-
-    Args:
-        path: A Parquet or CSV file that `run_study` has written.
-
-    Returns:
-        The table; ``attrs["graspless_pin"]`` holds the study, its hash, seed and versions.
-
-    Raises:
-        StudyError: If there is no such file or it holds no results.
-
-    Examples:
-        >>> from tempfile import TemporaryDirectory
-        >>> from graspless_pin import read_results, run_study
-        >>> from graspless_pin.studies import Study, results_summary
-        >>> vary = {"object.mass": {"values": [1.0, 2.0]}}  # kg
-        >>> data = {"scene": "examples/paper/cuboid_at_rest.yaml", "vary": vary}
-        >>> study = Study.from_data(data, folder=".")
-        >>> with TemporaryDirectory() as folder:
-        ...     table = run_study(study, f"{folder}/results.csv", workers=1, progress=False)
-        ...     again = read_results(f"{folder}/results.csv")
-        >>> table["margin_N"].round(3).tolist()
-        [1.65, 1.875]
-        >>> print(results_summary(again).splitlines()[0])
-        2 samples: 2 found, 0 infeasible, 0 failed
-    """
-    require_tables()
-    file = Path(path)
-    kind = format_of(file)
-    if not file.is_file():
-        raise StudyError(f"{file}: there is no such file; check the path")
-    try:
-        table, about = _read_csv(file) if kind == "csv" else _read_parquet(file)
-    except (OSError, ValueError, KeyError) as error:
-        raise StudyError(f"{file}: holds no results of a study ({error})") from None
-    table.attrs[KEY] = about
-    return table
-
-
-def _read_parquet(file: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
-    import pyarrow.parquet as pq
-
-    content = pq.read_table(file)
-    about = json.loads((content.schema.metadata or {})[KEY.encode()])
-    return content.to_pandas(), about
-
-
-def _read_csv(file: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
-    import pandas as pd
-
-    with file.open(encoding="utf-8") as lines:
-        head = next(lines, "")
-    if not head.startswith(_CSV_MARK):
-        raise ValueError("its first line does not tell the study")
-    about = json.loads(head.removeprefix(_CSV_MARK))
-    types: dict[str, str] = about.pop("columns")
-    table = pd.read_csv(file, skiprows=1, dtype="str", keep_default_na=False, na_values=[""])
-    for name, kind in types.items():
-        if kind == "bool":
-            table[name] = table[name] == "True"
-        elif kind != "str":
-            # Python reads every digit that was written; pandas' own reader may round the last.
-            numbers = [None if text != text else float(text) for text in table[name]]
-            table[name] = pd.Series(numbers, dtype="float64").astype(kind)
-    return table, about
-
-
-def results_summary(table: pd.DataFrame) -> str:
-    """Return how many samples were found, infeasible and failed, and the best and worst margin.
-
-    Examples:
-        >>> from tempfile import TemporaryDirectory
-        >>> from graspless_pin import read_results, run_study
-        >>> from graspless_pin.studies import Study, results_summary
-        >>> vary = {"object.mass": {"values": [1.0, 2.0]}}  # kg
-        >>> data = {"scene": "examples/paper/cuboid_at_rest.yaml", "vary": vary}
-        >>> study = Study.from_data(data, folder=".")
-        >>> with TemporaryDirectory() as folder:
-        ...     table = run_study(study, f"{folder}/results.csv", workers=1, progress=False)
-        ...     again = read_results(f"{folder}/results.csv")
-        >>> table["margin_N"].round(3).tolist()
-        [1.65, 1.875]
-        >>> print(results_summary(again).splitlines()[0])
-        2 samples: 2 found, 0 infeasible, 0 failed
-    """
-    rows: Any = table
-    failures = {why: int((rows["status"] == why.value).sum()) for why in Failure}
-    found = int(rows["found"].sum())
-    many = "samples" if len(table) > 1 else "sample"
-    infeasible = len(table) - found - sum(failures.values())
-    lines = [f"{len(table)} {many}: {found} found, {infeasible} infeasible"]
-    for why, count in failures.items():
-        if count or why is Failure.FAILED:
-            lines[0] += f", {count} {why.value.replace('_', ' ')}"
-    if found:
-        margins = rows.loc[rows["found"], "margin_N"]
-        names = list(rows.columns[1 : rows.columns.get_loc("status")])
-        for word, number in (("largest", margins.idxmax()), ("smallest", margins.idxmin())):
-            values = ", ".join(f"{name} {_short(rows.at[number, name])}" for name in names)
-            margin = rows.at[number, "margin_N"]
-            lines.append(f"{word} margin {margin:.4g} N at sample {number}: {values}")
-    if any(failures.values()):
-        number = int(rows["status"].isin([why.value for why in Failure]).idxmax())
-        lines.append(f"first failure at sample {number}: {rows.at[number, 'error']}")
-    return "\n".join(lines)
-
-
-def _short(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    with ExitStack() as stack:
+        writer = None
+        for part in parts:
+            content = pa.Table.from_pandas(part, preserve_index=False)
+            content = content.replace_schema_metadata({**(content.schema.metadata or {}), **said})
+            if writer is None:
+                writer = stack.enter_context(pq.ParquetWriter(file, content.schema))
+            writer.write_table(content)
