@@ -22,9 +22,9 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File, Files
 from PIL import Image, ImageDraw, ImageFont
-from plots_of_pages import PLOTS, draw_plot
+from plots_of_pages import PLOTS, draw_boundary, draw_plot
 
-from graspless_pin import close_fingers, load_scene, place_hand
+from graspless_pin import close_fingers, load_scene, load_study, place_hand
 from graspless_pin.errors import GrasplessPinError
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
@@ -193,6 +193,9 @@ def _contents(mark: re.Match[str], folder: Path) -> dict[str, bytes]:
     name = _name(mark)
     margin = None if mark["margin"] is None else float(mark["margin"])
     try:
+        if mark["kind"] == "boundary":
+            _KEYS[name] = ""
+            return {name: draw_boundary(load_study(ROOT / mark["scene"]))}
         scene = _scene(mark, folder)
         if mark["kind"] in PLOTS:
             _KEYS[name] = ""
@@ -229,11 +232,12 @@ def _key(picture: Picture) -> str:
 def _figure(mark: re.Match[str]) -> str:
     """Return a picture in both themes, of which the page shows one, or a plot."""
     name, words = _name(mark), mark["words"]
-    ends = [""] if mark["kind"] in PLOTS else [f"-{theme}" for theme in PALETTES]
+    is_plot = mark["kind"] in (*PLOTS, "boundary")
+    ends = [""] if is_plot else [f"-{theme}" for theme in PALETTES]
     images = "\n".join(
         f"![{words}](pictures/{name}{end}.png{end and '#only'}{end})" for end in ends
     )
-    kind = "plot" if mark["kind"] in PLOTS else "picture"
+    kind = "plot" if is_plot else "picture"
     return (
         f'<figure class="{kind}" markdown="span">\n{images}\n'
         f"<figcaption>{words}{_KEYS[name] and '<br>'}{_KEYS[name]}</figcaption>\n</figure>"

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+import tempfile
 from collections.abc import Callable
+from pathlib import Path
 from typing import cast
 
 from matplotlib.axes import Axes
@@ -16,10 +18,12 @@ from graspless_pin.plots import (
     friction_section,
     margin_torque_plot,
     normal_force_ranges,
+    outcome_boundary,
     plane_directions,
     torque_bars,
 )
 from graspless_pin.solution import TorqueSolution
+from graspless_pin.studies import Study, run_study
 
 
 def _section(solution: TorqueSolution, figure: Figure) -> Axes:
@@ -64,8 +68,27 @@ def draw_plot(kind: str, solution: TorqueSolution) -> bytes:
         solution: What it is of.
     """
     draw, size = PLOTS[kind]
-    figure = Figure(figsize=size, layout="constrained", facecolor="white")
+    figure = _white(size)
     draw(solution, figure)
+    return _png(figure)
+
+
+def draw_boundary(study: Study) -> bytes:
+    """Return where the outcome of a study changes, over what varies first and next, as a PNG."""
+    with tempfile.TemporaryDirectory() as folder:
+        table = run_study(study, Path(folder) / "results.parquet", progress=False)
+    figure = _white((6.4, 4.2))
+    across, up = [variable.column for variable in study.variables][:2]
+    border = study.entry.sampling.border or "found"
+    outcome_boundary(table, across, up, figure.add_subplot(), outcome=border)
+    return _png(figure)
+
+
+def _white(size: tuple[float, float]) -> Figure:
+    return Figure(figsize=size, layout="constrained", facecolor="white")
+
+
+def _png(figure: Figure) -> bytes:
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=130, metadata={"Software": None})
     return buffer.getvalue()

@@ -3,10 +3,10 @@
 import numpy as np
 import pandas as pd
 import pytest
-from matplotlib.collections import QuadMesh
+from matplotlib.collections import LineCollection, QuadMesh
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.plots import margin_heat_map, margin_plot
+from graspless_pin.plots import margin_heat_map, margin_plot, outcome_boundary
 
 
 def line(axes, label: str) -> np.ndarray:
@@ -100,3 +100,52 @@ def test_bad_columns_are_named():
         margin_heat_map(table, "mass", "robot")
     with pytest.raises(ArgumentError, match="value: is 'max_torque_Nm'; the table has"):
         margin_plot(table, "mass", value="max_torque_Nm")
+
+
+def segments_of(axes) -> np.ndarray:
+    """(segments, 2 ends, 2) the lines of a boundary."""
+    (lines,) = [one for one in axes.collections if isinstance(one, LineCollection)]
+    return np.array([path.vertices for path in lines.get_paths()]).reshape(-1, 2, 2)
+
+
+def test_a_boundary_goes_half_way_between_different_neighbours():
+    """A straight border on a fine grid, its coordinates of quite different sizes."""
+    xs, ys = np.linspace(0.0, 1000.0, 21), np.linspace(0.0, 1.0, 21)
+    rows = [(x, y, bool(x / 1000.0 + y > 0.73)) for x in xs for y in ys]
+    table = pd.DataFrame(rows, columns=["height_mm", "friction", "found"])
+    axes = outcome_boundary(table, "height_mm", "friction")
+    assert axes.get_xlabel() == "height [mm]" and axes.get_ylabel() == "friction coefficient"
+    ends = segments_of(axes).reshape(-1, 2)
+    assert np.abs(ends[:, 0] / 1000.0 + ends[:, 1] - 0.73).max() < 0.05 + 1e-9
+    steps = np.diff(segments_of(axes) / [1000.0, 1.0], axis=1)
+    length = np.linalg.norm(steps, axis=2).sum()
+    assert 0.95 * 0.73 * 2**0.5 < length < 1.45 * 0.73 * 2**0.5
+    legend = axes.get_legend()
+    words = {text.get_text() for text in legend.get_texts()} if legend else set()
+    assert words == {"found", "nothing found"}
+
+
+def test_three_outcomes_meet_in_a_point():
+    rows = [(0.0, 0.0, "a"), (1.0, 0.0, "b"), (0.0, 1.0, "c")]
+    table = pd.DataFrame(rows, columns=["x", "y", "status"])
+    found = segments_of(outcome_boundary(table, "x", "y", outcome="status"))
+    assert len(found) == 3
+    np.testing.assert_allclose(found[:, 1], 1.0 / 3.0)
+    assert {tuple(end) for end in found[:, 0]} == {(0.5, 0.0), (0.5, 0.5), (0.0, 0.5)}
+
+
+def test_no_boundary_where_all_is_alike():
+    rows = [(x, y, True) for x in (0.0, 1.0) for y in (0.0, 1.0)]
+    axes = outcome_boundary(pd.DataFrame(rows, columns=["x", "y", "found"]), "x", "y")
+    assert len(segments_of(axes)) == 0 and axes.get_legend() is None
+
+
+def test_what_has_no_boundary_is_told():
+    table = pd.DataFrame({"x": [0.0, 1.0, 2.0], "y": [1.0, 2.0, 3.0], "found": [True, False, True]})
+    with pytest.raises(ArgumentError, match="on one line; vary two parameters"):
+        outcome_boundary(table, "x", "y")
+    with pytest.raises(ArgumentError, match=r"outcome: is 'mode'; the table has the columns x, y"):
+        outcome_boundary(table, "x", "y", outcome="mode")
+    twice = pd.concat([table, table.assign(found=True)])
+    with pytest.raises(ArgumentError, match="samples of different 'found' at one place"):
+        outcome_boundary(twice, "x", "y")

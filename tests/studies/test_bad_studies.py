@@ -175,7 +175,8 @@ LOADING = {
     "unknown method": (
         GRID,
         "{method: random}",
-        ":6: sampling.method: found 'random'; needs 'grid', 'latin_hypercube' or 'sobol'",
+        ":6: sampling.method: found 'random'; needs 'grid', 'latin_hypercube', 'sobol' or "
+        "'adaptive'",
     ),
     "too many samples": (
         "steps: 3",

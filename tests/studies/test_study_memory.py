@@ -2,6 +2,7 @@
 
 import tracemalloc
 from concurrent.futures import Executor, Future
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -33,8 +34,9 @@ class Made(Executor):
     def __init__(self, *, keeps=False):
         self.kept = [] if keeps else None
 
-    def submit(self, _here, _evaluation, _study, samples, /, **_):
+    def submit(self, fn, /, *args, **kwargs):
         future: Future = Future()
+        samples = args[-1]
         rows = [row_of(number) for number, _ in samples]
         if self.kept is not None:
             self.kept += rows
@@ -128,7 +130,7 @@ def test_rows_in_any_order_make_the_same_table(tmp_path, monkeypatch):
         mixed = table(f"b.{kind}", rng.permutation(count).tolist(), PART)
         whole = table(f"c.{kind}", range(count), count)
         assert mixed.read_bytes() == plain.read_bytes()
-        expected = read_results(whole)
+        expected: Any = read_results(whole)
         pd.testing.assert_frame_equal(read_results(plain), expected)
         assert expected["margin_N"].tolist() == [0.1 * number for number in range(count)]
         parts = [*results_parts(plain, ["sample", "margin_N"])]

@@ -274,10 +274,13 @@ def test_dask_gives_the_same_table_where_workers_are_lost(tmp_path, cluster):
     made = load_study(study_file(tmp_path, sobol(compute=SLOW)))
     here(made, tmp_path / "one.parquet")
     before = processes_of(cluster)
-    with dask_executor(cluster.scheduler_address) as (executor, threads):
+    with (
+        dask_executor(cluster.scheduler_address) as (executor, threads),
+        Client(cluster) as client,
+    ):
         losing = Losing(executor, {3: 0, 8: 1}, [*before.values()])
         run_study(made, tmp_path / "dask.parquet", executor=losing, workers=threads, progress=False)
-        executor._client.wait_for_workers(2, timeout=60)
+        client.wait_for_workers(2, timeout=60)
     assert losing.alone == [False, False] and losing.submitted > 8
     assert not {*before.values()} & {*processes_of(cluster).values()}
     one, more = ((tmp_path / f"{name}.parquet").read_bytes() for name in ("one", "dask"))

@@ -68,6 +68,14 @@ _COMMANDS = {
         "Compute a study, or go on with one that was interrupted or killed.",
         ("graspless-pin study study.yaml -o results.parquet",),
     ),
+    "plot": _Command(
+        "plotting.plot",
+        "Draw the results of a study: a line, a map, or the boundary of what is found.",
+        (
+            "graspless-pin plot results.parquet -o margin.png",
+            "graspless-pin plot results.parquet --kind boundary -o border.png",
+        ),
+    ),
     "robots": _Command(
         "robots.robots",
         "List the robots: fingers, joints and effort limits; one with where they come from.",

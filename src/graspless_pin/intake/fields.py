@@ -51,6 +51,7 @@ Seconds = Annotated[float, Field(gt=0.0, le=LONGEST_TIME), _NUMBER]
 """A time limit."""
 Whole = Annotated[int, Field(ge=0, le=2**63 - 1), _NUMBER]
 Count = Annotated[int, Field(ge=1, le=10_000_000), _NUMBER]
+Halvings = Annotated[int, Field(ge=1, le=16), _NUMBER]
 Name = Annotated[str, Field(max_length=200)]
 FilePath = Annotated[str, Field(max_length=4000)]
 Description = Annotated[str, Field(max_length=20_000)]

@@ -4,6 +4,7 @@ Needs the extra ``plots``. Without ``ax`` a new pyplot figure is made; with it n
 axes is touched, so that plots can be combined and styled by the caller.
 """
 
+from graspless_pin.plots.boundaries import outcome_boundary
 from graspless_pin.plots.cones import friction_section
 from graspless_pin.plots.curves import disturbance_polar, margin_torque_plot, plane_directions
 from graspless_pin.plots.paths import path_margins, path_torques
@@ -18,6 +19,7 @@ __all__ = [
     "margin_plot",
     "margin_torque_plot",
     "normal_force_ranges",
+    "outcome_boundary",
     "path_margins",
     "path_torques",
     "plane_directions",

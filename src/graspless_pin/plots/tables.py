@@ -69,7 +69,7 @@ def margin_plot(table: Any, x: str, ax: Axes | None = None, *, value: str = "mar
         >>> len(margin_plot(table, "mass_kg").lines)
         1
     """
-    at, results = _column(table, "x", x), _column(table, "value", value)
+    at, results = number_column(table, "x", x), number_column(table, "value", value)
     axes = axes_for(ax)
     blue = LIGHT.roles[Role.NORMAL_FORCE]
     places = np.unique(at)
@@ -130,8 +130,8 @@ def margin_heat_map(
         >>> len(margin_heat_map(table, "mass_kg", "friction").collections)
         1
     """
-    columns, rows = _column(table, "x", x), _column(table, "y", y)
-    cells = heat_cells(columns, rows, _column(table, "value", value))
+    columns, rows = number_column(table, "x", x), number_column(table, "y", y)
+    cells = heat_cells(columns, rows, number_column(table, "value", value))
     axes = axes_for(ax, size=(6.4, 4.8))
     across, up = np.unique(columns), np.unique(rows)
     # The hatched background shows through the cells that have no colour.
@@ -156,7 +156,17 @@ def heat_cells(x: FloatArray, y: FloatArray, values: FloatArray) -> np.ma.Masked
     return np.ma.masked_array(sums / np.maximum(counts, 1.0), mask=counts == 0.0)
 
 
-def _column(table: Any, argument: str, name: str) -> FloatArray:
+def number_column(table: Any, argument: str, name: str) -> FloatArray:
+    """(rows,) a column of numbers of a study's table, not a number where there is none.
+
+    Args:
+        table: The table.
+        argument: The argument that names the column.
+        name: Its name.
+
+    Raises:
+        ArgumentError: If it is missing or not of numbers.
+    """
     try:
         column = table[name]
     except KeyError:

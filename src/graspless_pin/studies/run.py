@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable
 from concurrent.futures import Executor
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,9 +25,10 @@ from graspless_pin.errors import StudyError
 from graspless_pin.problem.checks import whole_number
 from graspless_pin.studies.checks import check_study
 from graspless_pin.studies.dispatch import Dispatch
-from graspless_pin.studies.executors import given_executor, local_processes
+from graspless_pin.studies.executors import Workforce, given_executor, local_processes
 from graspless_pin.studies.journal import JOURNAL_FORMAT, Journal, discard
 from graspless_pin.studies.results import read_results, results_about, results_parts
+from graspless_pin.studies.rounds import rounds_of
 from graspless_pin.studies.sample_evaluation import Failure, Row
 from graspless_pin.studies.study import Study
 from graspless_pin.studies.tables import check_columns, format_of, require_tables, write_results
@@ -154,8 +156,8 @@ def compute_study(
     journal = Journal(journal_file, identity, fresh=fresh, overwrite=overwrite)
     complete = False
     try:
-        _compute(study, journal, executor, count, progress=progress)
-        write_results(study, journal, file)
+        whole = _computed(study, journal, executor, count, progress=progress)
+        write_results(whole, journal, file)
         complete = True
     finally:
         journal.close(remove=complete)
@@ -233,34 +235,41 @@ def _is_finished(study: Study, file: Path, *, overwrite: bool, goes_on: bool) ->
     return not _unrecorded(study, (row for part in parts for row in part.to_dict("records")))
 
 
-def _compute(
+def _computed(
     study: Study, journal: Journal, executor: Executor | None, count: int, *, progress: bool
-) -> None:
-    """Compute the samples that have no row, or whose solution the record lacks."""
-    numbers = range(len(study.samples))
-    again = _unrecorded(study, journal.rows(number for number in numbers if number in journal))
-    left = len(numbers) - journal.count + len(again)
-    if not left:
-        return
+) -> Study:
+    """Return the study with the samples of all rounds, each of which has its row then."""
     if progress and journal.count:
         _notice(f"goes on: {journal.count} samples are there from an earlier run")
-    with _progress_bar(progress) as bar:
-        task = bar.add_task(study.name, total=len(numbers), completed=len(numbers) - left)
+    dispatch: Dispatch | None = None
+    with _progress_bar(progress) as bar, ExitStack() as stack:
+        task = bar.add_task(study.name, total=len(study.samples))
 
         def keep(rows: list[Row]) -> None:
             journal.append(rows)
             bar.advance(task, len(rows))
 
-        if executor is None:
-            force = local_processes(min(count, left))
-        else:
-            force = given_executor(executor, count)
-        dispatch = Dispatch(study, force, keep)
-        missing = (number for number in numbers if number not in journal or number in again)
-        try:
-            dispatch.run(missing, left)
-        finally:
-            dispatch.close()
+        for grown, numbers in rounds_of(study, journal.rows):
+            study = grown
+            again = _unrecorded(study, journal.rows(n for n in numbers if n in journal))
+            left = sum(n not in journal for n in numbers) + len(again)
+            bar.update(task, total=numbers.stop)
+            bar.advance(task, len(numbers) - left)
+            if not left:
+                continue
+            if dispatch is None:
+                dispatch = Dispatch(study, _workforce(study, executor, count, left), keep)
+                stack.callback(dispatch.close)
+            dispatch.study = study
+            dispatch.run((n for n in numbers if n not in journal or n in again), left)
+    return study
+
+
+def _workforce(study: Study, executor: Executor | None, count: int, left: int) -> Workforce:
+    """Return the workers; no more processes than samples are left, unless there may come more."""
+    if executor is not None:
+        return given_executor(executor, count)
+    return local_processes(count if study.is_adaptive else min(count, left))
 
 
 def _progress_bar(shown: bool) -> Progress:

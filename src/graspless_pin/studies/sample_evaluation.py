@@ -127,6 +127,8 @@ def _results(study: Study, number: int, scene: Scene, starts: WarmStarts | None)
     row["nodes"] = solution.certificate.nodes
     if compute.verdict and solution.found:
         row["verdict"] = str(_verdict(study, scene, solution).status)
+    if compute.mode and solution.found:
+        row["mode"] = str(solution.mode)
     row |= _analyses(study, solution)
     if not solution.found:
         why = solution.explanation if compute.explain else ""

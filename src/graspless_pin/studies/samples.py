@@ -87,6 +87,22 @@ class DrawnSamples(Samples):
         return tuple([one.at(share) for one, share in zip(self.variables, row, strict=True)])
 
 
+def grid_size(variable: Variable, fail: Callable[..., GrasplessPinError]) -> int:
+    """Return how many values a variable has on a grid.
+
+    Args:
+        variable: What varies.
+        fail: Makes the error for a part of the study file.
+
+    Raises:
+        StudyError: If it does not say so.
+    """
+    try:
+        return variable.grid_size
+    except StudyError as error:
+        raise fail(("vary", variable.name), str(error)) from None
+
+
 def samples_of(
     sampling: SamplingEntry,
     variables: tuple[Variable, ...],
@@ -104,14 +120,10 @@ def samples_of(
     """
     count = sampling.samples or 1
     for variable in variables:
-        where = "vary", variable.name
         if sampling.method == "grid":
-            try:
-                count *= variable.grid_size
-            except StudyError as error:
-                raise fail(where, str(error)) from None
+            count *= grid_size(variable, fail)
         elif variable.entry.steps is not None:
-            raise fail((*where, "steps"), "goes with a grid; leave it out")
+            raise fail(("vary", variable.name, "steps"), "goes with a grid; leave it out")
     if count > MOST_SAMPLES:
         raise fail(("sampling",), f"makes {count} samples; at most {MOST_SAMPLES} are possible")
     if sampling.method == "grid":

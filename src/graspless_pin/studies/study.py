@@ -20,6 +20,7 @@ from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.scene.yaml_source import Location, YamlSource, key_text
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.studies.keys import Tree, copied
+from graspless_pin.studies.refinement import adaptive_samples
 from graspless_pin.studies.sample_parts import Sample, SampleParts
 from graspless_pin.studies.samples import samples_of
 from graspless_pin.studies.study_schema import StudyEntry
@@ -56,7 +57,8 @@ class Study:
         source: The study file.
         scene: The scene file with what is computed written into its ``solve`` section.
         variables: What varies, in the order of the file.
-        samples: The values of all variables, sample by sample; made when they are asked for.
+        samples: The values of all variables, sample by sample; made when they are asked for. Of
+            adaptive ones those of the first round.
         fingerprint: Hash of all that the results depend on but the versions of libraries.
         block: How many samples follow each other in which one may begin with what was learned of
             those before it; 1: none does.
@@ -76,6 +78,11 @@ class Study:
     def name(self) -> str:
         """Its name, or that of its file."""
         return self.entry.name or self.source.path.stem
+
+    @property
+    def is_adaptive(self) -> bool:
+        """Whether further samples come of what the first ones result in."""
+        return self.entry.sampling.method == "adaptive"
 
     @classmethod
     def from_data(cls, data: Mapping[str, Any], folder: str | Path = ".") -> Study:
@@ -160,7 +167,8 @@ def _made(source: YamlSource, folder: Path) -> Study:
     _check_targets(variables, options, fail)
     _check_materials(usual, variables, fail)
     _check_algorithm(tree, variables, options, fail)
-    samples = samples_of(entry.sampling, variables, fail)
+    choose = samples_of if entry.sampling.method != "adaptive" else adaptive_samples
+    samples = choose(entry.sampling, variables, fail)
     return Study(
         entry=entry,
         source=source,

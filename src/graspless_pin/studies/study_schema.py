@@ -14,6 +14,7 @@ from graspless_pin.intake.fields import (
     Few,
     FilePath,
     Finite,
+    Halvings,
     Name,
     NotNegative,
     Regularization,
@@ -134,10 +135,20 @@ class VariableEntry(Entry):
 class SamplingEntry(Entry):
     """How the samples are chosen."""
 
-    method: Literal["grid", "latin_hypercube", "sobol"] = Field(
-        default="grid", description="all combinations, or a number of well spread samples"
+    method: Literal["grid", "latin_hypercube", "sobol", "adaptive"] = Field(
+        default="grid",
+        description="all combinations, a number of well spread samples, or a grid that is halved "
+        "where outcomes differ",
     )
-    samples: Count | None = Field(default=None, description="how many, unless it is a grid")
+    samples: Count | None = Field(
+        default=None, description="how many, unless it is a grid; the most where it is adaptive"
+    )
+    depth: Halvings | None = Field(
+        default=None, description="how often each interval of an adaptive grid may be halved"
+    )
+    border: Literal["found", "status", "contacts", "verdict", "mode"] | None = Field(
+        default=None, description="column whose changes are refined by adaptive; default: found"
+    )
     seed: Whole = Field(
         default=0, description="of the random numbers; the same seed, the same study"
     )
@@ -146,8 +157,13 @@ class SamplingEntry(Entry):
     def _samples_where_needed(self) -> SamplingEntry:
         if self.method == "grid" and self.samples is not None:
             raise ValueError("a grid has as many samples as its steps make; leave out 'samples'")
-        if self.method != "grid" and self.samples is None:
+        if self.method in ("latin_hypercube", "sobol") and self.samples is None:
             raise ValueError(f"{self.method} needs 'samples', how many")
+        if self.method == "adaptive" and self.samples is None and self.depth is None:
+            raise ValueError("adaptive needs 'depth', how often it may halve, or 'samples'")
+        for name in ("depth", "border"):
+            if self.method != "adaptive" and getattr(self, name) is not None:
+                raise ValueError(f"{name!r} goes with adaptive alone; leave it out")
         return self
 
 
@@ -187,6 +203,9 @@ class ComputeEntry(Entry):
         default=False, description="the smallest factor on all friction coefficients"
     )
     verdict: bool = Field(default=False, description="whether rest is the only outcome")
+    mode: bool = Field(
+        default=False, description="the mode of virtual sliding whose optimum is found"
+    )
     explain: bool = Field(
         default=False, description="full explanations of infeasible samples; they take long"
     )
@@ -201,6 +220,7 @@ class ComputeEntry(Entry):
             "disturbance_margin",
             "minimum_friction",
             "verdict",
+            "mode",
             "explain",
         }
         return self.model_dump(exclude_none=True, exclude=beside)
@@ -221,3 +241,10 @@ class StudyEntry(Entry):
     compute: ComputeEntry = Field(
         default=ComputeEntry(), description="what is computed for each of them"
     )
+
+    @model_validator(mode="after")
+    def _border_is_computed(self) -> StudyEntry:
+        border = self.sampling.border
+        if border in ("verdict", "mode") and not getattr(self.compute, border):
+            raise ValueError(f"the border of {border!r} needs compute: {{{border}: true}}")
+        return self

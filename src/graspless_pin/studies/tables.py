@@ -26,6 +26,7 @@ _FIRST = ("status", "found", "margin_N")
 _LARGEST = tuple(f"{LARGEST_TORQUE}{unit}" for unit in ("Nm", "N"))
 _LAST = (
     "verdict",
+    "mode",
     "smallest_margin_N",
     "largest_margin_N",
     "disturbance_N",
@@ -35,7 +36,7 @@ _LAST = (
     "reason",
     "error",
 )
-_TEXT = ("status", "verdict", "reason", "error")
+_TEXT = ("status", "verdict", "mode", "reason", "error")
 _ATTRS = "PANDAS_ATTRS"
 """Where ``pandas.read_parquet`` finds ``DataFrame.attrs``."""
 CSV_MARK = f"# {KEY} "
@@ -99,7 +100,7 @@ def study_metadata(study: Study) -> dict[str, Any]:
         "fingerprint": study.fingerprint,
         "samples": len(study.samples),
         "method": sampling.method,
-        "seed": sampling.seed if sampling.method != "grid" else None,
+        "seed": None if sampling.method in ("grid", "adaptive") else sampling.seed,
         "versions": versions(),
         "entry": study.entry.model_dump(mode="json", by_alias=True, exclude_defaults=True),
     }

@@ -1,0 +1,77 @@
+"""``graspless-pin plot``."""
+
+import pytest
+import typer
+from PIL import Image
+from study_tools import Here, study
+from typer.testing import CliRunner
+
+from graspless_pin.cli import plotting
+from graspless_pin.studies import run_study
+
+APP = typer.Typer()
+APP.command()(plotting.plot)
+
+
+def command(*arguments):
+    words = [str(argument) for argument in arguments]
+    return CliRunner().invoke(APP, words, catch_exceptions=False)
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """The cuboid over friction and mass, of which friction alone decides what is found."""
+    vary = {
+        "solve.sign_rule": {"values": ["strict"]},
+        "friction.default": {"values": [0.0, 0.3]},
+        "object.mass": {"values": [1.0, 2.0]},
+    }
+    file = tmp_path_factory.mktemp("plot") / "results.parquet"
+    run_study(study(vary), file, executor=Here(), progress=False)
+    return file
+
+
+@pytest.mark.parametrize("kind", ["line", "map", "boundary"])
+def test_a_picture_of_each_kind(results, tmp_path, monkeypatch, kind):
+    drawn = []
+    for name in ("margin_plot", "margin_heat_map", "outcome_boundary"):
+        draw = getattr(plotting, name)
+        monkeypatch.setattr(
+            plotting, name, lambda *args, draw=draw, **more: drawn.append(draw(*args, **more))
+        )
+    output = tmp_path / "new" / "picture.png"
+    result = command(results, "-o", output, "--kind", kind)
+    assert result.exit_code == 0 and result.stdout == f"wrote {output}\n"
+    with Image.open(output) as image:
+        assert image.size == (960, 720)
+    (axes,) = drawn
+    assert axes.get_xlabel() == "friction coefficient, default"
+    assert axes.get_ylabel() == ("margin e [N]" if kind == "line" else "object.mass [kg]")
+
+
+def test_columns_can_be_chosen(results, tmp_path):
+    picture = tmp_path / "picture.svg"
+    options = ["--kind", "boundary", "--x", "object.mass_kg", "--y", "friction.default"]
+    result = command(results, "-o", picture, *options, "--value", "status")
+    assert result.exit_code == 0 and picture.read_text(encoding="utf-8").startswith("<?xml")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--x", "mass"], "error: x: is 'mass'; the table has the columns"),
+        (["--kind", "boundary", "--value", "mode"], "error: outcome: is 'mode'"),
+        (["-o", "picture.txt"], "error: picture.txt: cannot be written (Format 'txt'"),
+    ],
+)
+def test_bad_input_is_told(results, tmp_path, monkeypatch, options, message):
+    monkeypatch.chdir(tmp_path)
+    result = command(results, "-o", "picture.png", *options)
+    assert result.exit_code == 2 and result.stderr.startswith(message)
+
+
+def test_one_variable_has_no_map(tmp_path):
+    file = tmp_path / "few.csv"
+    run_study(study({"friction": {"values": [0.0, 0.3]}}), file, executor=Here(), progress=False)
+    result = command(file, "-o", tmp_path / "picture.png", "--kind", "map")
+    assert result.exit_code == 2 and "--y: has nothing to show" in result.stderr
