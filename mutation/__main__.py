@@ -32,7 +32,7 @@ KEPT = ROOT / "out" / "mutants"
 MUTATED = ("problem", "modes", "programs", "solvers", "algorithms", "report/verify*")
 TESTS = (
     "tests/core", "tests/analysis", "tests/planning", "tests/report", "tests/oracles",
-    "tests/verify",
+    "tests/holding", "tests/verify",
     "tests/studies/test_margin_torque_curve.py",
 )  # fmt: skip
 OF_LOOPS = ("algorithms/carried.py",)

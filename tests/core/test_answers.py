@@ -48,6 +48,15 @@ def test_where_nothing_can_carry_the_weight_help_from_outside_is_all_that_is_sug
     np.testing.assert_allclose(suggestions[0].problem.external_wrench, 0.0, atol=0.06)
 
 
+def test_a_margin_that_is_too_large_is_answered_by_the_largest_one():
+    problem = scene("rest")
+    best = maximize_margin(problem).margin
+    explanation = explain(minimize_torque(problem, 2.0 * best))
+    (lower,) = (one for one in explanation.suggestions if "required margin" in one.text)
+    assert 0.999 * best < lower.margin <= best
+    assert minimize_torque(lower.problem, lower.margin).found
+
+
 def test_the_sliding_cuboid_names_its_conflict_and_weaker_rules():
     explanation = explain(maximize_margin(scene("up"), sliding_rule="constrained"))
     assert len(explanation.conflicting_contacts) >= 2

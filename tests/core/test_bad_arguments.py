@@ -91,6 +91,10 @@ BAD_PROBLEMS = {
         "tangents", changed(changed(FRAMES, (0, 0, 0), 0.8), (0, 2, 0), 0.6),
         ["index 0", "[0.8, 0.0, 0.6]", "orthogonal", "[0.0, 0.0, 1.0]"],
     ),
+    "second tangent not orthogonal to the normal": (
+        "tangents", changed(changed(FRAMES, (0, 1, 1), 0.8), (0, 2, 1), 0.6),
+        ["index 0", "[0.0, 0.8, 0.6]", "orthogonal", "[0.0, 0.0, 1.0]"],
+    ),
     "tangents not orthogonal to each other": (
         "tangents", changed(changed(FRAMES, (0, 0, 1), 0.6), (0, 1, 1), 0.8),
         ["index 0", "[0.6, 0.8, 0.0]", "orthogonal", "0.6"],

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scenes import random_problem, scene
 
 from graspless_pin import QuasistaticProblem
+from graspless_pin.problem.cones import projected_tangents
 
 SEEDS = st.integers(0, 10_000)
 RT10 = np.sqrt(10.0)
@@ -166,6 +167,13 @@ def test_default_tangents_follow_their_rule(seed):
 def test_default_tangents_of_a_normal_along_y(sign):
     problem = QuasistaticProblem([[0, 0, 0]], [[0, sign, 0]], np.zeros(6), friction=0.3)
     np.testing.assert_allclose(problem.tangents[0], [[0, -1], [0, 0], [-sign, 0]])
+
+
+def test_first_tangents_lie_along_the_first_axis_that_is_not_the_normal():
+    axes = [np.array([0.0, 0.0, 2.0]), np.array([3.0, 3.0, 1.0])]
+    up, aside = projected_tangents(np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]), axes)
+    np.testing.assert_allclose(up[:, 0], np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0), atol=1e-15)
+    np.testing.assert_allclose(aside, [[0.0, 0.0], [0.0, -1.0], [1.0, 0.0]], atol=1e-15)
 
 
 def test_the_spheres_default_tangents_are_the_printed_ones():

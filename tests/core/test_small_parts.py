@@ -170,6 +170,21 @@ def test_a_contact_is_decided_by_one_child_for_each_of_its_modes(rule, pairs):
     assert known == {child.decided[contact] for child in others}
 
 
+def test_friction_vanishes_along_a_tangent_that_an_exact_mode_does_not_slide_along():
+    one = SearchState(formulate(scene("rest"), Margin()), Rules.parse("exact"), "piqp")
+    answer, program = one.relax(), one.formulation.program
+    children = _deciding(one, _Node(program.lb, program.ub, {}, Decisions.none(6), 4), answer)
+    assert children is not None
+    seen = set()
+    for child in children[1:]:
+        ((contact, pair),) = child.decided.items()
+        (columns,) = one.formulation.friction_columns(contact)
+        held = (child.lb[columns] == 0.0) & (child.ub[columns] == 0.0)
+        assert held.tolist() == [sign == 0 for sign in pair]
+        seen.add(pair)
+    assert len(seen) == 8
+
+
 def test_a_motion_is_evened_where_that_makes_its_slowest_sliding_faster():
     weights = np.array([0.5, 0.5])
     moving, strict = np.eye(2), np.ones(2)

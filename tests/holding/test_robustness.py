@@ -29,6 +29,8 @@ def test_torque_errors_are_borne_up_to_what_friction_needs(commanded: Robustness
     assert more.failing == np.inf
     assert commanded.all_less is not None
     np.testing.assert_allclose(commanded.all_less.failing, exact / 25.0, rtol=1e-2)
+    assert commanded.all_more is not None
+    assert commanded.all_more.failing == np.inf
 
 
 def test_the_rest_relies_on_the_finger_alone(commanded: Robustness) -> None:

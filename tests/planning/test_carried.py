@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 from planning_scenes import EXAMPLES, example, nearby
 
-from graspless_pin import Margin, SolveOptions, Torque, compiled, load_scene
+from graspless_pin import (
+    Margin,
+    QuasistaticProblem,
+    SolveOptions,
+    Torque,
+    compiled,
+    load_scene,
+)
 from graspless_pin.algorithms.carried import WarmStart, carried, solution_carried
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.warm_start import solve_from
@@ -51,6 +58,24 @@ def test_a_carried_optimum_is_the_optimum(name, objective):
         document = solution_document(solution)
         assert verify_document(document).proven
     assert seen >= 3
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+@pytest.mark.parametrize("objective", [Margin(), Torque(required_margin=0.01)])
+def test_a_load_that_no_forces_balance_is_not_carried(objective, way):
+    """Two points on one line bear no moment about it, whatever was active before."""
+    pinch = QuasistaticProblem(
+        [[0.05, 0.0, 0.0], [-0.05, 0.0, 0.0]], [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]],
+        [0.0, 0.0, -1.0, 0.0, 0.0, 0.0], [[1.0], [0.0], [0.0], [-1.0], [0.0], [0.0]],
+        friction=0.5, torque_limits=(-9.0, 9.0),
+    )  # fmt: skip
+    options = SolveOptions.parse(sign_rule="nonzero")
+    solution, start = solve_from(pinch, objective, options)
+    assert solution.found
+    found = carried(pinch, objective, options, (start,))
+    twisted = pinch.with_changes(external_wrench=[0.0, 0.0, -1.0, 0.02 * way, 0.0, 0.0])
+    assert found is not None
+    assert carried(twisted, objective, options, (start,)) is None
 
 
 def test_the_first_start_that_serves_is_taken(learned):
