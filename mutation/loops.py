@@ -32,6 +32,7 @@ OF_CONTACTS = (
 )
 OF_OPTIMA = (
     "tests/compiled",
+    "tests/holding/test_outcome_bounds.py",
     "tests/planning/test_carried.py",
     "tests/planning/test_many_states.py",
 )
@@ -85,6 +86,7 @@ FRAMES, SEARCH, PROGRAMS = "contact_frames", "contact_search", "linear_programs"
 BODIES, ARRAYS, MOTIONS = "rigid_bodies", "small_arrays", "virtual_motions"
 ASSEMBLY, STATES, CARRIED = "paper_programs", "hand_states", "carried_optima"
 COLD, STARTS, CALLER = "cold_optima", "optimum_starts", "../algorithms/carried.py"
+SIMPLEX, OUTCOMES = "dense_simplex", "outcome_search"
 MISTAKES = tuple(
     Mistake(*one)
     for one in (
@@ -111,6 +113,17 @@ MISTAKES = tuple(
         (SEARCH, "and times[others.bodies[k]] == 1", "and times[others.bodies[k]] >= 1"),
         (SEARCH, "if gap[0] < -max_penetration or not on_face:", "if not on_face:"),
         (SEARCH, "offset += normal[i] * T_plane[4 * i + 3]", "offset += 0.0"),
+        (OUTCOMES, "slack += fmax(-nu, 0.0)", "pass"),
+        (OUTCOMES, "for k in range(known - 1, -1, -1):", "for k in range(known - 1, 0, -1):"),
+        (OUTCOMES, "rise += gain * data(self.own_spread)[k]", "pass"),
+        (OUTCOMES, "share = fmin(1.0, size * first / fmax(side, tiny))", "share = 1.0"),
+        (SIMPLEX, "target = self.lower[v] if sign > 0.0 else self.upper[v]",
+         "target = self.lower[v]"),
+        (SIMPLEX, "step = self.upper[v] - self.lower[v]", "step = INFINITY"),
+        (SIMPLEX, "self._move(self.m - 1 - (i - first), k)", "self._move(self.m - 1, k)"),
+        (SIMPLEX, "data(marginals)[i] = 0.0 if k >= 0 else self.slopes[-1 - k]",
+         "data(marginals)[i] = 0.0 if k >= 0 else self.tilted[-1 - k]"),
+        (SIMPLEX, "out[-1 - at] += row[s]", "out[-1 - at] = row[s]"),
         (ASSEMBLY, "out[3 + k] /= self.length", "pass"),
         (ASSEMBLY, "if top else self.lower[j]) - self.gravity[j]",
          "if top else self.lower[j]) + self.gravity[j]"),

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from cases import block_between_walls, block_on_slope, pressed_on_wall
+from cases import block_between_walls, block_on_slope, hybrid_on_wall, pressed_on_wall
 from numpy.typing import NDArray
 
-from graspless_pin.holding.bounds import States, least_along, outcome_bound
+from graspless_pin.holding.bounds import OutcomeBounds, States, least_along, outcome_bound
 from graspless_pin.holding.dynamics import Dynamics, scaled_dynamics
 from graspless_pin.holding.moving import find_motion, is_outcome
 from graspless_pin.holding.verdict import ContactState, DualBound
@@ -89,3 +91,69 @@ def test_the_least_product_with_an_arc_is_that_of_many_directions() -> None:
     angles = center[:, None] + width[:, None] * share
     products = vectors[:, :1] * np.cos(angles) + vectors[:, 1:] * np.sin(angles)
     np.testing.assert_allclose(least_along(vectors, center, width), products.min(axis=1), atol=1e-6)
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+@pytest.mark.parametrize("loaded", [0.0, 0.05])
+@pytest.mark.parametrize(
+    ("problem", "torques"), [*MOVING, (hybrid_on_wall(), (15.0,))], ids=lambda _: ""
+)
+def test_what_is_remembered_is_found_where_it_proves_something(
+    problem: QuasistaticProblem,
+    torques: tuple[float, ...],
+    loaded: float,
+    compiled: bool,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    if not compiled:
+        monkeypatch.setattr("graspless_pin.holding.bounds.outcome_search", None)
+    columns = len(torques)
+    hybrid = np.full(columns, -1)
+    if columns and not np.any(problem.joint_inertia):
+        hybrid[0] = problem.contact_count - 1
+    inertia = np.zeros((6 + columns, 6 + columns))
+    inertia[:6, :6], inertia[6:, 6:] = problem.object_inertia, problem.joint_inertia
+    dynamics = scaled_dynamics(problem, np.array(torques), inertia, hybrid, 1e-3)
+    assert dynamics is not None
+    count, n, rng = dynamics.contact_count, len(dynamics.load), np.random.default_rng(0)
+    own = np.where(dynamics.is_commanded, 0.1 * rng.normal(size=count), 0.0)
+    dynamics = replace(dynamics, spread=0.1 * rng.normal(size=n), commanded_spread=own)
+    loads = np.where(np.arange(count) == count - 1, loaded, 0.0)
+    known, duals = OutcomeBounds(dynamics, loads, 10.0), []
+    for _ in range(300):  # more than it remembers
+        size = 10.0 ** rng.uniform(-2.0, 1.0)
+        duals.append(DualBound(
+            size * rng.normal(size=n), size * rng.normal(size=count),
+            size * rng.normal(size=(count, 2)),
+        ))  # fmt: skip
+        known.remember(duals[-1])
+    goal = dynamics.load, np.zeros((count, 3))
+    for _ in range(20):
+        states = States.unknown(count)
+        for contact, kind in enumerate(rng.choice(list(ContactState), count)):
+            center, width = rng.uniform(-4.0, 4.0), rng.uniform(0.0, 1.5)
+            states = states.changed(contact, ContactState(kind), center, width)
+        bounds = [outcome_bound(dynamics, states, loads, one, goal, 10.0) for one in duals[-256:]]
+        enough = float(np.sort(bounds)[rng.integers(0, 3)]) + 1e-9
+        found = known.proving(states, goal[0], enough)
+        assert found is not None
+        assert outcome_bound(dynamics, states, loads, found, goal, 10.0) <= enough + 1e-9
+        assert known.proving(states, goal[0], float(np.min(bounds)) - 1e-6) is None
+        other = goal[0], rng.normal(size=(count, 3))
+        for dual in duals[-20:]:
+            np.testing.assert_allclose(
+                known.bound(states, dual, other),
+                outcome_bound(dynamics, states, loads, dual, other, 10.0),
+                rtol=1e-12,
+            )
+
+
+@pytest.mark.parametrize("case", range(len(MOVING)))
+def test_compiled_sweeps_find_what_numpy_finds(case: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    dynamics = dynamics_of(*MOVING[case])
+    found = find_motion(dynamics)
+    monkeypatch.setattr("graspless_pin.holding.moving.outcome_search", None)
+    expected = find_motion(dynamics)
+    assert found is not None
+    assert expected is not None
+    np.testing.assert_allclose(dynamics.motion(found), dynamics.motion(expected), atol=1e-7)

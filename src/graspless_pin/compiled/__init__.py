@@ -13,9 +13,11 @@ try:
         cold_optima,
         contact_frames,
         contact_search,
+        dense_simplex,
         hand_states,
         linear_programs,
         optimum_starts,
+        outcome_search,
         paper_programs,
         rigid_bodies,
         small_arrays,
@@ -23,18 +25,19 @@ try:
     )
 except ImportError:  # installed without a C compiler
     contact_frames = contact_search = linear_programs = rigid_bodies = small_arrays = None
-    carried_optima = cold_optima = hand_states = optimum_starts = paper_programs = (
-        virtual_motions
-    ) = None
+    carried_optima = cold_optima = dense_simplex = hand_states = None
+    optimum_starts = outcome_search = paper_programs = virtual_motions = None
 
 __all__ = [
     "carried_optima",
     "cold_optima",
     "contact_frames",
     "contact_search",
+    "dense_simplex",
     "hand_states",
     "linear_programs",
     "optimum_starts",
+    "outcome_search",
     "paper_programs",
     "rigid_bodies",
     "small_arrays",

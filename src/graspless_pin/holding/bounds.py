@@ -14,10 +14,12 @@ the arc opposite to its slip, f_n >= its smallest load, u_t in the arc of its sl
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from graspless_pin.compiled import outcome_search
 from graspless_pin.holding.dynamics import Dynamics
 from graspless_pin.holding.verdict import ContactState, DualBound
 from graspless_pin.problem.checks import FloatArray
@@ -26,8 +28,11 @@ RANK = 1e-9
 """Rows that are shorter than this share of the longest, after the others, add nothing."""
 _ROUNDING = 1e-9
 """Gains per newton below this are rounding."""
+_NUMBERS = {state: number for number, state in enumerate(ContactState)}
 _EXACT = 1e-15
 """Gains per newton up to this are left: a million loads make little of them."""
+_REMEMBERED = 256
+"""Multipliers that are tried again."""
 _REPAIRS = 4
 """Changes of multipliers: the best force of a contact changes with them."""
 
@@ -77,7 +82,12 @@ class States:
 
     def are(self, *kinds: ContactState) -> NDArray[np.bool_]:
         """Return which contacts are in one of these states."""
-        return np.array([state in kinds for state in self.state])
+        return np.isin(self.numbers, [_NUMBERS[kind] for kind in kinds])
+
+    @cached_property
+    def numbers(self) -> NDArray[np.intp]:
+        """(M,) the states' places among all `ContactState`."""
+        return np.array([_NUMBERS[state] for state in self.state])
 
 
 def least_along(vectors: FloatArray, center: FloatArray, half_width: FloatArray) -> FloatArray:
@@ -224,3 +234,90 @@ def _least_sum(
         ball = 0.25 * (size * size / beta + 2.0 * along + beta) if beta > 0.0 else 0.0
         best = min(best, ball + float(longest[needed > beta].sum()))
     return best
+
+
+class OutcomeBounds:
+    """What multipliers prove, for one dynamics; those that proved some set are tried on others."""
+
+    def __init__(self, dynamics: Dynamics, loads: FloatArray, force_limit: float) -> None:
+        """Begin without any that proved something. Arguments as of `outcome_bound`."""
+        count, n = dynamics.contact_count, len(dynamics.load)
+        self._dynamics, self._loads, self._force_limit = dynamics, loads, force_limit
+        self._proven: list[DualBound] = []
+        self._motions = np.zeros((_REMEMBERED, n))
+        self._normals = np.zeros((_REMEMBERED, count))
+        self._tangentials = np.zeros((_REMEMBERED, count, 2))
+        self._compiled = None
+        if outcome_search is not None:
+            self._compiled = outcome_search.Bounds(
+                dynamics.rows, dynamics.load, dynamics.friction, dynamics.commanded,
+                dynamics.spread, dynamics.commanded_spread, loads, closing_tolerance(dynamics),
+                force_limit,
+            )  # fmt: skip
+
+    def bound(self, states: States, dual: DualBound, goal: tuple[FloatArray, FloatArray]) -> float:
+        """Return what `outcome_bound` returns."""
+        if self._compiled is None:
+            return outcome_bound(self._dynamics, states, self._loads, dual, goal, self._force_limit)
+        return self._compiled.bound(
+            states.numbers, states.center, states.half_width, dual.motion, dual.normal,
+            dual.tangential, *goal,
+        )  # fmt: skip
+
+    def remember(self, dual: DualBound) -> None:
+        """Try these multipliers on other sets, and forget the oldest ones where they are many."""
+        place = len(self._proven)
+        if place == _REMEMBERED:
+            self._proven.pop(0)
+            for kept in (self._motions, self._normals, self._tangentials):
+                kept[:-1] = kept[1:].copy()
+            place -= 1
+        self._motions[place], self._normals[place] = dual.motion, dual.normal
+        self._tangentials[place] = dual.tangential
+        self._proven.append(dual)
+
+    def proving(self, states: States, goal: FloatArray, enough: float) -> DualBound | None:
+        """Return remembered multipliers with which p.y is at most ``enough``; None: there are none.
+
+        Args:
+            states: Of the contacts.
+            goal: p (n,).
+            enough: What is to be proven.
+        """
+        count = len(self._proven)
+        if self._compiled is not None:
+            found = self._compiled.first(
+                states.numbers, states.center, states.half_width, self._motions, self._normals,
+                self._tangentials, goal, count, enough,
+            )  # fmt: skip
+            return None if found < 0 else self._proven[found]
+        # The other terms are not negative.
+        forces = _most_forces(
+            self._dynamics, states, self._loads, self._motions[:count], self._force_limit
+        )
+        whole = goal, np.zeros((len(self._loads), 3))
+        for place in np.flatnonzero(forces <= enough)[::-1].tolist():
+            if self.bound(states, self._proven[place], whole) <= enough:
+                return self._proven[place]
+        return None
+
+
+def _most_forces(
+    dynamics: Dynamics,
+    states: States,
+    loads: FloatArray,
+    motions: FloatArray,
+    force_limit: float,
+) -> FloatArray:
+    """Return lambda.h + sum c.f at most, for each lambda (K, n) where the goal has no forces."""
+    slipping, held = states.are(ContactState.SLIPPING), dynamics.is_commanded
+    half_width = np.where(slipping, states.half_width, np.pi)
+    c = np.einsum("lin,kn->kli", dynamics.rows, motions)
+    away = np.arctan2(c[..., 2], c[..., 1]) - states.center
+    away = np.abs((away + np.pi) % (2.0 * np.pi) - np.pi)
+    least = np.hypot(c[..., 1], c[..., 2]) * np.cos(np.minimum(away + half_width, np.pi))
+    gain = np.where(held, 0.0, c[..., 0]) - dynamics.friction * least
+    low = np.where(held, dynamics.commanded, loads)
+    high = np.where(held, dynamics.commanded, force_limit)
+    forces = np.where(states.are(ContactState.OPEN), 0.0, gain * np.where(gain > 0.0, high, low))
+    return motions @ dynamics.load + forces.sum(axis=1)

@@ -32,14 +32,15 @@ class _Node:
     states: States
     forced: tuple[DualBound, ...] = ()
     children: list[_Node] = field(default_factory=list)
-    relaxed: Relaxed | None = None
+    dual: DualBound | None = None
+    is_closed: bool = False
+    """Whether kinematics force no more than is known already."""
 
     def finished(self) -> OutcomeSet:
         """Return the node of the proof."""
         slip = slip_range(self.states, self.contact)
         children = tuple(child.finished() for child in self.children)
-        dual = None if self.relaxed is None or children else self.relaxed.dual
-        return OutcomeSet(self.contact, self.state, slip, children, dual, self.forced)
+        return OutcomeSet(self.contact, self.state, slip, children, self.dual, self.forced)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,21 +77,35 @@ def branch(dynamics: Dynamics, relaxation: Relaxation, is_over: Callable[[int], 
             return Branched(None, None, nodes, len(open_nodes) + given_up)
         node = open_nodes.pop()
         nodes += 1
-        node, is_covered = _closed(dynamics, node)
-        if is_covered:
+        if not node.is_closed:
+            node, is_covered = _closed(dynamics, node)
+            if is_covered:
+                continue
+        node.dual = relaxation.bounds.proving(node.states, goal[0], threshold)
+        if node.dual is not None:
             continue
-        node.relaxed = relaxation.solve(node.states, goal)
-        if node.relaxed is not None and node.relaxed.bound <= threshold:
-            continue
-        if node.relaxed is not None:
-            motion = _near(dynamics, node.relaxed)
+        relaxed = relaxation.solve(node.states, goal)
+        y, forces = goal[0] * 0.0, goal[1]
+        if relaxed is not None:
+            if relaxed.bound <= threshold:
+                node.dual = relaxed.dual
+                relaxation.bounds.remember(relaxed.dual)
+                continue
+            motion = _near(dynamics, relaxed)
             if motion is not None:
                 return Branched(None, motion, nodes, len(open_nodes))
-        y, forces = (goal[0] * 0.0, goal[1]) if node.relaxed is None else (
-            node.relaxed.y, node.relaxed.forces,
-        )  # fmt: skip
+            y, forces = relaxed.y, relaxed.forces
         contact, parts = split(dynamics, relaxation.loads, node.states, y, forces)
-        node.children = [_Node(contact, each.state[contact], each) for each in parts]
+        was_closed = node.states.state[contact] is not ContactState.FREE
+        node.children = [
+            _Node(
+                contact,
+                state := each.state[contact],
+                each,
+                is_closed=_forces_none(state, was_closed),
+            )
+            for each in parts
+        ]
         if not node.children:
             given_up += 1
         open_nodes += reversed(node.children)
@@ -113,6 +128,11 @@ def _closed(dynamics: Dynamics, node: _Node) -> tuple[_Node, bool]:
         if known in (ContactState.OPEN, ContactState.SLIPPING):
             return node, True
     return node, False
+
+
+def _forces_none(state: ContactState, was_closed: bool) -> bool:
+    """Return whether a contact that comes into a state adds nothing to what kinematics fix."""
+    return state is ContactState.OPEN or (state is ContactState.SLIPPING and was_closed)
 
 
 def _near(dynamics: Dynamics, relaxed: Relaxed) -> FloatArray | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from graspless_pin.compiled import outcome_search
 from graspless_pin.holding.dynamics import Dynamics, world_forces
 from graspless_pin.holding.verdict import ContactState, DynamicOutcome
 from graspless_pin.problem import QuasistaticProblem
@@ -19,6 +20,8 @@ _SLOW = 0.1
 _POLISH_STEPS = 20
 _EXACT = 1e-13
 _DIVERGING = 1e3
+_SETTLED = 1e-10
+"""Forces that change by less have come to their end."""
 _DIVERGED = 1e6
 """Forces that change by so much jam: more sweeps tell nothing."""
 _TOLERANCE = 1e-6
@@ -92,6 +95,12 @@ def _relaxed(dynamics: Dynamics, starts: FloatArray) -> FloatArray:
     changes = np.zeros_like(forces)
     y = np.einsum("lni,lik->nk", pushes, forces) + dynamics.load[:, None]
     still = _SLOW * dynamics.limit
+    if outcome_search is not None:
+        outcome_search.swept(
+            rows, pushes.transpose(0, 2, 1), mu, commanded, dynamics.points, forces, y, _SWEEPS,
+            _LOOK, still, _SETTLED, _DIVERGED, _STILL,
+        )  # fmt: skip
+        return forces.transpose(2, 0, 1)
     for sweep in range(_SWEEPS):
         if sweep % _LOOK == _LOOK - 1 and max(map(dynamics.point_acceleration, y.T)) < still:
             break
@@ -110,7 +119,7 @@ def _relaxed(dynamics: Dynamics, starts: FloatArray) -> FloatArray:
             y += pushes[contact] @ changes[contact]
             forces[contact] = trial
         change = float(np.abs(changes).max())
-        if change < 1e-10 or change > _DIVERGED:
+        if change < _SETTLED or change > _DIVERGED:
             break
     return forces.transpose(2, 0, 1)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from graspless_pin.holding.bounds import States, kinematic_dual, outcome_bound, repaired
+from graspless_pin.holding.bounds import OutcomeBounds, States, kinematic_dual, repaired
 from graspless_pin.holding.cuts import arc_rows, around, cone_planes, cone_tangents
 from graspless_pin.holding.dynamics import Dynamics
 from graspless_pin.holding.verdict import ContactState, DualBound
@@ -24,6 +24,8 @@ _HOPELESS = 1e-3
 """Of the goal: where the best point has more, splitting contacts tells more than tangents do."""
 _STILL = 1e-9
 """Power of a point, in its square, below which the way to rest tells nothing."""
+_ROUNDING = 1e-13
+"""Of the largest multiplier: smaller ones are none."""
 _PENALTY = 2.0
 """Of the share of the load that is taken away; any is sound: outcomes take none away."""
 FORCE_LIMIT = 1e6
@@ -68,7 +70,7 @@ class Relaxation:
             force_limit: What it proves holds for normal forces up to this, scaled.
         """
         self.dynamics, self.loads = dynamics, loads
-        self.force_limit = force_limit
+        self.bounds = OutcomeBounds(dynamics, loads, force_limit)
         count, n = dynamics.contact_count, len(dynamics.load)
         commanded = dynamics.is_commanded
         least = dynamics.commanded + np.minimum(dynamics.commanded_spread, 0.0)
@@ -260,7 +262,10 @@ class Relaxation:
         enough: float,
     ) -> Relaxed:
         """Return the best point, and the first multipliers whose bound is enough, or the best."""
-        n, count, marginals, most = self._n, self._m, answer.rows, self.force_limit
+        n, count = self._n, self._m
+        # A million loads make something of multipliers that are rounding.
+        sizes = np.abs(answer.rows)
+        marginals = np.where(sizes > _ROUNDING * sizes.max(), answer.rows, 0.0)
         tangential = np.zeros((count, 2))
         first = n + count + 1
         for column, contact in enumerate(self._loaded):
@@ -273,7 +278,7 @@ class Relaxation:
         raw = DualBound(-marginals[:n], marginals[n : n + count].copy(), tangential)
         dual, bound = raw, np.inf
         for tried in self._repairs(states, raw, goal):
-            proven = outcome_bound(self.dynamics, states, self.loads, tried, goal, most)
+            proven = self.bounds.bound(states, tried, goal)
             if proven < bound:
                 dual, bound = tried, proven
             if bound <= enough or value > _HOPELESS:

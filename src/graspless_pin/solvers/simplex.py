@@ -1,14 +1,18 @@
-"""A linear program that grows, shrinks and is solved again from its last basis, by HiGHS."""
+"""A linear program that grows, shrinks and is solved again from its last basis.
+
+Small ones are solved by a compiled dictionary, which a pivot goes over in a few microseconds. HiGHS
+solves the others, those that rounding spoils, and all where nothing is compiled.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
 
-import highspy
 import numpy as np
 from numpy.typing import NDArray
 
+from graspless_pin.compiled import dense_simplex
 from graspless_pin.problem.checks import FloatArray
 
 _OPTIONS: dict[str, bool | int | float | str] = {
@@ -19,11 +23,8 @@ _OPTIONS: dict[str, bool | int | float | str] = {
     "dual_feasibility_tolerance": 1e-10,
     "threads": 1,
 }
-_OUTCOMES = {
-    highspy.HighsModelStatus.kOptimal: "optimal",
-    highspy.HighsModelStatus.kInfeasible: "infeasible",
-    highspy.HighsModelStatus.kUnbounded: "unbounded",
-}
+_DENSE = 300
+"""Variables up to which a dictionary without zeros left out is the faster one."""
 
 
 class SimplexOutcome(StrEnum):
@@ -35,12 +36,21 @@ class SimplexOutcome(StrEnum):
     FAILED = "failed"
 
 
+_OUTCOMES = (
+    SimplexOutcome.OPTIMAL,
+    SimplexOutcome.INFEASIBLE,
+    SimplexOutcome.UNBOUNDED,
+    SimplexOutcome.FAILED,
+)
+_FAILED = 3
+
+
 @dataclass(frozen=True, eq=False)
 class SimplexAnswer:
     """An answer of the simplex method.
 
     Attributes:
-        outcome: What HiGHS says.
+        outcome: What the method says.
         x: (n,) variables.
         rows: (m,) marginals of the rows: the least cost rises by so much for each unit by which
             the active side of a row rises.
@@ -54,8 +64,8 @@ class SimplexAnswer:
 class Simplex:
     """Minimise c.x over lb <= x <= ub and low <= R x <= high, again and again.
 
-    Rows are added at the end and taken away from the end, bounds and costs change in place; each
-    solve begins at the basis of the last one.
+    Rows are added at the end and taken away, bounds and costs change in place; each solve begins at
+    the basis of the last one.
     """
 
     def __init__(self, cost: FloatArray, lb: FloatArray, ub: FloatArray) -> None:
@@ -66,6 +76,57 @@ class Simplex:
             lb: (n,), -inf where there is no bound.
             ub: (n,).
         """
+        is_small = dense_simplex is not None and len(cost) <= _DENSE
+        make = dense_simplex.Dictionary if is_small and dense_simplex is not None else _Highs
+        self._engine = make(cost, lb, ub)
+        self.row_count = 0
+        self.solves = 0
+
+    def add_rows(self, rows: FloatArray, low: FloatArray, high: FloatArray) -> None:
+        """Add (k, n) rows with their sides."""
+        self._engine.add_rows(rows, low, high)
+        self.row_count += len(rows)
+
+    def drop_rows(self, first: int, after: int) -> None:
+        """Take away the rows from ``first`` to before ``after``."""
+        if after > first:
+            self._engine.drop_rows(first, after)
+            self.row_count -= after - first
+
+    def set_sides(self, rows: NDArray[np.int32], low: FloatArray, high: FloatArray) -> None:
+        """Set the sides of some rows."""
+        self._engine.set_sides(rows, low, high)
+
+    def set_bounds(self, lb: FloatArray, ub: FloatArray) -> None:
+        """Set the bounds of all variables."""
+        self._engine.set_bounds(lb, ub)
+
+    def set_cost(self, cost: FloatArray) -> None:
+        """Set the cost of all variables."""
+        self._engine.set_cost(cost)
+
+    def solve(self) -> SimplexAnswer:
+        """Solve from the last basis; from none where that fails."""
+        self.solves += 1
+        outcome, x, rows = self._engine.solve()
+        if outcome == _FAILED and not isinstance(self._engine, _Highs):
+            matrix, low, high, cost = self._engine.program()
+            size = len(cost)
+            whole = _Highs(cost, low[:size], high[:size])
+            whole.add_rows(matrix, low[size:], high[size:])
+            outcome, x, rows = whole.solve()
+        return SimplexAnswer(_OUTCOMES[outcome], x, rows)
+
+
+class _Highs:
+    """The same by HiGHS; answers are a number of `_OUTCOMES`, x and the rows' marginals."""
+
+    def __init__(self, cost: FloatArray, lb: FloatArray, ub: FloatArray) -> None:
+        import highspy
+
+        status = highspy.HighsModelStatus
+        self._numbers = {status.kOptimal: 0, status.kInfeasible: 1, status.kUnbounded: 2}
+        self._error = highspy.HighsStatus.kError
         self._highs = highspy.Highs()
         for name, value in _OPTIONS.items():
             self._highs.setOptionValue(name, value)
@@ -74,59 +135,43 @@ class Simplex:
         empty = np.zeros(0, dtype=np.int32)
         self._highs.addCols(self._size, cost, lb, ub, 0, empty, empty, np.zeros(0))
         self._is_whole = True
-        self.row_count = 0
-        self.solves = 0
 
     def add_rows(self, rows: FloatArray, low: FloatArray, high: FloatArray) -> None:
-        """Add (k, n) rows with their sides."""
         where = rows != 0.0
         starts = np.concatenate([[0], np.cumsum(where.sum(axis=1))[:-1]]).astype(np.int32)
         columns = np.nonzero(where)[1].astype(np.int32)
         values = rows[where]
         added = self._highs.addRows(len(rows), low, high, len(values), starts, columns, values)
-        self._is_whole &= added != highspy.HighsStatus.kError
-        self.row_count += len(rows)
+        self._is_whole &= added != self._error
 
     def drop_rows(self, first: int, after: int) -> None:
-        """Take away the rows from ``first`` to before ``after``."""
-        gone = np.arange(first, after, dtype=np.int32)
-        if len(gone):
-            self._highs.deleteRows(len(gone), gone)
-            self.row_count -= len(gone)
+        self._highs.deleteRows(after - first, np.arange(first, after, dtype=np.int32))
 
     def set_sides(self, rows: NDArray[np.int32], low: FloatArray, high: FloatArray) -> None:
-        """Set the sides of some rows."""
         # The stubs of highspy do not know it.
         self._highs.changeRowsBounds(len(rows), rows, low, high)  # pyright: ignore[reportAttributeAccessIssue]
 
     def set_bounds(self, lb: FloatArray, ub: FloatArray) -> None:
-        """Set the bounds of all variables."""
         self._highs.changeColsBounds(self._size, self._all, lb, ub)
 
     def set_cost(self, cost: FloatArray) -> None:
-        """Set the cost of all variables."""
         self._highs.changeColsCost(self._size, self._all, cost)
 
-    def solve(self) -> SimplexAnswer:
-        """Solve from the last basis; from none where that fails.
-
-        Rows that HiGHS does not take, for numbers above 1e15, leave another program: it fails.
-        """
-        self.solves += 1
+    def solve(self) -> tuple[int, FloatArray, FloatArray]:
+        # Rows that HiGHS does not take, for numbers above 1e15, leave another program.
         if not self._is_whole:
-            return SimplexAnswer(SimplexOutcome.FAILED, np.zeros(0), np.zeros(0))
+            return _FAILED, np.zeros(0), np.zeros(0)
         answer = self._run()
-        if answer.outcome is SimplexOutcome.FAILED:
+        if answer[0] == _FAILED:
             self._highs.clearSolver()
             answer = self._run()
         return answer
 
-    def _run(self) -> SimplexAnswer:
+    def _run(self) -> tuple[int, FloatArray, FloatArray]:
         self._highs.run()
-        outcome = SimplexOutcome(_OUTCOMES.get(self._highs.getModelStatus(), "failed"))
         solution = self._highs.getSolution()
-        return SimplexAnswer(
-            outcome,
+        return (
+            self._numbers.get(self._highs.getModelStatus(), _FAILED),
             np.array(solution.col_value, dtype=np.float64),
             np.array(solution.row_dual, dtype=np.float64),
         )
