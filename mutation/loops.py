@@ -154,8 +154,6 @@ MISTAKES = tuple(
          "+ J[4 * n + j] * (x[2] * g[0] + x[0] * g[2])"),
         (COLD, "sign = -1.0 if self.x[c] > 0.0 else 1.0",
          "sign = 1.0 if self.x[c] > 0.0 else -1.0"),
-        (COLD, "weights.append(self.z[k] if k == 2 * i else -self.z[k])",
-         "weights.append(self.z[k])"),
         (COLD, "self.rows[n1 * i + n1 - 1] = -self.level[i - 6]",
          "self.rows[n1 * i + n1 - 1] = 0.0"),
         (COLD, "share = min(share, -_BACK * values[k] / steps[k])", "pass"),

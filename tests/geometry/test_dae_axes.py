@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]
 import pytest
+import trimesh
 
 from graspless_pin import Hand
 from graspless_pin.errors import MeshError
 from graspless_pin.findings import FindingCode, heard
 from graspless_pin.geometry.bodies.mass_properties import filling
+from graspless_pin.geometry.bodies.mesh_files import parse_mesh
 from graspless_pin.geometry.bodies.meshes import hull_points
 from graspless_pin.geometry.bodies.shapes import MeshShape
 from graspless_pin.geometry.bodies.triangles import shape_triangles
@@ -104,3 +107,10 @@ def test_a_unit_that_is_none_is_refused(tmp_path: Path) -> None:
     path.write_text(path.read_text().replace('meter="0.01"', 'meter="inch"'))
     with pytest.raises(MeshError, match="states the unit 'inch'"):
         hull_points(path, 1.0)
+
+
+def test_a_coordinate_beyond_all_whole_numbers_is_read_without_a_word(tmp_path):
+    text: Any = trimesh.creation.box((1.0, 1.0, 1.0)).export(file_type="dae")
+    path = tmp_path / "far.dae"
+    path.write_bytes(text.replace(b"0.5", b"1e19", 1))
+    assert np.abs(parse_mesh(path, upright=False).vertices).max() == pytest.approx(1e19)

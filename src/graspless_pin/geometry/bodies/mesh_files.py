@@ -63,9 +63,11 @@ def parse_mesh(path: Path, *, upright: bool) -> Any:
     heard = _Heard()
     trimesh.util.log.addFilter(heard)
     try:
-        mesh = trimesh.load_mesh(
-            io.BytesIO(content), file_type=ending[1:], resolver=resolver, process=False
-        )
+        # Of coordinates beyond all whole numbers it warns; those who use them refuse them by name.
+        with np.errstate(invalid="ignore"):
+            mesh = trimesh.load_mesh(
+                io.BytesIO(content), file_type=ending[1:], resolver=resolver, process=False
+            )
     finally:
         trimesh.util.log.removeFilter(heard)
     if len(content) > _LARGE:
