@@ -87,6 +87,7 @@ BODIES, ARRAYS, MOTIONS = "rigid_bodies", "small_arrays", "virtual_motions"
 ASSEMBLY, STATES, CARRIED = "paper_programs", "hand_states", "carried_optima"
 COLD, STARTS, CALLER = "cold_optima", "optimum_starts", "../algorithms/carried.py"
 SIMPLEX, OUTCOMES = "dense_simplex", "outcome_search"
+CHAINS = "kinematic_chains"
 MISTAKES = tuple(
     Mistake(*one)
     for one in (
@@ -139,10 +140,10 @@ MISTAKES = tuple(
         (PROGRAMS, "return bound, value, residual if isfinite(total) else INFINITY",
          "return bound, value, residual"),
         (PROGRAMS, "w[i] -= b[i]", "w[i] += b[i]"),
-        (STATES, "moment[4 * numbers_of(self._parents)[j] + i] += moment[4 * j + i]", "pass"),
+        (CHAINS, "moment[4 * numbers_of(self._parents)[j] + i] += moment[4 * j + i]", "pass"),
         (STATES, "data(self._lower)[j] <= position[j]", "position[j]"),
         (STATES, "or times[links.bodies[k]] != 1", ""),
-        (STATES, "step[1] -= s * axis[5]", "step[1] += s * axis[5]"),
+        (CHAINS, "step[1] -= s * axis[5]", "step[1] += s * axis[5]"),
         (CARRIED, "starts.insert(0, starts.pop(place))", "pass"),
         (CARRIED, "if self.value > self.cutoff:", "if False:"),
         (CARRIED, "friction * near.signs", "-friction * near.signs"),
@@ -150,7 +151,7 @@ MISTAKES = tuple(
          "residual = max(residual, at)"),
         (CARRIED, "v[6 + self.joint[i - 6] % self.L] += self.share[i - 6] * weight", "pass"),
         (CARRIED, "self.bound * out[5], (self.value", "self.bound * self.unit, (self.value"),
-        (STATES, "+ J[4 * n + j] * (x[2] * g[0] - x[0] * g[2])",
+        (CHAINS, "+ J[4 * n + j] * (x[2] * g[0] - x[0] * g[2])",
          "+ J[4 * n + j] * (x[2] * g[0] + x[0] * g[2])"),
         (COLD, "sign = -1.0 if self.x[c] > 0.0 else 1.0",
          "sign = 1.0 if self.x[c] > 0.0 else -1.0"),

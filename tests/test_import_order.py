@@ -83,7 +83,7 @@ def test_nothing_else_of_a_hand_is_an_object_of_pinocchio():
     """What a hand and its tree hold under other names is made by this package or by numpy."""
     hand = load_scene(ROOT / "examples" / "allegro_box_on_slope.yaml").hand
     assert hand is not None
-    _ = hand.placed_bodies, hand.gravity_torques((0.0, 0.0, -9.81)), hand.tree.masses
+    _ = hand.placed_bodies, hand.gravity_torques((0.0, 0.0, -9.81)), hand.joint_inertia()
     held = {**vars(hand.tree), **vars(hand)}
     found = {name for name, value in held.items() if "pinocchio" in type(value).__module__}
     assert found == {"pinocchio_model"}

@@ -15,6 +15,7 @@ try:
         contact_search,
         dense_simplex,
         hand_states,
+        kinematic_chains,
         linear_programs,
         optimum_starts,
         outcome_search,
@@ -25,7 +26,7 @@ try:
     )
 except ImportError:  # installed without a C compiler
     contact_frames = contact_search = linear_programs = rigid_bodies = small_arrays = None
-    carried_optima = cold_optima = dense_simplex = hand_states = None
+    carried_optima = cold_optima = dense_simplex = hand_states = kinematic_chains = None
     optimum_starts = outcome_search = paper_programs = virtual_motions = None
 
 __all__ = [
@@ -35,6 +36,7 @@ __all__ = [
     "contact_search",
     "dense_simplex",
     "hand_states",
+    "kinematic_chains",
     "linear_programs",
     "optimum_starts",
     "outcome_search",

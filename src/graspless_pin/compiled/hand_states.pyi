@@ -4,24 +4,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.compiled.contact_search import ConvexSets
+from graspless_pin.compiled.kinematic_chains import KinematicChains
 
 Array: TypeAlias = NDArray[np.float64]
 
 MOST_CONTACTS: int
 MOST_PAIRS: int
 
-class HandStates:
+class HandStates(KinematicChains):
     def __init__(
         self,
-        parents: ArrayLike,
-        placements: Array,
-        axes: Array,
+        *,
         coupling: Array,
         offset: Array,
         lower: Array,
         upper: Array,
-        masses: Array,
-        centers: Array,
         gravity: Array,
         carriers: ArrayLike,
         shapes: Array,
@@ -30,5 +27,6 @@ class HandStates:
         poses: Array,
         tolerance: float,
         max_penetration: float,
+        **joints: ArrayLike,
     ) -> None: ...
     def at(self, q: Array) -> tuple[NDArray[np.intp], NDArray[np.intp], Array, Array, Array]: ...

@@ -100,12 +100,17 @@ def problem_of_own_arrays(
         upper_torque=upper,
         max_normal_force=_constant(len(positions), max_normal_force),
         cone_edges=cone_edges,
-        cone=choice(ConeModel, "cone", cone),
+        cone=_cone(cone),
         joint_names=joint_names,
         joint_units=joint_units,
         gravity_torques=gravity_torques,
     )
     return made
+
+
+@lru_cache(maxsize=8)
+def _cone(name: str) -> ConeModel:
+    return choice(ConeModel, "cone", name)
 
 
 @lru_cache(maxsize=64)

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from graspless_pin.compiled import hand_states
 from graspless_pin.geometry.contact.broad_phase import solids_of
 from graspless_pin.geometry.hand.posed_links import joints_of
-from graspless_pin.geometry.hand.work_space import joint_motions
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.scene import Scene
@@ -139,18 +138,11 @@ class PlainProblems:
         ):
             return None
         tree, pieces = hand.tree, scene.object.placed_bodies
-        parents, placements, axes = joint_motions(tree)
-        masses, centers = tree.masses
         return hand_states.HandStates(
-            parents=parents,
-            placements=placements,
-            axes=axes,
             coupling=tree.coupling.S,
             offset=tree.coupling.offset,
             lower=tree.tolerated[0],
             upper=tree.tolerated[1],
-            masses=masses,
-            centers=centers,
             gravity=scene.gravity if scene.count_own_weight else np.zeros(3),
             carriers=tree.shape_placements[0],
             shapes=tree.shape_placements[1],
@@ -159,4 +151,5 @@ class PlainProblems:
             poses=pieces.poses,
             tolerance=scene.contact_tolerance,
             max_penetration=scene.max_penetration,
+            **tree.chains,
         )

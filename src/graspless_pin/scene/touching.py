@@ -47,10 +47,12 @@ def touching_of(scene: Scene, kept: Latest) -> ContactArrays:
             raise error.at(scene.name if scene.path is None else str(scene.path)) from error
 
     each = [support.placed_bodies for support in scene.supports]
-    supports = kept.of("support bodies", (*each,), lambda: PlacedBodies.joined(each))
-    on_supports = kept.of(
-        "on supports", (placed, supports, *limits), lambda: found(supports, BodyKind.SUPPORT)
-    )
+
+    def found_on_supports() -> ContactArrays:
+        bodies = kept.of("support bodies", (*each,), lambda: PlacedBodies.joined(each))
+        return found(bodies, BodyKind.SUPPORT)
+
+    on_supports = kept.of("on supports", (placed, *each, *limits), found_on_supports)
     if hand is None:
         return found((), BodyKind.HAND).followed_by(on_supports)
     return kept.of(

@@ -14,6 +14,7 @@ from graspless_pin.geometry.bodies.collision import PlacedBodies
 from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
 from graspless_pin.geometry.hand.work_space import Kinematics
 from graspless_pin.geometry.poses import finite_numbers
+from graspless_pin.problem.checks import all_finite
 
 
 class PosedLinks(NamedTuple):
@@ -84,7 +85,10 @@ def checked_points(links: Sequence[str], points: ArrayLike) -> NDArray[np.float6
     Raises:
         ArgumentError: If the shape is another or a number is not finite.
     """
-    positions = finite_numbers("points", points)
+    if isinstance(points, np.ndarray) and points.dtype == np.float64 and all_finite((points,)):
+        positions = points
+    else:
+        positions = finite_numbers("points", points)
     if positions.shape != (len(links), 3):
         raise ArgumentError(
             "points", f"needs shape ({len(links)}, 3), one row per link, got {positions.shape}"
