@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from graspless_pin.algorithms.carried import found_cold
 from graspless_pin.algorithms.formulation import Formulation, formulate
 from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.options import DEFAULT_OPTIONS, SolveOptions
@@ -90,6 +91,9 @@ def _best_case(
     mode: SlidingMode | None = None,
 ) -> TorqueSolution:
     """Return the optimum over all forces that statics leave open."""
+    found = found_cold(problem, objective, options) if mode is None else None
+    if found is not None:
+        return found
     gap = 0.0
     if options.rules.by_direction:
         if mode is not None:

@@ -4,13 +4,8 @@ from graspless_pin.compiled.optimum_starts cimport Start
 from graspless_pin.compiled.paper_programs cimport PaperPrograms
 
 cdef class Carrier(PaperPrograms):
-    cdef double damping, exact, cutoff, value, bound, residual
+    cdef double damping, exact, cutoff
     cdef int corrections
-    cdef double* x
-    cdef double* w
-    cdef double* counted
-    cdef double* levels
-    cdef double* d
     cdef double* y
     cdef double* G
     cdef double* forces
@@ -21,6 +16,6 @@ cdef class Carrier(PaperPrograms):
     cdef double* signs
 
     cdef bint refined(self, Start near) noexcept
-    cdef void judged(self) noexcept
     cdef bint optimum(self, Start near, bint has_map) noexcept
+    cdef tuple told(self)
     cdef Start begun(self)

@@ -9,15 +9,15 @@ from graspless_pin.compiled.paper_programs import PaperPrograms
 
 Array: TypeAlias = NDArray[np.float64]
 
+Optimum: TypeAlias = tuple[Array, float, Array, float, float, float, Array, Array, Array]
+
 FIGURES: tuple[str, ...]
 
 class Carrier(PaperPrograms):
     def __init__(
         self, damping: float, corrections: int, exact: float, cutoff: float, **shared: Any
     ) -> None: ...
-    def carried(
-        self, problem: Any, starts: list[Start | None]
-    ) -> tuple[int, Array, float, Array, float, float, float, Array, Array, Array] | None: ...
+    def carried(self, problem: Any, starts: list[Start | None]) -> tuple[int, Optimum] | None: ...
     def carried_many(
         self,
         problem: Any,

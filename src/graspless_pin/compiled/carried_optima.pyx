@@ -1,7 +1,7 @@
 # cython: boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 """Optima of Algorithms 1 and 2, carried over to problems with the same contacts, and proven."""
 
-from libc.math cimport INFINITY, fabs, isfinite
+from libc.math cimport fabs, isfinite
 from libc.string cimport memcpy, memset
 
 cimport numpy as cnp
@@ -41,12 +41,11 @@ cdef class Carrier(PaperPrograms):
             shared: See `PaperPrograms`.
         """
         PaperPrograms.__init__(self, **shared)
-        cdef Py_ssize_t n = self.n, rows = 6 + 3 * self.L + self.s
+        cdef Py_ssize_t n = self.n
         self.damping, self.corrections, self.exact = damping, corrections, exact
         self.cutoff = cutoff
-        self.x, self.w, self.counted = self.room(n + 1), self.room(rows), self.room(self.W)
-        self.levels, self.d, self.y = self.room(self.W), self.room(n + 1), self.room(n + 1)
-        self.G, self.forces = self.room((n + 1) * (n + 1)), self.room(3 * self.M)
+        self.y, self.G = self.room(n + 1), self.room((n + 1) * (n + 1))
+        self.forces = self.room(3 * self.M)
         self.map, self.scaled = self.room(3 * self.M * self.W), self.room(3 * self.M * self.W)
         self.scale, self.motion = self.room(self.W), self.room(self.W)
         self.signs = self.room(2 * self.M)
@@ -121,67 +120,6 @@ cdef class Carrier(PaperPrograms):
                 self.w[near.rows[q]] = w[q]
         return True
 
-    cdef void judged(self) noexcept:
-        """Find what point and multipliers prove, see `linear_programs.judged`."""
-        cdef Py_ssize_t n = self.n, W = self.W, c, i, j, k, e
-        cdef double* v = self.counted
-        cdef double* level = self.levels
-        cdef double* slope = self.d
-        cdef double weight, at, total = 0.0, bound = 0.0, residual = 0.0, last = self.x[n]
-        memset(v, 0, W * sizeof(double))
-        memset(level, 0, W * sizeof(double))
-        memset(slope, 0, (n + 1) * sizeof(double))
-        slope[n] = -1.0 if self.kind == MARGIN else 1.0
-        for c in range(n):
-            at = self.x[c]
-            for k in range(W):
-                level[k] += at * self.B[W * c + k]
-        for i in range(self.R):
-            weight = self.w[i]
-            total += weight
-            if i < 6:
-                at = level[i]
-            elif i >= self.T:
-                at = level[6 + i - self.T]
-                residual = max(residual, self.side(i, False) - at)
-            elif i < 6 + self.p:
-                j = 6 + self.joint[i - 6] % self.L
-                at = self.share[i - 6] * level[j] - self.level[i - 6] * last
-            else:
-                at, k = 0.0, i - 6 - self.p
-                for e in range(self.row_start[k], self.row_start[k + 1]):
-                    at += self.row_value[e] * self.x[self.row_column[e]]
-            at -= self.side(i, True)
-            residual = max(residual, at if i >= 6 else fabs(at))
-            if weight == 0.0:
-                continue
-            at = self.side(i, weight > 0.0)
-            if not isfinite(at):
-                continue
-            bound -= weight * at
-            if i < 6:
-                v[i] += weight
-            elif i >= self.T:
-                v[6 + i - self.T] += weight
-            elif i < 6 + self.p:
-                v[6 + self.joint[i - 6] % self.L] += self.share[i - 6] * weight
-                slope[n] -= self.level[i - 6] * weight
-            else:
-                for e in range(self.row_start[k], self.row_start[k + 1]):
-                    slope[self.row_column[e]] += self.row_value[e] * weight
-        for c in range(n + 1):
-            if c < n:
-                slope[c] += inner(self.B + W * c, v, W)
-            at = self.x[c]
-            total += at
-            residual = max(residual, at - self.bounds[n + 1 + c], self.bounds[c] - at)
-            if slope[c] >= 0.0:
-                bound += slope[c] * max(self.box[c], self.bounds[c])
-            else:
-                bound += slope[c] * min(self.box[n + 1 + c], self.bounds[n + 1 + c])
-        self.value = -last if self.kind == MARGIN else last
-        self.bound, self.residual = bound, residual if isfinite(total) else INFINITY
-
     cdef bint optimum(self, Start near, bint has_map) noexcept:
         """Find and prove the optimum that an earlier one leads to."""
         cdef Py_ssize_t c, contact
@@ -235,12 +173,11 @@ cdef class Carrier(PaperPrograms):
             starts: `Start`s, or None in the place of what cannot be carried over.
 
         Returns:
-            The place of the one that leads to it; (M, 3) forces, the factor from values to the
-            objective's unit, (n + 1,) the point, value, bound and residual, (R,) multipliers, (6 +
-            L,) a motion, scaled, and (6 + L,) its scale. None if none does.
+            The place of the one that leads to it, and of the optimum: (M, 3) forces, the factor
+            from values to the objective's unit, (n + 1,) the point, value, bound and residual, (R,)
+            multipliers, (6 + L,) a motion, scaled, and (6 + L,) its scale. None if none does.
         """
         cdef list held = []
-        cdef cnp.ndarray forces
         cdef Py_ssize_t place
         self.hold(problem, held)
         if not self.posed():
@@ -248,14 +185,16 @@ cdef class Carrier(PaperPrograms):
         for place in range(len(starts)):
             near = starts[place]
             if near is not None and self.optimum(near, False):
-                forces = empty(self.M, 3)
-                memcpy(data(forces), self.forces, 3 * self.M * sizeof(double))
-                return (
-                    place, forces, self.unit, _copied(self.x, self.n + 1), self.value, self.bound,
-                    self.residual, _copied(self.w, self.R), _copied(self.motion, self.W),
-                    _copied(self.scale, self.W),
-                )
+                return place, self.told()
         return None
+
+    cdef tuple told(self):
+        """What was found of one problem, as `carried` returns it."""
+        return (
+            _copied(self.forces, 3 * self.M).reshape(self.M, 3), self.unit,
+            _copied(self.x, self.n + 1), self.value, self.bound, self.residual,
+            _copied(self.w, self.R), _copied(self.motion, self.W), _copied(self.scale, self.W),
+        )
 
     def carried_many(
         self, problem, list starts, order, states, moves, carriers, center, axes, figures, torques,

@@ -10,12 +10,12 @@ from graspless_pin.compiled.carried_optima cimport Carrier
 from graspless_pin.compiled.contact_frames cimport map_of
 from graspless_pin.compiled.optimum_starts cimport Start
 from graspless_pin.compiled.paper_programs cimport MARGIN
-from graspless_pin.compiled.shared cimport data, empty1, factor, inner, solve_factored
-from graspless_pin.compiled.virtual_motions cimport scaled_of
+from graspless_pin.compiled.shared cimport (
+    data, empty, empty1, factor, inner, no_numbers, solve_factored,
+)
+from graspless_pin.compiled.virtual_motions cimport scaled_of, witness_of, witness_room
 
 import numpy as np
-
-from graspless_pin.compiled import virtual_motions
 
 cnp.import_array()
 
@@ -31,6 +31,12 @@ cdef class ColdCarrier(Carrier):
 
     cdef int guesses
     cdef tuple judged_by
+    cdef Py_ssize_t count
+    cdef cnp.npy_intp* sided
+    cdef cnp.npy_intp* chosen
+    cdef double* wanted
+    cdef double* slide
+    cdef double* guessed
     cdef double* rows
     cdef double* ends
     cdef double* slack
@@ -66,6 +72,29 @@ cdef class ColdCarrier(Carrier):
         self.at, self.y, self.dy, self.dx = self.room(N), self.room(6), self.room(6), self.room(n1)
         self.q, self.H = self.room(n1), self.room(n1 * n1)
         self.back, self.schur = self.room(6 * n1), self.room(36)
+        # Sides that there are, two to a row, the upper one first; slacks and multipliers likewise.
+        self.count, self.sided = 0, self.numbers(no_numbers(2 * N))
+        self.chosen, self.wanted = self.numbers(no_numbers(self.M)), self.room(2 * self.M)
+        self.slide, self.guessed = self.room(2 * self.M), self.room(witness_room(self.M, self.W))
+
+    def found(self, problem):
+        """Return the optimum of one problem, with the mode that its friction is read as.
+
+        Args:
+            problem: The problem, or what loops read of it.
+
+        Returns:
+            (M, 2) signs of the mode, zeros where it does not select, and the optimum as `carried`
+            returns it. None: interior points or the first guess of a motion do not lead to any.
+        """
+        cdef list held = []
+        self.hold(problem, held)
+        if not self.posed():
+            return None
+        near = self.begun()
+        if near is None or not self.optimum(near, True):
+            return None
+        return _copied(near.signs, 2 * self.M).reshape(self.M, 2), self.told()
 
     cdef void levels_at(self, const double* x, double* level) noexcept:
         """Put the values of all rows, and after them the variables, into a place."""
@@ -101,16 +130,18 @@ cdef class ColdCarrier(Carrier):
         cdef const double* row
         cdef double d, trace = 0.0
         memset(H, 0, n1 * n1 * sizeof(double))
+        memset(self.at, 0, (self.R + n1) * sizeof(double))
+        for i in range(self.count):
+            k = self.sided[i]
+            self.at[k // 2] += self.z[k] / self.slack[k]
         for i in range(6, D + self.L):
-            k, row = (i if i < D else self.T + i - D), self.rows + n1 * i
-            d = self.z[2 * k] / self.slack[2 * k] + self.z[2 * k + 1] / self.slack[2 * k + 1]
+            d, row = self.at[i if i < D else self.T + i - D], self.rows + n1 * i
             for j in range(n1):
                 if row[j] != 0.0:
                     for e in range(j + 1):
                         H[n1 * j + e] += d * row[j] * row[e]
         for i in range(self.s):
-            k = D + i
-            d = self.z[2 * k] / self.slack[2 * k] + self.z[2 * k + 1] / self.slack[2 * k + 1]
+            d = self.at[D + i]
             for e in range(self.row_start[i], self.row_start[i + 1]):
                 for f in range(self.row_start[i], e + 1):
                     # Columns of a row rise.
@@ -118,9 +149,7 @@ cdef class ColdCarrier(Carrier):
                         d * self.row_value[e] * self.row_value[f]
                     )
         for j in range(n1):
-            k = self.R + j
-            H[n1 * j + j] += self.z[2 * k] / self.slack[2 * k]
-            H[n1 * j + j] += self.z[2 * k + 1] / self.slack[2 * k + 1]
+            H[n1 * j + j] += self.at[self.R + j]
             trace += H[n1 * j + j]
         for j in range(n1):
             H[n1 * j + j] += _RIDGE * trace
@@ -141,15 +170,13 @@ cdef class ColdCarrier(Carrier):
     cdef void step(self) noexcept:
         """Find the step to the targets of slacks times multipliers."""
         cdef Py_ssize_t n1 = self.n + 1, N = self.R + n1, i, j, k
+        cdef double d
         cdef double* w = self.at
-        memset(w, 0, 6 * sizeof(double))
-        for i in range(6, N):
-            w[i] = 0.0
-            for k in range(2 * i, 2 * i + 2):
-                if isfinite(self.ends[k]):
-                    w[i] += (1.0 if k == 2 * i else -1.0) * (
-                        (self.target[k] + self.z[k] * self.apart[k]) / self.slack[k]
-                    )
+        memset(w, 0, N * sizeof(double))
+        for i in range(self.count):
+            k = self.sided[i]
+            d = (self.target[k] + self.z[k] * self.apart[k]) / self.slack[k]
+            w[k // 2] += -d if k % 2 else d
         memset(self.dx, 0, n1 * sizeof(double))
         self.add_rows(w, self.dx)
         for j in range(n1):
@@ -162,25 +189,26 @@ cdef class ColdCarrier(Carrier):
             for j in range(n1):
                 self.dx[j] -= self.dy[i] * self.back[n1 * i + j]
         self.levels_at(self.dx, self.at)
-        for i in range(6, N):
-            for k in range(2 * i, 2 * i + 2):
-                if isfinite(self.ends[k]):
-                    self.ds[k] = -self.apart[k] - (self.at[i] if k == 2 * i else -self.at[i])
-                    self.dz[k] = (self.target[k] - self.z[k] * self.ds[k]) / self.slack[k]
+        for i in range(self.count):
+            k = self.sided[i]
+            d = self.at[k // 2]
+            self.ds[k] = (d if k % 2 else -d) - self.apart[k]
+            self.dz[k] = (self.target[k] - self.z[k] * self.ds[k]) / self.slack[k]
 
     cdef double reached(self, const double* values, const double* steps) noexcept:
         """The share of a step that keeps values positive."""
-        cdef Py_ssize_t k
+        cdef Py_ssize_t i, k
         cdef double share = 1.0
-        for k in range(12, 2 * (self.R + self.n + 1)):
-            if isfinite(self.ends[k]) and steps[k] < 0.0:
-                share = min(share, -_BACK * values[k] / steps[k])
+        for i in range(self.count):
+            k = self.sided[i]
+            if share * steps[k] < -_BACK * values[k]:
+                share = -_BACK * values[k] / steps[k]
         return share
 
     cdef bint solved(self) noexcept:
         """Find an optimum by interior points."""
         cdef Py_ssize_t n1 = self.n + 1, N = self.R + n1, W = self.W, D = 6 + self.p, c, i, j, k
-        cdef Py_ssize_t count = 0, _
+        cdef Py_ssize_t _
         cdef double factor_of, primal, dual, mean, aimed, far, near, total
         memset(self.rows, 0, (D + self.L) * n1 * sizeof(double))
         for i in range(D + self.L):
@@ -196,32 +224,37 @@ cdef class ColdCarrier(Carrier):
         memset(self.y, 0, 6 * sizeof(double))
         self.x[n1 - 1] = -1.0 if self.kind == MARGIN else 1.0
         self.levels_at(self.x, self.at)
+        self.count = 0
         for i in range(N):
             for k in range(2 * i, 2 * i + 2):
                 self.ends[k] = self.side(i, k == 2 * i)
-                self.slack[k], self.z[k] = 1.0, 0.0
                 if i >= 6 and isfinite(self.ends[k]):
                     far = self.ends[k] - self.at[i] if k == 2 * i else self.at[i] - self.ends[k]
                     self.slack[k] = max(far, 1.0)
                     self.z[k] = 1.0 / self.slack[k]
-                    count += 1
+                    self.sided[self.count] = k
+                    self.count += 1
         for _ in range(_MOST_STEPS):
             self.levels_at(self.x, self.at)
             primal, dual, mean = 0.0, 0.0, 0.0
-            for i in range(N):
-                for k in range(2 * i, 2 * i + 2):
-                    if not isfinite(self.ends[k]):
-                        continue
-                    self.apart[k] = self.at[i] - self.ends[k]
-                    if i >= 6:
-                        if k > 2 * i:
-                            self.apart[k] = -self.apart[k]
-                        self.apart[k] += self.slack[k]
-                        mean += self.slack[k] * self.z[k]
-                        self.target[k] = -self.slack[k] * self.z[k]
-                    primal = max(primal, fabs(self.apart[k]))
-                self.at[i] = self.y[i] if i < 6 else self.z[2 * i] - self.z[2 * i + 1]
-            mean /= max(count, 1)
+            memset(self.apart, 0, 12 * sizeof(double))
+            for i in range(6):
+                self.apart[2 * i] = self.at[i] - self.ends[2 * i]
+                primal = max(primal, fabs(self.apart[2 * i]))
+                self.at[i] = self.y[i]
+            for i in range(self.count):
+                k = self.sided[i]
+                far = self.at[k // 2] - self.ends[k]
+                self.apart[k] = (-far if k % 2 else far) + self.slack[k]
+                near = self.slack[k] * self.z[k]
+                mean += near
+                self.target[k] = -near
+                primal = max(primal, fabs(self.apart[k]))
+            memset(self.at + 6, 0, (N - 6) * sizeof(double))
+            for i in range(self.count):
+                k = self.sided[i]
+                self.at[k // 2] += -self.z[k] if k % 2 else self.z[k]
+            mean /= max(self.count, 1)
             memset(self.q, 0, n1 * sizeof(double))
             self.q[n1 - 1] = -1.0 if self.kind == MARGIN else 1.0
             self.add_rows(self.at, self.q)
@@ -230,30 +263,31 @@ cdef class ColdCarrier(Carrier):
             total = primal + dual + mean
             if not isfinite(total):
                 return False
-            if mean <= _CLOSE and primal <= 1e-8 and dual <= 1e-8:
-                return True
+            if mean <= _CLOSE:
+                # The proof tells whether that will do; further steps only lose digits.
+                return primal <= 1e-6 and dual <= 1e-6
             if not self.weighed():
                 return False
             self.step()
             far, near = self.reached(self.slack, self.ds), self.reached(self.z, self.dz)
             aimed = 0.0
-            for k in range(12, 2 * N):
-                if isfinite(self.ends[k]):
-                    aimed += (self.slack[k] + far * self.ds[k]) * (self.z[k] + near * self.dz[k])
-            aimed = (aimed / max(count, 1) / mean) ** 3 * mean
-            for k in range(12, 2 * N):
-                if isfinite(self.ends[k]):
-                    self.target[k] += aimed - self.ds[k] * self.dz[k]
+            for i in range(self.count):
+                k = self.sided[i]
+                aimed += (self.slack[k] + far * self.ds[k]) * (self.z[k] + near * self.dz[k])
+            aimed = (aimed / max(self.count, 1) / mean) ** 3 * mean
+            for i in range(self.count):
+                k = self.sided[i]
+                self.target[k] += aimed - self.ds[k] * self.dz[k]
             self.step()
             far, near = self.reached(self.slack, self.ds), self.reached(self.z, self.dz)
             for j in range(n1):
                 self.x[j] += far * self.dx[j]
             for i in range(6):
                 self.y[i] += near * self.dy[i]
-            for k in range(12, 2 * N):
-                if isfinite(self.ends[k]):
-                    self.slack[k] += far * self.ds[k]
-                    self.z[k] += near * self.dz[k]
+            for i in range(self.count):
+                k = self.sided[i]
+                self.slack[k] += far * self.ds[k]
+                self.z[k] += near * self.dz[k]
         return False
 
     cdef Start begun(self):
@@ -261,41 +295,49 @@ cdef class ColdCarrier(Carrier):
 
         Its mode is read from the friction, and the motion guessed, as a search does first.
         """
-        cdef Py_ssize_t n1 = self.n + 1, W = self.W, i, c, k
-        cdef double sign
+        cdef Py_ssize_t n1 = self.n + 1, M = self.M, W = self.W, s = 0, i, c, k
+        cdef double* pair
+        cdef cnp.ndarray signs
         if not self.solved():
             return None
-        x = _copied(self.x, n1)
-        rows, upper, weights = list(range(6)), [True] * 6, [self.y[i] for i in range(6)]
-        for i in range(6, self.R + n1):
-            for k in range(2 * i, 2 * i + 2):
-                if isfinite(self.ends[k]) and self.z[k] > self.slack[k]:
-                    rows.append(i)
-                    upper.append(k == 2 * i)
-                    weights.append(self.z[k] if k == 2 * i else -self.z[k])
-        signs = np.zeros((self.M, 2))
+        signs = empty(M, 2)
+        memset(data(signs), 0, 2 * M * sizeof(double))
         for c in range(self.n):
             if self.axes[c] % 3 and fabs(self.x[c]) > _RUBS:
-                sign = -1.0 if self.x[c] > 0.0 else 1.0
-                signs[self.axes[c] // 3, self.axes[c] % 3 - 1] = sign
-        contacts = np.flatnonzero(signs.any(axis=1))
-        wanted, motion = signs[contacts].ravel(), np.zeros(W)
-        map_of(self.M, self.L, self.points, self.normals, self.tangents, self.J, self.map)
-        scaled_of(3 * self.M, W, self.map, self.scale, self.scaled)
-        if len(contacts):
-            seen = virtual_motions.witness(
-                _blocks(self.scaled, self.M, W), contacts, wanted, None, self.guesses,
-                *self.judged_by,
-            )
-            if seen is None:
-                return None
-            wanted, motion = seen
-            signs[contacts] = wanted.reshape(-1, 2)
-        count = sum(i < self.R for i in rows)
-        bounds = [i - self.R for i in rows[count:]]
+                data(signs)[2 * (self.axes[c] // 3) + self.axes[c] % 3 - 1] = (
+                    -1.0 if self.x[c] > 0.0 else 1.0
+                )
+        for i in range(M):
+            pair = data(signs) + 2 * i
+            if pair[0] != 0.0 or pair[1] != 0.0:
+                self.chosen[s] = i
+                memcpy(self.wanted + 2 * s, pair, 2 * sizeof(double))
+                s += 1
+        map_of(M, self.L, self.points, self.normals, self.tangents, self.J, self.map)
+        scaled_of(3 * M, W, self.map, self.scale, self.scaled)
+        memset(self.motion, 0, W * sizeof(double))
+        damping, corrections, rank_tolerance, least = self.judged_by
+        if s and not witness_of(
+            M, W, self.scaled, s, self.chosen, self.wanted, NULL, self.guesses, damping,
+            corrections, rank_tolerance, least, self.guessed, self.slide, self.motion,
+        ):
+            return None
+        for i in range(s):
+            memcpy(data(signs) + 2 * self.chosen[i], self.slide + 2 * i, 2 * sizeof(double))
+        rows, bounds, upper, weights = list(range(6)), [], [True] * 6, _copied(self.y, 6).tolist()
+        for i in range(self.count):
+            k = self.sided[i]
+            if self.z[k] > self.slack[k]:
+                if k // 2 < self.R:
+                    rows.append(k // 2)
+                else:
+                    bounds.append(k // 2 - self.R)
+                upper.append(k % 2 == 0)
+                weights.append(-self.z[k] if k % 2 else self.z[k])
         return Start(
-            self, rows[:count], bounds, upper, x, np.array(weights), self.R, signs, contacts,
-            wanted, motion, self.judged_by,
+            self, rows, bounds, upper, _copied(self.x, n1), np.array(weights), self.R, signs,
+            [self.chosen[i] for i in range(s)], _copied(self.slide, 2 * s),
+            _copied(self.motion, W), self.judged_by,
         )
 
 
@@ -303,7 +345,3 @@ cdef cnp.ndarray _copied(const double* values, Py_ssize_t count):
     cdef cnp.ndarray array = empty1(count)
     memcpy(data(array), values, count * sizeof(double))
     return array
-
-
-cdef cnp.ndarray _blocks(const double* values, Py_ssize_t count, Py_ssize_t columns):
-    return _copied(values, 3 * count * columns).reshape(count, 3, columns)

@@ -46,6 +46,13 @@ cdef class PaperPrograms:
     cdef cnp.npy_intp* joint
     cdef double* share
     cdef double* level
+    # A point and multipliers, and what they prove.
+    cdef double* x
+    cdef double* w
+    cdef double* d
+    cdef double* counted
+    cdef double* levels
+    cdef double value, bound, residual
 
     cdef double* room(self, Py_ssize_t count)
     cdef double* reals(self, cnp.ndarray array)
@@ -54,4 +61,5 @@ cdef class PaperPrograms:
     cdef void hold(self, problem, list held)
     cdef bint posed(self) noexcept
     cdef double side(self, Py_ssize_t i, bint top) noexcept
+    cdef void judged(self) noexcept
     cdef bint is_far(self, double side) noexcept

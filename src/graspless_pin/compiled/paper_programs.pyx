@@ -9,7 +9,7 @@ cimport numpy as cnp
 from graspless_pin.compiled.contact_frames cimport directions_of, scales_of
 from graspless_pin.compiled.shared cimport (
     as_blocks, as_flags, as_integers, as_reals, as_shaped, as_vector, data, effects_of, empty,
-    empty1, flags_of, no_numbers, numbers_of,
+    empty1, flags_of, inner, no_numbers, numbers_of,
 )
 
 cnp.import_array()
@@ -86,6 +86,8 @@ cdef class PaperPrograms:
         self.frames, self.joint_scale = self.room(9 * self.M), self.room(L)
         self.B, self.torque = self.room(n * self.W), self.room(L)
         self.box, self.bounds = self.room(2 * n + 2), self.room(2 * n + 2)
+        self.x, self.w, self.d = self.room(n + 1), self.room(6 + 3 * L + self.s), self.room(n + 1)
+        self.counted, self.levels = self.room(self.W), self.room(self.W)
 
     cdef double* room(self, Py_ssize_t count):
         return self.reals(empty1(max(count, 1)))
@@ -230,6 +232,67 @@ cdef class PaperPrograms:
             return -self.required / self.force if self.kind != MARGIN else 0.0
         k -= self.faces
         return self.most[k] / self.force if k < self.M else 0.0
+
+    cdef void judged(self) noexcept:
+        """Find what point and multipliers prove, see `linear_programs.judged`."""
+        cdef Py_ssize_t n = self.n, W = self.W, c, i, j, k, e
+        cdef double* v = self.counted
+        cdef double* level = self.levels
+        cdef double* slope = self.d
+        cdef double weight, at, total = 0.0, bound = 0.0, residual = 0.0, last = self.x[n]
+        memset(v, 0, W * sizeof(double))
+        memset(level, 0, W * sizeof(double))
+        memset(slope, 0, (n + 1) * sizeof(double))
+        slope[n] = -1.0 if self.kind == MARGIN else 1.0
+        for c in range(n):
+            at = self.x[c]
+            for k in range(W):
+                level[k] += at * self.B[W * c + k]
+        for i in range(self.R):
+            weight = self.w[i]
+            total += weight
+            if i < 6:
+                at = level[i]
+            elif i >= self.T:
+                at = level[6 + i - self.T]
+                residual = max(residual, self.side(i, False) - at)
+            elif i < 6 + self.p:
+                j = 6 + self.joint[i - 6] % self.L
+                at = self.share[i - 6] * level[j] - self.level[i - 6] * last
+            else:
+                at, k = 0.0, i - 6 - self.p
+                for e in range(self.row_start[k], self.row_start[k + 1]):
+                    at += self.row_value[e] * self.x[self.row_column[e]]
+            at -= self.side(i, True)
+            residual = max(residual, at if i >= 6 else fabs(at))
+            if weight == 0.0:
+                continue
+            at = self.side(i, weight > 0.0)
+            if not isfinite(at):
+                continue
+            bound -= weight * at
+            if i < 6:
+                v[i] += weight
+            elif i >= self.T:
+                v[6 + i - self.T] += weight
+            elif i < 6 + self.p:
+                v[6 + self.joint[i - 6] % self.L] += self.share[i - 6] * weight
+                slope[n] -= self.level[i - 6] * weight
+            else:
+                for e in range(self.row_start[k], self.row_start[k + 1]):
+                    slope[self.row_column[e]] += self.row_value[e] * weight
+        for c in range(n + 1):
+            if c < n:
+                slope[c] += inner(self.B + W * c, v, W)
+            at = self.x[c]
+            total += at
+            residual = max(residual, at - self.bounds[n + 1 + c], self.bounds[c] - at)
+            if slope[c] >= 0.0:
+                bound += slope[c] * max(self.box[c], self.bounds[c])
+            else:
+                bound += slope[c] * min(self.box[n + 1 + c], self.bounds[n + 1 + c])
+        self.value = -last if self.kind == MARGIN else last
+        self.bound, self.residual = bound, residual if isfinite(total) else INFINITY
 
     def arrays(self, problem):
         """Rows, sides, box and bounds of one problem, see `objectives`.

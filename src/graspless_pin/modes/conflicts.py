@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.modes.fastest_sliding import TAKES_PART, signed_rows
+from graspless_pin.modes.fastest_sliding import TAKES_PART, length, signed_rows
 from graspless_pin.modes.rules import SignRule
 from graspless_pin.modes.verdicts import Conflict
 from graspless_pin.problem.checks import FloatArray, read_only
@@ -72,7 +72,7 @@ def reactions(still: FloatArray, rest: FloatArray, threshold: float) -> FloatArr
         halves, _ = nnls(np.hstack([still.T, -still.T]), rest)
         if np.isfinite(halves).all():
             found: FloatArray = halves[: len(still)] - halves[len(still) :]
-            if np.linalg.norm(found @ still - rest) < threshold:
+            if length(found @ still - rest) < threshold:
                 return found
     except RuntimeError:
         pass

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from graspless_pin.compiled import virtual_motions
 from graspless_pin.modes.conflicts import conflict_of
-from graspless_pin.modes.fastest_sliding import Sliding, fastest_sliding, signed_rows
+from graspless_pin.modes.fastest_sliding import Sliding, fastest_sliding, length, signed_rows
 from graspless_pin.modes.nearest_motions import (
     CLEARLY,
     MOST_KEPT,
@@ -208,7 +208,7 @@ class VirtualKinematics:
             # The algorithm takes the steepest rows first, so rows that are made longer go first.
             scale = importance[signs != 0]
         found = fastest_sliding(moving, strict, scale, self.threshold)
-        if found.slowest < self.threshold <= CLEARLY * np.linalg.norm(found.motion):
+        if found.slowest < self.threshold <= CLEARLY * length(found.motion):
             self.undecided_near = True
         return touching, found
 

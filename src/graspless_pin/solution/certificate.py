@@ -29,7 +29,8 @@ class Certificate:
         force_programs: LPs or QPs in forces that were solved, or carried over and proven.
         kinematic_programs: Kinematic feasibility problems that were solved.
         solver: The solver whose answer passed the check, or, where an `Evaluator` carried the
-            optimum of another state over, the one that answered there.
+            optimum of another state over, the one that answered there; ``loops``: the
+            compiled loops did by themselves.
         force_reach: The largest normal force up to which the bound is proven, N: the largest limit,
             or 1e8 times the load.
         threshold_optima: The optimum with a tenth and with ten times the threshold of what counts
