@@ -49,7 +49,8 @@ def test_what_matters_stands_before_the_tables():
             "margin e = 2.30006 N",
             "At worst, these torques leave 0 N, over the forces that the virtual-sliding rule",
             "The margin is limited by losing contact at contacts 3, 4 (slope) and by slipping",
-            "Joint finger_6/hinge is nearest its limit: +4.7700 of +10 N m, 47.7 %.",
+            "/hinge is nearest its limit: ",  # both fingers are, up to rounding
+            "4.7700 of ",
         )
     ]
     assert places == sorted(places)

@@ -75,8 +75,10 @@ def _shortest(
             weights = scale * np.maximum(nnls(system * scale, target)[0], 0.0)
         except RuntimeError:  # too many iterations, seen on degenerate rows
             break
+        if not math.isfinite(weights.sum()):
+            continue
         total = float(weights @ strict)
-        if not 0.0 < total < math.inf or not math.isfinite(weights.sum()):
+        if total <= 0.0:
             continue
         found = _judged(moving, strict, weights / total)
         size = length(found.motion)
