@@ -86,7 +86,7 @@ FRAMES, SEARCH, PROGRAMS = "contact_frames", "contact_search", "linear_programs"
 BODIES, ARRAYS, MOTIONS = "rigid_bodies", "small_arrays", "virtual_motions"
 ASSEMBLY, STATES, CARRIED = "paper_programs", "hand_states", "carried_optima"
 COLD, STARTS, CALLER = "cold_optima", "optimum_starts", "../algorithms/carried.py"
-SIMPLEX, OUTCOMES = "dense_simplex", "outcome_search"
+SIMPLEX, TABLES, OUTCOMES = "dense_simplex", "simplex_dictionary", "outcome_search"
 CHAINS = "kinematic_chains"
 MISTAKES = tuple(
     Mistake(*one)
@@ -121,10 +121,10 @@ MISTAKES = tuple(
         (SIMPLEX, "target = self.lower[v] if sign > 0.0 else self.upper[v]",
          "target = self.lower[v]"),
         (SIMPLEX, "step = self.upper[v] - self.lower[v]", "step = INFINITY"),
-        (SIMPLEX, "self._move(self.m - 1 - (i - first), k)", "self._move(self.m - 1, k)"),
+        (TABLES, "self._move(self.m - 1 - (i - first), k)", "self._move(self.m - 1, k)"),
         (SIMPLEX, "data(marginals)[i] = 0.0 if k >= 0 else self.slopes[-1 - k]",
          "data(marginals)[i] = 0.0 if k >= 0 else self.tilted[-1 - k]"),
-        (SIMPLEX, "out[-1 - at] += row[s]", "out[-1 - at] = row[s]"),
+        (TABLES, "out[-1 - at] += row[s]", "out[-1 - at] = row[s]"),
         (ASSEMBLY, "out[3 + k] /= self.length", "pass"),
         (ASSEMBLY, "if top else self.lower[j]) - self.gravity[j]",
          "if top else self.lower[j]) + self.gravity[j]"),

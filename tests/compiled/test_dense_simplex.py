@@ -126,13 +126,13 @@ def test_a_corner_where_many_rows_meet_is_left(monkeypatch: pytest.MonkeyPatch) 
 def test_what_the_dictionary_gives_up_is_solved_by_highs(monkeypatch: pytest.MonkeyPatch) -> None:
     assert dense_simplex is not None
 
-    class GivesUp(dense_simplex.Dictionary):
+    class GivesUp(dense_simplex.DenseSimplex):
         def solve(self) -> tuple[int, Array, Array]:
             return 3, np.zeros(0), np.zeros(0)
 
     program = random_program(np.random.default_rng(1), whole=False)
     rows, low, high, cost, lb, ub = program
-    monkeypatch.setattr(simplex, "dense_simplex", SimpleNamespace(Dictionary=GivesUp))
+    monkeypatch.setattr(simplex, "dense_simplex", SimpleNamespace(DenseSimplex=GivesUp))
     own = Simplex(cost, lb, ub)
     own.add_rows(rows, low, high)
     answer = own.solve()
@@ -143,8 +143,8 @@ def test_what_the_dictionary_gives_up_is_solved_by_highs(monkeypatch: pytest.Mon
 def test_arrays_of_other_sizes_are_refused() -> None:
     assert dense_simplex is not None
     with pytest.raises(ValueError, match="shape"):
-        dense_simplex.Dictionary(np.ones(2), np.zeros(3), np.ones(2))
-    own = dense_simplex.Dictionary(np.ones(2), np.zeros(2), np.ones(2))
+        dense_simplex.DenseSimplex(np.ones(2), np.zeros(3), np.ones(2))
+    own = dense_simplex.DenseSimplex(np.ones(2), np.zeros(2), np.ones(2))
     with pytest.raises(ValueError, match="shape"):
         own.add_rows(np.ones((1, 3)), np.ones(1), np.ones(1))
     with pytest.raises(ValueError, match="exist"):

@@ -21,13 +21,15 @@ try:
         outcome_search,
         paper_programs,
         rigid_bodies,
+        simplex_dictionary,
         small_arrays,
         virtual_motions,
     )
 except ImportError:  # installed without a C compiler
     contact_frames = contact_search = linear_programs = rigid_bodies = small_arrays = None
     carried_optima = cold_optima = dense_simplex = hand_states = kinematic_chains = None
-    optimum_starts = outcome_search = paper_programs = virtual_motions = None
+    optimum_starts = outcome_search = paper_programs = simplex_dictionary = None
+    virtual_motions = None
 
 __all__ = [
     "carried_optima",
@@ -42,6 +44,7 @@ __all__ = [
     "outcome_search",
     "paper_programs",
     "rigid_bodies",
+    "simplex_dictionary",
     "small_arrays",
     "virtual_motions",
 ]

@@ -86,7 +86,11 @@ def outcome_boundary(
     plain_axis(axes.xaxis)
     plain_axis(axes.yaxis)
     if 1 < len(names) <= _MOST_NAMED:
-        axes.legend(fontsize="small", markerscale=2.5, framealpha=0.9)
+        # Above, where it hides no sample.
+        axes.legend(
+            loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=min(len(names), 4),
+            fontsize="small", markerscale=2.5, frameon=False,
+        )  # fmt: skip
     return axes
 
 

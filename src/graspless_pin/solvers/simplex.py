@@ -77,7 +77,7 @@ class Simplex:
             ub: (n,).
         """
         is_small = dense_simplex is not None and len(cost) <= _DENSE
-        make = dense_simplex.Dictionary if is_small and dense_simplex is not None else _Highs
+        make = dense_simplex.DenseSimplex if is_small and dense_simplex is not None else _Highs
         self._engine = make(cost, lb, ub)
         self.row_count = 0
         self.solves = 0
