@@ -331,6 +331,7 @@ def test_a_phone_shows_the_margin_and_reaches_the_controls(page, viewers, allegr
         differs = (np.abs(pixels - ground).max(axis=2) > 25.0).mean() > 0.1
         return bool(differs) and bool(ground.max() < 60.0) is dark
 
+    page.get_by_role("button", name="Fit", exact=True).click()
     assert looked_at(page, np.s_[20:300, 10:380], shows_the_scene), "the scene is above the panel"
     found = Axe().run(page).response["violations"]
     serious = [
