@@ -22,3 +22,5 @@ LARGEST_LOAD_OVER_LIMIT = 1e12
 """The load over the largest normal force; beyond, no double holds both."""
 MOST_CONE_EDGES = 1024
 """Edges of a friction cone."""
+MOST_SAMPLES = 10_000_000
+"""Samples of a study."""

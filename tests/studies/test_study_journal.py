@@ -5,6 +5,7 @@ import os
 import random
 import subprocess
 import sys
+import zlib
 
 import pandas as pd
 import pytest
@@ -43,6 +44,15 @@ def rows_of(file, identity=IDENTITY, **options):
 
 def test_rows_are_read_back(journal):
     assert rows_of(journal) == {row["sample"]: row for row in ROWS}
+
+
+@pytest.mark.parametrize("sample", [-1, 10**7, 10**15])
+def test_a_line_of_a_sample_that_no_study_has_is_refused(journal, sample):
+    """It would have memory for all samples before it; its checksum fits."""
+    text = json.dumps(ROWS[0] | {"sample": sample}).encode()
+    journal.write_bytes(journal.read_bytes() + b"%08x %s\n" % (zlib.crc32(text), text))
+    with pytest.raises(StudyError, match=r"out\.csv\.journal:5: is damaged"):
+        rows_of(journal)
 
 
 def test_no_flipped_bit_changes_a_row(journal):

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from operator import attrgetter, is_
 from pathlib import Path
 from typing import Any
 
@@ -123,16 +122,11 @@ class Scene(PickledByFields):
         Raises:
             ArgumentError: If a name is none of the fields, or a value not one of its field.
         """
-        # Made here, it serves all scenes that differ in something else.
-        _ = self._supports_moving, self._weight, self._friction_table
         changed = object.__new__(type(self))
         changed.__dict__.update(self.__dict__, _kept=self._kept)
-        changed.__dict__.update(checked_changes(changes))
         for name in ("contacts", "findings"):
             changed.__dict__.pop(name, None)
-        for name, sources in _SOURCES.items():
-            if not all(map(is_, sources(self), sources(changed))):
-                changed.__dict__.pop(name, None)
+        changed.__dict__.update(checked_changes(changes))
         return changed
 
     def __repr__(self) -> str:
@@ -162,13 +156,13 @@ class Scene(PickledByFields):
             raise StateError(StateFault.NO_CONTACT, f"{self._label()}: {nothing_touches(self)}")
         motion = self.motion
         if motion is None:
-            if not self._supports_moving:
+            if not self._supports_moving():
                 return SceneContacts(touching, np.zeros((len(touching), 3)))
             motion = Motion(np.zeros(6))
         center = self.object.center_of_mass_world
         try:
             twist = checked_twist("object_twist", motion.object_twist)
-            moving_supports = self.supports if self._supports_moving else ()
+            moving_supports = self.supports if self._supports_moving() else ()
             bodies = self.object, self.hand, moving_supports
             others = body_velocities(touching, *bodies, motion, twist)
             moving = classified(touching, twist, center, others)
@@ -201,7 +195,7 @@ class Scene(PickledByFields):
         problem = (made if self.given_contacts is None else QuasistaticProblem)(
             touching.positions - self.object.center_of_mass_world,
             touching.normals,
-            self._weight,
+            self._weight(),
             joints.jacobian,
             friction=self._coefficients(touching),
             tangents=projected_tangents(touching.normals, self.tangent_axes),
@@ -236,7 +230,7 @@ class Scene(PickledByFields):
 
     def _coefficients(self, touching: ContactArrays) -> FloatArray:
         try:
-            return self._friction_table.coefficients(touching)
+            return self._friction_table().coefficients(touching)
         except SceneError as error:
             raise error.at(self._label()) from error
 
@@ -312,12 +306,10 @@ class Scene(PickledByFields):
         """What this scene and those changed from it, or made of the same parts, found last."""
         return Latest()
 
-    @cached_property
     def _supports_moving(self) -> bool:
         supports = self.supports
         return self._kept.of("moving", (supports,), lambda: any(s.velocity.any() for s in supports))
 
-    @cached_property
     def _weight(self) -> FloatArray:
         """(6,) wrench of the object's weight about its centre of mass, world axes."""
         mass, gravity = self.object.mass, self.gravity
@@ -325,18 +317,7 @@ class Scene(PickledByFields):
             "weight", (mass, gravity), lambda: np.concatenate([mass * gravity, np.zeros(3)])
         )
 
-    @cached_property
     def _friction_table(self) -> FrictionTable:
         materials = self.hand_material, self.object.material, self.materials
         sources = self.supports, self.friction, *materials
         return self._kept.of("friction", sources, lambda: FrictionTable(*sources))
-
-
-_SOURCES: dict[str, Callable[[Scene], tuple[Any, ...]]] = {
-    "_supports_moving": lambda scene: (scene.supports,),
-    "_weight": attrgetter("object.mass", "gravity"),
-    "_friction_table": attrgetter(
-        "supports", "friction", "hand_material", "object.material", "materials"
-    ),
-}
-"""What each value is made of that scenes of the same sources share."""

@@ -22,6 +22,7 @@ from typing import IO, Any
 import portalocker
 
 from graspless_pin.errors import StudyError
+from graspless_pin.magnitudes import MOST_SAMPLES
 from graspless_pin.studies.sample_evaluation import Row
 
 _SYNC_EVERY = 2.0
@@ -144,11 +145,11 @@ class Journal:
         """Return the number of a sample and its row."""
         try:
             row = _unpacked(line)
-            return int(row["sample"]), row
+            return _sample_of(row), row
         except (ValueError, KeyError, TypeError):
             raise StudyError(
-                f"{self.path}:{number}: is damaged: it does not fit its checksum; delete this "
-                "line to have its sample computed again, or begin anew (--fresh)"
+                f"{self.path}:{number}: is damaged: it does not fit its checksum, or no sample; "
+                "delete this line to have its sample computed again, or begin anew (--fresh)"
             ) from None
 
     def __contains__(self, sample: int) -> bool:
@@ -232,6 +233,18 @@ def _unpacked(line: bytes) -> dict[str, Any]:
     if line != _line(text):
         raise ValueError("it does not fit its checksum")
     return json.loads(text)
+
+
+def _sample_of(row: Row) -> int:
+    """Return the number of a row's sample: memory is taken for all samples before it.
+
+    Raises:
+        ValueError: If no study has as many.
+    """
+    sample = int(row["sample"])
+    if not 0 <= sample < MOST_SAMPLES:
+        raise ValueError("no study has as many samples")
+    return sample
 
 
 def _identity(line: bytes) -> dict[str, Any] | None:

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.errors import GrasplessPinError
+from graspless_pin.magnitudes import MOST_SAMPLES
 from graspless_pin.studies.sample_parts import Sample
-from graspless_pin.studies.samples import MOST_SAMPLES, Samples, grid_size
+from graspless_pin.studies.samples import Samples, grid_size
 from graspless_pin.studies.study_schema import SamplingEntry
 from graspless_pin.studies.variables import Variable
 

@@ -72,18 +72,14 @@ def run_study(
 
     Examples:
         >>> from tempfile import TemporaryDirectory
-        >>> from graspless_pin import read_results, run_study
-        >>> from graspless_pin.studies import Study, results_summary
+        >>> from graspless_pin.studies import Study, run_study
         >>> vary = {"object.mass": {"values": [1.0, 2.0]}}  # kg
         >>> data = {"scene": "examples/paper/cuboid_at_rest.yaml", "vary": vary}
-        >>> study = Study.from_data(data, folder=".")
         >>> with TemporaryDirectory() as folder:
-        ...     table = run_study(study, f"{folder}/results.csv", workers=1, progress=False)
-        ...     again = read_results(f"{folder}/results.csv")
+        ...     file = f"{folder}/results.csv"
+        ...     table = run_study(Study.from_data(data), file, workers=1, progress=False)
         >>> table["margin_N"].round(3).tolist()
         [1.65, 1.875]
-        >>> print(results_summary(again).splitlines()[0])
-        2 samples: 2 found, 0 infeasible, 0 failed
     """
     compute_study(
         study, output, executor=executor, workers=workers, progress=progress, overwrite=overwrite,

@@ -13,12 +13,11 @@ import numpy as np
 from scipy.stats import qmc
 
 from graspless_pin.errors import GrasplessPinError, StudyError
+from graspless_pin.magnitudes import MOST_SAMPLES
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.studies.sample_parts import Sample
 from graspless_pin.studies.study_schema import SamplingEntry
 from graspless_pin.studies.variables import Variable
-
-MOST_SAMPLES = 10_000_000
 
 
 class Samples(Sequence[Sample]):
