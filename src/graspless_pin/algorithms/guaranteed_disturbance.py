@@ -27,25 +27,51 @@ class GuaranteedDisturbance:
     Attributes:
         verdict: On the torques without disturbance.
         directions: (K, 6) unit directions [force; moment / characteristic length].
-        guaranteed: (K,) N: rest is proven to be the only outcome of every magnitude from zero up to
-            this. NaN where it is not even without disturbance.
-        failing: (K,) N: the smallest magnitude found at which the object may or must move; inf
-            where none was found up to `largest`. Between the two it is open what happens.
-        possible: (K,) N: the largest magnitude that forces in round cones without limits balance,
-            as far as was looked: the best case. Beyond it rest is no outcome.
-        failures: K verdicts at `failing`; None where that is inf.
+        brackets: K brackets of the magnitude with their proofs; none where rest is not the only
+            outcome even without disturbance.
         characteristic_length: m; what makes a moment comparable to a force.
         largest: Magnitudes up to this were looked at, N.
     """
 
     verdict: StabilityVerdict
     directions: FloatArray
-    guaranteed: FloatArray
-    failing: FloatArray
-    possible: FloatArray
-    failures: tuple[StabilityVerdict | None, ...]
+    brackets: tuple[LoadBracket, ...]
     characteristic_length: float
     largest: float
+
+    @property
+    def guaranteed(self) -> FloatArray:
+        """(K,) N: rest is proven to be the only outcome of every magnitude from zero up to this.
+
+        NaN where it is not even without disturbance.
+        """
+        return self._each("guaranteed")
+
+    @property
+    def failing(self) -> FloatArray:
+        """(K,) N: the smallest magnitude found at which the object may or must move.
+
+        inf where none was found up to `largest`. Between `guaranteed` and this it is open what
+        happens.
+        """
+        return self._each("failing")
+
+    @property
+    def possible(self) -> FloatArray:
+        """(K,) N: the largest magnitude that forces in round cones without limits balance.
+
+        As far as was looked: the best case. Beyond it rest is no outcome.
+        """
+        return self._each("possible")
+
+    @property
+    def failures(self) -> tuple[StabilityVerdict | None, ...]:
+        """K verdicts at `failing`; None where that is inf."""
+        return tuple(one.failure for one in self.brackets) or (None,) * len(self.directions)
+
+    def _each(self, name: str) -> FloatArray:
+        found = [getattr(one, name) for one in self.brackets]
+        return read_only(np.array(found or [np.nan] * len(self.directions)))
 
     @property
     def found(self) -> bool:
@@ -69,14 +95,10 @@ class GuaranteedDisturbance:
             return f"nothing guaranteed: {self.verdict}"
         at = self.worst
         wrench = self.directions[at] * np.repeat([1.0, self.characteristic_length], 3)
-        bracket = LoadBracket(
-            float(self.guaranteed[at]), float(self.failing[at]), float(self.possible[at]),
-            self.failures[at],
-        )  # fmt: skip
         return (
             f"least of {len(self.directions)} directions, per newton of force "
             f"{np.round(wrench[:3], 4).tolist()} N and moment {np.round(wrench[3:], 5).tolist()} "
-            f"N m: {bracket.words('N')}"
+            f"N m: {self.brackets[at].words('N')}"
         )
 
 
@@ -126,20 +148,13 @@ def guaranteed_disturbance(
     units, length = unit_disturbances(problem, directions, characteristic_length)
     most = 10.0 * problem.scales.force if largest is None else real_number("largest", largest, 0.0)
     verdict = stability(problem, torques, acceleration_resolution=acceleration_resolution)
-    brackets = [LoadBracket(np.nan, np.nan, np.nan, None)] * len(units)
+    brackets: tuple[LoadBracket, ...] = ()
     if verdict.status is Stability.STRONG:
         scale, still = np.repeat([1.0, length], 3), np.zeros(problem.joint_count)
-        brackets = [
+        brackets = tuple(
             load_bracket(
                 verdict, np.concatenate([scale * unit, still]), most, precision, node_limit
             )
             for unit in units
-        ]
-    guaranteed, failing, possible = (
-        read_only(np.array([getattr(one, name) for one in brackets]))
-        for name in ("guaranteed", "failing", "possible")
-    )
-    failures = tuple(one.failure for one in brackets)
-    return GuaranteedDisturbance(
-        verdict, units, guaranteed, failing, possible, failures, length, float(most)
-    )
+        )
+    return GuaranteedDisturbance(verdict, units, brackets, length, float(most))

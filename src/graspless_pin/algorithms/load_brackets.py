@@ -7,16 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.holding.load_spans import LoadLine, SpanAnswer
+from graspless_pin.holding.load_spans import LoadLine, Unproven
 from graspless_pin.holding.stability import stability
-from graspless_pin.holding.verdict import Stability, StabilityVerdict
+from graspless_pin.holding.verdict import LastRest, SpanProof, Stability, StabilityVerdict
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import FloatArray, real_number, whole_number
 
 _WIDEST = 0.5
 _MOST_SPANS = 12
 _MOST_HALVINGS = 16
-_FAILING = (Stability.WEAK, Stability.NONE)
 _BEYOND = (1e-5, 1e-4, 1e-3)
 """Of the load: so far beyond the last balanced multiple a verdict is asked for."""
 
@@ -26,17 +25,27 @@ class LoadBracket:
     """Where rest stops to be the only outcome along a change of load or torques.
 
     Attributes:
-        guaranteed: Rest is proven to be the only outcome of every multiple from zero up to this.
         failing: The smallest multiple that was found to have a moving outcome, or none of rest;
             inf: none was found.
-        possible: The largest multiple of which rest is an outcome, or up to which was looked.
         failure: The verdict at `failing`.
+        spans: Proofs for spans that follow each other from zero on.
+        last_rest: The largest multiple of which rest is an outcome, or up to which was looked.
     """
 
-    guaranteed: float
     failing: float
-    possible: float
     failure: StabilityVerdict | None
+    spans: tuple[SpanProof, ...]
+    last_rest: LastRest
+
+    @property
+    def guaranteed(self) -> float:
+        """Rest is proven to be the only outcome of every multiple from zero up to this."""
+        return self.spans[-1].multiples[1] if self.spans else 0.0
+
+    @property
+    def possible(self) -> float:
+        """The largest multiple of which rest is an outcome, or up to which was looked."""
+        return self.last_rest.multiple
 
     def words(self, unit: str) -> str:
         """Return the three figures in words."""
@@ -84,21 +93,24 @@ def load_bracket(
     line = LoadLine(
         undisturbed.problem, undisturbed.torques, direction, undisturbed.acceleration_limit
     )
-    possible = line.last_balanced(most)
+    last_rest = line.last_balanced(most)
+    possible = last_rest.multiple
     low, high = 0.0, possible
     end = possible if possible >= most else (1.0 - 0.5 * precision) * possible
     while high - low > 0.5 * precision * high and high > 0.5**_MOST_HALVINGS * possible:
         low, high = (low, end) if line.moves(end) else (end, high)
         end = 0.5 * (low + high)
-    guaranteed, ends, below = 0.0, [low] if low > 0.0 else [], 0.5 * precision
+    spans, ends, below = list[SpanProof](), [low] if low > 0.0 else [], 0.5 * precision
+    guaranteed = 0.0
     for _ in range(_MOST_SPANS):
         if not ends:
             break
         end = ends[-1]
-        said = line.answer(guaranteed, end, node_limit)
-        if said is SpanAnswer.ONLY_REST:
+        said = line.proof(guaranteed, end, node_limit)
+        if isinstance(said, SpanProof):
+            spans.append(said)
             guaranteed = ends.pop()
-        elif said is SpanAnswer.MOVES:
+        elif said is Unproven.MOVES:
             high, ends, below = end, [], 2.0 * below
         elif end - guaranteed > 0.5 * precision * end:
             ends.append(0.5 * (guaranteed + end))
@@ -107,7 +119,7 @@ def load_bracket(
         if not ends and high - guaranteed > precision * high:
             ends = [max(0.5 * (guaranteed + high), (1.0 - below) * high)]
     failing, failure = _failure(line, undisturbed, high, possible, most)
-    return LoadBracket(guaranteed, failing, possible, failure)
+    return LoadBracket(failing, failure, tuple(spans), last_rest)
 
 
 def _failure(
@@ -126,6 +138,11 @@ def _failure(
         verdict = stability(
             problem, torques, acceleration_resolution=float(np.clip(resolution, 1e-6, 1.0))
         )
-        if verdict.status in _FAILING:
+        motion = verdict.motion
+        if verdict.status is Stability.NONE or (
+            verdict.status is Stability.WEAK
+            and motion is not None
+            and motion.point_acceleration > undisturbed.acceleration_limit
+        ):
             return high + more, verdict
     return np.inf, None

@@ -7,6 +7,7 @@ g(t).a <= max(g0.a, g1.a), so that two trees tell, each with the load free along
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import StrEnum
 
 import numpy as np
@@ -14,24 +15,28 @@ from numpy.typing import NDArray
 
 from graspless_pin.holding.branching import branch
 from graspless_pin.holding.certificate import balance, in_loads, is_certificate, proven_loads
-from graspless_pin.holding.dynamics import Dynamics, scaled_dynamics, spread_towards
+from graspless_pin.holding.dynamics import (
+    Dynamics,
+    scaled_dynamics,
+    spread_towards,
+    world_forces,
+)
 from graspless_pin.holding.moving import find_motion
 from graspless_pin.holding.relaxation import FORCE_LIMIT, Relaxation
 from graspless_pin.holding.rest import BALANCE_TOLERANCE, least_residual
+from graspless_pin.holding.verdict import LastRest, LoadProof, RestProof, SpanProof
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.inertias import hybrid_contacts, whole_inertia
 
 
-class SpanAnswer(StrEnum):
-    """What is known of all loads of a span."""
+class Unproven(StrEnum):
+    """Why rest is not proven to be the only outcome of all loads of a span."""
 
-    ONLY_REST = "only_rest"
-    """Rest is the only outcome of each."""
     MOVES = "moves"
     """The last one has a moving outcome."""
     OPEN = "open"
-    """Neither was proven."""
+    """No proof was found."""
 
 
 _MOST_STEPS = 50
@@ -71,7 +76,7 @@ class LoadLine:
         changed = self.problem.with_changes(external_wrench=wrench)
         return changed, self.torques + multiple * self.direction[6:]
 
-    def last_balanced(self, most: float) -> float:
+    def last_balanced(self, most: float) -> LastRest:
         """Return the largest multiple up to ``most`` with which rest is an outcome.
 
         The least residual is a convex function of the multiple, and each proof of it a tangent:
@@ -79,26 +84,28 @@ class LoadLine:
         """
         jacobian, load = in_loads(self.problem, self.torques)
         step, friction = self.in_loads, self.problem.friction
-        multiple, none = most, np.full(len(jacobian), np.nan)
+        multiple, none, proof = most, np.full(len(jacobian), np.nan), None
         for _ in range(_MOST_STEPS):
             found = least_residual(jacobian, load + multiple * step, friction, none, np.inf)
             if found is None:
                 break
             if found.residual <= BALANCE_TOLERANCE:
-                return multiple
+                forces = world_forces(self.problem, found.forces * self.problem.scales.force)
+                return LastRest(multiple, forces, proof)
             slope = float(found.proof @ step)
             if slope <= 0.0:
                 break
-            multiple = (0.5 * BALANCE_TOLERANCE - float(found.proof @ load)) / slope
-        return 0.0
+            proof = read_only(found.proof)
+            multiple = (0.5 * BALANCE_TOLERANCE - float(proof @ load)) / slope
+        return LastRest(0.0, None, None)
 
     def moves(self, multiple: float) -> bool:
         """Return whether a quick search finds a motion at this load."""
         dynamics = self._dynamics(multiple)
         return dynamics is not None and find_motion(dynamics) is not None
 
-    def answer(self, first: float, last: float, node_limit: int) -> SpanAnswer:
-        """Tell whether rest is the only outcome of all loads of a span.
+    def proof(self, first: float, last: float, node_limit: int) -> SpanProof | Unproven:
+        """Prove that rest is the only outcome of all loads of a span.
 
         Args:
             first: Least multiple.
@@ -107,32 +114,54 @@ class LoadLine:
         """
         ends = first, last
         if min(self._commanded(end).min(initial=0.0) for end in ends) < 0.0:
-            return SpanAnswer.OPEN
-        for end in ends:
-            found = balance(*self.at(end))
-            if found is None or found.residual > BALANCE_TOLERANCE:
-                return SpanAnswer.OPEN
-        if self._certified(ends, np.zeros(len(self._fingers))):
-            return SpanAnswer.ONLY_REST
+            return Unproven.OPEN
+        resting = [self._rest_forces(end) for end in ends]
+        if resting[0] is None or resting[1] is None:
+            return Unproven.OPEN
+        rest_forces = resting[0], resting[1]
+        certified = self._certified(ends, ((), ()))
+        if certified is not None:
+            return SpanProof(ends, rest_forces, certified)
         if self._inertia is None:
-            return SpanAnswer.OPEN
+            return Unproven.OPEN
         whole = [self._dynamics(end) for end in ends]
-        # The last load's first: its tree may meet a motion.
         spreads = [
-            spread_towards(own, other)
-            for own, other in zip(reversed(whole), whole, strict=True)
-            if own is not None
+            None if own is None else spread_towards(own, other)
+            for own, other in zip(whole, reversed(whole), strict=True)
         ]
-        loads = [self._loads(spread) for spread in spreads]
-        if self._certified(ends, np.min(loads, axis=0)):
-            return SpanAnswer.ONLY_REST
-        for spread, least in zip(spreads, loads, strict=True):
-            relaxation = self._relaxation(spread, least)
-            found = branch(spread, relaxation, lambda nodes: nodes >= node_limit)
-            if found.tree is None:
-                moves = found.motion is not None and spread is spreads[0] and whole[1] is not None
-                return SpanAnswer.MOVES if moves else SpanAnswer.OPEN
-        return SpanAnswer.ONLY_REST
+        loads = self._loads(spreads[0]), self._loads(spreads[1])
+        certified = self._certified(ends, loads)
+        if certified is not None:
+            return SpanProof(ends, rest_forces, certified)
+        # The last load's first: its tree may meet a motion.
+        later = self._tree(spreads[1], loads[1], node_limit)
+        if isinstance(later, Unproven):
+            return later
+        earlier = self._tree(spreads[0], loads[0], node_limit)
+        if isinstance(earlier, Unproven):
+            return Unproven.OPEN
+        return SpanProof(ends, rest_forces, (earlier, later))
+
+    def _rest_forces(self, multiple: float) -> FloatArray | None:
+        """Return (M, 3) forces of rest, N, world axes; None: there are none."""
+        problem, torques = self.at(multiple)
+        found = balance(problem, torques)
+        if found is None or found.residual > BALANCE_TOLERANCE:
+            return None
+        return world_forces(problem, found.forces * problem.scales.force)
+
+    def _tree(
+        self, spread: Dynamics | None, loads: tuple[LoadProof, ...], node_limit: int
+    ) -> RestProof | Unproven:
+        """Prove by branching that nothing moves, or tell whether something does."""
+        if spread is None:
+            return RestProof((), None, None, np.inf)
+        relaxation = self._relaxation(spread, self._newtons([loads]))
+        found = branch(spread, relaxation, lambda nodes: nodes >= node_limit)
+        if found.tree is None:
+            return Unproven.OPEN if found.motion is None else Unproven.MOVES
+        limit = FORCE_LIMIT * self.problem.scales.force
+        return RestProof(loads, None, found.tree, limit)
 
     def _dynamics(self, multiple: float) -> Dynamics | None:
         """Return the dynamics; None without inertias, and without load: then nothing moves."""
@@ -148,28 +177,41 @@ class LoadLine:
         forces[self._hybrid[columns]] = excess[columns]
         return forces
 
-    def _certified(self, ends: tuple[float, float], loads: FloatArray) -> bool:
-        """Return whether one linear program at each end proves rest, with loads that all have."""
-        for end in ends:
+    def _certified(
+        self, ends: tuple[float, float], loads: tuple[tuple[LoadProof, ...], ...]
+    ) -> tuple[RestProof, RestProof] | None:
+        """Return certificates of both ends that lean on loads that all outcomes have."""
+        least, proofs = self._newtons(loads), list[RestProof]()
+        limit = FORCE_LIMIT * self.problem.scales.force
+        for end, own in zip(ends, loads, strict=True):
             problem, torques = self.at(end)
-            borne = np.maximum(self._commanded(end), loads)
+            borne = np.maximum(self._commanded(end), least)
             found = balance(problem, torques, problem.friction * borne)
             if found is None:
-                return False
+                return None
             forces = found.forces * problem.scales.force
             if not is_certificate(problem, torques, forces, borne, self._dynamics(end)):
-                return False
-        return True
+                return None
+            world = world_forces(problem, forces)
+            proofs.append(RestProof(own, world, None, limit if own else np.inf))
+        return proofs[0], proofs[1]
 
     def _relaxation(self, dynamics: Dynamics, loads: FloatArray) -> Relaxation:
         least = np.where(dynamics.is_commanded, dynamics.commanded, loads / dynamics.force_unit)
         most = FORCE_LIMIT * self.problem.scales.force / dynamics.force_unit
         return Relaxation(dynamics, least, most)
 
-    def _loads(self, dynamics: Dynamics) -> FloatArray:
-        """Return normal forces of the fingers that every outcome has, (M,) N."""
-        loads = np.zeros(len(self._fingers))
-        relaxation = self._relaxation(dynamics, loads)
-        for proof in proven_loads(dynamics, relaxation, np.flatnonzero(self._fingers)):
-            loads[proof.contact] = proof.force
-        return loads
+    def _loads(self, dynamics: Dynamics | None) -> tuple[LoadProof, ...]:
+        """Return normal forces of the fingers that every outcome has, with their proofs."""
+        if dynamics is None:
+            return ()
+        relaxation = self._relaxation(dynamics, np.zeros(len(self._fingers)))
+        return proven_loads(dynamics, relaxation, np.flatnonzero(self._fingers))
+
+    def _newtons(self, loads: Sequence[tuple[LoadProof, ...]]) -> FloatArray:
+        """Return the (M,) smallest of the normal forces that several sets of proofs prove, N."""
+        forces = np.zeros((len(loads), len(self._fingers)))
+        for row, proofs in zip(forces, loads, strict=True):
+            for one in proofs:
+                row[one.contact] = one.force
+        return forces.min(axis=0)

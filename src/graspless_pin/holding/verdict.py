@@ -154,6 +154,39 @@ class RestProof:
     force_limit: float
 
 
+@dataclass(frozen=True, eq=False)
+class SpanProof:
+    """What proves that rest is the only outcome of all loads between two.
+
+    Attributes:
+        multiples: Of a change of load and torques, at the first and at the last of these loads.
+        rest_forces: (M, 3) contact forces of an outcome of rest of each of the two, N, world axes.
+        proofs: For each of the two: both are certificates with loads that all outcomes have, or
+            both are trees, in which the load is any from that one to the other.
+    """
+
+    multiples: tuple[float, float]
+    rest_forces: tuple[FloatArray, FloatArray]
+    proofs: tuple[RestProof, RestProof]
+
+
+@dataclass(frozen=True, eq=False)
+class LastRest:
+    """The largest multiple of a change of load and torques with which rest is an outcome.
+
+    Attributes:
+        multiple: Of the change.
+        forces: (M, 3) contact forces of that rest, N, world axes; None: only the rest without
+            the change is known.
+        no_rest: (6 + L,) what proves that rest is no outcome beyond it, as of a verdict; None: it
+            was not looked further.
+    """
+
+    multiple: float
+    forces: FloatArray | None
+    no_rest: FloatArray | None
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class StabilityVerdict:
     """Whether an object stays at rest with given motor torques.

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from graspless_pin.algorithms.guaranteed_disturbance import GuaranteedDisturbance
 from graspless_pin.drafts import draft_of
 from graspless_pin.errors import SceneError
 from graspless_pin.findings import plain_findings
@@ -22,7 +23,7 @@ from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.report.objective_data import objective_data
 from graspless_pin.report.proof_data import multipliers_data, proof_data
 from graspless_pin.report.provenance import provenance
-from graspless_pin.report.verdict_data import verdict_data
+from graspless_pin.report.verdict_data import disturbance_data, verdict_data
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
 
@@ -32,7 +33,10 @@ _ROW = re.compile(r"\[[-+.\deE,\s]*\]")
 
 
 def solution_document(
-    solution: TorqueSolution, scene: Scene | None = None, verdict: StabilityVerdict | None = None
+    solution: TorqueSolution,
+    scene: Scene | None = None,
+    verdict: StabilityVerdict | None = None,
+    disturbances: GuaranteedDisturbance | None = None,
 ) -> dict[str, Any]:
     """Return the document of a solution, with its whole proof.
 
@@ -42,8 +46,9 @@ def solution_document(
         solution: The solution, found or not.
         scene: The scene that it is of; None for a problem made from arrays, whose points are then
             relative to its own reference point.
-        verdict: Whether the object stays with the solution's torques; None: that of the solution's
-            guarantee, if it has one.
+        verdict: Whether the object stays with the solution's torques; None: that of the
+            disturbances, else of the solution's guarantee, if there is one.
+        disturbances: Which ones these torques bear for certain.
 
     Returns:
         Plain data for `json.dumps`: ``format``, ``status``, ``found``, the options, ``objective``
@@ -51,8 +56,8 @@ def solution_document(
         ``findings`` (see `graspless_pin.Finding`),
         ``object_inertia``, ``joint_inertia``, ``gravity``, ``object``, ``hand``, ``joints``,
         ``contacts``, ``certificate``, ``multipliers``, ``proof``, ``guarantee``
-        (best case, gap to it, sets of torques tried), ``stability`` (see `verdict_data`) and
-        ``provenance``.
+        (best case, gap to it, sets of torques tried), ``stability`` (see `verdict_data`),
+        ``disturbances`` (see `disturbance_data`) and ``provenance``.
         Poses are (4, 4) rows of T_world_object, T_world_base.
 
     Raises:
@@ -106,6 +111,9 @@ def solution_document(
         document["explanation"] = solution.explanation
     document["proof"] = proof_data(solution)
     guarantee = solution.guarantee
+    if disturbances is not None:
+        verdict = verdict or disturbances.verdict
+        document["disturbances"] = disturbance_data(disturbances)
     if guarantee is not None:
         # Where torques are there to check it on.
         verdict = verdict or (

@@ -1,9 +1,12 @@
-"""A verdict on rest as it stands in a document, under ``stability``."""
+"""Verdicts on rest as they stand in documents: ``stability`` and ``disturbances``."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
+from graspless_pin.algorithms.guaranteed_disturbance import GuaranteedDisturbance
+from graspless_pin.algorithms.load_brackets import LoadBracket
 from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.verdict import (
     ContactState,
@@ -11,9 +14,13 @@ from graspless_pin.holding.verdict import (
     DynamicOutcome,
     OutcomeSet,
     RestProof,
+    SpanProof,
     StabilityVerdict,
 )
 from graspless_pin.problem.checks import finite_array, real_number
+
+_MOST_LEAVES = 10_000
+"""Of the proofs of all directions of disturbance: files stay below 32 MiB, which can be read."""
 
 
 def verdict_data(verdict: StabilityVerdict) -> dict[str, Any]:
@@ -40,6 +47,39 @@ def verdict_data(verdict: StabilityVerdict) -> dict[str, Any]:
         "nodes": verdict.nodes,
         "free_motions": verdict.free_motions,
         "proof": None if verdict.proof is None else _proof(verdict.proof),
+    }
+
+
+def disturbance_data(found: GuaranteedDisturbance) -> dict[str, Any]:
+    """Return the data of guaranteed disturbances, with their proofs.
+
+    Returns:
+        ``characteristic_length`` (m), ``largest`` (N) and ``directions``: of each its (6,)
+        ``direction``, ``guaranteed``, ``failing``, ``possible`` (N), and what proves them:
+        ``spans`` (None where all proofs together would be too long), ``failure`` (see
+        `verdict_data`), ``forces`` (N) and ``no_rest``.
+    """
+    directions, leaves = [], 0
+    for direction, bracket in zip(found.directions, found.brackets, strict=False):
+        own = _leaf_count(bracket)
+        fits = leaves + own <= _MOST_LEAVES
+        leaves += own if fits else 0
+        directions.append(
+            {
+                "direction": direction,
+                "guaranteed": bracket.guaranteed,
+                "failing": bracket.failing,
+                "possible": bracket.possible,
+                "spans": [_span(span) for span in bracket.spans] if fits else None,
+                "failure": None if bracket.failure is None else verdict_data(bracket.failure),
+                "forces": bracket.last_rest.forces,
+                "no_rest": bracket.last_rest.no_rest,
+            }
+        )
+    return {
+        "characteristic_length": found.characteristic_length,
+        "largest": found.largest,
+        "directions": directions,
     }
 
 
@@ -80,15 +120,24 @@ def _motion(motion: DynamicOutcome) -> dict[str, Any]:
     }
 
 
+def _leaf_count(bracket: LoadBracket) -> int:
+    proofs = [proof for span in bracket.spans for proof in span.proofs]
+    return sum(not node.children for proof in proofs for node in _depth_first(proof.tree))
+
+
+def _span(span: SpanProof) -> list[dict[str, Any]]:
+    """Return what proves a span at each of its two ends."""
+    return [
+        {"magnitude": magnitude, "rest_forces": forces, "proof": _proof(proof)}
+        for magnitude, forces, proof in zip(
+            span.multiples, span.rest_forces, span.proofs, strict=True
+        )
+    ]
+
+
 def _proof(proof: RestProof) -> dict[str, Any]:
     """Return the proof; nodes of a tree depth first, each with the number of its children."""
-    nodes = None
-    if proof.tree is not None:
-        nodes, waiting = [], [proof.tree]
-        while waiting:
-            node = waiting.pop()
-            nodes.append(_node(node))
-            waiting += reversed(node.children)
+    tree = proof.tree
     return {
         "loads": [
             {"contact": one.contact, "force": one.force, "multipliers": _multipliers(one.dual)}
@@ -96,8 +145,16 @@ def _proof(proof: RestProof) -> dict[str, Any]:
         ],
         "forces": proof.forces,
         "force_limit": proof.force_limit,
-        "nodes": nodes,
+        "nodes": None if tree is None else [_node(node) for node in _depth_first(tree)],
     }
+
+
+def _depth_first(tree: OutcomeSet | None) -> Iterator[OutcomeSet]:
+    waiting = [] if tree is None else [tree]
+    while waiting:
+        node = waiting.pop()
+        yield node
+        waiting += reversed(node.children)
 
 
 def _node(node: OutcomeSet) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.report.verify.bounds import proven_bound
+from graspless_pin.report.verify.disturbances import disturbance_checks
 from graspless_pin.report.verify.figures import (
     FOUND_STATES,
     IN_MODE,
@@ -123,7 +124,8 @@ class _Checker:
         else:
             checks += self._not_found()
         checks += guarantee_checks(self.document, self.problem, self.status)
-        return checks + rest_checks(self.document, self.problem)
+        checks += rest_checks(self.document, self.problem)
+        return checks + disturbance_checks(self.document, self.problem)
 
     def _statements(self) -> list[Check]:
         """Return what is said of the answer as a whole, and the scales."""

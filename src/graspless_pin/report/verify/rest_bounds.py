@@ -7,6 +7,9 @@ c = q + A lambda and v = p - lambda + sum (nu A_n + kappa.A_t), the goal p.y + q
 most
 
     lambda.h + sum c.f + v.y + beta (h.y - |y|^2) - sum (kappa.u_t + beta mu f_n |u_t|) - nu.u_n.
+
+Where the load is any from one to another, h + theta s, those outcomes are looked at that have
+|y|^2 + sum mu f_n |u_t| <= h.y, and lambda.h is the largest of lambda.(h + theta s).
 """
 
 from __future__ import annotations
@@ -44,6 +47,7 @@ class RestDynamics:
         force_unit: H / alpha, N, with alpha the longest row of G C^-T.
         accelerations: (6 + L, n) H C^-T, zero for hybrid fingers' columns.
         points: (M + 1, 3, n) from y to the accelerations of contact points and centre, m/s^2.
+        spread: (n,) s, what theta from 0 to 1 adds to the load; zero: there is one load.
     """
 
     rows: np.ndarray
@@ -54,11 +58,19 @@ class RestDynamics:
     force_unit: float
     accelerations: np.ndarray
     points: np.ndarray
+    spread: np.ndarray
 
     @property
     def reach(self) -> float:
         """The largest acceleration of a point at |y| = 1, m/s^2."""
         return float(np.linalg.norm(self.points, ord=2, axis=(1, 2)).max())
+
+    def towards(self, other: RestDynamics | None) -> RestDynamics:
+        """Return them for any load up to that of another wrench on these bodies; None: no load."""
+        load = np.zeros_like(self.load)
+        if other is not None:
+            load = other.force_unit / self.force_unit * other.load
+        return replace(self, spread=load - self.load)
 
 
 def contact_motion(problem: Problem) -> np.ndarray:
@@ -126,7 +138,8 @@ def rest_dynamics(
     points = np.concatenate([on_object, centre[None]]) @ accelerations[:6]
     friction = np.where(problem.slides, 0.0, problem.mu)
     return RestDynamics(rows / alpha, acting[:, :, kept] @ back / alpha, h / size, friction,
-                    commanded * alpha / size, size / alpha, accelerations, points)  # fmt: skip
+                    commanded * alpha / size, size / alpha, accelerations, points,
+                    np.zeros_like(h))  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,6 +251,7 @@ def largest_goal(
     gain = np.where(held, q[:, 0], c[:, 0]) - mu * least_product(c[:, 1:], center, half_width)
     pushed = np.where(none, 0.0, np.maximum(gain * least, gain * most))
     bound = float(multipliers.motion @ dynamics.load + pushed.sum())
+    bound += max(float(multipliers.motion @ dynamics.spread), 0.0)
     bound += float((np.maximum(-nu, 0.0) * states.parts).sum())
     bound += float((np.linalg.norm(kappa, axis=1) * states.slips)[sticks].sum())
     # -kappa.u_t is paid for by beta mu f_n |u_t|, or by the longest slip, since |y| <= 1.

@@ -1,0 +1,132 @@
+"""One load with the torques of a document: the equations of motion, and forces of rest."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from graspless_pin.report.verify.figures import Problem
+from graspless_pin.report.verify.rest_bounds import (
+    RestDynamics,
+    commanded_contacts,
+    contact_motion,
+    force_motion,
+    rest_dynamics,
+)
+from graspless_pin.report.verify.values import array, entry
+
+LARGEST_FORCE = 1e6
+"""Proofs have to hold for normal forces up to so many loads."""
+BALANCED = 1e-6
+"""Of the load: forces that leave less of it unbalanced are forces of rest."""
+_SYMMETRIC = 1e-9
+
+
+class RestLoad:
+    """A load and torques on bodies whose inertias may be known.
+
+    Attributes:
+        problem: Contacts, joints and external wrench.
+        load: (6 + L,) external wrench, and torques less those that bear the links' weight.
+        unit: (6 + L,) what each of them counts in.
+        inertia: (6 + L, 6 + L) of object and joints; None where it is not known.
+        hybrid: (L,) contact whose normal force a column commands; -1: a joint.
+        dynamics: The equations of motion; None without inertia, or where nothing accelerates.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        load: np.ndarray,
+        inertia: np.ndarray | None,
+        hybrid: np.ndarray,
+    ) -> None:
+        """Work out the equations of motion."""
+        self.problem, self.load, self.inertia, self.hybrid = problem, load, inertia, hybrid
+        force, length = problem.force, problem.length
+        self.unit = np.concatenate([np.repeat([force, force * length], 3), problem.joint_scale])
+        self._motion = contact_motion(problem)
+        self.dynamics: RestDynamics | None = None
+        if inertia is not None:
+            self.dynamics = rest_dynamics(problem, load, inertia, hybrid)
+
+    def changed(self, wrench: np.ndarray) -> RestLoad:
+        """Return the same bodies with so much more external wrench (6,)."""
+        more = np.concatenate([wrench, np.zeros(len(self.load) - 6)])
+        problem = replace(self.problem, w=self.problem.w + wrench)
+        return RestLoad(problem, self.load + more, self.inertia, self.hybrid)
+
+    def limit(self, resolution: float) -> float:
+        """Return the acceleration up to which points of the object count as at rest, m/s^2."""
+        if self.inertia is None:
+            return float(np.nan)
+        return resolution * self.problem.force / float(self.inertia[0, 0])
+
+    @property
+    def commanded(self) -> np.ndarray:
+        """(M,) normal forces that hybrid fingers command, N; zero elsewhere."""
+        forces, columns = np.zeros(self.problem.count), np.flatnonzero(self.hybrid >= 0)
+        forces[self.hybrid[columns]] = self.load[6 + columns]
+        return forces
+
+    def forces(self, key: str, mapping: object, where: str) -> np.ndarray:
+        """(M, 3) stated forces in contact frames, N."""
+        rows = array(entry(mapping, key, where), (self.problem.count, 3), f"{key} of {where}")
+        return np.einsum("lij,lj->li", self.problem.frames, rows)
+
+    def unbalanced(self, local: np.ndarray) -> float:
+        """Return the largest entry of G^T f + g, in loads; forces (M, 3) in contact frames."""
+        left = np.einsum("lik,li->k", self._motion, local) + self.load
+        return float(np.abs(left / self.unit).max())
+
+    def misdirected(self, local: np.ndarray) -> float:
+        """Return the most by which friction is not against the sliding that is declared, N."""
+        along = np.einsum("lij,lj->li", self.problem.frames, self.problem.directions)
+        off = np.linalg.norm(local - local[:, :1] * along, axis=1)
+        return float(off[self.problem.slides].max(initial=0.0))
+
+    def amiss(self, local: np.ndarray) -> float:
+        """Return by how much forces (M, 3) in contact frames are none of rest, in loads."""
+        size = self.problem.force
+        slip = np.linalg.norm(local[:, 1:], axis=1) - self.problem.mu * local[:, 0]
+        outside = max(float(-local[:, 0].min()), float(slip.max()), self.misdirected(local))
+        return max(self.unbalanced(local), outside / size)
+
+    def left_by_all(self, z: np.ndarray, more: np.ndarray | float = 0.0) -> float:
+        """Return what all contact forces leave unbalanced at least, in loads.
+
+        Args:
+            z: (6 + L,) scaled motion along which they all do work of one sign.
+            more: (6 + L,) what is added to the load.
+        """
+        z = z / max(1.0, float(np.abs(z).sum()))
+        c = force_motion(self.problem) @ (z * self.problem.force / self.unit)
+        gain = self.problem.mu * np.linalg.norm(c[:, 1:], axis=1) - c[:, 0]
+        left = float(z @ ((self.load + more) / self.unit))
+        return left - LARGEST_FORCE * float(np.maximum(gain, 0.0).sum())
+
+
+def read_load(document: dict[str, Any], problem: Problem) -> RestLoad:
+    """Return the load of a document with its torques and inertias.
+
+    Raises:
+        ValueError: If a key is missing, or a value of a wrong type or size.
+    """
+    torques = [entry(joint, "torque", "a joint") for joint in document["joints"]]
+    joints = len(problem.units)
+    motors = array(torques, (joints,), "the joints' torques")
+    load = np.concatenate([problem.w, motors - problem.gravity])
+    own, of_joints = document.get("object_inertia"), document.get("joint_inertia")
+    inertia, hybrid = np.zeros((6 + joints, 6 + joints)), np.full(joints, -1)
+    if of_joints is not None:
+        inertia[6:, 6:] = array(of_joints, (joints, joints), "joint_inertia")
+        hybrid = commanded_contacts(problem, inertia[6:, 6:])
+    if own is None or (of_joints is None and joints):
+        return RestLoad(problem, load, None, hybrid)
+    inertia[:6, :6] = array(own, (6, 6), "object_inertia")
+    size = np.sqrt(np.abs(np.outer(inertia.diagonal(), inertia.diagonal())))
+    if (np.abs(inertia - inertia.T) > _SYMMETRIC * size).any():
+        raise ValueError("object_inertia and joint_inertia must be symmetric")
+    return RestLoad(problem, load, inertia, hybrid)

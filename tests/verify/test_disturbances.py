@@ -1,0 +1,354 @@
+"""What is borne for certain is checked from documents alone, and no tampering passes."""
+
+import copy
+import json
+from functools import cache
+
+import numpy as np
+import pytest
+from rest_documents import leaves, times, zeroed
+from test_rest import G, corners, hybrid, pressed, slope
+from tests.oracles.compared_outcomes import outcome_case
+from tests.oracles.outcomes import enumerate_outcomes
+
+from graspless_pin import QuasistaticProblem, guaranteed_disturbance, maximize_margin
+from graspless_pin.report import solution_document, verdict_data
+from graspless_pin.report.verify import verify_document
+from graspless_pin.report.verify.reading import read_problem
+from graspless_pin.report.verify.rest_bounds import (
+    KnownStates,
+    RestMultipliers,
+    commanded_contacts,
+    largest_goal,
+    rest_dynamics,
+)
+
+PUSH, UP, DOWN = [0, 1, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0], [0, 0, -1, 0, 0, 0]
+
+
+def slot():
+    """A block on three feet with friction 0.4 between two walls that touch it."""
+    feet = slope(0.0)
+    sides, inwards = [[-0.05, 0, 0], [0.05, 0, 0]], [[1, 0, 0], [-1, 0, 0]]
+    return QuasistaticProblem(
+        [*feet.positions, *sides], [*feet.normals, *inwards], feet.external_wrench,
+        friction=[0.4] * 3 + [0.5] * 2, cone="round", object_inertia=feet.object_inertia,
+    )  # fmt: skip
+
+
+def on_wall():
+    """A block of 1 kg that a finger presses on a wall, with 40 N where 9.81 N are needed."""
+    corners = [[-0.05, y, z] for y in (-0.05, 0.05) for z in (-0.05, 0.05)]
+    jacobian = np.zeros((15, 1))
+    jacobian[12] = -1.0
+    return QuasistaticProblem(
+        [*corners, [0.05, 0, 0]], [[1, 0, 0]] * 4 + [[-1, 0, 0]], [0, 0, -G, 0, 0, 0], jacobian,
+        friction=0.5, cone="round", joint_units=["N"], torque_limits=(40.0, 40.0),
+        object_inertia=slope().object_inertia, joint_inertia=[[1e-3]],
+    )  # fmt: skip
+
+
+CASES = {
+    "flat": (lambda: slope(0.0), [PUSH, UP], 3.0 * G),
+    "corners": (corners, [PUSH], 3.0 * G),
+    "pressed": (pressed, [[1, 0, 0, 0, 0, 0], DOWN], 3.0 * G),
+    "hybrid": (hybrid, [[1, 0, 0, 0, 0, 0]], 3.0 * G),
+    "on wall": (on_wall, [DOWN], 3.0),
+    "slot": (slot, [PUSH], 3.0 * G),
+    "bare": (lambda: slope(0.0).with_changes(object_inertia=None), [DOWN], 3.0 * G),
+}
+
+
+@cache
+def found(name):
+    make, directions, largest = CASES[name]
+    solution = maximize_margin(make(), static_friction="coulomb")
+    return solution, guaranteed_disturbance(
+        solution.problem, solution.torques, directions, largest=largest,
+        precision=0.02 if name == "slot" else 0.1,
+    )  # fmt: skip
+
+
+@cache
+def document(name):
+    """A document as it comes back from a file."""
+    solution, disturbances = found(name)
+    made = solution_document(solution, disturbances=disturbances)
+    return json.loads(json.dumps(made, allow_nan=False))
+
+
+def lines(made):
+    every = verify_document(made).checks
+    return [line for line in every if line.name.startswith(("disturbance", "rest without"))]
+
+
+def refused(made):
+    """Whether something of what is borne is said not to be so, or it cannot be read."""
+    try:
+        return any(line.passed is False for line in lines(made))
+    except ValueError:
+        return True
+
+
+def replaced(name, *path, by, direction=0):
+    made = copy.deepcopy(document(name))
+    *way, last = path
+    place = made["disturbances"]["directions"][direction]
+    for key in way:
+        place = place[key]
+    place[last] = by(place[last])
+    return made
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_what_is_borne_is_proven_by_its_document(name):
+    shown = lines(document(name))
+    assert all(line.passed is True for line in shown)
+    borne = [line.detail for line in shown if line.name.endswith("is borne")]
+    said = [f"up to {guaranteed:.6g} N" for guaranteed in found(name)[1].guaranteed]
+    assert [detail.split(",")[0] for detail in borne] == said
+    assert (found(name)[1].guaranteed > 0.0).all()
+
+
+@pytest.mark.parametrize("number", [9, 24])
+def test_documents_of_seeded_fingers_are_proven(number):
+    _, problem = outcome_case(3, number)
+    solution = maximize_margin(problem)
+    disturbances = guaranteed_disturbance(problem, solution.torques, [PUSH, DOWN], precision=0.1)
+    assert disturbances.found
+    made = solution_document(solution, disturbances=disturbances)
+    assert all(line.passed is True for line in lines(json.loads(json.dumps(made))))
+
+
+def test_each_way_of_proof_is_among_them():
+    proofs = {
+        name: [
+            end["proof"]
+            for one in document(name)["disturbances"]["directions"]
+            for span in one["spans"]
+            for end in span
+        ]
+        for name in CASES
+    }
+    assert any(node["forced"] for proof in proofs["corners"] for node in proof["nodes"])
+    assert any(proof["nodes"] and proof["loads"] for proof in proofs["pressed"])
+    assert any(proof["forces"] and proof["loads"] for proof in proofs["on wall"])
+    assert any(proof["forces"] and not proof["loads"] for proof in proofs["bare"])
+    failures = [one.brackets[0].failure for _, one in map(found, CASES)]
+    assert {None, "none", "weak"} == {failure and str(failure.status) for failure in failures}
+
+
+@pytest.mark.parametrize("direction", [0, 1])
+@pytest.mark.parametrize(("key", "factor"), [
+    ("guaranteed", 1.05), ("guaranteed", -1.0), ("failing", 0.8), ("possible", 1.05),
+    ("possible", 0.95), ("possible", 0.0), ("direction", 1.01), ("direction", -1.0),
+    ("no_rest", -1.0), ("no_rest", 0.0),
+])  # fmt: skip
+def test_no_figure_can_be_forged(direction, key, factor):
+    assert refused(replaced("flat", key, by=times(factor), direction=direction))
+
+
+@pytest.mark.parametrize("factor", [0.0, 0.99, 1.01])
+def test_no_forces_of_rest_can_be_forged(factor):
+    assert refused(replaced("flat", "forces", by=times(factor)))
+    for end in (0, 1):
+        assert refused(replaced("on wall", "spans", 0, end, "rest_forces", by=times(factor)))
+
+
+@pytest.mark.parametrize(("end", "magnitude"), [(0, 0.5), (1, 5.0), (1, -5.0), (1, 0.5)])
+def test_no_end_of_a_span_can_be_moved(end, magnitude):
+    assert refused(replaced("flat", "spans", 0, end, "magnitude", by=lambda _: magnitude))
+
+
+@pytest.mark.parametrize(("name", "path", "by"), [
+    ("on wall", ("forces",), times(1.01)),
+    ("on wall", ("force_limit",), times(1e-3)),
+    ("on wall", ("loads",), lambda _: []),
+    ("on wall", ("loads", 0, "force"), times(1.1)),
+    ("on wall", ("loads", 0, "contact"), lambda _: 0),
+    ("on wall", ("loads", 0, "multipliers", "motion"), times(1.1)),
+    ("pressed", ("loads", 0, "force"), times(1.5)),
+    ("pressed", ("nodes",), lambda _: None),
+    ("corners", ("nodes",), lambda nodes: nodes[:-1]),
+    ("flat", ("force_limit",), times(1e-3)),
+])  # fmt: skip
+def test_no_proof_of_a_span_can_be_forged(name, path, by):
+    for end in (0, 1):
+        assert refused(replaced(name, "spans", 0, end, "proof", *path, by=by))
+
+
+@pytest.mark.parametrize("end", [0, 1])
+def test_no_leaf_and_no_multipliers_can_be_dropped(end):
+    way = "spans", 0, end, "proof", "nodes"
+    nodes = document("flat")["disturbances"]["directions"][0]["spans"][0][end]["proof"]["nodes"]
+
+    def without(leaf, parent):
+        def by(given):
+            given[parent]["children"] -= 1
+            return [*given[:leaf], *given[leaf + 1 :]]
+
+        return by
+
+    for leaf, parent in leaves(nodes):
+        if parent is not None:
+            assert refused(replaced("flat", *way, by=without(leaf, parent))), leaf
+        # One that another holds has none.
+        for by in (lambda _: None, zeroed) if nodes[leaf]["multipliers"] else ():
+            assert refused(replaced("flat", *way, leaf, "multipliers", by=by)), leaf
+
+
+def test_a_tree_of_one_load_proves_no_span():
+    """The load has to be free in it: that of one end alone leaves out what is between."""
+    made = copy.deepcopy(document("corners"))
+    first, last = made["disturbances"]["directions"][0]["spans"][0]
+    assert made["stability"]["proof"]["nodes"]
+    whole, first["proof"] = first["proof"], made["stability"]["proof"]
+    assert refused(made)
+    first["proof"], last["proof"] = last["proof"], whole
+    assert refused(made)
+
+
+def test_spans_have_to_follow_each_other():
+    _, disturbances = found("slot")
+    assert len(disturbances.brackets[0].spans) > 1
+    for by in (lambda spans: spans[1:], lambda spans: spans[::-1], lambda spans: spans[:-1]):
+        assert refused(replaced("slot", "spans", by=by))
+
+
+@pytest.mark.parametrize(("path", "by"), [
+    (("status",), lambda _: "strong"),
+    (("status",), lambda _: "undecided"),
+    (("status",), lambda _: "none"),
+    (("motion",), lambda _: None),
+    (("motion", "object_acceleration"), times(1.01)),
+    (("motion", "contact_forces"), times(1.01)),
+    (("acceleration_resolution",), times(0.01)),
+    (("acceleration_limit",), times(0.01)),
+    (("rest_forces",), times(0.0)),
+])  # fmt: skip
+def test_what_is_too_much_has_to_be_shown(path, by):
+    assert refused(replaced("slot", "failure", *path, by=by))
+
+
+def test_a_motion_that_counts_as_rest_without_disturbance_is_none():
+    made = copy.deepcopy(document("slot"))
+    speed = made["disturbances"]["directions"][0]["failure"]["motion"]["point_acceleration"]
+    factor = 1.01 * speed / made["stability"]["acceleration_limit"]
+    for key in ("acceleration_resolution", "acceleration_limit"):
+        made["stability"][key] *= factor
+    assert any("no motion without disturbance" in line.detail for line in lines(made))
+
+
+def test_what_has_no_proof_is_not_proven():
+    for key in ("spans", "no_rest", "forces"):
+        shown = lines(replaced("flat", key, by=lambda _: None))
+        assert [line.passed for line in shown].count(None) == 1
+        assert all(line.passed is not False for line in shown)
+    assert refused(replaced("flat", "failing", by=lambda _: None))
+    made = copy.deepcopy(document("flat"))
+    made["stability"]["status"] = "undecided"
+    assert refused(made)
+    made["disturbances"]["directions"] = []
+    assert not refused(made)
+
+
+def test_too_many_leaves_are_not_written(monkeypatch):
+    solution, disturbances = found("flat")
+    count = len(
+        leaves(document("flat")["disturbances"]["directions"][0]["spans"][0][1]["proof"]["nodes"])
+    )
+    for most, written in ((count, [False, True]), (count + 1, [True, True])):
+        monkeypatch.setattr(verdict_data, "_MOST_LEAVES", most)
+        made = json.loads(json.dumps(solution_document(solution, disturbances=disturbances)))
+        spans = [one["spans"] is not None for one in made["disturbances"]["directions"]]
+        assert spans == written
+        shown = [line.passed for line in lines(made)]
+        assert shown.count(None) == written.count(False)
+        assert False not in shown
+
+
+def test_no_tampering_with_a_number_makes_a_figure_pass_that_is_false():
+    """On a floor the block slides at 0.5 of its weight, and lifts at all of it."""
+    rng, exact, accepted = np.random.default_rng(0), (0.5 * G, G), 0
+    for _ in range(300):
+        made = copy.deepcopy(document("flat"))
+        at = int(rng.integers(2))
+        claim = made["disturbances"]["directions"][at]
+        for key in ("guaranteed", "failing", "possible"):
+            if rng.random() < 0.3:
+                claim[key] *= float(rng.uniform(0.8, 1.2))
+        for _ in range(int(rng.integers(1, 4))):
+            tamper(claim, rng)
+        if refused(made):
+            continue
+        accepted += 1
+        still = 1e-3 * G
+        assert claim["guaranteed"] <= exact[at] + still
+        assert claim["failing"] is None or claim["failing"] >= exact[at] - still
+        assert abs(claim["possible"] - exact[at]) <= 2e-3 * exact[at]
+    assert 0 < accepted < 100
+
+
+def tamper(claim, rng):
+    """Change some number that is no claim, however deep it lies, and not what is claimed of."""
+    place = claim
+    while True:
+        keys = range(len(place)) if isinstance(place, list) else [
+            key for key in place if key not in ("direction", "guaranteed", "failing", "possible")
+        ]  # fmt: skip
+        keys = [key for key in keys if isinstance(place[key], float | list | dict) and place[key]]
+        if not keys:
+            return
+        key = keys[int(rng.integers(len(keys)))]
+        if isinstance(place[key], float):
+            place[key] *= float(rng.choice([-1.0, 0.0, 0.5, 0.99, 1.01, 2.0]))
+            return
+        place = place[key]
+
+
+@pytest.mark.parametrize("number", [1, 3, 4, 7, 13])
+def test_bounds_of_a_span_hold_for_what_happens_between(number):
+    """No multipliers bound away an outcome of a load between two."""
+    case, problem = outcome_case(3, number)
+    outcome = enumerate_outcomes(case, sectors=8).outcome
+    assert outcome is not None
+    rng = np.random.default_rng(number)
+    stated = read_problem(json.loads(json.dumps(solution_document(maximize_margin(problem)))))
+    inertia = np.zeros((6 + len(case.torques),) * 2)
+    inertia[:6, :6], inertia[6:, 6:] = case.object_inertia, case.joint_inertia
+    hybrid_columns = commanded_contacts(stated, case.joint_inertia)
+    load = np.concatenate([case.external_wrench, case.torques])
+    tight = np.inf
+    for _ in range(30):
+        step = np.zeros(len(load))
+        size = rng.choice([1e-2, 1.0]) * np.linalg.norm(load[:6])
+        step[:6] = size * rng.normal(size=6)
+        before, after = rng.uniform(0.0, 1.0, 2)
+        ends = [load - before * step, load + after * step]
+        ends.sort(key=lambda end: -float(end @ outcome.acceleration))
+        here, there = (rest_dynamics(stated, end, inertia, hybrid_columns) for end in ends)
+        assert here is not None
+        dynamics = here.towards(there)
+        y = np.linalg.lstsq(dynamics.accelerations, outcome.acceleration, rcond=None)[0]
+        f = np.einsum("lij,lj->li", stated.frames, outcome.forces) / dynamics.force_unit
+        for _ in range(30):
+            loads = np.maximum(f[:, 0], 0.0) * rng.integers(0, 2, len(f))
+            motion, normal = rng.normal(size=y.shape), rng.normal(size=len(f))
+            tangential = rng.integers(0, 2) * rng.normal(size=(len(f), 2))
+            multipliers = RestMultipliers(motion, normal, tangential)
+            rest = np.column_stack([normal, tangential])
+            least = rng.choice([0.0, 1e-3, 1.0])
+            goal = (
+                motion
+                - np.einsum("li,lin->n", rest, dynamics.rows)
+                + least * rng.normal(size=y.shape),
+                least * rng.normal(size=f.shape) - dynamics.rows @ motion,
+            )
+            most = float(f[:, 0].max())
+            bound = largest_goal(
+                dynamics, KnownStates.unknown(len(f)), loads, multipliers, goal, most
+            )
+            reached = float(goal[0] @ y + (goal[1] * f).sum())
+            assert reached <= bound + 1e-8
+            tight = min(tight, bound - reached)
+    assert tight < 0.05
