@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import ast
 import random
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -91,16 +92,33 @@ class Mutant(NamedTuple):
 def sample(package: Path, files: Sequence[str], count: int, seed: int) -> list[Mutant]:
     """Return mutants drawn at random, at most one of each place.
 
+    Each place has a lot of its own, made of its file, its line's text and the seed: a change of
+    the code elsewhere leaves it in the sample, so that scores of two commits can be compared.
+
     Args:
         package: Folder of the package.
         files: Files in it.
         count: How many.
-        seed: Of the random numbers.
+        seed: Of the lots.
     """
-    places = [place for path in files for place in _places(package, path)]
-    drawn = random.Random(seed)  # noqa: S311 - no secret
-    drawn.shuffle(places)
-    return [drawn.choice(place) for place in places[:count]]
+    drawn = sorted(
+        (random.Random(f"{seed} {name}").random(), place)  # noqa: S311 - no secret
+        for path in files
+        for name, place in _named_places(package, path)
+    )
+    return [place[int(lot * 1e9) % len(place)] for lot, place in drawn[:count]]
+
+
+def _named_places(package: Path, path: str) -> Iterator[tuple[str, list[Mutant]]]:
+    """Each place with a name that stays the same while its line does."""
+    lines = (package / path).read_text(encoding="utf-8").splitlines()
+    times = Counter[str]()
+    for place in _places(package, path):
+        line, column = lines[place[0].line - 1], place[0].column
+        text = line.strip()
+        name = f"{path} {text} {column - line.index(text)}"
+        times[name] += 1
+        yield f"{name} {times[name]}", place
 
 
 def all_mutants(package: Path, path: str) -> list[Mutant]:

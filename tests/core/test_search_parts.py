@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 from scenes import random_problem, scene, structured_arguments
 
-from graspless_pin import QuasistaticProblem, Status, enumerate_modes, maximize_margin
+from graspless_pin import (
+    QuasistaticProblem,
+    Status,
+    enumerate_modes,
+    maximize_margin,
+    minimize_torque,
+)
 from graspless_pin.algorithms import branch_and_bound as searching
 from graspless_pin.algorithms import search
 from graspless_pin.algorithms.branch_and_bound import _Node, _resolving, branch_and_bound
@@ -17,7 +23,7 @@ from graspless_pin.algorithms.search import SearchState, closeness
 from graspless_pin.compiled import contact_frames
 from graspless_pin.modes.nearest_motions import NearestMotions
 from graspless_pin.modes.propagation import Decisions
-from graspless_pin.modes.rules import Rules, SignRule
+from graspless_pin.modes.rules import Rules, SignRule, SlidingRule
 from graspless_pin.modes.verdicts import Conflict, Requirement
 from graspless_pin.programs.answers import failed
 from graspless_pin.programs.objectives import Margin
@@ -182,6 +188,52 @@ def test_signs_of_a_part_are_those_that_all_its_modes_have():
         assert every.signs(contact) == (0, 0)
 
 
+@pytest.mark.parametrize("sliding", SlidingRule)
+def test_contacts_in_actual_sliding_are_selected_always_or_never(sliding):
+    problem = scene("up")
+    part = ModePart.every_mode(problem, Rules(sliding=sliding))
+    constrained = sliding is SlidingRule.CONSTRAINED
+    np.testing.assert_array_equal(part.selected, problem.is_sliding & constrained)
+    np.testing.assert_array_equal(part.released, problem.is_sliding & (not constrained))
+
+
+@pytest.mark.parametrize("sign", SignRule)
+@pytest.mark.parametrize("seed", range(5))
+def test_parts_hold_the_modes_that_have_or_lack_items(seed, sign):
+    """Step by step against a list of all modes of three contacts, one of which may not slide."""
+    rng, count = np.random.default_rng(seed), 3
+    ways = (-1, 1) if sign is not SignRule.EXACT else (-1, 0, 1)
+    pairs = [None, *((a, b) for a in ways for b in ways if a or b)]
+    base = random_problem(seed, count)
+    problem = base.with_changes(friction=[0.5, 0.0, 0.5], sliding=None)
+    part, modes = ModePart.every_mode(problem, Rules(sign=sign)), set(product(pairs, repeat=count))
+    modes = {mode for mode in modes if mode[1] is None}
+    for _ in range(12):
+        contact, component = int(rng.integers(count)), int(rng.integers(2))
+        item = contact, component, int(rng.integers(-1, 2))
+        has = {
+            mode for mode in modes
+            if (pair := mode[contact]) is not None and item[2] in (0, pair[component])
+        }  # fmt: skip
+        holding, breaking = part.holding(item), part.breaking(item)
+        assert (holding is not None) == bool(has)
+        assert (breaking is not None) == bool(modes - has)
+        part, modes = (holding, has) if rng.random() < 0.4 else (breaking, modes - has)
+        if part is None:
+            return
+        for one in range(count):
+            left = {mode[one] for mode in modes}
+            if part.selected[one]:
+                assert None not in left
+            assert part.released[one] == (left == {None})
+            known = [{pair[k] for pair in left if pair is not None} for k in range(2)]
+            if part.selected[one]:
+                assert part.pairs(one) == sorted(left)
+                assert part.knows(one) == (len(left) == 1)
+                alone = tuple(one.pop() if len(one) == 1 else 0 for one in known)
+                assert sign is SignRule.EXACT or part.signs(one) == alone
+
+
 def test_one_given_mode_takes_one_program_of_motions_and_counts_as_one():
     problem = scene("rest")
     certificate = maximize_margin(problem, mode=maximize_margin(problem).mode).certificate
@@ -194,6 +246,15 @@ def test_a_search_by_listing_solves_maximal_modes_alone():
     counts = [len(list(enumerate_modes(problem, maximal=maximal))) for maximal in (True, False)]
     listed = maximize_margin(problem, search="enumerate").certificate
     assert listed.modes_examined == 1 + counts[0] < counts[1]
+    assert listed.nodes == listed.modes_examined == listed.force_programs
+
+
+@pytest.mark.parametrize("name", ["sphere", "rest", "up"])
+@pytest.mark.parametrize("sign_rule", ["strict", "exact", "nonzero"])
+def test_no_node_has_more_than_one_mode_and_each_has_a_program(name, sign_rule):
+    problem = scene(name).with_changes(cone="round")  # no compiled loop answers it
+    certificate = minimize_torque(problem, 0.1, sign_rule=sign_rule).certificate
+    assert 1 <= certificate.modes_examined <= certificate.nodes <= certificate.force_programs
 
 
 @pytest.mark.parametrize(("size", "is_friction"), [(0.9e-8, False), (1.1e-8, True), (1e-6, True)])

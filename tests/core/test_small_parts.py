@@ -23,7 +23,7 @@ from graspless_pin.modes.propagation import Decisions
 from graspless_pin.modes.rules import Rules
 from graspless_pin.problem.arguments import _checked_tangents
 from graspless_pin.problem.own_arrays import problem_of_own_arrays
-from graspless_pin.programs.objectives import Margin
+from graspless_pin.programs.objectives import Margin, Torque
 from graspless_pin.programs.program import FARTHEST, Program
 from graspless_pin.programs.reductions import near_multipliers, without_fixed
 
@@ -205,3 +205,17 @@ def test_what_is_left_of_a_time_limit_goes_to_the_searches_that_follow():
     left = Limits(None, time.monotonic() + 5.0).within(options).time_limit
     assert left is not None and 0.0 < left <= 5.0
     assert Limits(None, time.monotonic() - 1.0).within(options).time_limit == 0.0
+
+
+@pytest.mark.parametrize("regularization", [0.0, 1e-2, 10.0])
+@pytest.mark.parametrize("make", [Margin, lambda regularization: Torque(0.1, regularization)])
+def test_no_point_of_a_box_has_a_worse_value_than_the_worst(regularization, make):
+    program = formulate(scene("rest"), make(regularization=regularization)).program
+    box = program.box if program.whole_box is None else program.whole_box
+    ends = np.random.default_rng(0).integers(0, 2, (200, len(program.c)))
+    values = [program.value(np.where(end == 1, *box)) for end in ends]
+    assert 0.0 <= max(values) <= program.worst + 1e-9 * abs(program.worst)
+    # No larger than what each variable makes at its farther end.
+    alone = [max(program.value(np.where(np.arange(len(row)) == i, end, 0.0)) for end in box)
+             for i, row in enumerate(np.eye(len(program.c)))]  # fmt: skip
+    assert program.worst <= 1.01 * sum(max(one, 0.0) for one in alone) + 1e-9

@@ -84,6 +84,20 @@ def test_the_sample_is_the_same_every_time_and_has_no_place_twice(package):
     assert sample(package, ["module.py"], 6, seed=2) != first
 
 
+def test_a_change_elsewhere_leaves_a_place_in_the_sample(package):
+    """Else every commit would be tried with other mistakes, and no two scores could be compared."""
+
+    def drawn(seed: int) -> set[str]:
+        mutants = sample(package, ["module.py"], 6, seed)
+        return {one.source(package).splitlines()[one.line - 1] for one in mutants}
+
+    before = [drawn(seed) for seed in range(10)]
+    above = "_SLACK = 1e-9\n_MORE, _LEAST = 7, 8"
+    (package / "module.py").write_text(MODULE.replace("_SLACK = 1e-9", above), encoding="utf-8")
+    # What is new may take the places of two.
+    assert all(len(before[seed] - drawn(seed)) <= 2 for seed in range(10))
+
+
 def ran(node: str, seconds: float, *lines: int) -> test_map.Test:
     return test_map.Test(node, seconds, {"module.py": sum(1 << line for line in lines)})
 

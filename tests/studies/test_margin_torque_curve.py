@@ -1,5 +1,6 @@
 """The trade-off between margin and torque against Algorithm 2, solved point by point."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -115,6 +116,14 @@ def test_the_figures_of_the_paper():
     assert curve.largest_margin == pytest.approx(1.6504, abs=5e-5)
     assert curve.torques[-1, 1] == pytest.approx(4.8348, abs=2e-4)
     assert str(curve).startswith("margin 0 to 1.65 N for 0.8196 to 4.835 of torque [N m], 4 pieces")
+
+
+def test_a_piece_without_width_has_no_slope():
+    """Nor has a curve that ends where it begins, at a margin of zero."""
+    curve = margin_torque_curve(scene("rest"))
+    point = replace(curve, margins=np.zeros((1, 2)), torques=np.ones((1, 2)), modes=(None,))
+    assert point.slopes.tolist() == [0.0]
+    assert point.torque_at([0.0]).tolist() == [1.0] and point.largest_margin == 0.0
 
 
 def test_what_has_no_curve():

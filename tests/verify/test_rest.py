@@ -3,6 +3,7 @@
 import copy
 import json
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from graspless_pin.report.verify.rest_bounds import (
     largest_goal,
     rest_dynamics,
 )
+from graspless_pin.report.verify.rest_tree import RestNode, uncovered
 
 G = 9.81
 
@@ -74,7 +76,8 @@ def hybrid():
 
 
 CASES = {"slope": slope, "walls": walls, "pressed": pressed, "hybrid": hybrid,
-         "corners": corners, "smooth": lambda: slope(0.0, 0.0)}  # fmt: skip
+         "corners": corners, "smooth": lambda: slope(0.0, 0.0), "gliding": lambda: gliding(),
+         "weightless": lambda: slope().with_changes(external_wrench=np.zeros(6))}  # fmt: skip
 
 
 @cache
@@ -228,6 +231,153 @@ def test_a_motion_below_the_limit_proves_no_weak_verdict():
     assert {line.name for line in rest_lines(made) if line.passed is False} == {
         "it is above the limit"
     }
+
+
+def test_contacts_are_not_counted_from_behind():
+    made = copy.deepcopy(document("slope"))
+    for node in made["stability"]["proof"]["nodes"]:
+        node["contact"] = -1 if node["contact"] == 2 else node["contact"]
+    with pytest.raises(ValueError, match="says nothing of a contact"):
+        rest_lines(made)
+
+
+@pytest.mark.parametrize("name", TREES)
+def test_a_contact_that_may_open_is_not_taken_for_closed(name):
+    """A split into slips alone, with all that was proven of them, for one into open and closed."""
+    nodes = document(name)["stability"]["proof"]["nodes"]
+    splits = [
+        index for index, (first, second) in enumerate(pairwise(nodes))
+        if first["state"] == "open" and not first["children"]
+        and second["state"] == "closed" and second["contact"] == first["contact"]
+        and second["children"]
+    ]  # fmt: skip
+    assert splits
+    for index in splits:
+        made = copy.deepcopy(document(name))
+        left = made["stability"]["proof"]["nodes"]
+        (parent,) = {way for leaf, way in leaves(left) if leaf == index}
+        left[parent]["children"] = left[index + 1]["children"]
+        del left[index : index + 2]
+        assert "is free, and does not slip" in rest_lines(made)[-1].detail
+
+
+def test_leaves_that_nearly_prove_it_do_not():
+    """What all outcomes' power is at most has to be below the limit's."""
+    made = copy.deepcopy(document("slope"))
+    nodes = made["stability"]["proof"]["nodes"]
+    for given in (nodes[leaf]["multipliers"] for leaf, _ in leaves(nodes)):
+        given |= {key: times(0.99)(values) for key, values in given.items()}
+    assert failures(made) == {"rest is the only outcome"}
+    assert "power 0.01 of" in rest_lines(made)[-1].detail
+
+
+def gliding():
+    """A block that glides down a gentle slope without friction, between two walls that rub."""
+    feet = [[0.05, 0.0, -0.02], [-0.05, 0.05, -0.02], [-0.05, -0.05, -0.02]]
+    sides, normals = [[0.0, -0.05, 0.0], [0.0, 0.05, 0.0]], [[0, 1, 0], [0, -1, 0]]
+    weight = [G * np.sin(0.05), 0.0, -G * np.cos(0.05), 0.0, 0.0, 0.0]
+    return QuasistaticProblem(
+        [*feet, *sides], [[0, 0, 1]] * 3 + normals, weight, friction=[0.0] * 3 + [0.5] * 2,
+        cone="round", object_inertia=np.diag([1.0] * 3 + [1e-3] * 3),
+    )  # fmt: skip
+
+
+def test_friction_that_lacks_a_little_of_its_power_is_seen_where_little_moves():
+    """Walls that press on both sides change no balance; they rub, and hold the slip back."""
+    made = copy.deepcopy(document("gliding"))
+    assert made["stability"]["status"] == "weak" and not failures(made)
+    for press, failing in (
+        (1e-9, set()),
+        (1e-4, {"friction opposes its slip, and what parts bears nothing"}),
+    ):
+        forces = np.array(document("gliding")["stability"]["motion"]["contact_forces"])
+        forces[3:, 1] += [press * G, -press * G]
+        made["stability"]["motion"]["contact_forces"] = forces.tolist()
+        assert failures(made) == failing
+
+
+def test_a_joint_commands_the_one_force_that_it_alone_makes():
+    """One with inertia commands nothing, nor one that pushes askew, at two contacts, or not alone.
+
+    All contacts have the normal z; joint 0 alone has an inertia.
+    """
+    pushes = {
+        0: {1: [0, 0, 1.0], 6: [0, 0, 1.0]},
+        1: {2: [0, 0, 1.0]},
+        2: {5: [1e-3, 0, 1.0]},
+        3: {0: [0, 0, 1.0]},
+        4: {3: [0, 0, 1.0], 4: [0, 0, 1.0]},
+        5: {6: [0, 0, 1.0]},
+    }
+    jacobian = np.zeros((7, 3, 6))
+    for joint, contacts in pushes.items():
+        for contact, push in contacts.items():
+            jacobian[contact, :, joint] = push
+    points = [[0.01 * k, 0.01 * k**2, -0.03] for k in range(-3, 4)]
+    problem = QuasistaticProblem(points, [[0, 0, 1]] * 7, [0, 0, -G, 0, 0, 0],
+                                 jacobian.reshape(21, 6), friction=0.5)  # fmt: skip
+    stated = read_problem(solution_document(maximize_margin(problem)))
+    joint_inertia = np.diag([0.1, 0.0, 0.0, 0.0, 0.0, 0.0])
+    assert commanded_contacts(stated, joint_inertia).tolist() == [-1, 2, -1, 0, -1, -1]
+
+
+def test_nothing_accelerates_without_a_load():
+    made = document("weightless")
+    assert made["stability"]["status"] == "strong"
+    assert all(line.passed is True for line in rest_lines(made))
+    assert rest_lines(made)[-1].detail == "there is no load"
+
+
+def of_contact(kind, arc=(0.0, np.pi)):
+    return RestNode(0, kind, arc, None, [], [])
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_arcs_of_slip_cover_each_direction(seed):
+    """Held against directions one by one; wherever arcs begin, and however often they turn."""
+    rng = np.random.default_rng(seed)
+    count, center = int(rng.integers(1, 5)), float(rng.uniform(-7.0, 7.0))
+    half_width = float(rng.choice([np.pi, rng.uniform(0.1, 3.0)]))
+    half = half_width / count * rng.uniform(0.9, 1.3)
+    middles = center - half_width + half_width / count * (1.0 + 2.0 * np.arange(count))
+    middles = rng.permutation(middles + 2.0 * np.pi * rng.integers(-2, 3, count)).tolist()
+    known = KnownStates.unknown(1)
+    sticking = []
+    if half_width < np.pi:
+        known = known.changed(0, Kind.SLIPPING, (center, half_width))
+    else:
+        known, sticking = known.changed(0, Kind.CLOSED), [of_contact(Kind.STICKING)]
+    children = [*sticking, *(of_contact(Kind.SLIPPING, (one, half)) for one in middles)]
+    directions = center + np.linspace(-half_width, half_width, 5001)
+    away = np.abs((directions[:, None] - middles + np.pi) % (2.0 * np.pi) - np.pi)
+    covered = bool((away.min(axis=1) <= half + 1e-9).all())
+    assert uncovered(children, known, np.array([False])) == (
+        "" if covered else "arcs of slip are left out"
+    )
+
+
+@pytest.mark.parametrize(
+    ("known", "kinds", "why"),
+    [
+        (Kind.FREE, [Kind.OPEN, Kind.CLOSED], ""),
+        (Kind.CLOSED, [Kind.OPEN, Kind.CLOSED], "it is closed already"),
+        (Kind.FREE, [Kind.OPEN], "no split into open"),
+        (Kind.FREE, [Kind.STICKING, Kind.SLIPPING], "it is free, and does not slip"),
+        (Kind.CLOSED, [Kind.STICKING, Kind.SLIPPING], ""),
+        (Kind.CLOSED, [Kind.SLIPPING], "nothing says what happens where it sticks"),
+        (Kind.CLOSED, [Kind.STICKING], "arcs of slip are left out"),
+        (Kind.CLOSED, [Kind.OPEN, Kind.STICKING], "no split into open, sticking"),
+        (Kind.SLIPPING, [Kind.SLIPPING], ""),
+        (Kind.STICKING, [Kind.SLIPPING], "it is sticking, and does not slip"),
+    ],
+)
+def test_a_split_leaves_out_no_state(known, kinds, why):
+    states = KnownStates.unknown(1).changed(0, known, (0.0, np.pi))
+    children = [of_contact(kind) for kind in kinds]
+    assert uncovered(children, states, np.array([False])) == why
+    # A contact that a finger presses is never open.
+    if known == Kind.FREE and Kind.SLIPPING in kinds:
+        assert uncovered(children, states, np.array([True])) == ""
 
 
 def test_claims_without_a_proof_are_not_proven():

@@ -311,3 +311,32 @@ def test_an_open_answer_states_no_infeasibility():
     assert names_that_fail(false) == ["states no infeasibility"]
     nothing = changed(document, "certificate", "infeasibility", to=-1e-3)
     assert names_that_fail(nothing) == []
+
+
+def test_shares_of_wide_limits_are_held_to_their_own_size():
+    """A millionth of the share that the load makes, not of the limits."""
+    problem = scene("rest").with_changes(torque_limits=(-1e6, 1e6))
+    document = documented(minimize_torque(problem, 0.1, scale="limits"))
+    assert verify_document(document).proven
+    value = max(abs(joint["torque"]) for joint in document["joints"]) / 1e6
+    assert document["certificate"]["bound"] == pytest.approx(value, rel=1e-5)
+    for off in (1e-3, -1e-3):
+        false = changed(document, "certificate", "bound", to=value * (1.0 + off))
+        false["certificate"]["gap"] = -value * off
+        assert names_that_fail(false)
+
+
+def test_contacts_at_one_point_have_the_length_of_the_load_or_a_metre():
+    """A moment alone has no length; with a force it has one."""
+    at_once = {"positions": [[0, 0, 0]] * 2, "normals": [[0, 0, 1], [1, 0, 0]], "friction": 0.5}
+    for wrench, length in (
+        ([0, 0, 0, 0, 3.0, 0], 1.0), ([0, 0, -2.0, 0, 3.0, 0], 1.5), ([0, 0, -2.0, 0, 0, 0], 1.0),
+    ):  # fmt: skip
+        document = documented(
+            maximize_margin(QuasistaticProblem(external_wrench=wrench, **at_once))
+        )
+        assert document["found"] == (wrench[4] == 0.0)
+        assert document["scales"]["length"] == length
+        assert verify_document(document).proven
+        false = changed(document, "scales", "length", to=2.0 * length)
+        assert "length scale" in names_that_fail(false)

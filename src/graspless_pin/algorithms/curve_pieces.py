@@ -69,9 +69,8 @@ def lower(piece: Piece, curve: list[Piece]) -> list[Piece]:
     merged: list[Piece] = []
     for part in parts:
         if merged and part.mode is piece.mode is merged[-1].mode:
-            merged[-1] = piece.part(merged[-1].a, part.b)
-        else:
-            merged.append(part)
+            merged.pop()  # part of the same line
+        merged.append(part)
     if all(part.mode is piece.mode for part in merged):
         return [piece]
     # What is too narrow to count was left out: parts begin where the one before them ends.
@@ -88,9 +87,8 @@ def _lower_of_two(one: Piece, other: Piece) -> list[Piece]:
         return [one]
     if max(before, after) <= slack:
         return [other]
+    # Farther than WIDTH from both ends: slack is at least two widths of either slope.
     crossing = one.a + (one.b - one.a) * before / (before - after)
-    if crossing - one.a < WIDTH or one.b - crossing < WIDTH:
-        return [other if before + after < 0.0 else one]
     first, second = (one, other) if before > 0.0 else (other, one)
     return [first.part(one.a, crossing), second.part(crossing, one.b)]
 

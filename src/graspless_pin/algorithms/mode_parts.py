@@ -55,14 +55,13 @@ class ModePart:
 
     def knows(self, contact: int) -> bool:
         """Whether all its modes agree on a contact: released, or selected with the same signs."""
-        left = self.minus[contact].astype(int) + self.zero[contact] + self.plus[contact]
-        return bool(self.released[contact] or (self.selected[contact] and (left == 1).all()))
+        is_one = all(len(self.left(contact, component)) == 1 for component in range(2))
+        return bool(self.released[contact] or (self.selected[contact] and is_one))
 
     def signs(self, contact: int) -> tuple[int, int]:
         """Signs of a contact that all its modes have; 0 where there are several, or zero is."""
-        plus, minus, zero = self.plus[contact], self.minus[contact], self.zero[contact]
-        known = np.where(plus & ~minus & ~zero, 1, np.where(minus & ~plus & ~zero, -1, 0))
-        return int(known[0]), int(known[1])
+        first, second = self.left(contact, 0), self.left(contact, 1)
+        return first[0] if len(first) == 1 else 0, second[0] if len(second) == 1 else 0
 
     def requirements(self) -> list[Requirement]:
         """Return what all its modes ask of the virtual motion."""

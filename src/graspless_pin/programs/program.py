@@ -103,7 +103,7 @@ class Program:
     def column(self, name: str) -> int:
         """Return the index of an added column by its name."""
         index = next(one.at for one in self.bounded_blocks if one.name == name)
-        return int(np.arange(len(self.c))[index][0])
+        return int(np.arange(len(self.c))[index].item())
 
     def bounded(self, lb: FloatArray, ub: FloatArray, cutoff: float = np.inf) -> Program:
         """Return the same program with other bounds; matrices and what is known of them shared.

@@ -46,7 +46,8 @@ class RestDynamics:
         commanded: (M,) forces that hybrid fingers command, scaled; NaN elsewhere.
         force_unit: H / alpha, N, with alpha the longest row of G C^-T.
         accelerations: (6 + L, n) H C^-T, zero for hybrid fingers' columns.
-        points: (M + 1, 3, n) from y to the accelerations of contact points and centre, m/s^2.
+        points: (M + 1, 3, n) from y to accelerations, m/s^2, of contact points in their frames and
+            of the centre.
         spread: (n,) s, what theta from 0 to 1 adds to the load; zero: there is one load.
     """
 
@@ -134,8 +135,7 @@ def rest_dynamics(
     accelerations = np.zeros((len(load), len(h)))
     accelerations[kept] = size * back
     centre = np.concatenate([np.eye(3), np.zeros((3, 3))], axis=1)
-    on_object = np.swapaxes(problem.frames, 1, 2) @ contact_motion(problem)[:, :, :6]
-    points = np.concatenate([on_object, centre[None]]) @ accelerations[:6]
+    points = np.concatenate([contact_motion(problem)[:, :, :6], centre[None]]) @ accelerations[:6]
     friction = np.where(problem.slides, 0.0, problem.mu)
     return RestDynamics(rows / alpha, acting[:, :, kept] @ back / alpha, h / size, friction,
                     commanded * alpha / size, size / alpha, accelerations, points,
@@ -256,10 +256,9 @@ def largest_goal(
     bound += float((np.linalg.norm(kappa, axis=1) * states.slips)[sticks].sum())
     # -kappa.u_t is paid for by beta mu f_n |u_t|, or by the longest slip, since |y| <= 1.
     wrong = np.where(sticks, 0.0, np.maximum(-least_product(kappa, center, half_width), 0.0))
-    power = mu * np.where(none, 0.0, least)
     longest = wrong * np.linalg.norm(rows[:, 1:], axis=(1, 2))
     v = p - multipliers.motion + nu @ rows[:, 0] + np.einsum("li,lin->n", kappa, rows[:, 1:])
-    return bound + _paid(wrong, power, longest, v, dynamics.load)
+    return bound + _paid(wrong, mu * least, longest, v, dynamics.load)
 
 
 def _paid(
