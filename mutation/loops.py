@@ -32,6 +32,7 @@ OF_CONTACTS = (
 )
 OF_OPTIMA = (
     "tests/compiled",
+    "tests/core/test_loaded_optima.py",
     "tests/holding/test_outcome_bounds.py",
     "tests/planning/test_carried.py",
     "tests/planning/test_many_states.py",
@@ -87,7 +88,7 @@ BODIES, ARRAYS, MOTIONS = "rigid_bodies", "small_arrays", "virtual_motions"
 ASSEMBLY, STATES, CARRIED = "paper_programs", "hand_states", "carried_optima"
 COLD, STARTS, CALLER = "cold_optima", "optimum_starts", "../algorithms/carried.py"
 SIMPLEX, TABLES, OUTCOMES = "dense_simplex", "simplex_dictionary", "outcome_search"
-CHAINS = "kinematic_chains"
+CHAINS, LOADED = "kinematic_chains", "loaded_states"
 MISTAKES = tuple(
     Mistake(*one)
     for one in (
@@ -150,7 +151,7 @@ MISTAKES = tuple(
         (ASSEMBLY, "residual = max(residual, at if i >= 6 else fabs(at))",
          "residual = max(residual, at)"),
         (ASSEMBLY, "v[6 + self.joint[i - 6] % self.L] += self.share[i - 6] * weight", "pass"),
-        (CARRIED, "self.bound * out[5], (self.value", "self.bound * self.unit, (self.value"),
+        (CARRIED, "self.bound * figures[5], (self", "self.bound * self.unit, (self"),
         (CHAINS, "+ J[4 * n + j] * (x[2] * g[0] - x[0] * g[2])",
          "+ J[4 * n + j] * (x[2] * g[0] + x[0] * g[2])"),
         (COLD, "-1.0 if self.x[c] > 0.0 else 1.0",
@@ -160,6 +161,9 @@ MISTAKES = tuple(
         (COLD, "share = -_BACK * values[k] / steps[k]", "pass"),
         (COLD, "self.q[n1 - 1] = -1.0 if self.kind == MARGIN else 1.0",
          "self.q[n1 - 1] = -1.0"),
+        (LOADED, "if axis else -slope", "if axis else slope"),
+        (LOADED, "friction[i] * cos(M_PI / self.edges)", "friction[i]"),
+        (LOADED, "row + M, row + M + 6, row + M + 6 + L", "row + M, row + M + 6, row + M + 6"),
         (STARTS, "(i < 6 + p or T <= i < count) != changes", "(i < 6 + p) != changes"),
         (STARTS, "self.upper[self.D + self.S] = flags_of(top)[k]",
          "self.upper[self.D + self.S] = True"),

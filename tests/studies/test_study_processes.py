@@ -75,7 +75,7 @@ def test_processes_have_one_thread_of_linear_algebra(tmp_path, monkeypatch):
     assert set(table["error"]) == {"1 1"} and os.environ["OPENBLAS_NUM_THREADS"] == "7"
 
 
-def tells_threads(plan, samples):
+def tells_threads(plan, samples, **_):
     told = " ".join(os.environ[name] for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"))
     for number, _ in samples:
         yield {"sample": number, "status": "failed", "found": False, "error": told}
@@ -164,7 +164,7 @@ TOLD = {
 }
 
 
-def misbehaves(plan, samples):
+def misbehaves(plan, samples, **_):
     for sample in samples:
         FAULTS.get(sample[0], len)(plan if sample[0] in FAULTS else ())
         yield from sample_evaluation.evaluate_each(plan, [sample])
@@ -232,7 +232,7 @@ def test_an_interrupt_does_not_wait_for_a_sample_that_hangs(tmp_path, monkeypatc
     pd.testing.assert_frame_equal(again, here(made, tmp_path / "whole.csv"))
 
 
-def hangs_at_seven(plan, samples):
+def hangs_at_seven(plan, samples, **_):
     for sample in samples:
         if sample[0] == 7:
             hangs(plan)

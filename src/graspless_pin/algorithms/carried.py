@@ -39,7 +39,7 @@ from graspless_pin.solvers import ANY_SOLVER
 
 _OWN = "loops"
 """What the loops that find optima by themselves are called among the solvers."""
-_MOST_COLD = 24
+MOST_COLD = 24
 """Coordinates of forces; with more, a kept solver with sparse factors is faster than the loops."""
 
 
@@ -118,8 +118,8 @@ def carried(
     loops = _loops(problem, objective, options) if starts else None
     if loops is None:
         return None
-    prepared = _prepared(loops, problem, starts)
-    with _LOCK:
+    prepared = prepared_starts(loops, problem, starts)
+    with LOOPS_LOCK:
         found = loops.carried(problem, prepared)
     if found is None:
         return None
@@ -143,19 +143,14 @@ def found_cold(
         apply.
     """
     rules = options.rules
-    if (
-        options.solver != ANY_SOLVER
-        or options.search is not Search.AUTO
-        or rules.static_friction is StaticFriction.COULOMB
-        or (rules.sliding is SlidingRule.CONSTRAINED and problem.is_sliding.any())
-    ):
+    if not may_begin(problem, options):
         return None
     if options.strong:
         options = replace(options, stability=RequiredStability.WEAK)
     loops = _loops(problem, objective, options)
-    if loops is None or loops.n > _MOST_COLD:
+    if loops is None or loops.n > MOST_COLD:
         return None
-    with _LOCK:
+    with LOOPS_LOCK:
         found = loops.found(problem)
     if found is None:
         return None
@@ -163,6 +158,17 @@ def found_cold(
     mode = SlidingMode.unchecked(signs.any(axis=1), signs.astype(np.int8))
     whole = _as_carried(problem, objective, optimum)
     return _solution(problem, objective, rules, whole, mode, loops.n, _OWN)
+
+
+def may_begin(problem: QuasistaticProblem, options: SolveOptions) -> bool:
+    """Whether loops may look for an optimum of which nothing is known."""
+    rules = options.rules
+    return not (
+        options.solver != ANY_SOLVER
+        or options.search is not Search.AUTO
+        or rules.static_friction is StaticFriction.COULOMB
+        or (rules.sliding is SlidingRule.CONSTRAINED and problem.is_sliding.any())
+    )
 
 
 def _as_carried(
@@ -200,39 +206,52 @@ def carried_many(
     if loops is None:
         return 0
     if learned is not None:
-        pool[:0] = [start for start in _prepared(loops, problem, [learned]) if start is not None]
-    with _LOCK:
+        pool[:0] = [
+            start for start in prepared_starts(loops, problem, [learned]) if start is not None
+        ]
+    with LOOPS_LOCK:
         return loops.carried_many(problem, pool, order, *states)
 
 
 def _loops(problem: QuasistaticProblem, objective: Objective, options: SolveOptions) -> Any:
     """Return the loops for problems like one; None where more than the best case is asked for."""
-    if (
-        cold_optima is None
-        or type(objective) not in PAPER_OBJECTIVES
-        or objective.regularization > 0.0
-        or problem.is_round
-        or options.strong
-        or options.rules.by_direction
-    ):
+    if problem.is_round or not are_for(objective, options):
         return None
     return _carrier(likeness_of(problem), objective, problem.joint_count)
 
 
-@lru_cache(maxsize=64)
-def _carrier(likeness: Likeness, objective: Objective, joint_count: int) -> Any:
-    return cold_optima.ColdCarrier(
-        guesses=GUESSES,
-        judged_by=judged_by(CLEARLY * THRESHOLD),
-        damping=DAMPING,
-        corrections=CORRECTIONS,
-        exact=EXACT,
-        cutoff=objective.cutoff,
-        **shared_arguments(likeness, objective, joint_count),
+def are_for(objective: Objective, options: SolveOptions) -> bool:
+    """Return whether loops find what is asked for, if cones are pyramids."""
+    return not (
+        cold_optima is None
+        or type(objective) not in PAPER_OBJECTIVES
+        or objective.regularization > 0.0
+        or options.strong
+        or options.rules.by_direction
     )
 
 
-def _prepared(loops: Any, problem: QuasistaticProblem, starts: Sequence[WarmStart]) -> list[Any]:
+@lru_cache(maxsize=64)
+def _carrier(likeness: Likeness, objective: Objective, joint_count: int) -> Any:
+    return cold_optima.ColdCarrier(**carrier_arguments(likeness, objective, joint_count))
+
+
+def carrier_arguments(likeness: Likeness, objective: Objective, joint_count: int) -> dict[str, Any]:
+    """Return what `cold_optima.ColdCarrier` takes for one of the paper's objectives."""
+    return {
+        "guesses": GUESSES,
+        "judged_by": judged_by(CLEARLY * THRESHOLD),
+        "damping": DAMPING,
+        "corrections": CORRECTIONS,
+        "exact": EXACT,
+        "cutoff": objective.cutoff,
+        **shared_arguments(likeness, objective, joint_count),
+    }
+
+
+def prepared_starts(
+    loops: Any, problem: QuasistaticProblem, starts: Sequence[WarmStart]
+) -> list[Any]:
     """Return starts as the loops take them; None in the place of one that does not fit."""
     likeness, prepared = likeness_of(problem), []
     for start in starts:
@@ -246,7 +265,7 @@ def _prepared(loops: Any, problem: QuasistaticProblem, starts: Sequence[WarmStar
     return prepared
 
 
-_LOCK = Lock()
+LOOPS_LOCK = Lock()
 """One room serves all threads."""
 _STARTS: Derived[WarmStart, list[Any]] = Derived(lambda _: [(None, None)], most=math.inf)
 """The loops that a start was prepared for last, and what they take it as."""

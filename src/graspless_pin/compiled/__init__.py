@@ -17,6 +17,7 @@ try:
         hand_states,
         kinematic_chains,
         linear_programs,
+        loaded_states,
         optimum_starts,
         outcome_search,
         paper_programs,
@@ -28,8 +29,8 @@ try:
 except ImportError:  # installed without a C compiler
     contact_frames = contact_search = linear_programs = rigid_bodies = small_arrays = None
     carried_optima = cold_optima = dense_simplex = hand_states = kinematic_chains = None
-    optimum_starts = outcome_search = paper_programs = simplex_dictionary = None
-    virtual_motions = None
+    loaded_states = optimum_starts = outcome_search = paper_programs = None
+    simplex_dictionary = virtual_motions = None
 
 __all__ = [
     "carried_optima",
@@ -40,6 +41,7 @@ __all__ = [
     "hand_states",
     "kinematic_chains",
     "linear_programs",
+    "loaded_states",
     "optimum_starts",
     "outcome_search",
     "paper_programs",

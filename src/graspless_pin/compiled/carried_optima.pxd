@@ -17,5 +17,7 @@ cdef class Carrier(PaperPrograms):
 
     cdef bint refined(self, Start near) noexcept
     cdef bint optimum(self, Start near, bint has_map) noexcept
+    cdef bint tried(self, list starts, bint cold) except -1
+    cdef void tell(self, double* figures, double* torques, Py_ssize_t rows) noexcept
     cdef tuple told(self)
     cdef Start begun(self)

@@ -124,7 +124,11 @@ cdef class Carrier(PaperPrograms):
         """Find and prove the optimum that an earlier one leads to."""
         cdef Py_ssize_t c, contact
         cdef double friction
-        if near.R != self.R or near.n1 != self.n + 1 or near.W != self.W or not self.refined(near):
+        if near.R != self.R or near.n1 != self.n + 1 or near.W != self.W:
+            return False
+        if near.rubbed != self.rubbed:
+            near.fit(self)
+        if not self.refined(near):
             return False
         for c in range(self.n):
             contact, friction = self.axes[c] // 3, self.x[c]
@@ -188,6 +192,45 @@ cdef class Carrier(PaperPrograms):
                 return place, self.told()
         return None
 
+    cdef bint tried(self, list starts, bint cold) except -1:
+        """Find the optimum that one of several earlier ones leads to; else that found otherwise.
+
+        Args:
+            starts: As in `carried`; that which served comes first afterwards.
+            cold: Whether to look for one otherwise.
+        """
+        cdef Py_ssize_t place
+        if not self.posed():
+            return False
+        for place in range(len(starts)):
+            near = starts[place]
+            if near is not None and self.optimum(near, False):
+                if place:
+                    starts.insert(0, starts.pop(place))
+                return True
+        near = self.begun() if cold else None
+        if near is None or not self.optimum(near, True):
+            return False
+        starts.insert(0, near)
+        del starts[_MOST_STARTS:]
+        return True
+
+    cdef void tell(self, double* figures, double* torques, Py_ssize_t rows) noexcept:
+        """Put the `FIGURES` and the torques into places; rows of forces that joints bear."""
+        cdef Py_ssize_t k, j
+        figures[0] = margin_of(
+            self.M, self.forces, self.normals, self.tangents, self.slopes, self.has_cone, self.most,
+            self.edges, self.directions,
+        )
+        figures[1], figures[4] = self.value, self.residual
+        figures[5] = -self.unit if self.kind == MARGIN else self.unit
+        figures[2], figures[3] = self.bound * figures[5], (self.value - self.bound) * self.unit
+        for j in range(self.L):
+            torques[j] = self.gravity[j]
+        for k in range(rows):
+            for j in range(self.L):
+                torques[j] += self.forces[k] * self.J[self.L * k + j]
+
     cdef tuple told(self):
         """What was found of one problem, as `carried` returns it."""
         return (
@@ -227,10 +270,8 @@ cdef class Carrier(PaperPrograms):
         cdef cnp.ndarray tangents = as_blocks(problem.tangents, self.M, 3, 2).copy()
         cdef cnp.ndarray J = empty(3 * self.M, self.L)
         cdef Py_ssize_t H = carrier.shape[0], L = self.L, total = weights.shape[0], number, k, j
-        cdef Py_ssize_t place, count = 0, room = rows.shape[1]
-        cdef double* out
+        cdef Py_ssize_t count = 0, room = rows.shape[1]
         cdef const double* row
-        cdef bint found, has_map
         if (
             H > min(self.M, room) or rows.shape[2] != 6 or weights.shape[1] != L
             or mask.shape[1] != L
@@ -259,37 +300,9 @@ cdef class Carrier(PaperPrograms):
                 )
             tangents_of(H, data(normals), given.shape[0], data(given), data(tangents))
             self.gravity = data(weights) + L * number
-            found, has_map = False, False
-            if self.posed():
-                for place in range(len(starts)):
-                    near = starts[place]
-                    if near is not None and self.optimum(near, has_map):
-                        found = True
-                        break
-            if not found and len(starts):
-                near = self.begun()
-                if near is not None and self.optimum(near, True):
-                    found, place = True, 0
-                    starts.insert(0, near)
-                    del starts[_MOST_STARTS:]
-            if not found:
+            if not self.tried(starts, len(starts) > 0):
                 break
-            if place:
-                starts.insert(0, starts.pop(place))
-            out = data(figures) + 6 * number
-            out[0] = margin_of(
-                self.M, self.forces, self.normals, self.tangents, self.slopes, self.has_cone,
-                self.most, self.edges, self.directions,
-            )
-            out[1], out[4] = self.value, self.residual
-            out[5] = -self.unit if self.kind == MARGIN else self.unit
-            out[2], out[3] = self.bound * out[5], (self.value - self.bound) * self.unit
-            out = data(torques) + L * number
-            for j in range(L):
-                out[j] = self.gravity[j]
-            for k in range(3 * H):
-                for j in range(L):
-                    out[j] += self.forces[k] * data(J)[L * k + j]
+            self.tell(data(figures) + 6 * number, data(torques) + L * number, 3 * H)
             count += 1
         return count
 

@@ -29,31 +29,6 @@ cdef double _RIDGE = 1e-14
 cdef class ColdCarrier(Carrier):
     """A carrier that finds optima by itself, too."""
 
-    cdef int guesses
-    cdef tuple judged_by
-    cdef Py_ssize_t count
-    cdef cnp.npy_intp* sided
-    cdef cnp.npy_intp* chosen
-    cdef double* wanted
-    cdef double* slide
-    cdef double* guessed
-    cdef double* rows
-    cdef double* ends
-    cdef double* slack
-    cdef double* z
-    cdef double* ds
-    cdef double* dz
-    cdef double* apart
-    cdef double* target
-    cdef double* at
-    cdef double* y
-    cdef double* dy
-    cdef double* dx
-    cdef double* q
-    cdef double* H
-    cdef double* back
-    cdef double* schur
-
     def __init__(self, int guesses, judged_by, **shared):
         """Take what the problems share.
 

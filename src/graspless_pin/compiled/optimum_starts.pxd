@@ -2,8 +2,10 @@
 
 cimport numpy as cnp
 
+from graspless_pin.compiled.paper_programs cimport PaperPrograms
+
 cdef class Start:
-    cdef Py_ssize_t R, D, S, s, n1, W
+    cdef Py_ssize_t R, D, S, s, n1, W, p, rubbed
     cdef list kept
     cdef cnp.npy_intp* rows
     cdef cnp.npy_intp* starts
@@ -24,5 +26,6 @@ cdef class Start:
     cdef double* room
     cdef double judged[4]
 
+    cdef void fit(self, PaperPrograms programs) noexcept
     cdef double* real(self, cnp.ndarray array)
     cdef cnp.npy_intp* number(self, cnp.ndarray array)

@@ -49,7 +49,7 @@ cdef class Start:
         m = r + h
         cdef cnp.ndarray top = as_flags(upper, m), given = as_vector(weights, m)
         self.kept, self.R, self.s = [], count, len(contacts)
-        self.n1, self.W = n1, programs.W
+        self.n1, self.W, self.p = n1, programs.W, p
         if not 0 <= p <= 2 * programs.L:
             raise ValueError("needs rows of these programs")
         self.x = self.real(as_vector(x, n1).copy())
@@ -89,7 +89,6 @@ cdef class Start:
         self.columns = self.number(no_numbers(total + 1))
         self.values = self.real(empty1(total + 1))
         self.gram = self.real(empty(n1, n1))
-        memset(self.gram, 0, n1 * n1 * sizeof(double))
         total = 0
         for k in range(self.S):
             i = self.rows[self.D + k]
@@ -99,21 +98,32 @@ cdef class Start:
             else:
                 j = i - 6 - p
                 for e in range(programs.row_start[j], programs.row_start[j + 1]):
-                    self.columns[total], self.values[total] = (
-                        programs.row_column[e], programs.row_value[e],
-                    )
+                    self.columns[total] = programs.row_column[e]
                     total += 1
             self.starts[k + 1] = total
-            for i in range(self.starts[k], total):
-                for j in range(self.starts[k], i + 1):
-                    # Columns of a row rise.
-                    self.gram[n1 * self.columns[i] + self.columns[j]] += (
-                        self.values[i] * self.values[j]
-                    )
+        self.fit(programs)
         self.A = self.real(empty1(self.D * n1 + 1))
         self.w, self.b = self.real(empty1(m + 1)), self.real(empty1(m + 1))
         self.sides = self.real(empty1(m + 1))
         self.room = self.real(empty1(witness_room(self.s, programs.W)))
+
+    cdef void fit(self, PaperPrograms programs) noexcept:
+        """Take the cones of the programs that it was made of, whose friction may have changed."""
+        cdef Py_ssize_t k, i, j, first
+        memset(self.gram, 0, self.n1 * self.n1 * sizeof(double))
+        for k in range(self.S):
+            i = self.rows[self.D + k]
+            if i < self.R:
+                first = programs.row_start[i - 6 - self.p] - self.starts[k]
+                for j in range(self.starts[k], self.starts[k + 1]):
+                    self.values[j] = programs.row_value[first + j]
+            for i in range(self.starts[k], self.starts[k + 1]):
+                for j in range(self.starts[k], i + 1):
+                    # Columns of a row rise.
+                    self.gram[self.n1 * self.columns[i] + self.columns[j]] += (
+                        self.values[i] * self.values[j]
+                    )
+        self.rubbed = programs.rubbed
 
     cdef double* real(self, cnp.ndarray array):
         self.kept.append(array)

@@ -13,6 +13,8 @@ cdef class PaperPrograms:
     cdef Py_ssize_t s, p, R, T, W, faces, edges
     cdef double required, least_lever, rounding, farthest
     cdef bint loaded
+    # How often friction was changed.
+    cdef Py_ssize_t rubbed
     cdef list kept
     # Of all problems.
     cdef cnp.npy_intp* axes
@@ -25,10 +27,10 @@ cdef class PaperPrograms:
     cdef double* directions
     cdef cnp.npy_bool* has_cone
     # Of one problem.
-    cdef double* most
-    cdef double* wrench
-    cdef double* lower
-    cdef double* upper
+    cdef const double* most
+    cdef const double* wrench
+    cdef const double* lower
+    cdef const double* upper
     cdef double* sliding
     cdef const double* points
     cdef const double* normals
@@ -58,6 +60,7 @@ cdef class PaperPrograms:
     cdef double* reals(self, cnp.ndarray array)
     cdef cnp.npy_intp* numbers(self, cnp.ndarray array)
     cdef void take(self, problem, list held)
+    cdef void count_rows(self) noexcept
     cdef void hold(self, problem, list held)
     cdef bint posed(self) noexcept
     cdef double side(self, Py_ssize_t i, bint top) noexcept

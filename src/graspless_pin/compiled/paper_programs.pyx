@@ -46,7 +46,7 @@ cdef class PaperPrograms:
         """
         cdef cnp.ndarray given = as_reals(sides, 2), cones = as_reals(has_cone, 1)
         cdef Py_ssize_t n, L = joint_count, c, i, count, rows
-        self.kept = []
+        self.kept, self.rubbed = [], 0
         self.kind, self.required, self.L, self.M = kind, required, L, cones.shape[0]
         self.n = n = given.shape[0] - 1
         self.faces, self.W, rows = face_count, 6 + L, given.shape[1]
@@ -58,9 +58,9 @@ cdef class PaperPrograms:
         for c in range(n):
             if not 0 <= self.axes[c] < 3 * self.M:
                 raise ValueError("needs axes that exist")
-        self.reach = self.reals(as_shaped(reach, 2, n))
-        self.mu = self.reals(as_vector(friction, self.M))
-        self.slopes = self.reals(as_vector(slopes, self.M))
+        self.reach = self.reals(as_shaped(reach, 2, n).copy())
+        self.mu = self.reals(as_vector(friction, self.M).copy())
+        self.slopes = self.reals(as_vector(slopes, self.M).copy())
         given_directions = as_reals(directions, 2)
         self.edges = given_directions.shape[1]
         self.directions = self.reals(as_shaped(given_directions, 2, self.edges))
@@ -107,11 +107,16 @@ cdef class PaperPrograms:
         cdef cnp.ndarray lower = as_vector(problem.lower_torque, self.L)
         cdef cnp.ndarray upper = as_vector(problem.upper_torque, self.L)
         cdef cnp.ndarray sliding = as_shaped(problem.sliding, self.M, 3)
-        cdef Py_ssize_t k
-        cdef double limit
         held += [most, wrench, lower, upper, sliding]
         self.most, self.wrench, self.lower = data(most), data(wrench), data(lower)
-        self.upper, self.sliding, self.p = data(upper), data(sliding), 0
+        self.upper, self.sliding = data(upper), data(sliding)
+        self.count_rows()
+
+    cdef void count_rows(self) noexcept:
+        """Find which rows there are under these limits, and whether there is a load."""
+        cdef Py_ssize_t k
+        cdef double limit
+        self.p = 0
         if self.kind != MARGIN:
             for k in range(2 * self.L):
                 limit = self.upper[k] if k < self.L else -self.lower[k - self.L]

@@ -134,10 +134,16 @@ class Likeness:
         )
 
 
-def likeness_of(problem: QuasistaticProblem) -> Likeness:
-    """Return what a problem with pyramids for cones shares with those like it: the same object."""
-    mask, friction = problem.has_cone.tobytes(), problem.friction.tobytes()
-    return _likeness(mask, friction, problem.is_sliding.tobytes(), problem.cone_edges)
+def likeness_of(problem: QuasistaticProblem, friction: FloatArray | None = None) -> Likeness:
+    """Return what a problem with pyramids for cones shares with those like it: the same object.
+
+    Args:
+        problem: The problem.
+        friction: (M,) other coefficients, above zero where its are; None: its own.
+    """
+    rubbing = problem.friction if friction is None else friction
+    mask, sliding = problem.has_cone.tobytes(), problem.is_sliding.tobytes()
+    return _likeness(mask, rubbing.tobytes(), sliding, problem.cone_edges)
 
 
 @lru_cache(maxsize=256)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cache
 
 import numpy as np
 
@@ -59,7 +58,7 @@ class FrictionTable:
         self._hand_material = hand_material
         self._object_material = object_material
         self._materials = materials
-        self._once = cache(self.coefficient)
+        self._known: dict[tuple[str, str], float] = {}
         self._last: tuple[tuple[str, ...], int, FloatArray] = (), 0, np.empty(0)
 
     def coefficients(self, touching: ContactArrays) -> FloatArray:
@@ -78,6 +77,12 @@ class FrictionTable:
         coefficients = read_only(np.array(values, dtype=np.float64))
         self._last = bodies, count, coefficients
         return coefficients
+
+    def _once(self, group: str, body: str) -> float:
+        known = self._known.get((group, body))
+        if known is None:
+            known = self._known[group, body] = self.coefficient(group, body)
+        return known
 
     def coefficient(self, group: str, body: str) -> float:
         """Return the coefficient of one body.

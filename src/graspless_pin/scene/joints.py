@@ -18,61 +18,71 @@ class ControlledJoints(NamedTuple):
 
     Attributes:
         jacobian: (3M, L) J of eq. (12), world axes.
-        limits: (lower, upper), each (L,), N m or N.
-        gravity_torques: (L,) g(q).
         names: L names.
         units: L units of their torques.
+        hybrid_count: How many of them, the last ones, are hybrid fingers.
     """
 
     jacobian: FloatArray
-    limits: tuple[FloatArray, FloatArray]
-    gravity_torques: FloatArray
     names: tuple[str, ...]
     units: tuple[JointUnit, ...]
+    hybrid_count: int = 0
 
 
-def joint_columns(
-    hand: Hand | None, touching: ContactArrays, gravity: FloatArray | None, limit: float
-) -> ControlledJoints:
+def joint_columns(hand: Hand | None, touching: ContactArrays) -> ControlledJoints:
     """Return the force-controlled joints, then the hybrid fingers.
 
     Args:
         hand: At its configuration; None: there is no column.
         touching: M contacts, hand first.
-        gravity: (3,) m/s^2, world axes; None: the links weigh nothing.
-        limit: Largest commanded force of a hybrid finger, N.
 
     Raises:
         StateError: If a hybrid finger touches at several points.
     """
     if hand is None:
-        none = np.zeros(0)
-        return ControlledJoints(np.zeros((3 * len(touching), 0)), (none, none), none, (), ())
+        return ControlledJoints(np.zeros((3 * len(touching), 0)), (), ())
     count = touching.hand_count
     names = hand.actuated_joint_names
     jacobian = np.zeros((3 * len(touching), len(names)))
     jacobian[: 3 * count] = hand.contact_jacobian(
         touching.bodies[:count], touching.positions[:count]
     )
-    if gravity is not None and names:
-        weights = hand.gravity_torques(gravity)
-    else:
-        weights = np.zeros(len(names))
-    joints = ControlledJoints(jacobian, hand.effort_limits, weights, names, hand.effort_units)
-    if not hand.control.hybrid_fingers:
-        return joints
-    return _with_hybrid_fingers(joints, hand, touching, limit)
+    joints = ControlledJoints(jacobian, names, hand.effort_units)
+    return _with_hybrid_fingers(joints, hand, touching) if hand.control.hybrid_fingers else joints
 
 
-def with_limits_of(hand: Hand, joints: ControlledJoints) -> ControlledJoints:
-    """Return columns with the effort limits of a hand, which is otherwise the one they are of."""
-    if joints.limits is hand.effort_limits:
-        return joints
+def torque_limits(
+    hand: Hand | None, hybrid_count: int, limit: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return (lower, upper), each (L,), N m or N.
+
+    Args:
+        hand: See `joint_columns`.
+        hybrid_count: See `ControlledJoints`.
+        limit: Largest commanded force of a hybrid finger, N.
+    """
+    if hand is None:
+        return np.zeros(0), np.zeros(0)
     lower, upper = hand.effort_limits
-    own, (low, high) = len(lower), joints.limits
-    if own < len(low):
-        lower, upper = np.concatenate((lower, low[own:])), np.concatenate((upper, high[own:]))
-    return joints._replace(limits=(lower, upper))
+    if not hybrid_count:
+        return lower, upper
+    none = np.zeros(hybrid_count)
+    return np.concatenate([lower, none]), np.concatenate([upper, none + limit])
+
+
+def weight_torques(hand: Hand | None, hybrid_count: int, gravity: FloatArray | None) -> FloatArray:
+    """Return (L,) g(q), the torques that carry the links' weight.
+
+    Args:
+        hand: See `joint_columns`.
+        hybrid_count: See `ControlledJoints`.
+        gravity: (3,) m/s^2, world axes; None: the links weigh nothing.
+    """
+    count = 0 if hand is None else len(hand.actuated_joint_names)
+    own = np.zeros(count)
+    if hand is not None and gravity is not None and count:
+        own = hand.gravity_torques(gravity)
+    return np.concatenate([own, np.zeros(hybrid_count)]) if hybrid_count else own
 
 
 def possible_columns(hand: Hand | None) -> dict[str, JointUnit]:
@@ -98,7 +108,7 @@ def inertia_of_columns(hand: Hand | None, count: int) -> FloatArray:
 
 
 def _with_hybrid_fingers(
-    joints: ControlledJoints, hand: Hand, touching: ContactArrays, limit: float
+    joints: ControlledJoints, hand: Hand, touching: ContactArrays
 ) -> ControlledJoints:
     """Append a column n for the one contact of each hybrid finger (Sec. II-A)."""
     names = list(joints.names)
@@ -119,15 +129,9 @@ def _with_hybrid_fingers(
                 "has exactly one contact: give the contacts, or control it by force",
             )
         names.append(name)
-    lower, upper = joints.limits
-    none = np.zeros(len(hybrid))
-    return ControlledJoints(
-        np.hstack([joints.jacobian, columns]),
-        (np.concatenate([lower, none]), np.concatenate([upper, none + limit])),
-        np.concatenate([joints.gravity_torques, none]),
-        tuple(names),
-        (*joints.units, *(JointUnit.FORCE for _ in hybrid)),
-    )
+    units = (*joints.units, *(JointUnit.FORCE for _ in hybrid))
+    jacobian = np.hstack([joints.jacobian, columns])
+    return ControlledJoints(jacobian, tuple(names), units, len(hybrid))
 
 
 def _column_of(finger: str | None) -> str:

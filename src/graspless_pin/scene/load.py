@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 import os
 import reprlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -87,12 +88,6 @@ def build_scene(source: YamlSource, parts: SceneParts | None = None) -> Scene:
     entry = parts.validated(source)
     with heard() as found:
         scene = _scene(source, parts, entry)
-        bodies = entry.object, entry.hand, *entry.supports
-        parts.stage(
-            "entry",
-            (*bodies, scene.materials),
-            lambda: tell(*entry_findings(entry, scene.materials)),
-        )
     of_hand = () if scene.hand is None else scene.hand.findings
     placed = [one if one in of_hand else _placed(source, one) for one in found]
     tell(*placed)
@@ -119,7 +114,47 @@ def _refuse(file: YamlSource, findings: Sequence[Finding]) -> None:
         )
 
 
+class _Built(NamedTuple):
+    """What is built of the bodies of a scene file.
+
+    Attributes:
+        names: Of supports and links.
+        others: Fields of `Scene` by name.
+    """
+
+    names: tuple[str, ...]
+    object: ManipulatedObject
+    others: Mapping[str, Any]
+
+
 def _scene(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Scene:
+    said = entry.object, entry.hand, entry.materials, entry.contacts, entry.motion
+    built = parts.stage("built", (*said, *entry.supports), lambda: _built(file, parts, entry))
+    _check_weight(file, entry, built.object)
+    scene = Scene(
+        name=entry.name or file.path.stem,
+        path=file.path,
+        gravity=parts.latest.of("gravity", (entry.gravity,), lambda: np.array(entry.gravity)),
+        object=built.object,
+        friction=file.at((), lambda: friction_by_name(entry.friction, built.names)),
+        max_normal_force=entry.max_normal_force,
+        cone_edges=entry.cone_edges,
+        cone=entry.cone,
+        contact_tolerance=entry.contact_tolerance,
+        max_penetration=entry.max_penetration,
+        points_per_patch=entry.points_per_patch,
+        tangent_axes=parts.latest.of(
+            "axes", (entry.tangent_axes,), lambda: tuple(map(np.array, entry.tangent_axes))
+        ),
+        solve_options=parts.latest.of("solve", (entry.solve,), entry.solve.model_dump),
+        **built.others,
+    )
+    vars(scene)["_kept"] = parts.latest
+    return scene
+
+
+def _built(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> _Built:
+    """Build the bodies of a scene file, and tell what looks wrong with what it says of them."""
     hand = None
     if entry.hand is not None:
         hand = build_hand(file, parts, entry.hand)
@@ -127,42 +162,31 @@ def _scene(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Scene:
         build_support(file, parts, ("supports", index), item)
         for index, item in enumerate(entry.supports)
     )
-    links = () if hand is None else hand.link_names
-    bodies = [*(support.name for support in supports), *links]
+    links, tree = ((), None) if hand is None else (hand.link_names, hand.tree)
+    names = tuple([support.name for support in supports])
+    bodies = [*names, *links]
     _check_names(file, entry, links)
     made = build_object(file, parts, entry.object)
-    _check_weight(file, entry, made)
-    weight = entry.hand is None or entry.hand.count_own_weight
-    axes = tuple(np.array(axis) for axis in entry.tangent_axes)
-    scene = Scene(
-        name=entry.name or file.path.stem,
-        path=file.path,
-        gravity=parts.latest.of("gravity", (repr(entry.gravity),), lambda: np.array(entry.gravity)),
-        hand=hand,
-        object=made,
-        supports=parts.latest.of("supports", supports, lambda: supports),
-        friction=file.at((), lambda: friction_by_name(entry.friction, bodies)),
-        materials=parts.stage(
-            "materials",
-            (repr(entry.materials), entry.object, entry.hand, *entry.supports),
-            lambda: _materials(file, entry),
-        ),
-        hand_material=None if entry.hand is None else entry.hand.material,
-        given_contacts=_contacts(file, entry, bodies),
-        motion=_motion(file, entry.motion, hand),
-        max_normal_force=entry.max_normal_force,
-        cone_edges=entry.cone_edges,
-        cone=entry.cone,
-        contact_tolerance=entry.contact_tolerance,
-        max_penetration=entry.max_penetration,
-        points_per_patch=entry.points_per_patch,
-        tangent_axes=parts.latest.of("axes", (repr(entry.tangent_axes),), lambda: axes),
-        count_own_weight=weight,
-        hybrid_force_limit=None if entry.hand is None else entry.hand.hybrid_force_limit,
-        solve_options=parts.latest.of("solve", (entry.solve,), entry.solve.model_dump),
+    said = entry.object, entry.hand, *entry.supports
+    materials = parts.stage(
+        "materials", (repr(entry.materials), *said), lambda: _materials(file, entry)
     )
-    vars(scene)["_kept"] = parts.latest
-    return scene
+    others = {
+        "hand": hand,
+        "supports": parts.latest.of("supports", supports, lambda: supports),
+        "materials": materials,
+        "hand_material": None if entry.hand is None else entry.hand.material,
+        "given_contacts": parts.latest.of(
+            "contacts", (entry.contacts, tree, *names), lambda: _contacts(file, entry, bodies)
+        ),
+        "motion": parts.latest.of(
+            "motion", (entry.motion, tree), lambda: _motion(file, entry.motion, hand)
+        ),
+        "count_own_weight": entry.hand is None or entry.hand.count_own_weight,
+        "hybrid_force_limit": None if entry.hand is None else entry.hand.hybrid_force_limit,
+    }
+    tell(*entry_findings(entry, materials))
+    return _Built(tuple(bodies), made, others)
 
 
 def _check_weight(file: YamlSource, entry: SceneEntry, made: ManipulatedObject) -> None:

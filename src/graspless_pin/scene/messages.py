@@ -59,7 +59,7 @@ def _renewed(data: Any, known_data: Any, known: Any) -> Any:
     Raises:
         ValidationError: If it is not sound.
     """
-    if is_alike(data, known_data):
+    if data is known_data:
         return known
     if not isinstance(data, dict) or data.keys() != known_data.keys():
         return type(known).model_validate(data)
@@ -67,8 +67,10 @@ def _renewed(data: Any, known_data: Any, known: Any) -> Any:
     changed = {
         key: _with_entries(item, known_data[key], entries[key])
         for key, item in data.items()
-        if not is_alike(item, known_data[key])
+        if item is not known_data[key] and not is_alike(item, known_data[key])
     }
+    if not changed:
+        return known
     if _has_checks(kind):
         return kind.model_validate({key: changed.get(key, entries[key]) for key in data})
     checked = {key: _field(kind, key).validate_python(item) for key, item in changed.items()}

@@ -36,18 +36,12 @@ from graspless_pin.geometry.pickling import PickledByFields
 from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.problem.cones import projected_tangents
 from graspless_pin.problem.derived_inertias import with_derived_inertias
 from graspless_pin.problem.own_arrays import problem_of_own_arrays
 from graspless_pin.programs.objectives import Algorithm, Objective
 from graspless_pin.scene.changes import checked_changes
-from graspless_pin.scene.friction import FrictionTable
-from graspless_pin.scene.joints import (
-    ControlledJoints,
-    inertia_of_columns,
-    joint_columns,
-    with_limits_of,
-)
+from graspless_pin.scene.joints import inertia_of_columns
+from graspless_pin.scene.loads import jointed_contacts, loads_of
 from graspless_pin.scene.motion_and_contacts import (
     GivenContact,
     Motion,
@@ -57,7 +51,7 @@ from graspless_pin.scene.motion_and_contacts import (
 from graspless_pin.scene.scene_findings import findings_of, nothing_touches
 from graspless_pin.scene.scene_screen import scene_line, scene_screen
 from graspless_pin.scene.scene_stability import unknown_of, verdict_of
-from graspless_pin.scene.touching import touching_of
+from graspless_pin.scene.touching import label_of, touching_of
 from graspless_pin.solution import TorqueSolution
 
 
@@ -124,7 +118,7 @@ class Scene(PickledByFields):
         """
         changed = object.__new__(type(self))
         changed.__dict__.update(self.__dict__, _kept=self._kept)
-        for name in ("contacts", "findings"):
+        for name in ("contacts", "findings", "_touching"):
             changed.__dict__.pop(name, None)
         changed.__dict__.update(checked_changes(changes))
         return changed
@@ -151,9 +145,9 @@ class Scene(PickledByFields):
                 motion drives the object into something or away from everything.
             SceneError: If a shape cannot be used.
         """
-        touching = touching_of(self, self._kept)
+        touching = self._touching
         if not len(touching):
-            raise StateError(StateFault.NO_CONTACT, f"{self._label()}: {nothing_touches(self)}")
+            raise StateError(StateFault.NO_CONTACT, f"{label_of(self)}: {nothing_touches(self)}")
         motion = self.motion
         if motion is None:
             if not self._supports_moving():
@@ -168,13 +162,13 @@ class Scene(PickledByFields):
             moving = classified(touching, twist, center, others)
             kept = contacts_that_stay(touching, moving, self.object.name)
         except SceneError as error:
-            raise error.at(f"{self._label()}: motion") from error
+            raise error.at(f"{label_of(self)}: motion") from error
         if len(kept) == len(touching):
             return SceneContacts(touching, moving.sliding)
         if not kept:
             raise StateError(
                 StateFault.PARTED,
-                f"{self._label()}: the declared motion parts object {self.object.name!r} from "
+                f"{label_of(self)}: the declared motion parts object {self.object.name!r} from "
                 "everything that touches it; no contact is left",
             )
         return SceneContacts(touching.chosen(kept), moving.sliding[kept])
@@ -187,52 +181,29 @@ class Scene(PickledByFields):
         Raises:
             SceneError: See `contacts`.
         """
-        contacts = self.contacts
-        touching = contacts.arrays
-        joints = self._joints(touching)
+        state = jointed_contacts(self)
+        contacts, joints, loads = state.contacts, state.joints, loads_of(self, state)
         # Contacts that are given may be anything; those found are right by themselves.
         made = problem_of_own_arrays
         problem = (made if self.given_contacts is None else QuasistaticProblem)(
-            touching.positions - self.object.center_of_mass_world,
-            touching.normals,
-            self._weight(),
+            state.positions,
+            contacts.arrays.normals,
+            loads.wrench,
             joints.jacobian,
-            friction=self._coefficients(touching),
-            tangents=projected_tangents(touching.normals, self.tangent_axes),
+            friction=loads.friction,
+            tangents=state.tangents,
             sliding=contacts.sliding,
-            torque_limits=joints.limits,
-            max_normal_force=self.max_normal_force,
+            torque_limits=loads.limits,
+            max_normal_force=loads.max_normal_force,
             cone_edges=self.cone_edges,
             cone=self.cone,
             joint_names=joints.names,
             joint_units=joints.units,
-            gravity_torques=joints.gravity_torques,
+            gravity_torques=loads.gravity_torques,
         )
         joint_inertia = partial(inertia_of_columns, self.hand, len(joints.names))
         sources = {"object_inertia": self.object.spatial_inertia, "joint_inertia": joint_inertia}
         return with_derived_inertias(problem, sources)
-
-    def _joints(self, touching: ContactArrays) -> ControlledJoints:
-        gravity = self.gravity if self.count_own_weight else None
-        hand, limit = self.hand, 0.0
-        if hand is not None and hand.control.hybrid_fingers:
-            limit = self.hybrid_force_limit or self.max_normal_force
-        try:
-            if hand is None:
-                return joint_columns(None, touching, gravity, limit)
-            sources = hand.positions, hand.tree, hand.actuation, hand.control, touching, gravity
-            joints = self._kept.of(
-                "joints", (*sources, limit), lambda: joint_columns(hand, touching, gravity, limit)
-            )
-            return with_limits_of(hand, joints)
-        except SceneError as error:
-            raise error.at(self._label()) from error
-
-    def _coefficients(self, touching: ContactArrays) -> FloatArray:
-        try:
-            return self._friction_table().coefficients(touching)
-        except SceneError as error:
-            raise error.at(self._label()) from error
 
     def solve(self, algorithm: str | None = None, **options: Any) -> TorqueSolution:
         """Solve the scene's problem with its own options, or with others.
@@ -253,16 +224,19 @@ class Scene(PickledByFields):
 
     def asked(self, algorithm: str | None = None, **options: Any) -> tuple[Objective, SolveOptions]:
         """Return what `solve` solves for, and how; the arguments are the same."""
-        chosen = {**self.solve_options, **options}
-        chosen["algorithm"] = algorithm or chosen.get("algorithm", "margin")
+
+        def made() -> tuple[Objective, SolveOptions]:
+            chosen = {**self.solve_options, **options}
+            chosen["algorithm"] = algorithm or chosen.get("algorithm", "margin")
+            return objective_and_options(**chosen)
+
+        sources = self.solve_options, algorithm, *options, *options.values()
         try:
-            objective, how = self._kept.of(
-                "asked", (*chosen, *chosen.values()), lambda: objective_and_options(**chosen)
-            )
+            objective, how = self._kept.of("asked", sources, made)
         except SolverUnavailableError as error:
             if "solver" in options:
                 raise
-            raise SceneError(f"{self._label()}: solve.{error}") from error
+            raise SceneError(f"{label_of(self)}: solve.{error}") from error
         if objective.algorithm is Algorithm.MARGIN:
             for name in {"margin", "scale"} & set(options):
                 raise ArgumentError(
@@ -298,8 +272,9 @@ class Scene(PickledByFields):
 
         return save_scene(self, path, overwrite=overwrite)
 
-    def _label(self) -> str:
-        return self.name if self.path is None else str(self.path)
+    @cached_property
+    def _touching(self) -> ContactArrays:
+        return touching_of(self, self._kept)
 
     @cached_property
     def _kept(self) -> Latest:
@@ -309,15 +284,3 @@ class Scene(PickledByFields):
     def _supports_moving(self) -> bool:
         supports = self.supports
         return self._kept.of("moving", (supports,), lambda: any(s.velocity.any() for s in supports))
-
-    def _weight(self) -> FloatArray:
-        """(6,) wrench of the object's weight about its centre of mass, world axes."""
-        mass, gravity = self.object.mass, self.gravity
-        return self._kept.of(
-            "weight", (mass, gravity), lambda: np.concatenate([mass * gravity, np.zeros(3)])
-        )
-
-    def _friction_table(self) -> FrictionTable:
-        materials = self.hand_material, self.object.material, self.materials
-        sources = self.supports, self.friction, *materials
-        return self._kept.of("friction", sources, lambda: FrictionTable(*sources))

@@ -28,7 +28,8 @@ def touching_of(scene: Scene, kept: Latest) -> ContactArrays:
     """
     given, hand = scene.given_contacts, scene.hand
     if given is not None:
-        return given_arrays(given, () if hand is None else hand.link_names)
+        links = () if hand is None else hand.link_names
+        return kept.of("given", (given, *links), lambda: given_arrays(given, links))
     limits = scene.contact_tolerance, scene.max_penetration, scene.points_per_patch
     placed = scene.object.placed_bodies
 
@@ -44,7 +45,7 @@ def touching_of(scene: Scene, kept: Latest) -> ContactArrays:
                 max_points=points,
             )
         except SceneError as error:
-            raise error.at(scene.name if scene.path is None else str(scene.path)) from error
+            raise error.at(label_of(scene)) from error
 
     each = [support.placed_bodies for support in scene.supports]
 
@@ -60,3 +61,8 @@ def touching_of(scene: Scene, kept: Latest) -> ContactArrays:
         (hand.positions, hand.tree, placed, on_supports, *limits),
         lambda: found(hand.placed_bodies, BodyKind.HAND).followed_by(on_supports),
     )
+
+
+def label_of(scene: Scene) -> str:
+    """Return what messages call a scene."""
+    return scene.name if scene.path is None else str(scene.path)

@@ -12,7 +12,8 @@ from typing import Any
 
 from graspless_pin.errors import StudyError
 from graspless_pin.studies.executors import Workforce
-from graspless_pin.studies.sample_evaluation import Row, evaluate_each
+from graspless_pin.studies.rows import Row
+from graspless_pin.studies.sample_evaluation import evaluate_each
 from graspless_pin.studies.study import Study
 
 _CHUNK_SECONDS = 0.5

@@ -26,6 +26,7 @@ _ZERO = ("position", "rpy", "linear", "angular")
 _HOLDERS = ("object", "supports", "hand", "mounts")
 """What holds names and places beside other things."""
 VECTORS = ("gravity", "tangent_axes", "motion")
+MOVABLE = ("object", "supports", "hand", *VECTORS)
 
 
 def place_key(tree: Tree, defaults: Tree, key: str) -> Location:

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from graspless_pin.studies.refinement import AdaptiveSamples
-from graspless_pin.studies.sample_evaluation import Row
+from graspless_pin.studies.rows import Row
 from graspless_pin.studies.study import Study
 
 

@@ -29,7 +29,8 @@ from graspless_pin.studies.executors import Workforce, given_executor, local_pro
 from graspless_pin.studies.journal import JOURNAL_FORMAT, Journal, discard
 from graspless_pin.studies.results import read_results, results_about, results_parts
 from graspless_pin.studies.rounds import rounds_of
-from graspless_pin.studies.sample_evaluation import Failure, Row
+from graspless_pin.studies.rows import Row
+from graspless_pin.studies.sample_evaluation import Failure
 from graspless_pin.studies.study import Study
 from graspless_pin.studies.tables import check_columns, format_of, require_tables, write_results
 from graspless_pin.versions import versions

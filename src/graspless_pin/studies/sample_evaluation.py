@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from enum import StrEnum
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 from graspless_pin.algorithms.disturbances import disturbance_margin
@@ -13,20 +13,13 @@ from graspless_pin.algorithms.minimum_friction import minimum_friction
 from graspless_pin.errors import GrasplessPinError, StudyError
 from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.planning.warm_starts import WarmStarts
-from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_stability import unknown_of
 from graspless_pin.solution import Status, TorqueSolution
+from graspless_pin.studies.rows import Row, torque_columns
+from graspless_pin.studies.sample_blocks import SampleBlock, stated_sample
 from graspless_pin.studies.sample_parts import Sample, SampleParts
 from graspless_pin.studies.study import Study
-
-_SUFFIXES = {unit: unit.replace(" ", "") for unit in JointUnit}
-"""What ends the name of a column, by unit."""
-Row = dict[str, Any]
-"""Results by column."""
-
-LARGEST_TORQUE = "max_torque_"
-"""Begin of the names of columns with the largest |torque| of the joints of one unit."""
 
 
 class Failure(StrEnum):
@@ -40,7 +33,9 @@ class Failure(StrEnum):
     """It took longer than the study's ``sample_time_limit``."""
 
 
-def evaluate_each(study: Study, samples: Sequence[tuple[int, Sample]]) -> Iterator[Row]:
+def evaluate_each(
+    study: Study, samples: Sequence[tuple[int, Sample]], *, one_by_one: bool = False
+) -> Iterator[Row]:
     """Evaluate samples in this process; robots that an earlier call has read are kept.
 
     What was learned of a sample serves in those after it in its block.
@@ -48,16 +43,42 @@ def evaluate_each(study: Study, samples: Sequence[tuple[int, Sample]]) -> Iterat
     Args:
         study: The study.
         samples: Number and values of each sample; of each block all from its beginning.
+        one_by_one: Whether each row comes before the next sample is begun. It changes no row.
 
     Yields:
         The row of each.
+
+    Raises:
+        StudyError: If the study's record cannot keep a solution.
     """
-    parts = _parts_of(study.fingerprint)
-    block, starts = None, None
+    parts, compute = _parts_of(study.fingerprint), study.entry.compute
+    asked = compute.verdict or compute.mode or compute.force_bounds or compute.disturbance_margin
+    alone = study.block == 1 or study.record is not None or asked or compute.minimum_friction
+    at, block, starts = None, _block(study), None
     for number, sample in samples:
-        if study.block > 1 and number // study.block != block:
-            block, starts = number // study.block, WarmStarts()
-        yield evaluate_sample(study, number, sample, parts, starts)
+        if study.block > 1 and number // study.block != at:
+            yield from block.rest()
+            at, block, starts = number // study.block, _block(study), WarmStarts()
+        try:
+            scene = study.scene_at(sample, parts)
+            stated = None if alone else stated_sample(scene, *scene.asked(**_limits(study)))
+        except StudyError:
+            raise
+        except Exception as error:
+            yield from block.rest()
+            yield _failed(study, number, error)
+            continue
+        if stated is None:
+            yield _row(study, number, scene, starts)
+        else:
+            yield from block.rows(number, scene, stated)
+        if one_by_one:
+            yield from block.rest()
+    yield from block.rest()
+
+
+def _block(study: Study) -> SampleBlock:
+    return SampleBlock(partial(_row, study))
 
 
 @lru_cache(maxsize=4)
@@ -66,35 +87,25 @@ def _parts_of(_fingerprint: str) -> SampleParts:
     return SampleParts()
 
 
-def evaluate_sample(
-    study: Study,
-    number: int,
-    sample: Sample,
-    parts: SampleParts | None = None,
-    starts: WarmStarts | None = None,
-) -> Row:
-    """Return the row of one sample. A failure is a row, too.
-
-    Args:
-        study: The study.
-        number: The sample's number.
-        sample: Its values.
-        parts: What scenes of earlier samples left; it changes nothing of the row.
-        starts: What was learned of samples before it in its block; None: nothing is carried over.
+def _row(study: Study, number: int, scene: Scene, starts: WarmStarts | None) -> Row:
+    """Return the row of one sample, which begins with what was learned; a failure is one, too.
 
     Raises:
         StudyError: If the study's record cannot keep the solution.
     """
     try:
-        scene = study.scene_at(sample, parts)
         return {"sample": number, **_results(study, number, scene, starts)}
     except StudyError:
         raise
     except Exception as error:
-        # Whatever goes wrong is this sample's result. The path as it was given is no part of it:
-        # another machine has another one.
-        text = str(error).replace(str(study.scene.path), study.scene.path.name)
-        return failure_row(number, Failure.FAILED, f"{type(error).__name__}: {text}")
+        return _failed(study, number, error)
+
+
+def _failed(study: Study, number: int, error: Exception) -> Row:
+    # Whatever goes wrong is this sample's result. The path as it was given is no part of it:
+    # another machine has another one.
+    text = str(error).replace(str(study.scene.path), study.scene.path.name)
+    return failure_row(number, Failure.FAILED, f"{type(error).__name__}: {text}")
 
 
 def failure_row(number: int, why: Failure, error: str) -> Row:
@@ -111,18 +122,12 @@ def _results(study: Study, number: int, scene: Scene, starts: WarmStarts | None)
         except GrasplessPinError as error:
             raise StudyError(f"sample {number}: {error}") from error
     problem = solution.problem
+    columns = torque_columns(problem.joint_names, problem.joint_units)
     row: Row = {"status": solution.status.name.lower(), "found": solution.found}
-    suffixes = [_SUFFIXES[unit] for unit in problem.joint_units]
-    there = [one for one in _SUFFIXES.values() if one in suffixes] or [_SUFFIXES[JointUnit.TORQUE]]
-    row |= dict.fromkeys([LARGEST_TORQUE + one for one in there])
     if solution.found:
-        row["margin_N"] = solution.margin
-        row |= dict.fromkeys([LARGEST_TORQUE + one for one in there], 0.0)
-        torques = solution.torques.tolist()
-        for suffix, torque in zip(suffixes, torques, strict=True):
-            row[LARGEST_TORQUE + suffix] = max(row[LARGEST_TORQUE + suffix], abs(torque))
-        for name, suffix, torque in zip(problem.joint_names, suffixes, torques, strict=True):
-            row[f"torque_{name}_{suffix}"] = torque
+        row |= columns.values(solution.margin, solution.torques.tolist())
+    else:
+        row |= dict.fromkeys(name for name, _ in columns.largest)
     row["contacts"] = problem.contact_count
     row["nodes"] = solution.certificate.nodes
     if compute.verdict and solution.found:
@@ -137,8 +142,7 @@ def _results(study: Study, number: int, scene: Scene, starts: WarmStarts | None)
 
 
 def _solution(study: Study, scene: Scene, starts: WarmStarts | None) -> TorqueSolution:
-    compute = study.entry.compute
-    limits = {"node_limit": compute.node_limit, "time_limit": compute.time_limit}
+    limits = _limits(study)
     if starts is None:
         return scene.solve(None, **limits)
     objective, how = scene.asked(**limits)
@@ -146,6 +150,11 @@ def _solution(study: Study, scene: Scene, starts: WarmStarts | None) -> TorqueSo
     unknown = unknown_of(scene) if how.strong else ""
     found = starts.solved(asked_for, scene.problem(), objective, how, unknown)
     return found.of_source(scene)
+
+
+def _limits(study: Study) -> dict[str, Any]:
+    compute = study.entry.compute
+    return {"node_limit": compute.node_limit, "time_limit": compute.time_limit}
 
 
 def _verdict(study: Study, scene: Scene, solution: TorqueSolution) -> StabilityVerdict:
@@ -161,10 +170,7 @@ def _verdict(study: Study, scene: Scene, solution: TorqueSolution) -> StabilityV
 def _analyses(study: Study, solution: TorqueSolution) -> Row:
     """Return what is computed beside the torques; a column has no room for what is not proven."""
     compute, problem, rules = study.entry.compute, solution.problem, solution.rules.options()
-    limits: dict[str, Any] = {
-        "node_limit": compute.node_limit,
-        "time_limit": compute.time_limit,
-    }
+    limits = _limits(study)
     row: Row = {}
     if compute.force_bounds and solution.found:
         bounds = contact_force_bounds(problem, solution.torques, **limits, **rules)

@@ -8,7 +8,7 @@ from typing import Any
 
 from graspless_pin.scene.messages import is_alike
 from graspless_pin.scene.stages import SceneParts
-from graspless_pin.studies.keys import Tree, copied, movable_part, with_part
+from graspless_pin.studies.keys import MOVABLE, Tree, copied, movable_part, with_part
 from graspless_pin.studies.variables import Variable
 
 Sample = tuple[Any, ...]
@@ -24,7 +24,7 @@ class SampleParts(SceneParts):
     """
 
     _placed: tuple[Sample, Tree] | None = None
-    _moved: tuple[Tree, Sample, Tree] | None = None
+    _moved: tuple[Tree, Sample, Tree, Tree] | None = None
 
     def placed(self, base: Tree, variables: Sequence[Variable], sample: Sample) -> Tree:
         """Return the scene file's content with the keys of one sample set, nothing moved yet.
@@ -56,11 +56,26 @@ class SampleParts(SceneParts):
         ways = [(variable, value) for variable, value in pairs if variable.displaces]
         if not ways:
             return placed
-        part, values = movable_part(placed), tuple([value for _, value in ways])
-        last = self._moved
-        if last is None or not is_alike(part, last[0]) or not is_alike([*values], [*last[1]]):
-            there = copied(part)
-            for variable, value in ways:
-                variable.displace(there, value)
-            last = self._moved = part, values, there
-        return with_part(placed, last[2])
+        values, last = tuple([value for _, value in ways]), self._moved
+        if last is not None and not is_alike([*values], [*last[1]]):
+            last = None
+        there = None if last is None else last[2]
+        if last is None or not _are_same(placed, last[0]):
+            part = movable_part(placed)
+            if last is None or not is_alike(part, movable_part(last[0])):
+                last, there = None, copied(part)
+                for variable, value in ways:
+                    variable.displace(there, value)
+        assert there is not None  # noqa: S101 - where nothing is kept it was made now
+        same = [name for name in there if last and placed.get(name) is last[0].get(name)]
+        new = {name: item for name, item in there.items() if name not in same}
+        moved = with_part(placed, new)
+        if last is not None:
+            moved |= {name: last[3][name] for name in same}
+        self._moved = placed, values, there, moved
+        return moved
+
+
+def _are_same(one: Tree, other: Tree) -> bool:
+    """Whether two scenes share all parts that could be moved."""
+    return all(one.get(name) is other.get(name) for name in MOVABLE)

@@ -8,12 +8,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from graspless_pin.child_process import ChildProcess
 from graspless_pin.child_processes import ChildProcesses, kept_processes
 from graspless_pin.errors import CrashError, OverrunError, StudyError
-from graspless_pin.studies.sample_evaluation import Failure, Row, failure_row
+from graspless_pin.studies.rows import Row
+from graspless_pin.studies.sample_evaluation import Failure, failure_row
 from graspless_pin.studies.sample_parts import Sample
 from graspless_pin.studies.study import Study
 
-EvaluateSamples = Callable[[Study, Sequence[tuple[int, Sample]]], Iterator[Row]]
-"""Yields the rows of samples, such as `evaluate_each`."""
+EvaluateSamples = Callable[..., Iterator[Row]]
+"""Yields the rows of samples: `evaluate_each`, or what takes the same arguments."""
 
 _PAUSE = 0.02
 """Seconds between two messages of a process: each costs as much as a fast sample."""
@@ -108,7 +109,8 @@ def _together(
     """
     rows: list[Row] = []
     sent, last = 1, time.perf_counter()
-    for row in evaluation(study, samples):
+    # Alone a row tells that its sample did not end the process.
+    for row in evaluation(study, samples, one_by_one=pause == 0.0):
         rows.append(row)
         if len(rows) >= sent or time.perf_counter() - last >= pause:
             yield rows

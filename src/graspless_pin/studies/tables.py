@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from graspless_pin.drafts import draft_of
 from graspless_pin.errors import StudyError
 from graspless_pin.studies.journal import Journal
-from graspless_pin.studies.sample_evaluation import LARGEST_TORQUE
+from graspless_pin.studies.rows import LARGEST_TORQUE
 from graspless_pin.studies.study import Study
 from graspless_pin.versions import versions
 

@@ -1,0 +1,38 @@
+"""What other loops take of these."""
+
+cimport numpy as cnp
+
+from graspless_pin.compiled.carried_optima cimport Carrier
+
+cdef class ColdCarrier(Carrier):
+    cdef int guesses
+    cdef tuple judged_by
+    cdef Py_ssize_t count
+    cdef cnp.npy_intp* sided
+    cdef cnp.npy_intp* chosen
+    cdef double* wanted
+    cdef double* slide
+    cdef double* guessed
+    cdef double* rows
+    cdef double* ends
+    cdef double* slack
+    cdef double* z
+    cdef double* ds
+    cdef double* dz
+    cdef double* apart
+    cdef double* target
+    cdef double* at
+    cdef double* y
+    cdef double* dy
+    cdef double* dx
+    cdef double* q
+    cdef double* H
+    cdef double* back
+    cdef double* schur
+
+    cdef void levels_at(self, const double* x, double* level) noexcept
+    cdef void add_rows(self, const double* w, double* slope) noexcept
+    cdef bint weighed(self) noexcept
+    cdef void step(self) noexcept
+    cdef double reached(self, const double* values, const double* steps) noexcept
+    cdef bint solved(self) noexcept

@@ -1,0 +1,49 @@
+"""A row of results: what stands in it of torques that were found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+from graspless_pin.problem.joint_units import JointUnit
+
+Row = dict[str, Any]
+"""Results by column."""
+
+LARGEST_TORQUE = "max_torque_"
+"""Begin of the names of columns with the largest |torque| of the joints of one unit."""
+_SUFFIXES = {unit: unit.replace(" ", "") for unit in JointUnit}
+"""What ends the name of a column, by unit."""
+
+
+class TorqueColumns(NamedTuple):
+    """The columns of the torques of some joints.
+
+    Attributes:
+        largest: Of each unit that there is the column of its largest |torque|, and the joints.
+        each: L columns.
+    """
+
+    largest: tuple[tuple[str, tuple[int, ...]], ...]
+    each: tuple[str, ...]
+
+    def values(self, margin: float, torques: Sequence[float]) -> Row:
+        """Return margin (N) and L torques (N m or N) by column."""
+        row: Row = {name: max([abs(torques[k]) for k in own], default=0.0)
+                    for name, own in self.largest}  # fmt: skip
+        row["margin_N"] = margin
+        row.update(zip(self.each, torques, strict=True))
+        return row
+
+
+@lru_cache(maxsize=64)
+def torque_columns(names: tuple[str, ...], units: tuple[JointUnit, ...]) -> TorqueColumns:
+    """Return the columns of joints by their names and the units of their torques."""
+    there = [unit for unit in JointUnit if unit in units] or [JointUnit.TORQUE]
+    largest = tuple([
+        (LARGEST_TORQUE + _SUFFIXES[one], tuple([k for k, unit in enumerate(units) if unit is one]))
+        for one in there
+    ])  # fmt: skip
+    each = [f"torque_{name}_{_SUFFIXES[unit]}" for name, unit in zip(names, units, strict=True)]
+    return TorqueColumns(largest, tuple(each))

@@ -1,0 +1,145 @@
+"""The samples of a block: those that follow each other with the same contacts, in one loop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from graspless_pin.algorithms.carried import are_for
+from graspless_pin.algorithms.loaded import LoadedOptima
+from graspless_pin.algorithms.options import SolveOptions
+from graspless_pin.planning.warm_starts import WarmStarts
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.cones import ConeModel
+from graspless_pin.programs.objectives import Objective
+from graspless_pin.scene.loads import JointedContacts, jointed_contacts, loads_of
+from graspless_pin.scene.scene import Scene
+from graspless_pin.solution import Status
+from graspless_pin.studies.rows import Row, torque_columns
+
+
+class _Kind(NamedTuple):
+    """What samples share that one loop solves.
+
+    Attributes:
+        state: Contacts and joints.
+        rubbing: Bytes of which contacts have friction.
+        cone: See `Scene`.
+        cone_edges: Likewise.
+        objective: What is optimised.
+        options: How.
+    """
+
+    state: JointedContacts
+    rubbing: bytes
+    cone: str
+    cone_edges: int
+    objective: Objective
+    options: SolveOptions
+
+
+class StatedSample(NamedTuple):
+    """A sample's problem, as loops take it.
+
+    Attributes:
+        kind: What it shares with others.
+        loads: See `Loads.row`.
+    """
+
+    kind: _Kind
+    loads: FloatArray
+
+
+def stated_sample(scene: Scene, objective: Objective, options: SolveOptions) -> StatedSample:
+    """Return the problem of a sample.
+
+    Args:
+        scene: Its scene.
+        objective: What it is solved for.
+        options: How.
+
+    Raises:
+        SceneError: If the scene has no problem.
+    """
+    state = jointed_contacts(scene)
+    loads = loads_of(scene, state)
+    rubbing = (loads.friction > 0.0).tobytes()
+    kind = _Kind(state, rubbing, scene.cone, scene.cone_edges, objective, options)
+    return StatedSample(kind, loads.row())
+
+
+class SampleBlock:
+    """Samples that begin with what was learned of those before them in their block.
+
+    Whether a sample runs in a loop depends on those before it alone, and so does its row.
+    """
+
+    def __init__(self, alone: Callable[[int, Scene, WarmStarts], Row]) -> None:
+        """Begin with nothing learned.
+
+        Args:
+            alone: Returns the row of a sample that is solved by itself, whatever goes wrong.
+        """
+        self._alone = alone
+        self._starts = WarmStarts()
+        self._kind: _Kind | None = None
+        self._run: list[tuple[int, Scene, FloatArray]] = []
+        self._optima: dict[tuple[Any, ...], LoadedOptima] = {}
+
+    def rows(self, number: int, scene: Scene, stated: StatedSample) -> Iterator[Row]:
+        """Take the next sample, and yield the rows that are ready then.
+
+        Args:
+            number: Its number.
+            scene: Its scene.
+            stated: What `stated_sample` returns of that.
+        """
+        (kind, loads), last = stated, self._kind
+        if last is None or kind.state is not last.state or kind[1:] != last[1:]:
+            yield from self.rest()
+        if kind.cone == ConeModel.EDGES and are_for(kind.objective, kind.options):
+            self._kind = kind
+            self._run.append((number, scene, loads))
+        else:
+            yield self._alone(number, scene, self._starts)
+
+    def rest(self) -> Iterator[Row]:
+        """Yield the rows of the samples that have none yet."""
+        run, kind = self._run, self._kind
+        if not run or kind is None:
+            return
+        self._run = []
+        problem = run[0][1].problem()
+        bodies = kind.options.rules, *kind.state.contacts.bodies
+        optima, columns = self._optima_of(kind, problem), torque_columns(*kind.state.joints[1:3])
+        loads, count = np.array([row for *_, row in run]), len(run)
+        figures, torques = np.empty((count, 6)), np.empty((count, problem.joint_count))
+        begin = 0
+        while begin < count:
+            start = self._starts.best(bodies, problem, kind.objective)
+            optima.learn(problem, start)
+            end = optima.carry_on(problem, loads, begin, figures, torques)
+            margins, found = figures[begin:end, 0].tolist(), torques[begin:end].tolist()
+            for (number, *_), margin, each in zip(run[begin:end], margins, found, strict=True):
+                yield {
+                    "sample": number,
+                    "status": Status.OPTIMAL.name.lower(),
+                    "found": True,
+                    **columns.values(margin, each),
+                    "contacts": problem.contact_count,
+                    "nodes": 1,
+                }
+            if end < count:
+                yield self._alone(*run[end][:2], self._starts)
+            begin = end + 1
+
+    def _optima_of(self, kind: _Kind, problem: QuasistaticProblem) -> LoadedOptima:
+        """Return what was learned in loops of these contacts, wherever they are."""
+        shape = problem.is_sliding.tobytes(), problem.joint_count
+        key = *kind[1:], kind.state.contacts.bodies, *shape
+        if key not in self._optima:
+            self._optima[key] = LoadedOptima(problem, kind.objective, kind.options)
+        return self._optima[key]
