@@ -19,7 +19,9 @@ from graspless_pin import (
 )
 from graspless_pin.algorithms import force_extremes
 from graspless_pin.algorithms.force_bounds import ContactForceBounds
-from graspless_pin.algorithms.search import undecided
+from graspless_pin.algorithms.force_extremes import Extreme, ForceExtremes
+from graspless_pin.algorithms.options import SolveOptions
+from graspless_pin.algorithms.search import SearchResult, undecided
 from graspless_pin.algorithms.searching import search_modes
 from graspless_pin.errors import ArgumentError
 
@@ -145,6 +147,54 @@ def test_a_search_without_an_answer_leaves_the_rest(monkeypatch, torques, comple
     assert bounds.status is Status.LIMIT_REACHED
     assert bounds.proven.sum() >= bounds.proven.size - 1
     assert_inside(bounds, complete)
+
+
+def test_a_search_that_denies_all_forces_proves_nothing_of_torques_that_are_held(
+    monkeypatch, torques
+):
+    extremes = ForceExtremes(scene("rest"), torques, SolveOptions.parse())
+    assert extremes.feasibility() is Status.OPTIMAL
+
+    def search(state, *_):
+        return SearchResult(Status.INFEASIBLE_MODES, state)
+
+    monkeypatch.setattr(force_extremes, "search_modes", search)
+    normal = extremes.component(0, 0)
+    found = extremes.largest(normal)
+    assert not found.proven
+    assert found.value == max(float(normal @ x) for x in extremes.reached)
+    # Nothing above a value of interest is an answer.
+    assert extremes.largest(normal, above=1e3) == Extreme(1e3, proven=True)
+
+
+@pytest.mark.parametrize("cone", ["edges", "round"])
+def test_a_margin_is_proven_where_every_distance_and_range_that_it_rests_on_is(monkeypatch, cone):
+    problem = scene("rest").with_changes(cone=cone)
+    torques = minimize_torque(problem, 0.1).torques
+    bounds = contact_force_bounds(problem, torques)
+    extremes = ForceExtremes(problem, torques, SolveOptions.parse())
+    extremes.feasibility()
+    real, calls = extremes.largest, itertools.count()
+    every = np.ones((6, 3), dtype=bool)
+
+    def margin(unproven: int, ranges: np.ndarray) -> Extreme:
+        nonlocal calls
+        calls = itertools.count()
+
+        def largest(functional, *, above=-np.inf):
+            found = real(functional, above=above)
+            return Extreme(found.value, found.proven and next(calls) != unproven)
+
+        monkeypatch.setattr(extremes, "largest", largest)
+        return extremes.smallest_margin(bounds.lower, bounds.upper, ranges)
+
+    whole = margin(-1, every)
+    assert whole.proven and next(calls) > 2
+    assert whole.value == pytest.approx(bounds.smallest_margin, abs=TIGHT)
+    assert not margin(0, every).proven and not margin(1, every).proven
+    one_open = every.copy()
+    one_open[4, 0] = False
+    assert not margin(-1, one_open).proven
 
 
 def test_torques_whose_modes_no_solver_decides_on(monkeypatch, torques):

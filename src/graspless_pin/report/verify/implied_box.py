@@ -68,25 +68,19 @@ def _rows(
     wrench = np.concatenate([frames, np.cross(problem.p[:, None], frames)], axis=2).transpose(
         2, 0, 1
     )
-    smallest, largest = [low[:, 0], -high[:, 0]], [high[:, 0], -low[:, 0]]
-    absent = np.full(problem.count, np.inf)
-    sides = [problem.limit, np.where(problem.cone, absent, 0.0), own.rows.high, -problem.w]
-    lows = [-absent, -absent, own.rows.low, -problem.w]
-    columns = [own.normal_upper, own.normal_lower, own.rows.columns, own.balance]
-    for rows in (own.rows.forces, wrench):
-        ends = rows * low, rows * high
-        smallest.append(np.minimum(*ends).sum(axis=(1, 2)))
-        largest.append(np.maximum(*ends).sum(axis=(1, 2)))
-    # A face: h^T f is at least this inside the box.
-    for c in range(problem.count):
-        faces = problem.faces(c) if problem.cone[c] else np.zeros((1, 3))
-        smallest.append(np.minimum(faces * low[c], faces * high[c]).sum(axis=1).max(keepdims=True))
-        largest.append(np.zeros(1))
-    sides.append(np.where(problem.cone, -own.margins, np.inf))
-    lows.append(-absent)
-    columns.append(own.faces)
-    C = np.concatenate(columns)
+    forces = np.concatenate([own.rows.forces, wrench])
+    ends = forces * low, forces * high
+    smallest, largest = np.minimum(*ends).sum(axis=(1, 2)), np.maximum(*ends).sum(axis=(1, 2))
+    absent, outward = np.full(problem.count, np.inf), np.full(problem.count, -np.inf)
+    for c in np.flatnonzero(problem.cone).tolist():
+        # A face: h^T f is at least this inside the box.
+        faces = problem.faces(c)
+        outward[c] = np.minimum(faces * low[c], faces * high[c]).sum(axis=1).max()
+    most = [problem.limit - low[:, 0], np.where(problem.cone, absent, high[:, 0])]
+    most += [np.concatenate([own.rows.high, -problem.w]) - smallest, -own.margins - outward]
+    least = [-absent, -absent, np.concatenate([own.rows.low, -problem.w]) - largest, -absent]
+    C = np.concatenate(
+        [own.normal_upper, own.normal_lower, own.rows.columns, own.balance, own.faces]
+    )
     kept = C.any(axis=1)
-    most = np.concatenate(sides) - np.concatenate(smallest)
-    least = np.concatenate(lows) - np.concatenate(largest)
-    return C[kept], least[kept], most[kept]
+    return C[kept], np.concatenate(least)[kept], np.concatenate(most)[kept]

@@ -107,14 +107,14 @@ class TreeWalk:
         m = stated_multipliers(entry(node, "multipliers", where), problem, where)
         objective = truth(entry(node, "objective", where), f"objective of {where}")
         bound = proven_bound(problem, m, state.friction, self.reach, objective=objective)
+        if objective and bound <= largest_objective(problem, self.reach):
+            return bound, 0.0
+        # What refutes all forces proves by how much without the objective.
+        bare = bound
         if objective:
-            nothing = bound > largest_objective(problem, self.reach)
-            shared = 0.0
-            if nothing:
-                bare = proven_bound(problem, m, state.friction, self.reach, objective=False)
-                shared = max(violation(problem, m, bare), 0.0)
-            return (np.inf if nothing else bound), shared
-        return (np.inf, violation(problem, m, bound)) if bound > 0.0 else (-np.inf, 0.0)
+            bare = proven_bound(problem, m, state.friction, self.reach, objective=False)
+        refutes = objective or bare > 0.0
+        return (np.inf if refutes else -np.inf), violation(problem, m, bare)
 
     def _excluded(self, state: State, combination: object, where: str) -> bool:
         if self.projection is None:
