@@ -57,6 +57,17 @@ def test_a_step_lets_all_act_at_once():
     assert outcomes(simulate(block(2.5 * mu), (), seconds=0.5, protocol="step"))[0] == "held"
 
 
+@pytest.mark.parametrize(("family", "number"), [("slope", 1), ("slope", 2)])
+def test_a_step_leaves_at_rest_what_friction_stops(family, number):
+    """Where a step is half the time constant of contacts these bounce, and drift off."""
+    *_, scene = holding_scenes(family, number + 1)
+    for solution in (scene.solve("margin"), scene.solve("torque", margin=0.1)):
+        assert scene.stability(solution.torques).status == "strong"
+        run = simulate(scene, solution.torques, seconds=2.0, protocol="step").runs[0]
+        assert run.outcome == "held"
+        assert run.displacement < 5e-5
+
+
 def test_friction_factor_and_push_count():
     scene = block(1.001 * np.tan(TILT))
     assert simulate(scene, (), friction_factor=0.98, seconds=1.0).outcome == "moved"
