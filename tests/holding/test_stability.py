@@ -14,6 +14,7 @@ from cases import (
     hybrid_on_wall,
     pressed_on_wall,
 )
+from tests.simulation.holding_scenes import slope, slot
 
 from graspless_pin import QuasistaticProblem, Stability, StabilityVerdict, stability
 from graspless_pin.errors import ArgumentError
@@ -151,3 +152,20 @@ def test_rest_forces_balance_the_load_however_coarse_the_resolution() -> None:
     left = problem.W @ said.rest_forces.ravel() + problem.external_wrench
     assert np.abs(left).max() < 1e-6 * problem.scales.force
     assert verdict(block_on_slope(0.0, 1e-4)).status is Stability.NONE
+
+
+def test_kinematics_with_large_multipliers_close_sets_so_that_the_motion_is_reached() -> None:
+    scene = slot(np.random.default_rng([0, 3, 6]))
+    problem, weight = scene.problem(), scene.problem().gravity_torques
+    torques = weight + 0.3 * (scene.solve("margin").torques - weight)
+    said = stability(problem, torques)
+    assert said.status is Stability.WEAK
+    assert said.nodes < 1000
+
+
+def test_sets_that_kept_proofs_close_do_not_count() -> None:
+    scene = slope(np.random.default_rng([0, 0, 10]))
+    torques = scene.solve("torque").torques
+    said = stability(scene.problem(), torques, node_limit=2500)
+    assert said.status is Stability.STRONG
+    assert said.nodes <= said.programs

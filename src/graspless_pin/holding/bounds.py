@@ -14,7 +14,7 @@ the arc opposite to its slip, f_n >= its smallest load, u_t in the arc of its sl
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,8 @@ _ROUNDING = 1e-9
 _NUMBERS = {state: number for number, state in enumerate(ContactState)}
 _EXACT = 1e-15
 """Gains per newton up to this are left: a million loads make little of them."""
+_CLOSING = 1e-13
+"""Scaled acceleration: what rounding leaves of rows that depend on each other is a hundredth."""
 _REMEMBERED = 256
 """Multipliers that are tried again."""
 _REPAIRS = 4
@@ -82,12 +84,18 @@ class States:
 
     def are(self, *kinds: ContactState) -> NDArray[np.bool_]:
         """Return which contacts are in one of these states."""
-        return np.isin(self.numbers, [_NUMBERS[kind] for kind in kinds])
+        return _among(kinds)[self.numbers]
 
     @cached_property
     def numbers(self) -> NDArray[np.intp]:
         """(M,) the states' places among all `ContactState`."""
         return np.array([_NUMBERS[state] for state in self.state])
+
+
+@cache
+def _among(kinds: tuple[ContactState, ...]) -> NDArray[np.bool_]:
+    """Return which of all `ContactState` are some kinds."""
+    return np.array([state in kinds for state in ContactState])
 
 
 def least_along(vectors: FloatArray, center: FloatArray, half_width: FloatArray) -> FloatArray:
@@ -167,9 +175,10 @@ def closing_tolerance(dynamics: Dynamics) -> float:
     """Return the scaled acceleration up to which closed contacts part and sticking ones slip.
 
     A contact that cannot part by more counts as closed: without a tolerance four corners in one
-    plane, known to 16 digits, would not close each other.
+    plane, known to 16 digits, would not close each other. Narrow sectors of slip have multipliers
+    of some thousand, which it costs.
     """
-    return 1e-3 * dynamics.resolution**2
+    return min(1e-3 * dynamics.resolution**2, _CLOSING)
 
 
 def outcome_bound(

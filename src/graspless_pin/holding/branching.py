@@ -50,7 +50,7 @@ class Branched:
     Attributes:
         tree: The proof; None where it is not finished.
         motion: (M, 3) scaled forces of a moving outcome, where one was met.
-        nodes: Nodes looked at.
+        nodes: Nodes of which a linear program was asked for.
         left: Nodes that were left.
     """
 
@@ -66,7 +66,7 @@ def branch(dynamics: Dynamics, relaxation: Relaxation, is_over: Callable[[int], 
     Args:
         dynamics: The scaled dynamics.
         relaxation: Its relaxations.
-        is_over: Tells after so many nodes whether the search has to end.
+        is_over: Tells after so many of these nodes whether the search has to end.
     """
     root = _Node(-1, ContactState.FREE, States.unknown(dynamics.contact_count))
     goal = dynamics.load, np.zeros((dynamics.contact_count, 3))
@@ -76,7 +76,6 @@ def branch(dynamics: Dynamics, relaxation: Relaxation, is_over: Callable[[int], 
         if is_over(nodes):
             return Branched(None, None, nodes, len(open_nodes) + given_up)
         node = open_nodes.pop()
-        nodes += 1
         if not node.is_closed:
             node, is_covered = _closed(dynamics, node)
             if is_covered:
@@ -84,6 +83,7 @@ def branch(dynamics: Dynamics, relaxation: Relaxation, is_over: Callable[[int], 
         node.dual = relaxation.bounds.proving(node.states, goal[0], threshold)
         if node.dual is not None:
             continue
+        nodes += 1
         relaxed = relaxation.solve(node.states, goal)
         y, forces = goal[0] * 0.0, goal[1]
         if relaxed is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TypedDict
 
 NODE_LIMIT = 3000
-"""Sets of outcomes that are looked at unless told otherwise."""
+"""Sets of outcomes that are looked at unless told otherwise; earlier proofs close others."""
 
 
 class StabilityKeywords(TypedDict, total=False):

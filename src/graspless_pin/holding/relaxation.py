@@ -18,7 +18,7 @@ _DIRECTIONS = 8
 """Directions of the tangent planes of each cone, and of the bounds of slip."""
 _MOST_CUTS = 6
 """Rounds of tangent cuts."""
-_MOST_KEPT = 40
+_MOST_KEPT = 70
 """Tangents that later programs keep."""
 _HOPELESS = 1e-3
 """Of the goal: where the best point has more, splitting contacts tells more than tangents do."""

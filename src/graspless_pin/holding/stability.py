@@ -72,7 +72,7 @@ def stability(
         torques: (L,) the motors' torques, as solutions give them, N m (N).
         acceleration_resolution: Points of the object that accelerate by less than this share of
             load over mass count as at rest.
-        node_limit: Sets of outcomes that are looked at.
+        node_limit: Sets of outcomes that are looked at; earlier proofs close others.
         time_limit: Seconds; None: any time. With it a slower machine may say less.
 
     Raises:

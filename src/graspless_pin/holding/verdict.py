@@ -207,7 +207,7 @@ class StabilityVerdict:
         no_rest: (6 + L,) what proves that rest is no outcome: a motion of object and joints along
             which all contact forces do work of one sign and the load the other; scaled.
         programs: Linear programs solved.
-        nodes: Sets of outcomes looked at.
+        nodes: Sets of outcomes looked at, without those that earlier proofs close.
         free_motions: How many motions no friction resists, see `free_motions`; where an object at
             rest has some, constant torques seldom hold.
         message: One sentence.
