@@ -236,6 +236,22 @@ def test_only_what_a_variable_touches_is_made_again(monkeypatch, keys, geometry,
     assert calls == {"contact_arrays": geometry, "assembled_mounts": hands}
 
 
+def test_shapes_are_made_once_wherever_bodies_stand():
+    """What contacts are found by is derived of these, and kept for them."""
+    made, parts = study(), SampleParts()
+    scenes = [made.scene_at(sample, parts) for sample in made.samples]
+    bodies = [
+        (one.hand.tree, one.object.placed_bodies, *one.supports)
+        for one in scenes
+        if one.hand is not None
+    ]
+    assert len(bodies) == len(scenes)
+    for own in bodies:
+        for one, first in zip(own, bodies[0], strict=True):
+            assert one.shapes is first.shapes
+    assert len({one.object.placed_bodies.poses.tobytes() for one in scenes}) == 3
+
+
 def counted(calls, name, function):
     def call(*args, **options):
         calls[name] += 1

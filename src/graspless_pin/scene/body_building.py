@@ -117,8 +117,9 @@ def _with_pieces(parts: SceneParts, where: Location, made: _Body, pose: FloatArr
     """Return a body with the convex pieces that it had, and where they were, if it still does."""
     name, kept = key_text(where), parts.latest
     pieces = kept.of(f"{name}: pieces", (made.shape, made.name), lambda: made.shapes)
+    vars(made).update(shapes=pieces, geometries=pieces.geometries)
     placed = kept.of(f"{name}: placed pieces", (pieces, pose), lambda: made.placed_bodies)
-    vars(made).update(shapes=pieces, geometries=pieces.geometries, placed_bodies=placed)
+    vars(made).update(placed_bodies=placed)
     return made
 
 

@@ -54,14 +54,14 @@ def evaluate_each(
     parts, compute = _parts_of(study.fingerprint), study.entry.compute
     asked = compute.verdict or compute.mode or compute.force_bounds or compute.disturbance_margin
     alone = study.block == 1 or study.record is not None or asked or compute.minimum_friction
-    at, block, starts = None, _block(study), None
+    at, block, starts, limits = None, _block(study), None, _limits(study)
     for number, sample in samples:
         if study.block > 1 and number // study.block != at:
             yield from block.rest()
             at, block, starts = number // study.block, _block(study), WarmStarts()
         try:
             scene = study.scene_at(sample, parts)
-            stated = None if alone else stated_sample(scene, *scene.asked(**_limits(study)))
+            stated = None if alone else stated_sample(scene, *scene.asked(**limits))
         except StudyError:
             raise
         except Exception as error:

@@ -22,7 +22,7 @@ _ANYWHERE = (
     "supports",
     "shapes",
     "_starts",
-    "_moves",
+    "moves",
 )
 """What is the same wherever the robots are mounted."""
 
@@ -55,6 +55,6 @@ def displaced_tree(tree: KinematicTree, ways: Sequence[FloatArray]) -> Kinematic
         for item in tree.geometries
     )
     moved = replace(tree, pinocchio_model=model, geometries=geometries, bases=bases)
-    kept = {name: value for name, value in vars(tree).items() if name in _ANYWHERE}
-    vars(moved).update(kept)
+    # Asked of the tree that is moved, or each place that it is moved to would work it out.
+    vars(moved).update({name: getattr(tree, name) for name in _ANYWHERE})
     return moved
