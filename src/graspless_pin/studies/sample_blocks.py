@@ -113,8 +113,9 @@ class SampleBlock:
             return
         self._run = []
         problem = run[0][1].problem()
+        joints = kind.state.joints
         bodies = kind.options.rules, *kind.state.contacts.bodies
-        optima, columns = self._optima_of(kind, problem), torque_columns(*kind.state.joints[1:3])
+        optima, columns = self._optima_of(kind, problem), torque_columns(joints.names, joints.units)
         loads, count = np.array([row for *_, row in run]), len(run)
         figures, torques = np.empty((count, 6)), np.empty((count, problem.joint_count))
         begin = 0
