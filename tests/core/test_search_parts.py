@@ -1,9 +1,11 @@
 """Parts of the searches: what counts as equal, what a failed node leaves, how nodes are split."""
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
 import pytest
+from random_scenes import general_scene
 from scenes import random_problem, scene, structured_arguments
 
 from graspless_pin import (
@@ -15,7 +17,12 @@ from graspless_pin import (
 )
 from graspless_pin.algorithms import branch_and_bound as searching
 from graspless_pin.algorithms import search
-from graspless_pin.algorithms.branch_and_bound import _Node, _resolving, branch_and_bound
+from graspless_pin.algorithms.branch_and_bound import (
+    _level,
+    _Node,
+    _resolving,
+    branch_and_bound,
+)
 from graspless_pin.algorithms.formulation import formulate
 from graspless_pin.algorithms.mode_oracle import ModeOracle
 from graspless_pin.algorithms.mode_parts import ModePart
@@ -25,7 +32,7 @@ from graspless_pin.modes.nearest_motions import NearestMotions
 from graspless_pin.modes.propagation import Decisions
 from graspless_pin.modes.rules import Rules, SignRule, SlidingRule
 from graspless_pin.modes.verdicts import Conflict, Requirement
-from graspless_pin.programs.answers import failed
+from graspless_pin.programs.answers import Answer, failed
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.solvers import Outcome
 
@@ -352,3 +359,33 @@ def test_a_lever_of_no_length_has_the_scale_of_a_very_short_one(form_of, request
     scales = problem.scales
     assert scales.force == 5.0
     np.testing.assert_allclose(scales.joints, [1.0, 3e-12, 1e-12, 1e-12], rtol=1e-12)
+
+
+@pytest.mark.parametrize("seed", [5, 8, 90, 166])
+def test_rounding_of_equal_bounds_does_not_lead_the_search_about(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A plateau: many nodes prove what the relaxation does, and the deepest comes next."""
+    problem = general_scene(seed, 24)
+    solve, rng = SearchState.solve, np.random.default_rng(seed)
+
+    def proves_less(noise: float) -> int:
+        def solved(state: SearchState, lb: np.ndarray, ub: np.ndarray) -> Answer:
+            answer = solve(state, lb, ub)
+            return replace(answer, bound=answer.bound - noise * rng.uniform())
+
+        monkeypatch.setattr(SearchState, "solve", solved)
+        solution = maximize_margin(problem)
+        assert solution.status is Status.OPTIMAL
+        return solution.certificate.nodes
+
+    nodes = proves_less(0.0)
+    assert {proves_less(1e-9) for _ in range(4)} == {nodes}
+
+
+def test_children_come_in_turn_by_what_their_parent_proves_beyond_rounding():
+    for before in (-0.5, -1.0, 30.0):
+        step = 0.5 * closeness(before)
+        assert _level(before, before + 0.99 * step) == before
+        assert _level(before, before + 1.01 * step) == before + 1.01 * step
+        assert _level(before, before - 1.0) == before

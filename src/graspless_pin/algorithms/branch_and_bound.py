@@ -21,6 +21,7 @@ from graspless_pin.algorithms.mode_oracle import Opposition, SignPair
 from graspless_pin.algorithms.search import (
     SearchResult,
     SearchState,
+    closeness,
     finished,
 )
 from graspless_pin.modes.enumeration import sign_pairs
@@ -98,7 +99,7 @@ def branch_and_bound(state: SearchState, limits: Limits = NO_LIMITS) -> SearchRe
         children = _children(state, node, answer)
         if children is None:
             left = min(left, answer.bound)
-        queue.add(answer.bound, children or [])
+        queue.add(_level(bound, answer.bound), children or [])
     state.raise_bound(left)
     return finished(state)
 
@@ -127,6 +128,19 @@ class _Queue:
             if key not in self._seen:
                 self._seen.add(key)
                 heapq.heappush(self.nodes, (bound, -child.depth, -len(self._seen), child))
+
+
+def _level(before: float, bound: float) -> float:
+    """Return the proven bound by which the children of a node come in turn.
+
+    Where a mode is as good as the relaxation, the bounds of all nodes are equal but for rounding,
+    which would lead the search from one to another instead of down to an answer.
+
+    Args:
+        before: The one of the node itself.
+        bound: What its program proves.
+    """
+    return bound if bound > before + 0.5 * closeness(before) else before
 
 
 def _guess(state: SearchState, answer: Answer) -> None:
