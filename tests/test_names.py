@@ -1,4 +1,4 @@
-"""No two public things of the package share a name."""
+"""No two public things of the package share a name, and no two files of the tests."""
 
 import ast
 from collections import Counter
@@ -45,3 +45,9 @@ def test_a_shared_name_is_found(tmp_path, again):
     (tmp_path / "one.py").write_text("def settle(): ...\n_kept = 1\n", encoding="utf-8")
     (tmp_path / "two.py").write_text(f"{again}\n_kept = 2\nfrom one import settle\n", "utf-8")
     assert shared_names(tmp_path) == {"settle": ["one.py", "two.py"]}
+
+
+def test_no_two_files_of_the_tests_share_a_name():
+    """They are imported by their name alone: with two of one name none of either would run."""
+    files = Counter(path.name for path in Path(__file__).parent.rglob("*.py"))
+    assert {name for name, count in files.items() if count > 1} <= {"conftest.py", "__init__.py"}
