@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -114,3 +115,11 @@ def test_a_coordinate_beyond_all_whole_numbers_is_read_without_a_word(tmp_path):
     path = tmp_path / "far.dae"
     path.write_bytes(text.replace(b"0.5", b"1e19", 1))
     assert np.abs(parse_mesh(path, upright=False).vertices).max() == pytest.approx(1e19)
+
+
+@pytest.mark.parametrize("far", ["1e100", "1e200"])
+def test_coordinates_whose_products_overflow_are_read_without_a_word(tmp_path, far):
+    text: Any = trimesh.creation.box((1.0, 1.0, 1.0)).export(file_type="stl_ascii")
+    path = tmp_path / "far.stl"
+    path.write_text(re.sub(r"vertex \S+", f"vertex {far}", text, count=1))
+    assert np.abs(parse_mesh(path, upright=False).vertices).max() == float(far)

@@ -74,7 +74,7 @@ def test_nothing_is_decided_where_the_hand_touches_a_support(
 
 
 def test_a_massless_link_costs_the_verdict_and_not_the_solution(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     def refuse(*_: object) -> None:
         raise ArgumentError("joint_inertia", "is singular at joint 'knuckle'")
@@ -83,3 +83,7 @@ def test_a_massless_link_costs_the_verdict_and_not_the_solution(
     lines = _printed(CUBOID)
     assert lines[1] == "no verdict: joint_inertia: is singular at joint 'knuckle'"
     assert any("margin e = " in line for line in lines)
+    report = ["report", CUBOID, "--no-ranges", "-o", str(tmp_path / "report.html")]
+    result = CliRunner().invoke(app, report)
+    assert result.exit_code == 0
+    assert result.stderr == f"note: {lines[1]}\n"

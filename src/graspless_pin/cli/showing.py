@@ -127,7 +127,7 @@ def _case(source: Path, scene_file: Path | None, verdict_nodes: int | None) -> C
         if solution.found and verdict_nodes is not None:
             verdict, said = asked_verdict(scene, solution, verdict_nodes)
             if verdict is None:
-                typer.echo(said, err=True)
+                typer.echo(f"note: {said}", err=True)
         return case_of_scene(scene, solution, source, verdict)
     document = read_document(source)
     try:

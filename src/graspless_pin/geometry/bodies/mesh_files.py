@@ -63,8 +63,8 @@ def parse_mesh(path: Path, *, upright: bool) -> Any:
     heard = _Heard()
     trimesh.util.log.addFilter(heard)
     try:
-        # Of coordinates beyond all whole numbers it warns; those who use them refuse them by name.
-        with np.errstate(invalid="ignore"):
+        # Of far coordinates it warns; those who use them refuse them by name.
+        with np.errstate(invalid="ignore", over="ignore"):
             mesh = trimesh.load_mesh(
                 io.BytesIO(content), file_type=ending[1:], resolver=resolver, process=False
             )
