@@ -1,15 +1,20 @@
 """Samples that begin with what was learned of others: of those before them in a fixed block."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 from study_tools import HEIGHT, PAPER, Here, data, study
 
-from graspless_pin import compiled
+from graspless_pin import compiled, load_scene
+from graspless_pin.scene import loads
+from graspless_pin.scene.loads import jointed_contacts
+from graspless_pin.scene.scene import Scene
 from graspless_pin.studies import Study, run_study, sample_evaluation
 from graspless_pin.studies.journal import JOURNAL_FORMAT, Journal
+from graspless_pin.studies.sample_blocks import stated_sample
 from graspless_pin.studies.sample_evaluation import evaluate_each
+from graspless_pin.studies.sample_parts import SampleParts
 from graspless_pin.studies.supervision import _rest
 from graspless_pin.versions import versions
 
@@ -115,3 +120,48 @@ def test_a_process_after_a_crash_learns_again_what_was_learned():
     assert [n for n, _ in _rest(made, samples, rows)] == [*range(2 * BLOCK, 20)]
     rows[2 * BLOCK + 1]["status"] = "crashed"
     assert [n for n, _ in _rest(made, samples, rows)] == [16, 18, 19]
+
+
+@pytest.mark.parametrize("method", ["sobol", "grid"])
+def test_what_a_sample_takes_from_the_one_before_is_what_it_would_make(method):
+    """Bit for bit, whatever varies beside friction, gravity and the largest normal force."""
+    vary = {**EVERYTHING, "object.mass": {"values": [1.0, 2.0]}}
+    vary["height"] = {**EVERYTHING["height"], "values": [150.0, 149.0]}
+    vary |= {"cone_edges": {"values": [8, 16]}, "hand.count_own_weight": {"values": [True, False]}}
+    made = study(vary, sampling={"method": "sobol", "samples": 64, "seed": 3})
+    samples = [*made.samples]
+    if method == "grid":
+        samples = sorted(samples, key=lambda one: [repr(value) for value in one[::-1]])
+    parts, before, taken = SampleParts(), None, 0
+    for sample in samples:
+        stated = stated_sample(made.scene_at(sample, parts), {}, before)
+        fresh = stated_sample(made.scene_at(sample), {}, None)
+        np.testing.assert_array_equal(stated.loads, fresh.loads, strict=True)
+        assert stated.kind[1:] == fresh.kind[1:]
+        for name in ("positions", "tangents"):
+            ours, theirs = getattr(stated.kind.state, name), getattr(fresh.kind.state, name)
+            np.testing.assert_array_equal(ours, theirs, strict=True)
+        taken += before is not None and stated.kind.state is before.kind.state
+        before = stated
+    assert taken if method == "grid" else taken < len(samples)
+
+
+@pytest.mark.parametrize("file", sorted(PAPER.parent.rglob("*.yaml")), ids=lambda file: file.stem)
+def test_contacts_and_joints_read_nothing_of_what_only_bears_on_them(file):
+    """Every field that they are made of is read here: of those that are not, rows are renewed."""
+    if file.parent.name in ("studies", "robots"):
+        pytest.skip("no scene")
+    read = set()
+
+    class Watched(Scene):
+        def __getattribute__(self, name):
+            read.add(name)
+            return super().__getattribute__(name)
+
+    scene = load_scene(file)
+    watched = object.__new__(Watched)
+    vars(watched).update({field.name: getattr(scene, field.name) for field in fields(scene)})
+    read.clear()
+    jointed_contacts(watched)
+    assert {"object", "supports", "hand"} <= read
+    assert not read & loads._BEARING

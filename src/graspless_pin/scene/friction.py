@@ -58,7 +58,6 @@ class FrictionTable:
         self._hand_material = hand_material
         self._object_material = object_material
         self._materials = materials
-        self._known: dict[tuple[str, str], float] = {}
         self._last: tuple[tuple[str, ...], int, FloatArray] = (), 0, np.empty(0)
 
     def coefficients(self, touching: ContactArrays) -> FloatArray:
@@ -72,17 +71,13 @@ class FrictionTable:
         if last_count == count and last_bodies == touching.bodies:
             return last
         bodies = touching.bodies
-        values = [self._once("hand", body) for body in bodies[:count]]
-        values += [self._once("supports", body) for body in bodies[count:]]
+        values: list[float] = []
+        for group, own in (("hand", bodies[:count]), ("supports", bodies[count:])):
+            known = {body: self.coefficient(group, body) for body in dict.fromkeys(own)}
+            values += map(known.__getitem__, own)
         coefficients = read_only(np.array(values, dtype=np.float64))
         self._last = bodies, count, coefficients
         return coefficients
-
-    def _once(self, group: str, body: str) -> float:
-        known = self._known.get((group, body))
-        if known is None:
-            known = self._known[group, body] = self.coefficient(group, body)
-        return known
 
     def coefficient(self, group: str, body: str) -> float:
         """Return the coefficient of one body.

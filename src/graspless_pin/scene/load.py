@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import os
 import reprlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,7 +26,7 @@ from graspless_pin.scene.hand_building import build_hand
 from graspless_pin.scene.motion_and_contacts import GivenContact, HandMotion, Motion
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_schema import MotionEntry, SceneEntry
-from graspless_pin.scene.stages import SceneParts
+from graspless_pin.scene.stages import Last, SceneParts
 from graspless_pin.scene.yaml_source import Location, YamlSource, key_text
 from graspless_pin.spelling import names_in_words, what_to_pass
 
@@ -131,26 +132,46 @@ def _scene(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Scene:
     said = entry.object, entry.hand, entry.materials, entry.contacts, entry.motion
     built = parts.stage("built", (*said, *entry.supports), lambda: _built(file, parts, entry))
     _check_weight(file, entry, built.object)
-    scene = Scene(
-        name=entry.name or file.path.stem,
-        path=file.path,
-        gravity=parts.latest.of("gravity", (entry.gravity,), lambda: np.array(entry.gravity)),
-        object=built.object,
-        friction=file.at((), lambda: friction_by_name(entry.friction, built.names)),
-        max_normal_force=entry.max_normal_force,
-        cone_edges=entry.cone_edges,
-        cone=entry.cone,
-        contact_tolerance=entry.contact_tolerance,
-        max_penetration=entry.max_penetration,
-        points_per_patch=entry.points_per_patch,
-        tangent_axes=parts.latest.of(
-            "axes", (entry.tangent_axes,), lambda: tuple(map(np.array, entry.tangent_axes))
-        ),
-        solve_options=parts.latest.of("solve", (entry.solve,), entry.solve.model_dump),
-        **built.others,
-    )
-    vars(scene)["_kept"] = parts.latest
+    last, known = parts.last, {}
+    if last is not None and last.scene.path != file.path:
+        last = None
+    if last is not None and (last.built is built or last.built.names == built.names):
+        known = vars(last.entry)
+    new = {
+        field: make(file, value, built.names)
+        for (key, (field, make)), value in zip(_PLAIN.items(), _plain(entry), strict=True)
+        if not (key in known and known[key] is value)
+    }
+    if last is None or last.built is not built:
+        new |= {"object": built.object, **built.others}
+    if last is None:
+        scene = Scene(path=file.path, **new)
+        vars(scene)["_kept"] = parts.latest
+    else:
+        scene = last.scene._changed(new)
+    parts.last = Last(entry, built, scene)
     return scene
+
+
+def _friction(file: YamlSource, value: Any, names: tuple[str, ...]) -> Mapping[str, float]:
+    return file.at((), lambda: friction_by_name(value, names))
+
+
+_AS_IT_IS = (
+    "max_normal_force", "cone_edges", "cone", "contact_tolerance", "max_penetration",
+    "points_per_patch",
+)  # fmt: skip
+_PLAIN: Mapping[str, tuple[str, Callable[[YamlSource, Any, tuple[str, ...]], Any]]] = {
+    "name": ("name", lambda file, value, _: value or file.path.stem),
+    "gravity": ("gravity", lambda _file, value, _: np.array(value)),
+    "friction": ("friction", _friction),
+    "tangent_axes": ("tangent_axes", lambda _file, value, _: tuple(map(np.array, value))),
+    "solve": ("solve_options", lambda _file, value, _: value.model_dump()),
+    **{name: (name, lambda _file, value, _: value) for name in _AS_IT_IS},
+}
+"""Of keys that no body depends on: the field of a scene, and what makes it of the file, what the
+key holds, and the names of supports and links."""
+_plain = attrgetter(*_PLAIN)
 
 
 def _built(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> _Built:

@@ -101,22 +101,85 @@ def loads_of(scene: Scene, state: JointedContacts) -> Loads:
     Raises:
         SceneError: If a body that touches has no coefficient of friction.
     """
-    mass, gravity, most, kept = (
-        scene.object.mass, scene.gravity, scene.max_normal_force, scene._kept,
-    )  # fmt: skip
+    return Loads(
+        _weight(scene),
+        _coefficients(scene, state),
+        _limits(scene, state),
+        _carried(scene, state),
+        scene.max_normal_force,
+    )
+
+
+def renewed_row(
+    scene: Scene, state: JointedContacts, before: Scene, row: FloatArray
+) -> FloatArray | None:
+    """Return the row of a scene that may have the same contacts and joints as one before.
+
+    Args:
+        scene: The scene.
+        state: Contacts and joints of the one before.
+        before: The one before.
+        row: Its row, see `Loads.row`.
+
+    Returns:
+        The row; None if another field has been replaced than those that bear on contacts alone.
+
+    Raises:
+        SceneError: See `loads_of`.
+    """
+    new, old = vars(scene), vars(before)
+    renewed = {name for name in new if new[name] is not old.get(name)} - _NO_LOADS
+    if not renewed <= _BEARING:
+        return None
+    count, joints = len(state.positions), len(state.joints.names)
+    limits = count + 6
+    row = row.copy()
+    if not renewed.isdisjoint(_OF_FRICTION):
+        row[:count] = _coefficients(scene, state)
+    if "gravity" in renewed:
+        row[count:limits] = _weight(scene)
+        row[limits + 2 * joints : limits + 3 * joints] = _carried(scene, state)
+    if not renewed.isdisjoint(_OF_LIMITS):
+        row[limits : limits + 2 * joints] = np.concatenate(_limits(scene, state))
+        row[limits + 3 * joints :] = scene.max_normal_force
+    return row
+
+
+_OF_FRICTION = frozenset({"friction", "materials", "hand_material"})
+_OF_LIMITS = frozenset({"max_normal_force", "hybrid_force_limit"})
+_BEARING = _OF_FRICTION | _OF_LIMITS | {"gravity"}
+"""Fields of a scene on which neither its contacts nor its joints depend."""
+_NO_LOADS = frozenset({"name", "load_findings", "contacts", "findings", "_touching"})
+"""What a scene says of itself, and what is worked out of its fields."""
+
+
+def _weight(scene: Scene) -> FloatArray:
+    """Return (6,) the wrench of the object's weight."""
+    mass, gravity = scene.object.mass, scene.gravity
+    made = scene._kept.of
+    return made("weight", (mass, gravity), lambda: np.concatenate([mass * gravity, np.zeros(3)]))
+
+
+def _coefficients(scene: Scene, state: JointedContacts) -> FloatArray:
+    """Return (M,) coefficients of friction."""
     materials = scene.hand_material, scene.object.material, scene.materials
     rubbing = scene.supports, scene.friction, *materials
-    table = kept.of("friction", rubbing, lambda: FrictionTable(*rubbing))
+    table = scene._kept.of("friction", rubbing, lambda: FrictionTable(*rubbing))
     try:
-        coefficients = table.coefficients(state.contacts.arrays)
+        return table.coefficients(state.contacts.arrays)
     except SceneError as error:
         raise error.at(label_of(scene)) from error
+
+
+def _limits(scene: Scene, state: JointedContacts) -> tuple[FloatArray, FloatArray]:
+    """Return (lower, upper), each (L,)."""
+    most = scene.hybrid_force_limit or scene.max_normal_force
+    return torque_limits(scene.hand, state.joints.hybrid_count, most)
+
+
+def _carried(scene: Scene, state: JointedContacts) -> FloatArray:
+    """Return (L,) torques that carry the links' weight."""
     hand, hybrid = scene.hand, state.joints.hybrid_count
-    carried = gravity if scene.count_own_weight else None
-    return Loads(
-        kept.of("weight", (mass, gravity), lambda: np.concatenate([mass * gravity, np.zeros(3)])),
-        coefficients,
-        torque_limits(hand, hybrid, scene.hybrid_force_limit or most),
-        kept.of("carried", (state, carried), lambda: weight_torques(hand, hybrid, carried)),
-        most,
-    )
+    gravity = scene.gravity if scene.count_own_weight else None
+    made = scene._kept.of
+    return made("carried", (state, gravity), lambda: weight_torques(hand, hybrid, gravity))

@@ -116,11 +116,15 @@ class Scene(PickledByFields):
         Raises:
             ArgumentError: If a name is none of the fields, or a value not one of its field.
         """
+        return self._changed(checked_changes(changes))
+
+    def _changed(self, fields: Mapping[str, Any]) -> Scene:
+        """Return the same scene with fields that need no check."""
         changed = object.__new__(type(self))
         changed.__dict__.update(self.__dict__, _kept=self._kept)
         for name in ("contacts", "findings", "_touching"):
             changed.__dict__.pop(name, None)
-        changed.__dict__.update(checked_changes(changes))
+        changed.__dict__.update(fields)
         return changed
 
     def __repr__(self) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from graspless_pin.derived import Latest
 from graspless_pin.findings import heard, tell
@@ -23,6 +23,20 @@ _MOST_HANDS = 16
 _Made = TypeVar("_Made")
 
 
+class Last(NamedTuple):
+    """The scene that was built last.
+
+    Attributes:
+        entry: What its file holds.
+        built: What was built of its bodies.
+        scene: The scene.
+    """
+
+    entry: SceneEntry
+    built: Any
+    scene: Any
+
+
 @dataclass(eq=False)
 class SceneParts:
     """What the scenes of one folder leave for the next; it never changes what a scene becomes.
@@ -33,11 +47,13 @@ class SceneParts:
         robots: Robot by name or path.
         hands: Hand by all of its entry that its description, fingers and control depend on.
         latest: What each stage made last.
+        last: The scene that was built last; None: there is none.
     """
 
     robots: dict[tuple[str, ...], RobotDescription] = field(default_factory=dict)
     hands: OrderedDict[str, AssembledMounts] = field(default_factory=OrderedDict)
     latest: Latest = field(default_factory=Latest)
+    last: Last | None = None
     _before: tuple[Any, SceneEntry] | None = None
 
     def validated(self, source: YamlSource) -> SceneEntry:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +15,7 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.cones import ConeModel
 from graspless_pin.programs.objectives import Objective
-from graspless_pin.scene.loads import JointedContacts, jointed_contacts, loads_of
+from graspless_pin.scene.loads import JointedContacts, jointed_contacts, loads_of, renewed_row
 from graspless_pin.scene.scene import Scene
 from graspless_pin.solution import Status
 from graspless_pin.studies.rows import Row, torque_columns
@@ -45,30 +45,43 @@ class StatedSample(NamedTuple):
     """A sample's problem, as loops take it.
 
     Attributes:
+        scene: Its scene.
         kind: What it shares with others.
         loads: See `Loads.row`.
     """
 
+    scene: Scene
     kind: _Kind
     loads: FloatArray
 
 
-def stated_sample(scene: Scene, objective: Objective, options: SolveOptions) -> StatedSample:
+def stated_sample(
+    scene: Scene, limits: Mapping[str, Any], before: StatedSample | None
+) -> StatedSample:
     """Return the problem of a sample.
 
     Args:
         scene: Its scene.
-        objective: What it is solved for.
-        options: How.
+        limits: What ends its search, see `SolveOptions`.
+        before: Another sample with these limits; what it has and this one shares is not made again.
 
     Raises:
         SceneError: If the scene has no problem.
     """
+    if before is not None:
+        row = renewed_row(scene, before.kind.state, before.scene, before.loads)
+        if row is not None:
+            rubbing = (row[: len(before.kind.state.positions)] > 0.0).tobytes()
+            same = rubbing == before.kind.rubbing
+            kind = before.kind if same else before.kind._replace(rubbing=rubbing)
+            return StatedSample(scene, kind, row)
     state = jointed_contacts(scene)
     loads = loads_of(scene, state)
     rubbing = (loads.friction > 0.0).tobytes()
-    kind = _Kind(state, rubbing, scene.cone, scene.cone_edges, objective, options)
-    return StatedSample(kind, loads.row())
+    asked = scene.asked(**limits)
+    return StatedSample(
+        scene, _Kind(state, rubbing, scene.cone, scene.cone_edges, *asked), loads.row()
+    )
 
 
 class SampleBlock:
@@ -89,16 +102,17 @@ class SampleBlock:
         self._run: list[tuple[int, Scene, FloatArray]] = []
         self._optima: dict[tuple[Any, ...], LoadedOptima] = {}
 
-    def rows(self, number: int, scene: Scene, stated: StatedSample) -> Iterator[Row]:
+    def rows(self, number: int, stated: StatedSample) -> Iterator[Row]:
         """Take the next sample, and yield the rows that are ready then.
 
         Args:
             number: Its number.
-            scene: Its scene.
-            stated: What `stated_sample` returns of that.
+            stated: What `stated_sample` returns of its scene.
         """
-        (kind, loads), last = stated, self._kind
-        if last is None or kind.state is not last.state or kind[1:] != last[1:]:
+        (scene, kind, loads), last = stated, self._kind
+        if kind is not last and (
+            last is None or kind.state is not last.state or kind[1:] != last[1:]
+        ):
             yield from self.rest()
         if kind.cone == ConeModel.EDGES and are_for(kind.objective, kind.options):
             self._kind = kind

@@ -17,7 +17,7 @@ from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_stability import unknown_of
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.studies.rows import Row, torque_columns
-from graspless_pin.studies.sample_blocks import SampleBlock, stated_sample
+from graspless_pin.studies.sample_blocks import SampleBlock, StatedSample, stated_sample
 from graspless_pin.studies.sample_parts import Sample, SampleParts
 from graspless_pin.studies.study import Study
 
@@ -55,13 +55,14 @@ def evaluate_each(
     asked = compute.verdict or compute.mode or compute.force_bounds or compute.disturbance_margin
     alone = study.block == 1 or study.record is not None or asked or compute.minimum_friction
     at, block, starts, limits = None, _block(study), None, _limits(study)
+    stated: StatedSample | None = None
     for number, sample in samples:
         if study.block > 1 and number // study.block != at:
             yield from block.rest()
             at, block, starts = number // study.block, _block(study), WarmStarts()
         try:
             scene = study.scene_at(sample, parts)
-            stated = None if alone else stated_sample(scene, *scene.asked(**limits))
+            stated = None if alone else stated_sample(scene, limits, stated)
         except StudyError:
             raise
         except Exception as error:
@@ -71,7 +72,7 @@ def evaluate_each(
         if stated is None:
             yield _row(study, number, scene, starts)
         else:
-            yield from block.rows(number, scene, stated)
+            yield from block.rows(number, stated)
         if one_by_one:
             yield from block.rest()
     yield from block.rest()

@@ -117,7 +117,9 @@ class Study:
             SceneError: If the scene cannot be used with these values.
         """
         parts = parts or SampleParts()
-        return build_scene(replace(self.scene, data=self.tree_at(sample, parts)), parts)
+        file = self.scene
+        content = YamlSource(file.path, self.tree_at(sample, parts), file.kind, file.lines)
+        return build_scene(content, parts)
 
 
 def load_study(path: str | Path) -> Study:
