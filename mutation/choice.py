@@ -12,8 +12,8 @@ from pathlib import Path
 from mutation.sites import Mutant
 from mutation.test_map import Test
 
-# Each further file takes time to be imported.
-_FILES = 6
+# Each file takes time to be imported.
+_FILES_PER_SECOND = 1.5
 _OF_DEFINITIONS = ("tests/core/test_records.py",)
 """Tests that look at definitions themselves, which run when a module is loaded."""
 
@@ -52,7 +52,7 @@ class Choice:
         for test in chain.from_iterable(zip_longest(*ordered)):
             if test is None or test.seconds > left:
                 continue
-            if test.file in files or len(files) < _FILES:
+            if test.file in files or len(files) < _FILES_PER_SECOND * seconds:
                 chosen.append(test)
                 files.add(test.file)
                 left -= test.seconds

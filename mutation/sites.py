@@ -15,6 +15,7 @@ import ast
 import random
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -178,8 +179,6 @@ def _ignored(tree: ast.Module) -> Iterator[Span]:
                 yield (decorator.lineno, 0), (decorator.end_lineno + 1, 0)
         if isinstance(node, ast.arg | ast.AnnAssign) and node.annotation is not None:
             yield _span(node.annotation)
-        elif isinstance(node, ast.FunctionDef) and node.returns is not None:
-            yield _span(node.returns)
         elif isinstance(node, ast.keyword) and node.arg in ("strict", "total"):
             # Of zip, which then looks for a mistake that is not there; of a typed dictionary.
             yield _span(node)
@@ -187,12 +186,28 @@ def _ignored(tree: ast.Module) -> Iterator[Span]:
             for size in node.args:
                 if isinstance(size, ast.UnaryOp):  # numpy takes any negative number for an open one
                     yield _span(size)
+        elif isinstance(node, ast.FunctionDef):
+            if node.returns is not None:
+                yield _span(node.returns)
+            yield from _behind_loops(node.body)
         elif isinstance(node, ast.If) and _asks_for_loops(node.test):
             yield _span(node.test)
             if any(isinstance(part, ast.IsNot) for part in ast.walk(node.test)):
                 yield _span(node.body[0])[0], _span(node.body[-1])[1]
         elif isinstance(node, ast.stmt) and not hasattr(node, "body") and _asks_for_loops(node):
             yield _span(node)
+
+
+def _behind_loops(body: list[ast.stmt]) -> Iterator[Span]:
+    """What a function comes to only where it has not returned since there are no loops."""
+    for node, behind in pairwise(body):
+        if isinstance(node, ast.If) and isinstance(node.body[-1], ast.Return):
+            test = node.test
+            if isinstance(test, ast.BoolOp) and isinstance(test.op, ast.Or):
+                test = test.values[0]
+            absent = isinstance(test, ast.Compare) and isinstance(test.ops[0], ast.Is)
+            if absent and _asks_for_loops(test):
+                yield _span(behind)[0], _span(body[-1])[1]
 
 
 def _identities(tree: ast.Module) -> Iterator[Span]:

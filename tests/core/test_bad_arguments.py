@@ -27,6 +27,7 @@ from graspless_pin import (
     solve_each_mode,
 )
 from graspless_pin.errors import ArgumentError, NoSolutionError, SolverUnavailableError
+from graspless_pin.problem.checks import unit_rows
 
 GOOD = {
     "positions": [[0.0, 0.0, -0.1], [0.1, 0.0, 0.0]],
@@ -136,6 +137,13 @@ def assert_refused(caught, argument, parts):
     assert message.startswith(argument)
     missing = [part for part in parts if part not in message]
     assert not missing, message
+
+
+@pytest.mark.parametrize("length", [1.0 - 9e-7, 1.0 + 9e-7])
+def test_unit_vectors_may_be_off_by_a_millionth(length):
+    unit_rows("normals", np.array([[1.0, 0.0, 0.0], [0.0, length, 0.0]]))
+    with pytest.raises(ArgumentError, match=r"row 1 .* with length"):
+        unit_rows("normals", np.array([[1.0, 0.0, 0.0], [0.0, 2.0 * length - 1.0, 0.0]]))
 
 
 @pytest.mark.parametrize("case", BAD_PROBLEMS)

@@ -59,6 +59,16 @@ def test_maximal_modes_cover_all_modes(sign):
     assert 0 < len(largest) < len(everything)
     for mode in everything:
         assert any(mode == other or extends(other, mode) for other in largest)
+    # A mode is maximal where no listed one extends it at one contact.
+    expected = {
+        mode
+        for mode in everything
+        if not any(
+            extends(other, mode) and (other.signs != mode.signs).any(axis=1).sum() == 1
+            for other in everything
+        )
+    }
+    assert set(largest) == expected
 
 
 def extends(larger: SlidingMode, smaller: SlidingMode) -> bool:

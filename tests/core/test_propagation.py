@@ -74,6 +74,35 @@ def test_no_maximal_mode_is_lost(name, sign):
     assert narrowed > 10 or sign == "exact"
 
 
+def turning_about_a_corner() -> QuasistaticProblem:
+    """A plate on four feet, the last of which two stops hold in place."""
+    feet = [(-0.1, -0.1, 0.0), (0.1, -0.1, 0.0), (-0.1, 0.1, 0.0), (0.1, 0.1, 0.0)]
+    stops = [(0.15, 0.1, 0.0), (0.1, 0.15, 0.0)]
+    normals = np.array([(0, 0, 1)] * 4 + [(-1, 0, 0), (0, -1, 0)], dtype=float)
+    first = np.array([(0.8, 0.6, 0)] * 4 + [(0, 0.8, 0.6), (0.8, 0, 0.6)])
+    tangents = np.stack([first, np.cross(normals, first)], axis=2)
+    return QuasistaticProblem(
+        [*feet, *stops], normals, [0, 0, -10, 0, 0, 0], friction=0.5, tangents=tangents
+    )
+
+
+@pytest.mark.parametrize("stops", [False, True])
+def test_a_contact_that_touches_and_cannot_slide_is_not_selected(stops):
+    problem = turning_about_a_corner()
+    propagation = Propagation(problem, VirtualKinematics(problem), Rules.parse("strict"))
+    chosen = np.array([True] * 3 + [False] + [stops] * 2)
+    modes = [
+        mode
+        for mode in enumerate_modes(problem, maximal=True)
+        if (mode.selection == [True, True, True, False, True, True]).all()
+    ]
+    assert len(modes) == 2  # either way about the corner
+    decided = Decisions(chosen, np.zeros(6, dtype=bool), np.zeros((6, 2), dtype=np.int8))
+    propagated = propagation.propagate(decided, probe=False)
+    assert propagated is not None
+    assert all(agree(propagated, mode) for mode in modes)
+
+
 PAIRS = [(a, b) for a in (-1, 1) for b in (-1, 1)]
 
 

@@ -31,7 +31,7 @@ from graspless_pin.programs.assembly import built
 from graspless_pin.programs.elastic import elastic, elastic_multipliers
 from graspless_pin.programs.forces import force_coordinates
 from graspless_pin.programs.objectives import Margin, Torque
-from graspless_pin.solvers import Outcome, solve, solving
+from graspless_pin.solvers import Outcome, conic_backends, solve, solving
 from graspless_pin.solvers.conic_backends import by_clarabel, by_cuts
 from graspless_pin.solvers.other_backends import by_qpsolvers
 from graspless_pin.solvers.piqp_engines import by_piqp
@@ -50,6 +50,21 @@ def turned(problem, angles):
     c, s = np.cos(angles)[:, None], np.sin(angles)[:, None]
     t1, t2 = problem.tangents[:, :, 0], problem.tangents[:, :, 1]
     return problem.with_changes(tangents=np.stack([c * t1 + s * t2, c * t2 - s * t1], axis=2))
+
+
+def test_each_constraint_is_one_row_of_clarabels(monkeypatch):
+    problem, forms, form_of = rounded(scene("rest")), [], conic_backends._form_of
+    program = built(Margin(), problem, force_coordinates(problem))
+    monkeypatch.setattr(
+        conic_backends, "_form_of", lambda *of: forms.append(form_of(*of)) or forms[-1]
+    )
+    assert by_clarabel(program) is not None
+    low, high = program.sides
+    m, flat = len(program.b), len(program.b) + program.flat_count
+    fixed = (program.lb == 0.0) & (program.ub == 0.0)
+    one_sided = [high[m:flat], -low[m:flat], program.ub[~fixed], -program.lb[~fixed]]
+    count = m + 3 * program.cone_count + sum(int(np.isfinite(one).sum()) for one in one_sided)
+    assert forms[0].matrix.shape == (count, int((~fixed).sum()))
 
 
 @pytest.mark.parametrize("number", range(12))

@@ -389,3 +389,11 @@ def test_children_come_in_turn_by_what_their_parent_proves_beyond_rounding():
         assert _level(before, before + 0.99 * step) == before
         assert _level(before, before + 1.01 * step) == before + 1.01 * step
         assert _level(before, before - 1.0) == before
+
+
+@pytest.mark.parametrize("number", [4, 8])
+def test_a_guess_near_the_first_optimum_ends_the_search(number, monkeypatch):
+    problem = random_problem(number)
+    assert minimize_torque(problem, 0.05).certificate.nodes == 1
+    monkeypatch.setattr(searching, "_guess", lambda *_: None)
+    assert minimize_torque(problem, 0.05).certificate.nodes > 1

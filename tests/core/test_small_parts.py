@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scenes import scene
 
+from graspless_pin import SlidingMode
 from graspless_pin.algorithms import branch_and_bound as searching
 from graspless_pin.algorithms import threshold
 from graspless_pin.algorithms.branch_and_bound import _children, _deciding, _Node
@@ -16,6 +17,7 @@ from graspless_pin.algorithms.limits import NO_LIMITS, Limits
 from graspless_pin.algorithms.mode_oracle import ModeOracle, Opposition
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.search import SearchState
+from graspless_pin.algorithms.searching import search_modes
 from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.enumeration import _refinements
 from graspless_pin.modes.fastest_sliding import Sliding, _evened
@@ -60,6 +62,19 @@ def test_two_sets_of_forces_oppose_each_other_where_one_component_differs_in_sig
         assert found == Opposition(contact, component)
     signs = ModeOracle(two, RULES)._friction(x)
     assert isinstance(signs, dict) and set(signs.values()) == {(1, 1)}
+
+
+def test_a_mode_at_once_is_none_of_one_set_of_forces_alone():
+    one = state()
+    found = search_modes(one, SolveOptions(), NO_LIMITS).state.best
+    assert found is not None
+    assert isinstance(ModeOracle(one.formulation, RULES).mode_for(found.x, {}), SlidingMode)
+    size = one.formulation.coordinates.layout.size
+    two = replace(one.formulation, layers=(0, size))
+    opposed = found.x[:size].copy()
+    opposed[one.formulation.coordinates.tangent[0, 0]] *= -1.0
+    x = np.concatenate([found.x[:size], opposed])
+    assert ModeOracle(two, RULES).mode_for(x, {}) == Opposition(0, 0)
 
 
 def test_an_open_sign_is_refined_both_ways_and_the_other_stays():

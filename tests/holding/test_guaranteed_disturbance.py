@@ -77,6 +77,20 @@ def test_a_block_that_is_pushed_slides_lifts_and_tips_where_newton_says() -> Non
     assert [one.status for one in found.failures if one] == [Stability.NONE] * 3
 
 
+def test_a_hundredth_of_all_forces_bears_a_hundredth() -> None:
+    block = block_on_slope(0.5, 0.0)
+    assert block.object_inertia is not None
+    light = block.with_changes(
+        external_wrench=0.01 * block.external_wrench,
+        object_inertia=0.01 * block.object_inertia,
+        max_normal_force=0.01 * block.max_normal_force,
+    )
+    heavy, found = along(block, [], PUSH), along(light, [], PUSH)
+    assert found.failing[0] < 1.0
+    np.testing.assert_allclose(100.0 * found.failing, heavy.failing, rtol=1e-6)
+    np.testing.assert_allclose(100.0 * found.guaranteed, heavy.guaranteed, rtol=1e-6)
+
+
 def test_what_presses_on_a_support_is_borne_as_far_as_was_looked() -> None:
     found = along(block_on_slope(0.5, 0.0), [], [0, 0, -1, 0, 0, 0], largest=20.0)
     assert found.guaranteed[0] == found.possible[0] == found.largest == 20.0

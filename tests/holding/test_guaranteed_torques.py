@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -36,6 +37,7 @@ from graspless_pin import (
 from graspless_pin.algorithms import guaranteed_torques
 from graspless_pin.algorithms.guaranteed_torques import half_space
 from graspless_pin.errors import ArgumentError, NoSolutionError
+from graspless_pin.holding.stability import undecided_verdict
 from graspless_pin.programs.guarantee_objectives import InsideHalfSpaces
 from graspless_pin.report import read_solution, solution_document
 
@@ -205,6 +207,27 @@ def test_a_scene_that_verdicts_cannot_decide_on_has_none(monkeypatch: pytest.Mon
     said = Evaluator(load_scene(CUBOID), stability="strong").evaluate()
     assert not said.found
     assert said.status.name == "UNDECIDED"
+
+
+def test_torques_that_few_nodes_left_undecided_are_asked_again_in_their_order(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked = list[tuple[int, float]]()
+
+    def told(problem: QuasistaticProblem, torques: Any, **how: Any) -> Any:
+        asked.append((how["node_limit"], float(torques[0])))
+        said = undecided_verdict(problem, torques, "too many nodes")
+        sure = len(asked) > 1 and how["node_limit"] > 300
+        return replace(said, status=Stability.STRONG) if sure else said
+
+    monkeypatch.setattr(guaranteed_torques, "stability", told)
+    problem = pressed_on_wall().with_changes(torque_limits=(0.0, 40.0))
+    found = minimize_torque(problem, 0.1, stability="strong", verdict_nodes=1000)
+    (_, best), (few, first), *_ = asked
+    again = [torque for nodes, torque in asked[1:] if nodes == 1000]
+    assert few == 300 and again == [first]
+    assert found.status is Status.STRONG
+    assert found.torques == pytest.approx([first]) and best != pytest.approx(first)
 
 
 def test_the_time_limit_is_that_of_the_whole_call(strong: TorqueSolution) -> None:

@@ -10,6 +10,7 @@ from cases import GRAVITY, block_between_walls, block_on_slope, hybrid_on_wall, 
 from tests.cli.cli_tools import LINES, run
 
 from graspless_pin import Robustness, Stability, robustness, what_would_hold
+from graspless_pin.algorithms import what_would_hold as changes_that_hold
 from graspless_pin.errors import ArgumentError
 
 
@@ -66,6 +67,25 @@ def test_each_change_of_a_weak_grip_was_tried() -> None:
     rubbed = next(change for change in changes if "at contact 4" in change.words)
     # 9 N press on finger and wall: less friction balances no weight.
     assert 2.0 * GRAVITY / 9.0 - 1.0 <= rubbed.problem.friction[4] / 0.5 <= 3.0
+
+
+@pytest.mark.parametrize("columns", [1, 2])
+def test_all_joints_behind_a_contact_are_held_where_they_are_several(
+    columns: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = hybrid_on_wall()
+    problem = problem.with_changes(
+        jacobian=np.tile(problem.jacobian, columns), joint_inertia=np.eye(columns),
+        joint_names=None, joint_units=None, torque_limits=(0.0, 1.0), gravity_torques=None,
+    )  # fmt: skip
+    tried = list[str]()
+    monkeypatch.setattr(changes_that_hold, "_tried", lambda _, words, __: tried.append(words) or ())
+    monkeypatch.setattr(changes_that_hold, "_smallest", lambda *_: ())
+    assert what_would_hold(problem, np.zeros(columns), node_limit=1) == ()
+    held = [words for words in tried if "control" in words]
+    each = [f"joint joint_{k + 1} under position control" for k in range(columns)]
+    several = ["all joints behind contact 4 under position control"] * (columns > 1)
+    assert held == [*each, *several]
 
 
 def test_what_slides_is_refused() -> None:

@@ -13,8 +13,10 @@ from scenes import scene  # pyright: ignore[reportMissingImports] - tests/core, 
 from verified_documents import SCALES, SOLUTIONS, changed, documented, scaled, slab
 
 import graspless_pin.report.verify
-from graspless_pin import maximize_margin, minimize_torque
+from graspless_pin import QuasistaticProblem, maximize_margin, minimize_torque
+from graspless_pin.algorithms import mode_proof
 from graspless_pin.report.verify import verify_document
+from graspless_pin.report.verify.reading import read_problem
 
 STATUS = {
     "in a mode": "optimal_in_mode",
@@ -161,6 +163,10 @@ def test_a_proof_that_is_withdrawn_is_not_proven(made):
 
 
 def test_too_many_leaves_are_said_and_not_proven(monkeypatch):
+    page = Path(__file__).parents[2] / "docs" / "documents.md"
+    assert (
+        f"A proof of more than {mode_proof.MOST_LEAVES} leaves is not written" in page.read_text()
+    )
     monkeypatch.setattr("graspless_pin.algorithms.mode_proof.MOST_LEAVES", 2)
     document = documented(minimize_torque(scene("rest"), 0.1))
     assert document["proof"]["missing"] == "its proof takes more than 2 leaves"
@@ -169,6 +175,15 @@ def test_too_many_leaves_are_said_and_not_proven(monkeypatch):
     shown = {check.name: check.passed for check in verification.checks}
     assert shown["optimal over all modes"] is None
     assert shown["optimal within its mode"] is True
+
+
+@pytest.mark.parametrize("lever", [1e-14, 1e-17])
+def test_a_single_contact_has_the_length_of_the_load_or_one_metre(lever):
+    """Of a load that acts so far beside it, unless that is rounding of its place."""
+    problem = QuasistaticProblem([[0, 0, 1e-3]], [[0, 0, 1]], [0, 0, -1, lever, 0, 0], friction=0.5)
+    document = documented(maximize_margin(problem, static_friction="coulomb"))
+    length = read_problem(document).length
+    assert length == problem.scales.length == pytest.approx(lever if lever > 1e-15 else 1.0)
 
 
 def test_what_a_search_did_not_decide_is_not_proven():

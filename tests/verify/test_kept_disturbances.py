@@ -48,8 +48,19 @@ def on_wall():
     )  # fmt: skip
 
 
+def heavy():
+    """A block of ten tons."""
+    block = slope(0.0)
+    assert block.object_inertia is not None
+    return block.with_changes(
+        external_wrench=1e4 * block.external_wrench, object_inertia=1e4 * block.object_inertia,
+        max_normal_force=1e6,
+    )  # fmt: skip
+
+
 CASES = {
     "flat": (lambda: slope(0.0), [PUSH, UP], 3.0 * G),
+    "heavy": (heavy, [UP], 3e4 * G),
     "corners": (corners, [PUSH], 3.0 * G),
     "pressed": (pressed, [[1, 0, 0, 0, 0, 0], DOWN], 3.0 * G),
     "hybrid": (hybrid, [[1, 0, 0, 0, 0, 0]], 3.0 * G),

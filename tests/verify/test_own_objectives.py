@@ -1,6 +1,7 @@
 """Documents of objectives of one's own: what is written is proven, and forgeries are refused."""
 
 import copy
+import itertools
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from graspless_pin import Objective, ProgramBuilder, maximize_margin, minimize_t
 from graspless_pin.errors import ArgumentError
 from graspless_pin.report.reading import read_solution
 from graspless_pin.report.verify import verify_document
-from graspless_pin.report.verify.bounds import column_box, proven_bound
+from graspless_pin.report.verify.bounds import column_box, largest_objective, proven_bound
 from graspless_pin.report.verify.multipliers import stated_multipliers
 from graspless_pin.report.verify.reading import read_forces, read_problem
 
@@ -218,6 +219,18 @@ def test_boxes_that_rows_imply_are_worked_out(own):
         infeasible = copy.deepcopy(own("infeasible modes"))
         infeasible["objective"]["columns"][0][key] = [[1.0], [-1.0]]
         assert verify_document(infeasible).proven
+
+
+@pytest.mark.parametrize("name", SOLUTIONS)
+def test_no_forces_within_reach_cost_more_than_what_refutes(own, name):
+    problem = read_problem(own(name))
+    assert problem.own is not None
+    low, high = column_box(problem, 50.0)
+    ends = np.array(list(itertools.product(*zip(low, high, strict=True))))
+    costs = ends @ problem.own.cost + 0.5 * ends**2 @ problem.own.curvature
+    forces = largest_objective(problem, 50.0) - costs.max()
+    # Of forces f the reach leaves |f_n| and friction below 50 N: 0.5 c f^2 each.
+    assert -1e-9 <= forces <= 0.5 * problem.curvature.sum() * 50.0**2 + 1e-9
 
 
 def test_a_box_that_no_row_implies_is_taken_as_given_and_named():

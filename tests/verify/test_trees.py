@@ -1,6 +1,8 @@
 """Proofs over modes that leave out some are none, whatever their leaves prove."""
 
 import copy
+from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -189,3 +191,12 @@ def test_leaves_without_objective_prove_that_there_are_no_forces():
         proof = walked(problem, [weak], free=True)
         assert proof.bound < np.inf and not proof.failure
         assert proof.violation <= 0.0
+        assert objective or proof.bound == -np.inf
+
+
+def test_a_selected_contact_has_every_pair_of_signs_but_no_sliding(floor):
+    every = State.every_mode(floor[1], free=False)
+    whole = replace(every, left=np.ones_like(every.left))
+    assert [(0, 0), *whole.pairs(FINGER)] == sorted(
+        product((-1, 0, 1), repeat=2), key=lambda pair: (pair != (0, 0), pair)
+    )

@@ -297,14 +297,14 @@ class ModeOracle:
     def _first_feasible(
         self, options: list[list[Requirement]], chosen: tuple[Requirement, ...]
     ) -> tuple[Requirement, ...] | None:
-        """Depth-first search through the open signs."""
-        if len(chosen) == len(options):
+        """Depth-first search through the signs that are still open."""
+        if not options:
             return chosen
-        for requirement in options[len(chosen)]:
+        for requirement in options[0]:
             extended = (*chosen, requirement)
             self.kinematic_programs += 1
             if self.formulation.kinematics.feasible(extended, self.rules.sign):
-                complete = self._first_feasible(options, extended)
+                complete = self._first_feasible(options[1:], extended)
                 if complete is not None:
                     return complete
         return None

@@ -115,8 +115,8 @@ class ForceBesideRay(Objective):
         forces, size = program.forces, program.forces.size
         low, high = np.full((2, size), [[-np.inf], [np.inf]])
         low[forces.coordinates.normal], high[forces.coordinates.normal] = 0.0, 1.0
-        box = forces.cone_box(1.0)
-        ray = program.columns("ray", size, low=low, high=high, box=(box[0], box[1]))
+        least, most = forces.cone_box(1.0)
+        ray = program.columns("ray", size, low=low, high=high, box=(least, most))
         program.equal("ray balance", None, np.zeros(6), {ray: forces.balance})
         program.equal("ray held", None, np.zeros(len(forces.torque)), {ray: forces.torque})
         program.cones(0.0, name="ray cones", of=ray)

@@ -48,7 +48,7 @@ def polished(program: Program, found: Found) -> Found | None:
             return None
         nearer, turned = solved
         # Multipliers of one sign only: those that would need the other have no part.
-        wrong = active & (np.sign(turned) * np.sign(weights) < 0.0)
+        wrong = active & (turned * weights < 0.0)
         wrong[:count] = False
         if not wrong.any():
             return nearer, turned[:count], turned[count:]

@@ -40,7 +40,7 @@ class _Engine:
         self._A, self._places_A = _columns(program.rows, slice(count))
         self._G, self._places_G = _columns(program.rows, slice(count, None))
         self._P = scipy.sparse.csc_matrix((_UNIT * program.P, np.arange(n), np.arange(n + 1)))
-        self._known = _arrays(program)
+        self._known = program
         self._piqp = piqp.SparseSolver()
         settings = self._settings = self._piqp.settings
         settings.kkt_solver = piqp.KKTSolver.sparse_ldlt_ineq_cond
@@ -62,31 +62,31 @@ class _Engine:
 
     def holds(self, program: Program) -> bool:
         """Return whether the matrices of the program are those that were loaded last."""
-        return self._known[4] is program.G and self._known[2] is program.A
+        return self._known.G is program.G and self._known.A is program.A
 
     def load(self, program: Program) -> None:
         """Turn to another program of the same structure, or to other bounds of the same one."""
-        P, c, A, b, G, low, high, lb, ub = self._known
+        known = self._known
         changed: dict[str, Any] = {}
-        if program.lb is not lb or program.ub is not ub:
+        if program.lb is not known.lb or program.ub is not known.ub:
             changed["x_l"], changed["x_u"] = program.lb / _UNIT, program.ub / _UNIT
-        if program.c is not c:
+        if program.c is not known.c:
             changed["c"] = program.c
-        if program.b is not b:
+        if program.b is not known.b:
             changed["b"] = program.b / _UNIT
-        if program.l is not low or program.u is not high:
+        if program.l is not known.l or program.u is not known.u:
             changed["h_l"], changed["h_u"] = program.l / _UNIT, program.u / _UNIT
-        if program.P is not P:
+        if program.P is not known.P:
             np.multiply(program.P, _UNIT, out=self._P.data)
             changed["P"] = self._P
-        if program.A is not A or program.G is not G:
+        if not self.holds(program):
             entries = program.rows.T.ravel()
             entries.take(self._places_A, out=self._A.data, mode="clip")
             entries.take(self._places_G, out=self._G.data, mode="clip")
             changed["A"], changed["G"] = self._A, self._G
         if changed:
             self._piqp.update(**changed)
-            self._known = _arrays(program)
+        self._known = program
 
     def solve(self, program: Program) -> Multipliers:
         """Solve, and stop early where the multipliers already prove that nothing is feasible.
@@ -104,13 +104,6 @@ class _Engine:
         # Bounds that meet are met to the solver's tolerance: the answer meets them exactly.
         x = np.minimum(np.maximum(_UNIT * result.x, program.lb), program.ub)
         return x, np.array(result.y), result.z_u - result.z_l
-
-
-def _arrays(program: Program) -> tuple[FloatArray, ...]:
-    return (
-        program.P, program.c, program.A, program.b, program.G, program.l, program.u,
-        program.lb, program.ub,
-    )  # fmt: skip
 
 
 def _columns(rows: FloatArray, part: slice) -> tuple[Any, NDArray[np.int_]]:
