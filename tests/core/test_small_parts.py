@@ -234,3 +234,12 @@ def test_no_point_of_a_box_has_a_worse_value_than_the_worst(regularization, make
     alone = [max(program.value(np.where(np.arange(len(row)) == i, end, 0.0)) for end in box)
              for i, row in enumerate(np.eye(len(program.c)))]  # fmt: skip
     assert program.worst <= 1.01 * sum(max(one, 0.0) for one in alone) + 1e-9
+
+
+def test_far_limits_leave_a_box_for_proofs_within_that_of_all_forces():
+    near = formulate(scene("rest"), Margin()).program
+    assert near.whole_box is None
+    far = formulate(scene("rest").with_changes(max_normal_force=1e15), Margin()).program
+    assert far.whole_box is not None
+    assert (far.whole_box[0] <= far.box[0]).all() and (far.box[1] <= far.whole_box[1]).all()
+    assert far.whole_box[1].max() > 1e3 * far.box[1].max()

@@ -132,6 +132,18 @@ def test_the_elastic_program_tells_feasible_from_infeasible(seed, feasible):
     assert answer.bound == pytest.approx(violation, abs=1e-6)
 
 
+def test_a_cone_is_violated_by_what_its_first_entry_lacks():
+    fixed = np.array([1.0, 3.0, 4.0])
+    one = Program(
+        P=np.zeros(3), c=np.zeros(3), A=np.zeros((0, 3)), b=np.zeros(0), G=np.eye(3),
+        l=np.zeros(3), u=np.zeros(3), lb=fixed, ub=fixed, box=np.array([fixed, fixed]),
+        cone_count=1,
+    )  # fmt: skip
+    answer = solve(elastic(one))
+    assert answer.outcome is Outcome.SOLVED
+    assert answer.value == pytest.approx(5.0 - 1.0, abs=1e-6)
+
+
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("seed", range(5))
 def test_infeasibility_is_proven(seed, solver):

@@ -36,9 +36,12 @@ from graspless_pin import (
 )
 from graspless_pin.algorithms import guaranteed_torques
 from graspless_pin.algorithms.guaranteed_torques import half_space
+from graspless_pin.algorithms.limits import NO_LIMITS
+from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.holding.stability import undecided_verdict
 from graspless_pin.programs.guarantee_objectives import InsideHalfSpaces
+from graspless_pin.programs.objectives import Margin
 from graspless_pin.report import read_solution, solution_document
 
 CUBOID = "examples/paper/cuboid_at_rest.yaml"
@@ -228,6 +231,27 @@ def test_torques_that_few_nodes_left_undecided_are_asked_again_in_their_order(
     assert few == 300 and again == [first]
     assert found.status is Status.STRONG
     assert found.torques == pytest.approx([first]) and best != pytest.approx(first)
+
+
+@pytest.mark.parametrize("algorithm", ["margin", "torque"])
+def test_guesses_rely_on_ever_less_of_the_supports_friction(algorithm: str) -> None:
+    problem = pressed_on_wall().with_changes(torque_limits=(0.0, 40.0))
+    best = maximize_margin(problem) if algorithm == "margin" else minimize_torque(problem, 0.1)
+    asked: dict[str, list[float]] = {"own": [], "margin": []}
+
+    def optimum(other: QuasistaticProblem, aim: Any) -> TorqueSolution:
+        kind = "own" if aim is best.objective else "margin" if isinstance(aim, Margin) else ""
+        if kind:
+            asked[kind].append(float(other.friction[0] / problem.friction[0]))
+            assert other.friction[4] == problem.friction[4]  # of the finger
+        return best
+
+    search = guaranteed_torques._Search(best, optimum, SolveOptions(), NO_LIMITS)
+    assert len(list(search.guesses())) == len(asked["own"]) + len(asked["margin"])
+    for shares in (asked["own"], asked["margin"] or [1.0, 0.0]):
+        assert all(np.diff(shares) < 0.0) and shares[-1] == 0.0
+    assert asked["own"][0] < 1.0
+    assert asked["margin"][:1] == ([] if algorithm == "margin" else [1.0])
 
 
 def test_the_time_limit_is_that_of_the_whole_call(strong: TorqueSolution) -> None:

@@ -15,6 +15,7 @@ from verified_documents import SCALES, SOLUTIONS, changed, documented, scaled, s
 import graspless_pin.report.verify
 from graspless_pin import QuasistaticProblem, maximize_margin, minimize_torque
 from graspless_pin.algorithms import mode_proof
+from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.report.verify import verify_document
 from graspless_pin.report.verify.reading import read_problem
 
@@ -175,6 +176,29 @@ def test_too_many_leaves_are_said_and_not_proven(monkeypatch):
     shown = {check.name: check.passed for check in verification.checks}
     assert shown["optimal over all modes"] is None
     assert shown["optimal within its mode"] is True
+
+
+def undecided(*_):
+    raise UndecidedMotionError("No solver decided.")
+
+
+def test_a_proof_for_which_no_solver_decides_is_missing(monkeypatch):
+    """What is known besides, the motion behind the mode too, stays in the document."""
+    solution = minimize_torque(scene("rest"), 0.1)
+    monkeypatch.setattr(mode_proof.ModeProver, "_node", undecided)
+    monkeypatch.setattr(mode_proof.ModeProver, "_leaf", lambda *_, **__: None)
+    document = documented(solution)
+    assert document["proof"]["missing"] == "No solver decided."
+    verification = verify_document(document)
+    assert verification.passed and not verification.proven
+
+
+def test_a_motion_for_which_no_solver_decides_is_not_in_the_document(monkeypatch):
+    solution = minimize_torque(scene("rest"), 0.1)
+    monkeypatch.setattr("graspless_pin.algorithms.solution_proof.motion_of", undecided)
+    document = documented(solution)
+    assert document["proof"]["missing"] == "No solver decided."
+    assert document["proof"]["motion"] is None
 
 
 @pytest.mark.parametrize("lever", [1e-14, 1e-17])

@@ -12,6 +12,7 @@ import numpy as np
 from graspless_pin.algorithms.formulation import Formulation
 from graspless_pin.algorithms.mode_oracle import NO_FRICTION
 from graspless_pin.algorithms.mode_parts import ModePart, SignItem
+from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.modes.rules import Rules, SignRule
 from graspless_pin.modes.verdicts import Conflict, Requirement
 from graspless_pin.problem.checks import FloatArray
@@ -67,7 +68,10 @@ class ModeProver:
         waiting, leaves = [root], 0
         while waiting:
             part = waiting.pop()
-            node, children = self._node(part)
+            try:
+                node, children = self._node(part)
+            except UndecidedMotionError as error:
+                return ModeProof((), str(error))
             if isinstance(node, str):
                 return ModeProof((), node)
             nodes.append(node)
