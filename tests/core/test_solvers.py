@@ -1,6 +1,7 @@
 """Programs prove what they claim, solvers are checked, and the regularised QP is what it says."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -21,7 +22,14 @@ from graspless_pin import (
 from graspless_pin.errors import SolverUnavailableError
 from graspless_pin.programs.elastic import elastic
 from graspless_pin.programs.program import Program
-from graspless_pin.solvers import Outcome, available_solvers, check_solver, solve, solving
+from graspless_pin.solvers import (
+    Outcome,
+    available_solvers,
+    check_solver,
+    piqp_engines,
+    solve,
+    solving,
+)
 from graspless_pin.solvers.other_backends import by_qpsolvers
 from graspless_pin.solvers.simplex import Simplex, SimplexOutcome
 
@@ -155,6 +163,21 @@ def test_infeasibility_is_proven(seed, solver):
     violation = by_linprog(elastic(program))
     assert violation is not None
     assert 0.0 < answer.proof <= violation + 1e-6
+
+
+@pytest.mark.parametrize("name", ["P", "c", "A", "b", "G", "l", "u", "lb", "ub"])
+def test_a_kept_engine_is_told_of_each_array_that_is_another(name):
+    first = random_program(3, quadratic=True)
+    engine = piqp_engines._Engine(first)
+    engine.solve(first)
+    second = replace(first, **{name: 0.9 * getattr(first, name)})
+    for program in (second, first):
+        assert engine.holds(program) == (name not in "AG")
+        engine.load(program)
+        assert engine.holds(program)
+        kept, new = engine.solve(program), piqp_engines._Engine(program).solve(program)
+        for one, other in zip(kept, new, strict=True):
+            np.testing.assert_allclose(one, other, atol=1e-7)
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
