@@ -4,9 +4,10 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from study_tools import HEIGHT, PAPER, Here, data, study
+from study_tools import HEIGHT, PAPER, SLOPE, Here, data, study
 
 from graspless_pin import compiled, load_scene
+from graspless_pin.errors import SceneError
 from graspless_pin.scene import loads
 from graspless_pin.scene.loads import jointed_contacts
 from graspless_pin.scene.scene import Scene
@@ -144,6 +145,50 @@ def test_what_a_sample_takes_from_the_one_before_is_what_it_would_make(method):
         taken += before is not None and stated.kind.state is before.kind.state
         before = stated
     assert taken if method == "grid" else taken < len(samples)
+
+
+def test_values_that_were_seen_make_the_scene_that_is_built():
+    """On a grid, whatever order: a scene has the fields of one that is built by itself."""
+    vary = {
+        "friction": {"values": {"even": 0.3, "slope": {"default": 0.3, "slope": 0.5}}},
+        "cone_edges": {"values": [8, 16]},
+        "solve.algorithm": {"values": ["margin", "torque"]},
+        "max_normal_force": {"values": [10.0, 20.0]},
+        "tangent_axes.0.0": {"values": [1.0, 0.5]},
+        "object.mass": {"values": [1.0, 2.0]},
+        "slope": {"values": [45.0, 40.0], "unit": "deg", "turn": SLOPE["turn"]},
+    }
+    made, parts, known = study(vary), SampleParts(), 0
+    rng = np.random.default_rng(2)
+    for number in [*range(24), *rng.permutation(len(made.samples))[:40].tolist()]:
+        sample = made.samples[int(number)]
+        built = parts.last
+        scene, fresh = made.scene_at(sample, parts), made.scene_at(sample)
+        known += parts.last is built
+        assert scene.friction == fresh.friction and scene.solve_options == fresh.solve_options
+        ours, theirs = scene.problem(), fresh.problem()
+        for name in ("positions", "tangents", "friction", "external_wrench", "max_normal_force"):
+            np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name), strict=True)
+        assert ours.cone_edges == theirs.cone_edges
+        assert scene.asked() == fresh.asked()
+    assert known
+
+
+def test_what_is_refused_is_so_for_values_that_were_seen():
+    """A scene that is too heavy for its contacts, after one that is not."""
+    vary = {
+        "friction.default": {"values": [0.2, 0.3]},
+        "max_normal_force": {"values": [1e-9, 20.0]},
+        "gravity.2": {"values": [-1e4]},
+    }
+    made, parts = study(vary), SampleParts()
+    for _ in range(2):
+        for sample in made.samples:
+            if sample[1] < 1.0:
+                with pytest.raises(SceneError, match="the object weighs"):
+                    made.scene_at(sample, parts)
+            else:
+                assert made.scene_at(sample, parts).friction == {"default": sample[0]}
 
 
 @pytest.mark.parametrize("file", sorted(PAPER.parent.rglob("*.yaml")), ids=lambda file: file.stem)

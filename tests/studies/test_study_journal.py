@@ -7,6 +7,7 @@ import subprocess
 import sys
 import zlib
 
+import numpy as np
 import pandas as pd
 import pytest
 from study_tools import FRICTION, Here, study
@@ -28,7 +29,8 @@ def journal(tmp_path):
     """A journal with three rows."""
     file = tmp_path / "out.csv.journal"
     written = Journal(file, IDENTITY)
-    written.append(ROWS)
+    for row in ROWS:
+        written.append([row])
     written.close()
     return file
 
@@ -46,10 +48,42 @@ def test_rows_are_read_back(journal):
     assert rows_of(journal) == {row["sample"]: row for row in ROWS}
 
 
-@pytest.mark.parametrize("sample", [-1, 10**7, 10**15])
+@pytest.mark.parametrize("columns", [{}, {"sample": []}, {"sample": 4}, {"sample": [4], "a": []}])
+def test_a_line_that_holds_no_rows_is_refused(journal, columns):
+    text = json.dumps(columns).encode()
+    journal.write_bytes(journal.read_bytes() + b"%08x %s\n" % (zlib.crc32(text), text))
+    with pytest.raises(StudyError, match=r"out\.csv\.journal:5: is damaged"):
+        rows_of(journal)
+
+
+def test_rows_that_come_together_share_lines(tmp_path):
+    """One line for those with the same columns, of at most 64; a later row replaces an earlier."""
+    file = tmp_path / "out.csv.journal"
+    rng = np.random.default_rng(4)
+    rows = [
+        {"sample": n, "margin_N": float(rng.normal()), **({"reason": "none"} if n % 3 else {})}
+        for n in rng.permutation(300).tolist()
+    ]
+    written = Journal(file, IDENTITY)
+    written.append(rows)
+    written.append([{"sample": 7, "margin_N": 2.0}])
+    assert file.read_bytes().count(b"\n") == 1 + 2 + 4 + 1
+    expected = {row["sample"]: row for row in rows} | {7: {"sample": 7, "margin_N": 2.0}}
+    for journal in (written, None):
+        journal = journal or Journal(file, IDENTITY)
+        assert journal.count == 300
+        order = rng.permutation(300).tolist()
+        assert [*journal.rows(order)] == [expected[n] for n in order]
+        cells = [(row.get("reason"), row["margin_N"]) for row in (expected[n] for n in order)]
+        assert [*journal.cells(order, ["reason", "margin_N"])] == cells
+        assert {*journal.columns} == {"sample", "margin_N", "reason"}
+        journal.close()
+
+
+@pytest.mark.parametrize("sample", [-1, 10**7, 10**15, 4.0])
 def test_a_line_of_a_sample_that_no_study_has_is_refused(journal, sample):
     """It would have memory for all samples before it; its checksum fits."""
-    text = json.dumps(ROWS[0] | {"sample": sample}).encode()
+    text = json.dumps({"sample": [4, sample], "status": ["optimal", "optimal"]}).encode()
     journal.write_bytes(journal.read_bytes() + b"%08x %s\n" % (zlib.crc32(text), text))
     with pytest.raises(StudyError, match=r"out\.csv\.journal:5: is damaged"):
         rows_of(journal)

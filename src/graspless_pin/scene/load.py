@@ -172,6 +172,10 @@ _PLAIN: Mapping[str, tuple[str, Callable[[YamlSource, Any, tuple[str, ...]], Any
 """Of keys that no body depends on: the field of a scene, and what makes it of the file, what the
 key holds, and the names of supports and links."""
 _plain = attrgetter(*_PLAIN)
+_BESIDE_OTHERS = ("gravity", "max_normal_force", "tangent_axes")
+"""Those that are checked beside the object's mass, or turn with bodies."""
+FIELDS_BY_KEY = {key: field for key, (field, _) in _PLAIN.items() if key not in _BESIDE_OTHERS}
+"""Keys of which one field of a scene is made that nothing else in the file counts for."""
 
 
 def _built(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> _Built:

@@ -1,10 +1,11 @@
 """Rows on disk as they come, so that a study that is killed goes on where it stopped.
 
 The journal stands beside the output: the checksum of one JSON object and the object on each line,
-the study first, then the rows in the order in which they came. A last line without its end is what
-a killed run leaves, and is dropped. Any other line that does not fit its checksum is damage: the
-journal is refused. (SQLite would need checksums of its own, too: it has none for what it stores.)
-Rows stay on the disk: of each, the process keeps where its line begins.
+the study first, then the rows in the order in which they came, those that came together and have
+the same columns on one line: a list for each column. A last line without its end is what a killed
+run leaves, and is dropped. Any other line that does not fit its checksum is damage: the journal is
+refused. (SQLite would need checksums of its own, too: it has none for what it stores.) Rows stay on
+the disk: of each, the process keeps where its line begins.
 """
 
 from __future__ import annotations
@@ -14,10 +15,10 @@ import os
 import time
 import zlib
 from array import array
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, TypeVar
 
 import portalocker
 
@@ -27,11 +28,18 @@ from graspless_pin.studies.rows import Row
 
 _SYNC_EVERY = 2.0
 """Seconds between two times that the disk is waited for: a power failure costs no more."""
-JOURNAL_FORMAT = 2
+JOURNAL_FORMAT = 3
 _WITHOUT_CHECKSUMS = 1
+_ROWS_OF_A_LINE = 64
+_LINES_KEPT = 64
+"""Lines that are kept while rows are read: what is read of a line in turn is parsed once."""
 _CHECKSUM_DIGITS = 8
 _NOWHERE = -1
 """Where the line of a sample begins that has none."""
+
+_Told = TypeVar("_Told")
+_Columns = dict[str, list[Any]]
+"""Rows that have the same columns: each column's cells."""
 
 
 class Journal:
@@ -128,28 +136,29 @@ class Journal:
         for number, line in enumerate(self._file, start=2):
             if not line.endswith(b"\n"):
                 break  # what a killed run leaves
-            self._note(*self._row(number, line[:-1]), len(line))
+            self._note(self._read_line(number, line[:-1]), len(line))
 
-    def _note(self, sample: int, row: Row, length: int) -> None:
-        """Keep where the line of a row begins, which is the last one."""
-        places = self._places
-        if sample >= len(places):
-            places.extend([_NOWHERE] * (sample + 1 - len(places)))
-        self.count += places[sample] == _NOWHERE
-        places[sample] = self._end
+    def _note(self, columns: _Columns, length: int) -> None:
+        """Keep where the line of rows begins, which is the last one."""
+        places, samples = self._places, columns["sample"]
+        first, last = min(samples), max(samples)
+        if last >= len(places):
+            places.extend([_NOWHERE] * (last + 1 - len(places)))
+        for sample in samples:
+            self.count += places[sample] == _NOWHERE
+            places[sample] = self._end
         self._end += length
-        kind = tuple(row)
-        self._kinds[kind] = min(self._kinds.get(kind, sample), sample)
+        kind = tuple(columns)
+        self._kinds[kind] = min(self._kinds.get(kind, first), first)
 
-    def _row(self, number: int, line: bytes) -> tuple[int, Row]:
-        """Return the number of a sample and its row."""
+    def _read_line(self, number: int, line: bytes) -> _Columns:
+        """Return the rows of a line."""
         try:
-            row = _unpacked(line)
-            return _sample_of(row), row
+            return _checked(_unpacked(line))
         except (ValueError, KeyError, TypeError):
             raise StudyError(
-                f"{self.path}:{number}: is damaged: it does not fit its checksum, or no sample; "
-                "delete this line to have its sample computed again, or begin anew (--fresh)"
+                f"{self.path}:{number}: is damaged: it does not fit its checksum, or no samples; "
+                "delete this line to have its samples computed again, or begin anew (--fresh)"
             ) from None
 
     def __contains__(self, sample: int) -> bool:
@@ -168,19 +177,59 @@ class Journal:
         Raises:
             StudyError: If the file has changed since it was opened.
         """
+
+        def told(columns: _Columns) -> Iterator[Row]:
+            return (
+                dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)
+            )
+
+        return self._told(samples, told)
+
+    def cells(self, samples: Iterable[int], names: Sequence[str]) -> Iterator[tuple[Any, ...]]:
+        """Read the cells of some columns of samples that have a row; None where it has no cell.
+
+        Raises:
+            StudyError: If the file has changed since it was opened.
+        """
+
+        def told(columns: _Columns) -> Iterator[tuple[Any, ...]]:
+            none = [None] * len(columns["sample"])
+            return zip(*[columns.get(name, none) for name in names], strict=True)
+
+        return self._told(samples, told)
+
+    def _told(
+        self, samples: Iterable[int], tell: Callable[[_Columns], Iterable[_Told]]
+    ) -> Iterator[_Told]:
+        """Yield what is told of the row of each sample, a line at a time."""
+        lines: dict[int, dict[int, _Told]] = {}
         for sample in samples:
-            self._file.seek(self._places[sample])
-            try:
-                yield _unpacked(self._file.readline()[:-1])
-            except ValueError:
-                raise StudyError(f"{self.path}: was changed while it was in use") from None
+            place = self._places[sample]
+            line = lines.get(place)
+            if line is None:
+                self._file.seek(place)
+                try:
+                    columns = _unpacked(self._file.readline()[:-1])
+                except ValueError:
+                    raise StudyError(f"{self.path}: was changed while it was in use") from None
+                if len(lines) == _LINES_KEPT:
+                    lines.pop(next(iter(lines)))
+                line = lines[place] = dict(zip(columns["sample"], tell(columns), strict=True))
+            yield line[sample]
 
     def append(self, rows: Iterable[Row]) -> None:
         """Write rows."""
-        lines = []
+        kinds: dict[tuple[str, ...], list[Row]] = {}
         for row in rows:
-            lines.append(_packed(row))
-            self._note(int(row["sample"]), row, len(lines[-1]))
+            kinds.setdefault(tuple(row), []).append(row)
+        lines = []
+        for kind, alike in kinds.items():
+            for begin in range(0, len(alike), _ROWS_OF_A_LINE):
+                some = [row.values() for row in alike[begin : begin + _ROWS_OF_A_LINE]]
+                cells = map(list, zip(*some, strict=True))
+                columns = dict(zip(kind, cells, strict=True))
+                lines.append(_packed(columns))
+                self._note(columns, len(lines[-1]))
         self._write(lines)
         if time.monotonic() - self._synced > _SYNC_EVERY:
             self.sync()
@@ -235,16 +284,18 @@ def _unpacked(line: bytes) -> dict[str, Any]:
     return json.loads(text)
 
 
-def _sample_of(row: Row) -> int:
-    """Return the number of a row's sample: memory is taken for all samples before it.
+def _checked(columns: _Columns) -> _Columns:
+    """Return the rows of a line. Memory is taken for all samples before theirs.
 
     Raises:
-        ValueError: If no study has as many.
+        ValueError: If no study has as many, or cells are missing.
     """
-    sample = int(row["sample"])
-    if not 0 <= sample < MOST_SAMPLES:
-        raise ValueError("no study has as many samples")
-    return sample
+    samples = columns["sample"]
+    if not (samples and all(type(one) is int and 0 <= one < MOST_SAMPLES for one in samples)):
+        raise ValueError("no study has such samples")
+    if any(len(cells) != len(samples) for cells in columns.values()):
+        raise ValueError("cells are missing")
+    return columns
 
 
 def _identity(line: bytes) -> dict[str, Any] | None:

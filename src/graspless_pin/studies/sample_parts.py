@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
+from graspless_pin.scene.load import FIELDS_BY_KEY
 from graspless_pin.scene.messages import is_alike
+from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.stages import SceneParts
 from graspless_pin.studies.keys import MOVABLE, Tree, copied, movable_part, with_part
 from graspless_pin.studies.variables import Variable
 
 Sample = tuple[Any, ...]
 """The value of every variable."""
+_MOST_FIELDS = 4096
 
 
 @dataclass(eq=False)
@@ -23,8 +26,56 @@ class SampleParts(SceneParts):
     how the stages of the next scene are known to be the same.
     """
 
+    _last: tuple[Sample, Scene] | None = None
+    _fields: dict[tuple[int, str], tuple[str, Any]] = field(default_factory=dict)
+    _names: tuple[str, ...] = ()
     _placed: tuple[Sample, Tree] | None = None
     _moved: tuple[Tree, Sample, Tree, Tree] | None = None
+
+    def known(self, sample: Sample) -> Scene | None:
+        """Return the scene of a sample whose values that differ from the last one's were seen.
+
+        Args:
+            sample: The values of all variables.
+
+        Returns:
+            The scene; None if it has to be built, and learned.
+        """
+        if self._last is None:
+            return None
+        fields, (before, scene) = {}, self._last
+        for place, (value, last) in enumerate(zip(sample, before, strict=True)):
+            if not is_alike(value, last):
+                found = self._fields.get((place, repr(value)))
+                if found is None:
+                    return None
+                fields[found[0]] = found[1]
+        scene = scene._changed(fields)
+        self._last = sample, scene
+        return scene
+
+    def learn(self, variables: Sequence[Variable], sample: Sample, scene: Scene) -> None:
+        """Keep what the values of a sample have made of fields that depend on nothing else.
+
+        Args:
+            variables: What varies.
+            sample: Its values.
+            scene: Its scene, built last.
+        """
+        assert self.last is not None  # noqa: S101 - it was built last
+        said = scene.load_findings or (scene.hand is not None and scene.hand.findings)
+        refuses = self.last.entry.warnings == "error"
+        # What is found is told of each scene, and what is refused has to be looked for in each.
+        self._last = None if said or refuses else (sample, scene)
+        names = self.last.built.names
+        if names != self._names or len(self._fields) > _MOST_FIELDS:
+            self._fields, self._names = {}, names
+        keys = [{location[0] for location, *_ in one.targets} for one in variables]
+        for place, own in enumerate(keys):
+            (key, *others), taken = own or {""}, [*keys[:place], *keys[place + 1 :]]
+            name = FIELDS_BY_KEY.get(str(key))
+            if name is not None and not others and not any(key in one for one in taken):
+                self._fields[place, repr(sample[place])] = name, vars(scene)[name]
 
     def placed(self, base: Tree, variables: Sequence[Variable], sample: Sample) -> Tree:
         """Return the scene file's content with the keys of one sample set, nothing moved yet.

@@ -117,9 +117,13 @@ class Study:
             SceneError: If the scene cannot be used with these values.
         """
         parts = parts or SampleParts()
-        file = self.scene
-        content = YamlSource(file.path, self.tree_at(sample, parts), file.kind, file.lines)
-        return build_scene(content, parts)
+        scene = parts.known(sample)
+        if scene is None:
+            file = self.scene
+            content = YamlSource(file.path, self.tree_at(sample, parts), file.kind, file.lines)
+            scene = build_scene(content, parts)
+            parts.learn(self.variables, sample, scene)
+        return scene
 
 
 def load_study(path: str | Path) -> Study:

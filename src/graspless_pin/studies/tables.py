@@ -115,10 +115,7 @@ def _made_parts(study: Study, journal: Journal) -> Iterator[pd.DataFrame]:
     names = [*_FIRST, *largest, *torques, *last]
     for begin in range(0, len(study.samples), PART_ROWS):
         numbers = range(len(study.samples))[begin : begin + PART_ROWS]
-        results: list[list[Any]] = [[] for _ in names]
-        for row in journal.rows(numbers):
-            for name, column in zip(names, results, strict=True):
-                column.append(row.get(name))
+        results = map(list, zip(*journal.cells(numbers, names), strict=True))
         yield _part(study, numbers, dict(zip(names, results, strict=True)))
 
 
