@@ -79,8 +79,9 @@ def weight_torques(hand: Hand | None, hybrid_count: int, gravity: FloatArray | N
         gravity: (3,) m/s^2, world axes; None: the links weigh nothing.
     """
     count = 0 if hand is None else len(hand.actuated_joint_names)
-    own = np.zeros(count)
-    if hand is not None and gravity is not None and count:
+    if hand is None or gravity is None or not count:
+        own = np.zeros(count)
+    else:
         own = hand.gravity_torques(gravity)
     return np.concatenate([own, np.zeros(hybrid_count)]) if hybrid_count else own
 

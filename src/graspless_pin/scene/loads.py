@@ -21,7 +21,7 @@ from graspless_pin.scene.joints import (
     weight_torques,
 )
 from graspless_pin.scene.motion_and_contacts import SceneContacts
-from graspless_pin.scene.touching import label_of
+from graspless_pin.scene.touching import contacts_after_motion, label_of, touching_of
 
 if TYPE_CHECKING:
     from graspless_pin.scene.scene import Scene
@@ -74,11 +74,11 @@ def jointed_contacts(scene: Scene) -> JointedContacts:
     Raises:
         SceneError: See `Scene.contacts`; or if a hybrid finger touches at several points.
     """
-    hand, center = scene.hand, scene.object.center_of_mass_world
+    hand, center, all_contacts = scene.hand, scene.object.center_of_mass_world, touching_of(scene)
     of_hand = () if hand is None else (hand.positions, hand.tree, hand.actuation, hand.control)
 
     def made() -> JointedContacts:
-        contacts = scene.contacts
+        contacts = contacts_after_motion(scene, all_contacts)
         touching = contacts.arrays
         tangents = projected_tangents(touching.normals, scene.tangent_axes)
         try:
@@ -87,7 +87,7 @@ def jointed_contacts(scene: Scene) -> JointedContacts:
             raise error.at(label_of(scene)) from error
         return JointedContacts(contacts, touching.positions - center, tangents, joints)
 
-    sources = scene._touching, center.tobytes(), scene.tangent_axes, scene.motion, scene.supports
+    sources = all_contacts, center.tobytes(), scene.tangent_axes, scene.motion, scene.supports
     return scene._kept.of("jointed contacts", (*sources, *of_hand), made)
 
 

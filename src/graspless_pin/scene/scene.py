@@ -15,22 +15,10 @@ from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.torque import objective_and_options
 from graspless_pin.derived import Latest
-from graspless_pin.errors import (
-    ArgumentError,
-    SceneError,
-    SolverUnavailableError,
-    StateError,
-    StateFault,
-)
+from graspless_pin.errors import ArgumentError, SceneError, SolverUnavailableError
 from graspless_pin.findings import Finding
 from graspless_pin.geometry.bodies.materials import Materials
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
-from graspless_pin.geometry.contact.contact_points import ContactArrays
-from graspless_pin.geometry.contact.motion import (
-    checked_twist,
-    classified,
-    contacts_that_stay,
-)
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.pickling import PickledByFields
 from graspless_pin.holding.verdict import StabilityVerdict
@@ -42,16 +30,11 @@ from graspless_pin.programs.objectives import Algorithm, Objective
 from graspless_pin.scene.changes import checked_changes
 from graspless_pin.scene.joints import inertia_of_columns
 from graspless_pin.scene.loads import jointed_contacts, loads_of
-from graspless_pin.scene.motion_and_contacts import (
-    GivenContact,
-    Motion,
-    SceneContacts,
-    body_velocities,
-)
-from graspless_pin.scene.scene_findings import findings_of, nothing_touches
+from graspless_pin.scene.motion_and_contacts import GivenContact, Motion, SceneContacts
+from graspless_pin.scene.scene_findings import findings_of
 from graspless_pin.scene.scene_screen import scene_line, scene_screen
 from graspless_pin.scene.scene_stability import unknown_of, verdict_of
-from graspless_pin.scene.touching import label_of, touching_of
+from graspless_pin.scene.touching import contacts_after_motion, label_of, touching_of
 from graspless_pin.solution import TorqueSolution
 
 
@@ -122,7 +105,7 @@ class Scene(PickledByFields):
         """Return the same scene with fields that need no check."""
         changed = object.__new__(type(self))
         changed.__dict__.update(self.__dict__, _kept=self._kept)
-        for name in ("contacts", "findings", "_touching"):
+        for name in ("contacts", "findings"):
             changed.__dict__.pop(name, None)
         changed.__dict__.update(fields)
         return changed
@@ -149,33 +132,7 @@ class Scene(PickledByFields):
                 motion drives the object into something or away from everything.
             SceneError: If a shape cannot be used.
         """
-        touching = self._touching
-        if not len(touching):
-            raise StateError(StateFault.NO_CONTACT, f"{label_of(self)}: {nothing_touches(self)}")
-        motion = self.motion
-        if motion is None:
-            if not self._supports_moving():
-                return SceneContacts(touching, np.zeros((len(touching), 3)))
-            motion = Motion(np.zeros(6))
-        center = self.object.center_of_mass_world
-        try:
-            twist = checked_twist("object_twist", motion.object_twist)
-            moving_supports = self.supports if self._supports_moving() else ()
-            bodies = self.object, self.hand, moving_supports
-            others = body_velocities(touching, *bodies, motion, twist)
-            moving = classified(touching, twist, center, others)
-            kept = contacts_that_stay(touching, moving, self.object.name)
-        except SceneError as error:
-            raise error.at(f"{label_of(self)}: motion") from error
-        if len(kept) == len(touching):
-            return SceneContacts(touching, moving.sliding)
-        if not kept:
-            raise StateError(
-                StateFault.PARTED,
-                f"{label_of(self)}: the declared motion parts object {self.object.name!r} from "
-                "everything that touches it; no contact is left",
-            )
-        return SceneContacts(touching.chosen(kept), moving.sliding[kept])
+        return contacts_after_motion(self, touching_of(self))
 
     def problem(self) -> QuasistaticProblem:
         """Return the problem: contacts, contact Jacobian, weight and limits as arrays.
@@ -277,14 +234,6 @@ class Scene(PickledByFields):
         return save_scene(self, path, overwrite=overwrite)
 
     @cached_property
-    def _touching(self) -> ContactArrays:
-        return touching_of(self, self._kept)
-
-    @cached_property
     def _kept(self) -> Latest:
         """What this scene and those changed from it, or made of the same parts, found last."""
         return Latest()
-
-    def _supports_moving(self) -> bool:
-        supports = self.supports
-        return self._kept.of("moving", (supports,), lambda: any(s.velocity.any() for s in supports))

@@ -143,7 +143,7 @@ class ContactArrays(Sequence[ContactPoint]):
         return self.of_own(
             self.bodies + others.bodies,
             self.kinds + others.kinds,
-            np.concatenate([self.positions, others.positions]),
-            np.concatenate([self.normals, others.normals]),
+            np.concatenate((self.positions, others.positions)),
+            np.concatenate((self.normals, others.normals)),
             self.distances + others.distances,
         )
