@@ -12,6 +12,7 @@ from graspless_pin import Margin, QuasistaticProblem, SolveOptions, Torque, Torq
 from graspless_pin.algorithms.carried import are_for
 from graspless_pin.algorithms.loaded import LoadedOptima
 from graspless_pin.algorithms.solve import solve_problem
+from graspless_pin.algorithms.warm_start import solve_from
 
 pytestmark = pytest.mark.skipif(compiled.loaded_states is None, reason="nothing was compiled")
 
@@ -112,6 +113,22 @@ def test_what_is_found_depends_on_the_states_before_it_alone(objective):
         np.testing.assert_array_equal(other.found, expected.found)
         np.testing.assert_array_equal(other.figures, expected.figures)
         np.testing.assert_array_equal(other.torques, expected.torques)
+
+
+def test_what_a_search_has_learned_begins_a_state_where_no_loop_does():
+    problem = scene("rest")
+    figures, torques = np.empty((1, 6)), np.empty((1, problem.joint_count))
+    optima = LoadedOptima(problem, Margin(), SolveOptions())
+    optima._may_begin = False
+    own = np.concatenate([
+        problem.friction, problem.external_wrench, problem.lower_torque, problem.upper_torque,
+        problem.gravity_torques, problem.max_normal_force,
+    ])[None]  # fmt: skip
+    assert optima.carry_on(problem, own, 0, figures, torques) == 0
+    solution, start = solve_from(problem, Margin(), SolveOptions())
+    optima.learn(problem, start)
+    assert optima.carry_on(problem, own, 0, figures, torques) == 1
+    assert torques[0] == pytest.approx(solution.torques, abs=1e-7)
 
 
 @pytest.mark.parametrize("wrong", ["rows", "columns", "figures", "torques", "begin"])

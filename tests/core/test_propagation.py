@@ -103,6 +103,22 @@ def test_a_contact_that_touches_and_cannot_slide_is_not_selected(stops):
     assert all(agree(propagated, mode) for mode in modes)
 
 
+@pytest.mark.parametrize("sign", ["strict", "nonzero", "exact"])
+def test_the_last_of_four_feet_is_selected_where_all_signs_are_strict(sign):
+    """It touches where three do; by the other rules it may do so without any friction."""
+    whole = turning_about_a_corner()
+    feet = QuasistaticProblem(
+        whole.positions[:4], whole.normals[:4], whole.external_wrench,
+        friction=0.5, tangents=whole.tangents[:4],
+    )  # fmt: skip
+    propagation = Propagation(feet, VirtualKinematics(feet), Rules.parse(sign))
+    three = np.array([True, True, True, False])
+    decided = Decisions(three, ~np.ones(4, dtype=bool), np.zeros((4, 2), dtype=np.int8))
+    propagated = propagation.propagate(decided, probe=False)
+    assert propagated is not None
+    assert propagated.selected[3] == (sign == "strict")
+
+
 PAIRS = [(a, b) for a in (-1, 1) for b in (-1, 1)]
 
 

@@ -444,4 +444,6 @@ def test_rows_that_highs_does_not_take_are_no_program(monkeypatch):
     monkeypatch.setattr("graspless_pin.solvers.simplex.dense_simplex", None)
     simplex = Simplex(np.ones(1), np.zeros(1), np.full(1, np.inf))
     simplex.add_rows(np.full((1, 1), 1e16), np.ones(1), np.full(1, np.inf))
+    assert simplex.solves == 0
     assert simplex.solve().outcome is SimplexOutcome.FAILED
+    assert simplex.solves == 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -86,6 +87,23 @@ def test_all_joints_behind_a_contact_are_held_where_they_are_several(
     each = [f"joint joint_{k + 1} under position control" for k in range(columns)]
     several = ["all joints behind contact 4 under position control"] * (columns > 1)
     assert held == [*each, *several]
+
+
+@pytest.mark.parametrize("least", [0.05, 0.3, 0.5, 0.9])
+def test_the_smallest_change_is_found_by_halving_from_none_at_all(
+    least: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tried = list[float]()
+
+    def holds(size: float, words: str, nodes: int) -> list[str]:
+        tried.append(size)
+        return [words] if size >= least else []
+
+    monkeypatch.setattr(changes_that_hold, "_tried", lambda *of: iter(holds(*of)))
+    sizes: Any = (0.5, 1.0)
+    (found,) = changes_that_hold._smallest(lambda size: size, sizes, str, 1)  # type: ignore[arg-type]
+    assert least <= float(str(found)) <= least + 0.02
+    assert min(tried) > 0.0
 
 
 def test_what_slides_is_refused() -> None:

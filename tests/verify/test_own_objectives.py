@@ -12,7 +12,7 @@ from verified_documents import SCALES, changed, documented, scaled
 from graspless_pin import Objective, ProgramBuilder, maximize_margin, minimize_torque, optimize
 from graspless_pin.errors import ArgumentError
 from graspless_pin.report.reading import read_solution
-from graspless_pin.report.verify import verify_document
+from graspless_pin.report.verify import own_objective, verify_document
 from graspless_pin.report.verify.bounds import column_box, largest_objective, proven_bound
 from graspless_pin.report.verify.multipliers import stated_multipliers
 from graspless_pin.report.verify.reading import read_forces, read_problem
@@ -219,6 +219,17 @@ def test_boxes_that_rows_imply_are_worked_out(own):
         infeasible = copy.deepcopy(own("infeasible modes"))
         infeasible["objective"]["columns"][0][key] = [[1.0], [-1.0]]
         assert verify_document(infeasible).proven
+
+
+def test_rows_have_a_bounded_number_of_coefficients_of_forces(own, monkeypatch):
+    document = own("helped")
+    sizes = [int(np.prod(block["shape"])) for block in document["objective"]["rows"]]
+    most = 3 * len(document["contacts"]) * max(sizes)
+    monkeypatch.setattr(own_objective, "_MOST_COEFFICIENTS", most)
+    assert verify_document(document).proven
+    monkeypatch.setattr(own_objective, "_MOST_COEFFICIENTS", most - 1)
+    with pytest.raises(ValueError, match="too many rows"):
+        verify_document(document)
 
 
 @pytest.mark.parametrize("name", SOLUTIONS)
