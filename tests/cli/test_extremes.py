@@ -5,6 +5,9 @@ import time
 import pytest
 from cli_tools import LINES, assert_refused, run, solve_text, spoilt
 
+from graspless_pin.cli.outcome import echo_findings, echo_note, plain_errors
+from graspless_pin.findings import Finding, FindingCode
+
 FRICTION = "friction: 0.3"
 ONE_HAND = LINES[LINES.index("  robot") : LINES.index("object:")]
 MOUNTS = "".join(f"    - {{robot: lever_100mm, prefix: p{i}_}}\n" for i in range(300))
@@ -151,3 +154,18 @@ def test_other_outputs_that_no_file_can_have(tmp_path, command):
     option = "--json" if command == "solve" else "-o"
     result = run(command, scene, option, tmp_path / (300 * "x"))
     assert_refused(result, "cannot be written (File name too long)")
+
+
+def test_many_findings_and_a_note_are_cut_to_two_kilobytes(capsys):
+    findings = [
+        Finding(FindingCode.STEEP_FRICTION, str(i), f"{i}: " + 90 * "x", "do this")
+        for i in range(60)
+    ]
+    with plain_errors():
+        echo_findings(findings)
+        echo_note(1000 * "y")
+    said = capsys.readouterr().err
+    assert len(said.encode()) < 2000
+    assert said.count("steep-friction") >= 12
+    assert "findings more" in said
+    assert said.splitlines()[-1].startswith("note: y")

@@ -8,6 +8,7 @@ import pytest
 import trimesh
 
 from graspless_pin.errors import ArgumentError, GrasplessPinWarning, MeshError
+from graspless_pin.geometry.bodies.meshes import scaled_mesh
 from graspless_pin.geometry.bodies.shapes import (
     Box,
     Capsule,
@@ -111,6 +112,14 @@ def test_a_mesh_of_unlikely_size_gets_a_warning_with_its_scale(
     trimesh.creation.box(extents=[edge] * 3).export(path)
     with pytest.warns(GrasplessPinWarning, match=rf"cube.stl' with scale {scale} is .* m large"):
         coal_geometry(MeshShape(path, scale))
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1e-7, 1e-4, 1.0, 1e9, 1e10, 1e12])
+def test_corners_of_a_mesh_of_any_size_stay_apart(tmp_path: Path, scale: float) -> None:
+    trimesh.creation.box(extents=[0.3, 0.2, 0.1]).export(tmp_path / "brick.stl")
+    mesh = scaled_mesh(tmp_path / "brick.stl", scale)
+    assert len(mesh.vertices) == 8
+    assert np.allclose(np.ptp(mesh.vertices, axis=0), scale * np.array([0.3, 0.2, 0.1]))
 
 
 @pytest.mark.parametrize("sections", [250, 300])

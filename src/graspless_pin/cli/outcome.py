@@ -39,6 +39,7 @@ class ExitCode(IntEnum):
 
 _MOST_LINES = 8
 _ERROR_BYTES = 950
+_NOTE_BYTES = 200
 _WIDEST = 100  # columns; longer lines are hard to read
 _LEFT_OUT = " [...] "
 
@@ -81,7 +82,7 @@ class _Said:
     """What a command has said on standard error, and how many bytes more it may."""
 
     findings: set[Finding] = field(default_factory=set)
-    room: int = 1950
+    room: int = 1700  # a note may come after findings
 
 
 def three_numbers(option: str, text: str) -> list[float]:
@@ -107,6 +108,11 @@ def echo_error(message: str) -> None:
     text = f"error: {shortened(message, _ERROR_BYTES)}"
     _SAID.get().room -= len(text.encode())
     typer.echo(text, err=True)
+
+
+def echo_note(message: str) -> None:
+    """Print a note on standard error, cut to a few lines."""
+    typer.echo(f"note: {shortened(message, _NOTE_BYTES)}", err=True)
 
 
 def shortened(message: str, most: int) -> str:
@@ -140,7 +146,7 @@ def echo_findings(findings: Iterable[Finding]) -> None:
         text = f"{shortened(str(one), _ERROR_BYTES)} [{one.code}]"
         said.room -= len(text.encode()) + len("warning: ") + 1
         if said.room < 0:
-            typer.echo(f"note: {len(left) - index} findings more, see scene.findings", err=True)
+            echo_note(f"{len(left) - index} findings more, see scene.findings")
             return
         if wide:
             width = min(shutil.get_terminal_size().columns, _WIDEST) - 1

@@ -9,7 +9,13 @@ from typing import Annotated
 import typer
 
 from graspless_pin.algorithms.force_bounds import ContactForceBounds, contact_force_bounds
-from graspless_pin.cli.outcome import echo_findings, exit_code, loaded_scene, plain_errors
+from graspless_pin.cli.outcome import (
+    echo_findings,
+    echo_note,
+    exit_code,
+    loaded_scene,
+    plain_errors,
+)
 from graspless_pin.cli.simulating import simulated_words
 from graspless_pin.cli.solving import VERDICT_NODES, asked_verdict
 from graspless_pin.errors import ArgumentError, SceneError
@@ -127,7 +133,7 @@ def _case(source: Path, scene_file: Path | None, verdict_nodes: int | None) -> C
         if solution.found and verdict_nodes is not None:
             verdict, said = asked_verdict(scene, solution, verdict_nodes)
             if verdict is None:
-                typer.echo(f"note: {said}", err=True)
+                echo_note(said)
         return case_of_scene(scene, solution, source, verdict)
     document = read_document(source)
     try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,7 +12,7 @@ import numpy as np
 from graspless_pin.errors import MeshError
 from graspless_pin.findings import Finding, FindingCode, tell
 from graspless_pin.geometry.bodies.dense_hulls import hull_corners
-from graspless_pin.magnitudes import LARGEST_LENGTH
+from graspless_pin.magnitudes import LARGEST_LENGTH, SMALLEST_LENGTH
 from graspless_pin.problem.checks import FloatArray
 
 if TYPE_CHECKING:
@@ -23,6 +24,10 @@ LARGEST_MESH = 5.0
 SMALLEST_MESH = 1e-3
 
 _REMEMBERED = 32  # meshes
+_JOINED = 8
+"""Decimals of a metre within which corners are one, in meshes from 1 mm to 10 000 km."""
+_COARSEST, _FINEST = 5, 15
+"""Significant digits that tell corners of other meshes apart: trimesh compares 64-bit integers."""
 
 
 def load_mesh(path: Path, *, upright: bool = True) -> trimesh.Trimesh:
@@ -111,7 +116,9 @@ def _scaled_mesh(
     mesh.apply_scale(np.broadcast_to(np.asarray(scale, dtype=float), 3))
     _check_extent(path, mesh)
     # Colours and normals per corner keep corners apart that are one.
-    mesh.merge_vertices(merge_tex=True, merge_norm=True)
+    order = math.floor(math.log10(max(np.abs(mesh.vertices).max(), SMALLEST_LENGTH)))
+    digits = min(max(_JOINED, _COARSEST - order), _FINEST - order)
+    mesh.merge_vertices(merge_tex=True, merge_norm=True, digits_vertex=digits)
     return mesh
 
 
