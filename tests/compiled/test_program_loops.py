@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from graspless_pin import QuasistaticProblem, compiled, load_scene, maximize_margin
 from graspless_pin.algorithms.formulation import Formulation, formulate
 from graspless_pin.errors import GrasplessPinError
+from graspless_pin.modes import nearest_motions
 from graspless_pin.modes.nearest_motions import CLEARLY
 from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.problem.contact_map import contact_map
@@ -235,6 +236,22 @@ def test_motions_are_guessed_alike(name, seed, kind, by_numpy) -> None:
     if ours is not None and theirs is not None and signs.all():
         size = float(np.linalg.norm(theirs[1]))
         np.testing.assert_allclose(ours[1], theirs[1], rtol=0, atol=1e-3 * size)
+
+
+@pytest.mark.parametrize("kind", [153, 675, 2802])
+def test_a_guess_that_fails_leads_to_a_better_one(kind, by_numpy, monkeypatch) -> None:
+    """Signs of a motion that is not the first guess: what slides fast enough may go on so."""
+    rng, problem = np.random.default_rng(kind), fresh("allegro_box_on_slope", 0)
+    count = rng.integers(1, 1 + problem.contact_count)
+    contacts = tuple(sorted(rng.permutation(problem.contact_count)[:count].tolist()))
+    nearest = formulate(problem, MARGIN).kinematics.nearest
+    signs = np.sign(nearest._motions(contacts)[: 2 * count] @ rng.normal(size=2 * count))
+    ours = nearest.guessed_witness(contacts, signs, None)
+    theirs = by_numpy(lambda: nearest.guessed_witness(contacts, signs, None))
+    assert ours is not None and theirs is not None
+    np.testing.assert_array_equal(ours[0], signs)
+    monkeypatch.setattr(nearest_motions, "GUESSES", 1)
+    assert nearest.guessed_witness(contacts, signs, None) is None
 
 
 @pytest.mark.parametrize("name", NAMES)
