@@ -71,6 +71,9 @@ def test_a_problem_dies_with_its_last_holder_whatever_was_solved():
     del problem, solutions
     gc.collect()
     assert gone() is None
+    # Its virtual motions may serve in the next one; they go with the next that has others.
+    shared_parts(general_scene(2, 5))
+    gc.collect()
     assert kinematics() is None
 
 

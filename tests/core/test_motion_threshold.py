@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from random_scenes import slope_scene
 from scenes import scene
 
 from graspless_pin import (
@@ -15,10 +16,12 @@ from graspless_pin import (
     maximize_margin,
     minimize_torque,
 )
+from graspless_pin.algorithms.formulation import shared_parts
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.warm_start import solve_from
+from graspless_pin.modes import kinematics
 from graspless_pin.modes.enumeration import requirements_of
-from graspless_pin.modes.kinematics import THRESHOLD, VirtualKinematics
+from graspless_pin.modes.kinematics import THRESHOLD, VirtualKinematics, kinematics_of
 from graspless_pin.modes.rules import Rules, SignRule, SlidingMode
 from graspless_pin.modes.verdicts import Conflict, Witness
 from graspless_pin.programs.objectives import Margin
@@ -141,3 +144,54 @@ def test_witnesses_and_conflicts_prove_themselves(turn):
             assert along.min() >= 0.0
             assert along.sum() == pytest.approx(1.0)
             assert np.linalg.norm(seen.T @ v.ravel()) < THRESHOLD
+
+
+def test_what_is_found_of_motions_serves_under_other_loads():
+    """Bit for bit: searches of one problem after the other, and of each where nothing is known."""
+    rng, branched, shared = np.random.default_rng(8), 0, 0
+    for seed in range(12):
+        problem = slope_scene(seed, 8)
+        loaded = [
+            problem.with_changes(
+                external_wrench=problem.external_wrench * rng.uniform(0.5, 2.0),
+                friction=problem.friction * rng.uniform(0.4, 1.2),
+            )
+            for _ in range(4)
+        ]
+
+        def answer(one):
+            found = maximize_margin(one)
+            return found, shared_parts(one).kinematics
+
+        alone = []
+        for one in loaded:
+            vars(kinematics._OF_THREAD).clear()
+            alone.append(answer(one))
+        again = [one.with_changes() for one in loaded]
+        vars(kinematics._OF_THREAD).clear()
+        for (expected, _), (found, motions) in zip(alone, map(answer, again), strict=True):
+            assert found.status is expected.status
+            ours, theirs = found.certificate, expected.certificate
+            for name in ("nodes", "modes_examined", "force_programs", "kinematic_programs"):
+                assert getattr(ours, name) == getattr(theirs, name)
+            assert ours.threshold_optima == theirs.threshold_optima
+            if found.found:
+                assert found.margin == expected.margin and found.mode == expected.mode
+                np.testing.assert_array_equal(
+                    found.contact_forces, expected.contact_forces, strict=True
+                )
+            branched += ours.nodes > 1
+            shared += motions is shared_parts(again[0]).kinematics
+    assert branched > 12 and shared > 40
+
+
+def test_motions_of_other_contacts_or_near_the_threshold_are_not_shared():
+    first = kinematics_of(slider(1e-3))
+    assert kinematics_of(slider(1e-3)) is first
+    assert kinematics_of(slider(1e-3).with_changes(friction=0.1)) is first
+    assert kinematics_of(slider(2e-3)) is not first
+    near = slider(1e-6)
+    assert maximize_margin(near).certificate.threshold_optima is not None
+    used = shared_parts(near).kinematics
+    assert used.undecided_near
+    assert kinematics_of(near.with_changes()) is not used

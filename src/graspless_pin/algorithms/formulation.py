@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from graspless_pin.compiled import contact_frames
 from graspless_pin.derived import Derived
 from graspless_pin.errors import ArgumentError
-from graspless_pin.modes.kinematics import VirtualKinematics
+from graspless_pin.modes.kinematics import VirtualKinematics, kinematics_of
 from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.modes.sectors import Sector
 from graspless_pin.problem import QuasistaticProblem
@@ -197,7 +197,7 @@ class SharedParts(NamedTuple):
 
 
 _PARTS: Derived[QuasistaticProblem, SharedParts] = Derived(
-    lambda problem: SharedParts(force_coordinates(problem), VirtualKinematics(problem), {})
+    lambda problem: SharedParts(force_coordinates(problem), kinematics_of(problem), {})
 )
 
 

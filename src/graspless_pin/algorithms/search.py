@@ -9,21 +9,15 @@ import numpy as np
 
 from graspless_pin.algorithms.formulation import Formulation
 from graspless_pin.algorithms.mode_oracle import ModeOracle
-from graspless_pin.derived import Derived
 from graspless_pin.modes.propagation import Propagation
 from graspless_pin.modes.rules import Rules, SlidingMode
 from graspless_pin.modes.verdicts import Conflict, Requirement
-from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solution import Status
 from graspless_pin.solvers import PRIMAL_TOLERANCE, Answer, Outcome
 
 CLOSED = 2e-8
 """Values closer than this, in scaled units or relative to them, count as equal."""
-
-_CONSEQUENCES: Derived[QuasistaticProblem, dict[tuple[Rules, float], Propagation]] = Derived(
-    lambda _: {}
-)
 
 
 def closeness(value: float) -> float:
@@ -76,14 +70,14 @@ class SearchState:
 
     @cached_property
     def consequences(self) -> Propagation:
-        """What follows from decisions, shared by all searches of the problem."""
+        """What follows from decisions, shared by all searches among these motions."""
         problem = self.formulation.problem
         kinematics = self.formulation.kinematics
-        known = _CONSEQUENCES.of(problem)
-        key = self.rules, kinematics.threshold
-        if key not in known:
-            known[key] = Propagation(problem, kinematics, self.rules)
-        return known[key]
+        key = Propagation, self.rules, problem.has_cone.tobytes(), problem.is_sliding.tobytes()
+        known: Propagation | None = kinematics.known.get(key)
+        if known is None:
+            known = kinematics.known[key] = Propagation(problem, kinematics, self.rules)
+        return known
 
     @property
     def unproven(self) -> bool:

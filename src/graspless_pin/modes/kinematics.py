@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from threading import local
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +61,7 @@ class VirtualKinematics:
         nearest: Witnesses by guess, which need no search.
         threshold: The slowest sliding that counts.
         undecided_near: Whether a motion was refused that a tenth of the threshold may admit.
+        known: What others have found out about these motions, by all that it depends on.
     """
 
     def __init__(self, problem: QuasistaticProblem, threshold: float = THRESHOLD) -> None:
@@ -69,6 +72,8 @@ class VirtualKinematics:
         self.nearest = NearestMotions(self.rows, CLEARLY * threshold)
         self.threshold = threshold
         self.undecided_near = False
+        self.known: dict[Hashable, Any] = {}
+        self._found: dict[Hashable, Witness | Conflict] = {}
         self._touching: dict[tuple[tuple[int, ...], tuple[int, ...]], Touching] = {}
 
     @cached_property
@@ -103,8 +108,21 @@ class VirtualKinematics:
             requirements: At most one per contact.
             rule: How a zero sign is read, and whether both components must move.
             importance: (number of requirements, 2) positive; a conflict is sought among the
-                signs of most importance. None: any conflict will do.
+                signs of most importance. None: any conflict will do, and what is found is kept.
         """
+        if importance is not None:
+            return self._solved(requirements, rule, importance)
+        key = *requirements, rule
+        found = self._found.get(key)
+        if found is None:
+            if len(self._found) >= MOST_KEPT:
+                self._found.clear()
+            found = self._found[key] = self._solved(requirements, rule, None)
+        return found
+
+    def _solved(
+        self, requirements: Sequence[Requirement], rule: SignRule, importance: FloatArray | None
+    ) -> Witness | Conflict:
         contacts, signs = _split(requirements)
         touching, found = self._fastest(contacts, signs, rule, importance)
         if found.slowest < self.threshold:
@@ -237,15 +255,38 @@ class VirtualKinematics:
         return known
 
 
-def _scaled(local: FloatArray) -> tuple[FloatArray, FloatArray]:
+def kinematics_of(problem: QuasistaticProblem) -> VirtualKinematics:
+    """Return the virtual motions of a problem: those of the last one if they are the same.
+
+    Loads, friction and limits do not change them, and what was found out about them stays. Where a
+    motion near the threshold was refused they are made anew: whether one was is asked of each
+    problem by itself.
+    """
+    made, last = VirtualKinematics(problem), getattr(_OF_THREAD, "last", None)
+    if (
+        last is not None
+        and not last.undecided_near
+        and last.rows.shape == made.rows.shape
+        and last.rows.tobytes() == made.rows.tobytes()
+        and last.scale.tobytes() == made.scale.tobytes()
+    ):
+        return last
+    _OF_THREAD.last = made
+    return made
+
+
+_OF_THREAD = local()
+
+
+def _scaled(of_frames: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the map (M, 3, 6 + L) with columns of one size, and (6 + L,) factors of motions."""
     if virtual_motions is not None:
-        return virtual_motions.scaled_map(local)
-    size = np.sqrt(np.einsum("lij,lij->j", local, local))
+        return virtual_motions.scaled_map(of_frames)
+    size = np.sqrt(np.einsum("lij,lij->j", of_frames, of_frames))
     scale = 1.0 / np.where(size > 0.0, size, 1.0)
     signed = scale.copy()
     np.negative(signed[6:], out=signed[6:])  # the map takes -theta_dot
-    return local * signed, scale
+    return of_frames * signed, scale
 
 
 def _split(requirements: Sequence[Requirement]) -> tuple[tuple[int, ...], NDArray[np.int_]]:

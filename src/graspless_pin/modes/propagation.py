@@ -94,15 +94,26 @@ class Propagation:
         if rules.sliding is SlidingRule.CONSTRAINED:
             self._always = problem.is_sliding
         self._bases: dict[bytes, FloatArray] = {}
+        self._followed: dict[tuple[bytes, bytes, bytes, bool], Decisions | None] = {}
         self._ways: dict[tuple[bytes, bytes, int], NDArray[np.bool_]] = {}
 
     def propagate(self, decisions: Decisions, *, probe: bool) -> Decisions | None:
-        """Return decisions with what follows from them, None if no mode is left.
+        """Return decisions with what follows from them, None if no mode is left; it is kept.
 
         Args:
             decisions: What is presumed.
             probe: Whether to presume, in turn, each contact that might still be selected.
         """
+        key = *decisions.key, probe
+        followed = self._followed.get(key, decisions)
+        if followed is decisions:
+            followed = self._propagated(decisions, probe=probe)
+            if len(self._followed) >= _MOST_KEPT:
+                self._followed.clear()
+            self._followed[key] = followed
+        return followed
+
+    def _propagated(self, decisions: Decisions, *, probe: bool) -> Decisions | None:
         if self._rule is SignRule.STRICT:
             closed = self._close(decisions)
             if closed is None:

@@ -194,7 +194,7 @@ def _built(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> _Built:
     made = build_object(file, parts, entry.object)
     said = entry.object, entry.hand, *entry.supports
     materials = parts.stage(
-        "materials", (repr(entry.materials), *said), lambda: _materials(file, entry)
+        "materials", (repr(entry.materials), *said), lambda: _materials(file, parts, entry)
     )
     others = {
         "hand": hand,
@@ -226,8 +226,12 @@ def _check_weight(file: YamlSource, entry: SceneEntry, made: ManipulatedObject) 
         )
 
 
-def _materials(file: YamlSource, entry: SceneEntry) -> Materials:
-    table = file.at((), lambda: Materials.from_table(entry.materials))
+def _materials(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Materials:
+    table = parts.latest.of(
+        "table of materials",
+        (repr(entry.materials),),
+        lambda: file.at((), lambda: Materials.from_table(entry.materials)),
+    )
     named: list[tuple[Location, str | None]] = [(("object", "material"), entry.object.material)]
     if entry.hand is not None:
         named.append((("hand", "material"), entry.hand.material))

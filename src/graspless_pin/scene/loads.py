@@ -145,6 +145,7 @@ def renewed_row(
     return row
 
 
+_TABLES = 1024
 _OF_FRICTION = frozenset({"friction", "materials", "hand_material"})
 _OF_LIMITS = frozenset({"max_normal_force", "hybrid_force_limit"})
 _BEARING = _OF_FRICTION | _OF_LIMITS | {"gravity"}
@@ -164,7 +165,9 @@ def _coefficients(scene: Scene, state: JointedContacts) -> FloatArray:
     """Return (M,) coefficients of friction."""
     materials = scene.hand_material, scene.object.material, scene.materials
     rubbing = scene.supports, scene.friction, *materials
-    table = scene._kept.of("friction", rubbing, lambda: FrictionTable(*rubbing))
+    # Samples of a grid come back to the same coefficients: the tables of some are kept.
+    name = "friction", (id(scene.friction) >> 5) % _TABLES
+    table = scene._kept.of(name, rubbing, lambda: FrictionTable(*rubbing))
     try:
         return table.coefficients(state.contacts.arrays)
     except SceneError as error:
