@@ -18,7 +18,7 @@ from graspless_pin.scene.hand_schema import HandEntry, MountEntry
 from graspless_pin.scene.stages import SceneParts
 from graspless_pin.scene.yaml_source import Location, YamlSource
 
-_ANYWHERE = {"base_pose", "mounts"}
+_ANYWHERE = {"base_pose"}
 _NOT_OF_THE_MOUNTS = {
     "q",
     "q_deg",
@@ -26,7 +26,9 @@ _NOT_OF_THE_MOUNTS = {
     "material",
     "count_own_weight",
     "hybrid_force_limit",
+    "mounts",
 }
+"""Keys of the hand; each mount is told by itself."""
 
 
 def build_hand(file: YamlSource, parts: SceneParts, entry: HandEntry) -> Hand:
