@@ -15,6 +15,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import portalocker
 import pytest
+from hypothesis import settings
 
 from graspless_pin import compiled
 from graspless_pin.algorithms import solve
@@ -26,6 +27,11 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 if hasattr(signal, "SIGHUP"):
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+
+# A slow machine is no defect. The rest is hypothesis' own choice: in CI the same examples always.
+settings.register_profile("without deadlines", settings(), deadline=None)
+settings.load_profile("without deadlines")
 
 
 def leave_out_loops(patch: pytest.MonkeyPatch) -> None:

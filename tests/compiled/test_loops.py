@@ -94,7 +94,7 @@ def moved(scene: Scene, rng: np.random.Generator) -> Scene:
 
 
 @needs_loops
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(
     count=st.integers(0, 6),
     seed=st.integers(0, 10_000),
@@ -130,7 +130,7 @@ def test_motions_are_told_alike(by_numpy, count, seed, still, turning, level) ->
 
 
 @needs_loops
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(
     normals=arrays(np.float64, (4, 3), elements=st.sampled_from([0.0, 1.0, -1.0, 0.3])),
     axes=st.lists(arrays(np.float64, 3, elements=st.sampled_from([0.0, 1.0, -2.0])), max_size=3),

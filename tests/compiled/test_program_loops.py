@@ -171,7 +171,7 @@ def test_optima_are_carried_over_alike(name, by_numpy) -> None:
     assert seen >= 2
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(name=st.sampled_from(NAMES), seed=st.integers(0, 5), kind=st.integers(0, 1000))
 def test_forbidden_friction_is_cut_off_alike(name, seed, kind, by_numpy) -> None:
     formulation = assembled(name, seed)
@@ -188,7 +188,7 @@ def test_forbidden_friction_is_cut_off_alike(name, seed, kind, by_numpy) -> None
     assert (ours is x) == (theirs is x)
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(name=st.sampled_from(NAMES), seed=st.integers(0, 5), kind=st.integers(0, 1000))
 def test_motions_are_held_alike(name, seed, kind, by_numpy) -> None:
     problem = fresh(name, seed)
@@ -207,7 +207,7 @@ def test_motions_are_held_alike(name, seed, kind, by_numpy) -> None:
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-8 * float(np.linalg.norm(near)))
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(name=st.sampled_from(NAMES), seed=st.integers(0, 5), kind=st.integers(0, 1000))
 def test_motions_are_guessed_alike(name, seed, kind, by_numpy) -> None:
     rng, problem = np.random.default_rng(kind), fresh(name, seed)

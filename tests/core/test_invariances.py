@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from graspless_pin import QuasistaticProblem, maximize_margin, minimize_torque
 
-few = settings(max_examples=25, deadline=None)
+few = settings(max_examples=25)
 EPSILON = 1e-2
 """A regularised optimum is unique in its forces, so forces and torques can be compared too."""
 

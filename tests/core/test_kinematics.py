@@ -57,13 +57,13 @@ def oracle(problem, rule, requirements):
     return virtual_motion_exists(problem, tuple(mode), str(rule))
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(questions(list(ANY_SIGNS)))
 def test_verdicts_agree_with_linprog_and_prove_themselves(question):
     assert_right_verdict(*question)
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(questions(list(ANY_SIGNS)), st.integers(0, 2000))
 def test_what_matters_most_changes_no_verdict(question, seed):
     problem, rule, requirements = question

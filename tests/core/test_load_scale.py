@@ -177,7 +177,7 @@ def assert_alike(one, two, which, force, length):
         assert bound / unit == pytest.approx(one.certificate.bound, rel=1e-5, abs=2e-6 * load)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(questions(), DECADES, DECADES)
 def test_other_units_change_nothing(question, force, length):
     arguments, which, options = question
@@ -187,7 +187,7 @@ def test_other_units_change_nothing(question, force, length):
     assert_alike(one, two, which, force, length)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(questions(), DECADES, DECADES)
 def test_other_units_change_no_warm_search(question, force, length):
     arguments, which, options = question
@@ -203,7 +203,7 @@ def test_other_units_change_no_warm_search(question, force, length):
     assert_alike(cold, warm, which, force, length)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(questions(), st.floats(0.0, 9.0), st.data())
 def test_limits_that_do_not_bind_change_nothing_when_raised(question, decades, data):
     """Raised are those of contacts that stay well below theirs, in all optima that count."""
@@ -227,7 +227,7 @@ def test_limits_that_do_not_bind_change_nothing_when_raised(question, decades, d
 POINTS = st.tuples(*[st.floats(-0.1, 0.1)] * 3).map(np.array)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(POINTS, POINTS, st.floats(-1.0, 1.0), st.integers(1, 3))
 def test_rounding_of_the_moment_is_no_length(point, side, rounding, count):
     """It gave a length of 1e-18 m, and said that a contact below the load cannot bear it."""

@@ -83,7 +83,7 @@ def test_t_n_d_and_j_by_hand():
     assert problem.has_cone.tolist() == [True, False, False]
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(SEEDS)
 def test_w_f_is_the_summed_wrench(seed):
     problem = random_problem(seed, 4)
@@ -99,7 +99,7 @@ def test_w_f_is_the_summed_wrench(seed):
     np.testing.assert_allclose(problem.W @ forces.ravel(), wrench, atol=1e-12)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(SEEDS, st.integers(3, 12), st.floats(0.05, 2.0))
 def test_edges_lie_on_the_coulomb_cone_and_faces_touch_their_edges(seed, edges, friction):
     base = random_problem(seed, 2)
@@ -132,7 +132,7 @@ def test_edges_lie_on_the_coulomb_cone_and_faces_touch_their_edges(seed, edges, 
         assert (H.T @ normal < 0.0).all()
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(SEEDS)
 def test_a_sliding_column_opposes_the_sliding_velocity(seed):
     problem = random_problem(seed, 3, slides=2)
@@ -151,7 +151,7 @@ def test_a_sliding_column_opposes_the_sliding_velocity(seed):
         )
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(SEEDS)
 def test_default_tangents_follow_their_rule(seed):
     base = random_problem(seed, 4)
@@ -196,7 +196,7 @@ def test_margin_of_by_hand():
     assert problem.margin_of([[2.0, 2.0, 3.0]]) == pytest.approx(-1.0 / np.sqrt(3.0))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(SEEDS, st.integers(3, 9), st.integers(0, 1), st.integers(3, 33))
 def test_margin_of_is_the_least_distance_to_any_face_or_limit(seed, contacts, slides, edges):
     problem = random_problem(seed, contacts, slides=slides)

@@ -105,7 +105,7 @@ def test_the_papers_scenes_hang_on_no_threshold(name):
         assert solve(scene(name)).certificate.threshold_optima is None
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.floats(-7.5, -4.0), st.integers(-9, 9))
 def test_size_changes_no_verdict(decade, power):
     turn = 10.0**decade

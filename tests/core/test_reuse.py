@@ -87,7 +87,7 @@ def test_a_joint_that_no_contact_knows_changes_nothing():
         assert more.torques == pytest.approx([*plain.torques, 0.0], abs=1e-6)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(SEEDS, st.integers(3, 9), st.booleans())
 def test_signs_of_a_guessed_witness_are_feasible_under_every_rule(seed, contacts, slope):
     problem = (slope_scene if slope else general_scene)(seed, contacts)
@@ -107,7 +107,7 @@ def test_signs_of_a_guessed_witness_are_feasible_under_every_rule(seed, contacts
             assert kinematics.feasible(requirements, rule)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(SEEDS, st.integers(3, 6), st.booleans())
 def test_a_motion_is_behind_signs_only_if_they_are_feasible(seed, contacts, slope):
     """Whatever motion is remembered: one of this problem, a little off, or any."""
@@ -185,7 +185,7 @@ def test_a_guessed_witness_mostly_suffices_where_every_fingertip_can_move():
         assert kinematics.nearest.guessed_witness(fingers, wanted) is not None
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(SEEDS, st.integers(3, 9), st.booleans())
 def test_a_proposed_mode_has_a_motion_behind_it(seed, contacts, slope):
     problem = (slope_scene if slope else general_scene)(seed, contacts)
@@ -225,7 +225,7 @@ def test_problems_with_different_cones_do_not_share_rows():
         assert_rows_hold(one, np.random.default_rng(0))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(SEEDS, st.integers(3, 9), st.booleans())
 def test_rows_of_forces_are_those_of_the_problem(seed, contacts, slope):
     problem = (slope_scene if slope else general_scene)(seed, contacts)

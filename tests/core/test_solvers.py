@@ -91,7 +91,7 @@ def as_sparse(problem: qpsolvers.Problem) -> qpsolvers.Problem:
     )  # fmt: skip
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(SEEDS, st.booleans(), st.floats(0.01, 100.0))
 def test_any_multipliers_prove_a_lower_bound(seed, quadratic, size):
     program = random_program(seed, quadratic=quadratic)
@@ -102,7 +102,7 @@ def test_any_multipliers_prove_a_lower_bound(seed, quadratic, size):
     assert bound <= optimum + 1e-7
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(SEEDS, st.booleans())
 def test_the_bound_of_optimal_multipliers_is_tight(seed, quadratic):
     program = random_program(seed, quadratic=quadratic)
@@ -115,7 +115,7 @@ def test_the_bound_of_optimal_multipliers_is_tight(seed, quadratic):
     assert program.value(answer.x) == pytest.approx(answer.value, abs=1e-12)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(SEEDS, st.floats(0.01, 100.0))
 def test_no_multipliers_prove_a_feasible_program_infeasible(seed, size):
     program = random_program(seed)
@@ -124,7 +124,7 @@ def test_no_multipliers_prove_a_feasible_program_infeasible(seed, size):
     assert program.infeasibility_bound(y, z) <= 1e-12
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(SEEDS, st.booleans())
 def test_the_elastic_program_tells_feasible_from_infeasible(seed, feasible):
     relaxed = elastic(random_program(seed, feasible=feasible))
@@ -422,7 +422,7 @@ def test_every_solver_solves_the_regularised_program(solver):
 
 
 @pytest.mark.parametrize("search", ["auto", "enumerate"])
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=SEEDS)
 def test_the_certificate_bounds_the_optimum(seed, search):
     problem = random_problem(seed, 3, slides=seed % 3)

@@ -122,9 +122,7 @@ def test_many_spheres_touch_as_one_by_one(shape: str, seed: int, form: str) -> N
         assert height - others.reaches[k] > LIMITS.tolerance
 
 
-@settings(
-    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     shape=st.sampled_from(["box", "five-sided", "hull"]),
     face=st.integers(0, 100),

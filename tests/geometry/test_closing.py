@@ -44,7 +44,7 @@ def lever_angle(height: float) -> float:
     return np.arcsin((height - RADIUS) / np.hypot(0.15, RADIUS)) - np.arctan2(RADIUS, 0.15)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(height=st.floats(0.025, 0.13))
 def test_a_lever_closes_on_a_plate_at_the_angle_of_its_sine(height):
     result = close_hand(lever(), plate_above(height))
@@ -180,7 +180,7 @@ def test_closing_twice_changes_nothing():
     assert twice.touching == once.touching
 
 
-@settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=10, suppress_health_check=[HealthCheck.too_slow])
 @given(
     x=st.floats(0.06, 0.09),
     y=st.floats(-0.02, 0.02),

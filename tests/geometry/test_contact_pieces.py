@@ -69,7 +69,7 @@ poses = st.builds(
 gaps = st.floats(-5e-4, 5e-4)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(cuts_of_a_box, poses, gaps, st.floats(-3.0, 3.0), st.booleans())
 def test_a_box_cut_in_pieces_stands_like_the_whole_one(
     cuts: tuple[list[float], ...], world: np.ndarray, gap: float, yaw: float, on_box: bool
@@ -90,7 +90,7 @@ def test_a_box_cut_in_pieces_stands_like_the_whole_one(
         )
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(
     cuts_of_a_box,
     poses,
@@ -120,7 +120,7 @@ ANGLE = (
 )
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(poses, gaps, gaps, st.permutations([0, 1]))
 def test_a_box_in_a_corner_touches_floor_and_wall_with_all_corners(
     world: np.ndarray, below: float, behind: float, order: list[int]

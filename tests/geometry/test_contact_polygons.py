@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from graspless_pin.geometry.contact.polygons import (
@@ -84,7 +84,6 @@ coordinates = st.floats(-1.0, 1.0)
 clouds = st.lists(st.tuples(coordinates, coordinates), min_size=3, max_size=12)
 
 
-@settings(deadline=None)
 @given(clouds, clouds, st.lists(st.tuples(coordinates, coordinates), min_size=1, max_size=20))
 def test_a_point_is_in_the_intersection_if_and_only_if_it_is_in_both(
     first: Polygon, second: Polygon, probes: Polygon

@@ -222,7 +222,7 @@ angles = st.floats(-math.pi, math.pi)
 lengths = st.floats(-2.0, 2.0)
 
 
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 @given(
     st.sampled_from(sorted(OBJECTS)),
     st.sampled_from(sorted(SUPPORTS)),

@@ -76,7 +76,7 @@ def by_body(contacts: tuple[ContactPoint, ...]) -> dict[str, list[ContactPoint]]
     return found
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @example(seed=1504, places=[0, 1, 2, 3, 4], labels=["a", "b", "c", "e", "thing", "d"])
 @given(
     seed=st.integers(0, 10**6),
@@ -113,7 +113,7 @@ def test_relabelled_reordered_and_moved_together_the_contacts_are_the_same(seed,
             assert np.linalg.norm(one.position - other.position) > 9e-4, name
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(seed=st.integers(0, 10**6))
 def test_pieces_in_any_order_and_under_any_name_touch_alike(seed):
     # A bar in four blocks of different lengths, on a floor and against a plate.
@@ -154,7 +154,6 @@ def area(polygon: Polygon) -> float:
     )
 
 
-@settings(deadline=None)
 @given(
     millimetres=st.lists(
         st.tuples(st.integers(-100, 100), st.integers(-100, 100)),

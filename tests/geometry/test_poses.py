@@ -86,7 +86,7 @@ def test_bad_poses_are_named(make, message):
         make()
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(
     angles=st.tuples(*[st.floats(-3.1, 3.1)] * 3),
     spoilt=st.sampled_from([(i, j) for i in range(3) for j in range(3)]),

@@ -36,7 +36,7 @@ def test_a_ball_comes_to_rest_on_the_floor(start):
     )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 10**6), angle=st.floats(-1.0, 1.0))
 def test_a_turned_box_touches_a_slope_with_its_lowest_corner(seed, angle):
     rng = np.random.default_rng(seed)
@@ -53,7 +53,7 @@ def test_a_turned_box_touches_a_slope_with_its_lowest_corner(seed, angle):
     )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 10**6))
 def test_a_settled_object_touches_and_a_little_further_overlaps(seed):
     rng = np.random.default_rng(seed)

@@ -213,7 +213,7 @@ CASES = (
 )
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(st.sampled_from(range(len(CASES))), st.integers(0, 2**32 - 1))
 def test_frame_order_units_and_speed_do_not_turn_verdicts(case: int, seed: int) -> None:
     problem, push = CASES[case]

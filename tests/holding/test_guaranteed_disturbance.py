@@ -196,7 +196,7 @@ def test_bounds_of_spread_loads_hold_for_outcomes_of_each_load_between() -> None
     assert tight < 5.0
 
 
-@settings(max_examples=3, deadline=None)
+@settings(max_examples=3)
 @given(st.integers(0, 2**32 - 1))
 def test_frame_units_and_order_change_nothing(seed: int) -> None:
     rng = np.random.default_rng(seed)

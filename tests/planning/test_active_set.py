@@ -41,7 +41,7 @@ def relaxations(seed, contacts, size, objective, *, slope=False):
     return [formulate(one, objective).program for one in (problem, moved(problem, size, seed))]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     SEEDS,
     st.integers(3, 9),

@@ -331,7 +331,7 @@ NUMBERS = st.floats(-0.3, 0.3)
 VECTORS = st.tuples(NUMBERS, NUMBERS, NUMBERS)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     angles=VECTORS,
     place=VECTORS,

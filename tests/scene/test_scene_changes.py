@@ -229,7 +229,7 @@ def test_an_object_that_is_pushed_into_the_slope_is_still_found_too_deep() -> No
 UNIT = st.floats(-1.0, 1.0)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(x=UNIT, y=UNIT, z=UNIT, axis=st.tuples(UNIT, UNIT, UNIT))
 def test_tangents_are_projections_by_the_textbook(x, y, z, axis) -> None:
     normal = np.array([x, y, z])

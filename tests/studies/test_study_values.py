@@ -25,7 +25,7 @@ def test_a_log_grid_has_equal_ratios_and_exact_ends():
     np.testing.assert_allclose(values, [0.1, 10**-0.5, 1.0, 10**0.5, 10.0], rtol=1e-14)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(count=st.integers(1, 70), seed=st.integers(0, 5), method=st.sampled_from(METHODS))
 def test_sampled_values_stay_in_their_ranges(count, seed, method):
     made = study(TWO, sampling={"method": method, "samples": count, "seed": seed})

@@ -60,13 +60,13 @@ def check(surface: Triangles, shape: Shape) -> None:
 
 
 @given(shapes)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_a_surface_is_closed_outward_and_fills_its_shape(shape):
     check(shape_triangles(shape), shape)
 
 
 @given(shapes)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_what_contact_detection_sees_is_drawn_the_same(shape):
     seen = geometry_triangles(coal_geometry(shape))
     check(seen, shape)
