@@ -150,7 +150,7 @@ _OF_FRICTION = frozenset({"friction", "materials", "hand_material"})
 _OF_LIMITS = frozenset({"max_normal_force", "hybrid_force_limit"})
 _BEARING = _OF_FRICTION | _OF_LIMITS | {"gravity"}
 """Fields of a scene on which neither its contacts nor its joints depend."""
-_NO_LOADS = frozenset({"name", "load_findings", "contacts", "findings", "_touching"})
+_NO_LOADS = frozenset({"name", "load_findings", "contacts", "findings"})
 """What a scene says of itself, and what is worked out of its fields."""
 
 
