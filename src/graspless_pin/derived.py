@@ -9,6 +9,7 @@ from weakref import ref
 
 _Source = TypeVar("_Source")
 _Value = TypeVar("_Value")
+_Key = TypeVar("_Key")
 
 MOST_SOURCES = 8
 """Sources that a value is kept for."""
@@ -51,6 +52,21 @@ class Derived(Generic[_Source, _Value]):
             entries.pop(next(iter(entries), 0), None)
         except RuntimeError:  # another thread was faster
             return
+
+
+class Bounded(dict[_Key, _Value]):
+    """A dictionary that forgets all it holds before it would hold too much."""
+
+    def __init__(self, most: int) -> None:
+        """Begin empty; hold ``most`` entries at most."""
+        super().__init__()
+        self._most = most
+
+    def __setitem__(self, key: _Key, value: _Value) -> None:
+        """Keep a value."""
+        if len(self) >= self._most:
+            self.clear()
+        super().__setitem__(key, value)
 
 
 class Latest:

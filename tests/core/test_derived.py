@@ -10,7 +10,7 @@ from scenes import scene
 
 from graspless_pin import maximize_margin, minimize_torque
 from graspless_pin.algorithms.formulation import formulate, shared_parts
-from graspless_pin.derived import MOST_SOURCES, Derived
+from graspless_pin.derived import MOST_SOURCES, Bounded, Derived
 from graspless_pin.problem.contact_map import contact_map
 from graspless_pin.programs.objectives import Margin
 
@@ -29,6 +29,15 @@ def test_a_value_is_made_once_while_its_source_is_among_the_last():
     derived.of(sources[-1])
     assert len(derived) == MOST_SOURCES
     assert derived.of(sources[0]) == len(made) == MOST_SOURCES + 2
+
+
+def test_a_bounded_dictionary_begins_anew_before_it_holds_too_much():
+    kept: Bounded[str, int] = Bounded(3)
+    for number, name in enumerate("abc"):
+        kept[name] = number
+    assert kept == {"a": 0, "b": 1, "c": 2}
+    kept["d"] = 3
+    assert kept == {"d": 3}
 
 
 def test_a_source_that_is_gone_takes_its_value_along():

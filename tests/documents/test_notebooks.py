@@ -25,11 +25,20 @@ def test_there_is_the_paper_and_a_real_hand():
 
 
 def printed(cell) -> str:
-    """What a cell prints and returns, as text, without the addresses of objects."""
-    texts = [
-        item.get("text") or item.get("data", {}).get("text/plain", "") for item in cell.outputs
-    ]
-    return re.sub(r"<[^<>]*>", "<...>", "\n".join(texts))
+    """What a cell prints and returns, as text, without the addresses of objects.
+
+    One line that is printed may arrive in pieces: it depends on when the kernel sends them.
+    """
+    streamed = "".join(item["text"] for item in cell.outputs if item["output_type"] == "stream")
+    returned = [item.get("data", {}).get("text/plain", "") for item in cell.outputs]
+    return re.sub(r"<[^<>]*>", "<...>", "\n".join([streamed, *returned]))
+
+
+def test_a_line_that_arrives_in_pieces_is_one_line():
+    pieces = [nbformat.v4.new_output("stream", text=text) for text in ("from 0.0 N ", "to 0.1 N\n")]
+    whole = nbformat.v4.new_output("stream", text="from 0.0 N to 0.1 N\n")
+    now = printed(nbformat.v4.new_code_cell(outputs=pieces))
+    assert not difference(printed(nbformat.v4.new_code_cell(outputs=[whole])), now)
 
 
 def pictures(cell) -> list[np.ndarray]:

@@ -100,8 +100,8 @@ def test_the_smallest_change_is_found_by_halving_from_none_at_all(
         return [words] if size >= least else []
 
     monkeypatch.setattr(changes_that_hold, "_tried", lambda *of: iter(holds(*of)))
-    sizes: Any = (0.5, 1.0)
-    (found,) = changes_that_hold._smallest(lambda size: size, sizes, str, 1)  # type: ignore[arg-type]
+    smallest: Any = changes_that_hold._smallest  # of numbers instead of changed problems
+    (found,) = smallest(lambda size: size, (0.5, 1.0), str, 1)
     assert least <= float(str(found)) <= least + 0.02
     assert min(tried) > 0.0
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.compiled import virtual_motions
+from graspless_pin.derived import Bounded
 from graspless_pin.modes.conflicts import conflict_of
 from graspless_pin.modes.fastest_sliding import Sliding, fastest_sliding, length, signed_rows
 from graspless_pin.modes.nearest_motions import (
@@ -73,8 +74,8 @@ class VirtualKinematics:
         self.threshold = threshold
         self.undecided_near = False
         self.known: dict[Hashable, Any] = {}
-        self._found: dict[Hashable, Witness | Conflict] = {}
-        self._touching: dict[tuple[tuple[int, ...], tuple[int, ...]], Touching] = {}
+        self._found: dict[Hashable, Witness | Conflict] = Bounded(MOST_KEPT)
+        self._touching: dict[tuple[tuple[int, ...], tuple[int, ...]], Touching] = Bounded(MOST_KEPT)
 
     @cached_property
     def _seen(self) -> tuple[FloatArray, FloatArray]:
@@ -115,8 +116,6 @@ class VirtualKinematics:
         key = *requirements, rule
         found = self._found.get(key)
         if found is None:
-            if len(self._found) >= MOST_KEPT:
-                self._found.clear()
             found = self._found[key] = self._solved(requirements, rule, None)
         return found
 
@@ -249,8 +248,6 @@ class VirtualKinematics:
             tangential = rows[list(contacts), 1:] @ basis
             # A row that vanishes there must vanish exactly, or rounding passes for a direction.
             tangential[np.linalg.norm(tangential, axis=2) < RANK_TOLERANCE] = 0.0
-            if len(self._touching) >= MOST_KEPT:
-                self._touching.clear()
             known = self._touching[contacts, zeros] = Touching(matrix, basis, tangential)
         return known
 

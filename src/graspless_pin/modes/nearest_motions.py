@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.linalg import get_lapack_funcs
 
 from graspless_pin.compiled import virtual_motions
+from graspless_pin.derived import Bounded
 from graspless_pin.problem.checks import FloatArray
 
 # Rows are scaled to unit size, so this is the largest relative velocity that counts as zero: it
@@ -68,7 +69,7 @@ class NearestMotions:
         self._rows = rows
         self._clear = clear
         self._judged_by = judged_by(clear)
-        self._known: dict[tuple[int, ...], FloatArray] = {}
+        self._known: dict[tuple[int, ...], FloatArray] = Bounded(MOST_KEPT)
 
     def guessed_witness(
         self, contacts: tuple[int, ...], signs: FloatArray, near: FloatArray | None = None
@@ -175,8 +176,6 @@ class NearestMotions:
             for _ in range(_CORRECTIONS):
                 motion -= back @ (normal @ motion)
             known = np.concatenate([tangential @ motion, normal @ motion, motion])
-            if len(self._known) >= MOST_KEPT:
-                self._known.clear()
             self._known[contacts] = known
         return known
 

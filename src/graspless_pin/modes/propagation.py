@@ -9,6 +9,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from graspless_pin.derived import Bounded
 from graspless_pin.modes.kinematics import VirtualKinematics
 from graspless_pin.modes.rules import Rules, SignRule, SlidingRule
 from graspless_pin.modes.verdicts import Requirement
@@ -93,9 +94,11 @@ class Propagation:
         self._always = np.zeros(problem.contact_count, dtype=bool)
         if rules.sliding is SlidingRule.CONSTRAINED:
             self._always = problem.is_sliding
-        self._bases: dict[bytes, FloatArray] = {}
-        self._followed: dict[tuple[bytes, bytes, bytes, bool], Decisions | None] = {}
-        self._ways: dict[tuple[bytes, bytes, int], NDArray[np.bool_]] = {}
+        self._bases: dict[bytes, FloatArray] = Bounded(_MOST_KEPT)
+        self._followed: dict[tuple[bytes, bytes, bytes, bool], Decisions | None] = Bounded(
+            _MOST_KEPT
+        )
+        self._ways: dict[tuple[bytes, bytes, int], NDArray[np.bool_]] = Bounded(_MOST_KEPT)
 
     def propagate(self, decisions: Decisions, *, probe: bool) -> Decisions | None:
         """Return decisions with what follows from them, None if no mode is left; it is kept.
@@ -108,8 +111,6 @@ class Propagation:
         followed = self._followed.get(key, decisions)
         if followed is decisions:
             followed = self._propagated(decisions, probe=probe)
-            if len(self._followed) >= _MOST_KEPT:
-                self._followed.clear()
             self._followed[key] = followed
         return followed
 
@@ -200,8 +201,6 @@ class Propagation:
         """(r, d) motions that leave contacts touching."""
         key = contacts.tobytes()
         if key not in self._bases:
-            if len(self._bases) >= _MOST_KEPT:
-                self._bases.clear()
             chosen = tuple(np.flatnonzero(contacts).tolist())
             self._bases[key] = self._kinematics.touching(chosen).basis
         return self._bases[key]
@@ -218,8 +217,6 @@ class Propagation:
         key = selected.tobytes(), signs.tobytes(), -1 if extra is None else extra
         known = self._ways.get(key)
         if known is None:
-            if len(self._ways) >= _MOST_KEPT:
-                self._ways.clear()
             known = self._ways[key] = self._find_ways(selected, signs, extra)
         return known
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.compiled import hand_states
+from graspless_pin.derived import Bounded
 from graspless_pin.geometry.contact.broad_phase import solids_of
 from graspless_pin.geometry.hand.posed_links import joints_of
 from graspless_pin.problem import QuasistaticProblem
@@ -70,7 +71,7 @@ class PlainProblems:
     def __init__(self, scene: Scene) -> None:
         """Take the scene."""
         self._scene = scene
-        self._known: dict[tuple[str, ...], Alike] = {}
+        self._known: dict[tuple[str, ...], Alike] = Bounded(_MOST_KEPT)
 
     def at(self, q: FloatArray) -> PlainStates | None:
         """Return what loops find of configurations.
@@ -115,8 +116,6 @@ class PlainProblems:
             return
         arrays = scene.contacts.arrays
         touching = arrays.bodies[: arrays.hand_count]
-        if len(self._known) >= _MOST_KEPT:
-            self._known = {}
         self._known[touching] = Alike(arrays.bodies, joints_of(own.hand.tree, touching), problem)
 
     @cached_property

@@ -54,27 +54,27 @@ class SampleParts(SceneParts):
         self._last = sample, scene
         return scene
 
-    def learn(self, variables: Sequence[Variable], sample: Sample, scene: Scene) -> None:
-        """Keep what the values of a sample have made of fields that depend on nothing else.
+    def learn(self, variables: Sequence[Variable], sample: Sample) -> None:
+        """Keep the fields of the scene built last that one value alone has made.
 
         Args:
             variables: What varies.
-            sample: Its values.
-            scene: Its scene, built last.
+            sample: The values of that scene.
         """
-        assert self.last is not None  # noqa: S101 - it was built last
+        if self.last is None:
+            return
+        entry, built, scene = self.last
         said = scene.load_findings or (scene.hand is not None and scene.hand.findings)
-        refuses = self.last.entry.warnings == "error"
         # What is found is told of each scene, and what is refused has to be looked for in each.
-        self._last = None if said or refuses else (sample, scene)
-        names = self.last.built.names
-        if names != self._names or len(self._fields) > _MOST_FIELDS:
-            self._fields, self._names = {}, names
+        self._last = None if said or entry.warnings == "error" else (sample, scene)
+        if built.names != self._names or len(self._fields) > _MOST_FIELDS:
+            self._fields, self._names = {}, built.names
         keys = [{location[0] for location, *_ in one.targets} for one in variables]
         for place, own in enumerate(keys):
-            (key, *others), taken = own or {""}, [*keys[:place], *keys[place + 1 :]]
+            others = set().union(*keys[:place], *keys[place + 1 :])
+            key, *more = own or {""}
             name = FIELDS_BY_KEY.get(str(key))
-            if name is not None and not others and not any(key in one for one in taken):
+            if name is not None and not more and key not in others:
                 self._fields[place, repr(sample[place])] = name, vars(scene)[name]
 
     def placed(self, base: Tree, variables: Sequence[Variable], sample: Sample) -> Tree:

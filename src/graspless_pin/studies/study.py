@@ -122,7 +122,7 @@ class Study:
             file = self.scene
             content = YamlSource(file.path, self.tree_at(sample, parts), file.kind, file.lines)
             scene = build_scene(content, parts)
-            parts.learn(self.variables, sample, scene)
+            parts.learn(self.variables, sample)
         return scene
 
 
