@@ -258,6 +258,11 @@ def test_fingers_that_limit_together_are_flagged():
     assert -gradients.values.lower_torque.sum() == pytest.approx(gradients.solution.margin)
 
 
+def test_an_optimum_with_one_set_of_forces_and_multipliers_is_not_degenerate():
+    gradients = optimum_gradients(maximize_margin(problem_of("general 1")))
+    assert gradients.degenerate is False
+
+
 def test_what_has_no_gradient():
     lifted = scene("sphere").with_changes(external_wrench=[0, 0, 99, 0, 0, 0])
     with pytest.raises(NoSolutionError, match="no optimum to differentiate"):

@@ -86,3 +86,24 @@ class LargestOf(Objective):
         for name, sign in (("up", 1.0), ("down", -1.0)):
             torque, side = sign * scale[:, None] * forces.torque, -sign * scale * forces.gravity
             program.rows(name, torque, side, {t: -1.0})
+
+
+@dataclass(frozen=True)
+class LeastSideways(Objective):
+    """The smallest possible largest friction along t2, in rows of single force components."""
+
+    name = "least sideways"
+
+    def build(self, program: ProgramBuilder) -> None:
+        forces = program.forces
+        largest = program.columns("largest", low=0.0, box=(0.0, 1e3), cost=1.0)
+        program.balance()
+        program.cones(0.0)
+        program.normal_limits(0.0)
+        program.torque_limits()
+        along = np.eye(forces.size)[forces.coordinates.tangent[:, 1]]
+        for name, sign in (("up", 1.0), ("down", -1.0)):
+            program.rows(name, sign * along, np.zeros(len(along)), {largest: -1.0})
+
+    def unit(self, problem: QuasistaticProblem, coordinates: ForceCoordinates) -> float:
+        return coordinates.force_scale

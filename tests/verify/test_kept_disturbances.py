@@ -363,3 +363,23 @@ def test_bounds_of_a_span_hold_for_what_happens_between(number):
             assert reached <= bound + 1e-8
             tight = min(tight, bound - reached)
     assert tight < 0.05
+
+
+def end_of(made):
+    return next(line for line in lines(made) if line.name.endswith("can be balanced"))
+
+
+def test_an_end_that_is_understated_is_refused_even_without_forces():
+    """At no disturbance at all no forces are needed: that more cannot be balanced is then wrong."""
+    made = copy.deepcopy(document("corners"))
+    claim = made["disturbances"]["directions"][0]
+    assert end_of(made).passed
+    claim["possible"], claim["forces"] = 0.0, None
+    assert end_of(made).passed is False
+
+
+@pytest.mark.parametrize(("share", "right"), [(1e-10, True), (1e-6, False)])
+def test_forces_of_a_body_without_inertia_must_balance_it_closely(share, right):
+    """They may be rounded, but not wrong: nothing tells how fast what is left would move it."""
+    made = replaced("bare", "spans", 0, 0, "proof", "forces", by=times(1.0 + share))
+    assert refused(made) is not right

@@ -5,7 +5,8 @@ import itertools
 
 import numpy as np
 import pytest
-from own_objectives import Helped, LargestOf, SquaredShares, WeightedMargin
+from own_objectives import Helped, LargestOf, LeastSideways, SquaredShares, WeightedMargin
+from random_scenes import general_scene  # pyright: ignore[reportMissingImports] - tests/core
 from scenes import scene  # pyright: ignore[reportMissingImports] - tests/core, by conftest
 from verified_documents import SCALES, changed, documented, scaled
 
@@ -62,6 +63,15 @@ def test_all_that_a_document_claims_is_proven(own, name):
     given = [check.name for check in verification.checks if check.given]
     assert any(one.startswith("costs of ") for one in given)
     assert not any(one.startswith("boxes of ") for one in given)
+
+
+def test_rows_of_single_force_components_are_proven():
+    problem = general_scene(1, 3, joints=(1, 3), cone_edges=5)
+    solution = optimize(problem, LeastSideways(), static_friction="coulomb")
+    assert solution.value > 0.01
+    friction = np.einsum("mi,mi->m", solution.problem.tangents[..., 1], solution.contact_forces)
+    assert solution.value == pytest.approx(np.abs(friction).max(), abs=1e-6)
+    assert verify_document(documented(solution)).proven
 
 
 def test_documents_with_round_cones_are_refused_by_name(own):
