@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from operator import is_
 from typing import Any, Generic, TypeVar
 from weakref import ref
+
+from graspless_pin.compiled import small_arrays
 
 _Source = TypeVar("_Source")
 _Value = TypeVar("_Value")
@@ -85,12 +86,7 @@ class Latest:
             make: Makes it.
         """
         kept = self._kept.get(name)
-        # Mostly they are the same objects, which takes a third of the time to see.
-        if (
-            kept is not None
-            and len(kept[0]) == len(sources)
-            and (all(map(is_, kept[0], sources)) or all(map(_is_same, kept[0], sources)))
-        ):
+        if kept is not None and _are_same(kept[0], sources):
             return kept[1]
         made = make()
         self._kept[name] = sources, made
@@ -100,6 +96,16 @@ class Latest:
 _PLAIN = (float, int, str, bool, bytes)
 
 
+def _are_same(ones: tuple[Any, ...], others: tuple[Any, ...]) -> bool:
+    """Return whether two tuples hold the same objects, or equal numbers and texts."""
+    if small_arrays is not None:
+        return small_arrays.are_same(ones, others)
+    return len(ones) == len(others) and all(map(_is_same, ones, others))
+
+
 def _is_same(one: Any, other: Any) -> bool:
     kind = type(one)
-    return one is other or (kind is type(other) and kind in _PLAIN and repr(one) == repr(other))
+    if one is other or kind is not type(other) or kind not in _PLAIN:
+        return one is other
+    # Equal floats may differ in the sign of zero.
+    return repr(one) == repr(other) if kind is float else one == other

@@ -14,11 +14,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from graspless_pin import Scene, compiled, load_scene
+from graspless_pin import Scene, compiled, derived, load_scene
 from graspless_pin.geometry import poses
 from graspless_pin.geometry.contact import motion
 from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays
 from graspless_pin.problem import QuasistaticProblem, checks, cones
+from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.problem.own_arrays import problem_of_own_arrays
 from graspless_pin.scene.motion_and_contacts import Motion
 
 EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*.yaml"))
@@ -188,6 +190,60 @@ def test_numbers_are_checked_alike(by_numpy, first, second, strictly) -> None:
         assert call() == by_numpy(call)
 
 
+ARRAY = np.ones(3)
+SOURCES = [ARRAY, np.ones(3), None, 0.0, -0.0, 1.0, 1, True, "1", b"1", np.nan, 10**40, "a" * 40]
+
+
+@needs_loops
+@given(
+    first=st.lists(st.sampled_from(SOURCES), max_size=3),
+    second=st.lists(st.sampled_from(SOURCES), max_size=3),
+)
+def test_what_a_value_is_made_from_is_told_apart_alike(by_numpy, first, second) -> None:
+    def kept() -> bool:
+        values = derived.Latest()
+        # Equal numbers and texts are others as objects where they are computed.
+        others = [one * 1 if type(one) in (int, float, str) else one for one in second]
+        return values.of("x", tuple(first), object) is values.of("x", tuple(others), object)
+
+    assert kept() is by_numpy(kept)
+    assert kept() is (list(map(described, first)) == list(map(described, second)))
+
+
+def described(source: object) -> object:
+    return id(source) if isinstance(source, np.ndarray) else (type(source), repr(source))
+
+
+@needs_loops
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, -1.0, 0.0, 1e14, -1e14, 1e31])
+@pytest.mark.parametrize(
+    "name", ["positions", "external_wrench", "jacobian", "friction", "lower", "upper"]
+)
+@pytest.mark.parametrize("place", [0, -1])
+def test_numbers_of_own_arrays_are_judged_alike(outcome, by_numpy, name, place, bad) -> None:
+    def made():
+        given = {
+            "positions": np.array([[0.1, 0.0, 0.0], [0.0, 0.2, 0.0]]),
+            "external_wrench": np.array([0.0, 0.0, -9.8, 0.0, 0.0, 0.0]),
+            "jacobian": np.arange(12.0).reshape(6, 2),
+            "friction": np.array([0.3, 0.5]),
+            "lower": np.array([-1.0, -1.0]),
+            "upper": np.array([1.0, 1.0]),
+        }
+        given[name].flat[place] = bad
+        problem = problem_of_own_arrays(
+            given["positions"], np.array([[0.0, 0.0, 1.0]] * 2), given["external_wrench"],
+            given["jacobian"], friction=given["friction"],
+            tangents=np.array([[[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]]] * 2), sliding=np.zeros((2, 3)),
+            torque_limits=(given["lower"], given["upper"]), max_normal_force=20.0, cone_edges=8,
+            joint_names=("a", "b"), joint_units=(JointUnit.TORQUE,) * 2,
+            gravity_torques=np.zeros(2),
+        )  # fmt: skip
+        return problem.joint_names
+
+    assert outcome(made) == by_numpy(made)
+
+
 @needs_loops
 def test_strides_and_types_do_not_matter() -> None:
     assert compiled.small_arrays is not None
@@ -264,6 +320,11 @@ POSES = np.repeat(np.eye(4)[None], 2, axis=0)
     [
         ("small_arrays", "in_order", ((np.ones(2), np.ones(3)), False)),
         ("small_arrays", "tangents", (np.ones((2, 4)), ())),
+        ("small_arrays", "about", (ONES, np.ones(2))),
+        ("small_arrays", "about", (np.ones((2, 4)), np.ones(3))),
+        ("small_arrays", "stacked", (ONES, np.ones((2, 2)))),
+        ("small_arrays", "are_possible", ((), *map(np.ones, (2, 5, 1, 1)), 1.0, 1.0)),
+        ("small_arrays", "are_possible", ((), *map(np.ones, (2, 6, 2, 1)), 1.0, 1.0)),
         ("small_arrays", "tangents", (ONES, (np.ones(2),))),
         ("rigid_bodies", "placed", (POSES, [0, 2], POSES)),
         ("rigid_bodies", "placed", (POSES, [-1, 0], POSES)),

@@ -118,6 +118,8 @@ def test_jacobians_match_finite_differences_and_rnea(name, control):
     J = hand.contact_jacobian(links, points)
     expected = difference_jacobian(hand, hand.actuated_joint_names, links, points)
     np.testing.assert_allclose(J, expected, atol=1e-6)
+    with_fixed = hand.contact_jacobian([*links, None], [*points, points[0]])
+    np.testing.assert_array_equal(with_fixed, np.vstack([J, np.zeros((3, J.shape[1]))]))
     forces = rng.uniform(-20, 20, (len(links), 3))
     tau = hand.tree.coupling.S.T @ rnea(hand, links, points, forces, GRAVITY)
     leaders = [hand.joint_names[index] for index in hand.tree.coupling.leaders]

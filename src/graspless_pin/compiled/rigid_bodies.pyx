@@ -75,13 +75,12 @@ cdef void jacobian_of(
     """Put the (3, n) velocities of one point, see `point_jacobians`, into a place."""
     cdef Py_ssize_t j
     for j in range(n):
-        out[j] = moves[j] * (column[j] + column[4 * n + j] * p[2] - column[5 * n + j] * p[1])
-        out[n + j] = moves[j] * (
-            column[n + j] + column[5 * n + j] * p[0] - column[3 * n + j] * p[2]
-        )
-        out[2 * n + j] = moves[j] * (
-            column[2 * n + j] + column[3 * n + j] * p[1] - column[4 * n + j] * p[0]
-        )
+        if moves[j] == 0.0:
+            out[j] = out[n + j] = out[2 * n + j] = 0.0
+            continue
+        out[j] = column[j] + column[4 * n + j] * p[2] - column[5 * n + j] * p[1]
+        out[n + j] = column[n + j] + column[5 * n + j] * p[0] - column[3 * n + j] * p[2]
+        out[2 * n + j] = column[2 * n + j] + column[3 * n + j] * p[1] - column[4 * n + j] * p[0]
 
 
 def twist_velocities(twist, center, points):

@@ -1,7 +1,7 @@
 # cython: boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
-"""Checks of small arrays, and the tangents of a few contacts."""
+"""Checks of small arrays and tuples, and positions and tangents of a few contacts."""
 
-from libc.math cimport fabs, isfinite, sqrt
+from libc.math cimport INFINITY, fabs, isfinite, sqrt
 from libc.string cimport memcpy
 
 cimport numpy as cnp
@@ -92,6 +92,70 @@ def all_within(arrays, double most):
             if not fabs(data(array)[k]) <= most:
                 return False
     return True
+
+
+def about(points, center):
+    """(M, 3) points (M, 3) seen from a center (3,)."""
+    cdef cnp.ndarray at = as_reals(points, 2), origin = as_vector(center, 3)
+    cdef Py_ssize_t count = at.shape[0], k
+    at = as_shaped(at, count, 3)
+    cdef cnp.ndarray seen = empty(count, 3)
+    for k in range(3 * count):
+        data(seen)[k] = data(at)[k] - data(origin)[k % 3]
+    return seen
+
+
+def stacked(first, second):
+    """(M + N, 3) the rows of two arrays."""
+    cdef cnp.ndarray one = as_reals(first, 2), two = as_reals(second, 2)
+    cdef Py_ssize_t M = one.shape[0], N = two.shape[0]
+    one, two = as_shaped(one, M, 3), as_shaped(two, N, 3)
+    cdef cnp.ndarray both = empty(M + N, 3)
+    memcpy(data(both), data(one), 3 * M * sizeof(double))
+    memcpy(data(both) + 3 * M, data(two), 3 * N * sizeof(double))
+    return both
+
+
+def are_same(tuple ones, tuple others):
+    """Whether two tuples hold the same objects, or equal numbers and texts, see `Latest`."""
+    cdef Py_ssize_t k, count = len(ones)
+    if len(others) != count:
+        return False
+    for k in range(count):
+        if ones[k] is others[k]:
+            continue
+        kind = type(ones[k])
+        if kind is not type(others[k]):
+            return False
+        if kind is float:
+            if repr(ones[k]) != repr(others[k]):
+                return False
+        elif not (kind is int or kind is str or kind is bool or kind is bytes):
+            return False
+        elif ones[k] != others[k]:
+            return False
+    return True
+
+
+def are_possible(arrays, friction, wrench, lower, upper, double most, double most_load):
+    """Whether a problem's numbers are possible ones, see `problem_of_own_arrays`."""
+    cdef cnp.ndarray mu = as_reals(friction, 1), load = as_vector(wrench, 6)
+    cdef cnp.ndarray least = as_reals(lower, 1), largest = as_vector(upper, least.shape[0])
+    cdef Py_ssize_t k
+    for k in range(mu.shape[0]):
+        if not data(mu)[k] >= 0.0:
+            return False
+    for k in range(3):
+        if not fabs(data(load)[k]) <= most_load:
+            return False
+    for k in range(least.shape[0]):
+        if not (
+            data(least)[k] <= data(largest)[k]
+            and data(least)[k] < INFINITY
+            and data(largest)[k] > -INFINITY
+        ):
+            return False
+    return all_within(arrays, most)
 
 
 def seal(arrays):

@@ -114,18 +114,6 @@ def _checked_inertias(
     return checked
 
 
-def bears_load(max_normal_force: float, external_wrench: FloatArray) -> bool:
-    """Whether a normal force is one, and not too small beside the external force to compute with.
-
-    Args:
-        max_normal_force: The largest normal force of a contact, N.
-        external_wrench: (6,) N and N m.
-    """
-    x, y, z, *_ = external_wrench.tolist()
-    load = max(abs(x), abs(y), abs(z))
-    return max_normal_force >= max(SMALLEST, load / LARGEST_LOAD_OVER_LIMIT)
-
-
 def _checked_tangents(tangents: ArrayLike | None, normals: FloatArray) -> FloatArray:
     """Return orthonormal (M, 3, 2) tangents, the default ones for None."""
     if tangents is None:

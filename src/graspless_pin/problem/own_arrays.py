@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 
-from graspless_pin.problem.arguments import bears_load
+from graspless_pin.compiled import small_arrays
+from graspless_pin.magnitudes import LARGEST, LARGEST_LOAD_OVER_LIMIT, SMALLEST
 from graspless_pin.problem.checks import (
     FloatArray,
     all_true,
     all_within,
     choice,
-    in_order,
     make_read_only,
     read_only,
 )
@@ -65,18 +66,14 @@ def problem_of_own_arrays(
     lower, upper = torque_limits
     if not (
         len(positions) > 0
-        and all_within((positions, external_wrench, jacobian, friction, sliding, gravity_torques))
-        and min(friction.tolist()) >= 0.0
-        and bears_load(max_normal_force, external_wrench)
-        and max_normal_force < np.inf
+        and SMALLEST <= max_normal_force < np.inf
         and isinstance(cone_edges, int)
         and cone_edges >= 3
-        # Where the lower is below the upper, neither is infinite on the wrong side.
-        and (
-            in_order((lower, upper), strictly=True)
-            or all_true((lower <= upper) & (lower < np.inf) & (upper > -np.inf))
+        and _are_possible(
+            (positions, external_wrench, jacobian, friction, sliding, gravity_torques),
+            friction, external_wrench, lower, upper, LARGEST_LOAD_OVER_LIMIT * max_normal_force,
         )
-    ):
+    ):  # fmt: skip
         # The constructor finds what is wrong and names it.
         return QuasistaticProblem(positions, normals, external_wrench, jacobian, friction=friction,
                    tangents=tangents, sliding=sliding, torque_limits=torque_limits,
@@ -106,6 +103,25 @@ def problem_of_own_arrays(
         gravity_torques=gravity_torques,
     )
     return made
+
+
+def _are_possible(
+    arrays: Sequence[FloatArray],
+    friction: FloatArray,
+    wrench: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    most_load: float,
+) -> bool:
+    """Whether all entries are numbers, coefficients not negative and limits in their order."""
+    if small_arrays is not None:
+        return small_arrays.are_possible(arrays, friction, wrench, lower, upper, LARGEST, most_load)
+    return (
+        all_within(arrays)
+        and all_within((wrench[:3],), most_load)
+        and all_true(friction >= 0.0)
+        and all_true((lower <= upper) & (lower < np.inf) & (upper > -np.inf))
+    )
 
 
 @lru_cache(maxsize=8)

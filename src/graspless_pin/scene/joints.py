@@ -42,12 +42,9 @@ def joint_columns(hand: Hand | None, touching: ContactArrays) -> ControlledJoint
     if hand is None:
         return ControlledJoints(np.zeros((3 * len(touching), 0)), (), ())
     count = touching.hand_count
-    names = hand.actuated_joint_names
-    jacobian = np.zeros((3 * len(touching), len(names)))
-    jacobian[: 3 * count] = hand.contact_jacobian(
-        touching.bodies[:count], touching.positions[:count]
-    )
-    joints = ControlledJoints(jacobian, names, hand.effort_units)
+    links = (*touching.bodies[:count], *(None,) * (len(touching.bodies) - count))
+    jacobian = hand.contact_jacobian(links, touching.positions)
+    joints = ControlledJoints(jacobian, hand.actuated_joint_names, hand.effort_units)
     return _with_hybrid_fingers(joints, hand, touching) if hand.control.hybrid_fingers else joints
 
 

@@ -85,7 +85,8 @@ def jointed_contacts(scene: Scene) -> JointedContacts:
             joints = joint_columns(hand, touching)
         except SceneError as error:
             raise error.at(label_of(scene)) from error
-        return JointedContacts(contacts, touching.positions - center, tangents, joints)
+        positions = touching.positions_about(center)
+        return JointedContacts(contacts, positions, tangents, joints)
 
     sources = all_contacts, center.tobytes(), scene.tangent_axes, scene.motion, scene.supports
     return scene._kept.of("jointed contacts", (*sources, *of_hand), made)

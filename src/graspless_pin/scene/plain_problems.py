@@ -133,7 +133,7 @@ class PlainProblems:
             or hand.control.hybrid_fingers
             or scene.given_contacts is not None
             or scene.motion is not None
-            or any(support.velocity.any() for support in scene.supports)
+            or any(support.is_moving for support in scene.supports)
         ):
             return None
         tree, pieces = hand.tree, scene.object.placed_bodies

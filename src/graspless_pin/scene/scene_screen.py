@@ -46,7 +46,7 @@ def scene_screen(scene: Scene) -> str:
             f"{len(hand.actuated_joint_names)} under force control"
         )
     for support in scene.supports[:_MOST]:
-        moves = ", moves" if support.velocity.any() else ""
+        moves = ", moves" if support.is_moving else ""
         lines.append(f"support   {support.name}: {_shape(support.shape)}{moves}")
     if len(scene.supports) > _MOST:
         lines.append(f"          and {len(scene.supports) - _MOST} more")

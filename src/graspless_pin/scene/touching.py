@@ -81,9 +81,7 @@ def contacts_after_motion(scene: Scene, touching: ContactArrays) -> SceneContact
     if not len(touching):
         raise StateError(StateFault.NO_CONTACT, f"{label_of(scene)}: {nothing_touches(scene)}")
     motion, supports = scene.motion, scene.supports
-    moving = scene._kept.of(
-        "moving", (supports,), lambda: any(one.velocity.any() for one in supports)
-    )
+    moving = [one for one in supports if one.is_moving]
     if motion is None:
         if not moving:
             return SceneContacts(touching, np.zeros((len(touching), 3)))

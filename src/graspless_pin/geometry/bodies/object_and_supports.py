@@ -258,6 +258,11 @@ class Support(_PlacedShape):
             )
         object.__setattr__(self, "velocity", _vector("velocity", self.velocity, 6))
 
+    @cached_property
+    def is_moving(self) -> bool:
+        """Whether its surface moves."""
+        return bool(self.velocity.any())
+
     def _pose(self) -> NDArray[np.float64]:
         return self.T_world_support
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
+from functools import cached_property
 from typing import overload
 
 import numpy as np
 
+from graspless_pin.compiled import small_arrays
 from graspless_pin.problem.checks import FloatArray
 
 
@@ -103,7 +105,7 @@ class ContactArrays(Sequence[ContactPoint]):
         )
         return made
 
-    @property
+    @cached_property
     def hand_count(self) -> int:
         """How many are on hand links."""
         return self.kinds.count(BodyKind.HAND)
@@ -128,6 +130,12 @@ class ContactArrays(Sequence[ContactPoint]):
             self.distances[index],
         )
 
+    def positions_about(self, point: FloatArray) -> FloatArray:
+        """Return the (M, 3) positions seen from a point (3,), m."""
+        if small_arrays is not None:
+            return small_arrays.about(self.positions, point)
+        return self.positions - point
+
     def chosen(self, rows: Sequence[int]) -> ContactArrays:
         """Return the contacts at some indices."""
         return ContactArrays(
@@ -143,7 +151,14 @@ class ContactArrays(Sequence[ContactPoint]):
         return self.of_own(
             self.bodies + others.bodies,
             self.kinds + others.kinds,
-            np.concatenate((self.positions, others.positions)),
-            np.concatenate((self.normals, others.normals)),
+            _stacked(self.positions, others.positions),
+            _stacked(self.normals, others.normals),
             self.distances + others.distances,
         )
+
+
+def _stacked(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Return the rows of two (K, 3) arrays."""
+    if small_arrays is not None:
+        return small_arrays.stacked(first, second)
+    return np.concatenate((first, second))

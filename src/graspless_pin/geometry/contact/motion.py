@@ -123,7 +123,7 @@ def support_velocities(
         if support is None:
             known = ", ".join(f"'{name}'" for name in by_name) or "none"
             raise ArgumentError("supports", f"has no support '{name}'; known: {known}")
-        if support.velocity.any():
+        if support.is_moving:
             linear[own] = twist_velocities(
                 support.velocity, support.T_world_support[:3, 3], touching.positions[own]
             )

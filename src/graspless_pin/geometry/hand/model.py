@@ -251,11 +251,13 @@ class Hand(Record):
         """What `collision_bodies` returns, each made only when it is asked for."""
         return self._links.bodies
 
-    def contact_jacobian(self, links: Sequence[str], points: ArrayLike) -> NDArray[np.float64]:
+    def contact_jacobian(
+        self, links: Sequence[str | None], points: ArrayLike
+    ) -> NDArray[np.float64]:
         """Return the Jacobian of points that are fixed to links.
 
         Args:
-            links: K link names.
+            links: K link names; None: the point stands still.
             points: (K, 3) where the points are now, world, metres.
 
         Returns:

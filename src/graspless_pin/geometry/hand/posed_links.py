@@ -40,11 +40,13 @@ class PosedLinks(NamedTuple):
         frame = self.tree.pinocchio_model.frames[self.tree.link_frames[link]]
         return self.kinematics.T_world_joint[joint] @ frame.placement.homogeneous
 
-    def point_jacobians(self, links: Sequence[str], points: ArrayLike) -> NDArray[np.float64]:
+    def point_jacobians(
+        self, links: Sequence[str | None], points: ArrayLike
+    ) -> NDArray[np.float64]:
         """Return (K, 3, n) velocities of points fixed to links per rate of each movable joint.
 
         Args:
-            links: K link names.
+            links: K link names; None: the point stands still.
             points: (K, 3) where the points are now, world, metres.
 
         Raises:
@@ -65,21 +67,21 @@ def posed_links(tree: KinematicTree, positions: NDArray[np.float64]) -> PosedLin
     return PosedLinks(tree, kinematics, PlacedBodies(tree.shapes, poses))
 
 
-def joints_of(tree: KinematicTree, links: Sequence[str]) -> list[int]:
-    """Return the Pinocchio joint that carries each link.
+def joints_of(tree: KinematicTree, links: Sequence[str | None]) -> list[int]:
+    """Return the Pinocchio joint that carries each link; 0, the world's, for None.
 
     Raises:
         ArgumentError: If a link is unknown.
     """
     carriers = tree.link_joints
     try:
-        return [carriers[link] for link in links]
+        return [0 if link is None else carriers[link] for link in links]
     except KeyError as error:
         known = tuple(tree.link_frames)
         raise unknown_name("links", "link", str(error.args[0]), known) from error
 
 
-def checked_points(links: Sequence[str], points: ArrayLike) -> NDArray[np.float64]:
+def checked_points(links: Sequence[str | None], points: ArrayLike) -> NDArray[np.float64]:
     """Return points as (K, 3), one row per link.
 
     Raises:

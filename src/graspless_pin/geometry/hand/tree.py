@@ -192,7 +192,7 @@ class KinematicTree(Record):
         if rigid_bodies is not None:
             return rigid_bodies.point_jacobians(J_world, self.moves, joints, points)
         columns = J_world[:3].T + np.cross(J_world[3:].T, points[:, None])
-        return columns.transpose(0, 2, 1) * self.moves[list(joints)][:, None]
+        return np.where(self.moves[list(joints)][:, None], columns.transpose(0, 2, 1), 0.0)
 
     def gravity_torques(self, positions: FloatArray, gravity: FloatArray) -> FloatArray:
         """Return the (n,) torques that carry the links' weight at (n,) joint positions.
