@@ -77,7 +77,7 @@ def without_loops(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def searched(monkeypatch: pytest.MonkeyPatch) -> None:
     """Single calls ask solvers, also where the compiled loops could answer by themselves."""
-    monkeypatch.setattr(solve, "found_cold", lambda *_: None)
+    monkeypatch.setattr(solve, "found_cold", lambda *_: (None, None))
 
 
 @pytest.fixture(params=["compiled", "numpy"])

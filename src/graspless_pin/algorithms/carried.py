@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.algorithms.options import RequiredStability, Search, SolveOptions
+from graspless_pin.algorithms.search import LOOPS, Interior
 from graspless_pin.compiled import cold_optima, optimum_starts
 from graspless_pin.derived import Derived
 from graspless_pin.modes.kinematics import THRESHOLD
@@ -37,8 +38,6 @@ from graspless_pin.programs.objectives import Objective
 from graspless_pin.solution import Certificate, Evidence, Status, TorqueSolution
 from graspless_pin.solvers import ANY_SOLVER
 
-_OWN = "loops"
-"""What the loops that find optima by themselves are called among the solvers."""
 MOST_COLD = 24
 """Coordinates of forces; with more, a kept solver with sparse factors is faster than the loops."""
 
@@ -129,7 +128,7 @@ def carried(
 
 def found_cold(
     problem: QuasistaticProblem, objective: Objective, options: SolveOptions
-) -> TorqueSolution | None:
+) -> tuple[TorqueSolution | None, Interior | None]:
     """Return the optimum of a problem of which nothing is known, by interior points in loops.
 
     Args:
@@ -140,24 +139,24 @@ def found_cold(
     Returns:
         The optimum over all feasible modes, proven like any other; None where the friction of
         the optimum without modes has no motion behind it at first sight, or the loops do not
-        apply.
+        apply. And the optimum without modes, of which nothing is proven; None where there is none.
     """
     rules = options.rules
     if not may_begin(problem, options):
-        return None
+        return None, None
     if options.strong:
         options = replace(options, stability=RequiredStability.WEAK)
     loops = _loops(problem, objective, options)
     if loops is None or loops.n > MOST_COLD:
-        return None
+        return None, None
     with LOOPS_LOCK:
-        found = loops.found(problem)
+        found, interior = loops.found(problem)
     if found is None:
-        return None
+        return None, interior
     signs, optimum = found
     mode = SlidingMode.unchecked(signs.any(axis=1), signs.astype(np.int8))
     whole = _as_carried(problem, objective, optimum)
-    return _solution(problem, objective, rules, whole, mode, loops.n, _OWN)
+    return _solution(problem, objective, rules, whole, mode, loops.n, LOOPS), interior
 
 
 def may_begin(problem: QuasistaticProblem, options: SolveOptions) -> bool:

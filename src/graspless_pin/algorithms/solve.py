@@ -91,9 +91,11 @@ def _best_case(
     mode: SlidingMode | None = None,
 ) -> TorqueSolution:
     """Return the optimum over all forces that statics leave open."""
-    found = found_cold(problem, objective, options) if mode is None else None
-    if found is not None:
-        return found
+    interior = None
+    if mode is None:
+        found, interior = found_cold(problem, objective, options)
+        if found is not None:
+            return found
     gap = 0.0
     if options.rules.by_direction:
         if mode is not None:
@@ -102,7 +104,7 @@ def _best_case(
     requirements = None if mode is None else _checked_mode(problem, options.rules, mode)
 
     def searched(formulation: Formulation) -> SearchResult:
-        state = SearchState(formulation, options.rules, options.solver)
+        state = SearchState(formulation, options.rules, options.solver, interior)
         if mode is None or requirements is None:
             return search_modes(state, options, limits)
         try:

@@ -3,6 +3,7 @@
 cimport numpy as cnp
 
 from graspless_pin.compiled.carried_optima cimport Carrier
+from graspless_pin.compiled.optimum_starts cimport Start
 
 cdef class ColdCarrier(Carrier):
     cdef int guesses
@@ -36,3 +37,5 @@ cdef class ColdCarrier(Carrier):
     cdef void step(self) noexcept
     cdef double reached(self, const double* values, const double* steps) noexcept
     cdef bint solved(self) noexcept
+    cdef tuple interior(self)
+    cdef Start read(self)

@@ -59,17 +59,33 @@ cdef class ColdCarrier(Carrier):
             problem: The problem, or what loops read of it.
 
         Returns:
-            (M, 2) signs of the mode, zeros where it does not select, and the optimum as `carried`
-            returns it. None: interior points or the first guess of a motion do not lead to any.
+            The optimum and the relaxation. Of the optimum, (M, 2) signs of the mode, zeros where
+            it does not select, and what `carried` returns; None: the first guess of a motion does
+            not lead to any. Of the relaxation, (n + 1,) x and (R,) multipliers of the rows, as
+            interior points left them; None: they lead nowhere.
         """
         cdef list held = []
         self.hold(problem, held)
-        if not self.posed():
-            return None
-        near = self.begun()
+        if not self.posed() or not self.solved():
+            return None, None
+        relaxation = self.interior()
+        near = self.read()
         if near is None or not self.optimum(near, True):
-            return None
-        return _copied(near.signs, 2 * self.M).reshape(self.M, 2), self.told()
+            return None, relaxation
+        optimum = _copied(near.signs, 2 * self.M).reshape(self.M, 2), self.told()
+        return optimum, relaxation
+
+    cdef tuple interior(self):
+        """Copies of x and of the multipliers of the rows."""
+        cdef cnp.ndarray weights = empty1(self.R)
+        cdef Py_ssize_t i, k
+        memset(data(weights), 0, self.R * sizeof(double))
+        memcpy(data(weights), self.y, 6 * sizeof(double))
+        for i in range(self.count):
+            k = self.sided[i]
+            if k // 2 < self.R:
+                data(weights)[k // 2] += -self.z[k] if k % 2 else self.z[k]
+        return _copied(self.x, self.n + 1), weights
 
     cdef void levels_at(self, const double* x, double* level) noexcept:
         """Put the values of all rows, and after them the variables, into a place."""
@@ -268,14 +284,18 @@ cdef class ColdCarrier(Carrier):
     cdef Start begun(self):
         """What an optimum found by interior points leaves behind; None: there is none.
 
+        See `read`.
+        """
+        return self.read() if self.solved() else None
+
+    cdef Start read(self):
+        """What the optimum that was just found leaves behind; None: no motion is behind it.
+
         Its mode is read from the friction, and the motion guessed, as a search does first.
         """
         cdef Py_ssize_t n1 = self.n + 1, M = self.M, W = self.W, s = 0, i, c, k
         cdef double* pair
-        cdef cnp.ndarray signs
-        if not self.solved():
-            return None
-        signs = empty(M, 2)
+        cdef cnp.ndarray signs = empty(M, 2)
         memset(data(signs), 0, 2 * M * sizeof(double))
         for c in range(self.n):
             if self.axes[c] % 3 and fabs(self.x[c]) > _RUBS:

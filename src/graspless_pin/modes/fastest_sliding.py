@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.modes.nearest_motions import CLEARLY, RANK_TOLERANCE
 from graspless_pin.modes.rules import SignRule
-from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.checks import FloatArray, all_finite, read_only
 
 TAKES_PART = 1e-9
 """Weights below this share of the largest one count as none."""
@@ -37,14 +38,15 @@ class Sliding(NamedTuple):
 
 
 def fastest_sliding(
-    moving: FloatArray, strict: FloatArray, scale: FloatArray, threshold: float
+    moving: FloatArray, strict: FloatArray, scale: FloatArray | None, threshold: float
 ) -> Sliding:
     """Return the motion that slides fastest where it is slowest.
 
     Args:
         moving: (k, r) rows of the required sliding.
         strict: (k,) 1 for rows that must be positive, 0 for those that must not be negative.
-        scale: (k,) how early each row is to be taken where several choices prove a conflict.
+        scale: (k,) how early each row is to be taken where several choices prove a conflict; None:
+            all alike.
         threshold: The slowest sliding that counts; where none is as fast, the weights prove it.
 
     Raises:
@@ -55,7 +57,7 @@ def fastest_sliding(
 
 
 def _shortest(
-    moving: FloatArray, strict: FloatArray, scale: FloatArray, threshold: float
+    moving: FloatArray, strict: FloatArray, scale: FloatArray | None, threshold: float
 ) -> Sliding | None:
     """Return the shortest combination of rows by nonnegative least squares; None where that fails.
 
@@ -65,28 +67,30 @@ def _shortest(
     from scipy.optimize import nnls
 
     best = None
+    size = moving.shape[1]
+    system, target = np.empty((size + 1, len(moving))), np.zeros(size + 1)
     for worth in _WORTH:
-        system = np.empty((moving.shape[1] + 1, len(moving)))
-        system[:-1] = moving.T
-        system[-1] = worth * strict
-        target = np.zeros(len(system))
-        target[-1] = worth
+        system[:size] = moving.T
+        system[size] = worth * strict
+        target[size] = worth
+        if scale is not None:
+            system *= scale
         try:
-            weights = scale * np.maximum(nnls(system * scale, target)[0], 0.0)
+            weights = np.maximum(nnls(system, target)[0], 0.0)
         except RuntimeError:  # too many iterations, seen on degenerate rows
             break
-        if not math.isfinite(weights.sum()):
-            continue
-        total = float(weights @ strict)
+        if scale is not None:
+            weights *= scale
+        total = float(weights @ strict) if all_finite((weights,)) else 0.0
         if total <= 0.0:
             continue
         found = _judged(moving, strict, weights / total)
-        size = length(found.motion)
-        if size < threshold:
-            return found._replace(slowest=min(found.slowest, size))
+        norm = length(found.motion)
+        if norm < threshold:
+            return found._replace(slowest=min(found.slowest, norm))
         if found.slowest < threshold:
             even = _evened(moving, strict, found)
-            if even.slowest < threshold and size < _TIE * threshold:
+            if even.slowest < threshold and norm < _TIE * threshold:
                 return found
             found = even
         if best is None or found.slowest > best.slowest:
@@ -116,12 +120,12 @@ def _speed(
     size = length(motion)
     if not 0.0 < size < np.inf:
         return Sliding(motion, 0.0, weights)
-    along = moving @ motion / size
+    along = moving @ motion
+    if np.count_nonzero(strict) == len(strict):
+        return Sliding(motion, min(along.tolist()) / size, weights)
     needed = strict > 0.0
-    if needed.all():
-        return Sliding(motion, float(along.min()), weights)
-    wrong = (along[~needed] < -RANK_TOLERANCE).any()
-    return Sliding(motion, 0.0 if wrong else float(along[needed].min()), weights)
+    wrong = (along[~needed] < -RANK_TOLERANCE * size).any()
+    return Sliding(motion, 0.0 if wrong else float(along[needed].min()) / size, weights)
 
 
 def _by_linear_program(moving: FloatArray, strict: FloatArray, threshold: float) -> Sliding:
@@ -165,9 +169,14 @@ def signed_rows(
     nonzero = signs != 0
     rows = signed[nonzero]
     if rule is not SignRule.NONZERO:
-        return rows, np.ones(len(rows))
+        return rows, _ones(len(rows))
     sums = signed[nonzero.all(axis=1)].sum(axis=1)
     return np.vstack([rows, sums]), np.repeat([0.0, 1.0], [len(rows), len(sums)])
+
+
+@lru_cache(maxsize=64)
+def _ones(count: int) -> FloatArray:
+    return read_only(np.ones(count))
 
 
 def length(motion: FloatArray) -> float:

@@ -217,10 +217,10 @@ class VirtualKinematics:
         """
         touching = self._touching_motions(contacts, signs, rule)
         moving, strict = signed_rows(touching.tangential, signs, rule)
-        if not strict.any():
+        if not np.count_nonzero(strict):
             nothing = np.zeros(moving.shape[1])
             return touching, Sliding(nothing, np.inf, np.zeros(len(moving)))
-        scale = np.ones(len(moving))
+        scale = None
         if importance is not None and rule is not SignRule.NONZERO:
             # The algorithm takes the steepest rows first, so rows that are made longer go first.
             scale = importance[signs != 0]

@@ -118,7 +118,7 @@ class SectorMotions:
         moving = (ways @ touching.tangential[directed]).reshape(-1, touching.basis.shape[1])
         strict = np.tile([0.0, 0.0, 1.0], len(directed))
         self.programs += 1
-        found = fastest_sliding(moving, strict, np.ones(len(moving)), kinematics.threshold)
+        found = fastest_sliding(moving, strict, None, kinematics.threshold)
         if found.slowest >= kinematics.threshold:
             return kinematics.scaled_motion(touching.basis @ found.motion)
         if kinematics.threshold <= CLEARLY * np.linalg.norm(found.motion):
