@@ -35,7 +35,7 @@ from graspless_pin.geometry.pickling import Record
 from graspless_pin.geometry.poses import turning_velocities
 from graspless_pin.geometry.robots.description import FingerSpec, LinkMeshes
 from graspless_pin.geometry.robots.files import describe_model, describe_urdf
-from graspless_pin.problem.checks import all_finite
+from graspless_pin.problem.checks import FloatArray, all_finite
 from graspless_pin.problem.joint_units import JointUnit
 
 
@@ -251,9 +251,7 @@ class Hand(Record):
         """What `collision_bodies` returns, each made only when it is asked for."""
         return self._links.bodies
 
-    def contact_jacobian(
-        self, links: Sequence[str | None], points: ArrayLike
-    ) -> NDArray[np.float64]:
+    def contact_jacobian(self, links: Sequence[str | None], points: ArrayLike) -> FloatArray:
         """Return the Jacobian of points that are fixed to links.
 
         Args:
