@@ -11,7 +11,7 @@ are never branched on.
 from __future__ import annotations
 
 import heapq
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,8 +39,7 @@ _FORESEE_FROM = 8
 """Nodes after which it pays to ask what each contact could still do, where few motions are left."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Node:
+class _Node(NamedTuple):
     """A box of friction components, and what is presumed of the modes in it.
 
     Attributes:
@@ -211,7 +210,7 @@ def _resolving(state: SearchState, node: _Node, conflict: Conflict, x: FloatArra
             break
         children.append(_presuming(rest, rest.decisions.release(contact)))
         rest = _presuming(rest, rest.decisions.select(contact))
-    return [replace(child, depth=node.depth + 1) for child in children if child is not None]
+    return [child._replace(depth=node.depth + 1) for child in children if child is not None]
 
 
 def _friction(state: SearchState, x: FloatArray) -> FloatArray:
@@ -223,7 +222,7 @@ def _friction(state: SearchState, x: FloatArray) -> FloatArray:
 
 def _presuming(node: _Node, decisions: Decisions | None) -> _Node | None:
     """Return the node with other decisions, None if they contradict each other."""
-    return None if decisions is None else replace(node, decisions=decisions)
+    return None if decisions is None else node._replace(decisions=decisions)
 
 
 def _turned(
@@ -232,7 +231,7 @@ def _turned(
     """Return the child in which a contact, if selected, slides one way along a tangent."""
     if state.rules.sign is not SignRule.EXACT:
         child = _presuming(node, node.decisions.sign(contact, component, sign))
-        return child and replace(child, depth=node.depth + 1)
+        return child and child._replace(depth=node.depth + 1)
     # There the sliding may be zero as well, which is no sign.
     return _signed(node, state.formulation.friction_columns(contact)[:, component], -sign)
 
@@ -300,5 +299,5 @@ def _deciding(state: SearchState, node: _Node, answer: Answer) -> list[_Node] | 
                 # Friction vanishes along a zero component.
                 for way in (1, -1):
                     child = _signed(child, columns[:, component], way)
-            children.append(replace(child, decided={**node.decided, contact: pair}))
-    return [replace(child, depth=node.depth + 1) for child in children if child is not None]
+            children.append(child._replace(decided={**node.decided, contact: pair}))
+    return [child._replace(depth=node.depth + 1) for child in children if child is not None]

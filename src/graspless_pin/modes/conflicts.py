@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from graspless_pin.modes.fastest_sliding import TAKES_PART, length, signed_rows
 from graspless_pin.modes.rules import SignRule
 from graspless_pin.modes.verdicts import Conflict
-from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.problem.checks import FloatArray, all_finite, read_only
 
 
 def conflict_of(
@@ -37,25 +37,25 @@ def conflict_of(
     weights = np.where(weights > TAKES_PART * most, weights, 0.0)
     weights /= float(weights @ strict)
     # Each weighted row stands for one component, or for both of a contact (their sum).
-    share = np.zeros((len(contacts), 2))
-    given = np.argwhere(signs != 0)
-    np.add.at(share, tuple(given.T), weights[: len(given)])
-    both = np.flatnonzero((signs != 0).all(axis=1))
-    share[both] += weights[len(given) :, None] if len(weights) > len(given) else 0.0
-    items = tuple(
-        (contacts[position], int(component), int(signs[position, component]))
-        for position, component in np.argwhere(share > 0.0)
-    )
+    pairs, values = signs.tolist(), weights.tolist()
+    given = [(k, m) for k, pair in enumerate(pairs) for m in (0, 1) if pair[m]]
+    share = [[0.0, 0.0] for _ in contacts]
+    for (k, m), weight in zip(given, values, strict=False):
+        share[k][m] += weight
+    both = [k for k, pair in enumerate(pairs) if all(pair)]
+    for k, weight in zip(both, values[len(given) :], strict=False):
+        share[k] = [own + weight for own in share[k]]
+    items = tuple([(contacts[k], m, pairs[k][m]) for k, m in given if share[k][m] > 0.0])
     # The rest of the combination is carried by rows that vanish: a basic solution names few.
-    carried = reactions(still, -(weights @ moving), threshold)
+    carried = reactions(still, -(weights @ moving), threshold).tolist()
     owners, places = list(contacts), [0] * len(contacts)
     if rule is SignRule.EXACT:
         zeros = np.flatnonzero(signs.ravel() == 0)
         owners += [contacts[index // 2] for index in zeros]
         places += [int(1 + index % 2) for index in zeros]
-    largest = max(1.0, np.abs(carried).max(initial=0.0))
+    largest = max((1.0, *map(abs, carried)))
     combination, carrying = np.zeros(seen.shape[:2]), set[int]()
-    combination[list(contacts), 1:] = signs * share
+    combination[list(contacts), 1:] = signs * np.array(share)
     for owner, place, reaction in zip(owners, places, carried, strict=True):
         if abs(reaction) > TAKES_PART * largest:
             carrying.add(owner)
@@ -69,8 +69,8 @@ def reactions(still: FloatArray, rest: FloatArray, threshold: float) -> FloatArr
     from scipy.optimize import nnls
 
     try:
-        halves, _ = nnls(np.hstack([still.T, -still.T]), rest)
-        if np.isfinite(halves).all():
+        halves, _ = nnls(np.concatenate((still.T, -still.T), axis=1), rest)
+        if all_finite((halves,)):
             found: FloatArray = halves[: len(still)] - halves[len(still) :]
             if length(found @ still - rest) < threshold:
                 return found

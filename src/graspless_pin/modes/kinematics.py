@@ -249,16 +249,17 @@ class VirtualKinematics:
             zeros = tuple(np.flatnonzero(signs.ravel() == 0).tolist())
         known = self._touching.get((contacts, zeros))
         if known is None:
-            rows = self.seen
-            still = [rows[contact, 0] for contact in contacts]
-            still += [rows[contacts[index // 2], 1 + index % 2] for index in zeros]
-            matrix = np.array(still).reshape(-1, rows.shape[2])
+            own = self.seen[list(contacts)]
+            matrix = own[:, 0]
+            if zeros:
+                matrix = np.vstack([matrix, own[:, 1:].reshape(-1, own.shape[2])[list(zeros)]])
             _, values, right = np.linalg.svd(matrix)
-            rank = int((values > RANK_TOLERANCE * max(1.0, values.max(initial=0.0))).sum())
-            basis = right[rank:].T
-            tangential = rows[list(contacts), 1:] @ basis
+            least = RANK_TOLERANCE * max((1.0, *values[:1].tolist()))
+            basis = right[np.count_nonzero(values > least) :].T
+            tangential = own[:, 1:] @ basis
             # A row that vanishes there must vanish exactly, or rounding passes for a direction.
-            tangential[np.linalg.norm(tangential, axis=2) < RANK_TOLERANCE] = 0.0
+            squares = np.einsum("lij,lij->li", tangential, tangential)
+            tangential[squares < RANK_TOLERANCE**2] = 0.0
             known = self._touching[contacts, zeros] = Touching(matrix, basis, tangential)
         return known
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Self
 
@@ -50,7 +50,7 @@ class Decisions:
             return None
         selected = self.selected.copy()
         selected[contact] = True
-        return replace(self, selected=selected)
+        return Decisions(selected, self.released, self.signs)
 
     def release(self, contact: int) -> Decisions | None:
         """With one more contact released, None if it is selected."""
@@ -58,7 +58,7 @@ class Decisions:
             return None
         released = self.released.copy()
         released[contact] = True
-        return replace(self, released=released)
+        return Decisions(self.selected, released, self.signs)
 
     def sign(self, contact: int, component: int, sign: int) -> Decisions | None:
         """With one more sign; a contact that would need two is released, None if it must not be."""
@@ -69,7 +69,7 @@ class Decisions:
             return self
         signs = self.signs.copy()
         signs[contact, component] = sign
-        return replace(self, signs=signs)
+        return Decisions(self.selected, self.released, signs)
 
     @property
     def key(self) -> tuple[bytes, bytes, bytes]:
