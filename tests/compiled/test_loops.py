@@ -186,6 +186,9 @@ def test_numbers_are_checked_alike(by_numpy, first, second, strictly) -> None:
         lambda: checks.in_order((first, second), strictly=strictly),
         lambda: checks.all_finite((first,)),
         lambda: checks.all_finite((np.ones((3, 2)), second[:1])),
+        lambda: checks.all_within((first, np.ones((3, 2)))),
+        lambda: checks.all_finite(()),
+        lambda: checks.all_within(()),
     ):
         assert call() == by_numpy(call)
 

@@ -106,14 +106,14 @@ def all_finite(arrays: Sequence[FloatArray]) -> bool:
     """Return whether every entry of every array is finite."""
     if small_arrays is not None:
         return small_arrays.all_finite(arrays)
-    return all_true(np.isfinite(np.concatenate(arrays, axis=None)))
+    return all(all_true(np.isfinite(array)) for array in arrays)
 
 
 def all_within(arrays: Sequence[FloatArray], most: float = LARGEST) -> bool:
     """Return whether every entry of every array is a number of at most this magnitude."""
     if small_arrays is not None:
         return small_arrays.all_within(arrays, most)
-    return all_true(np.abs(np.concatenate(arrays, axis=None)) <= most)
+    return all(all_true(np.abs(array) <= most) for array in arrays)
 
 
 def in_order(arrays: Sequence[FloatArray], *, strictly: bool = False) -> bool:
