@@ -492,7 +492,7 @@ def test_right_routines_decide_all_questions():
 def test_no_wrong_least_squares_become_a_verdict(how, monkeypatch):
     monkeypatch.setattr(optimize, "nnls", WRONG_SQUARES[how])
     # The linear program decides instead, but not where its motion is one at the border of its box.
-    assert assert_no_wrong_verdicts() >= 0.6 * len(questions())
+    assert assert_no_wrong_verdicts() >= 0.65 * len(questions())
 
 
 @pytest.mark.parametrize("how", list(WRONG_PROGRAMS))

@@ -1,11 +1,13 @@
 """Parts of which a mistake rarely shows in an answer, one by one."""
 
 import time
+from collections import Counter
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from random_scenes import slope_scene
 from scenes import scene
 
 from graspless_pin import SlidingMode
@@ -22,7 +24,8 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.enumeration import _refinements
 from graspless_pin.modes.fastest_sliding import Sliding, _evened
 from graspless_pin.modes.propagation import Decisions
-from graspless_pin.modes.rules import Rules
+from graspless_pin.modes.rules import Rules, SignRule
+from graspless_pin.modes.verdicts import Requirement
 from graspless_pin.problem.arguments import _checked_tangents
 from graspless_pin.problem.own_arrays import problem_of_own_arrays
 from graspless_pin.programs.objectives import Margin, Torque
@@ -75,6 +78,33 @@ def test_a_mode_at_once_is_none_of_one_set_of_forces_alone():
     opposed[one.formulation.coordinates.tangent[0, 0]] *= -1.0
     x = np.concatenate([found.x[:size], opposed])
     assert ModeOracle(two, RULES).mode_for(x, {}) == Opposition(0, 0)
+
+
+@pytest.mark.parametrize("make", [lambda _: scene("rest"), lambda seed: slope_scene(seed, 6)])
+def test_a_component_rests_where_neither_sign_of_it_has_a_motion(make):
+    """A conflict that names this component alone is asked for once, and holds both ways."""
+    rng, seen = np.random.default_rng(1), Counter[int]()
+    for seed in range(6):
+        reader = ModeOracle(formulate(make(seed), Margin()), RULES)
+        kinematics, count = reader.formulation.kinematics, len(reader.formulation.problem.normals)
+        for _ in range(20):
+            chosen = sorted(rng.choice(count, 4, replace=False).tolist())
+            drawn = rng.integers(-1, 2, (4, 2)).tolist()
+            known = [Requirement(c, (a, b)) for c, (a, b) in zip(chosen, drawn, strict=True)]
+            if not kinematics.feasible(known, SignRule.STRICT):
+                continue
+            for index, (contact, signs) in enumerate(known):
+                for component in {0, 1} - set(np.flatnonzero(signs)):
+                    rests = True
+                    for sign in (1, -1):
+                        pair = (sign, signs[1]) if component == 0 else (signs[0], sign)
+                        tried = known.copy()
+                        tried[index] = Requirement(contact, pair)
+                        rests &= not kinematics.feasible(tried, SignRule.STRICT)
+                    conflicts = reader._resting(known, index, component)
+                    assert bool(conflicts) is rests
+                    seen[len(conflicts)] += 1
+    assert seen[0] and seen[1] and not seen[2]
 
 
 def test_an_open_sign_is_refined_both_ways_and_the_other_stays():

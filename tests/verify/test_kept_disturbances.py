@@ -369,13 +369,14 @@ def end_of(made):
     return next(line for line in lines(made) if line.name.endswith("can be balanced"))
 
 
-def test_an_end_that_is_understated_is_refused_even_without_forces():
+@pytest.mark.parametrize(("end", "passed"), [(0.0, False), (-1.0, None)])
+def test_an_end_that_is_understated_does_not_pass_without_forces(end, passed):
     """At no disturbance at all no forces are needed: that more cannot be balanced is then wrong."""
     made = copy.deepcopy(document("corners"))
     claim = made["disturbances"]["directions"][0]
     assert end_of(made).passed
-    claim["possible"], claim["forces"] = 0.0, None
-    assert end_of(made).passed is False
+    claim["possible"], claim["forces"] = end, None
+    assert end_of(made).passed is passed
 
 
 @pytest.mark.parametrize(("share", "right"), [(1e-10, True), (1e-6, False)])

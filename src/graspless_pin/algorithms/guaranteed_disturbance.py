@@ -127,7 +127,8 @@ def guaranteed_disturbance(
         characteristic_length: As of `disturbance_margin`, m.
         largest: Magnitudes up to this are looked at, N; None: ten loads.
         precision: Relative width of the brackets with which the search ends, where it gets so far.
-        node_limit: Sets of outcomes that each tree of a proof may look at.
+        node_limit: Sets of outcomes that each tree of a proof may look at; a third of what one
+            verdict alone may, since each direction takes several.
         acceleration_resolution: As of `stability`; of the load without disturbance.
 
     Raises:

@@ -274,18 +274,8 @@ class ModeOracle:
             return None
         for index, (contact, signs) in enumerate(known):
             for component in range(2):
-                if signs[component] != 0:
-                    continue
-                conflicts = []
-                for sign in (1, -1):
-                    pair = (sign, signs[1]) if component == 0 else (signs[0], sign)
-                    tried = [*known[:index], Requirement(contact, pair), *known[index + 1 :]]
-                    self.kinematic_programs += 1
-                    verdict = self.formulation.kinematics.solve(tried, self.rules.sign)
-                    if isinstance(verdict, Witness):
-                        break
-                    conflicts.append(verdict)
-                if len(conflicts) < 2:
+                conflicts = [] if signs[component] else self._resting(known, index, component)
+                if not conflicts:
                     continue
                 items = {item for conflict in conflicts for item in conflict.signs}
                 items = {item for item in items if item[:2] != (contact, component)}
@@ -293,6 +283,22 @@ class ModeOracle:
                 owners = (owners | {contact}) - {owner for owner, _, _ in items}
                 return Conflict(tuple(sorted(items)), tuple(sorted(owners)), None)
         return None
+
+    def _resting(self, known: list[Requirement], index: int, component: int) -> list[Conflict]:
+        """Conflicts that let a component of a known contact move neither way; none: it may."""
+        contact, signs = known[index]
+        conflicts: list[Conflict] = []
+        for sign in (1, -1):
+            pair = (sign, signs[1]) if component == 0 else (signs[0], sign)
+            tried = [*known[:index], Requirement(contact, pair), *known[index + 1 :]]
+            self.kinematic_programs += 1
+            verdict = self.formulation.kinematics.solve(tried, self.rules.sign)
+            if isinstance(verdict, Witness):
+                return []
+            conflicts.append(verdict)
+            if verdict.signs == ((contact, component, sign),):
+                break  # its combination, turned round, lets it not move the other way either
+        return conflicts
 
     def _first_feasible(
         self, options: list[list[Requirement]], chosen: tuple[Requirement, ...]

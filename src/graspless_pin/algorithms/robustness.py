@@ -96,7 +96,9 @@ def robustness(
         problem: At rest, with `object_inertia` and `joint_inertia`.
         torques: (L,) the motors' torques, N m (N).
         precision: Relative width of the brackets with which the search ends.
-        node_limit: Sets of outcomes that each tree and each verdict may look at.
+        node_limit: Sets of outcomes that each tree and each verdict may look at; a tenth of what
+            one verdict alone may, since there are two brackets for each joint and a verdict for
+            each contact.
 
     Raises:
         ArgumentError: If an argument is wrong.

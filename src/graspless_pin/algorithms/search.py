@@ -107,7 +107,10 @@ class SearchState:
         return answer
 
     def relax(self) -> Answer:
-        """Solve the relaxation without (27) and (31); its bound holds for every mode."""
+        """Solve the relaxation without (27) and (31), or prove the optimum that is known of it.
+
+        Its bound holds for every mode.
+        """
         program = self.formulation.program
         if self.interior is not None:
             x, multipliers = self.interior

@@ -58,7 +58,8 @@ def what_would_hold(
     Args:
         problem: At rest, with `object_inertia` and `joint_inertia`.
         torques: (L,) the motors' torques, of which rest is not the only outcome, N m (N).
-        node_limit: Sets of outcomes that each verdict may look at.
+        node_limit: Sets of outcomes that each verdict may look at; a third of what one alone may,
+            since many changes are tried.
 
     Returns:
         The changes; empty where none of those tried was enough.

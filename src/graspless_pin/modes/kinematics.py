@@ -99,6 +99,11 @@ class VirtualKinematics:
         return self._factors[0].reshape(len(self.rows), 3, -1)
 
     @cached_property
+    def _fastest_seen(self) -> float:
+        """The fastest that a contact moves in a motion y of length 1, by a bound for its rows."""
+        return float(np.linalg.norm(self.seen, axis=2).max())
+
+    @cached_property
     def _motions(self) -> FloatArray:
         """(6 + L, r) the shortest scaled motion behind each coordinate of y."""
         Q, R = np.linalg.qr(self._factors[1].T)
@@ -151,8 +156,8 @@ class VirtualKinematics:
         if rule is SignRule.NONZERO and np.isfinite(found.slowest):
             return y
         nudge = basis @ np.cos(np.arange(1.0, basis.shape[1] + 1.0))
-        reach = np.linalg.norm(self.seen, axis=2).max() * (np.linalg.norm(nudge) or 1.0)
-        slack = found.slowest * np.linalg.norm(y) if np.isfinite(found.slowest) else 1.0
+        reach = self._fastest_seen * (length(nudge) or 1.0)
+        slack = found.slowest * length(y) if np.isfinite(found.slowest) else 1.0
         return y + (0.5 * slack / reach) * nudge
 
     def feasible(self, requirements: Sequence[Requirement], rule: SignRule) -> bool:
