@@ -93,6 +93,17 @@ def test_programs_that_change_have_the_answers_of_highs(
     }  # fmt: skip
 
 
+@pytest.mark.parametrize("whole", [False, True])
+def test_the_dictionary_leaves_no_small_program_to_highs(whole: bool) -> None:
+    """A mistake may hide behind the other solver's answer."""
+    rng = np.random.default_rng(3)
+    for _ in range(100):
+        rows, low, high, cost, lb, ub = random_program(rng, whole=whole)
+        own = Simplex(cost, lb, ub)
+        own.add_rows(rows, low, high)
+        assert simplex._OUTCOMES[own._engine.solve()[0]] != SimplexOutcome.FAILED
+
+
 def test_a_hundred_changes_leave_no_rounding(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(5)
     rows, low, high, cost, lb, ub = random_program(rng, whole=False)

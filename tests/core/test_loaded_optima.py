@@ -129,6 +129,11 @@ def test_what_a_search_has_learned_begins_a_state_where_no_loop_does():
     optima.learn(problem, start)
     assert optima.carry_on(problem, own, 0, figures, torques) == 1
     assert torques[0] == pytest.approx(solution.torques, abs=1e-7)
+    # What served comes first for the next state, before a place where nothing could be carried.
+    (start_of_state,) = optima._pool
+    optima._pool.insert(0, None)
+    assert optima.carry_on(problem, own, 0, figures, torques) == 1
+    assert optima._pool == [start_of_state, None]
 
 
 @pytest.mark.parametrize("wrong", ["rows", "columns", "figures", "torques", "begin"])

@@ -9,7 +9,13 @@ import pytest
 from cases import block_between_walls, block_on_slope, hybrid_on_wall, pressed_on_wall
 from numpy.typing import NDArray
 
-from graspless_pin.holding.bounds import OutcomeBounds, States, least_along, outcome_bound
+from graspless_pin.holding.bounds import (
+    OutcomeBounds,
+    States,
+    closing_tolerance,
+    least_along,
+    outcome_bound,
+)
 from graspless_pin.holding.dynamics import Dynamics, scaled_dynamics
 from graspless_pin.holding.moving import find_motion, is_outcome
 from graspless_pin.holding.verdict import ContactState, DualBound
@@ -157,3 +163,25 @@ def test_compiled_sweeps_find_what_numpy_finds(case: int, monkeypatch: pytest.Mo
     assert found is not None
     assert expected is not None
     np.testing.assert_allclose(dynamics.motion(found), dynamics.motion(expected), atol=1e-7)
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+def test_closed_contacts_part_within_a_tolerance_that_is_paid_for(
+    compiled: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The multiplier of a row that vanishes but for the tolerance, alone in the bound."""
+    if not compiled:
+        monkeypatch.setattr("graspless_pin.holding.bounds.outcome_search", None)
+    dynamics = dynamics_of(*MOVING[0])
+    count, n = dynamics.contact_count, len(dynamics.load)
+    states, normal = States.unknown(count).changed(1, ContactState.CLOSED), np.zeros(count)
+    normal[1] = -1e6
+    goal = 1e6 * dynamics.rows[1, 0], np.zeros((count, 3))
+    dual = DualBound(np.zeros(n), normal, np.zeros((count, 2)))
+    bounds = OutcomeBounds(dynamics, np.zeros(count), 10.0)
+    paid = 1e6 * closing_tolerance(dynamics)
+    assert bounds.bound(states, dual, goal) == pytest.approx(paid, rel=1e-6)
+    # The only multipliers that are remembered are the first, too.
+    bounds.remember(dual)
+    assert bounds.proving(states, goal[0], 1.01 * paid) is dual
+    assert bounds.proving(states, goal[0], 0.99 * paid) is None

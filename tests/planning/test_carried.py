@@ -23,7 +23,8 @@ from graspless_pin.planning.configurations import Configurations
 from graspless_pin.planning.state_solver import CarriedState, StateSolver
 from graspless_pin.report import solution_document
 from graspless_pin.report.verify import verify_document
-from graspless_pin.scene.plain_problems import PlainProblems
+from graspless_pin.scene import plain_problems
+from graspless_pin.scene.plain_problems import PlainProblems, solids_of
 
 SCENE = "allegro_box_on_slope"
 pytestmark = pytest.mark.skipif(compiled.linear_programs is None, reason="nothing was compiled")
@@ -147,3 +148,19 @@ def test_loops_find_what_pinocchio_and_the_search_for_contacts_do(path):
             own = np.hstack([contacts.positions, contacts.normals])[: len(rows)]
             np.testing.assert_allclose(rows, own, rtol=0, atol=1e-13)
     assert (states.counts[:4] == 3).all() or path.stem != SCENE
+
+
+def test_loops_leave_a_link_with_several_shapes_near_the_object_to_the_search(monkeypatch):
+    """Its contacts may be one patch, which a loop for balls does not know."""
+
+    def of_one_link(shapes):
+        hands = len(shapes.names) > 1
+        return solids_of(replace(shapes, names=("tips",) * len(shapes.names)) if hands else shapes)
+
+    evaluator = Evaluator(example(SCENE))
+    q = evaluator.configuration()[None]
+    apart = PlainProblems(evaluator.scene).at(q)
+    assert apart is not None and apart.counts.tolist() == [3]
+    monkeypatch.setattr(plain_problems, "solids_of", of_one_link)
+    together = PlainProblems(evaluator.scene).at(q)
+    assert together is not None and together.counts.tolist() == [-1]
