@@ -63,3 +63,13 @@ def test_torques(profile: PathProfile):
     ends = [np.asarray(line.get_xydata(), dtype=float) for line in axes.lines]
     upright = [points[0, 0] for points in ends if points[:, 1].tolist() == [0.0, 1.0]]
     assert upright == [1.0, 2.0], "where the contacts change"
+
+
+def test_joints_of_any_name_stand_in_the_legend(profile: PathProfile):
+    """A dollar begins no mathematics, and an underscore leaves no line out."""
+    axes = path_torques(replace(profile, torque_names=("$\\frac$", "_x^{")))
+    axes.figure.canvas.draw()
+    legend = axes.get_legend()
+    assert legend is not None
+    told = [text.get_text().strip() for text in legend.get_texts()]
+    assert told[:2] == ["\\$\\frac\\$", "_x^{"]

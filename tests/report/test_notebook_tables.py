@@ -65,6 +65,16 @@ def test_names_are_escaped():
     assert [row[0] for row in joints.rows()] == ["<b>", "a & b"]
 
 
+def test_names_are_no_mathematics():
+    """Notebooks set what stands between dollar signs, unless it is marked."""
+    solution = maximize_margin(pinched_block(joint_names=["$\\frac$", "a$b$c"]))
+    shown = read_html(solution._repr_html_())
+    joints, contacts = shown.all("table")
+    assert [row[0] for row in joints.rows()] == ["$\\frac$", "a$b$c"]
+    for element in (joints, contacts, *shown.all("p")):
+        assert {"tex2jax_ignore", "mathjax_ignore"} <= set(str(element.attributes["class"]).split())
+
+
 def test_rules_are_compared_with_digits_at_every_scale():
     """A millionth of the force on a thousandth of the length: figures, and no zeros."""
     compared = compare_rules(micro_block(), "torque", margin=1e-7)

@@ -9,6 +9,7 @@ from typer.testing import CliRunner, Result
 
 from graspless_pin import maximize_margin
 from graspless_pin.cli.showing import report
+from graspless_pin.plots.canvas import plain_text
 
 
 def run(*arguments) -> Result:
@@ -32,6 +33,23 @@ def test_a_document(tmp_path):
     file.write_text(json.dumps(through_json(maximize_margin(pinched_block()))), encoding="utf-8")
     assert run(file, "-o", target).exit_code == 0
     assert "made from arrays" in read_html(target.read_text(encoding="utf-8")).all("h1")[0].text
+
+
+NAMES = ["$\\frac$", "$x", "a$b$c", "_x^{", "two\nlines", "😀", "x" * 200]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_names_are_their_letters(tmp_path, name):
+    """A dollar begins no mathematics, and no name makes matplotlib say anything."""
+    file, target = tmp_path / "solution.json", tmp_path / "report.html"
+    block = pinched_block(joint_names=[name, "other"])
+    file.write_text(json.dumps(through_json(maximize_margin(block))), encoding="utf-8")
+    result = run(file, "-o", target)
+    assert (result.exit_code, result.stderr) == (0, "")
+    page = read_html(target.read_text(encoding="utf-8"))
+    assert page.section("joints").rows()[0][0] == " ".join(name.split())
+    texts = [one.text for one in page.section("joints").all("text")]
+    assert plain_text(name).replace("\\$", "$") in texts
 
 
 def test_to_standard_output():

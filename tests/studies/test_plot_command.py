@@ -7,7 +7,7 @@ from study_tools import Here, study
 from typer.testing import CliRunner
 
 from graspless_pin.cli import plotting
-from graspless_pin.studies import run_study
+from graspless_pin.studies import read_results, run_study
 
 APP = typer.Typer()
 APP.command()(plotting.plot)
@@ -47,6 +47,16 @@ def test_a_picture_of_each_kind(results, tmp_path, monkeypatch, kind):
     (axes,) = drawn
     assert axes.get_xlabel() == "friction coefficient, default"
     assert axes.get_ylabel() == ("margin e [N]" if kind == "line" else "object.mass [kg]")
+
+
+@pytest.mark.parametrize("name", ["$\\frac$", "$x", "_x^{", "😀", "x" * 200])
+def test_columns_have_any_name(results, tmp_path, monkeypatch, recwarn, name):
+    """A dollar begins no mathematics, and letters that no font has are not told of."""
+    table, picture = read_results(results).rename(columns={"margin_N": name}), tmp_path / "x.png"
+    monkeypatch.setattr(plotting, "read_results", lambda _: table)
+    result = command(results, "-o", picture, "--value", name)
+    assert (result.exit_code, result.stdout) == (0, f"wrote {picture}\n")
+    assert not [str(one.message) for one in recwarn]
 
 
 def test_columns_can_be_chosen(results, tmp_path):

@@ -11,6 +11,7 @@ import typer
 from graspless_pin.cli.outcome import plain_errors
 from graspless_pin.errors import ArgumentError, GrasplessPinError
 from graspless_pin.plots import margin_heat_map, margin_plot, outcome_boundary
+from graspless_pin.plots.canvas import fonts_without_remarks
 from graspless_pin.studies import read_results
 
 if TYPE_CHECKING:
@@ -64,7 +65,8 @@ def plot(
                 outcome_boundary(table, across, up, figure.add_subplot(), outcome=value or "found")
         try:
             output.parent.mkdir(parents=True, exist_ok=True)
-            figure.savefig(output, dpi=150)
+            with fonts_without_remarks():
+                figure.savefig(output, dpi=150)
         except (OSError, ValueError) as error:
             raise GrasplessPinError(f"{output}: cannot be written ({error})") from error
         typer.echo(f"wrote {output}")

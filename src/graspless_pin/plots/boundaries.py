@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.plots.canvas import axes_for, plain_axis
+from graspless_pin.plots.canvas import axes_for, legend_text, plain_axis, plain_text
 from graspless_pin.plots.tables import number_column, quantity
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.visualization import LIGHT
@@ -76,22 +76,27 @@ def outcome_boundary(
     from matplotlib import colormaps
 
     colors = colormaps["viridis"](np.linspace(0.1, 0.9, max(len(names), 2)))
+    named = len(names) <= _MOST_NAMED
     for kind, name in enumerate(names):
         here = places[kinds == kind]
-        label = _WORDS.get((outcome, name), name) if len(names) <= _MOST_NAMED else None
+        label = legend_text(_told(outcome, name)) if named else None
         axes.scatter(*here.T, s=6.0, color=colors[kind], linewidths=0.0, label=label)
     axes.add_collection(LineCollection([*segments], colors=LIGHT.text, linewidths=1.2))
     axes.set_xlabel(quantity(x))
     axes.set_ylabel(quantity(y))
     plain_axis(axes.xaxis)
     plain_axis(axes.yaxis)
-    if 1 < len(names) <= _MOST_NAMED:
+    if named and len(names) > 1:
         # Above, where it hides no sample.
         axes.legend(
             loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=min(len(names), 4),
             fontsize="small", markerscale=2.5, frameon=False,
         )  # fmt: skip
     return axes
+
+
+def _told(outcome: str, name: str) -> str:
+    return _WORDS.get((outcome, name)) or plain_text(name)
 
 
 def boundary_segments(places: FloatArray, kinds: NDArray[np.integer[Any]]) -> FloatArray:

@@ -1,18 +1,23 @@
-"""Axes to draw on: the caller's, or those of a new figure."""
+"""What all plots share: axes to draw on, and the texts and numbers on them."""
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from graspless_pin.errors import GrasplessPinError
+from graspless_pin.intake.text import printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _ROOM = 0.08  # above the largest value, of all
+_LONGEST = 40  # letters; beyond, the axes have no room left
 
 
 def axes_for(ax: Axes | None, *, size: tuple[float, float] = (6.4, 4.0), **options: Any) -> Axes:
@@ -35,6 +40,32 @@ def axes_for(ax: Axes | None, *, size: tuple[float, float] = (6.4, 4.0), **optio
             f"plots need matplotlib ({error}); install it with pip install 'graspless-pin[plots]'"
         ) from None
     return pyplot.figure(figsize=size, layout="constrained").add_subplot(**options)
+
+
+def plain_text(name: str) -> str:
+    """Return a name from a file as matplotlib draws its letters, on one line.
+
+    Between dollar signs matplotlib reads mathematics, and fails at what is none. Long names are cut
+    in their middle, and what cannot be printed is written as its code.
+    """
+    letters = printable(" ".join(name.split()))
+    if len(letters) > _LONGEST:
+        half = _LONGEST // 2
+        letters = f"{letters[:half]}…{letters[1 - half :]}"
+    return letters.replace("$", r"\$")
+
+
+def legend_text(text: str) -> str:
+    """Return a text for a legend, which would leave out one that begins with ``_``."""
+    return f" {text}" if text.startswith("_") else text
+
+
+@contextmanager
+def fonts_without_remarks() -> Iterator[None]:
+    """Have matplotlib not warn of letters that its fonts lack: names may have any."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=r"Glyph \d+ .*missing from")
+        yield
 
 
 def plain_axis(axis: Any) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from graspless_pin.planning import PathProfile
-from graspless_pin.plots.canvas import axes_for, from_zero, plain_axis
+from graspless_pin.plots.canvas import axes_for, from_zero, legend_text, plain_axis, plain_text
 from graspless_pin.problem.joint_units import units_text
 from graspless_pin.visualization import LIGHT, Role
 
@@ -78,7 +78,7 @@ def path_torques(profile: PathProfile, ax: Axes | None = None) -> Axes:
             profile.torques[:, index],
             styles[index % len(styles)],
             color=colors[index],
-            label=name,
+            label=legend_text(plain_text(name)),
         )
     axes.set_ylabel(f"motor torque [{units_text(profile.torque_units)}]")
     plain_axis(axes.yaxis)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.plots.canvas import axes_for, from_zero, plain_axis
+from graspless_pin.plots.canvas import axes_for, from_zero, legend_text, plain_axis, plain_text
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.visualization import LIGHT, Role
 
@@ -82,7 +82,7 @@ def margin_plot(table: Any, x: str, ax: Axes | None = None, *, value: str = "mar
         axes.fill_between(
             places, low, high, color=blue, alpha=0.2, linewidth=0.0, label="least to largest"
         )
-    several = "mean" if axes.collections else quantity(value).partition(" [")[0]
+    several = "mean" if axes.collections else legend_text(quantity(value).partition(" [")[0])
     axes.plot(places, means, "o-", color=blue, markersize=4, label=several)
     lost = np.unique(at[~np.isfinite(results)])
     if len(lost):
@@ -188,16 +188,16 @@ def quantity(column: str) -> str:
 
     Args:
         column: Its name: of a result, of a key such as ``object.mass``, or one that ends in its
-            unit, such as ``slope_deg``. Any other stays as it is.
+            unit, such as ``slope_deg``. Any other stays as `plain_text` has it.
     """
     if column in _RESULTS:
         return _RESULTS[column]
     first, _, rest = column.partition(".")
     if first == "friction" and rest:
-        return f"friction coefficient, {rest}"
+        return f"friction coefficient, {plain_text(rest)}"
     if column in _KEYS:
         return _KEYS[column]
     name, _, unit = column.rpartition("_")
     if name and unit in _UNITS:
-        return f"{name.replace('_', ' ')} [{_UNITS[unit]}]"
-    return column
+        return f"{plain_text(name.replace('_', ' '))} [{_UNITS[unit]}]"
+    return plain_text(column)

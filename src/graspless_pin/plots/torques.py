@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from graspless_pin.plots.canvas import axes_for, legend_above, plain_axis
+from graspless_pin.plots.canvas import axes_for, legend_above, plain_axis, plain_text
 from graspless_pin.problem.joint_units import units_text
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.utilization import limit_shares
@@ -63,7 +63,7 @@ def torque_bars(solution: TorqueSolution, ax: Axes | None = None) -> Axes:
         linewidth=2.0,
         label="limits",
     )
-    axes.set_yticks(rows, problem.joint_names)
+    axes.set_yticks(rows, [plain_text(name) for name in problem.joint_names])
     axes.set_ylim(count - 0.4, -0.6)
     axes.set_xlabel(f"motor torque [{units_text(problem.joint_units)}]")
     plain_axis(axes.xaxis)

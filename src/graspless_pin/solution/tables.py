@@ -19,6 +19,8 @@ from graspless_pin.solution.utilization import contact_state, friction_use, limi
 _LEAST, _MOST = 0.01, 1e6
 """Loads whose figures have four decimals in tables; there 1e-8 counts as zero."""
 _NOTHING = 1e-6
+_NO_MATHEMATICS = 'class="tex2jax_ignore mathjax_ignore"'
+"""Notebooks would set what stands between dollar signs as mathematics; names may have any."""
 COLUMNS = 80
 """Columns of the narrowest terminal."""
 _NARROWEST = 12
@@ -72,13 +74,15 @@ class Table(NamedTuple):
             [f"{cell:{self.floats}}" if isinstance(cell, float) else cell for cell in row]
             for row in self.rows
         ]
-        table = tabulate(cells, self.headers, tablefmt="html", disable_numparse=True)
+        table = str(tabulate(cells, self.headers, tablefmt="html", disable_numparse=True))
+        table = table.replace("<table", f"<table {_NO_MATHEMATICS}", 1)
         return f"{table}\n{paragraph(self.legend)}" if self.legend else table
 
 
 def paragraph(text: str) -> str:
     """Return text as an HTML paragraph; every line stays one."""
-    return f"<p>{'<br>'.join(html.escape(line) for line in text.splitlines())}</p>"
+    lines = "<br>".join(html.escape(line) for line in text.splitlines())
+    return f"<p {_NO_MATHEMATICS}>{lines}</p>"
 
 
 def joint_table(problem: QuasistaticProblem, from_contacts: FloatArray) -> Table:

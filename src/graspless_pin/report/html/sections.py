@@ -15,6 +15,7 @@ import numpy as np
 from graspless_pin.algorithms.force_bounds import ContactForceBounds
 from graspless_pin.holding.verdict import DynamicOutcome
 from graspless_pin.plots import friction_section, normal_force_ranges, torque_bars
+from graspless_pin.plots.canvas import fonts_without_remarks
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.report.html.case import Case
 from graspless_pin.report.verify import verify_document
@@ -31,6 +32,7 @@ _STYLE: dict[Any, Any] = {
     "font.size": 9.0,
     "font.family": "sans-serif",
     "mathtext.fontset": "dejavusans",
+    "text.usetex": False,
     "figure.facecolor": "none",
     "axes.facecolor": "none",
     "legend.facecolor": "none",
@@ -214,7 +216,7 @@ def _inline_svg(
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
-    with rc_context(_STYLE):
+    with rc_context(_STYLE), fonts_without_remarks():
         figure = Figure(figsize=size, layout="constrained")
         draw(figure.add_subplot())
         buffer = io.StringIO()
