@@ -24,3 +24,14 @@ MOST_CONE_EDGES = 1024
 """Edges of a friction cone."""
 MOST_SAMPLES = 10_000_000
 """Samples of a study."""
+DEEPEST_HALVINGS = 16
+"""Halvings of the grid of an adaptive study."""
+LONGEST_NAME = 200
+"""Characters of a name: of a link, joint, body, material, variable or scene."""
+MOST_CONTACTS = 4096
+"""Contacts, and joints, of a solution document."""
+MOST_COEFFICIENTS = 30_000_000
+"""Rows times columns of the program of a solution document: 240 MB; a thousand contacts with
+cones of 8 edges, or a hundred with cones of 1024."""
+LARGEST_STATED = 1e60
+"""Any number of a solution document: products of three of them are doubles."""

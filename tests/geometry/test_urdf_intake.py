@@ -41,6 +41,30 @@ def test_prefixes_need_no_declaration(tmp_path, foreign):
     np.testing.assert_allclose(armature, [2e-2 if "rotor" in foreign else 0.0])
 
 
+@pytest.mark.parametrize("length", [201, 300_000])
+@pytest.mark.parametrize("kind", ["link", "joint"])
+def test_a_name_is_not_too_long(tmp_path, kind, length):
+    """What prints it would print all of it."""
+    old = {"link": '"a"', "joint": '"hinge"'}[kind]
+    file = write_urdf(tmp_path, (TWO + HINGE).replace(old, f'"{"n" * length}"'))
+    with pytest.raises(
+        RobotError, match=rf"<{kind}> has the name 'n+'\.\.\. of {length}"
+    ) as caught:
+        Hand.from_urdf(file)
+    assert len(str(caught.value)) < 400
+    (found,) = audit_urdf(file).findings
+    assert found.code is FindingCode.UNREADABLE
+    assert len(str(found)) < 600
+
+
+def test_a_prefix_counts(tmp_path):
+    file = write_urdf(tmp_path, TWO + HINGE.replace("hinge", "n" * 190))
+    robot = RobotDescription("hand", file)
+    assert Hand.assemble([Mount(robot, prefix="left_")]).joint_names == ("left_" + "n" * 190,)
+    with pytest.raises(RobotError, match="its hand's prefix included"):
+        Hand.assemble([Mount(robot, prefix="the_left_hand_")])
+
+
 @pytest.mark.parametrize("inside", ["meshes/part.stl", "hand_description/meshes/part.stl"])
 def test_packages_beside_the_urdf_and_beside_its_package_are_found(tmp_path, inside):
     mesh = tmp_path / "work" / inside

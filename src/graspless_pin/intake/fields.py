@@ -8,11 +8,14 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 from pydantic_core import PydanticCustomError
 
 from graspless_pin.magnitudes import (
+    DEEPEST_HALVINGS,
     LARGEST,
     LARGEST_FRICTION,
     LARGEST_LENGTH,
     LARGEST_REGULARIZATION,
+    LONGEST_NAME,
     LONGEST_TIME,
+    MOST_SAMPLES,
     SMALLEST,
     SMALLEST_LENGTH,
 )
@@ -50,9 +53,9 @@ Regularization = Annotated[
 Seconds = Annotated[float, Field(gt=0.0, le=LONGEST_TIME), _NUMBER]
 """A time limit."""
 Whole = Annotated[int, Field(ge=0, le=2**63 - 1), _NUMBER]
-Count = Annotated[int, Field(ge=1, le=10_000_000), _NUMBER]
-Halvings = Annotated[int, Field(ge=1, le=16), _NUMBER]
-Name = Annotated[str, Field(max_length=200)]
+Count = Annotated[int, Field(ge=1, le=MOST_SAMPLES), _NUMBER]
+Halvings = Annotated[int, Field(ge=1, le=DEEPEST_HALVINGS), _NUMBER]
+Name = Annotated[str, Field(max_length=LONGEST_NAME)]
 FilePath = Annotated[str, Field(max_length=4000)]
 Description = Annotated[str, Field(max_length=20_000)]
 Few = Annotated[list[_Item], Field(max_length=100)]

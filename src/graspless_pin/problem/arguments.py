@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from graspless_pin.errors import ArgumentError
+from graspless_pin.intake.text import fault_of_name
 from graspless_pin.magnitudes import (
     LARGEST_FRICTION,
     LARGEST_LOAD_OVER_LIMIT,
@@ -180,6 +181,8 @@ def _checked_names(names: Sequence[str] | None, count: int) -> tuple[str, ...]:
     if isinstance(names, str) or not isinstance(names, Iterable):
         raise ArgumentError("joint_names", f"is {names!r}; it must be a sequence of names")
     checked = tuple(str(name) for name in names)
+    for fault in filter(None, map(fault_of_name, checked)):
+        raise ArgumentError("joint_names", fault)
     if len(checked) != count:
         raise ArgumentError(
             "joint_names", f"has {len(checked)} names; the jacobian has {count} columns"

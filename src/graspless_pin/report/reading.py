@@ -23,6 +23,7 @@ from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.programs.assembly import scaled_program
 from graspless_pin.programs.objectives import Algorithm, Margin, Objective, Torque, TorqueShare
 from graspless_pin.report.document import DOCUMENT_FORMAT
+from graspless_pin.report.document_bounds import check_bounds
 from graspless_pin.report.proof_data import as_number, as_numbers, read_multipliers
 from graspless_pin.report.stated_objective import StatedObjective
 from graspless_pin.solution import (
@@ -83,7 +84,8 @@ def read_solution(document: dict[str, Any]) -> TorqueSolution:
     The proof over all modes stays in the document: `verify_document` checks it there.
 
     Raises:
-        ArgumentError: If it is no such document.
+        ArgumentError: If it is no such document, or has too many contacts, joints or coefficients,
+            too long a name or too large a number (`graspless_pin.magnitudes`).
 
     Examples:
         >>> from graspless_pin import load_scene
@@ -96,6 +98,7 @@ def read_solution(document: dict[str, Any]) -> TorqueSolution:
     if not isinstance(document, dict):
         raise ArgumentError("document", "is no JSON object; it must be one written by solve")
     _check_format(document)
+    check_bounds(document)
     try:
         with np.errstate(over="raise", invalid="raise", divide="raise"):
             return _solution(document)

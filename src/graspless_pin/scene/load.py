@@ -18,7 +18,7 @@ from graspless_pin.findings import Finding, Severity, heard, tell
 from graspless_pin.geometry.bodies.materials import Materials
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.magnitudes import LARGEST_LOAD_OVER_LIMIT
+from graspless_pin.magnitudes import LARGEST_LOAD_OVER_LIMIT, LONGEST_NAME
 from graspless_pin.scene.body_building import build_object, build_support, twist_of
 from graspless_pin.scene.entry_findings import entry_findings
 from graspless_pin.scene.friction import friction_by_name
@@ -162,7 +162,7 @@ _AS_IT_IS = (
     "points_per_patch",
 )  # fmt: skip
 _PLAIN: Mapping[str, tuple[str, Callable[[YamlSource, Any, tuple[str, ...]], Any]]] = {
-    "name": ("name", lambda file, value, _: value or file.path.stem),
+    "name": ("name", lambda file, value, _: value or file.path.stem[:LONGEST_NAME]),
     "gravity": ("gravity", lambda _file, value, _: np.array(value)),
     "friction": ("friction", _friction),
     "tangent_axes": ("tangent_axes", lambda _file, value, _: tuple(map(np.array, value))),

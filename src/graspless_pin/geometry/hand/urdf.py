@@ -26,6 +26,7 @@ from graspless_pin.geometry.hand.urdf_tendons import DrawnTendon, read_tendons
 from graspless_pin.geometry.hand.urdf_tree import (
     FREE_TYPES,
     add_prefix,
+    check_name_lengths,
     fix_base,
     keep_below,
     root_of_tree,
@@ -133,6 +134,7 @@ def read_urdf(
     meshes = [replace(m, link=prefix + m.link) for found, _ in checked for m in found]
     capsules = [prefix + name for _, found in checked for name in found]
     add_prefix(root, prefix)
+    check_name_lengths(path, root)
     visuals = read_visuals(path, root, package_dirs) if with_meshes else ()
     for link in root.findall("link"):
         for visual in link.findall("visual"):
@@ -167,8 +169,8 @@ def parse_robot(
         xacro_args: Values of its ``<xacro:arg>``.
 
     Raises:
-        RobotError: If the file is missing, is none of them, or declares a DOCTYPE or entities; see
-            `mjcf_robot` and `expanded`, too.
+        RobotError: If the file is missing, is none of them, declares a DOCTYPE or entities, or has
+            too many links or too long a name; see `mjcf_robot` and `expanded`, too.
     """
     content = read_bytes(path, URDF)
     found = kind_of_file(path, content)
@@ -195,6 +197,7 @@ def parse_robot(
         raise RobotError(
             f"{path}: has more than {MOST_LINKS} links, the most that a robot may have"
         )
+    check_name_lengths(path, root)
     return root
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from graspless_pin.errors import RobotError
+from graspless_pin.intake.text import fault_of_name
 
 LONGEST_CHAIN = 200
 """More joints between root and tip than any robot has; Pinocchio's reader needs stack for each."""
@@ -46,6 +47,18 @@ def root_of_tree(path: Path, root: ET.Element) -> str:
         raise RobotError(f"{path}: a robot has one root link, found {found}")
     _check_chains(path, root, roots[0])
     return roots[0]
+
+
+def check_name_lengths(path: Path, root: ET.Element) -> None:
+    """Refuse names of links, joints and tendons that are too long.
+
+    Raises:
+        RobotError: One is.
+    """
+    for kind in ("link", "joint", "tendon"):
+        for element in root.findall(kind):
+            if fault := fault_of_name(element.get("name", "")):
+                raise RobotError(f"{path}: a <{kind}> {fault}, its hand's prefix included")
 
 
 def _names(path: Path, elements: Iterable[ET.Element], kind: str) -> set[str]:

@@ -19,7 +19,7 @@ from graspless_pin.report.verify.values import (
     entry,
     items,
     number,
-    text,
+    short_text,
     truth,
     whole,
     word,
@@ -151,7 +151,7 @@ def read_own_objective(given: object, count: int, *, found: bool) -> OwnObjectiv
         ValueError: If it is none.
     """
     where = "objective"
-    text(entry(given, "name", where), "the objective's name")
+    short_text(entry(given, "name", where), "the objective's name")
     groups = items(entry(given, "columns", where), "columns of the objective", 0, MOST)
     sizes = [len(items(entry(one, "unit", "a column"), "unit", 0, MOST)) for one in groups]
     k = sum(sizes)
@@ -212,7 +212,7 @@ def read_own_objective(given: object, count: int, *, found: bool) -> OwnObjectiv
 def _read_rows(given: object, count: int, k: int) -> OwnRows:
     blocks, parts = [], [(np.zeros((0,)),) * 3 + (np.zeros((0, count, 3)), np.zeros((0, k)))]
     for block in items(given, "rows of the objective", 0, MOST):
-        name = text(entry(block, "name", "a block"), "the name of a block")
+        name = short_text(entry(block, "name", "a block"), "the name of a block")
         sign = word(entry(block, "sign", name), f"sign of {name}", _SIGNS)
         lengths = items(entry(block, "shape", name), f"shape of {name}", 1, 3)
         shape = tuple(whole(one, f"shape of {name}", 0, MOST) for one in lengths)

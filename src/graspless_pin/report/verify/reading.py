@@ -14,7 +14,7 @@ from graspless_pin.report.verify.values import (
     entry,
     items,
     number,
-    text,
+    short_text,
     truth,
     whole,
     word,
@@ -98,7 +98,7 @@ def read_problem(document: dict[str, Any]) -> Problem:
         if wrong.any():
             raise ValueError(name)
     for index, joint in enumerate(joints):
-        text(entry(joint, "name", f"joint {index}"), "a joint's name")
+        short_text(entry(joint, "name", f"joint {index}"), "a joint's name")
     return problem
 
 

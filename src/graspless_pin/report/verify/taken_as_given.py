@@ -9,7 +9,7 @@ import numpy as np
 from graspless_pin.report.verify.bounds import own_box
 from graspless_pin.report.verify.figures import Problem
 from graspless_pin.report.verify.outcome import Check, given
-from graspless_pin.report.verify.values import entry, text
+from graspless_pin.report.verify.values import entry, short_text
 
 
 def taken_as_given(problem: Problem, document: dict[str, Any]) -> list[Check]:
@@ -36,7 +36,7 @@ def _of_objective(problem: Problem, document: dict[str, Any]) -> list[Check]:
         return []
     stated = document["objective"]
     where = f"of {stated['name'][:60]!r}"
-    names = [text(entry(one, "name", "a column"), "a name") for one in stated["columns"]]
+    names = [short_text(entry(one, "name", "a column"), "a name") for one in stated["columns"]]
     lines = [
         given(f"costs {where}", "what is minimised, in which unit"),
         given(f"columns {where}", f"{_listed(names)}, with their bounds"),

@@ -9,7 +9,9 @@ import numpy as np
 
 MOST = 4096
 """Contacts, joints and cone edges that are read."""
-_LARGEST, _SMALLEST = 1e60, 1e-60
+MOST_LETTERS = 200
+"""Characters of a name."""
+LARGEST_READ, _SMALLEST = 1e60, 1e-60
 
 
 def number(value: object, where: str) -> float:
@@ -24,10 +26,10 @@ def number(value: object, where: str) -> float:
         real = float(value)
     except OverflowError:
         real = math.inf
-    if not (real == 0.0 or _SMALLEST <= abs(real) <= _LARGEST):
+    if not (real == 0.0 or _SMALLEST <= abs(real) <= LARGEST_READ):
         if abs(real) < _SMALLEST:
             return 0.0  # the rounding of zero
-        raise _wrong(where, value, f"a number up to {_LARGEST:g}")
+        raise _wrong(where, value, f"a number up to {LARGEST_READ:g}")
     return real
 
 
@@ -73,6 +75,17 @@ def text(value: object, where: str) -> str:
     if not isinstance(value, str):
         raise _wrong(where, value, "a text")
     return value
+
+
+def short_text(value: object, where: str) -> str:
+    """Return a text that is not too long for a name.
+
+    Raises:
+        ValueError: If it is none.
+    """
+    if len(text(value, where)) > MOST_LETTERS:
+        raise _wrong(where, value, f"a text of at most {MOST_LETTERS} characters")
+    return text(value, where)
 
 
 def entry(mapping: object, key: str, where: str) -> Any:
