@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from graspless_pin.compiled import outcome_search
 from graspless_pin.holding.dynamics import Dynamics
+from graspless_pin.holding.least_squares import least_squares
 from graspless_pin.holding.verdict import ContactState, DualBound
 from graspless_pin.problem.checks import FloatArray
 
@@ -134,7 +135,10 @@ def repaired(
         left = np.concatenate([c[vanishing].ravel(), gain[touching]])
         if (gain[unbounded] <= _EXACT).all():
             break
-        motion = motion + np.linalg.lstsq(rows, -left, rcond=1e-13)[0]
+        change = least_squares(rows, -left, 1e-13)
+        if change is None:
+            break
+        motion = motion + change
     return DualBound(motion, dual.normal, dual.tangential)
 
 
@@ -158,7 +162,10 @@ def kinematic_dual(
         goal: (n,) what is left of p after the normal rows.
         normal: (M,) multipliers of those.
     """
-    weights = np.linalg.lstsq(fixed_rows(dynamics, states).T, -goal, rcond=RANK)[0]
+    fixed = fixed_rows(dynamics, states)
+    weights = least_squares(fixed.T, -goal, RANK)
+    if weights is None:
+        weights = np.zeros(len(fixed))
     nu, kappa = normal.copy(), np.zeros((len(normal), 2))
     closed = _stays_closed(dynamics, states)
     nu[closed] += weights[: closed.sum()]

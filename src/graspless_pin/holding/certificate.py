@@ -68,10 +68,24 @@ def proves_unrest(problem: QuasistaticProblem, torques: FloatArray, motion: Floa
         motion: (6 + L,) z with sum |z| <= 1: the forces' part z.G^T f is never negative.
     """
     jacobian, load = in_loads(problem, torques)
+    z, lost = scaled_proof(jacobian, problem.friction, motion)
+    return float(z @ load) - lost
+
+
+def scaled_proof(
+    jacobian: FloatArray, friction: FloatArray, motion: FloatArray
+) -> tuple[FloatArray, float]:
+    """Return z with sum |z| <= 1, and what forces up to the limit take from z.g at most, in loads.
+
+    Args:
+        jacobian: (M, 3, k) G as forces see it, in units of the load.
+        friction: (M,) coefficients.
+        motion: (k,) z.
+    """
     z = motion / max(1.0, float(np.abs(motion).sum()))
     c = jacobian @ z
-    short = np.maximum(problem.friction * np.hypot(c[:, 1], c[:, 2]) - c[:, 0], 0.0)
-    return float(z @ load) - FORCE_LIMIT * float(short.sum())
+    short = np.maximum(friction * np.hypot(c[:, 1], c[:, 2]) - c[:, 0], 0.0)
+    return z, FORCE_LIMIT * float(short.sum())
 
 
 def is_certificate(

@@ -10,7 +10,7 @@ from graspless_pin.holding.cuts import arc_rows, around, cone_planes, cone_tange
 from graspless_pin.holding.dynamics import Dynamics
 from graspless_pin.holding.verdict import ContactState, DualBound
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.solvers.simplex import Simplex, SimplexAnswer, SimplexOutcome
+from graspless_pin.solvers.simplex import Simplex, SimplexAnswer
 
 _DIRECTIONS = 8
 """Directions of the tangent planes of each cone."""
@@ -105,12 +105,12 @@ class KeptPrograms:
         self._simplex.set_cost(cost)
         answer = self._simplex.solve()
         for _ in range(_MOST_CUTS):
-            if answer.outcome is not SimplexOutcome.OPTIMAL:
+            if not answer.is_optimal:
                 return None
             if not self._cut_cones(answer, states):
                 break
             answer = self._simplex.solve()
-        if answer.outcome is not SimplexOutcome.OPTIMAL:
+        if not answer.is_optimal:
             return None
         self._load = float(answer.x[-1])
         forces, y = answer.x[:-1].reshape(-1, 3), self._pushes.T @ answer.x

@@ -14,7 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.holding.branching import branch
-from graspless_pin.holding.certificate import balance, in_loads, is_certificate, proven_loads
+from graspless_pin.holding.certificate import (
+    balance,
+    in_loads,
+    is_certificate,
+    proven_loads,
+    scaled_proof,
+)
 from graspless_pin.holding.dynamics import (
     Dynamics,
     scaled_dynamics,
@@ -89,14 +95,17 @@ class LoadLine:
             found = least_residual(jacobian, load + multiple * step, friction, none, np.inf)
             if found is None:
                 break
-            if found.residual <= BALANCE_TOLERANCE:
+            if found.is_rest:
                 forces = world_forces(self.problem, found.forces * self.problem.scales.force)
                 return LastRest(multiple, forces, proof)
-            slope = float(found.proof @ step)
-            if slope <= 0.0:
+            z, lost = scaled_proof(jacobian, friction, found.proof)
+            slope = float(z @ step)
+            if not slope > 0.0:
                 break
-            proof = read_only(found.proof)
-            multiple = (0.5 * BALANCE_TOLERANCE - float(proof @ load)) / slope
+            nearer = (0.5 * BALANCE_TOLERANCE + lost - float(z @ load)) / slope
+            if not 0.0 <= nearer < multiple:
+                break
+            proof, multiple = read_only(z), nearer
         return LastRest(0.0, None, None)
 
     def moves(self, multiple: float) -> bool:
@@ -146,7 +155,7 @@ class LoadLine:
         """Return (M, 3) forces of rest, N, world axes; None: there are none."""
         problem, torques = self.at(multiple)
         found = balance(problem, torques)
-        if found is None or found.residual > BALANCE_TOLERANCE:
+        if found is None or not found.is_rest:
             return None
         return world_forces(problem, found.forces * problem.scales.force)
 

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from graspless_pin.compiled import outcome_search
 from graspless_pin.holding.dynamics import Dynamics, world_forces
+from graspless_pin.holding.least_squares import least_squares
 from graspless_pin.holding.verdict import ContactState, DynamicOutcome
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
@@ -193,9 +194,11 @@ def _newton(
         if size < _EXACT or size > _DIVERGING * least:
             break
         least = min(least, size)
-        change = np.linalg.lstsq(jacobian.reshape(3 * count, -1), -residual.ravel(), rcond=1e-12)[0]
+        change = least_squares(jacobian.reshape(3 * count, -1), -residual.ravel(), 1e-12)
+        if change is None:
+            return None
         f[free] += change.reshape(-1, 3)
-    f[~held, 0] = np.maximum(f[~held, 0], 0.0)
+    f[:, 0] = np.where(held, dynamics.commanded, np.maximum(f[:, 0], 0.0))
     return f if is_outcome(dynamics, f) else None
 
 

@@ -12,7 +12,7 @@ from graspless_pin.holding.cuts import arc_rows, around, cone_planes, cone_tange
 from graspless_pin.holding.dynamics import Dynamics
 from graspless_pin.holding.verdict import ContactState, DualBound
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.solvers.simplex import Simplex, SimplexAnswer, SimplexOutcome
+from graspless_pin.solvers.simplex import Simplex, SimplexAnswer
 
 _DIRECTIONS = 8
 """Directions of the tangent planes of each cone, and of the bounds of slip."""
@@ -147,7 +147,7 @@ class Relaxation:
         splits = elastic and states.are(ContactState.FREE, ContactState.CLOSED).any()
         for _ in range(_MOST_CUTS):
             answer = self._simplex.solve()
-            if answer.outcome is not SimplexOutcome.OPTIMAL:
+            if not answer.is_optimal:
                 break
             relaxed = self._read(answer, states, goal, enough)
             if best is not None and best.bound <= relaxed.bound:

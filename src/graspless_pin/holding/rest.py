@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.holding.cuts import around
+from graspless_pin.holding.least_squares import nonnegative_squares
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.solvers.simplex import Simplex, SimplexAnswer, SimplexOutcome
+from graspless_pin.solvers.simplex import Simplex, SimplexAnswer
 
 _DIRECTIONS = 8
 _INSCRIBED = float(np.cos(np.pi / _DIRECTIONS))
@@ -32,16 +33,23 @@ class Balance:
     """The forces that leave least of the load unbalanced, or enough to know that much is left.
 
     Attributes:
-        residual: The largest entry of G^T f + g in units of the load.
+        residual: The largest entry of G^T f + g in units of the load, worked out of the forces.
+        outside: By how much the forces leave the cones of friction at most, in loads.
         forces: (M, 3) in contact frames, in loads.
         proof: (6 + L,) z with sum |z| <= 1: no forces leave less than z.g unbalanced.
         programs: Linear programs solved.
     """
 
     residual: float
+    outside: float
     forces: FloatArray
     proof: FloatArray
     programs: int
+
+    @property
+    def is_rest(self) -> bool:
+        """Whether the forces balance the load inside the cones, whatever the solver says."""
+        return self.residual <= BALANCE_TOLERANCE and self.outside <= BALANCE_TOLERANCE
 
 
 def least_residual(
@@ -66,13 +74,13 @@ def least_residual(
     """
     # Most loads balance inside polygons in the cones, by one program.
     inside = _program(jacobian, load, _INSCRIBED * friction, _INSCRIBED * bearable)
-    found = _balance(inside.solve(), len(load), 1)
+    found = _balance(inside.solve(), jacobian, load, friction, 1)
     if found is not None and found.residual <= _EXACT:
         return found
     simplex = _program(jacobian, load, friction, bearable)
     best: Balance | None = None
     for _ in range(_MOST_ROUNDS):
-        found = _balance(simplex.solve(), len(load), 1 + simplex.solves)
+        found = _balance(simplex.solve(), jacobian, load, friction, 1 + simplex.solves)
         if found is None:
             return best
         best, forces = found, found.forces
@@ -107,12 +115,25 @@ def _program(
     return simplex
 
 
-def _balance(answer: SimplexAnswer, load_size: int, programs: int) -> Balance | None:
-    """Return what an answer says, None where there is none."""
-    if answer.outcome is not SimplexOutcome.OPTIMAL:
+def _balance(
+    answer: SimplexAnswer,
+    jacobian: FloatArray,
+    load: FloatArray,
+    friction: FloatArray,
+    programs: int,
+) -> Balance | None:
+    """Return an answer's forces and proof, and what they leave; None where there is no answer."""
+    if not answer.is_optimal:
         return None
-    proof = answer.rows[:load_size] + answer.rows[load_size : 2 * load_size]
-    return Balance(float(answer.x[-1]), answer.x[:-1].reshape(-1, 3), -proof, programs)
+    forces, size = answer.x[:-1], len(load)
+    left = forces @ jacobian.reshape(-1, size) + load
+    forces = forces.reshape(-1, 3)
+    outside = np.maximum(
+        np.hypot(forces[:, 1], forces[:, 2]) - friction * forces[:, 0], -forces[:, 0]
+    )
+    proof = -(answer.rows[:size] + answer.rows[size : 2 * size])
+    proof /= max(1.0, float(np.abs(proof).sum()))
+    return Balance(float(np.abs(left).max()), float(outside.max()), forces, proof, programs)
 
 
 def pushed(normals: FloatArray, load: FloatArray) -> Balance | None:
@@ -125,16 +146,13 @@ def pushed(normals: FloatArray, load: FloatArray) -> Balance | None:
     Returns:
         The forces; None where the method comes to no end.
     """
-    from scipy.optimize import nnls
-
-    try:
-        sizes, _ = nnls(normals.T, -load)
-    except RuntimeError:
+    sizes = nonnegative_squares(normals.T, -load)
+    if sizes is None:
         return None
     left = sizes @ normals + load
     forces = np.column_stack([sizes, np.zeros((len(sizes), 2))])
     proof = left / max(float(np.abs(left).sum()), np.finfo(float).tiny)
-    return Balance(float(np.abs(left).max()), forces, proof, 1)
+    return Balance(float(np.abs(left).max()), 0.0, forces, proof, 1)
 
 
 def _add_planes(

@@ -150,7 +150,7 @@ def _verdict(blank: StabilityVerdict, limits: _Limits) -> StabilityVerdict:
     if rest is None:
         return replace(known, message="undecided: no solver could balance the forces")
     known = replace(known, programs=known.programs + rest.programs)
-    if rest.residual > BALANCE_TOLERANCE:
+    if not rest.is_rest:
         return _none(known, rest.proof, dynamics, limits)
     known = replace(known, rest_forces=world_forces(problem, rest.forces * problem.scales.force))
     if nothing_moves:
@@ -224,7 +224,7 @@ def _certified(
     if not is_certificate(problem, torques, forces, borne, dynamics):
         return known, None
     world = world_forces(problem, forces)
-    if not loads and found.residual <= BALANCE_TOLERANCE:
+    if not loads and found.is_rest:
         known = replace(known, rest_forces=world)
     limit = np.inf if not loads else FORCE_LIMIT * problem.scales.force
     return known, RestProof(loads, world, None, limit)
@@ -298,7 +298,8 @@ def _none(
     known: StabilityVerdict, proof: FloatArray, dynamics: Dynamics | None, limits: _Limits
 ) -> StabilityVerdict:
     problem, torques = known.problem, known.torques
-    if proves_unrest(problem, torques, proof) <= BALANCE_TOLERANCE:
+    # A proof that is no number proves nothing.
+    if not proves_unrest(problem, torques, proof) > BALANCE_TOLERANCE:
         return replace(known, message="undecided: no forces of rest found, and no proof of it")
     forces = None if dynamics is None else find_motion(dynamics)
     motion, said = None, "loses its motion" if problem.is_sliding.any() else "fails"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,6 +61,21 @@ class SimplexAnswer:
     x: FloatArray
     rows: FloatArray
 
+    @property
+    def is_optimal(self) -> bool:
+        """Whether it says that it is an optimum, and is one in numbers."""
+        return (
+            self.outcome is SimplexOutcome.OPTIMAL
+            and bool(np.isfinite(self.x).all())
+            and bool(np.isfinite(self.rows).all())
+        )
+
+
+class _Engine(Protocol):
+    """What solves a program; answers are a number of `_OUTCOMES`, x and the rows' marginals."""
+
+    def solve(self) -> tuple[int, FloatArray, FloatArray]: ...
+
 
 class Simplex:
     """Minimise c.x over lb <= x <= ub and low <= R x <= high, again and again.
@@ -79,7 +95,7 @@ class Simplex:
         is_small = dense_simplex is not None and len(cost) <= _DENSE
         make = dense_simplex.DenseSimplex if is_small and dense_simplex is not None else _Highs
         self._engine = make(cost, lb, ub)
-        self.row_count = 0
+        self._size, self.row_count = len(cost), 0
         self.solves = 0
 
     def add_rows(self, rows: FloatArray, low: FloatArray, high: FloatArray) -> None:
@@ -108,14 +124,27 @@ class Simplex:
     def solve(self) -> SimplexAnswer:
         """Solve from the last basis; from none where that fails."""
         self.solves += 1
-        outcome, x, rows = self._engine.solve()
-        if outcome == _FAILED and not isinstance(self._engine, _Highs):
+        answer = self._answer(self._engine)
+        if answer.outcome is SimplexOutcome.FAILED and not isinstance(self._engine, _Highs):
             matrix, low, high, cost = self._engine.program()
             size = len(cost)
             whole = _Highs(cost, low[:size], high[:size])
             whole.add_rows(matrix, low[size:], high[size:])
-            outcome, x, rows = whole.solve()
-        return SimplexAnswer(_OUTCOMES[outcome], x, rows)
+            answer = self._answer(whole)
+        return answer
+
+    def _answer(self, engine: _Engine) -> SimplexAnswer:
+        """Return what an engine says; FAILED where it raises, or answers what was not asked."""
+        try:
+            outcome, x, rows = engine.solve()
+        except (ArithmeticError, RuntimeError, ValueError):
+            return SimplexAnswer(SimplexOutcome.FAILED, np.zeros(0), np.zeros(0))
+        answer = SimplexAnswer(_OUTCOMES[outcome], x, rows)
+        if answer.outcome is not SimplexOutcome.OPTIMAL or (
+            answer.is_optimal and (len(x), len(rows)) == (self._size, self.row_count)
+        ):
+            return answer
+        return SimplexAnswer(SimplexOutcome.FAILED, x, rows)
 
 
 class _Highs:

@@ -1,0 +1,45 @@
+"""Least squares whose solvers may fail: no answer, or numbers of the right kind and count.
+
+Whether they are the right numbers is told by what is worked out of them where they are used.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from graspless_pin.problem.checks import FloatArray
+
+
+def nonnegative_squares(matrix: FloatArray, target: FloatArray) -> FloatArray | None:
+    """Return the x >= 0 with the least |matrix x - target|; None where the method gives none.
+
+    Args:
+        matrix: (k, n).
+        target: (k,).
+    """
+    from scipy.optimize import nnls
+
+    try:
+        found = nnls(matrix, target)[0]
+    except (RuntimeError, ValueError):
+        return None
+    return np.maximum(found, 0.0) if _is_answer(found, matrix) else None
+
+
+def least_squares(matrix: FloatArray, target: FloatArray, rank: float) -> FloatArray | None:
+    """Return the shortest x with the least |matrix x - target|; None where the method gives none.
+
+    Args:
+        matrix: (k, n).
+        target: (k,).
+        rank: Singular values below this share of the largest are none.
+    """
+    try:
+        found = np.asarray(np.linalg.lstsq(matrix, target, rcond=rank)[0], dtype=np.float64)
+    except np.linalg.LinAlgError:
+        return None
+    return found if _is_answer(found, matrix) else None
+
+
+def _is_answer(found: FloatArray, matrix: FloatArray) -> bool:
+    return found.shape == matrix.shape[1:] and bool(np.isfinite(found).all())
