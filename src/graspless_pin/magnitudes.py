@@ -8,6 +8,8 @@ LARGEST = 1e30
 """Any number of a problem: forces (N), moments, torques, masses (kg)."""
 SMALLEST = 1e-30
 """A mass, density or force limit that must be above zero."""
+SMALLEST_LOAD = 1e-40
+"""The largest entry of a wrench that is not zero, N or N m; shares of less are no figures."""
 LARGEST_LENGTH = 1e12
 """Any length, position, velocity or acceleration, SI."""
 SMALLEST_LENGTH = 1e-12

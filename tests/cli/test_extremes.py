@@ -45,6 +45,11 @@ CASES = {
         "[1.0e+300, 0, 0]",
         "1: gravity[0]: found 1e+300; needs a finite number within ±1e+12",
     ),
+    "weight of no size": (
+        "[0, 0, -9.8]",
+        "[0, 0, -1.0e-300]",
+        "1: gravity: is [0.0, 0.0, -1e-300], and the object weighs 1e-300 N; it must weigh nothing",
+    ),
     "size": (
         "[0.2, 0.2, 0.2]",
         "[1.0e+160, 0.2, 0.2]",

@@ -25,7 +25,7 @@ from graspless_pin.programs.analysis_objectives import Elastic
 from graspless_pin.programs.forces import ForceCoordinates
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.solution import Status, TorqueSolution, checked_solution
-from graspless_pin.solvers import ANY_SOLVER, Outcome
+from graspless_pin.solvers import ANY_SOLVER, PRIMAL_TOLERANCE, Outcome
 
 _ROOM = 1.0 + 1e-6
 """A suggestion goes further by this, so that it is feasible and not just about to be."""
@@ -169,7 +169,8 @@ def _smaller_margin(solution: TorqueSolution) -> list[Suggestion]:
     best = solve_problem(solution.problem, Margin(), SolveOptions(solution.rules))
     if not best.found:
         return []
-    margin = max(0.0, -_rounded_up(-best.margin / _ROOM))
+    rounding = PRIMAL_TOLERANCE * solution.problem.scales.force
+    margin = -_rounded_up(-best.margin / _ROOM) if best.margin > rounding else 0.0
     if not _solved(solution.problem, solution, solution.rules, margin).found:
         return []
     text = f"the required margin would have to be at most {margin:.{_DIGITS}g} N"
@@ -258,8 +259,7 @@ def _other_friction(solution: TorqueSolution) -> Iterator[Suggestion]:
         return problem.with_changes(friction=factor * problem.friction)
 
     factor = _rounded_up(least * _ROOM)
-    if least < 1.0:
-        # The smallest change is the largest factor that is enough.
+    if least < 1.0:  # the smallest change is the largest factor that is enough
         low, high = least, 1.0
         while high - low > _FACTOR_STEP:
             middle = 0.5 * (low + high)

@@ -15,9 +15,11 @@ from graspless_pin.magnitudes import (
     LARGEST_LOAD_OVER_LIMIT,
     MOST_CONE_EDGES,
     SMALLEST,
+    SMALLEST_LOAD,
 )
 from graspless_pin.problem.checks import (
     FloatArray,
+    all_within,
     checked_inertia,
     choice,
     finite_array,
@@ -65,7 +67,7 @@ def checked_arguments(
         raise ArgumentError("positions", "has no row; at least one contact is needed")
     n = finite_array("normals", normals, (m, 3))
     unit_rows("normals", n)
-    wrench = finite_array("external_wrench", external_wrench, (6,))
+    wrench = _checked_wrench(external_wrench)
     rows = np.zeros((3 * m, 0)) if jacobian is None else jacobian
     jac = finite_array("jacobian", rows, (3 * m, None))
     count = jac.shape[1]
@@ -113,6 +115,21 @@ def _checked_inertias(
     if of_joints is not None:
         checked["joint_inertia"] = checked_inertia("joint_inertia", of_joints, count)
     return checked
+
+
+def _checked_wrench(external_wrench: ArrayLike) -> FloatArray:
+    wrench = finite_array("external_wrench", external_wrench, (6,))
+    if is_too_small(wrench):
+        raise ArgumentError(
+            "external_wrench",
+            f"is {wrench.tolist()}; its largest entry must be 0 or at least {SMALLEST_LOAD:g}",
+        )
+    return wrench
+
+
+def is_too_small(wrench: FloatArray) -> bool:
+    """Return whether a wrench is not zero and yet without a size in double precision."""
+    return bool(all_within((wrench,), SMALLEST_LOAD) and 0.0 < np.abs(wrench).max() < SMALLEST_LOAD)
 
 
 def _checked_tangents(tangents: ArrayLike | None, normals: FloatArray) -> FloatArray:

@@ -9,6 +9,7 @@ import numpy as np
 
 from graspless_pin.compiled import small_arrays
 from graspless_pin.magnitudes import LARGEST, LARGEST_LOAD_OVER_LIMIT, SMALLEST
+from graspless_pin.problem.arguments import is_too_small
 from graspless_pin.problem.checks import (
     FloatArray,
     all_true,
@@ -69,6 +70,7 @@ def problem_of_own_arrays(
         and SMALLEST <= max_normal_force < np.inf
         and isinstance(cone_edges, int)
         and cone_edges >= 3
+        and not is_too_small(external_wrench)
         and _are_possible(
             (positions, external_wrench, jacobian, friction, sliding, gravity_torques),
             friction, external_wrench, lower, upper, LARGEST_LOAD_OVER_LIMIT * max_normal_force,

@@ -14,6 +14,8 @@ LEAST_LEVER = 1e-12
 """A joint's lever shorter than this share of the longest counts as so long."""
 LEAST_DIFFERENCE = 1e-12
 """Of what it is the difference of: smaller distances and moments are rounding."""
+LEAST_MARGIN = 1e-12
+"""Of the smallest normal-force limit: a smaller margin is zero, and no scale of anything."""
 
 
 class Scales(NamedTuple):
@@ -22,7 +24,7 @@ class Scales(NamedTuple):
     Attributes:
         force: F, the load, N: the larger of the external force and of the external moment about the
             contacts' centre over the length. A wrench of zero has the smallest normal-force limit
-            in its place (Algorithm 2: a positive required margin).
+            in its place (Algorithm 2: a required margin that is no less than 1e-12 of that).
         length: The distance of the farthest contact from the contacts' centre, m; where all are
             there, that moment over the external force, or 1 m. Rounding is neither distance nor
             moment.
@@ -33,9 +35,15 @@ class Scales(NamedTuple):
     length: float
     joints: FloatArray
 
-    def without_load(self, force: float) -> Scales:
-        """Return the scales with another force in the place of the load."""
-        return Scales(force, self.length, read_only(force / self.force * self.joints))
+    def without_load(self, margin: float) -> Scales:
+        """Return the scales of a problem without a load at a required margin, N.
+
+        It takes the place of the load. Far below the limits it cannot: torques of a joint's own
+        weight would be beyond all figures in it.
+        """
+        if margin < LEAST_MARGIN * self.force:
+            return self
+        return Scales(margin, self.length, read_only(margin / self.force * self.joints))
 
 
 def scales_of(

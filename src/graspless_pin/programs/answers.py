@@ -16,7 +16,7 @@ from graspless_pin.problem.checks import FloatArray, all_within
 from graspless_pin.programs.elastic import elastic, elastic_multipliers
 from graspless_pin.programs.polish import polished
 from graspless_pin.programs.program import Program
-from graspless_pin.programs.reductions import near_multipliers, opened, shrunk
+from graspless_pin.programs.reductions import bearable, near_multipliers, opened, shrunk
 
 PRIMAL_TOLERANCE = 1e-7
 """Largest accepted violation of a constraint, in scaled units: of the load."""
@@ -139,11 +139,14 @@ def _tried(
 def asked(backend: Backend, program: Program) -> Multipliers | None:
     """Return what a solver finds of a program, None if that is nothing or not to be reckoned with.
 
+    No solver is asked but here, and none is given figures that it does not bear.
+
     Args:
         backend: The solver.
         program: The program.
     """
-    raw = backend(program)
+    borne = bearable(program)
+    raw = None if borne is None else backend(borne)
     return None if raw is None or not all_within(raw, _LARGEST) else raw
 
 
@@ -161,15 +164,36 @@ def proven(program: Program, found: Multipliers, name: str, cutoff: float) -> An
     """
     x, y, z = found
     bound, value, residual = program.judged(x, y, z)
-    if bound > cutoff + _INFEASIBLE * max(1.0, abs(cutoff) if np.isfinite(cutoff) else 1.0) and (
-        # Multipliers may be so large that their rounding is above the cutoff.
-        bound - cutoff > _ROUNDING * program.farthest * (np.abs(y).sum() + np.abs(z).sum())
-    ):
+    if _is_above(program, bound, cutoff, y, z):
         return _infeasible(bound, max(program.infeasibility_bound(y, z), 0.0), y, z, name)
     gap = abs(value - bound) / max(1.0, abs(value))
-    if residual <= PRIMAL_TOLERANCE and (gap <= GAP_TOLERANCE or gap <= _rounding_gap(program)):
+    is_near = gap <= GAP_TOLERANCE or gap <= _rounding_gap(program)
+    if residual <= PRIMAL_TOLERANCE and is_near and _is_within_reach(program, x):
         return Answer(Outcome.SOLVED, x, y, z, value, bound, residual, 0.0, name)
     return failed(bound)
+
+
+def _is_above(program: Program, bound: float, cutoff: float, y: FloatArray, z: FloatArray) -> bool:
+    """Return whether multipliers prove that no solution is below a cutoff."""
+    least = cutoff + _INFEASIBLE * max(1.0, abs(cutoff) if np.isfinite(cutoff) else 1.0)
+    if bound <= least:
+        return False
+    farthest = program.farthest
+    if program.whole_box is not None and cutoff >= program.highest:
+        # It is about whether there is any solution, however far away.
+        bound = program.dual_bound(y, z, whole=True)
+        farthest = float(np.abs(program.whole_box).max(initial=0.0))
+    # Multipliers may be so large that their rounding is above the cutoff.
+    rounding = _ROUNDING * farthest * (np.abs(y).sum() + np.abs(z).sum())
+    return bool(bound > least and bound - cutoff > rounding)
+
+
+def _is_within_reach(program: Program, x: FloatArray) -> bool:
+    """Return whether a bound is about a solution: not where this is farther than proofs look."""
+    if program.whole_box is None:
+        return True
+    room = PRIMAL_TOLERANCE * np.maximum(1.0, np.abs(x))
+    return bool(((x >= program.box[0] - room) & (x <= program.box[1] + room)).all())
 
 
 def _rounding_gap(program: Program) -> float:

@@ -90,7 +90,7 @@ def force_coordinates(problem: QuasistaticProblem, margin: float = 0.0) -> Force
 
     Args:
         problem: The problem.
-        margin: Required margin, N: the scale of a problem without a load.
+        margin: Required margin, N: the scale of a problem without a load, if large enough.
     """
     layout, scales = layout_of(problem.has_cone.tobytes()), problem.scales
     if margin > 0.0 and not problem.external_wrench.any():

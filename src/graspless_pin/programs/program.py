@@ -10,11 +10,13 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from graspless_pin.compiled import linear_programs
-from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.checks import FloatArray, all_within
 from graspless_pin.programs.blocks import Block
 
 FARTHEST = 1e8
 """Bounds are proven for variables up to this size: double precision resolves no more."""
+LARGEST_BORNE = 1e15
+"""Solvers are given no larger figure: HiGHS takes none in rows, and crashes on sides of 1e20."""
 _LARGEST_DENSE = 8192
 LARGEST_IN_C = 65536
 """Entries of the rows from which on numpy's and LAPACK's products are faster than plain loops."""
@@ -115,7 +117,7 @@ class Program:
         """
         if "worst" not in self.__dict__:
             _ = self.is_linear, self.rows, self.products, self.sides, self.pattern, self.worst
-            _ = self.is_far, self.farthest
+            _ = self.is_far, self.farthest, self.highest, self.has_bearable_rows
         program = object.__new__(Program)
         program.__dict__.update(self.__dict__, lb=lb, ub=ub, worst=min(self.worst, cutoff))
         program.__dict__.pop("reach", None)
@@ -132,6 +134,11 @@ class Program:
         sides = np.concatenate([self.l, self.u, self.lb, self.ub])
         far = (np.abs(sides) > FARTHEST) & np.isfinite(sides)
         return bool(far.any() or (np.isinf(self.l) & np.isinf(self.u)).any())
+
+    @cached_property
+    def has_bearable_rows(self) -> bool:
+        """Whether solvers bear all its figures but sides of G and bounds."""
+        return all_within((self.P, self.c, self.b, self.rows.T), LARGEST_BORNE)
 
     def has_sides_beyond(self, size: float) -> bool:
         """Return whether any limit or right-hand side is larger than a size."""
@@ -184,17 +191,23 @@ class Program:
         """Bounds of every variable, imposed and implied."""
         return self.within(self.box)
 
+    @property
+    def whole_reach(self) -> tuple[FloatArray, FloatArray]:
+        """Bounds of every variable of all solutions, the farthest too."""
+        return self.reach if self.whole_box is None else self.within(self.whole_box)
+
     def within(self, box: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return a box of the variables as the imposed bounds leave it."""
         return np.maximum(box[0], self.lb), np.minimum(box[1], self.ub)
 
     @cached_property
     def worst(self) -> float:
-        """A bound above it ends the search for a solution.
+        """A bound above it ends the search for a solution: `highest`, or a cutoff below it."""
+        return self.highest
 
-        The largest objective value inside the box, which no bound of a feasible program exceeds,
-        or a cutoff below it.
-        """
+    @cached_property
+    def highest(self) -> float:
+        """The largest objective value inside the box; no bound of a feasible program exceeds it."""
         box = self.box if self.whole_box is None else self.whole_box
         highest = float(self.c @ np.where(self.c >= 0.0, box[1], box[0]))
         if self.is_linear:
@@ -218,7 +231,7 @@ class Program:
         outside = np.maximum(x - self.ub, self.lb - x)
         return float(np.maximum.reduce(outside, initial=np.maximum.reduce(beyond, initial=0.0)))
 
-    def dual_bound(self, y: FloatArray, z: FloatArray) -> float:
+    def dual_bound(self, y: FloatArray, z: FloatArray, *, whole: bool = False) -> float:
         """Return a lower bound on the optimum that the multipliers prove, whatever their quality.
 
         The Lagrangian is minimised exactly over the bounds, imposed and implied, variable by
@@ -228,10 +241,12 @@ class Program:
             y: (m,) multipliers of A x = b.
             z: (k,) multipliers of the rows of G; positive: the upper side, negative: the lower.
                 Minus those of a cone are in the cone, or are taken for the next that are.
+            whole: Whether it is to hold of the farthest solutions, too.
         """
         slope, constant = self._lagrangian(self._in_cones(np.concatenate((y, z))))
         slope += self.c
-        return self._smallest(slope, self.reach, curved=not self.is_linear) + constant
+        reach = self.whole_reach if whole else self.reach
+        return self._smallest(slope, reach, curved=not self.is_linear) + constant
 
     def judged(self, x: FloatArray, y: FloatArray, z: FloatArray) -> tuple[float, float, float]:
         """Return `dual_bound`, `value` and `residual` of a solution and its multipliers."""
@@ -252,8 +267,7 @@ class Program:
         if not (np.isfinite(size) and size > 0.0):
             return -np.inf
         slope, constant = self._lagrangian(weights / size)
-        reach = self.reach if self.whole_box is None else self.within(self.whole_box)
-        return self._smallest(slope, reach, curved=False) + constant
+        return self._smallest(slope, self.whole_reach, curved=False) + constant
 
     def _in_cones(self, weights: FloatArray) -> FloatArray:
         """Return multipliers of all rows, those of cones with first entries that are enough.

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.programs.program import FARTHEST, Program
+from graspless_pin.programs.program import FARTHEST, LARGEST_BORNE, Program
 
 UNREACHED = 1e12
 """Stands for a limit that is out of reach."""
@@ -63,6 +63,32 @@ def opened(program: Program) -> Program:
         lb=np.minimum(most, UNREACHED),
         u=np.maximum(high, -UNREACHED),
         ub=np.maximum(upper, -UNREACHED),
+    )
+
+
+def bearable(program: Program) -> Program | None:
+    """Return a program without figures that no solver bears; None where it hangs on them.
+
+    Libraries below crash on them or print. Limits so far away are left out, as if there were none.
+    """
+    if not program.has_bearable_rows:
+        return None
+    if not program.is_far:
+        return program
+    if program.has_sides_beyond(LARGEST_BORNE):
+        program = _without_sides_beyond(program, LARGEST_BORNE)
+    return None if program.has_sides_beyond(LARGEST_BORNE) else program
+
+
+def _without_sides_beyond(program: Program, size: float) -> Program:
+    """Return a program whose limits that are farther away than a size are none."""
+    flat = program.flat_count
+    low, high = program.l.copy(), program.u.copy()
+    low[:flat][low[:flat] < -size], high[:flat][high[:flat] > size] = -np.inf, np.inf
+    high[np.isinf(low) & np.isinf(high)] = UNREACHED
+    lb = np.where(program.lb < -size, -np.inf, program.lb)
+    return replace(
+        program, l=low, u=high, lb=lb, ub=np.where(program.ub > size, np.inf, program.ub)
     )
 
 

@@ -18,7 +18,7 @@ from graspless_pin.findings import Finding, Severity, heard, tell
 from graspless_pin.geometry.bodies.materials import Materials
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.magnitudes import LARGEST_LOAD_OVER_LIMIT, LONGEST_NAME
+from graspless_pin.magnitudes import LARGEST_LOAD_OVER_LIMIT, LONGEST_NAME, SMALLEST_LOAD
 from graspless_pin.scene.body_building import build_object, build_support, twist_of
 from graspless_pin.scene.entry_findings import entry_findings
 from graspless_pin.scene.friction import friction_by_name
@@ -215,8 +215,14 @@ def _built(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> _Built:
 
 
 def _check_weight(file: YamlSource, entry: SceneEntry, made: ManipulatedObject) -> None:
-    """Refuse an object whose weight no double holds beside the force that must bear it."""
+    """Refuse an object whose weight no double holds, or not beside the force that must bear it."""
     weight = made.mass * math.hypot(*entry.gravity)
+    if 0.0 < weight < SMALLEST_LOAD:
+        raise file.error(
+            ("gravity",),
+            f"is {list(entry.gravity)}, and the object weighs {weight:g} N; it must weigh nothing "
+            f"or at least {SMALLEST_LOAD:g} N",
+        )
     most = LARGEST_LOAD_OVER_LIMIT * entry.max_normal_force
     if weight > most:
         raise file.error(

@@ -18,6 +18,7 @@ UNGUARANTEED = ("strong_not_found", "infeasible_strong")
 IN_MODE = ("optimal_in_mode", "infeasible_in_mode", "infeasible_mode")
 _AT_REST = 1e-12
 _LEAST_LEVER = 1e-12
+_LEAST_MARGIN = 1e-12
 _ROUNDING = 1e-12
 
 
@@ -124,10 +125,12 @@ class Problem:
 
     @cached_property
     def force(self) -> float:
-        """F, the load, N; without one the required margin or the smallest limit."""
+        """F, the load, N; without one the required margin, or the smallest limit far above it."""
         force, moment = self._load
-        without = self.e0 if self.e0 > 0.0 and not self.is_margin else float(self.limit.min())
-        return max(force, moment / self.length) or without
+        limit = float(self.limit.min())
+        counts = 0.0 < self.e0 >= _LEAST_MARGIN * limit
+        by_margin = counts and not self.is_margin and not self.w.any()
+        return max(force, moment / self.length) or (self.e0 if by_margin else limit)
 
     @property
     def _load(self) -> tuple[float, float]:
