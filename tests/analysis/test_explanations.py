@@ -1,12 +1,17 @@
 """What is suggested where nothing is feasible is enough, and no more than what is needed."""
 
+import time
+
 import numpy as np
 import pytest
 from test_suggested_friction import pushed
+from tests.core.random_scenes import general_scene
 from tests.core.scenes import scene
 
-from graspless_pin import TorqueSolution, maximize_margin, minimize_torque
+from graspless_pin import Status, TorqueSolution, maximize_margin, minimize_torque
+from graspless_pin.algorithms import explanation as explanation_module
 from graspless_pin.algorithms.explanation import Suggestion, explain
+from graspless_pin.errors import ArgumentError
 
 MARGIN, HELP = "the required margin", "an outside help in the balance"
 FRICTION, NORMAL = "all friction coefficients", "every normal-force limit"
@@ -79,3 +84,53 @@ def test_a_limit_that_has_no_side_keeps_none():
     assert upper == pytest.approx(0.6, rel=2e-5)
     assert suggestion.problem.lower_torque == -upper
     assert suggestion.text == f"joint_1's limit would have to be {upper:g} N m"
+
+
+def hard() -> TorqueSolution:
+    """An infeasible scene whose explanation takes seconds, and searches of more than one node."""
+    problem = general_scene(1, 24)
+    best = maximize_margin(problem, time_limit=5.0)
+    return minimize_torque(problem, 1.05 * best.certificate.bound)
+
+
+def test_limits_of_an_explanation_hold():
+    """After a search within limits an explanation searched on without any."""
+    solution = hard()
+    assert solution.status is Status.INFEASIBLE_FORCES
+    begin = time.monotonic()
+    at_once = explain(solution, time_limit=0.0)
+    assert time.monotonic() - begin < 0.5
+    assert at_once.suggestions == () and not at_once.complete
+    assert str(at_once) == (
+        f"{at_once.cause}\n"
+        "Not every search for changes came to its end: others may do, too, or smaller ones."
+    )
+    assert "No single change" not in at_once.cause
+    begin = time.monotonic()
+    assert not explain(solution, time_limit=0.2).complete
+    assert time.monotonic() - begin < 1.5
+    few = explain(solution, node_limit=1)
+    assert not few.complete
+    for suggestion in few.suggestions:
+        assert minimize_torque(suggestion.problem, suggestion.margin).found
+
+
+def test_an_explanation_without_limits_comes_to_its_end():
+    make, _ = CASES["one joint"]
+    explanation = explain(make())
+    assert explanation.complete and "came to its end" not in str(explanation)
+    same = explain(make(), node_limit=1000, time_limit=60.0)
+    assert same.complete and str(same) == str(explanation)
+
+
+def test_what_is_printed_has_limits_of_its_own(monkeypatch):
+    monkeypatch.setattr(explanation_module, "_BRIEF_SECONDS", 0.0)
+    printed = str(minimize_torque(scene("rest"), 20.0))
+    assert "Not every search for changes came to its end" in printed
+    assert "would have to be" not in printed
+
+
+@pytest.mark.parametrize(("name", "value"), [("node_limit", 0), ("time_limit", -1.0)])
+def test_limits_out_of_range_are_refused(name, value):
+    with pytest.raises(ArgumentError, match=name):
+        explain(minimize_torque(scene("rest"), 20.0), **{name: value})

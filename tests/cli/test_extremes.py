@@ -1,5 +1,7 @@
 """Counts and magnitudes beyond all bounds: refused with key, value and range, at once."""
 
+import subprocess
+import sys
 import time
 
 import pytest
@@ -142,6 +144,19 @@ def test_many_mistakes_are_counted(tmp_path):
 def test_a_margin_on_the_command_line(tmp_path):
     result = solve_text(tmp_path, LINES, "--algorithm", "torque", "--margin", "1e200")
     assert_refused(result, "margin: is 1e+200; it must be from 0 to 1e+30")
+
+
+@pytest.mark.parametrize("gravity", ["0", "1.0e-30"])
+@pytest.mark.parametrize("margin", ["0.1", "1e-12", "1e-33"])
+def test_a_margin_where_next_to_nothing_pulls(tmp_path, gravity, margin):
+    """HiGHS ended the process, and PIQP printed kilobytes; a process of its own sees both."""
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(spoilt("[0, 0, -9.8]", f"[0, 0, -{gravity}]"), encoding="utf-8")
+    command = [sys.executable, "-m", "graspless_pin.cli", "solve", str(scene)]
+    options = ["--algorithm", "torque", "--margin", margin]
+    child = subprocess.run(command + options, capture_output=True, text=True)  # noqa: S603
+    assert child.returncode in (0, 1)
+    assert child.stderr == ""
 
 
 def test_an_output_that_no_file_can_have(tmp_path):

@@ -15,21 +15,30 @@ from graspless_pin.algorithms.minimum_friction import smallest_factor
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.search import SearchState
 from graspless_pin.algorithms.solve import solve_problem
+from graspless_pin.algorithms.tries import Tries
+from graspless_pin.algorithms.wider_limits import (
+    DIGITS,
+    ROOM,
+    helped,
+    in_units,
+    rounded_up,
+    wider,
+    wider_joint,
+)
 from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.modes.rules import Rules, SignRule, SlidingRule, StaticFriction
 from graspless_pin.modes.verdicts import Conflict
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.problem.joint_units import JointUnit, units_text
 from graspless_pin.programs.analysis_objectives import Elastic
 from graspless_pin.programs.forces import ForceCoordinates
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.solution import Status, TorqueSolution, checked_solution
 from graspless_pin.solvers import ANY_SOLVER, PRIMAL_TOLERANCE, Outcome
 
-_ROOM = 1.0 + 1e-6
-"""A suggestion goes further by this, so that it is feasible and not just about to be."""
-_DIGITS = 5
+_BRIEF_NODES = 1000
+_BRIEF_SECONDS = 10.0
+"""What an explanation may take that is printed or written along with an answer."""
 _COULOMB = StaticFriction.COULOMB
 _FACTOR_STEP = 1e-4
 """To this the largest factor on friction below 1 is found."""
@@ -61,11 +70,13 @@ class Explanation:
         conflicting_contacts: Contacts whose virtual slidings exclude each other, if that is why.
         suggestions: Changes that help, each enough by itself; the first is the smallest of its
             kind to try.
+        complete: Whether every search came to its end; else others may do, or smaller ones.
     """
 
     cause: str
     conflicting_contacts: tuple[int, ...]
     suggestions: tuple[Suggestion, ...]
+    complete: bool = True
 
     def __str__(self) -> str:
         """Return the cause and the suggestions, a line each."""
@@ -73,10 +84,16 @@ class Explanation:
         if self.suggestions:
             changes = (f"- {suggestion.text}" for suggestion in self.suggestions)
             lines += ["Any one of these changes would do:", *changes]
+        if not self.complete:
+            lines.append(
+                "Not every search for changes came to its end: others may do, too, or smaller ones."
+            )
         return "\n".join(lines)
 
 
-def explain(solution: TorqueSolution) -> Explanation:
+def explain(
+    solution: TorqueSolution, *, node_limit: int | None = None, time_limit: float | None = None
+) -> Explanation:
     """Explain why a solution was not found.
 
     Where the force balance itself fails, each kind of limit is relaxed alone (one joint's torque,
@@ -88,14 +105,17 @@ def explain(solution: TorqueSolution) -> Explanation:
 
     Args:
         solution: A solution that was not found.
+        node_limit: End each search for a change after so many nodes.
+        time_limit: End all of them after so many seconds.
 
     Returns:
         The cause and suggestions that were each solved and found feasible.
 
     Raises:
-        ArgumentError: If it is no solution.
+        ArgumentError: If it is no solution, or a limit out of range.
     """
     checked_solution(solution)
+    tries = Tries(SolveOptions.parse(node_limit=node_limit, time_limit=time_limit))
     if solution.found:
         return Explanation("The problem is feasible.", (), ())
     if solution.status not in (Status.INFEASIBLE_FORCES, Status.INFEASIBLE_MODES):
@@ -109,25 +129,23 @@ def explain(solution: TorqueSolution) -> Explanation:
             "sliding behind it"
         )
         cause += f": contacts {named} exclude each other." if conflicts else "."
-        suggestions += _weaker_rules(solution)
+        suggestions += _weaker_rules(solution, tries)
     else:
         required = solution.required_margin
         cause = (
             "No contact forces inside the cones, normal-force and torque limits balance the "
             f"external wrench{f' with a margin of {required:g} N' if required > 0.0 else ''}."
         )
-    suggestions += [*_smaller_margin(solution), *_reliefs(solution)]
+    suggestions += [*_smaller_margin(solution, tries), *_reliefs(solution, tries)]
     if not suggestions and not solution.rules.by_direction:
-        cause += " No single change is enough."
-        suggestions += _combined(solution)
-    return Explanation(cause, conflicts, tuple(suggestions))
+        cause += "" if tries.cut_short else " No single change is enough."
+        suggestions += _combined(solution, tries)
+    return Explanation(cause, conflicts, tuple(suggestions), not tries.cut_short)
 
 
-def _solved(
-    problem: QuasistaticProblem, solution: TorqueSolution, rules: Rules, margin: float
-) -> TorqueSolution:
-    objective = solution.objective.with_figure("required_margin", margin)
-    return solve_problem(problem, objective, SolveOptions(rules))
+def explained_briefly(solution: TorqueSolution) -> Explanation:
+    """Explain why a solution was not found, where nobody asked for long searches."""
+    return explain(solution, node_limit=_BRIEF_NODES, time_limit=_BRIEF_SECONDS)
 
 
 def _conflicting_contacts(solution: TorqueSolution) -> tuple[int, ...]:
@@ -144,7 +162,7 @@ def _conflicting_contacts(solution: TorqueSolution) -> tuple[int, ...]:
     return ()
 
 
-def _weaker_rules(solution: TorqueSolution) -> list[Suggestion]:
+def _weaker_rules(solution: TorqueSolution, tries: Tries) -> list[Suggestion]:
     """Return the first weaker sign rule, sliding rule, and Coulomb friction, where they help."""
     rules, signs = solution.rules, [SignRule.DIRECTION, *list(SignRule)[:-1]]
     tried = [
@@ -158,26 +176,28 @@ def _weaker_rules(solution: TorqueSolution) -> list[Suggestion]:
     return [
         Suggestion(f"{text} is feasible", problem, margin, other)
         for text, other in tried
-        if _solved(problem, solution, other, margin).found
+        if tries.feasible(problem, solution, other, margin)
     ]
 
 
-def _smaller_margin(solution: TorqueSolution) -> list[Suggestion]:
+def _smaller_margin(solution: TorqueSolution, tries: Tries) -> list[Suggestion]:
     """Return the largest margin that is feasible, where one is."""
-    if solution.required_margin == 0.0:
+    options = tries.options(solution.rules)
+    if solution.required_margin == 0.0 or options is None:
         return []
-    best = solve_problem(solution.problem, Margin(), SolveOptions(solution.rules))
+    best = solve_problem(solution.problem, Margin(), options)
+    tries.ended(best.status)
     if not best.found:
         return []
     rounding = PRIMAL_TOLERANCE * solution.problem.scales.force
-    margin = -_rounded_up(-best.margin / _ROOM) if best.margin > rounding else 0.0
-    if not _solved(solution.problem, solution, solution.rules, margin).found:
+    margin = -rounded_up(-best.margin / ROOM) if best.margin > rounding else 0.0
+    if not tries.feasible(solution.problem, solution, solution.rules, margin):
         return []
-    text = f"the required margin would have to be at most {margin:.{_DIGITS}g} N"
+    text = f"the required margin would have to be at most {margin:.{DIGITS}g} N"
     return [Suggestion(text, solution.problem, margin, solution.rules)]
 
 
-def _combined(solution: TorqueSolution) -> list[Suggestion]:
+def _combined(solution: TorqueSolution, tries: Tries) -> list[Suggestion]:
     """Single changes beside another one, and all changes at once as the last resort."""
     coulomb = replace(solution.rules, static_friction=_COULOMB)
     beside = [("with static_friction='coulomb'", replace(solution, rules=coulomb))]
@@ -188,88 +208,83 @@ def _combined(solution: TorqueSolution) -> list[Suggestion]:
         beside.insert(0, ("with no required margin", free))
         beside.append(("with no required margin and static_friction='coulomb'", both))
     for words, weaker in beside:
-        found = [replace(item, text=f"{words}, {item.text}") for item in _reliefs(weaker)]
+        found = [replace(item, text=f"{words}, {item.text}") for item in _reliefs(weaker, tries)]
         if found:
             return found
-    return [*_everything(solution)]
+    return [*_everything(solution, tries)]
 
 
-def _reliefs(solution: TorqueSolution) -> Iterator[Suggestion]:
+def _reliefs(solution: TorqueSolution, tries: Tries) -> Iterator[Suggestion]:
     """Yield the smallest widening of each kind of limit that helps alone."""
     if solution.rules.by_direction:
         return  # it is looked for mode by mode
     problem, joints = solution.problem, range(solution.problem.joint_count)
-    alone = [(one, relief) for one in joints if (relief := _relief(solution, joint=one))]
+    alone = [(one, relief) for one in joints if (relief := _relief(solution, tries, joint=one))]
     for joint, relief in sorted(alone, key=lambda item: item[1].amount)[:3]:
         torque = float(problem.jacobian[:, joint] @ relief.forces.ravel())
-        yield from _wider_joint(solution, joint, torque + problem.gravity_torques[joint])
-    if not alone and joints and (relief := _relief(solution, joint=-1)):
-        more = _rounded_up(relief.amount * relief.coordinates.torque_scale * _ROOM)
-        text = f"every torque limit would have to be larger by {_in_units(problem, more)}"
-        yield from _if_feasible(text, _wider(problem, more), solution)
-    if relief := _relief(solution, normal=True):
-        more = _rounded_up(relief.amount * relief.coordinates.force_scale * _ROOM)
+        text, changed = wider_joint(problem, joint, torque + problem.gravity_torques[joint])
+        yield from _if_feasible(text, changed, solution, tries)
+    if not alone and joints and (relief := _relief(solution, tries, joint=-1)):
+        more = rounded_up(relief.amount * relief.coordinates.torque_scale * ROOM)
+        text = f"every torque limit would have to be larger by {in_units(problem, more)}"
+        yield from _if_feasible(text, wider(problem, more), solution, tries)
+    if relief := _relief(solution, tries, normal=True):
+        more = rounded_up(relief.amount * relief.coordinates.force_scale * ROOM)
         changed = problem.with_changes(max_normal_force=problem.max_normal_force + more)
-        text = f"every normal-force limit would have to be larger by {more:.{_DIGITS}g} N"
-        yield from _if_feasible(text, changed, solution)
-    if relief := _relief(solution, wrench=True):
-        text, changed = _helped(problem, relief.forces)
-        yield from _if_feasible(text, changed, solution)
-    yield from _other_friction(solution)
+        text = f"every normal-force limit would have to be larger by {more:.{DIGITS}g} N"
+        yield from _if_feasible(text, changed, solution, tries)
+    if relief := _relief(solution, tries, wrench=True):
+        text, changed = helped(problem, relief.forces)
+        yield from _if_feasible(text, changed, solution, tries)
+    yield from _other_friction(solution, tries)
 
 
-def _everything(solution: TorqueSolution) -> Iterator[Suggestion]:
+def _everything(solution: TorqueSolution, tries: Tries) -> Iterator[Suggestion]:
     """All limits widened and an outside help in the balance, at once."""
     problem = solution.problem
-    relief = _relief(solution, joint=-1, normal=True, wrench=True)
+    relief = _relief(solution, tries, joint=-1, normal=True, wrench=True)
     if relief is None:
         return
-    text, changed = _helped(problem, relief.forces)
-    normal = _rounded_up(relief.amount * relief.coordinates.force_scale * _ROOM)
-    torque = _rounded_up(relief.amount * relief.coordinates.torque_scale * _ROOM)
+    text, changed = helped(problem, relief.forces)
+    normal = rounded_up(relief.amount * relief.coordinates.force_scale * ROOM)
+    torque = rounded_up(relief.amount * relief.coordinates.torque_scale * ROOM)
     limits = problem.max_normal_force + normal
-    changed = _wider(changed, torque).with_changes(max_normal_force=limits)
+    changed = wider(changed, torque).with_changes(max_normal_force=limits)
     text = (
-        f"every torque limit larger by {_in_units(problem, torque)}, every normal-force limit by "
-        f"{normal:.{_DIGITS}g} N, and {text}"
+        f"every torque limit larger by {in_units(problem, torque)}, every normal-force limit by "
+        f"{normal:.{DIGITS}g} N, and {text}"
     )
-    yield from _if_feasible(text, changed, solution)
+    yield from _if_feasible(text, changed, solution, tries)
 
 
-def _helped(problem: QuasistaticProblem, forces: FloatArray) -> tuple[str, QuasistaticProblem]:
-    """Return a wrench from outside that closes the balance of given forces."""
-    help_ = -(problem.W @ forces.ravel() + problem.external_wrench)
-    changed = problem.with_changes(external_wrench=problem.external_wrench + help_)
-    force, moment = np.round(help_[:3], 4) + 0.0, np.round(help_[3:], 5) + 0.0
-    text = (
-        f"an outside help in the balance: force {force.tolist()} N and moment "
-        f"{moment.tolist()} N m on the object"
-    )
-    return text, changed
-
-
-def _other_friction(solution: TorqueSolution) -> Iterator[Suggestion]:
+def _other_friction(solution: TorqueSolution, tries: Tries) -> Iterator[Suggestion]:
     """Yield a common factor on friction; below 1 where there is too much to push."""
     problem = solution.problem
-    least, _ = smallest_factor(problem, solution.objective, SolveOptions(solution.rules))
+    options = tries.options(solution.rules)
+    if options is None:
+        return
+    least, proven = smallest_factor(problem, solution.objective, options)
+    tries.cut_short |= tries.is_limited and not proven
     if not np.isfinite(least):
         return
 
     def scaled(factor: float) -> QuasistaticProblem:
         return problem.with_changes(friction=factor * problem.friction)
 
-    factor = _rounded_up(least * _ROOM)
+    factor = rounded_up(least * ROOM)
     if least < 1.0:  # the smallest change is the largest factor that is enough
         low, high = least, 1.0
         while high - low > _FACTOR_STEP:
             middle = 0.5 * (low + high)
-            tried = _solved(scaled(middle), solution, solution.rules, solution.required_margin)
-            low, high = (middle, high) if tried.found else (low, middle)
-        factor = -_rounded_up(-low / _ROOM)
-    text = f"all friction coefficients would have to be {factor:.{_DIGITS}g} times as large"
+            holds = tries.feasible(
+                scaled(middle), solution, solution.rules, solution.required_margin
+            )
+            low, high = (middle, high) if holds else (low, middle)
+        factor = -rounded_up(-low / ROOM)
+    text = f"all friction coefficients would have to be {factor:.{DIGITS}g} times as large"
     if factor == 0.0:
         text = "the contacts would have to be without friction"
-    yield from _if_feasible(text, scaled(factor), solution)
+    yield from _if_feasible(text, scaled(factor), solution, tries)
 
 
 class _Relief(NamedTuple):
@@ -282,69 +297,30 @@ class _Relief(NamedTuple):
 
 def _relief(
     solution: TorqueSolution,
+    tries: Tries,
     *,
     joint: int | None = None,
     normal: bool = False,
     wrench: bool = False,
 ) -> _Relief | None:
     """Return the smallest relief of one kind; None if it does not help."""
+    if tries.options(solution.rules) is None:
+        return None
     objective = Elastic(solution.required_margin, joint, normal, wrench)
     formulation = formulated(solution.problem, objective)
     state = SearchState(formulation, solution.rules, ANY_SOLVER)
     # What was found before a motion could not be decided on helps all the same.
     with suppress(UndecidedMotionError):
-        branch_and_bound(state)
+        tries.ended(branch_and_bound(state, tries.limits).status)
     best, coordinates = state.best, formulation.coordinates
     if best is None or best.value <= 0.0:
         return None
     return _Relief(best.value, coordinates.forces(best.x), coordinates)
 
 
-def _wider_joint(solution: TorqueSolution, joint: int, torque: float) -> Iterator[Suggestion]:
-    """Limits of one joint that let it make a torque: both where they are symmetric, else one."""
-    problem = solution.problem
-    lower, upper = problem.lower_torque.copy(), problem.upper_torque.copy()
-    name, unit = problem.joint_names[joint], problem.joint_units[joint]
-    room = (_ROOM - 1.0) * abs(torque)
-    symmetric = lower[joint] == -upper[joint]
-    if torque - upper[joint] > lower[joint] - torque:
-        side, limit = "upper ", _rounded_up(torque + room)
-        upper[joint] = limit
-    else:
-        side, limit = "lower ", -_rounded_up(room - torque)
-        lower[joint] = limit
-    if symmetric:
-        side, limit = "", abs(limit)
-        lower[joint], upper[joint] = -limit, limit
-    text = f"{name}'s {side}limit would have to be {limit:.{_DIGITS}g} {unit}"
-    yield from _if_feasible(text, problem.with_changes(torque_limits=(lower, upper)), solution)
-
-
-def _in_units(problem: QuasistaticProblem, amount: float) -> str:
-    """Return an amount of the torques of all joints with its unit."""
-    units = units_text(problem.joint_units)
-    return f"{amount:.{_DIGITS}g} {units if units in list(JointUnit) else f'({units})'}"
-
-
-def _wider(problem: QuasistaticProblem, more: float) -> QuasistaticProblem:
-    """Return the problem with every torque limit wider, but a limit of zero on one side only."""
-    lower, upper = problem.lower_torque, problem.upper_torque
-    lower = lower - np.where((lower == 0.0) & (upper != 0.0), 0.0, more)
-    upper = upper + np.where((upper == 0.0) & (problem.lower_torque != 0.0), 0.0, more)
-    return problem.with_changes(torque_limits=(lower, upper))
-
-
 def _if_feasible(
-    text: str, changed: QuasistaticProblem, solution: TorqueSolution
+    text: str, changed: QuasistaticProblem, solution: TorqueSolution, tries: Tries
 ) -> Iterator[Suggestion]:
     """Yield the suggestion if the changed problem is really feasible."""
-    if _solved(changed, solution, solution.rules, solution.required_margin).found:
+    if tries.feasible(changed, solution, solution.rules, solution.required_margin):
         yield Suggestion(text, changed, solution.required_margin, solution.rules)
-
-
-def _rounded_up(value: float) -> float:
-    """Round up to the digits that are printed, so that the printed figure is enough."""
-    if value == 0.0:
-        return 0.0
-    unit = 10.0 ** (np.floor(np.log10(abs(value))) + 1 - _DIGITS)
-    return float(f"{np.ceil(value / unit) * unit:.{_DIGITS}g}")

@@ -92,11 +92,12 @@ class TorqueSolution:
     def explanation(self) -> str:
         """Why nothing is feasible and the smallest changes that would help; empty if found.
 
-        Worked out when first asked for: it solves several changed problems (see `explain`).
+        Worked out when first asked for: it solves several changed problems, for 10 s and 1000
+        nodes of each at most; `explain` does so within other limits.
         """
         if self.found or self._explanation is not None:
             return self._explanation or ""
-        return str(_from_above("explanation", "explain")(self))
+        return str(_from_above("explanation", "explained_briefly")(self))
 
     @property
     def algorithm(self) -> Algorithm | None:
