@@ -22,6 +22,7 @@ WORDS: tuple[Any, ...] = (
     "/dev/zero", "file:///dev/zero", "package://../x", "x" * 300, "x" * 5000, "scene.yaml", "..",
     "mesh.gltf", "hand", "default", "box", "floor", None, True, False, [], {}, [[]], [1, 2, 3],
     [0, 0, 0], {"type": "box"}, {"a": {"b": {"c": 1}}}, "2020-13-45", "!!python/none", "~", "%00",
+    "$\\frac$", "$x", "a$b$c", "_x^{", "two\nlines", "x" * 200, "x" * 1_000_000,
 )  # fmt: skip
 _NUMBER = re.compile(rb"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _TEXT = ("yaml", "json", "urdf", "obj", "off", "gltf", "dae", "mtl")
