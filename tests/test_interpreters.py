@@ -37,10 +37,13 @@ def program(file: Path, answer: str, *, code: int = 0) -> Path:
 def test_page_classifiers_and_metadata_name_the_same_versions(interpreters) -> None:
     text = PROJECT.read_text(encoding="utf-8")
     versions = interpreters.supported(text)
-    page = (ROOT / "docs" / "install.md").read_text(encoding="utf-8")
-    named = re.search(r"Tested on Python\s+([\d., and]+\d)", page)
-    assert named
-    assert re.findall(r"3\.\d+", named[1]) == versions
+    said = set()
+    for page in (ROOT / "README.md", ROOT / "docs" / "install.md"):
+        words = " ".join(page.read_text(encoding="utf-8").split())
+        said |= set(re.findall(r"Python [\d.]+ or newer \(tested on [^)]*\)", words)) or {page}
+    assert said == {
+        f"Python {versions[0]} or newer (tested on {', '.join(versions[:-1])} and {versions[-1]})"
+    }
     assert tomllib.loads(text)["project"]["requires-python"] == f">={versions[0]}"
 
 

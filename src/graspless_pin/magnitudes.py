@@ -33,7 +33,7 @@ LONGEST_NAME = 200
 MOST_CONTACTS = 4096
 """Contacts, and joints, of a solution document."""
 MOST_COEFFICIENTS = 30_000_000
-"""Rows times columns of the program of a solution document: 240 MB; a thousand contacts with
-cones of 8 edges, or a hundred with cones of 1024."""
+"""Rows times columns of the program of a solution document: 240 MB; 950 contacts with cones of 8
+edges, or 98 with cones of 1024."""
 LARGEST_STATED = 1e60
 """Any number of a solution document: products of three of them are doubles."""

@@ -14,7 +14,7 @@ import pytest
 import trimesh
 from cli_tools import ALLEGRO, PAPER, ROOT, assert_refused, run, solve_text, spoilt
 
-from graspless_pin import compiled, contact_force_bounds, load_scene
+from graspless_pin import compiled, contact_force_bounds, load_scene, magnitudes
 from graspless_pin.cli import solving
 from graspless_pin.scene import scene_json_schema
 
@@ -274,3 +274,16 @@ def test_schema_prints_the_schema():
     result = run("schema")
     assert result.exit_code == 0
     assert json.loads(result.stdout) == scene_json_schema()
+
+
+def test_the_schema_of_studies_states_their_bounds():
+    parts = json.loads(run("schema", "--study").stdout)["$defs"]
+
+    def most(part, key):
+        return parts[part]["properties"][key]["anyOf"][0]["maximum"]
+
+    assert most("SamplingEntry", "samples") == magnitudes.MOST_SAMPLES
+    assert most("VariableEntry", "steps") == magnitudes.MOST_SAMPLES
+    assert most("SamplingEntry", "depth") == magnitudes.DEEPEST_HALVINGS
+    for key in ("time_limit", "sample_time_limit"):
+        assert most("ComputeEntry", key) == magnitudes.LONGEST_TIME

@@ -14,6 +14,10 @@ import griffe
 import pytest
 from page_blocks import PAGES, ROOT, blocks_of
 
+from graspless_pin import magnitudes
+from graspless_pin.algorithms.mode_proof import MOST_LEAVES
+from graspless_pin.report.verdict_data import MOST_SPAN_LEAVES
+
 INDEX = ROOT / "docs" / "api.md"
 ENTRY = re.compile(r"\[`([\w.]+)`\]\(api/(\w+)\.md#graspless_pin\.([\w.]+)\)")
 OTHER_HOMES = ("errors", "planning", "scene", "studies")
@@ -46,6 +50,38 @@ def loaded(name: str):
 def test_the_index_lists_each_name_once():
     assert Counter(PROMISED).most_common(1)[0][1] == 1
     assert Counter(name.rpartition(".")[2] for name in PROMISED).most_common(1)[0][1] == 1
+
+
+def test_the_promise_on_threads_names_each_class():
+    """Errors are named together, as all of `graspless_pin.errors`."""
+    page = (ROOT / "docs" / "threads.md").read_text(encoding="utf-8")
+    rows = [line for line in page.splitlines() if line.startswith("| ")][1:]
+    named = Counter(name for row in rows for name in re.findall(r"`(\w+)`", row.split("|")[1]))
+    classes = {
+        name.rpartition(".")[2]
+        for name in PROMISED
+        if inspect.isclass(loaded(name)) and not issubclass(loaded(name), Exception)
+    }
+    assert classes - set(named) == set()
+    assert {name for name in classes if named[name] > 1} == set()
+
+
+def test_the_page_of_limits_has_the_bounds_of_the_code():
+    page = (ROOT / "docs" / "limits.md").read_text(encoding="utf-8")
+    for row, bounds in {
+        "a name": (magnitudes.LONGEST_NAME,),
+        "edges of a cone": (magnitudes.MOST_CONE_EDGES,),
+        "a study's samples": (magnitudes.MOST_SAMPLES,),
+        "`depth`": (magnitudes.DEEPEST_HALVINGS,),
+        "`time_limit`": (magnitudes.LONGEST_TIME,),
+        "contacts of a solution": (magnitudes.MOST_CONTACTS,),
+        "coefficients": (magnitudes.MOST_COEFFICIENTS,),
+        "a number in it": (magnitudes.LARGEST_STATED,),
+        "leaves": (MOST_LEAVES, MOST_SPAN_LEAVES),
+    }.items():
+        (found,) = re.findall(rf"(?m)^\| {row}.*\| (.*) \|$", page)
+        said = re.findall(r"\d+(?: \d{3})*(?:e\d+)?", found)[: len(bounds)]
+        assert tuple(float(one.replace(" ", "")) for one in said) == bounds, row
 
 
 def test_the_packages_export_what_the_index_lists():

@@ -269,7 +269,7 @@ def test_too_many_leaves_are_not_written(monkeypatch):
         leaves(document("flat")["disturbances"]["directions"][0]["spans"][0][1]["proof"]["nodes"])
     )
     for most, written in ((count, [False, True]), (count + 1, [True, True])):
-        monkeypatch.setattr(verdict_data, "_MOST_LEAVES", most)
+        monkeypatch.setattr(verdict_data, "MOST_SPAN_LEAVES", most)
         made = json.loads(json.dumps(solution_document(solution, disturbances=disturbances)))
         spans = [one["spans"] is not None for one in made["disturbances"]["directions"]]
         assert spans == written

@@ -122,8 +122,11 @@ _COMMANDS = {
     ),
     "schema": _Command(
         "schema.schema",
-        "Print the JSON schema of a scene file.",
-        ("graspless-pin schema > scene.schema.json",),
+        "Print the JSON schema of a scene file, or of a study file.",
+        (
+            "graspless-pin schema > scene.schema.json",
+            "graspless-pin schema --study > study.schema.json",
+        ),
     ),
 }
 

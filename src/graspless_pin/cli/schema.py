@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 import json
+from typing import Annotated, Any
 
 import typer
 
 from graspless_pin.scene import scene_json_schema
 
 
-def schema() -> None:
-    """Print the JSON schema of a scene file."""
-    typer.echo(json.dumps(scene_json_schema(), indent=2))
+def schema(
+    study: Annotated[bool, typer.Option("--study", help="That of a study file instead.")] = False,
+) -> None:
+    """Print the JSON schema of a scene file, or of a study file."""
+    typer.echo(json.dumps(_study_schema() if study else scene_json_schema(), indent=2))
+
+
+def _study_schema() -> dict[str, Any]:
+    # Studies need pandas, which scenes do not.
+    from graspless_pin.studies.study_schema import StudyEntry
+
+    return StudyEntry.model_json_schema()

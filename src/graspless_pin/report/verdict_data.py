@@ -19,7 +19,7 @@ from graspless_pin.holding.verdict import (
 )
 from graspless_pin.problem.checks import finite_array, real_number
 
-_MOST_LEAVES = 10_000
+MOST_SPAN_LEAVES = 10_000
 """Of the proofs of all directions of disturbance: files stay below 32 MiB, which can be read."""
 
 
@@ -62,7 +62,7 @@ def disturbance_data(found: GuaranteedDisturbance) -> dict[str, Any]:
     directions, leaves = [], 0
     for direction, bracket in zip(found.directions, found.brackets, strict=False):
         own = _leaf_count(bracket)
-        fits = leaves + own <= _MOST_LEAVES
+        fits = leaves + own <= MOST_SPAN_LEAVES
         leaves += own if fits else 0
         directions.append(
             {
