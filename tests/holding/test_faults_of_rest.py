@@ -30,6 +30,7 @@ from graspless_pin import (
     stability,
 )
 from graspless_pin.algorithms.guaranteed_disturbance import GuaranteedDisturbance
+from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.load_brackets import LoadBracket, load_bracket
 from graspless_pin.holding import bounds, closure, kept_programs, moving, relaxation, rest
 from graspless_pin.report import solution_document
@@ -390,7 +391,7 @@ def undisturbed() -> StabilityVerdict:
 
 
 def bracket() -> LoadBracket:
-    return load_bracket(undisturbed(), PUSH, 10.0 * GRAVITY, 0.1, 100)
+    return load_bracket(undisturbed(), PUSH, 10.0 * GRAVITY, 0.1, Limits(100))
 
 
 @cache

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Unpack
 
+from graspless_pin.algorithms.formulation import formulate
 from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
-from graspless_pin.algorithms.solve import solve_problem
+from graspless_pin.algorithms.search import SearchState, finished
+from graspless_pin.algorithms.solve import solution_of, solve_problem
 from graspless_pin.algorithms.torque import paper_objective
+from graspless_pin.errors import OverrunError
 from graspless_pin.modes.enumeration import enumerate_modes
 from graspless_pin.modes.rules import Rules, SignRule, SlidingRule, StaticFriction
 from graspless_pin.problem import QuasistaticProblem
@@ -108,6 +112,11 @@ def solve_each_mode(
 ) -> Iterator[TorqueSolution]:
     """Yield the solution of each feasible maximal mode, found or not, in the order of listing.
 
+    Where `node_limit` (modes count as nodes) or `time_limit` ends it before the last mode, one
+    solution of no mode follows, with the status NOT_FOUND_IN_LIMIT: modes that come after it are
+    missing. Without it the modes are all. What the caller does between two solutions takes of the
+    time, too.
+
     Args:
         problem: Contacts, wrench, joints and limits.
         algorithm: ``margin`` (Algorithm 1) or ``torque`` (Algorithm 2).
@@ -127,5 +136,16 @@ def solve_each_mode(
     options["static_friction"] = StaticFriction.VIRTUAL_SLIDING
     how, objective = SolveOptions.parse(**options), paper_objective(algorithm, margin)
     signs, sliding = how.rules.sign, how.rules.sliding
-    for mode in enumerate_modes(problem, sign_rule=signs, sliding_rule=sliding, maximal=True):
-        yield solve_problem(problem, objective, how, mode=mode)
+    limits = Limits.of(how)
+    modes = enumerate_modes(
+        problem, sign_rule=signs, sliding_rule=sliding, maximal=True, time_limit=how.time_limit
+    )
+    with suppress(OverrunError):
+        for nodes, mode in enumerate(modes):
+            if limits.end(nodes):
+                break
+            yield solve_problem(problem, objective, how, mode=mode)
+        else:
+            return
+    state = SearchState(formulate(problem, objective), how.rules, how.solver)
+    yield solution_of(finished(state, interrupted=True), how.rules)

@@ -6,6 +6,7 @@ import numpy as np
 
 from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.search import SearchResult, SearchState, finished
+from graspless_pin.errors import OverrunError
 from graspless_pin.modes.enumeration import feasible_modes
 from graspless_pin.modes.rules import SlidingMode, StaticFriction
 from graspless_pin.solution import Status
@@ -36,9 +37,17 @@ def search_exhaustively(state: SearchState, limits: Limits) -> SearchResult:
         return SearchResult(Status.UNVERIFIED, state)
     smallest = np.inf
     state.oracle.is_clear = False
-    for listed in feasible_modes(
-        state.formulation.problem, state.formulation.kinematics, state.rules, maximal=True
-    ):
+    modes = feasible_modes(
+        state.formulation.problem, state.formulation.kinematics, state.rules, maximal=True,
+        is_over=lambda _: limits.passed,
+    )  # fmt: skip
+    while True:
+        try:
+            listed = next(modes, None)
+        except OverrunError:
+            return finished(state, interrupted=True)
+        if listed is None:
+            break
         if limits.end(state.nodes):
             return finished(state, interrupted=True)
         state.nodes += 1

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.algorithms.disturbances import unit_disturbances
-from graspless_pin.algorithms.load_brackets import LoadBracket, check_bracket_options, load_bracket
+from graspless_pin.algorithms.load_brackets import LoadBracket, bracket_limits, load_bracket
 from graspless_pin.errors import NoSolutionError
 from graspless_pin.holding.stability import stability
 from graspless_pin.holding.verdict import Stability, StabilityVerdict
@@ -65,6 +65,19 @@ class GuaranteedDisturbance:
         return self._each("possible")
 
     @property
+    def complete(self) -> NDArray[np.bool_]:
+        """(K,) whether the search came to its end; False where `time_limit` ended it before.
+
+        Then the other figures are what was proven and found by then: nothing guaranteed, and
+        nothing found up to 0 N, where a direction was not looked at.
+        """
+        decided = self.verdict.status is not Stability.UNDECIDED
+        found = [one.complete for one in self.brackets] or [decided] * len(self.directions)
+        complete = np.array(found, dtype=bool)
+        complete.setflags(write=False)
+        return complete
+
+    @property
     def failures(self) -> tuple[StabilityVerdict | None, ...]:
         """K verdicts at `failing`; None where that is inf."""
         return tuple(one.failure for one in self.brackets) or (None,) * len(self.directions)
@@ -95,10 +108,12 @@ class GuaranteedDisturbance:
             return f"nothing guaranteed: {self.verdict}"
         at = self.worst
         wrench = self.directions[at] * np.repeat([1.0, self.characteristic_length], 3)
+        short = int(np.sum(~self.complete))
+        ended = f"; the time was over before the end of {short} directions" if short else ""
         return (
             f"least of {len(self.directions)} directions, per newton of force "
             f"{np.round(wrench[:3], 4).tolist()} N and moment {np.round(wrench[3:], 5).tolist()} "
-            f"N m: {self.brackets[at].words('N')}"
+            f"N m: {self.brackets[at].words('N')}{ended}"
         )
 
 
@@ -112,6 +127,7 @@ def guaranteed_disturbance(
     precision: float = 0.02,
     node_limit: int = 1000,
     acceleration_resolution: float = 1e-3,
+    time_limit: float | None = None,
 ) -> GuaranteedDisturbance:
     """Bracket the largest disturbance up to which rest stays the only outcome, in each direction.
 
@@ -130,6 +146,8 @@ def guaranteed_disturbance(
         node_limit: Sets of outcomes that each tree of a proof may look at; a third of what one
             verdict alone may, since each direction takes several.
         acceleration_resolution: As of `stability`; of the load without disturbance.
+        time_limit: Seconds in all; None: any time. What is proven by then is returned, and
+            `complete` tells of which directions it is all that was asked for.
 
     Raises:
         ArgumentError: If an argument is wrong.
@@ -145,17 +163,17 @@ def guaranteed_disturbance(
         >>> print(f"pushed along x it stays up to {found.guaranteed[0]:.1f} N at least")
         pushed along x it stays up to 2.4 N at least
     """
-    check_bracket_options(problem, precision, node_limit)
+    limits = bracket_limits(problem, precision, node_limit, time_limit)
     units, length = unit_disturbances(problem, directions, characteristic_length)
     most = 10.0 * problem.scales.force if largest is None else real_number("largest", largest, 0.0)
-    verdict = stability(problem, torques, acceleration_resolution=acceleration_resolution)
+    verdict = stability(
+        problem, torques, acceleration_resolution=acceleration_resolution, time_limit=limits.left
+    )
     brackets: tuple[LoadBracket, ...] = ()
     if verdict.status is Stability.STRONG:
         scale, still = np.repeat([1.0, length], 3), np.zeros(problem.joint_count)
         brackets = tuple(
-            load_bracket(
-                verdict, np.concatenate([scale * unit, still]), most, precision, node_limit
-            )
+            load_bracket(verdict, np.concatenate([scale * unit, still]), most, precision, limits)
             for unit in units
         )
     return GuaranteedDisturbance(verdict, units, brackets, length, float(most))

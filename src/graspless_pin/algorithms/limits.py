@@ -26,9 +26,14 @@ class Limits:
     @classmethod
     def of(cls, options: SolveOptions) -> Self:
         """Return the limits of options; their time begins now."""
-        if options.time_limit is None:
-            return cls(options.node_limit)
-        return cls(options.node_limit, time.monotonic() + options.time_limit)
+        return cls.from_now(options.node_limit, options.time_limit)
+
+    @classmethod
+    def from_now(cls, node_limit: int | None, time_limit: float | None) -> Self:
+        """Return the limits of so many nodes and seconds; None: no limit."""
+        if time_limit is None:
+            return cls(node_limit)
+        return cls(node_limit, time.monotonic() + time_limit)
 
     @property
     def passed(self) -> bool:
@@ -39,11 +44,15 @@ class Limits:
         """Return whether a search ends that has looked at so many nodes."""
         return (self.node_limit is not None and nodes >= self.node_limit) or self.passed
 
+    @property
+    def left(self) -> float | None:
+        """Seconds that are left, at least zero; None: any."""
+        return None if self.deadline == np.inf else max(self.deadline - time.monotonic(), 0.0)
+
     def within(self, options: SolveOptions) -> SolveOptions:
         """Return options with the time that is left."""
-        if self.deadline == np.inf:
-            return options
-        return replace(options, time_limit=max(self.deadline - time.monotonic(), 0.0))
+        left = self.left
+        return options if left is None else replace(options, time_limit=left)
 
 
 NO_LIMITS = Limits()

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from graspless_pin.algorithms.limits import Limits
 from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.load_spans import LoadLine, Unproven
 from graspless_pin.holding.stability import stability
@@ -30,12 +31,15 @@ class LoadBracket:
         failure: The verdict at `failing`.
         spans: Proofs for spans that follow each other from zero on.
         last_rest: The largest multiple of which rest is an outcome, or up to which was looked.
+        complete: Whether the search came to its end; False: a time limit ended it before, and the
+            bracket may be wider than asked for, or not looked at.
     """
 
     failing: float
     failure: StabilityVerdict | None
     spans: tuple[SpanProof, ...]
     last_rest: LastRest
+    complete: bool = True
 
     @property
     def guaranteed(self) -> float:
@@ -51,15 +55,18 @@ class LoadBracket:
         """Return the three figures in words."""
         said = f"rest is the only outcome up to {self.guaranteed:.4g} {unit}"
         if self.failure is None:
-            return f"{said}; nothing else was found up to {self.possible:.4g} {unit}"
+            said += f"; nothing else was found up to {self.possible:.4g} {unit}"
+            return said if self.complete else f"{said}, when the time was over"
         said += f"; at {self.failing:.4g} {unit} it {self.failure}"
         if self.failure.status is Stability.NONE:
             return said
         return f"{said}; forces balance up to {self.possible:.4g} {unit} at least"
 
 
-def check_bracket_options(problem: QuasistaticProblem, precision: float, node_limit: int) -> None:
-    """Check what every search for brackets is given.
+def bracket_limits(
+    problem: QuasistaticProblem, precision: float, node_limit: int, time_limit: float | None
+) -> Limits:
+    """Check what every search for brackets is given, and return its limits: their time begins now.
 
     Raises:
         ArgumentError: If it is no problem or one that slides, or an option is out of range.
@@ -68,7 +75,10 @@ def check_bracket_options(problem: QuasistaticProblem, precision: float, node_li
         raise ArgumentError("problem", "slides; what certainly holds is known of rest alone")
     if real_number("precision", precision, 1e-3) > _WIDEST:
         raise ArgumentError("precision", f"is {precision}; it must be at most {_WIDEST}")
-    whole_number("node_limit", node_limit, 0)
+    nodes = whole_number("node_limit", node_limit, 0)
+    if time_limit is not None:
+        time_limit = real_number("time_limit", time_limit, 0.0, finite=False)
+    return Limits.from_now(nodes, time_limit)
 
 
 def load_bracket(
@@ -76,7 +86,7 @@ def load_bracket(
     direction: FloatArray,
     most: float,
     precision: float,
-    node_limit: int,
+    limits: Limits,
 ) -> LoadBracket:
     """Bracket the largest multiple of a change up to which rest stays the only outcome.
 
@@ -88,8 +98,11 @@ def load_bracket(
         direction: (6 + L,) what each multiple adds to wrench and torques.
         most: Multiples up to this are looked at.
         precision: Relative width of the bracket with which the search ends.
-        node_limit: Sets of outcomes that each of the two trees of a span may look at.
+        limits: Sets of outcomes that each of the two trees of a span may look at, and the time.
+            What is proven when it is over stands.
     """
+    if limits.passed:
+        return LoadBracket(np.inf, None, (), LastRest(0.0, None, None), complete=False)
     line = LoadLine(
         undisturbed.problem, undisturbed.torques, direction, undisturbed.acceleration_limit
     )
@@ -98,15 +111,17 @@ def load_bracket(
     low, high = 0.0, possible
     end = possible if possible >= most else (1.0 - 0.5 * precision) * possible
     while high - low > 0.5 * precision * high and high > 0.5**_MOST_HALVINGS * possible:
+        if limits.passed:
+            break
         low, high = (low, end) if line.moves(end) else (end, high)
         end = 0.5 * (low + high)
     spans, ends, below = list[SpanProof](), [low] if low > 0.0 else [], 0.5 * precision
     guaranteed = 0.0
     for _ in range(_MOST_SPANS):
-        if not ends:
+        if not ends or limits.passed:
             break
         end = ends[-1]
-        said = line.proof(guaranteed, end, node_limit)
+        said = line.proof(guaranteed, end, limits.end)
         if isinstance(said, SpanProof):
             spans.append(said)
             guaranteed = ends.pop()
@@ -118,14 +133,19 @@ def load_bracket(
             break
         if not ends and high - guaranteed > precision * high:
             ends = [max(0.5 * (guaranteed + high), (1.0 - below) * high)]
-    failing, failure = _failure(line, undisturbed, high, possible, most)
-    return LoadBracket(failing, failure, tuple(spans), last_rest)
+    failing, failure = _failure(line, undisturbed, high, (possible, most), limits)
+    return LoadBracket(failing, failure, tuple(spans), last_rest, not limits.passed)
 
 
 def _failure(
-    line: LoadLine, undisturbed: StabilityVerdict, high: float, possible: float, most: float
+    line: LoadLine,
+    undisturbed: StabilityVerdict,
+    high: float,
+    ends: tuple[float, float],
+    limits: Limits,
 ) -> tuple[float, StabilityVerdict | None]:
     """Return a multiple that fails, with its verdict, near the one that the search found."""
+    possible, most = ends
     if high >= most:
         return np.inf, None
     size = float(np.abs(line.in_loads).max())
@@ -136,8 +156,9 @@ def _failure(
         # One limit for all loads: that of the undisturbed one.
         resolution *= undisturbed.problem.scales.force / problem.scales.force
         verdict = stability(
-            problem, torques, acceleration_resolution=float(np.clip(resolution, 1e-6, 1.0))
-        )
+            problem, torques, acceleration_resolution=float(np.clip(resolution, 1e-6, 1.0)),
+            time_limit=limits.left,
+        )  # fmt: skip
         motion = verdict.motion
         if verdict.status is Stability.NONE or (
             verdict.status is Stability.WEAK

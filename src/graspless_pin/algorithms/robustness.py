@@ -7,12 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.load_brackets import (
     LoadBracket,
-    check_bracket_options,
+    bracket_limits,
     load_bracket,
 )
-from graspless_pin.holding.stability import stability
+from graspless_pin.holding.stability import stability, undecided_verdict
 from graspless_pin.holding.verdict import Stability, StabilityVerdict
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
@@ -30,6 +31,8 @@ class Robustness:
         all_less: By which share of themselves all torques together may be smaller.
         all_more: By which share they may be larger.
         without: M verdicts without each contact; None where it is the only one.
+        complete: Whether all was looked at; False: `time_limit` ended the search before, and more
+            may be borne, and less be relied on, than is known. Brackets have it, too.
     """
 
     verdict: StabilityVerdict
@@ -38,6 +41,7 @@ class Robustness:
     all_less: LoadBracket | None = None
     all_more: LoadBracket | None = None
     without: tuple[StabilityVerdict | None, ...] = ()
+    complete: bool = True
 
     @property
     def relies_on(self) -> tuple[int, ...]:
@@ -65,6 +69,8 @@ class Robustness:
         if self.without:
             listed = ", ".join(str(contact) for contact in self.relies_on) or "none"
             lines.append(f"relies on contacts: {listed}")
+        if not self.complete:
+            lines.append("the time limit ended the search: more time may tell more")
         return "\n".join(lines)
 
 
@@ -85,6 +91,7 @@ def robustness(
     *,
     precision: float = 0.1,
     node_limit: int = 300,
+    time_limit: float | None = None,
 ) -> Robustness:
     """Tell how much torques of which rest is the only outcome bear.
 
@@ -99,6 +106,8 @@ def robustness(
         node_limit: Sets of outcomes that each tree and each verdict may look at; a tenth of what
             one verdict alone may, since there are two brackets for each joint and a verdict for
             each contact.
+        time_limit: Seconds in all; None: any time. What is proven by then is returned, and
+            `complete` tells whether it is all.
 
     Raises:
         ArgumentError: If an argument is wrong.
@@ -113,15 +122,15 @@ def robustness(
         >>> robustness(stool, []).relies_on
         (0, 1, 2)
     """
-    check_bracket_options(problem, precision, node_limit)
-    verdict = stability(problem, torques)
+    limits = bracket_limits(problem, precision, node_limit, time_limit)
+    verdict = stability(problem, torques, time_limit=limits.left)
     if verdict.status is not Stability.STRONG:
-        return Robustness(verdict)
+        return Robustness(verdict, complete=not limits.passed)
     count = problem.joint_count
 
     def bracket(change: FloatArray, most: float) -> LoadBracket:
         direction = np.concatenate([np.zeros(6), change])
-        return load_bracket(verdict, direction, most, precision, node_limit)
+        return load_bracket(verdict, direction, most, precision, limits)
 
     largest = np.maximum(np.abs(verdict.torques), problem.scales.joints)
     less, more = (
@@ -135,12 +144,16 @@ def robustness(
     if verdict.torques.any():
         together = [bracket(sign * verdict.torques, 1.0) for sign in (-1.0, 1.0)]
     without = tuple(
-        _without(verdict, contact, node_limit) for contact in range(len(problem.normals))
+        _without(verdict, contact, node_limit, limits) for contact in range(len(problem.normals))
     )
-    return Robustness(verdict, less, more, together[0], together[1], without)
+    return Robustness(
+        verdict, less, more, together[0], together[1], without, complete=not limits.passed
+    )
 
 
-def _without(verdict: StabilityVerdict, contact: int, node_limit: int) -> StabilityVerdict | None:
+def _without(
+    verdict: StabilityVerdict, contact: int, node_limit: int, limits: Limits
+) -> StabilityVerdict | None:
     """Return the verdict without a contact, None where no other is left."""
     problem = verdict.problem
     kept: NDArray[np.intp] = np.delete(np.arange(problem.contact_count), contact)
@@ -158,7 +171,10 @@ def _without(verdict: StabilityVerdict, contact: int, node_limit: int) -> Stabil
     )
     # A hybrid finger that touches nothing commands nothing.
     idle = np.flatnonzero(hybrid_contacts(problem) == contact)
-    return stability(*with_joints_still(fewer, verdict.torques, idle), node_limit=node_limit)
+    changed = with_joints_still(fewer, verdict.torques, idle)
+    if limits.passed:
+        return undecided_verdict(*changed, "undecided: the time was over before it was looked at")
+    return stability(*changed, node_limit=node_limit, time_limit=limits.left)
 
 
 def with_joints_still(

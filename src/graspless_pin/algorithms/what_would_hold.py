@@ -8,9 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspless_pin.algorithms.load_brackets import check_bracket_options
+from graspless_pin.algorithms.limits import Limits
+from graspless_pin.algorithms.load_brackets import bracket_limits
 from graspless_pin.algorithms.robustness import with_joints_still
 from graspless_pin.algorithms.torque import maximize_margin
+from graspless_pin.holding.options import NODE_LIMIT
 from graspless_pin.holding.stability import stability
 from graspless_pin.holding.verdict import Stability, StabilityVerdict
 from graspless_pin.problem import QuasistaticProblem
@@ -45,9 +47,24 @@ class HoldingChange:
         return self.words
 
 
+class HoldingChanges(tuple[HoldingChange, ...]):
+    """The changes found. See the example of `what_would_hold`.
+
+    Attributes:
+        complete: Whether all kinds were tried; False: `time_limit` ended that before, and changes
+            may be missing, or larger than they need to be.
+    """
+
+    complete: bool = True
+
+
 def what_would_hold(
-    problem: QuasistaticProblem, torques: ArrayLike, *, node_limit: int = 1000
-) -> tuple[HoldingChange, ...]:
+    problem: QuasistaticProblem,
+    torques: ArrayLike,
+    *,
+    node_limit: int = 1000,
+    time_limit: float | None = None,
+) -> HoldingChanges:
     """Find changes with which rest is the only outcome, each tried by a verdict.
 
     Of each kind the smallest that was found: larger torques of the same proportions; a preload, the
@@ -60,9 +77,11 @@ def what_would_hold(
         torques: (L,) the motors' torques, of which rest is not the only outcome, N m (N).
         node_limit: Sets of outcomes that each verdict may look at; a third of what one alone may,
             since many changes are tried.
+        time_limit: Seconds in all; None: any time. What was found by then is returned.
 
     Returns:
-        The changes; empty where none of those tried was enough.
+        The changes, a tuple; empty where none of those tried was enough. Its `complete` tells
+        whether the time was enough for all.
 
     Raises:
         ArgumentError: If an argument is wrong.
@@ -75,24 +94,23 @@ def what_would_hold(
         >>> len(changes) > 0
         True
     """
-    check_bracket_options(problem, 0.1, node_limit)
+    limits = bracket_limits(problem, 0.1, node_limit, time_limit)
     tau = finite_array("torques", torques, (problem.joint_count,))
-    return tuple(_found(problem, tau, node_limit))
+    found = HoldingChanges(_found(problem, tau, limits))
+    found.complete = not limits.passed
+    return found
 
 
-def _found(problem: QuasistaticProblem, tau: FloatArray, nodes: int) -> Iterator[HoldingChange]:
+def _found(problem: QuasistaticProblem, tau: FloatArray, limits: Limits) -> Iterator[HoldingChange]:
     if problem.joint_count:
         excess = tau - problem.gravity_torques
         yield from _smallest(
             lambda share: (problem, tau + share * excess), _SHARES,
             lambda share: f"contact torques {100.0 * share:.0f} % larger",
-            nodes,
+            limits,
         )  # fmt: skip
-        yield from _preload(problem, tau, nodes)
-        other = maximize_margin(problem, stability="strong", verdict_nodes=nodes)
-        if other.found:
-            words = "torques of maximize_margin with stability='strong'"
-            yield from _tried((problem, other.torques), words, nodes)
+        yield from _preload(problem, tau, limits)
+        yield from _other_torques(problem, limits)
     everywhere = np.ones(problem.contact_count, dtype=bool)
     each = np.eye(problem.contact_count, dtype=bool)
     for where, place in [
@@ -105,25 +123,42 @@ def _found(problem: QuasistaticProblem, tau: FloatArray, nodes: int) -> Iterator
             ),
             (_MOST_FRICTION - 1.0,),
             lambda more, place=place: f"{1.0 + more:.2f} times the friction at {place}",
-            nodes,
+            limits,
         )  # fmt: skip
     for joint, name in enumerate(problem.joint_names):
         held = with_joints_still(problem, tau, np.array([joint], dtype=np.intp))
-        yield from _tried(held, f"joint {name} under position control", nodes)
+        yield from _tried(held, f"joint {name} under position control", limits)
     blocks = problem.jacobian.reshape(problem.contact_count, 3, problem.joint_count)
     acts = (blocks != 0.0).any(axis=1)
     for contact in np.flatnonzero(acts.sum(axis=1) > 1).tolist():
         held = with_joints_still(problem, tau, np.flatnonzero(acts[contact]))
         words = f"all joints behind contact {contact} under position control"
-        yield from _tried(held, words, nodes)
+        yield from _tried(held, words, limits)
 
 
-def _preload(problem: QuasistaticProblem, tau: FloatArray, nodes: int) -> Iterator[HoldingChange]:
+def _other_torques(problem: QuasistaticProblem, limits: Limits) -> Iterator[HoldingChange]:
+    """Try the torques of the largest margin of which rest is the only outcome."""
+    if limits.passed:
+        return
+    nodes = NODE_LIMIT if limits.node_limit is None else limits.node_limit
+    other = maximize_margin(
+        problem, stability="strong", verdict_nodes=nodes, time_limit=limits.left
+    )
+    if other.found:
+        words = "torques of maximize_margin with stability='strong'"
+        yield from _tried((problem, other.torques), words, limits)
+
+
+def _preload(
+    problem: QuasistaticProblem, tau: FloatArray, limits: Limits
+) -> Iterator[HoldingChange]:
     """Try torques on top that squeeze the object without load."""
+    if limits.passed:
+        return
     unloaded = problem.with_changes(
         external_wrench=np.zeros(6), gravity_torques=np.zeros(problem.joint_count)
     )
-    squeeze = maximize_margin(unloaded, static_friction="coulomb")
+    squeeze = maximize_margin(unloaded, static_friction="coulomb", time_limit=limits.left)
     if not squeeze.found or squeeze.margin <= 1e-6 * problem.scales.force:
         return
     largest = float(np.linalg.norm(squeeze.contact_forces, axis=1).max())
@@ -131,16 +166,19 @@ def _preload(problem: QuasistaticProblem, tau: FloatArray, nodes: int) -> Iterat
     yield from _smallest(
         lambda share: (problem, tau + share * load * per_newton), _SHARES,
         lambda share: f"a preload of up to {share * load:.3g} N at the contacts, by the torques",
-        nodes,
+        limits,
     )  # fmt: skip
 
 
-def _tried(changed: _Changed, words: str, nodes: int) -> Iterator[HoldingChange]:
+def _tried(changed: _Changed, words: str, limits: Limits) -> Iterator[HoldingChange]:
+    if limits.passed:
+        return
     problem, torques = changed
     beyond = (torques < problem.lower_torque) | (torques > problem.upper_torque)
     if beyond.any():
         return
-    verdict = stability(problem, torques, node_limit=nodes)
+    nodes = NODE_LIMIT if limits.node_limit is None else limits.node_limit
+    verdict = stability(problem, torques, node_limit=nodes, time_limit=limits.left)
     if verdict.status is Stability.STRONG:
         yield HoldingChange(words, problem, torques, verdict)
 
@@ -149,18 +187,18 @@ def _smallest(
     change: Callable[[float], _Changed],
     sizes: tuple[float, ...],
     words: Callable[[float], str],
-    nodes: int,
+    limits: Limits,
 ) -> Iterator[HoldingChange]:
     """Yield the smallest change found: the first size that holds, then halved towards the last."""
     too_small = 0.0
     for size in sizes:
-        found = next(_tried(change(size), words(size), nodes), None)
+        found = next(_tried(change(size), words(size), limits), None)
         if found is None:
             too_small = size
             continue
         for _ in range(_BISECTIONS):
             middle = 0.5 * (too_small + size)
-            less = next(_tried(change(middle), words(middle), nodes), None)
+            less = next(_tried(change(middle), words(middle), limits), None)
             too_small, size = (middle, size) if less is None else (too_small, middle)
             found = less or found
         yield found

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from graspless_pin.algorithms.force_bounds import contact_force_bounds
+from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.robustness import Robustness, robustness
 from graspless_pin.algorithms.what_would_hold import what_would_hold
 from graspless_pin.cli.outcome import ExitCode, echo_findings, loaded_scene, plain_errors
@@ -34,6 +35,10 @@ def robustness_scene(
     nodes: Annotated[
         int, typer.Option(min=0, help="Sets of outcomes that each proof may look at.")
     ] = 300,
+    time_limit: Annotated[
+        float | None,
+        typer.Option(min=0.0, help="Most seconds of the search; what is proven by then is told."),
+    ] = None,
 ) -> None:
     """Tell how much a scene's rest bears; where it may fail, what would make it hold.
 
@@ -53,10 +58,13 @@ def robustness_scene(
             typer.echo(why)
             raise typer.Exit(ExitCode.INFEASIBLE)
         with waiting_for("trying errors of torques, and rest without each contact"):
-            found = robustness(solution.problem, solution.torques, node_limit=nodes)
+            limits = Limits.from_now(nodes, time_limit)
+            found = robustness(
+                solution.problem, solution.torques, node_limit=nodes, time_limit=limits.left
+            )
         strong = found.verdict.status is Stability.STRONG
         typer.echo(str(found))
-        for line in _gaps(loaded, found) if strong else _changes(loaded, solution, nodes):
+        for line in _gaps(loaded, found) if strong else _changes(loaded, solution, limits):
             typer.echo(line)
     raise typer.Exit(ExitCode.FOUND if strong else ExitCode.INFEASIBLE)
 
@@ -72,7 +80,7 @@ def _gaps(scene: Scene, found: Robustness) -> list[str]:
     ]
 
 
-def _changes(scene: Scene, solution: TorqueSolution, nodes: int) -> list[str]:
+def _changes(scene: Scene, solution: TorqueSolution, limits: Limits) -> list[str]:
     """Return who may squeeze the object, and what would make it hold."""
     problem = solution.problem
     with waiting_for("trying what would make it hold"):
@@ -80,9 +88,14 @@ def _changes(scene: Scene, solution: TorqueSolution, nodes: int) -> list[str]:
             problem.with_changes(cone=ConeModel.ROUND),
             solution.torques,
             static_friction=StaticFriction.COULOMB,
-            time_limit=_RANGES_TIME,
+            time_limit=_RANGES_TIME if limits.left is None else min(_RANGES_TIME, limits.left),
         )
-        changes = what_would_hold(problem, solution.torques, node_limit=nodes)
+        changes = what_would_hold(
+            problem, solution.torques, node_limit=limits.node_limit or 0, time_limit=limits.left
+        )
     squeezed = bounds.squeeze_words(scene.contacts.bodies)
     lines = [f"it would hold with {change}" for change in changes]
-    return [*filter(None, [squeezed]), *(lines or ["no change that was tried makes it hold"])]
+    lines = lines or ["no change that was tried makes it hold"]
+    if not changes.complete:
+        lines.append("the time limit ended the search: other changes may, too")
+    return [*filter(None, [squeezed]), *lines]

@@ -7,7 +7,7 @@ g(t).a <= max(g0.a, g1.a), so that two trees tell, each with the load free along
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from enum import StrEnum
 
 import numpy as np
@@ -113,13 +113,15 @@ class LoadLine:
         dynamics = self._dynamics(multiple)
         return dynamics is not None and find_motion(dynamics) is not None
 
-    def proof(self, first: float, last: float, node_limit: int) -> SpanProof | Unproven:
+    def proof(
+        self, first: float, last: float, is_over: Callable[[int], bool]
+    ) -> SpanProof | Unproven:
         """Prove that rest is the only outcome of all loads of a span.
 
         Args:
             first: Least multiple.
             last: Largest multiple.
-            node_limit: Sets of outcomes that each of two trees may look at.
+            is_over: Tells after so many sets of outcomes whether each of two trees has to end.
         """
         ends = first, last
         if min(self._commanded(end).min(initial=0.0) for end in ends) < 0.0:
@@ -143,10 +145,10 @@ class LoadLine:
         if certified is not None:
             return SpanProof(ends, rest_forces, certified)
         # The last load's first: its tree may meet a motion.
-        later = self._tree(spreads[1], loads[1], node_limit)
+        later = self._tree(spreads[1], loads[1], is_over)
         if isinstance(later, Unproven):
             return later
-        earlier = self._tree(spreads[0], loads[0], node_limit)
+        earlier = self._tree(spreads[0], loads[0], is_over)
         if isinstance(earlier, Unproven):
             return Unproven.OPEN
         return SpanProof(ends, rest_forces, (earlier, later))
@@ -160,13 +162,16 @@ class LoadLine:
         return world_forces(problem, found.forces * problem.scales.force)
 
     def _tree(
-        self, spread: Dynamics | None, loads: tuple[LoadProof, ...], node_limit: int
+        self,
+        spread: Dynamics | None,
+        loads: tuple[LoadProof, ...],
+        is_over: Callable[[int], bool],
     ) -> RestProof | Unproven:
         """Prove by branching that nothing moves, or tell whether something does."""
         if spread is None:
             return RestProof((), None, None, np.inf)
         relaxation = self._relaxation(spread, self._newtons([loads]))
-        found = branch(spread, relaxation, lambda nodes: nodes >= node_limit)
+        found = branch(spread, relaxation, is_over)
         if found.tree is None:
             return Unproven.OPEN if found.motion is None else Unproven.MOVES
         limit = FORCE_LIMIT * self.problem.scales.force

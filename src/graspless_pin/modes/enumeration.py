@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from itertools import product
 
 import numpy as np
 
+from graspless_pin.errors import OverrunError
 from graspless_pin.modes.kinematics import VirtualKinematics
 from graspless_pin.modes.rules import (
     Rules,
@@ -17,6 +19,7 @@ from graspless_pin.modes.rules import (
 )
 from graspless_pin.modes.verdicts import Requirement
 from graspless_pin.problem import QuasistaticProblem, checked_problem
+from graspless_pin.problem.checks import real_number, whole_number
 
 
 def enumerate_modes(
@@ -25,6 +28,8 @@ def enumerate_modes(
     sign_rule: str = "strict",
     sliding_rule: str = "exempt",
     maximal: bool = False,
+    node_limit: int | None = None,
+    time_limit: float | None = None,
 ) -> Iterator[SlidingMode]:
     """Yield every feasible virtual-sliding mode, lazily, depth first over the contacts.
 
@@ -41,9 +46,12 @@ def enumerate_modes(
             are selected in every mode.
         maximal: Only modes that no feasible mode extends. Those are enough for an optimum: a
             larger mode allows every force of a smaller one.
+        node_limit: Partial modes whose virtual motion may be asked for; None: any number.
+        time_limit: Seconds from the first mode that is asked for; None: no limit.
 
     Raises:
-        ArgumentError: If a rule is not known or lists no modes.
+        ArgumentError: If a rule is not known or lists no modes, or a limit is out of range.
+        OverrunError: While modes are listed, where a limit ends that before the last one.
 
     Examples:
         >>> from graspless_pin import load_scene, enumerate_modes
@@ -54,17 +62,51 @@ def enumerate_modes(
     checked_problem(problem)
     rules = Rules.parse(sign_rule, sliding_rule, StaticFriction.VIRTUAL_SLIDING)
     rules.need_signs("enumerate_modes")
-    return feasible_modes(problem, VirtualKinematics(problem), rules, maximal=maximal)
+    nodes = None if node_limit is None else whole_number("node_limit", node_limit, 0)
+    seconds = np.inf
+    if time_limit is not None:
+        seconds = real_number("time_limit", time_limit, 0.0, finite=False)
+    return _limited(problem, rules, maximal, nodes, seconds)
+
+
+def _limited(
+    problem: QuasistaticProblem, rules: Rules, maximal: bool, nodes: int | None, seconds: float
+) -> Iterator[SlidingMode]:
+    deadline = time.monotonic() + seconds
+
+    def is_over(asked: int) -> bool:
+        return (nodes is not None and asked >= nodes) or time.monotonic() > deadline
+
+    yield from feasible_modes(
+        problem, VirtualKinematics(problem), rules, maximal=maximal, is_over=is_over
+    )
 
 
 def feasible_modes(
-    problem: QuasistaticProblem, kinematics: VirtualKinematics, rules: Rules, *, maximal: bool
+    problem: QuasistaticProblem,
+    kinematics: VirtualKinematics,
+    rules: Rules,
+    *,
+    maximal: bool,
+    is_over: Callable[[int], bool],
 ) -> Iterator[SlidingMode]:
-    """Yield the modes of `enumerate_modes` for known kinematics and rules."""
+    """Yield the modes of `enumerate_modes` for known kinematics and rules.
+
+    Args:
+        problem: The contacts and joints.
+        kinematics: Their virtual motions.
+        rules: That list modes.
+        maximal: Only modes that no feasible mode extends.
+        is_over: Tells after so many partial modes whether the listing has to end.
+
+    Raises:
+        OverrunError: Where it has to end before the last mode.
+    """
+    listing = _Listing(problem, kinematics, rules, is_over)
     return (
         mode_of(problem, requirements)
-        for requirements in _feasible(problem, kinematics, rules)
-        if not (maximal and _extensible(problem, kinematics, rules, requirements))
+        for requirements in listing.feasible()
+        if not (maximal and listing.extensible(requirements))
     )
 
 
@@ -92,54 +134,65 @@ def mode_of(problem: QuasistaticProblem, requirements: tuple[Requirement, ...]) 
     return SlidingMode.unchecked(selection, signs)
 
 
-def _feasible(
-    problem: QuasistaticProblem, kinematics: VirtualKinematics, rules: Rules
-) -> Iterator[tuple[Requirement, ...]]:
-    candidates = [int(contact) for contact in np.flatnonzero(candidate_contacts(problem, rules))]
-    pairs = sign_pairs(rules.sign)
-    # Depth first with an explicit stack: (how many candidates are decided, their requirements).
-    stack: list[tuple[int, tuple[Requirement, ...]]] = [(0, ())]
-    while stack:
-        depth, requirements = stack.pop()
-        if depth == len(candidates):
-            yield requirements
-            continue
-        contact = candidates[depth]
-        children = []
-        if not problem.is_sliding[contact]:
-            children.append((depth + 1, requirements))
-        for pair in pairs:
-            extended = (*requirements, Requirement(contact, pair))
-            if kinematics.feasible(extended, rules.sign):
-                children.append((depth + 1, extended))
-        stack.extend(reversed(children))
+class _Listing:
+    """One listing of modes, and how many partial ones it asked for."""
 
+    def __init__(
+        self,
+        problem: QuasistaticProblem,
+        kinematics: VirtualKinematics,
+        rules: Rules,
+        is_over: Callable[[int], bool],
+    ) -> None:
+        self.problem, self.kinematics, self.rules = problem, kinematics, rules
+        self.is_over, self.asked = is_over, 0
 
-def _extensible(
-    problem: QuasistaticProblem,
-    kinematics: VirtualKinematics,
-    rules: Rules,
-    requirements: tuple[Requirement, ...],
-) -> bool:
-    """Return whether one more selected contact, or a sign in place of a zero, is feasible."""
-    chosen = {requirement.contact for requirement in requirements}
-    for contact in np.flatnonzero(candidate_contacts(problem, rules)):
-        if contact in chosen:
-            continue
-        for pair in sign_pairs(rules.sign):
-            extended = (*requirements, Requirement(int(contact), pair))
-            if kinematics.feasible(extended, rules.sign):
-                return True
-    for index, requirement in enumerate(requirements):
-        for pair in _refinements(requirement.signs):
-            refined = (
-                *requirements[:index],
-                Requirement(requirement.contact, pair),
-                *requirements[index + 1 :],
-            )
-            if kinematics.feasible(refined, rules.sign):
-                return True
-    return False
+    def feasible(self) -> Iterator[tuple[Requirement, ...]]:
+        """Yield what every feasible mode asks of the virtual motion."""
+        candidates = np.flatnonzero(candidate_contacts(self.problem, self.rules)).tolist()
+        pairs = sign_pairs(self.rules.sign)
+        # Depth first with an explicit stack: (how many candidates are decided, their requirements).
+        stack: list[tuple[int, tuple[Requirement, ...]]] = [(0, ())]
+        while stack:
+            depth, requirements = stack.pop()
+            if depth == len(candidates):
+                yield requirements
+                continue
+            contact = candidates[depth]
+            children = []
+            if not self.problem.is_sliding[contact]:
+                children.append((depth + 1, requirements))
+            for pair in pairs:
+                extended = (*requirements, Requirement(contact, pair))
+                if self._is_feasible(extended):
+                    children.append((depth + 1, extended))
+            stack.extend(reversed(children))
+
+    def extensible(self, requirements: tuple[Requirement, ...]) -> bool:
+        """Return whether one more selected contact, or a sign in place of a zero, is feasible."""
+        chosen = {requirement.contact for requirement in requirements}
+        for contact in np.flatnonzero(candidate_contacts(self.problem, self.rules)).tolist():
+            if contact in chosen:
+                continue
+            for pair in sign_pairs(self.rules.sign):
+                if self._is_feasible((*requirements, Requirement(contact, pair))):
+                    return True
+        for index, requirement in enumerate(requirements):
+            for pair in _refinements(requirement.signs):
+                refined = (
+                    *requirements[:index],
+                    Requirement(requirement.contact, pair),
+                    *requirements[index + 1 :],
+                )
+                if self._is_feasible(refined):
+                    return True
+        return False
+
+    def _is_feasible(self, requirements: tuple[Requirement, ...]) -> bool:
+        if self.is_over(self.asked):
+            raise OverrunError(f"the limit ended the listing after {self.asked} partial modes")
+        self.asked += 1
+        return self.kinematics.feasible(requirements, self.rules.sign)
 
 
 def _refinements(signs: tuple[int, int]) -> list[tuple[int, int]]:
