@@ -6,6 +6,7 @@ themselves, the mode's virtual motion and the proven bound. The unit is the load
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from enum import StrEnum
 from fractions import Fraction
@@ -23,6 +24,8 @@ from graspless_pin import (
     minimize_torque,
 )
 from graspless_pin.errors import ArgumentError
+from graspless_pin.report import solution_document
+from graspless_pin.report.verify import verify_document
 
 TOLERANCE = Fraction(1, 10**6)
 """What is asked: forces of the load, or of the value where that is larger."""
@@ -32,6 +35,8 @@ STILL = Fraction(1, 10**8)
 """The share up to which a velocity along a normal is rounding."""
 RESOLVED = 1e8
 """Loads up to which a limit may not keep the package from an answer."""
+DOCUMENTED = 2
+"""The documents of every so many scenes are written and checked."""
 _FACTORS = (Fraction(1, 10), 10)
 ROUNDING = Fraction(1, 10**12)
 """Of the load: what the arrays' own rounding may cost a degenerate scene its exact balance."""
@@ -93,7 +98,23 @@ def judge(case: Case) -> Verdict:
         scene = ExactScene(problem, case.question)
         told = f"{spread(scene)}: {refusal}"
         return Verdict(unanswered(scene, Outcome.REFUSED), told, found=bool(scene.optimum()))
-    return compare(problem, case.question, solution)
+    verdict = compare(problem, case.question, solution)
+    return verdict if case.seed % DOCUMENTED else documented(case, solution, verdict)
+
+
+def documented(case: Case, solution: TorqueSolution, verdict: Verdict) -> Verdict:
+    """Return the verdict, or that the document of the answer is refused or proves too little."""
+    if verdict.outcome in (Outcome.WRONG, Outcome.UNVERIFIED):
+        return verdict
+    document = json.loads(json.dumps(solution_document(solution), allow_nan=False))
+    verification = verify_document(document)
+    if verification.proven:
+        return verdict
+    left = [f"{one.name}: {one.detail}" for one in verification.checks if one.passed is not True]
+    scene = ExactScene(case.problem, case.question)
+    outcome = unanswered(scene, Outcome.UNVERIFIED) if verification.passed else Outcome.WRONG
+    told = f"its document is not proven: {'; '.join(left)[:300]}; {spread(scene)}"
+    return Verdict(outcome, told, verdict.error, verdict.found)
 
 
 def compare(problem: QuasistaticProblem, question: Question, solution: TorqueSolution) -> Verdict:

@@ -79,7 +79,7 @@ class Outcome:
 
 
 def originals() -> list[Document]:
-    """Ten documents over six scales."""
+    """Thirteen documents over six scales, five of them of infeasible answers."""
     planar = QuasistaticProblem(**structured_arguments(4, "planar", 7))
     fingers = QuasistaticProblem(**random_arguments(1, 4, slides=1))
     cases: list[tuple[QuasistaticProblem, str, float, dict[str, Any]]] = [
@@ -93,6 +93,9 @@ def originals() -> list[Document]:
         (fingers, "torque", 0.1, {"scale": "limits"}),
         (scene("rest"), "torque", 40.0, {}),
         (scene("up"), "margin", 0.0, {"sliding_rule": "constrained"}),
+        (weak("sphere", 50.0), "torque", 0.1, {}),
+        (weak("rest", 1e7), "torque", 0.1, {"scale": "limits"}),
+        (weak("down", 1e12), "margin", 0.0, {}),
     ]
     documents = []
     for index, (problem, algorithm, margin, options) in enumerate(cases):
@@ -100,6 +103,11 @@ def originals() -> list[Document]:
         problem = scaled(problem, force, length)
         documents.append(documented(_solved(problem, algorithm, margin * force, **options)))
     return documents
+
+
+def weak(name: str, limit: float) -> QuasistaticProblem:
+    """One of the paper's scenes with motors too weak for it, and limits of normal forces."""
+    return scene(name).with_changes(torque_limits=(-0.5, 0.5), max_normal_force=limit)
 
 
 def _solved(
@@ -149,17 +157,30 @@ def _falsehood(document: Document, original: Document) -> str:
         return "reach"
     truth = _truth(claimed)
     if claimed.found:
-        return _false_answer(document, claimed, truth)
+        if document["certificate"]["infeasibility"] > 0.0:
+            return "infeasibility"
+        return _stray_multiplier(document, claimed) or _false_answer(document, claimed, truth)
     if claimed.status in _INFEASIBLE:
         if truth.status is not claimed.status:
             return f"status: it is {truth.status.name}"
         stated = document["certificate"]["infeasibility"]
         if stated > original["certificate"]["infeasibility"] * 1.0005 + 1e-12:
             # The data may be others: there the true violation is found anew.
+            # A document states less than its search has proven where limits are far.
             found = documented(truth)["certificate"]["infeasibility"]
+            found = max(found, truth.certificate.infeasibility)
             if stated > found * 1.0005 + 1e-12:
                 return "infeasibility"
     return ""
+
+
+def _stray_multiplier(document: Document, claimed: TorqueSolution) -> str:
+    """Return the name of multipliers that state something of constraints that are not there."""
+    if claimed.algorithm != "torque":
+        return ""
+    stated = document["multipliers"]
+    bounds = "normal_upper", "normal_lower"
+    return next((key for key in bounds if np.any(stated[key])), "")
 
 
 _known: dict[str, TorqueSolution] = {}
@@ -561,11 +582,23 @@ def no_number(document: Document, rng: np.random.Generator, _: list[Document]) -
     place[key] = wrong[rng.integers(len(wrong))]
 
 
+def stray_multipliers(document: Document, rng: np.random.Generator, _: list[Document]) -> None:
+    """State multipliers of constraints that the program may not have, or a common violation."""
+    if not document["found"] or rng.random() < 0.2:
+        stated = document["certificate"]["infeasibility"]
+        document["certificate"]["infeasibility"] = stated + 10.0 ** rng.uniform(-4.0, 3.0)
+        return
+    key = ("normal_upper", "normal_lower")[rng.integers(2)]
+    values = document["multipliers"][key]
+    values[rng.integers(len(values))] = 10.0 ** rng.uniform(-6.0, 6.0)
+
+
 KINDS: dict[str, Tamper] = {
     one.__name__: one
     for one in (
         any_number, stated_figure, swapped_contacts, shifted_forces, worse_answer, forged_proof,
         forged_motion, forged_mode, relabelled, other_problem, no_number,
+        stray_multipliers,
     )
 }  # fmt: skip
 

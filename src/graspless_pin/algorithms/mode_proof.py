@@ -16,6 +16,8 @@ from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.modes.rules import Rules, SignRule
 from graspless_pin.modes.verdicts import Conflict, Requirement
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.programs.program import Program
+from graspless_pin.programs.refutation import refuting
 from graspless_pin.solution.proof import (
     BoundLeaf,
     ConflictSplit,
@@ -35,6 +37,8 @@ _SHORT = 0.1
 """Combinations shorter than this share of the threshold are not brought nearer to zero."""
 _THIN = 1e-9
 """Multipliers below this share of the largest are left out where the proof does without them."""
+_WORSE = 1e-6
+"""By this share at most a smallest common violation may be less without them."""
 
 
 @dataclass(eq=False)
@@ -111,6 +115,8 @@ class ModeProver:
         leaf = self._leaf(part, answer.y, answer.z, refuting=refuting)
         if leaf is not None:
             return leaf, []
+        if refuting:
+            return "that a part has no forces is not proven of the farthest", []
         if part is None:
             return "the relaxation does not prove the bound", []
         return self._split(part, answer.x)
@@ -139,14 +145,26 @@ class ModeProver:
             refuting: Whether the multipliers prove that the part has no forces of interest.
         """
         program = self.formulation.program.bounded(*self.bounds(part))
-        size = np.abs(z)
-        thin = np.where(size > _THIN * size.max(initial=0.0), z, 0.0)
-        for kept in (thin, z):
+        for kept in (_thinned(z), z):
             if self._closes(program.dual_bound(y, kept)):
                 return BoundLeaf(y, kept, objective=True)
-            if refuting and program.infeasibility_bound(y, kept) > 0.0:
-                return BoundLeaf(y, kept, objective=False)
-        return BoundLeaf(y, z, objective=True) if refuting else None
+        return self._refuting(program, y, z) if refuting else None
+
+    def _refuting(self, program: Program, y: FloatArray, z: FloatArray) -> BoundLeaf | None:
+        """Return the leaf of a program that has no solutions, however far; None: that is open."""
+        proven = program.infeasibility_bound(y, z)
+        if proven <= 0.0:
+            y, z = refuting(program, y, z)
+            proven = program.infeasibility_bound(y, z)
+        if proven <= 0.0:
+            # Of an answer that was found a bound over all that it is proven for is enough.
+            far = np.isinf(self.target)
+            beyond = program.dual_bound(y, z, whole=far) > program.worst
+            return BoundLeaf(y, z, objective=True) if beyond else None
+        # Far limits make much of multipliers that are hardly there.
+        thin = _thinned(z)
+        enough = program.infeasibility_bound(y, thin) >= (1.0 - _WORSE) * proven
+        return BoundLeaf(y, thin if enough else z, objective=False)
 
     def _excluded(self, wanted: list[Requirement], rule: SignRule) -> FloatArray | None:
         """Return a combination that excludes every wanted motion; None: there is none."""
@@ -289,3 +307,9 @@ class ModeProver:
         children = [] if part.selected[contact] else [part.breaking((contact, 0, 0))]
         children += [part.with_pair(contact, pair) for pair in part.pairs(contact)]
         return ContactSplit(contact), [child for child in children if child is not None]
+
+
+def _thinned(z: FloatArray) -> FloatArray:
+    """Return multipliers without those that are hardly there."""
+    size = np.abs(z)
+    return np.where(size > _THIN * size.max(initial=0.0), z, 0.0)

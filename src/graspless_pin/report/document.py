@@ -24,6 +24,7 @@ from graspless_pin.report.objective_data import objective_data
 from graspless_pin.report.proof_data import multipliers_data, proof_data
 from graspless_pin.report.provenance import provenance
 from graspless_pin.report.verdict_data import disturbance_data, verdict_data
+from graspless_pin.report.verify import proven_violation
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
 
@@ -127,7 +128,9 @@ def solution_document(
     if verdict is not None:
         document["stability"] = verdict_data(verdict)
     document["provenance"] = provenance(solution.problem, None if scene is None else scene.path)
-    return _plain(document)
+    plain: dict[str, Any] = _plain(document)
+    _state_what_is_proven(plain["certificate"], plain)
+    return plain
 
 
 def write_document(document: dict[str, Any], target: str | Path) -> None:
@@ -245,6 +248,16 @@ def _certificate(solution: TorqueSolution) -> dict[str, Any]:
     if not solution.found:
         certificate |= dict.fromkeys(("primal_residual", "duality_gap", "bound", "gap"))
     return certificate
+
+
+def _state_what_is_proven(certificate: dict[str, Any], document: dict[str, Any]) -> None:
+    """Let the smallest common violation be no more than the written multipliers prove.
+
+    The search's own multipliers may prove a hair more: those that hardly count are not written.
+    """
+    stated = certificate["infeasibility"]
+    if stated > 0.0:
+        certificate["infeasibility"] = min(stated, proven_violation(document))
 
 
 def _plain(value: Any) -> Any:

@@ -165,10 +165,12 @@ class TorqueSolution:
 
         Args:
             y: (m,) of its equalities, scaled.
-            z: (k,) of its other rows.
+            z: (k,) of its other rows; those of sides that are not there are a solver's noise, and
+                left out.
         """
         _, program, unit = self.program
-        weights = np.concatenate([y, z])
+        weights, (low, high) = np.concatenate([y, z]), program.sides
+        weights = np.where(np.isfinite(np.where(weights > 0.0, high, low)), weights, 0.0)
         return marginals((program.blocks, ()), (weights, np.zeros(0)), unit)
 
     @property

@@ -27,6 +27,7 @@ def proven_bound(
     reach: float,
     *,
     objective: bool = True,
+    rounding: float = _ROUNDING,
 ) -> float:
     """Return what no forces that obey all constraints stay below.
 
@@ -37,6 +38,7 @@ def proven_bound(
         reach: The largest normal forces that are looked at, N.
         objective: Whether the objective counts. Without it the objective is 0, and a bound above 0
             proves that there are no such forces.
+        rounding: What is taken off for it, over the size of all that is added up.
     """
     slopes, sizes = _slopes(problem, m)
     low, high = _box(problem, free, reach)
@@ -51,7 +53,7 @@ def proven_bound(
         return np.inf
     total += _smallest(slopes, low, high, q)
     size += (sizes * np.maximum(np.abs(low), np.abs(high))).sum()
-    return float(total - _ROUNDING * size)
+    return float(total - rounding * size)
 
 
 def violation(problem: Problem, m: StatedMultipliers, bound: float) -> float:
@@ -80,9 +82,7 @@ def violation(problem: Problem, m: StatedMultipliers, bound: float) -> float:
 
 def _slopes(problem: Problem, m: StatedMultipliers) -> tuple[np.ndarray, np.ndarray]:
     """(M, 3) slope of the Lagrangian by each force component, and the size of what makes it."""
-    frames, J = problem.frames.astype(_LONG), problem.J.astype(_LONG)
-    if not problem.cone.all():
-        frames[~problem.cone, 0] = problem.directions[~problem.cone]
+    frames, J = _force_frames(problem).astype(_LONG), problem.J.astype(_LONG)
     y, kappa, p = m.balance.astype(_LONG), m.torque.astype(_LONG), problem.p.astype(_LONG)
     # m^T (p x f) = (m x p)^T f
     parts = [np.broadcast_to(y[:3], p.shape), _cross(y[3:], p), (J * kappa).sum(axis=2)]
@@ -224,13 +224,22 @@ def _anywhere(problem: Problem) -> np.ndarray:
 
 
 def _most_torque(problem: Problem, reach: float) -> float:
-    """Return the largest t of Algorithm 2 that any forces make."""
+    """Return more than the largest t of Algorithm 2 that any forces within the box make."""
     up, down = problem.shared
-    most = np.minimum(problem.limit, reach) * np.sqrt(1.0 + problem.mu**2)
-    lever = np.einsum("lij,l->j", np.abs(problem.J), most) + np.abs(problem.gravity)
+    low, high = _box(problem, _anywhere(problem), reach)
+    along = np.einsum("lki,lij->lkj", _force_frames(problem), problem.J)
+    most = np.einsum("lkj,lk->j", np.abs(along), np.maximum(np.abs(low), np.abs(high)))
+    lever = most + np.abs(problem.gravity)
     with np.errstate(divide="ignore", invalid="ignore"):
         shares = [np.where(one > 0.0, lever / one, 0.0) for one in (up, down)]
-    return float(np.concatenate(shares).max(initial=0.0))
+    return float(np.concatenate(shares).max(initial=0.0)) + problem.unit
+
+
+def _force_frames(problem: Problem) -> np.ndarray:
+    """(M, 3, 3) rows: the force for one of each component, without a cone that of the first."""
+    frames = problem.frames.copy()
+    frames[~problem.cone, 0] = problem.directions[~problem.cone]
+    return frames
 
 
 def largest_objective(problem: Problem, reach: float) -> float:

@@ -13,6 +13,7 @@ from graspless_pin.report.verify.figures import (
     IN_MODE,
     INFEASIBLE,
     LONGEST_REACH,
+    MESSAGES,
     OPEN,
     UNGUARANTEED,
     Forces,
@@ -28,34 +29,21 @@ from graspless_pin.report.verify.forces import (
 )
 from graspless_pin.report.verify.guarantee import guarantee_checks, unit_of
 from graspless_pin.report.verify.motions import motion_check, velocities
-from graspless_pin.report.verify.multipliers import stated_multipliers
+from graspless_pin.report.verify.multipliers import stated_multipliers, stray_multipliers
 from graspless_pin.report.verify.outcome import Check, Verification, agrees, holds, within
 from graspless_pin.report.verify.reading import CHECKED_FORMAT, read_forces, read_mode, read_problem
+from graspless_pin.report.verify.refutation import root_of
 from graspless_pin.report.verify.rest import rest_checks
 from graspless_pin.report.verify.states import State
 from graspless_pin.report.verify.taken_as_given import taken_as_given
 from graspless_pin.report.verify.tree import Proof, TreeWalk
+from graspless_pin.report.verify.unread import unread_figures
 from graspless_pin.report.verify.values import array, entry, number, text, truth, word
 
-_VIOLATION = 1e-4
-"""The share by which a common violation may be overstated: it depends on how rows are scaled."""
+_SAME = 1e-9
+"""Relative: what rounding leaves between two ways of working out one figure."""
 _WITH_GAP = ("limit_reached", "strong")
 """Answers that are not proven to be the best."""
-_MESSAGES = {
-    "optimal": "optimal over all feasible virtual-sliding modes",
-    "optimal_in_mode": "optimal in the given virtual-sliding mode",
-    "limit_reached": "the best found",
-    "infeasible_forces": "infeasible: no contact forces",
-    "infeasible_modes": "infeasible: forces that balance exist, but none",
-    "infeasible_in_mode": "infeasible in the given virtual-sliding mode",
-    "infeasible_mode": "the given virtual-sliding mode has no virtual motion",
-    "not_found_in_limit": "nothing found",
-    "unverified": "no solver gave",
-    "strong": "the best found of the torques of which rest is the only outcome",
-    "strong_not_found": "no torques found of which rest is the only outcome",
-    "infeasible_strong": "infeasible: rest is the only outcome of no torques",
-}
-"""How the message of each status begins."""
 
 
 def verify_document(document: dict[str, Any]) -> Verification:
@@ -116,6 +104,9 @@ class _Checker:
     def run(self) -> list[Check]:
         checks = [
             *taken_as_given(self.problem, self.document),
+            *unread_figures(
+                self.document, self.status, complete=self.complete, has_modes=self.has_modes
+            ),
             frames_check(self.problem),
             *self._statements(),
         ]
@@ -132,7 +123,7 @@ class _Checker:
         document, problem = self.document, self.problem
         found = truth(entry(document, "found", "the document"), "found")
         message = text(entry(document, "message", "the document"), "message")
-        said = message.startswith(_MESSAGES[self.status])
+        said = message.startswith(MESSAGES[self.status])
         scales = entry(document, "scales", "the document")
         force, length = (number(entry(scales, key, "scales"), key) for key in ("force", "length"))
         good = problem.force > 0.0 and np.isfinite(problem.force)
@@ -165,6 +156,7 @@ class _Checker:
         within_reach = most <= (1.0 + FORCE_ERROR) * reach
         checks.append(self._opposes(forces, selected, signs))
         checks.append(holds("the forces are within that reach", within_reach, f"{most:.6g} N"))
+        checks.append(self._states_no_violation())
         return checks + self._optimality(forces, selected, signs)
 
     def _rules(self, selected: np.ndarray, signs: np.ndarray) -> Check:
@@ -244,7 +236,7 @@ class _Checker:
         if not self.complete:
             return [*checks, self._incomplete(name), self._within_mode(value, selected, signs)]
         proof = TreeWalk(problem, reach).walk(
-            entry(self.proof, "nodes", "proof"), self._root(selected, signs)
+            entry(self.proof, "nodes", "proof"), root_of(problem, self.status, (selected, signs))
         )
         good = not proof.failure and proof.bound >= bound - FORCE_ERROR * size
         shown = proof.failure or f"{_leaves(proof)}, proven gap {value - proof.bound:.1e} {unit}"
@@ -255,15 +247,18 @@ class _Checker:
         problem = self.problem
         size = max(problem.unit, abs(value))
         inner = number(entry(self.certificate, "duality_gap", "certificate"), "duality_gap")
-        m = stated_multipliers(
-            entry(self.document, "multipliers", "the document"), problem, "multipliers"
+        given_ = entry(self.document, "multipliers", "the document")
+        m, strays = (
+            read(given_, problem, "multipliers") for read in (stated_multipliers, stray_multipliers)
         )
         # Friction of the solution's own signs, where there is any.
         friction = forces.local[:, 1:] * problem.cone[:, None]
         least = FORCE_ERROR * problem.force
         rubs = np.stack([friction < -least, friction > least], axis=2)
         own = value - proven_bound(problem, m, rubs, reach)
+        shown = f"of no constraint: {', '.join(strays) or 'none'}"
         return [
+            holds("each multiplier has a constraint", not strays, shown),
             within("multipliers of these forces", own, FORCE_ERROR * size, unit),
             agrees("duality gap as stated", inner * problem.unit, own, FORCE_ERROR * size, unit),
         ]
@@ -274,10 +269,11 @@ class _Checker:
         if given_ is None:
             return Check(name, passed=None, detail="no multipliers in the document")
         m = stated_multipliers(given_, problem, "mode_multipliers")
+        strays = stray_multipliers(given_, problem, "mode_multipliers")
         reach = min(self._stated_reach(), float(problem.limit.max()))
         state = State.one_mode(problem, selected, signs)
         gap = value - proven_bound(problem, m, state.friction, reach)
-        good = gap <= FORCE_ERROR * max(problem.unit, abs(value))
+        good = gap <= FORCE_ERROR * max(problem.unit, abs(value)) and not strays
         return Check(name, passed=good or None, detail=f"proven gap {gap:.1e}")
 
     # not found
@@ -289,30 +285,37 @@ class _Checker:
         stated += [j.get(key) for j in document["joints"] for key in ("torque", "torque_contact")]
         empty = all(one is None for one in stated)
         checks = [holds("states no forces", empty, "null" if empty else "some are there")]
-        shared = number(entry(self.certificate, "infeasibility", "certificate"), "infeasibility")
+        shared = self._stated_violation()
         if self.status in (*OPEN, *UNGUARANTEED):
-            checks.append(holds("states no infeasibility", shared <= 0.0, f"{shared:.3g}"))
+            checks.append(self._states_no_violation())
             if self.status in OPEN:
                 why = "the search did not end"
                 checks.append(Check("whether there is an answer", None, why))
             return checks
-        name = _MESSAGES[self.status].split(":")[0]
+        name = MESSAGES[self.status].split(":")[0]
         if not self.complete:
             return [*checks, self._incomplete(name)]
         mode = None
         if self.status in IN_MODE:
             mode = read_mode(document, self.problem)
             checks.append(self._rules(*mode))
-        root = self._root(*mode) if mode else self._root()
+        root = root_of(self.problem, self.status, mode)
         if self.status == "infeasible_in_mode" and mode:
             checks.append(self._motion(*mode))
         proof = TreeWalk(self.problem, np.inf).walk(entry(self.proof, "nodes", "proof"), root)
         checks.append(self._infeasible(name, proof))
         if self.status == "infeasible_modes":
             checks += self._forces_exist()
-        good = shared <= max(proof.violation, 0.0) * (1.0 + _VIOLATION)
+        good = shared <= max(proof.violation, 0.0) * (1.0 + _SAME)
         detail = f"stated {shared:.3g}, proven {max(proof.violation, 0.0):.3g} (scaled)"
         return [*checks, holds("smallest common violation", good, detail)]
+
+    def _stated_violation(self) -> float:
+        return number(entry(self.certificate, "infeasibility", "certificate"), "infeasibility")
+
+    def _states_no_violation(self) -> Check:
+        shared = self._stated_violation()
+        return holds("states no infeasibility", shared <= 0.0, f"{shared:.3g}")
 
     def _infeasible(self, name: str, proof: Proof) -> Check:
         failure = proof.failure
@@ -333,12 +336,6 @@ class _Checker:
         return [within("forces that balance exist", worst, FORCE_ERROR, "(scaled)")]
 
     # both
-
-    def _root(self, selected: np.ndarray | None = None, signs: np.ndarray | None = None) -> State:
-        if self.status in IN_MODE and selected is not None and signs is not None:
-            return State.one_mode(self.problem, selected, signs)
-        free = self.problem.coulomb or self.status == "infeasible_forces"
-        return State.every_mode(self.problem, free=free)
 
     def _incomplete(self, name: str) -> Check:
         reason = text(entry(self.proof, "missing", "proof"), "missing")

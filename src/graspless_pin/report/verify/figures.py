@@ -16,6 +16,21 @@ INFEASIBLE = ("infeasible_forces", "infeasible_modes", "infeasible_in_mode", "in
 OPEN = ("not_found_in_limit", "unverified")
 UNGUARANTEED = ("strong_not_found", "infeasible_strong")
 IN_MODE = ("optimal_in_mode", "infeasible_in_mode", "infeasible_mode")
+MESSAGES = {
+    "optimal": "optimal over all feasible virtual-sliding modes",
+    "optimal_in_mode": "optimal in the given virtual-sliding mode",
+    "limit_reached": "the best found",
+    "infeasible_forces": "infeasible: no contact forces",
+    "infeasible_modes": "infeasible: forces that balance exist, but none",
+    "infeasible_in_mode": "infeasible in the given virtual-sliding mode",
+    "infeasible_mode": "the given virtual-sliding mode has no virtual motion",
+    "not_found_in_limit": "nothing found",
+    "unverified": "no solver gave",
+    "strong": "the best found of the torques of which rest is the only outcome",
+    "strong_not_found": "no torques found of which rest is the only outcome",
+    "infeasible_strong": "infeasible: rest is the only outcome of no torques",
+}
+"""How the message of each status begins."""
 _AT_REST = 1e-12
 _LEAST_LEVER = 1e-12
 _LEAST_MARGIN = 1e-12

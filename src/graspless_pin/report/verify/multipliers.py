@@ -10,6 +10,10 @@ import numpy as np
 from graspless_pin.report.verify.figures import Problem
 from graspless_pin.report.verify.values import array, entry, items, number, whole
 
+_SIZED = ("normal_upper", "normal_lower", "torque_upper", "torque_lower", "share_upper",
+          "share_lower")  # fmt: skip
+"""Those that stand by contact or joint."""
+
 
 @dataclass(frozen=True, eq=False)
 class StatedMultipliers:
@@ -53,6 +57,32 @@ def stated_multipliers(given: object, problem: Problem, where: str) -> StatedMul
     Raises:
         ValueError: If one is negative or something is missing.
     """
+    stated, there = _stated(given, problem, where), _there(problem)
+    # A first entry that is too small by a hair is taken for one that is enough.
+    cones = stated["round"]
+    cones[:, 0] = np.maximum(cones[:, 0], _lengths(cones[:, 1:]))
+    return StatedMultipliers(
+        balance=array(entry(given, "balance", where), (6,), f"balance of {where}"),
+        **{key: np.where(there[key], one, 0.0) for key, one in stated.items()},
+    )
+
+
+def stray_multipliers(given: object, problem: Problem, where: str) -> list[str]:
+    """Return the names under which multipliers stand of constraints that there are none of.
+
+    Raises:
+        ValueError: As in `stated_multipliers`.
+    """
+    stated, there = _stated(given, problem, where), _there(problem)
+    strays = [
+        key for key, one in stated.items() if one[~there[key] & np.ones_like(one, bool)].any()
+    ]
+    unknown = given.keys() - _names(problem) if isinstance(given, dict) else set()
+    return strays + sorted(repr(key)[:40] for key in unknown)[:10]
+
+
+def _stated(given: object, problem: Problem, where: str) -> dict[str, np.ndarray]:
+    """Return all multipliers but those of the balance as they stand, by attribute."""
     M, L = problem.count, len(problem.units)
     faces, cones = np.zeros((M, problem.edges)), np.zeros((M, 3))
     listed: list[Any] = []
@@ -63,39 +93,45 @@ def stated_multipliers(given: object, problem: Problem, where: str) -> StatedMul
     for triple in listed:
         contact, face, value = items(triple, f"a face of {where}", 3, 3)
         contact = whole(contact, f"a contact of {where}", 0, M - 1)
-        faces[contact, whole(face, f"a face of {where}", 0, problem.edges - 1)] = number(
+        faces[contact, whole(face, f"a face of {where}", 0, problem.edges - 1)] += number(
             value, f"a face of {where}"
         )
-    sizes = {"normal_upper": M, "normal_lower": M, "torque_upper": L, "torque_lower": L,
-             "share_upper": L, "share_lower": L}  # fmt: skip
-    own, values = problem.own, {key: np.zeros(n) for key, n in sizes.items()}
-    for key in sizes if own is None else own.multipliers & sizes.keys():
-        values[key] = array(entry(given, key, where), (sizes[key],), f"{key} of {where}")
-    own_upper, own_lower = _own_multipliers(given, problem, where)
-    values |= {"own_upper": own_upper, "own_lower": own_lower}
+    own, values = problem.own, {key: np.zeros(M if "normal" in key else L) for key in _SIZED}
+    for key in _SIZED if own is None else own.multipliers.intersection(_SIZED):
+        values[key] = array(entry(given, key, where), values[key].shape, f"{key} of {where}")
+    values["own_upper"], values["own_lower"] = _own_multipliers(given, problem, where)
     for key, one in {**values, "faces": faces}.items():
         if (one < 0.0).any():
             raise ValueError(f"{key} of {where} has a negative multiplier")
-    # A first entry that is too small by a hair is taken for one that is enough.
-    cones = np.column_stack([np.maximum(cones[:, 0], _lengths(cones[:, 1:])), cones[:, 1:]])
-    # Only constraints that the program has may prove anything.
-    up, down = problem.shared
-    there = {
-        "normal_upper": np.full(M, problem.has_normal_rows("normal_upper")),
+    return {**values, "faces": faces, "round": cones}
+
+
+def _there(problem: Problem) -> dict[str, np.ndarray]:
+    """Whether the program has a constraint, by attribute: only those may prove anything."""
+    (up, down), own, absent = problem.shared, problem.own, np.zeros(0, dtype=bool)
+    cone = problem.cone[:, None]
+    return {
+        "normal_upper": np.full(problem.count, problem.has_normal_rows("normal_upper")),
         "normal_lower": ~problem.cone & problem.has_normal_rows("normal_lower"),
         "torque_upper": np.isfinite(problem.upper),
         "torque_lower": np.isfinite(problem.lower),
         "share_upper": up > 0.0,
         "share_lower": down > 0.0,
-        "own_upper": np.isfinite(own.rows.high) if own is not None else np.zeros(0, dtype=bool),
-        "own_lower": np.isfinite(own.rows.low) if own is not None else np.zeros(0, dtype=bool),
+        "own_upper": absent if own is None else np.isfinite(own.rows.high),
+        "own_lower": absent if own is None else np.isfinite(own.rows.low),
+        "faces": cone,
+        "round": cone,
     }
-    return StatedMultipliers(
-        balance=array(entry(given, "balance", where), (6,), f"balance of {where}"),
-        faces=np.where(problem.cone[:, None], faces, 0.0),
-        round=np.where(problem.cone[:, None], cones, 0.0),
-        **{key: np.where(there[key], one, 0.0) for key, one in values.items()},
-    )
+
+
+def _names(problem: Problem) -> set[str]:
+    """Return all names under which a document states multipliers."""
+    names, own = {"balance", "round_cones" if problem.is_round else "faces"}, problem.own
+    if own is None:
+        return names.union(_SIZED)
+    for name, sign, _ in own.rows.blocks:
+        names |= {f"{name}_upper", f"{name}_lower"} if sign == "either" else {name}
+    return names | own.multipliers.intersection(_SIZED)
 
 
 def _own_multipliers(given: object, problem: Problem, where: str) -> tuple[np.ndarray, np.ndarray]:
