@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -61,7 +62,7 @@ class SimplexAnswer:
     x: FloatArray
     rows: FloatArray
 
-    @property
+    @cached_property
     def is_optimal(self) -> bool:
         """Whether it says that it is an optimum, and is one in numbers."""
         return (
