@@ -103,7 +103,10 @@ def judge(case: Case) -> Verdict:
 
 
 def documented(case: Case, solution: TorqueSolution, verdict: Verdict) -> Verdict:
-    """Return the verdict, or that the document of the answer is refused or proves too little."""
+    """Return the verdict, or that the document of the answer is refused or proves too little.
+
+    That is wrong where all limits are near the load, as an answer that is missing.
+    """
     if verdict.outcome in (Outcome.WRONG, Outcome.UNVERIFIED):
         return verdict
     document = json.loads(json.dumps(solution_document(solution), allow_nan=False))
@@ -112,7 +115,7 @@ def documented(case: Case, solution: TorqueSolution, verdict: Verdict) -> Verdic
         return verdict
     left = [f"{one.name}: {one.detail}" for one in verification.checks if one.passed is not True]
     scene = ExactScene(case.problem, case.question)
-    outcome = unanswered(scene, Outcome.UNVERIFIED) if verification.passed else Outcome.WRONG
+    outcome = unanswered(scene, Outcome.UNVERIFIED)
     told = f"its document is not proven: {'; '.join(left)[:300]}; {spread(scene)}"
     return Verdict(outcome, told, verdict.error, verdict.found)
 

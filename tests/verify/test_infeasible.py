@@ -93,7 +93,9 @@ def test_multipliers_that_far_limits_spoil_are_brought_to_rounding():
     solution = maximize_margin(problem)
     program = formulate(problem, solution.objective).program
     near = scene("up").with_changes(torque_limits=(-0.1, 0.1), max_normal_force=1e6)
-    y, z = maximize_margin(near).evidence.relaxation
+    known = maximize_margin(near).evidence.relaxation
+    assert known is not None
+    y, z = known
     spoiled = y * (1.0 + 1e-9 * np.arange(6.0)), z
     assert program.infeasibility_bound(*spoiled) < 0.0
     assert program.infeasibility_bound(*refuting(program, *spoiled)) > 0.01

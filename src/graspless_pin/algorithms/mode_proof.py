@@ -18,6 +18,7 @@ from graspless_pin.modes.verdicts import Conflict, Requirement
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.program import Program
 from graspless_pin.programs.refutation import refuting
+from graspless_pin.programs.sharpening import sharpened
 from graspless_pin.solution.proof import (
     BoundLeaf,
     ConflictSplit,
@@ -147,7 +148,7 @@ class ModeProver:
         program = self.formulation.program.bounded(*self.bounds(part))
         for kept in (_thinned(z), z):
             if self._closes(program.dual_bound(y, kept)):
-                return BoundLeaf(y, kept, objective=True)
+                return BoundLeaf(*sharpened(program, y, kept), objective=True)
         return self._refuting(program, y, z) if refuting else None
 
     def _refuting(self, program: Program, y: FloatArray, z: FloatArray) -> BoundLeaf | None:

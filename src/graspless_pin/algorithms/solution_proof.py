@@ -12,8 +12,9 @@ from graspless_pin.modes.enumeration import requirements_of
 from graspless_pin.modes.kinematics import Witness
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.programs.sharpening import sharpened
 from graspless_pin.solution import Status, TorqueSolution
-from graspless_pin.solution.proof import ModeProof, SolutionProof
+from graspless_pin.solution.proof import DualVariables, ModeProof, SolutionProof
 from graspless_pin.solvers import ANY_SOLVER, Outcome
 
 _OPEN = (
@@ -46,6 +47,19 @@ def proof_of(solution: TorqueSolution) -> SolutionProof:
         return SolutionProof(ModeProof((), str(error)))
 
 
+def written_multipliers(solution: TorqueSolution) -> DualVariables:
+    """Return the multipliers of a found solution's own program as its document states them.
+
+    They prove their bound of forces whose friction has the signs of the solution's.
+    """
+    formulation = formulate(solution.problem, solution.objective)
+    program, columns = formulation.program, formulation.cone_columns[0]
+    friction = formulation.coordinates.scaled(solution.contact_forces)[columns]
+    lb, ub = program.lb.copy(), program.ub.copy()
+    lb[columns[friction >= 0.0]] = ub[columns[friction <= 0.0]] = 0.0
+    return sharpened(program.bounded(lb, ub), *solution.scaled_multipliers)
+
+
 def _of_found(solution: TorqueSolution) -> SolutionProof:
     formulation = formulate(solution.problem, solution.objective)
     target = solution.certificate.bound / formulation.unit
@@ -66,7 +80,8 @@ def _of_found(solution: TorqueSolution) -> SolutionProof:
     if not tree.complete and has_modes:
         answer = prover.solved(own, np.inf)
         if answer.outcome is Outcome.SOLVED:
-            in_mode = answer.y, answer.z
+            bounded = formulation.program.bounded(*prover.bounds(own))
+            in_mode = sharpened(bounded, answer.y, answer.z)
     return SolutionProof(tree, solution.motion, in_mode=in_mode)
 
 

@@ -41,7 +41,7 @@ def polished(program: Program, found: Found) -> Found | None:
     slope = program.P * x + program.c + weights @ program.rows
     bound = np.where(slope > 0.0, program.lb, program.ub)
     held = np.abs(slope) > np.abs(bound - x)
-    weights[:count] = _without_cancelling(program.A, weights[:count], slope, held)
+    weights[:count] = without_cancelling(program.A, weights[:count], slope, held)
     for _ in range(_ROUNDS):
         solved = _solved(program, x, weights, active, held, side, bound)
         if solved is None:
@@ -57,7 +57,7 @@ def polished(program: Program, found: Found) -> Found | None:
     return None
 
 
-def _without_cancelling(
+def without_cancelling(
     A: FloatArray, y: FloatArray, slope: FloatArray, held: NDArray[np.bool_]
 ) -> FloatArray:
     """(m,) multipliers of A x = b with little that cancels between rows which depend on each other.

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.algorithms.guaranteed_disturbance import GuaranteedDisturbance
+from graspless_pin.algorithms.solution_proof import written_multipliers
 from graspless_pin.drafts import draft_of
 from graspless_pin.errors import SceneError
 from graspless_pin.findings import plain_findings
@@ -107,7 +108,7 @@ def solution_document(
     document["contacts"] = _contacts(solution, scene)
     document["certificate"] = _certificate(solution)
     if found and solution.evidence.in_mode is not None:
-        document["multipliers"] = multipliers_data(solution, *solution.scaled_multipliers)
+        document["multipliers"] = multipliers_data(solution, *written_multipliers(solution))
     elif solution.explanation:
         document["explanation"] = solution.explanation
     document["proof"] = proof_data(solution)

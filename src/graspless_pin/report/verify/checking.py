@@ -248,9 +248,8 @@ class _Checker:
         size = max(problem.unit, abs(value))
         inner = number(entry(self.certificate, "duality_gap", "certificate"), "duality_gap")
         given_ = entry(self.document, "multipliers", "the document")
-        m, strays = (
-            read(given_, problem, "multipliers") for read in (stated_multipliers, stray_multipliers)
-        )
+        m = stated_multipliers(given_, problem, "multipliers")
+        strays = stray_multipliers(given_, problem, "multipliers")
         # Friction of the solution's own signs, where there is any.
         friction = forces.local[:, 1:] * problem.cone[:, None]
         least = FORCE_ERROR * problem.force
