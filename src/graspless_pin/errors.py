@@ -184,7 +184,10 @@ class CrashError(GrasplessPinError, RuntimeError):
 
 
 class OverrunError(GrasplessPinError, TimeoutError):
-    """Something took longer than its time limit. See the example of `GrasplessPinError`."""
+    """Something took more than its limit, of time or of nodes.
+
+    See the example of `GrasplessPinError`.
+    """
 
 
 class GrasplessPinWarning(UserWarning):

@@ -25,7 +25,7 @@ from graspless_pin.report.objective_data import objective_data
 from graspless_pin.report.proof_data import multipliers_data, proof_data
 from graspless_pin.report.provenance import provenance
 from graspless_pin.report.verdict_data import disturbance_data, verdict_data
-from graspless_pin.report.verify import proven_violation
+from graspless_pin.report.verify.refutation import proven_violation
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
 

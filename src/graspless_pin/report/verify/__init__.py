@@ -6,6 +6,5 @@ figure is worked out again from the data of the problem, and each proof is gone 
 
 from graspless_pin.report.verify.checking import verify_document
 from graspless_pin.report.verify.outcome import Check, Verification
-from graspless_pin.report.verify.refutation import proven_violation
 
-__all__ = ["Check", "Verification", "proven_violation", "verify_document"]
+__all__ = ["Check", "Verification", "verify_document"]
