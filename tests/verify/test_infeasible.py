@@ -8,7 +8,8 @@ from verified_documents import changed, documented
 from graspless_pin import maximize_margin, minimize_torque
 from graspless_pin.algorithms.formulation import formulate
 from graspless_pin.programs.refutation import refuting
-from graspless_pin.report.verify import proven_violation, verify_document
+from graspless_pin.report.verify import verify_document
+from graspless_pin.report.verify.refutation import proven_violation
 
 SCENES = ("sphere", "rest", "up", "down")
 LIMITS = (50.0, 1e3, 1e7, 1e8, 1e12)

@@ -237,9 +237,8 @@ class ModeOracle:
 
         A witness that moves along every open component proves its own signs.
         """
-        self.witness = witness.motion
         if not any(0 in requirement.signs for requirement in known):
-            return mode_of(self.formulation.problem, tuple(known))
+            return self._witnessed(tuple(known), witness)
         velocities, kinematics = witness.velocities, self.formulation.kinematics
         moves = np.abs(velocities) >= kinematics.threshold * np.linalg.norm(velocities)
         seen = np.where(moves, np.sign(velocities), 0.0)[:, 1:].astype(int).tolist()
@@ -250,7 +249,7 @@ class ModeOracle:
         if all(0 not in requirement.signs for requirement in shown) and kinematics.counts(
             velocities, shown, self.rules.sign
         ):
-            return mode_of(self.formulation.problem, shown)
+            return self._witnessed(shown, witness)
         blocked = self._blocked(known)
         if blocked is not None:
             return blocked
@@ -262,7 +261,12 @@ class ModeOracle:
             admitted.sort(key=lambda pair, first=suggested.signs: pair != first)
             options.append([Requirement(requirement.contact, pair) for pair in admitted])
         chosen = self._first_feasible(options, ())
-        return None if chosen is None else mode_of(self.formulation.problem, chosen)
+        return None if chosen is None else self._witnessed(chosen, witness)
+
+    def _witnessed(self, known: tuple[Requirement, ...], witness: Witness) -> SlidingMode:
+        """Return the mode of requirements, and keep the motion that may be behind it."""
+        self.witness = self.formulation.kinematics.scaled_motion(witness.coordinates)
+        return mode_of(self.formulation.problem, known)
 
     def _blocked(self, known: list[Requirement]) -> Conflict | None:
         """Look for a component that the known signs let move neither way.

@@ -209,10 +209,11 @@ def in_mode(state: SearchState, mode: SlidingMode, requirements: list[Requiremen
     """Solve one given mode only."""
     state.nodes = state.modes_examined = 1
     state.oracle.kinematic_programs += 1
-    verdict = state.formulation.kinematics.solve(requirements, state.rules.sign)
+    kinematics = state.formulation.kinematics
+    verdict = kinematics.solve(requirements, state.rules.sign)
     if isinstance(verdict, Conflict):
         return SearchResult(Status.INFEASIBLE_MODE, state)
-    state.motion = state.oracle.witness = verdict.motion
+    state.motion = state.oracle.witness = kinematics.scaled_motion(verdict.coordinates)
     bounds = state.formulation.bounds_of(mode)
     answer = state.solve(*bounds)
     state.bound = answer.bound

@@ -123,4 +123,6 @@ def motion_of(solution: TorqueSolution) -> FloatArray | None:
     ):
         return seen
     verdict = kinematics.solve(wanted, rule)
-    return read_only(kinematics.scale * verdict.motion) if isinstance(verdict, Witness) else None
+    if not isinstance(verdict, Witness):
+        return None
+    return read_only(kinematics.scale * kinematics.scaled_motion(verdict.coordinates))

@@ -146,7 +146,7 @@ class VirtualKinematics:
             )
         y = touching.basis @ found.motion
         velocities = self.seen @ self._nudged(y, touching.basis, found, rule)
-        return Witness(self.scaled_motion(y), velocities, found.slowest)
+        return Witness(y, velocities, found.slowest)
 
     def _nudged(
         self, y: FloatArray, basis: FloatArray, found: Sliding, rule: SignRule

@@ -47,7 +47,7 @@ class Witness:
     """A virtual motion that meets the requirements.
 
     Attributes:
-        motion: (6 + L,) scaled virtual motion.
+        coordinates: (r,) y of the motion, see `VirtualKinematics.scaled_motion`.
         velocities: (M, 3) relative velocity of the object at each contact along n, t1, t2, to
             scale. Those of the motion nudged within its slack in a fixed generic direction, so that
             a component that can move does not vanish by symmetry.
@@ -55,6 +55,6 @@ class Witness:
             nothing has to slide.
     """
 
-    motion: FloatArray
+    coordinates: FloatArray
     velocities: FloatArray
     slowest: float

@@ -106,7 +106,7 @@ def near_and_closed_form(
         The pairs, indices of a piece and a body; the contacts; and the places of the pairs that are
         left to the general search, in any order.
     """
-    if not bodies:
+    if not bodies.shapes.names:
         return [], [], []
 
     def face_of(p: int, direction: FloatArray) -> _Face | None:

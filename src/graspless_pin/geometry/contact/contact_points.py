@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
-from functools import cached_property
 from typing import overload
 
 import numpy as np
@@ -105,7 +104,7 @@ class ContactArrays(Sequence[ContactPoint]):
         )
         return made
 
-    @cached_property
+    @property
     def hand_count(self) -> int:
         """How many are on hand links."""
         return self.kinds.count(BodyKind.HAND)

@@ -98,9 +98,9 @@ def contact_arrays(
         SceneError: As `find_contacts`.
     """
     limits = _limits(tolerance, max_penetration, merge_distance, max_points)
-    if not object_bodies:
-        raise ArgumentError("object_body", "needs at least one piece")
     pieces, bodies = PlacedBodies.of(object_bodies), PlacedBodies.of(others)
+    if not pieces.shapes.names:
+        raise ArgumentError("object_body", "needs at least one piece")
     solids, others_solids = solids_of(pieces.shapes), solids_of(bodies.shapes)
     if solids.has_plane:
         raise SceneError(
