@@ -150,8 +150,8 @@ def _guess(state: SearchState, answer: Answer) -> None:
     """
     for _ in range(_GUESSES):
         mode = state.oracle.heuristic_mode(answer.x)
-        if mode is None:
-            return
+        if mode is None or mode == state.mode:
+            return  # it is the best already
         guess = state.solve(*state.formulation.bounds_of(mode))
         if guess.outcome is not Outcome.SOLVED or guess.value >= state.best_value:
             return
