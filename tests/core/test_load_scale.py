@@ -112,6 +112,17 @@ def test_the_scale_does_not_depend_on_the_reference_point():
     assert moved.scales.length == pytest.approx(problem.scales.length, rel=1e-12)
 
 
+def test_a_limit_that_stands_for_none_does_not_hide_a_margin():
+    """Without a load the margin is the scale, though the limits are 1e14 times as large."""
+    problem = scene("rest").with_changes(external_wrench=np.zeros(6), max_normal_force=2e12)
+    solution = minimize_torque(problem, 0.02)
+    document = solution_document(solution)
+    assert solution.found
+    assert document["scales"]["force"] == pytest.approx(0.02)
+    assert solution.margin >= 0.02 * (1.0 - 1e-6)
+    assert verify_document(document).proven
+
+
 def test_without_a_load_the_required_margin_sets_the_scale():
     problem = scene("rest").with_changes(
         external_wrench=np.zeros(6), max_normal_force=5e10, torque_limits=(-np.inf, np.inf)

@@ -14,8 +14,11 @@ LEAST_LEVER = 1e-12
 """A joint's lever shorter than this share of the longest counts as so long."""
 LEAST_DIFFERENCE = 1e-12
 """Of what it is the difference of: smaller distances and moments are rounding."""
-LEAST_MARGIN = 1e-12
-"""Of the smallest normal-force limit: a smaller margin is zero, and no scale of anything."""
+LEAST_MARGIN = 1e-20
+"""Of the smallest normal-force limit: a smaller margin is zero, and no scale of anything.
+
+Limits that stand for none may well be 1e14 times a margin.
+"""
 
 
 class Scales(NamedTuple):
@@ -24,7 +27,7 @@ class Scales(NamedTuple):
     Attributes:
         force: F, the load, N: the larger of the external force and of the external moment about the
             contacts' centre over the length. A wrench of zero has the smallest normal-force limit
-            in its place (Algorithm 2: a required margin that is no less than 1e-12 of that).
+            in its place (Algorithm 2: a required margin that is no less than 1e-20 of that).
         length: The distance of the farthest contact from the contacts' centre, m; where all are
             there, that moment over the external force, or 1 m. Rounding is neither distance nor
             moment.

@@ -33,7 +33,7 @@ MESSAGES = {
 """How the message of each status begins."""
 _AT_REST = 1e-12
 _LEAST_LEVER = 1e-12
-_LEAST_MARGIN = 1e-12
+_LEAST_MARGIN = 1e-20
 _ROUNDING = 1e-12
 
 
