@@ -425,13 +425,22 @@ def test_a_motion_is_shown_when_it_is_asked_for(page: Page):
         expect(said).to_contain_text("May fail the object can slip down", timeout=PATIENCE)
         assert said.get_attribute("data-status") == "weak"
         page.get_by_role("alert").get_by_role("button").first.click()
-        at_rest = still(page)
         show = page.get_by_role("checkbox", name="show", exact=True)
-        show.check(force=True)
-        whole = slice(None), slice(None)
-        assert looked_at(page, whole, lambda shot: differing(middle(shot), at_rest) > 0.01)
-        show.uncheck(force=True)
-        assert looked_at(page, whole, lambda shot: differing(middle(shot), at_rest) < 0.001)
+        whole, comes_back = (slice(None), slice(None)), False
+        # Twice where the first drawing was still without its last lights.
+        for _ in range(2):
+            at_rest = still(page)
+            show.check(force=True)
+            moved = partial(differing, at_rest)
+            assert looked_at(page, whole, lambda shot, moved=moved: moved(middle(shot)) > 0.01)
+            show.uncheck(force=True)
+            expect(show).not_to_be_checked()
+            comes_back = looked_at(
+                page, whole, lambda shot, moved=moved: moved(middle(shot)) < 1e-3
+            )
+            if comes_back:
+                break
+        assert comes_back
         page.get_by_role("checkbox", name="play", exact=True).check(force=True)
         expect(show).to_be_checked()
         page.wait_for_timeout(300)
