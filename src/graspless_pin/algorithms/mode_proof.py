@@ -17,7 +17,6 @@ from graspless_pin.modes.rules import Rules, SignRule
 from graspless_pin.modes.verdicts import Conflict, Requirement
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.program import Program
-from graspless_pin.programs.refutation import refuting
 from graspless_pin.programs.sharpening import sharpened
 from graspless_pin.solution.proof import (
     BoundLeaf,
@@ -155,13 +154,7 @@ class ModeProver:
         """Return the leaf of a program that has no solutions, however far; None: that is open."""
         proven = program.infeasibility_bound(y, z)
         if proven <= 0.0:
-            y, z = refuting(program, y, z)
-            proven = program.infeasibility_bound(y, z)
-        if proven <= 0.0:
-            # Of an answer that was found a bound over all that it is proven for is enough.
-            far = np.isinf(self.target)
-            beyond = program.dual_bound(y, z, whole=far) > program.worst
-            return BoundLeaf(y, z, objective=True) if beyond else None
+            return None
         # Far limits make much of multipliers that are hardly there.
         thin = _thinned(z)
         enough = program.infeasibility_bound(y, thin) >= (1.0 - _WORSE) * proven

@@ -14,8 +14,6 @@ from graspless_pin.modes.rules import Rules, SlidingMode
 from graspless_pin.modes.verdicts import Conflict, Requirement
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.answers import proven
-from graspless_pin.programs.program import Program
-from graspless_pin.programs.refutation import refuting
 from graspless_pin.solution import Status
 from graspless_pin.solvers import PRIMAL_TOLERANCE, Answer, Outcome
 
@@ -128,7 +126,7 @@ class SearchState:
         self.relaxation = answer
         self.bound = answer.bound
         if answer.outcome is Outcome.INFEASIBLE:
-            self.infeasibility = _violation(self.formulation.program, answer)
+            self.infeasibility = answer.proof
         return answer
 
     def accept(self, answer: Answer, mode: SlidingMode, admitted: FloatArray | None = None) -> bool:
@@ -214,22 +212,11 @@ def in_mode(state: SearchState, mode: SlidingMode, requirements: list[Requiremen
     if isinstance(verdict, Conflict):
         return SearchResult(Status.INFEASIBLE_MODE, state)
     state.motion = state.oracle.witness = kinematics.scaled_motion(verdict.coordinates)
-    bounds = state.formulation.bounds_of(mode)
-    answer = state.solve(*bounds)
+    answer = state.solve(*state.formulation.bounds_of(mode))
     state.bound = answer.bound
     if answer.outcome is Outcome.SOLVED:
         state.keep(answer, mode)
         return SearchResult(Status.OPTIMAL_IN_MODE, state)
     failed = answer.outcome is Outcome.FAILED
-    state.relaxation = answer
-    if not failed:
-        state.infeasibility = _violation(state.formulation.program.bounded(*bounds), answer)
+    state.relaxation, state.infeasibility = answer, answer.proof
     return SearchResult(Status.UNVERIFIED if failed else Status.INFEASIBLE_IN_MODE, state)
-
-
-def _violation(program: Program, answer: Answer) -> float:
-    """Return the proven smallest common violation of a program without solutions."""
-    if answer.proof > 0.0:
-        return answer.proof
-    # A bound above all values of near solutions says nothing of far ones.
-    return max(program.infeasibility_bound(*refuting(program, answer.y, answer.z)), 0.0)
