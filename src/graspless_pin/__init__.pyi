@@ -10,7 +10,7 @@ from .algorithms.options import SolveOptions
 from .algorithms.robustness import Robustness, robustness
 from .algorithms.sensitivity import MarginSensitivity, margin_sensitivity
 from .algorithms.torque import maximize_margin, minimize_torque, optimize
-from .algorithms.what_would_hold import HoldingChange, what_would_hold
+from .algorithms.what_would_hold import HoldingChange, HoldingChanges, what_would_hold
 from .errors import GrasplessPinError
 from .findings import Finding, FindingCode, Severity
 from .geometry.hand.model import Hand
@@ -68,6 +68,7 @@ __all__ = [
     "GuaranteedDisturbance",
     "Hand",
     "HoldingChange",
+    "HoldingChanges",
     "JointSpace",
     "JointUnit",
     "Margin",

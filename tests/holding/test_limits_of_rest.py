@@ -121,10 +121,10 @@ def test_changes_that_hold_are_those_found_by_then(clock: Clock) -> None:
     problem = hybrid_on_wall().with_changes(torque_limits=(0.0, 40.0))
     counts = list[int]()
     for seconds in (0.0, 4.0, 60.0, 1e9):
-        changes = what_would_hold(problem, [9.0], node_limit=40, time_limit=seconds)
-        counts.append(len(changes))
-        assert changes.complete == (seconds == 1e9)
-        assert all(change.verdict.status is Stability.STRONG for change in changes)
+        found = what_would_hold(problem, [9.0], node_limit=40, time_limit=seconds)
+        counts.append(len(found.changes))
+        assert found.complete == (seconds == 1e9)
+        assert all(change.verdict.status is Stability.STRONG for change in found.changes)
     assert counts[0] == 0
     assert counts == sorted(counts)
     assert counts[-1] > 3

@@ -53,12 +53,12 @@ def test_nothing_is_said_of_what_may_move() -> None:
 
 
 def test_what_no_change_mends_is_not_mended() -> None:
-    assert what_would_hold(block_between_walls(0.5), []) == ()
+    assert what_would_hold(block_between_walls(0.5), []).changes == ()
 
 
 def test_each_change_of_a_weak_grip_was_tried() -> None:
     problem = hybrid_on_wall().with_changes(torque_limits=(0.0, 40.0))
-    changes = what_would_hold(problem, [9.0], node_limit=40)
+    changes = what_would_hold(problem, [9.0], node_limit=40).changes
     words = " | ".join(str(change) for change in changes)
     for part in ("contact torques", "a preload", "maximize_margin", "friction at contact 4"):
         assert part in words
@@ -82,7 +82,7 @@ def test_all_joints_behind_a_contact_are_held_where_they_are_several(
     tried = list[str]()
     monkeypatch.setattr(changes_that_hold, "_tried", lambda _, words, __: tried.append(words) or ())
     monkeypatch.setattr(changes_that_hold, "_smallest", lambda *_: ())
-    assert what_would_hold(problem, np.zeros(columns), node_limit=1) == ()
+    assert what_would_hold(problem, np.zeros(columns), node_limit=1).changes == ()
     held = [words for words in tried if "control" in words]
     each = [f"joint joint_{k + 1} under position control" for k in range(columns)]
     several = ["all joints behind contact 4 under position control"] * (columns > 1)

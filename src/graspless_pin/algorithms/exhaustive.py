@@ -41,22 +41,19 @@ def search_exhaustively(state: SearchState, limits: Limits) -> SearchResult:
         state.formulation.problem, state.formulation.kinematics, state.rules, maximal=True,
         is_over=lambda _: limits.passed,
     )  # fmt: skip
-    while True:
-        try:
-            listed = next(modes, None)
-        except OverrunError:
-            return finished(state, interrupted=True)
-        if listed is None:
-            break
-        if limits.end(state.nodes):
-            return finished(state, interrupted=True)
-        state.nodes += 1
-        state.modes_examined += 1
-        answer = state.solve(*state.formulation.bounds_of(listed))
-        smallest = min(smallest, answer.bound)
-        if answer.outcome is Outcome.SOLVED and answer.value < state.best_value:
-            state.keep(answer, listed)
-        if state.closed(state.bound):
-            return finished(state)
+    try:
+        for listed in modes:
+            if limits.end(state.nodes):
+                return finished(state, interrupted=True)
+            state.nodes += 1
+            state.modes_examined += 1
+            answer = state.solve(*state.formulation.bounds_of(listed))
+            smallest = min(smallest, answer.bound)
+            if answer.outcome is Outcome.SOLVED and answer.value < state.best_value:
+                state.keep(answer, listed)
+            if state.closed(state.bound):
+                return finished(state)
+    except OverrunError:  # while modes were listed
+        return finished(state, interrupted=True)
     state.raise_bound(smallest)
     return finished(state)

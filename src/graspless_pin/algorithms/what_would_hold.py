@@ -47,15 +47,26 @@ class HoldingChange:
         return self.words
 
 
-class HoldingChanges(tuple[HoldingChange, ...]):
-    """The changes found. See the example of `what_would_hold`.
+@dataclass(frozen=True, eq=False)
+class HoldingChanges:
+    """Changes with which rest is the only outcome. See the example of `what_would_hold`.
 
     Attributes:
+        changes: Those found; empty where none of those tried was enough.
         complete: Whether all kinds were tried; False: `time_limit` ended that before, and changes
             may be missing, or larger than they need to be.
     """
 
+    changes: tuple[HoldingChange, ...]
     complete: bool = True
+
+    def __str__(self) -> str:
+        """Return a line for each change, and one more where the time was over before."""
+        lines = [f"it would hold with {change}" for change in self.changes]
+        lines = lines or ["no change that was tried makes it hold"]
+        if not self.complete:
+            lines.append("the time limit ended the search: other changes may, too")
+        return "\n".join(lines)
 
 
 def what_would_hold(
@@ -80,8 +91,7 @@ def what_would_hold(
         time_limit: Seconds in all; None: any time. What was found by then is returned.
 
     Returns:
-        The changes, a tuple; empty where none of those tried was enough. Its `complete` tells
-        whether the time was enough for all.
+        The changes, and whether the time was enough for all.
 
     Raises:
         ArgumentError: If an argument is wrong.
@@ -90,15 +100,14 @@ def what_would_hold(
         >>> from graspless_pin import load_scene, what_would_hold
         >>> scene = load_scene("examples/box_between_walls.yaml")
         >>> torques = scene.solve().torques  # may fail
-        >>> changes = what_would_hold(scene.problem(), torques, node_limit=10)
-        >>> len(changes) > 0
+        >>> found = what_would_hold(scene.problem(), torques, node_limit=10)
+        >>> len(found.changes) > 0
         True
     """
     limits = bracket_limits(problem, 0.1, node_limit, time_limit)
     tau = finite_array("torques", torques, (problem.joint_count,))
-    found = HoldingChanges(_found(problem, tau, limits))
-    found.complete = not limits.passed
-    return found
+    changes = tuple(_found(problem, tau, limits))
+    return HoldingChanges(changes, complete=not limits.passed)
 
 
 def _found(problem: QuasistaticProblem, tau: FloatArray, limits: Limits) -> Iterator[HoldingChange]:
