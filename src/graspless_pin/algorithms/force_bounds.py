@@ -15,7 +15,7 @@ from graspless_pin.modes.rules import Rules, StaticFriction
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
 from graspless_pin.solution import FOUND, Status
-from graspless_pin.solution.tables import Table, digits_of, paragraph
+from graspless_pin.solution.tables import Table, figure, paragraph, shown
 
 _DETERMINATE = 1e-6
 _HEADERS = ["#", "f_n [N]", "f_t1 [N]", "f_t2 [N]"]
@@ -111,10 +111,9 @@ class ContactForceBounds:
         ]
 
     def _range(self, contact: int, component: int) -> str:
-        at = contact, component
+        at, load = (contact, component), self.problem.scales.force
         mark = "" if self.proven[at] else _REACHED
-        digits = digits_of(self.problem.scales.force, "+")
-        return f"{self.lower[at]:{digits}} .. {self.upper[at]:{digits}}{mark}"
+        return f"{shown(self.lower[at], load, '+')} .. {shown(self.upper[at], load, '+')}{mark}"
 
     def _margins(self) -> str:
         said = f"{self._margin_range()}, {self.covers}"
@@ -122,7 +121,8 @@ class ContactForceBounds:
         return f"{said}\n{squeezed}" if squeezed else said
 
     def _margin_range(self) -> str:
-        least, most = f"{self.smallest_margin:.4g}", f"{self.largest_margin:.4g}"
+        ends, load = (self.smallest_margin, self.largest_margin), self.problem.scales.force
+        least, most = (f"{float(figure(end, load)):.4g}" for end in ends)
         if self.status is Status.OPTIMAL:
             return f"margin between {least} and {most} N with these torques"
         words = f"margin from {least} N or less to {most} N or more with these torques"

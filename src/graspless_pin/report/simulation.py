@@ -10,7 +10,7 @@ from graspless_pin.algorithms.force_bounds import ContactForceBounds
 from graspless_pin.simulation import SimulatedOutcome, Simulation
 from graspless_pin.simulation.forces import BodyForce, body_forces
 from graspless_pin.solution import Status
-from graspless_pin.solution.tables import Table, digits_of
+from graspless_pin.solution.tables import Table, shown
 
 _SAME = 1e-2  # of the load: a difference that says nothing
 _WORDS = {
@@ -58,14 +58,14 @@ def _runs(simulation: Simulation) -> list[list[object]]:
 def _force_table(
     simulation: Simulation, forces: Sequence[BodyForce], bounds: ContactForceBounds
 ) -> str:
-    digits = digits_of(simulation.problem.scales.force, "")
+    load = simulation.problem.scales.force
     known = "proven" if bounds.status is Status.OPTIMAL else "reached"
     headers = ["normal force [N] on", *(run.contact_model.name for run in simulation.runs), known]
     rows: list[list[object]] = [
         [
             force.body,
-            *("moves" if value is None else f"{value:{digits}}" for value in force.simulated),
-            f"{force.lower:{digits}} .. {force.upper:{digits}}",
+            *("moves" if value is None else shown(value, load) for value in force.simulated),
+            f"{shown(force.lower, load)} .. {shown(force.upper, load)}",
         ]
         for force in forces
     ]
