@@ -8,6 +8,7 @@ from report_cases import AT_REST, pinched_block, solved, through_json
 
 from graspless_pin import magnitudes, maximize_margin
 from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry import Box, ManipulatedObject, Support
 from graspless_pin.report import read_solution
 from graspless_pin.report.html import case_of_document
 from graspless_pin.report.verify import values, verify_document
@@ -97,6 +98,17 @@ def test_the_checker_has_the_same_bounds(document):
     document["joints"][0]["name"] = "n" * 201
     with pytest.raises(ValueError, match="at most 200 characters"):
         verify_document(document)
+
+
+def test_bodies_have_names_that_documents_may_have():
+    shape, pose = Box((0.1, 0.1, 0.1)), np.eye(4)
+    for make in (
+        lambda name: ManipulatedObject.from_shape(name, shape, pose, mass=1.0),
+        lambda name: Support(name, shape, pose),
+    ):
+        with pytest.raises(ArgumentError, match=r"name: .* of 201 characters; .* at most 200"):
+            make("n" * 201)
+        assert make("n" * 200).name == "n" * 200
 
 
 def test_problems_have_names_that_documents_may_have():

@@ -17,6 +17,7 @@ from graspless_pin.geometry.bodies.mass_properties import checked_body_inertia, 
 from graspless_pin.geometry.bodies.shapes import HalfSpace, Shape, coal_geometries
 from graspless_pin.geometry.pickling import PickledByFields
 from graspless_pin.geometry.poses import as_pose, transformed
+from graspless_pin.intake.text import fault_of_name
 from graspless_pin.problem.checks import read_only
 
 
@@ -145,9 +146,9 @@ class ManipulatedObject(_PlacedShape):
         """Check all fields and copy the arrays.
 
         Raises:
-            ArgumentError: The name is empty, the shape is a half-space, the mass is not positive,
-                the centre of mass is not three finite numbers, the inertia is no rigid body's, or
-                the pose is not rigid.
+            ArgumentError: The name is empty or too long, the shape is a half-space, the mass is not
+                positive, the centre of mass is not three finite numbers, the inertia is no rigid
+                body's, or the pose is not rigid.
         """
         _check_name(self.name)
         if isinstance(self.shape, HalfSpace):
@@ -244,8 +245,8 @@ class Support(_PlacedShape):
         """Check all fields and copy the pose.
 
         Raises:
-            ArgumentError: The name is empty, the pose is not rigid, the friction is negative, or
-                the velocity is not six finite numbers.
+            ArgumentError: The name is empty or too long, the pose is not rigid, the friction is
+                negative, or the velocity is not six finite numbers.
         """
         _check_name(self.name)
         object.__setattr__(
@@ -270,6 +271,8 @@ class Support(_PlacedShape):
 def _check_name(name: str) -> None:
     if not isinstance(name, str) or not name.strip():
         raise ArgumentError("name", f"needs a name that messages can use, got {name!r}")
+    if fault := fault_of_name(name):
+        raise ArgumentError("name", fault)
 
 
 def _vector(name: str, values: ArrayLike, count: int = 3) -> NDArray[np.float64]:
