@@ -31,7 +31,7 @@ from graspless_pin.algorithms.search import SearchState, closeness
 from graspless_pin.compiled import cold_optima, contact_frames
 from graspless_pin.modes.nearest_motions import NearestMotions
 from graspless_pin.modes.propagation import Decisions
-from graspless_pin.modes.rules import Rules, SignRule, SlidingRule
+from graspless_pin.modes.rules import Rules, SignRule, SlidingMode, SlidingRule
 from graspless_pin.modes.verdicts import Conflict, Requirement
 from graspless_pin.programs.answers import Answer, failed
 from graspless_pin.programs.objectives import Margin
@@ -330,6 +330,17 @@ def test_a_sliding_that_is_clear_needs_no_search(times, seen):
     nearest = kinematics.nearest if clearly == 10.0 else NearestMotions(kinematics.rows, 1e-6)
     signs = np.array([1.0, -1.0] * 5)
     assert (nearest.guessed_witness((0, 1, 2, 3, 4), signs) is not None) == seen
+
+
+@pytest.mark.parametrize(("times", "clear"), [(1.1, False), (9.0, False), (11.0, True)])
+def test_a_mode_that_a_search_has_found_is_clear_by_the_same_rule(times, clear):
+    """It is not asked for once more then, to tell whether the answer hangs on the threshold."""
+    state = state_of(slider(float(np.arcsin(1e-6 * times * np.sqrt(5.0)))))
+    friction = np.zeros(len(state.formulation.program.c))
+    friction[state.formulation.cone_columns[0]] = -1.0, 1.0
+    mode = state.oracle.mode_for(friction, {0: (1, -1)})
+    assert isinstance(mode, SlidingMode) and mode.contacts == (0, 1, 2, 3, 4)
+    assert state.oracle.is_clear == clear
 
 
 @pytest.mark.parametrize(("tilt", "shared"), [(1e-9, True), (5e-9, True), (1e-7, False)])

@@ -9,6 +9,7 @@ import numpy as np
 
 from graspless_pin.algorithms.formulation import Formulation
 from graspless_pin.modes.enumeration import mode_of, requirements_of, sign_pairs
+from graspless_pin.modes.nearest_motions import CLEARLY
 from graspless_pin.modes.rules import Rules, SignRule, SlidingMode, SlidingRule, StaticFriction
 from graspless_pin.modes.verdicts import Conflict, Requirement, Witness
 from graspless_pin.problem.checks import FloatArray
@@ -237,9 +238,10 @@ class ModeOracle:
 
         A witness that moves along every open component proves its own signs.
         """
-        if not any(0 in requirement.signs for requirement in known):
-            return self._witnessed(tuple(known), witness)
         velocities, kinematics = witness.velocities, self.formulation.kinematics
+        if not any(0 in requirement.signs for requirement in known):
+            self.is_clear = witness.slowest >= CLEARLY * kinematics.threshold
+            return self._witnessed(tuple(known), witness)
         moves = np.abs(velocities) >= kinematics.threshold * np.linalg.norm(velocities)
         seen = np.where(moves, np.sign(velocities), 0.0)[:, 1:].astype(int).tolist()
         shown = tuple(

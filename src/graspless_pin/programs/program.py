@@ -174,7 +174,8 @@ class Program:
         """
         if self.rows.size <= _LARGEST_DENSE:
             return self.rows, self.rows.T
-        return csr_array(self.rows), csr_array(self.rows.T)
+        sparse = csr_array(self.rows)
+        return sparse, sparse.T
 
     @cached_property
     def pattern(self) -> bytes:
@@ -214,6 +215,11 @@ class Program:
             return highest
         return highest + float(0.5 * self.P @ np.abs(box).max(axis=0) ** 2)
 
+    @property
+    def _is_judged_by_loops(self) -> bool:
+        small = self.rows.size <= LARGEST_IN_C
+        return linear_programs is not None and self.is_polyhedral and small
+
     def value(self, x: FloatArray) -> float:
         """Return the objective at x."""
         if self.is_linear:
@@ -222,6 +228,8 @@ class Program:
 
     def residual(self, x: FloatArray) -> float:
         """Return the largest violation of any constraint at x, in scaled units."""
+        if self._is_judged_by_loops:
+            return self.judged(x, np.zeros(len(self.b)), np.zeros(len(self.l)))[2]
         (low, high), rows = self.sides, self.products[0].dot(x)
         beyond = np.maximum(rows - high, low - rows)
         if self.cone_count:
@@ -250,7 +258,7 @@ class Program:
 
     def judged(self, x: FloatArray, y: FloatArray, z: FloatArray) -> tuple[float, float, float]:
         """Return `dual_bound`, `value` and `residual` of a solution and its multipliers."""
-        if linear_programs is None or not self.is_polyhedral or self.rows.size > LARGEST_IN_C:
+        if not self._is_judged_by_loops:
             return self.dual_bound(y, z), self.value(x), self.residual(x)
         low, high = self.sides
         return linear_programs.judged(
