@@ -6,6 +6,7 @@ An infeasible problem is not an error: it is a solution whose ``found`` is False
 from __future__ import annotations
 
 from enum import Enum
+from pathlib import PurePath
 from typing import Self
 
 __all__ = [
@@ -203,3 +204,16 @@ class GrasplessPinWarning(UserWarning):
         """Take what was found."""
         super().__init__(finding)
         self.finding = finding
+
+
+def internal_error(error: BaseException) -> str:
+    """Return in one short line what was raised, and in which line of this package, for a report."""
+    where, at = "", error.__traceback__
+    while at is not None:
+        path = PurePath(at.tb_frame.f_code.co_filename)
+        if __package__ in path.parts:
+            where = f" in {path.name}, line {at.tb_lineno}"
+        at = at.tb_next
+    words = " ".join(str(error).split())
+    words = words if len(words) <= 200 else f"{words[:200]} [...]"
+    return f"internal error{where}: {type(error).__name__}{words and f': {words}'}"

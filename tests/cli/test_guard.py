@@ -57,10 +57,58 @@ def test_exit_codes_pass_through(code):
     assert process.returncode == code
 
 
-def test_an_error_of_our_own_keeps_its_traceback():
-    process = start("raise RuntimeError('ours')")
-    assert "RuntimeError: ours" in process.communicate(timeout=20)[1]
-    assert process.returncode == 1
+FAULTY = """
+import sys
+from graspless_pin.cli import main
+
+def broken(*_, **__):
+    raise {error}
+
+import graspless_pin.cli.outcome as outcome
+outcome.loaded_scene = broken
+sys.argv[1:] = ["solve", "examples/box_between_walls.yaml"]
+main()
+"""
+
+
+def faulty(error: str, **more: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(  # noqa: S603 - our own interpreter and a fixed program
+        [sys.executable, "-c", FAULTY.format(error=error)],
+        capture_output=True,
+        text=True,
+        env={**os.environ, **more},
+        check=False,
+        timeout=60,
+    )
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        ("ValueError('a\\nb\\x1b[2J')", "ValueError: a b<U+001B>[2J; "),
+        ("AssertionError", "AssertionError; "),
+        ("RecursionError(9999 * 'x')", f"RecursionError: {200 * 'x'} [...]; "),
+    ],
+)
+def test_an_exception_that_is_none_of_ours_is_one_line_that_asks_for_a_report(error, words):
+    done = faulty(error)
+    assert (done.returncode, done.stdout) == (70, "")
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("error: internal error in solving.py, line ") and words in line
+    assert "please report it with this command" in line and "graspless-pin --version" in line
+
+
+def test_the_traceback_is_there_for_those_who_ask():
+    done = faulty("ValueError('ours')", GRASPLESS_PIN_TRACEBACK="1")
+    assert done.returncode == 70 and done.stderr.startswith("Traceback")
+    assert done.stderr.splitlines()[-1].startswith("error: internal error in solving.py, line ")
+
+
+def test_errors_on_purpose_keep_their_exit_code():
+    assert faulty("__import__('graspless_pin.errors').errors.SceneError('no')").returncode == 2
+    assert faulty("MemoryError").returncode == 2
+    assert faulty("SystemExit(7)").returncode == 7
+    assert faulty("KeyboardInterrupt").returncode == 130
 
 
 def is_alive(number: int) -> bool:

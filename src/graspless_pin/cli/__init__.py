@@ -3,15 +3,20 @@
 import gc
 import os
 import signal
+import sys
 
 from graspless_pin.cli.guard import guarded
 
-__all__ = ["INTERRUPTED", "INTERRUPTION", "begin", "main", "run"]
+__all__ = ["INTERNAL_ERROR", "INTERRUPTED", "INTERRUPTION", "begin", "main", "run"]
+
+INTERNAL_ERROR = 70
+"""Exit code after an exception that nobody foresaw, as ``sysexits.h`` has it."""
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells have it."""
 INTERRUPTION = "interrupted\n"
 """What is said then."""
+_TRACEBACK = "GRASPLESS_PIN_TRACEBACK"
 
 
 def main() -> None:
@@ -32,9 +37,15 @@ def run() -> None:
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         # No exception: some libraries catch what interrupts their import, and fail later.
         signal.signal(signal.SIGINT, _quit)
-    from graspless_pin.cli.commands import app
+    try:
+        from graspless_pin.cli.commands import app
 
-    app()
+        app()
+    except Exception as error:
+        if os.environ.get(_TRACEBACK):
+            sys.excepthook(type(error), error, error.__traceback__)
+        sys.stderr.write(f"error: {_report_of(error)}\n")
+        sys.exit(INTERNAL_ERROR)
 
 
 def begin() -> None:
@@ -44,6 +55,18 @@ def begin() -> None:
         gc.enable()
     if signal.getsignal(signal.SIGINT) is _quit:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def _report_of(error: Exception) -> str:
+    """Return one line: what was raised and where, and what to send."""
+    from graspless_pin.errors import internal_error
+    from graspless_pin.intake.text import printable
+
+    return (
+        f"{printable(internal_error(error))}; please report it with this command, the files it "
+        f"reads and what graspless-pin --version prints ({_TRACEBACK}=1 in the environment shows "
+        "the traceback)"
+    )
 
 
 def _quit(*_: object) -> None:

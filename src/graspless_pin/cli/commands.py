@@ -9,7 +9,7 @@ from typing import Annotated, Any, NamedTuple
 import typer
 from typer.core import TyperGroup
 
-from graspless_pin.cli import INTERRUPTED, INTERRUPTION, begin
+from graspless_pin.cli import INTERNAL_ERROR, INTERRUPTED, INTERRUPTION, begin
 
 __all__ = ["app"]
 
@@ -165,7 +165,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
     help="Robust joint torques for hands that push, slide, pivot or hold an object.",
-    epilog="graspless-pin COMMAND --help shows a command's options and examples.",
+    epilog="graspless-pin COMMAND --help shows a command's options, exit codes and examples.\n\n"
+    f"Exit code {INTERNAL_ERROR}: an error inside graspless-pin; please report it.",
 )
 
 
