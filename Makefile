@@ -20,7 +20,7 @@ WHEEL_TESTS ?= tests/compiled tests/core
 STATES ?= --count 10000
 FUZZ ?= --count 2000 --seed 1
 
-.PHONY: install run test lint types docs readme-pictures notebooks bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding mistakes clean hands place states dense wheel
+.PHONY: install run test lint types docs readme-pictures notebooks bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding mistakes clean hands place states dense wheel frozen size
 
 install: $(STAMP)
 
@@ -118,6 +118,12 @@ dense: install
 
 fuzz: install
 	$(BIN)/python tests/fuzzing/fuzz.py $(FUZZ)
+
+frozen: install
+	$(BIN)/python -m tests.oracles.frozen $(BASE) $(FROZEN)
+
+size: install
+	$(BIN)/python -m benchmarks.size
 
 mutants: install
 	$(BIN)/python -m mutation $(MUTANTS)

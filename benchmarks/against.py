@@ -43,14 +43,11 @@ def main() -> int:
     given = parser.parse_args()
     if given.rounds < LEAST_ROUNDS:
         parser.error(f"--rounds {given.rounds}: there must be at least {LEAST_ROUNDS}")
-    found = _git("rev-parse", "--verify", "--quiet", f"{given.base}^{{commit}}")
-    if found.returncode:
-        parser.error(f"no commit {given.base!r} in this repository")
-    commit = found.stdout.decode().strip()
+    commit = checked_commit(parser, given.base)
     start = time.perf_counter()
     with tempfile.TemporaryDirectory(prefix="bench-base-") as folder:
         print(f"installing {commit[:10]}", file=sys.stderr)
-        base = _installed(commit, Path(folder))
+        base = installed(commit, Path(folder))
         new = Path(sys.executable)
         rounds = []
         for number in range(given.rounds):
@@ -67,14 +64,22 @@ def main() -> int:
     return 0 if passed else 1
 
 
+def checked_commit(parser: argparse.ArgumentParser, name: str) -> str:
+    """Return the whole name of a commit; the parser ends the program where there is none."""
+    found = _git("rev-parse", "--verify", "--quiet", f"{name}^{{commit}}")
+    if found.returncode:
+        parser.error(f"no commit {name!r} in this repository")
+    return found.stdout.decode().strip()
+
+
 def _studies(base: Path) -> str:
     """Studies of 10 000 samples beside a loop of the base over problems that are ready."""
     cores, rows = usable_cores(), []
-    loops = json.loads(_run([base, "-m", "benchmarks.study_loops"], ROOT, **ONE_THREAD))
+    loops = json.loads(run([base, "-m", "benchmarks.study_loops"], ROOT, **ONE_THREAD))
     for name in STUDIES:
         rate = study_rate(name, cores)
         rows.append([name, loops[name], rate, rate / loops[name]])
-    again = json.loads(_run([base, "-m", "benchmarks.study_loops"], ROOT, **ONE_THREAD))
+    again = json.loads(run([base, "-m", "benchmarks.study_loops"], ROOT, **ONE_THREAD))
     for row in rows:
         row[1] = 0.5 * (row[1] + again[row[0]])
         row[3] = row[2] / row[1]
@@ -134,28 +139,29 @@ def _differences(new: Mapping[str, Any], base: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def _installed(commit: str, folder: Path) -> Path:
+def installed(commit: str, folder: Path) -> Path:
     """Install a commit's version in its own environment; return that environment's Python."""
     source, environment = folder / "source", folder / "environment"
     archive = _git("archive", "--format=tar", commit)
     archive.check_returncode()
     with tarfile.open(fileobj=io.BytesIO(archive.stdout)) as tar:
         tar.extractall(source, filter="data")
-    _run([sys.executable, "-m", "venv", environment], folder)
+    run([sys.executable, "-m", "venv", environment], folder)
     python = environment / "bin" / "python"
     constraints = str(source / "constraints.txt")
     names = {"PIP_CONSTRAINT": constraints, "PIP_BUILD_CONSTRAINT": constraints}
-    _run([python, *PIP, ".[studies]"], source, **names)
+    run([python, *PIP, ".[studies]"], source, **names)
     return python
 
 
 def _rows(python: Path) -> Mapping[str, Any]:
     """Measure all rows once, in a fresh process."""
-    printed = _run([python, "-m", "benchmarks.rows"], ROOT, **ONE_THREAD)
+    printed = run([python, "-m", "benchmarks.rows"], ROOT, **ONE_THREAD)
     return json.loads(printed.splitlines()[-1])
 
 
-def _run(command: Sequence[str | Path], folder: Path, **variables: str) -> str:
+def run(command: Sequence[str | Path], folder: Path, **variables: str) -> str:
+    """Return what a program prints; an exit code but 0 is an error."""
     return subprocess.run(  # noqa: S603 - Python, of this environment or of the base's
         command, cwd=folder, env={**os.environ, **variables}, stdout=subprocess.PIPE, text=True,
         check=True,
