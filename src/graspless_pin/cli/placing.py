@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from graspless_pin.cli.outcome import ExitCode, loaded_scene, plain_errors, three_numbers
-from graspless_pin.cli.solving import VERDICT_NODES
 from graspless_pin.errors import ArgumentError
+from graspless_pin.holding.options import BRIEF_NODE_LIMIT
 from graspless_pin.planning import place_hand
 from graspless_pin.scene.saving import scene_text, write_scene_file
 from graspless_pin.waiting import waiting_for
@@ -49,7 +49,7 @@ def place(
     verdict_nodes: Annotated[
         int,
         typer.Option(min=0, help="Sets of outcomes that each verdict may look at; 0: no verdicts."),
-    ] = VERDICT_NODES,
+    ] = BRIEF_NODE_LIMIT,
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes on this machine; default: all cores.")
     ] = None,

@@ -17,9 +17,10 @@ from graspless_pin.cli.outcome import (
     plain_errors,
 )
 from graspless_pin.cli.simulating import simulated_words
-from graspless_pin.cli.solving import VERDICT_NODES, asked_verdict
+from graspless_pin.cli.solving import asked_verdict
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.findings import tell
+from graspless_pin.holding.options import BRIEF_NODE_LIMIT
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.problem.cones import ConeModel
 from graspless_pin.report.document import write_text
@@ -66,7 +67,7 @@ def report(
     ] = 60.0,
     verdict_nodes: Annotated[
         int, typer.Option(help="Sets of outcomes that the verdict may look at.")
-    ] = VERDICT_NODES,
+    ] = BRIEF_NODE_LIMIT,
     no_verdict: Annotated[
         bool, typer.Option("--no-verdict", help="Do not ask whether the object stays.")
     ] = False,

@@ -13,6 +13,7 @@ from graspless_pin.algorithms.torque import TorqueScale
 from graspless_pin.cli.outcome import echo_findings, exit_code, loaded_scene, plain_errors
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import tell
+from graspless_pin.holding.options import BRIEF_NODE_LIMIT, NODE_LIMIT
 from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.modes.rules import SignRule, SlidingRule, StaticFriction
 from graspless_pin.programs.objectives import Algorithm
@@ -24,8 +25,6 @@ from graspless_pin.waiting import waiting_for
 _RANGE_NODES = 100
 """Nodes of each search for the margin at worst: the same answer on any machine."""
 _RANGES_TIME = 20.0  # s; for many contacts, in scenes that are harder than all examples
-VERDICT_NODES = 300
-"""Sets of outcomes that a verdict may look at which nobody asked for: about a second."""
 
 
 def solve_scene(
@@ -67,8 +66,8 @@ def solve_scene(
     verdict_nodes: Annotated[
         int | None,
         typer.Option(
-            help="Sets of outcomes that a verdict may look at; default: 300, and 3000 for "
-            "--stability strong."
+            help=f"Sets of outcomes that a verdict may look at; default: {BRIEF_NODE_LIMIT}, and "
+            f"{NODE_LIMIT} for --stability strong."
         ),
     ] = None,
     no_verdict: Annotated[
@@ -137,7 +136,7 @@ def asked_verdict(
     scene: Scene, solution: TorqueSolution, nodes: int | None = None
 ) -> tuple[StabilityVerdict | None, str]:
     """Return whether the object stays, and what is said of it; a verdict may not be had."""
-    limit = VERDICT_NODES if nodes is None else nodes
+    limit = BRIEF_NODE_LIMIT if nodes is None else nodes
     try:
         known = solution.guarantee and solution.guarantee.verdict
         with waiting_for("looking for a verdict"):

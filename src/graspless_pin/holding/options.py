@@ -6,6 +6,8 @@ from typing import TypedDict
 
 NODE_LIMIT = 3000
 """Sets of outcomes that are looked at unless told otherwise; earlier proofs close others."""
+BRIEF_NODE_LIMIT = 300
+"""The same of verdicts that stand beside an answer unasked: about a second."""
 
 
 class StabilityKeywords(TypedDict, total=False):

@@ -17,7 +17,8 @@ from graspless_pin.child_processes import ChildProcesses, usable_cores
 from graspless_pin.errors import ArgumentError, SceneError, StateError, StateFault
 from graspless_pin.findings import heard
 from graspless_pin.geometry.posing.opposing import fingers_that_close, opposing_postures
-from graspless_pin.holding.verdict import Stability
+from graspless_pin.holding.options import BRIEF_NODE_LIMIT
+from graspless_pin.holding.verdict import Stability, StabilityVerdict
 from graspless_pin.planning.hand_placement import HandPlacement, PlacedHand
 from graspless_pin.planning.placing_candidates import (
     NODES,
@@ -29,9 +30,12 @@ from graspless_pin.planning.placing_candidates import (
     try_candidates,
 )
 from graspless_pin.problem.checks import finite_array, real_number, whole_number
+from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene, settle
 from graspless_pin.scene.load import checked_scene
 from graspless_pin.scene.moved import displaced_hand
+from graspless_pin.scene.saving import scene_as_written
+from graspless_pin.solution import Status, TorqueSolution
 
 PlacingProgress = Callable[[int, int, int], object]
 """Called with how many candidates are done, how many there are, and how many are places."""
@@ -52,7 +56,7 @@ def place_hand(
     seed: int = 0,
     candidates: int = 600,
     time_limit: float | None = 60.0,
-    verdict_nodes: int = 300,
+    verdict_nodes: int = BRIEF_NODE_LIMIT,
     workers: int | None = None,
     progress: PlacingProgress | None = None,
 ) -> HandPlacement:
@@ -243,14 +247,29 @@ def _with_verdicts(
     for one in closed:
         hand = displaced_hand(plan.hand.with_positions(one.positions), one.displacement)
         scene = plan.scene.with_changes(hand=hand)
+        with suppress(SceneError):  # made in Python in a way of its own
+            scene = scene_as_written(scene)
         with heard():
             solution = scene.solve("margin", node_limit=NODES)
             verdict = None
             if nodes and time.monotonic() < deadline:
                 with suppress(ArgumentError):  # a link without mass
-                    verdict = scene.stability(solution.torques, node_limit=nodes)
+                    verdict = _verdict(scene, solution, nodes, deadline)
         places.append(PlacedHand(scene, solution, one.touching, verdict))
     return tuple(sorted(places, key=_rank))
+
+
+def _verdict(
+    scene: Scene, solution: TorqueSolution, nodes: int, deadline: float
+) -> StabilityVerdict | None:
+    """Return the verdict that `solve` has of the scene: on the torques that its options ask for."""
+    asked = scene.solve_options.get("algorithm", Algorithm.MARGIN)
+    if asked != Algorithm.MARGIN or solution.status is not Status.OPTIMAL:
+        left = None if np.isinf(deadline) else deadline - time.monotonic()
+        solution = scene.solve(time_limit=left)
+    if not solution.found:
+        return None
+    return scene.stability(solution.torques, node_limit=nodes)
 
 
 def _rank(place: PlacedHand) -> int:

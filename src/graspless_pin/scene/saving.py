@@ -14,6 +14,7 @@ from typing import Any
 
 from graspless_pin.drafts import draft_of
 from graspless_pin.errors import GrasplessPinWarning, SceneError
+from graspless_pin.findings import heard
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.intake.files import is_file, read_text
 from graspless_pin.intake.yaml_edit import edited_yaml, same_data, yaml_of
@@ -81,6 +82,25 @@ def scene_text(scene: Scene, target: Path) -> str:
         SceneError: If no scene file can say what the scene is, or the one that it came from is no
             scene any more.
     """
+    return _written(scene, target)[0]
+
+
+def scene_as_written(scene: Scene) -> Scene:
+    """Return a scene whose hand and object are to the last bit where a file of it puts them.
+
+    A search that ends at a limit may end otherwise after a difference in the last bit: what is
+    said of the one scene then holds for the other.
+
+    Raises:
+        SceneError: As of `scene_text`.
+    """
+    with heard():
+        again = _written(scene, scene.path or Path("scene.yaml"))[1]
+    return scene.with_changes(hand=again.hand, object=again.object)
+
+
+def _written(scene: Scene, target: Path) -> tuple[str, Scene]:
+    """Return the text of a scene file, and what it loads to."""
     path_text = paths_beside(target)
     wanted = stated_scene(scene, path_text)
     if scene.path is not None and is_file(scene.path):
@@ -94,8 +114,7 @@ def scene_text(scene: Scene, target: Path) -> str:
             del data["name"]
         entry = validated(YamlSource(target, data), SceneEntry)
         text = yaml_of(entry.model_dump(mode="json", exclude_defaults=True))
-    _check(text, target, scene, path_text)
-    return text
+    return text, _checked(text, target, scene, path_text)
 
 
 def paths_beside(target: Path) -> PathText:
@@ -259,8 +278,8 @@ def _is_path(name: str, data: dict[str, Any]) -> bool:
     return robot_file or name in ("urdf", "package_dirs") or (name == "path" and "type" in data)
 
 
-def _check(text: str, target: Path, scene: Scene, path_text: PathText) -> None:
-    """Refuse a text that loads to another scene.
+def _checked(text: str, target: Path, scene: Scene, path_text: PathText) -> Scene:
+    """Return what a text loads to; refuse one that loads to another scene.
 
     Raises:
         SceneError: If it does: a scene may hold what was made in Python in a way of its own.
@@ -277,6 +296,7 @@ def _check(text: str, target: Path, scene: Scene, path_text: PathText) -> None:
             f"{target}: {key_text(place)}: no scene file leads to what this scene has there; if a "
             "robot was changed in Python, write a robot file that says so, and mount that"
         )
+    return again
 
 
 def _first_difference(one: Any, other: Any, place: Location) -> Location | None:

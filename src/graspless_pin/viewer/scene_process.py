@@ -20,7 +20,7 @@ from graspless_pin.errors import (
     StateError,
     StateFault,
 )
-from graspless_pin.holding.options import StabilityKeywords
+from graspless_pin.holding.options import BRIEF_NODE_LIMIT, StabilityKeywords
 from graspless_pin.holding.verdict import Stability
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.programs.objectives import Algorithm
@@ -38,7 +38,7 @@ from graspless_pin.visualization.motion import (
 
 _DEFAULT_MARGIN = 0.1
 _MOST_FILES = 1000
-_VERDICT_LIMITS: StabilityKeywords = {"node_limit": 300, "time_limit": 3.0}
+_VERDICT_LIMITS: StabilityKeywords = {"node_limit": BRIEF_NODE_LIMIT, "time_limit": 3.0}
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,46 @@
+"""What is said of a place is what `solve` says of the file that is written of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from planning_scenes import EXAMPLES
+
+from graspless_pin import Scene, load_scene, place_hand
+from graspless_pin.planning import HandPlacement
+
+NODES = 30
+
+
+@pytest.fixture(scope="module", params=["margin", "torque"])
+def found(request: pytest.FixtureRequest) -> HandPlacement:
+    scene = load_scene(EXAMPLES / "trihand_push_box.yaml").with_changes(motion=None)
+    options = {**scene.solve_options, "algorithm": request.param, "margin": 0.1}
+    scene = scene.with_changes(solve_options=options)
+    return place_hand(scene, candidates=40, verdict_nodes=NODES, workers=1, seed=3)
+
+
+def written(scene: Scene, folder: Path) -> Scene:
+    return load_scene(scene.save(folder / "placed.yaml", overwrite=True))
+
+
+def test_a_place_and_its_file_lead_to_the_same_problem_to_the_last_bit(
+    found: HandPlacement, tmp_path: Path
+) -> None:
+    assert found.places
+    for place in found.places:
+        mine, theirs = place.scene.problem(), written(place.scene, tmp_path).problem()
+        for name in ("positions", "normals", "jacobian", "external_wrench", "gravity_torques"):
+            np.testing.assert_array_equal(getattr(mine, name), getattr(theirs, name))
+
+
+def test_a_place_and_its_file_have_the_same_verdict(found: HandPlacement, tmp_path: Path) -> None:
+    """At a limit that ends it in the midst of the search, and on the scene's own torques."""
+    for place in found.places:
+        again = written(place.scene, tmp_path)
+        said = again.stability(again.solve().torques, node_limit=NODES)
+        assert place.verdict is not None
+        assert (place.verdict.nodes, place.verdict.status) == (said.nodes, said.status)
+        np.testing.assert_array_equal(place.verdict.torques, said.torques)
