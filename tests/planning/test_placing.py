@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -17,7 +19,7 @@ from graspless_pin.geometry.poses import pose_matrix
 from graspless_pin.geometry.posing.approaching import back_until_free, centering_shift, shortfall
 from graspless_pin.geometry.posing.opposing import fingers_that_close, opposing_postures
 from graspless_pin.geometry.robots.files import describe_urdf
-from graspless_pin.planning import HandPlacement, PlacingFault
+from graspless_pin.planning import HandPlacement, PlacingFault, placing_candidates
 from graspless_pin.scene.moved import displaced_hand
 
 FINGER = """
@@ -145,6 +147,55 @@ def test_no_place_is_an_answer_with_a_reason(gripper, mass, approach, fault, adv
 def test_a_margin_that_none_has_is_a_reason(scene: Scene) -> None:
     found = quickly(scene, candidates=40, margin=1e3)
     assert not found.places and found.faults[PlacingFault.MARGIN_TOO_SMALL] > 0
+
+
+@pytest.fixture
+def one_in_five(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let closing a hand raise what nobody foresaw, at every fifth candidate."""
+    close, calls = placing_candidates.close_hand, itertools.count()
+
+    def broken(*arguments: Any, **options: Any) -> Any:
+        if next(calls) % 5 == 0:
+            raise ZeroDivisionError("a fault\nof ours")
+        return close(*arguments, **options)
+
+    monkeypatch.setattr(placing_candidates, "close_hand", broken)
+
+
+def test_an_internal_error_costs_one_candidate_and_is_told(scene: Scene, one_in_five) -> None:
+    found = quickly(scene, candidates=60)
+    lost = found.faults[PlacingFault.INTERNAL_ERROR]
+    assert found.places and 0 < lost < 20 and found.complete
+    assert found.found + sum(found.faults.values()) == 60
+    ((error, count),) = found.errors.items()
+    assert count == lost and re.fullmatch(
+        r"internal error in \w+\.py, line \d+: ZeroDivisionError: a fault of ours", error
+    )
+    assert f"{error} (x {lost}); please report it" in str(found)
+    assert f"{lost} an internal error left it out" in str(found)
+
+
+def test_an_internal_error_at_each_candidate_is_no_place(scene: Scene, monkeypatch) -> None:
+    monkeypatch.setattr(placing_candidates, "close_hand", lambda *_, **__: 1 / 0)
+    found = quickly(scene, candidates=10, approach=DOWN)
+    assert not found.places and found.faults == {PlacingFault.INTERNAL_ERROR: 10}
+    assert "please report it with the scene" in found.advice
+
+
+def test_an_internal_error_costs_a_verdict_and_is_told(scene: Scene, monkeypatch) -> None:
+    monkeypatch.setattr(Scene, "stability", lambda *_, **__: 1 / 0)
+    found = quickly(scene, candidates=30, verdict_nodes=100)
+    assert found.places and all(one.verdict is None for one in found.places)
+    assert "no verdict: internal error in placing.py" in str(found)
+
+
+def test_what_is_refused_on_purpose_is_no_internal_error(scene: Scene, monkeypatch) -> None:
+    def refuse(*_: Any, **__: Any) -> None:
+        raise SceneError("refused")
+
+    monkeypatch.setattr(placing_candidates, "close_hand", refuse)
+    with pytest.raises(SceneError, match="refused"):
+        quickly(scene, candidates=10, approach=DOWN)
 
 
 def test_time_that_is_up_ends_the_search(scene: Scene) -> None:

@@ -53,6 +53,8 @@ class HandPlacement:
         found: How many candidates are places.
         tried: How many candidates were tried.
         faults: How many were none, by reason, in the order in which reasons are found out.
+        errors: What was raised inside this package and left a candidate, or its verdict, out, and
+            how often, the commonest first.
         complete: Whether all candidates were tried; a time limit may have ended it before.
         seconds: What it took, s.
     """
@@ -61,6 +63,7 @@ class HandPlacement:
     found: int
     tried: int
     faults: Mapping[PlacingFault, int]
+    errors: Mapping[str, int]
     complete: bool
     seconds: float
 
@@ -84,6 +87,10 @@ class HandPlacement:
         )
         width = len(str(max(self.faults.values(), default=0)))
         lines += [f"{count:{width + 2}} {fault.words}" for fault, count in self.faults.items()]
+        told = list(self.errors.items())
+        lines += [f"{error} (x {count}); please report it" for error, count in told[:_MOST_ERRORS]]
+        if len(told) > _MOST_ERRORS:
+            lines.append(f"... and {len(told) - _MOST_ERRORS} other internal errors")
         if not self.places:
             lines.append(self.advice)
         return "\n".join(lines)
@@ -94,9 +101,11 @@ class HandPlacement:
         return _ADVICE[max(self.faults, key=list(PlacingFault).index)] if self.faults else ""
 
 
+_MOST_ERRORS = 3
 _LARGER = "the object may be too large or too small for the hand: look at the units of its mesh"
 _OTHERS = "try more candidates, other fingers or an approach of your own"
 _ADVICE = {
+    PlacingFault.INTERNAL_ERROR: "this is our fault: please report it with the scene",
     PlacingFault.SUPPORT_IN_THE_WAY: f"nowhere is the open hand clear of the supports; {_OTHERS}",
     PlacingFault.OBJECT_IN_THE_WAY: f"nowhere is the open hand clear of the object; {_LARGER}",
     PlacingFault.TOUCHES_NOTHING: f"no finger reaches the object; {_LARGER}",

@@ -6,7 +6,6 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from dataclasses import replace
 from queue import SimpleQueue
 
@@ -14,7 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from graspless_pin.child_processes import ChildProcesses, usable_cores
-from graspless_pin.errors import ArgumentError, SceneError, StateError, StateFault
+from graspless_pin.errors import (
+    ArgumentError,
+    GrasplessPinError,
+    SceneError,
+    StateError,
+    StateFault,
+    internal_error,
+)
 from graspless_pin.findings import heard
 from graspless_pin.geometry.posing.opposing import fingers_that_close, opposing_postures
 from graspless_pin.holding.options import BRIEF_NODE_LIMIT
@@ -87,7 +93,8 @@ def place_hand(
         progress: Is told how far it is.
 
     Returns:
-        The best places, and why the other candidates are none. No place is an answer.
+        The best places, and why the other candidates are none. No place is an answer. An exception
+        that is none of this package's costs the candidate that it arose at, and is told.
 
     Raises:
         SceneError: If the scene has no hand or gives its contacts, cannot be used, or the object is
@@ -121,13 +128,15 @@ def place_hand(
         children.stop()
     good = [one for one in tried if one.fault is None]
     nodes = whole_number("verdict_nodes", verdict_nodes, 0)
-    places = _with_verdicts(plan, _best(good)[:_PLACES], nodes, begin + limit)
+    errors = Counter(one.error for one in tried if one.error)
+    places = _with_verdicts(plan, _best(good)[:_PLACES], nodes, begin + limit, errors)
     counts = Counter(one.fault for one in tried if one.fault is not None)
     return HandPlacement(
         places=places,
         found=len(good),
         tried=len(tried),
         faults={fault: counts[fault] for fault in PlacingFault if counts[fault]},
+        errors=dict(errors.most_common()),
         complete=len(tried) == count,
         seconds=time.monotonic() - begin,
     )
@@ -240,9 +249,16 @@ def _best(tried: Sequence[TriedCandidate]) -> tuple[ClosedHand, ...]:
 
 
 def _with_verdicts(
-    plan: PlacingPlan, closed: Sequence[ClosedHand], nodes: int, deadline: float
+    plan: PlacingPlan,
+    closed: Sequence[ClosedHand],
+    nodes: int,
+    deadline: float,
+    errors: Counter[str],
 ) -> tuple[PlacedHand, ...]:
-    """Return places with their verdicts, those first that are proven to hold."""
+    """Return places with their verdicts, those first that are proven to hold.
+
+    What else verdicts raise than what is meant is counted among the errors.
+    """
     places = []
     for one in closed:
         hand = displaced_hand(plan.hand.with_positions(one.positions), one.displacement)
@@ -253,8 +269,14 @@ def _with_verdicts(
             solution = scene.solve("margin", node_limit=NODES)
             verdict = None
             if nodes and time.monotonic() < deadline:
-                with suppress(ArgumentError):  # a link without mass
+                try:
                     verdict = _verdict(scene, solution, nodes, deadline)
+                except ArgumentError:  # a link without mass
+                    pass
+                except GrasplessPinError:
+                    raise
+                except Exception as error:
+                    errors[f"no verdict: {internal_error(error)}"] += 1
         places.append(PlacedHand(scene, solution, one.touching, verdict))
     return tuple(sorted(places, key=_rank))
 

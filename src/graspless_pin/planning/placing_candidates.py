@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from graspless_pin.errors import StateError
+from graspless_pin.errors import GrasplessPinError, StateError, internal_error
 from graspless_pin.findings import heard
 from graspless_pin.geometry.bodies.collision import PlacedBodies
 from graspless_pin.geometry.contact.broad_phase import solids_of
@@ -59,6 +59,7 @@ class PlacingFault(StrEnum):
         member.words = words
         return member
 
+    INTERNAL_ERROR = "internal-error", "an internal error left it out"
     SUPPORT_IN_THE_WAY = "support-in-the-way", "a support is in the way of the open hand"
     OBJECT_IN_THE_WAY = "object-in-the-way", "the object is in the way of the open hand"
     TOUCHES_NOTHING = "touches-nothing", "the fingers close without touching the object"
@@ -117,11 +118,13 @@ class TriedCandidate:
         number: Which one.
         fault: Why it is no place for the hand; None: it is one.
         closed: The closed hand, where there are torques.
+        error: What was raised, where that is the fault.
     """
 
     number: int
     fault: PlacingFault | None
     closed: ClosedHand | None = None
+    error: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,8 +162,13 @@ def try_candidates(plan: PlacingPlan, numbers: Sequence[int]) -> Iterator[TriedC
 
 def try_candidate(plan: PlacingPlan, number: int) -> TriedCandidate:
     """Try one candidate; it depends on the plan and its number alone."""
-    with heard():
-        return _tried(plan, number)
+    try:
+        with heard():
+            return _tried(plan, number)
+    except GrasplessPinError:
+        raise
+    except Exception as error:  # costs this candidate, not the search, and is told
+        return TriedCandidate(number, PlacingFault.INTERNAL_ERROR, error=internal_error(error))
 
 
 def _tried(plan: PlacingPlan, number: int) -> TriedCandidate:
