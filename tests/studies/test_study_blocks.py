@@ -1,5 +1,6 @@
 """Samples that begin with what was learned of others: of those before them in a fixed block."""
 
+import re
 from dataclasses import fields, replace
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from study_tools import HEIGHT, PAPER, SLOPE, Here, data, study
 
 from graspless_pin import compiled, load_scene
+from graspless_pin.algorithms.loaded import LoadedOptima
 from graspless_pin.errors import SceneError
 from graspless_pin.scene import loads
 from graspless_pin.scene.loads import jointed_contacts
@@ -104,6 +106,55 @@ def test_samples_whose_contacts_stay_are_found_in_one_loop(slides, monkeypatch):
     assert 0 < sum(row["found"] for row in rows) < len(rows) == 64
     # A search is left what has no torques, and where the friction of the first node has no motion.
     assert {row["sample"] for row in rows if not row["found"] or row["nodes"] > 1} == {*alone}
+
+
+@pytest.mark.skipif(compiled.loaded_states is None, reason="nothing was compiled")
+@pytest.mark.parametrize("one_by_one", [False, True])
+def test_an_internal_error_in_a_loop_costs_one_sample_and_is_told(monkeypatch, one_by_one):
+    made = blocked(count=16, block=16)
+    samples = [*enumerate(made.samples)]
+    whole = [*evaluate_each(made, samples)]
+    bad, carry_on = (
+        stated_sample(made.scene_at(samples[5][1]), {}, None).loads,
+        LoadedOptima.carry_on,
+    )
+
+    def broken(self, problem, loads, begin, figures, torques):
+        end = carry_on(self, problem, loads, begin, figures, torques)
+        if (loads[begin : end + 1] == bad).all(axis=1).any():
+            raise FloatingPointError("ours")
+        return end
+
+    monkeypatch.setattr(LoadedOptima, "carry_on", broken)
+    rows = [*evaluate_each(made, samples, one_by_one=one_by_one)]
+    assert [row["sample"] for row in rows] == [*range(16)]
+    assert rows[5]["status"] == "failed" and not rows[5]["found"]
+    assert re.fullmatch(
+        r"internal error in sample_blocks\.py, line \d+: FloatingPointError: ours",
+        rows[5]["error"],
+    )
+    for row, good in zip(rows, whole, strict=True):
+        if row["sample"] != 5:
+            assert row["status"] == good["status"]
+            assert row["margin_N"] == pytest.approx(good["margin_N"], abs=1e-9)
+
+
+def test_an_internal_error_in_a_search_costs_one_sample_and_is_told(monkeypatch):
+    made, solve = blocked(count=8, block=1), sample_evaluation._solution
+
+    def broken(study, scene, starts):
+        if scene.object.mass > 2.5:
+            raise IndexError("ours")
+        return solve(study, scene, starts)
+
+    monkeypatch.setattr(sample_evaluation, "_solution", broken)
+    rows = [*evaluate_each(made, [*enumerate(made.samples)])]
+    lost = [row for row in rows if "error" in row]
+    assert len(rows) == 8 and 0 < len(lost) < 8
+    for row in lost:
+        assert (row["status"], row["found"]) == ("failed", False)
+        assert row["error"].startswith("internal error in sample_evaluation.py, line ")
+        assert row["error"].endswith(": IndexError: ours")
 
 
 def test_blocks_depend_on_the_study_alone():

@@ -1,6 +1,7 @@
 """What the viewer's controls do to a scene, without a browser."""
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import pytest
 from graspless_pin import Stability, maximize_margin
 from graspless_pin.errors import ArgumentError
 from graspless_pin.programs.objectives import Algorithm
-from graspless_pin.scene import load_scene
+from graspless_pin.scene import Scene, load_scene
 from graspless_pin.scene.moved import displaced_hand
 from graspless_pin.viewer import (
     Settings,
@@ -53,6 +54,36 @@ def write(folder: Path, text: str):
     file = folder / "scene.yaml"
     file.write_text(text, encoding="utf-8")
     return load_scene(file)
+
+
+def test_an_internal_error_is_shown_at_its_state(paper, monkeypatch):
+    settings, heavier = initial_settings(paper), {"mass": 2.0}
+    solve = Scene.solve
+
+    def broken(self, *given, **options):
+        if self.object.mass > 1.5:
+            raise ZeroDivisionError("ours")
+        return solve(self, *given, **options)
+
+    monkeypatch.setattr(Scene, "solve", broken)
+    shown = answer_settings(paper, replace(settings, values=heavier))
+    assert shown.solution is None and shown.picture.meshes
+    assert re.fullmatch(
+        r"internal error in scene_process\.py, line \d+: ZeroDivisionError: ours; "
+        "please report it",
+        shown.reason,
+    )
+    assert shown.reason in headline_html(shown, dark=False) + result_html(shown, None, dark=False)
+    assert answer_settings(paper, settings).solution.found
+
+
+def test_an_internal_error_in_a_verdict_is_shown(paper, monkeypatch):
+    shown = answer_settings(paper, initial_settings(paper))
+    monkeypatch.setattr(Scene, "stability", lambda *_, **__: 1 / 0)
+    judged = with_verdict(shown)
+    assert judged.solution is shown.solution and judged.stability is None
+    assert "no verdict: internal error in scene_process.py" in str(judged.verdict)
+    assert "please report it" in verdict_html(judged, dark=False)
 
 
 def test_controls_begin_at_the_scenes_own_values(allegro):

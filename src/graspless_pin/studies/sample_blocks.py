@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from graspless_pin.algorithms.carried import are_for
 from graspless_pin.algorithms.loaded import LoadedOptima
 from graspless_pin.algorithms.options import SolveOptions
+from graspless_pin.errors import StudyError
 from graspless_pin.planning.warm_starts import WarmStarts
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
@@ -90,13 +91,18 @@ class SampleBlock:
     Whether a sample runs in a loop depends on those before it alone, and so does its row.
     """
 
-    def __init__(self, alone: Callable[[int, Scene, WarmStarts], Row]) -> None:
+    def __init__(
+        self,
+        alone: Callable[[int, Scene, WarmStarts], Row],
+        failed: Callable[[int, Exception], Row],
+    ) -> None:
         """Begin with nothing learned.
 
         Args:
             alone: Returns the row of a sample that is solved by itself, whatever goes wrong.
+            failed: Returns the row of a sample over which something was raised.
         """
-        self._alone = alone
+        self._alone, self._failed = alone, failed
         self._starts = WarmStarts()
         self._kind: _Kind | None = None
         self._run: list[tuple[int, Scene, FloatArray]] = []
@@ -126,6 +132,23 @@ class SampleBlock:
         if not run or kind is None:
             return
         self._run = []
+        try:
+            rows = [*self._looped(run, kind)]
+        except StudyError:
+            raise
+        except Exception:  # which sample it was, each in a run of its own tells
+            rows = []
+            for one in run:
+                try:
+                    rows += self._looped([one], kind)
+                except StudyError:
+                    raise
+                except Exception as error:
+                    rows.append(self._failed(one[0], error))
+        yield from rows
+
+    def _looped(self, run: Sequence[tuple[int, Scene, FloatArray]], kind: _Kind) -> Iterator[Row]:
+        """Yield the rows of samples of one kind."""
         problem = run[0][1].problem()
         joints = kind.state.joints
         bodies = kind.options.rules, *kind.state.contacts.bodies

@@ -10,7 +10,7 @@ from typing import Any
 from graspless_pin.algorithms.disturbances import disturbance_margin
 from graspless_pin.algorithms.force_bounds import contact_force_bounds
 from graspless_pin.algorithms.minimum_friction import minimum_friction
-from graspless_pin.errors import GrasplessPinError, StudyError
+from graspless_pin.errors import GrasplessPinError, StudyError, internal_error
 from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.planning.warm_starts import WarmStarts
 from graspless_pin.scene.scene import Scene
@@ -79,7 +79,7 @@ def evaluate_each(
 
 
 def _block(study: Study) -> SampleBlock:
-    return SampleBlock(partial(_row, study))
+    return SampleBlock(partial(_row, study), partial(_failed, study))
 
 
 @lru_cache(maxsize=4)
@@ -105,8 +105,10 @@ def _row(study: Study, number: int, scene: Scene, starts: WarmStarts | None) -> 
 def _failed(study: Study, number: int, error: Exception) -> Row:
     # Whatever goes wrong is this sample's result. The path as it was given is no part of it:
     # another machine has another one.
-    text = str(error).replace(str(study.scene.path), study.scene.path.name)
-    return failure_row(number, Failure.FAILED, f"{type(error).__name__}: {text}")
+    ours = isinstance(error, GrasplessPinError)
+    text = f"{type(error).__name__}: {error}" if ours else internal_error(error)
+    text = text.replace(str(study.scene.path), study.scene.path.name)
+    return failure_row(number, Failure.FAILED, text)
 
 
 def failure_row(number: int, why: Failure, error: str) -> Row:

@@ -34,6 +34,7 @@ from graspless_pin.viewer.scene_process import (
     came_and_went,
     free_name,
     initial_settings,
+    words_of,
 )
 from graspless_pin.viewer.stage import NUMBERS, Stage
 from graspless_pin.visualization import Role
@@ -273,7 +274,7 @@ class Viewer:
                     self._say(settings, f"a solver failed and took its process along: {error}")
             except Exception as error:  # a page that goes on and says so is better than a dead one
                 _log.exception("the settings %s cannot be shown", settings)
-                self._say(settings, str(error))
+                self._say(settings, words_of(error))
 
     def _judge(self) -> None:
         """Show the verdict on the torques that are shown; what is set now can be undone to."""
@@ -287,6 +288,9 @@ class Viewer:
             if not self._stopped.is_set():
                 said = f"no verdict: a solver failed and took its process along: {error}"
                 self._show(replace(shown, verdict=said))
+        except Exception as error:
+            _log.exception("the verdict cannot be shown")
+            self._show(replace(shown, verdict=f"no verdict: {words_of(error)}"))
 
     def _say(self, settings: Settings, reason: str) -> None:
         """Say why settings are not shown; of what was shown before, the bodies stay."""

@@ -19,6 +19,7 @@ from graspless_pin.errors import (
     SceneError,
     StateError,
     StateFault,
+    internal_error,
 )
 from graspless_pin.holding.options import BRIEF_NODE_LIMIT, StabilityKeywords
 from graspless_pin.holding.verdict import Stability
@@ -116,6 +117,8 @@ def initial_settings(scene: Scene) -> Settings:
 def answer_settings(scene: Scene, settings: Settings) -> SettingsAnswer:
     """Change a scene, solve it and draw it. A scene that makes no sense gives a reason, no error.
 
+    So does an exception that is none of this package's.
+
     Args:
         scene: The scene as loaded.
         settings: What to change and to solve.
@@ -131,6 +134,22 @@ def answer_settings(scene: Scene, settings: Settings) -> SettingsAnswer:
         >>> print(f"{answer.solution.margin:.4f} N")
         1.6504 N
     """
+    try:
+        return _answered_settings(scene, settings)
+    except GrasplessPinError:
+        raise
+    except Exception as error:  # costs this state of the page, and is told
+        return SettingsAnswer(settings, scene, None, draw_bodies(scene), words_of(error))
+
+
+def words_of(error: Exception) -> str:
+    """Return what a page says of an error; what is none of ours asks for a report."""
+    ours = isinstance(error, GrasplessPinError)
+    return str(error) if ours else f"{internal_error(error)}; please report it"
+
+
+def _answered_settings(scene: Scene, settings: Settings) -> SettingsAnswer:
+    """Do what `answer_settings` does, whatever is raised."""
     changed, bodies = scene, None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", GrasplessPinWarning)  # they were shown at loading
@@ -194,6 +213,10 @@ def with_verdict(answer: SettingsAnswer) -> SettingsAnswer:
         found = known or answer.scene.stability(answer.solution.torques, **_VERDICT_LIMITS)
     except ArgumentError as error:
         return replace(answer, verdict=f"no verdict: {error}")
+    except GrasplessPinError:
+        raise
+    except Exception as error:
+        return replace(answer, verdict=f"no verdict: {words_of(error)}")
     motion = None
     if found.motion is not None:
         motion = draw_motion(found.problem, found.motion, scene=answer.scene)
