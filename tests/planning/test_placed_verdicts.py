@@ -19,7 +19,8 @@ def found(request: pytest.FixtureRequest) -> HandPlacement:
     scene = load_scene(EXAMPLES / "trihand_push_box.yaml").with_changes(motion=None)
     options = {**scene.solve_options, "algorithm": request.param, "margin": 0.1}
     scene = scene.with_changes(solve_options=options)
-    return place_hand(scene, candidates=40, verdict_nodes=NODES, workers=1, seed=3)
+    options = {"aim": "press", "verdict_nodes": NODES, "verdicts": None, "seed": 3}
+    return place_hand(scene, candidates=40, workers=1, **options)
 
 
 def written(scene: Scene, folder: Path) -> Scene:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from graspless_pin import Hand, Scene, place_hand
+from graspless_pin import Hand, QuasistaticProblem, Scene, place_hand
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
 from graspless_pin.geometry.bodies.shapes import Box, HalfSpace, Sphere
@@ -19,7 +19,8 @@ from graspless_pin.geometry.poses import pose_matrix
 from graspless_pin.geometry.posing.approaching import back_until_free, centering_shift, shortfall
 from graspless_pin.geometry.posing.opposing import fingers_that_close, opposing_postures
 from graspless_pin.geometry.robots.files import describe_urdf
-from graspless_pin.planning import HandPlacement, PlacingFault, placing_candidates
+from graspless_pin.planning import HandPlacement, PlacedHand, PlacingFault, placing_candidates
+from graspless_pin.planning.placing_candidates import squeezed
 from graspless_pin.scene.moved import displaced_hand
 
 FINGER = """
@@ -92,10 +93,107 @@ def test_the_object_is_put_down_first(scene: Scene, found) -> None:
     assert found.scene.object.T_world_object[2, 3] == pytest.approx(0.025, abs=2e-6)
 
 
-def test_what_is_proven_to_stay_comes_first_and_then_the_margin(found) -> None:
-    statuses = ["strong", "undecided", "weak", "none"]
-    order = [(statuses.index(one.verdict.status), -one.solution.margin) for one in found.places]
-    assert order == sorted(order) and found.places[0].holds
+def rank_of(place: PlacedHand, press: bool = False) -> tuple[float, ...]:
+    """What a place is sorted by, told independently of the search."""
+    status = "undecided" if place.verdict is None else str(place.verdict.status)
+    proven = ["strong", "undecided", "weak", "none"].index(status)
+    if press:
+        return proven, -place.margin
+    lifted = place.scene.with_changes(supports=()).solve("margin")
+    alone = lifted.margin if lifted.found else -1.0
+    return alone < 0.1, proven, -max(alone, 0.0), -place.solution.margin
+
+
+def test_grips_that_carry_come_first_then_what_is_proven_then_the_margins(found) -> None:
+    order = [rank_of(one) for one in found.places]
+    assert np.allclose(order, sorted(order), atol=1e-6) and found.places[0].holds
+    assert not order[0][0] and found.places[0].carrying_margin == pytest.approx(-order[0][2])
+    assert [one.verdict is not None for one in found.places[:6]] == [True] * 5 + [False]
+
+
+def test_all_places_are_told_in_a_table(scene: Scene, found) -> None:
+    assert found.found == len(found.places) > 5 and f"and {found.found - 5} more" in str(found)
+    asked = place_hand(scene, candidates=20, workers=1, verdict_nodes=20, verdicts=None)
+    assert asked.places and all(one.verdict is not None for one in asked.places)
+    assert [row[:3] for row in asked.table.rows] == [
+        (rank, one.margin, one.carrying_margin) for rank, one in enumerate(asked.places, 1)
+    ]
+    assert str(asked.table).splitlines()[0].split() == asked.table.headers
+
+
+# Two fingers side by side that bend the same way: they press on a lid, and oppose nothing.
+PRESS = (
+    '<robot name="press"><link name="palm"><collision><geometry><box size="0.02 0.06 0.02"/>'
+    "</geometry></collision></link>"
+    + "".join(
+        f"""<joint name="{side}_hinge" type="revolute"><parent link="palm"/>
+    <child link="{side}_finger"/><origin xyz="0.02 {y} 0"/><axis xyz="0 1 0"/>
+    <limit lower="0" upper="1.2" effort="2" velocity="1"/></joint>
+    <link name="{side}_finger"><collision><origin xyz="0.04 0 0"/><geometry>
+    <box size="0.08 0.01 0.01"/></geometry></collision></link>"""
+        for side, y in (("left", 0.015), ("right", -0.015))
+    )
+    + "</robot>"
+)
+
+
+@pytest.fixture(scope="module")
+def press(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    """A cube on a table, and the hand above both."""
+    file = tmp_path_factory.mktemp("press") / "press.urdf"
+    file.write_text(PRESS)
+    return scene_of(Hand.assemble([Mount(describe_urdf(file))]))
+
+
+def test_feet_that_press_a_lid_are_no_grip_unless_that_is_asked_for(press: Scene) -> None:
+    pressed = quickly(press, aim="press", candidates=60)
+    assert pressed.places and all(one.margin >= 0.1 for one in pressed.places)
+    order = [rank_of(one, press=True) for one in pressed.places]
+    assert order == sorted(order)
+    for place in pressed.places:
+        lifted = place.scene.with_changes(supports=()).solve("margin")
+        assert not lifted.found and np.isnan(place.carrying_margin)
+        assert "without supports none" in str(place)
+    for aim in ("grip", "carry"):
+        none = quickly(press, aim=aim, candidates=60)
+        assert not none.places and none.faults[PlacingFault.NOTHING_OPPOSES] > 0
+        assert "--press" in none.advice
+
+
+def test_one_link_is_no_grip(press: Scene) -> None:
+    assert press.hand is not None
+    one = replace(press.hand, fingers=dict([*press.hand.fingers.items()][:1]))
+    alone = press.with_changes(hand=one)
+    assert quickly(alone, aim="press", candidates=60).places
+    assert not [one for one in quickly(alone, candidates=60).places if len(one.touching) < 2]
+
+
+def test_an_object_too_heavy_to_be_carried_is_still_gripped(gripper: Hand) -> None:
+    # Friction of 0.6 at two jaws of 20 N carries 24 N.
+    heavy = scene_of(gripper, mass=4.0)
+    gripped = quickly(heavy, candidates=40)
+    assert gripped.places and all(np.isnan(one.carrying_margin) for one in gripped.places)
+    none = quickly(heavy, candidates=40, aim="carry")
+    assert not none.places and none.faults[PlacingFault.CANNOT_CARRY] > 0
+    assert "by itself" in none.advice
+    light = quickly(scene_of(gripper, mass=0.3), candidates=40, aim="carry")
+    assert light.places and all(one.carrying_margin >= 0.1 for one in light.places)
+
+
+@pytest.mark.parametrize(
+    ("normals", "friction", "bodies", "expected"),
+    [
+        ([[1, 0, 0], [-1, 0, 0]], 0.0, "ab", True),
+        ([[1, 0, 0], [-1, 0, 0]], 0.5, "aa", False),  # one body
+        ([[1, 0, 0], [0, 1, 0]], 0.5, "ab", False),
+        ([[1, 0, 0], [0, 1, 0]], 1.01, "ab", True),  # the line between them is in both cones
+        ([[0, 0, -1], [0, 0, -1]], 2.0, "ab", False),  # on a lid
+    ],
+)
+def test_two_bodies_squeeze_where_their_forces_balance(normals, friction, bodies, expected) -> None:
+    normals = np.array(normals, dtype=float)
+    problem = QuasistaticProblem(-0.03 * normals, normals, np.zeros(6), friction=friction)
+    assert squeezed(problem, tuple(bodies)) is expected
 
 
 def test_every_candidate_is_accounted_for(found) -> None:

@@ -40,6 +40,19 @@ def place(
         float | None,
         typer.Option(help="Smallest margin of a place, N; default: the scene's, or 0.1."),
     ] = None,
+    carry: Annotated[
+        bool,
+        typer.Option("--carry", help="Only grips that carry the object without its supports."),
+    ] = False,
+    press: Annotated[
+        bool,
+        typer.Option(
+            "--press", help="Take what need not be a grip, and rank by the margin with supports."
+        ),
+    ] = False,
+    all_places: Annotated[
+        bool, typer.Option("--all", help="Ask for the verdict of all places; print their table.")
+    ] = False,
     rank: Annotated[int, typer.Option(min=1, help="Write the place of this rank.")] = 1,
     seed: Annotated[int, typer.Option(min=0, help="Of all random choices.")] = 0,
     candidates: Annotated[int, typer.Option(min=1, help="How many are tried.")] = 600,
@@ -65,6 +78,8 @@ def place(
     Exit code 0: written; 1: no place was found, and why; 2: bad input.
     """
     with plain_errors():
+        if carry and press:
+            raise ArgumentError("--carry", "and --press ask for different places; give one of them")
         loaded = loaded_scene(scene)
 
         def text(target: Path) -> str:
@@ -75,18 +90,22 @@ def place(
                     point=None if point is None else three_numbers("--point", point),
                     fingers=finger,
                     margin=margin,
+                    aim="carry" if carry else "press" if press else "grip",
                     seed=seed,
                     candidates=candidates,
                     time_limit=time_limit,
                     verdict_nodes=verdict_nodes,
+                    verdicts=None if all_places else 5,
                     workers=workers,
                     progress=lambda done, of, good: say(f"{done} of {of} tried, {good} hold"),
                 )
             typer.echo(found)
+            if all_places and found.places:
+                typer.echo(found.table)
             if not found.places:
                 raise typer.Exit(ExitCode.INFEASIBLE)
             if rank > len(found.places):
-                raise ArgumentError("--rank", f"is {rank}; {len(found.places)} places are ranked")
+                raise ArgumentError("--rank", f"is {rank}; {len(found.places)} places were found")
             return scene_text(found.places[rank - 1].scene, target)
 
         typer.echo(f"wrote {write_scene_file(output, text, overwrite=overwrite)}")

@@ -4,31 +4,42 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from textwrap import fill
 
+from graspless_pin.findings import heard
 from graspless_pin.holding.verdict import Stability, StabilityVerdict
-from graspless_pin.planning.placing_candidates import PlacingFault
+from graspless_pin.planning.placing_candidates import NODES, PlacingFault
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
-from graspless_pin.solution.tables import COLUMNS
+from graspless_pin.solution.tables import COLUMNS, Table
 
 
 @dataclass(frozen=True, eq=False)
 class PlacedHand:
-    """A place of a hand with its torques. See the example of `place_hand`.
+    """A place of a hand. See the example of `place_hand`.
 
     Attributes:
         scene: The scene with the hand there.
-        solution: The torques of Algorithm 1.
+        margin: Of Algorithm 1, N.
+        carrying_margin: The same without the supports and at rest, N; NaN: the hand cannot carry
+            the object by itself.
         touching: The hand's links that touch the object.
-        verdict: Whether the object stays with these torques; None where that was not asked, or
-            cannot be told of this hand.
+        verdict: Whether the object stays with the torques of `solution`; None where that was not
+            asked, or cannot be told of this hand.
     """
 
     scene: Scene
-    solution: TorqueSolution
+    margin: float
+    carrying_margin: float
     touching: tuple[str, ...]
     verdict: StabilityVerdict | None
+
+    @cached_property
+    def solution(self) -> TorqueSolution:
+        """The torques of Algorithm 1, solved for when they are first asked for."""
+        with heard():
+            return self.scene.solve("margin", node_limit=NODES)
 
     @property
     def holds(self) -> bool:
@@ -36,11 +47,18 @@ class PlacedHand:
         return self.verdict is not None and self.verdict.status is Stability.STRONG
 
     def __str__(self) -> str:
-        """Margin, links and verdict."""
-        links = ", ".join(self.touching)
-        lines = [f"margin {self.solution.margin:.3g} N; touches with {links}"]
+        """Margins, links and verdict."""
+        lines = [f"{self._margins}; touches with {', '.join(self.touching)}"]
         lines += [] if self.verdict is None else [str(self.verdict)]
         return "\n".join(fill(line, COLUMNS) for line in lines)
+
+    @property
+    def _margins(self) -> str:
+        """The margins in words."""
+        if not self.scene.supports:
+            return f"margin {self.margin:.3g} N"
+        alone = f"{self.carrying_margin:.3g} N" if self.carrying_margin >= 0.0 else "none"
+        return f"margin {self.margin:.3g} N, without supports {alone}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,9 +66,7 @@ class HandPlacement:
     """Places of a hand. See the example of `place_hand`.
 
     Attributes:
-        places: The best places: first those of which it is proven that the object stays, last those
-            of which it is proven that it need not, each by falling margin.
-        found: How many candidates are places.
+        places: All places by rank, as `place_hand` sorts them.
         tried: How many candidates were tried.
         faults: How many were none, by reason, in the order in which reasons are found out.
         errors: What was raised inside this package and left a candidate, or its verdict, out, and
@@ -60,7 +76,6 @@ class HandPlacement:
     """
 
     places: tuple[PlacedHand, ...]
-    found: int
     tried: int
     faults: Mapping[PlacingFault, int]
     errors: Mapping[str, int]
@@ -68,19 +83,40 @@ class HandPlacement:
     seconds: float
 
     @property
+    def found(self) -> int:
+        """How many candidates are places."""
+        return len(self.places)
+
+    @property
     def scene(self) -> Scene | None:
         """The scene with the hand at the best place; None: there is none."""
         return self.places[0].scene if self.places else None
 
+    @property
+    def table(self) -> Table:
+        """All places: print it, or take its `rows` and `headers`."""
+        rows = [
+            (
+                rank,
+                place.margin,
+                place.carrying_margin if place.carrying_margin >= 0.0 else "none",
+                "-" if place.verdict is None else place.verdict.status.value,
+                ", ".join(place.touching),
+            )
+            for rank, place in enumerate(self.places, 1)
+        ]
+        headers = ["rank", "margin", "alone", "rest", "links"]
+        legend = "margins in N; alone: without the supports; rest: the verdict, - not asked"
+        return Table(rows, headers, legend, ".3g", (4,))
+
     def __str__(self) -> str:
         """Return the best places, and why the other candidates are none."""
         lines = [str(place) for place in self.places[:1]]
-        for rank, place in enumerate(self.places[1:], 2):
+        for rank, place in enumerate(self.places[1:_SHOWN], 2):
             verdict = "" if place.verdict is None else f"; {str(place.verdict).partition(':')[0]}"
-            count = len(place.touching)
-            lines.append(
-                f"rank {rank}: margin {place.solution.margin:.3g} N; {count} links{verdict}"
-            )
+            lines.append(f"rank {rank}: {place._margins}; {len(place.touching)} links{verdict}")
+        if self.found > _SHOWN:
+            lines.append(f"and {self.found - _SHOWN} more")
         ended = "" if self.complete else "; the time limit ended it"
         lines.append(
             f"{self.found} of {self.tried} candidates hold the object ({self.seconds:.1f} s{ended})"
@@ -102,6 +138,7 @@ class HandPlacement:
 
 
 _MOST_ERRORS = 3
+_SHOWN = 5
 _LARGER = "the object may be too large or too small for the hand: look at the units of its mesh"
 _OTHERS = "try more candidates, other fingers or an approach of your own"
 _ADVICE = {
@@ -113,6 +150,10 @@ _ADVICE = {
     PlacingFault.HAND_THROUGH_ITSELF: f"each closed hand is in itself; {_OTHERS}",
     PlacingFault.ONE_FINGER_ONLY: f"never do two fingers touch the object; {_LARGER}",
     PlacingFault.UNUSABLE_CONTACTS: "put the hand there with close_fingers to see what is wrong",
+    PlacingFault.NOTHING_OPPOSES: "no two links squeeze the object between them; aim='press' "
+    "(--press) takes hands that press it onto a support",
+    PlacingFault.CANNOT_CARRY: "no hand carries the object by itself with that margin: raise the "
+    "effort limits or the friction, lower the mass, or ask for less than 'carry'",
     PlacingFault.INFEASIBLE: "raise the effort limits or the friction if they are too low, or "
     "lower the mass",
     PlacingFault.UNDECIDED: "raise node_limit in the scene's solve",

@@ -23,20 +23,22 @@ from graspless_pin.errors import (
     internal_error,
 )
 from graspless_pin.findings import heard
+from graspless_pin.geometry.bodies.triangles import shape_triangles
 from graspless_pin.geometry.posing.opposing import fingers_that_close, opposing_postures
 from graspless_pin.holding.options import BRIEF_NODE_LIMIT
 from graspless_pin.holding.verdict import Stability, StabilityVerdict
 from graspless_pin.planning.hand_placement import HandPlacement, PlacedHand
 from graspless_pin.planning.placing_candidates import (
-    NODES,
     ClosedHand,
+    PlacingAim,
     PlacingFault,
     PlacingPlan,
     TriedCandidate,
+    carries,
     try_candidate,
     try_candidates,
 )
-from graspless_pin.problem.checks import finite_array, real_number, whole_number
+from graspless_pin.problem.checks import choice, finite_array, real_number, whole_number
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene, settle
 from graspless_pin.scene.load import checked_scene
@@ -49,7 +51,6 @@ PlacingProgress = Callable[[int, int, int], object]
 
 _POSTURES = 24
 _PARENTS = 8
-_PLACES = 5
 _ORDER = Stability.STRONG, Stability.UNDECIDED, Stability.WEAK, Stability.NONE
 
 
@@ -60,10 +61,12 @@ def place_hand(
     point: ArrayLike | None = None,
     fingers: Sequence[str] | None = None,
     margin: float | None = None,
+    aim: str = PlacingAim.GRIP,
     seed: int = 0,
     candidates: int = 600,
     time_limit: float | None = 60.0,
     verdict_nodes: int = BRIEF_NODE_LIMIT,
+    verdicts: int | None = 5,
     workers: int | None = None,
     progress: PlacingProgress | None = None,
 ) -> HandPlacement:
@@ -73,9 +76,14 @@ def place_hand(
     Each candidate opens the fingers from a posture in which their tips meet, goes for a point in
     the object, backs off until the open hand is clear, and closes. A gripper whose jaws have one
     motor is shifted until both touch. Fingers that touch nothing open again. Algorithm 1 tells the
-    margin of what is left. Two thirds of the candidates are drawn anew, the rest near the best
-    eight of these. The best five are asked whether the object stays, which comes first in their
-    order.
+    margin of what is left, with the supports and without them. Two thirds of the candidates are
+    drawn anew, the rest near the best eight of these.
+
+    A place is a grip: at least two links squeeze the object. First come those that can carry it
+    without its supports, among these those of which a verdict proves that it stays, and then the
+    larger margin without the supports. ``aim="carry"`` takes no others than the first;
+    ``aim="press"`` takes anything that holds and ranks by the margin with the supports, which may
+    be largest where the hand presses the object onto one.
 
     What a candidate becomes depends on the seed and its number alone: the same call finds the same
     places, with as many processes as there may be, unless the time limit ends it.
@@ -86,16 +94,18 @@ def place_hand(
         point: (3,) point that it goes for, world, m; None: points inside the object.
         fingers: Fingers that may close; None: all. The others stay as they are.
         margin: Smallest margin of a place, N; None: the scene's own, 0.1 N if it has none.
+        aim: ``grip``, ``carry`` or ``press``.
         seed: Of all random choices.
         candidates: How many are tried.
         time_limit: After how many seconds it ends with what was found; None: it goes on.
         verdict_nodes: Sets of outcomes that each verdict may look at; 0: none is asked for.
+        verdicts: How many of the best are asked whether the object stays; None: all.
         workers: Processes; 1: this one; None: as many as there are cores.
         progress: Is told how far it is.
 
     Returns:
-        The best places, and why the other candidates are none. No place is an answer. An exception
-        that is none of this package's costs the candidate that it arose at, and is told.
+        All places by rank, and why the other candidates are none. No place is an answer. An
+        exception that is none of this package's costs the candidate that it arose at, and is told.
 
     Raises:
         SceneError: If the scene has no hand or gives its contacts, cannot be used, or the object is
@@ -106,12 +116,12 @@ def place_hand(
     Examples:
         >>> from graspless_pin import load_scene, place_hand
         >>> scene = load_scene("examples/trihand_push_box.yaml")
-        >>> found = place_hand(scene, candidates=60, verdict_nodes=0, workers=1)
-        >>> found.scene is not None and found.places[0].solution.margin > 0.1
+        >>> found = place_hand(scene, aim="press", candidates=60, verdict_nodes=0, workers=1)
+        >>> found.scene is not None and found.places[0].margin > 0.1
         True
     """
     begin = time.monotonic()
-    plan = _plan(scene, approach, point, fingers, margin, seed)
+    plan = _plan(scene, approach, point, fingers, margin, aim, seed)
     count = whole_number("candidates", candidates, 1)
     limit = np.inf if time_limit is None else real_number("time_limit", time_limit, 0.0)
     crew = whole_number("workers", usable_cores() if workers is None else workers, 1)
@@ -120,21 +130,20 @@ def place_hand(
     children = ChildProcesses()
     try:
         for numbers in (range(first), range(first, count)):
-            varied = replace(plan, parents=_best(tried)[:_PARENTS])
+            varied = replace(plan, parents=_best(plan, tried)[:_PARENTS])
             for one in _computed(varied, numbers, children, crew, begin + limit):
                 tried.append(one)
                 if progress is not None:
                     progress(len(tried), count, sum(one.fault is None for one in tried))
     finally:
         children.stop()
-    good = [one for one in tried if one.fault is None]
+    good = _best(plan, [one for one in tried if one.fault is None])
     nodes = whole_number("verdict_nodes", verdict_nodes, 0)
     errors = Counter(one.error for one in tried if one.error)
-    places = _with_verdicts(plan, _best(good)[:_PLACES], nodes, begin + limit, errors)
+    asked = len(good) if verdicts is None else whole_number("verdicts", verdicts, 0)
     counts = Counter(one.fault for one in tried if one.fault is not None)
     return HandPlacement(
-        places=places,
-        found=len(good),
+        places=_ranked(plan, good, nodes, asked if nodes else 0, begin + limit, errors),
         tried=len(tried),
         faults={fault: counts[fault] for fault in PlacingFault if counts[fault]},
         errors=dict(errors.most_common()),
@@ -149,6 +158,7 @@ def _plan(
     point: ArrayLike | None,
     fingers: Sequence[str] | None,
     margin: float | None,
+    aim: str,
     seed: int,
 ) -> PlacingPlan:
     """Check what was given and return what all candidates share."""
@@ -165,14 +175,22 @@ def _plan(
     names = fingers_that_close(scene.hand, fingers)
     required = scene.solve_options.get("margin", 0.1) if margin is None else margin
     rng = np.random.default_rng(whole_number("seed", seed, 0))
+    resting = _at_rest(scene)
+    surface = shape_triangles(resting.object.shape).moved(resting.object.T_world_object)
+    corners = surface.vertices[surface.faces]
+    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    sizes = np.linalg.norm(areas, axis=1)
     return PlacingPlan(
-        scene=_at_rest(scene),
+        scene=resting,
         hand=scene.hand,
         fingers=names,
         postures=opposing_postures(scene.hand, names, _POSTURES, rng),
+        normals=areas[sizes > 0.0] / sizes[sizes > 0.0, None],
+        areas=sizes[sizes > 0.0],
         direction=None if way is None else way / np.linalg.norm(way),
         point=None if point is None else finite_array("point", point, (3,)),
         margin=real_number("margin", required, 0.0),
+        aim=choice(PlacingAim, "aim", aim),
         seed=seed,
     )
 
@@ -243,43 +261,73 @@ def _computed(
             raise
 
 
-def _best(tried: Sequence[TriedCandidate]) -> tuple[ClosedHand, ...]:
-    """Return closed hands by falling margin."""
-    closed = [(one.closed.margin, -one.number, one.closed) for one in tried if one.closed]
-    return tuple(one for _, _, one in sorted(closed, key=lambda one: one[:2], reverse=True))
+def _best(plan: PlacingPlan, tried: Sequence[TriedCandidate]) -> tuple[ClosedHand, ...]:
+    """Return closed hands, those first that are best for the aim."""
+    closed = [(one.number, one.closed) for one in tried if one.closed]
+    return tuple(
+        one for _, one in sorted(closed, key=lambda pair: (*_order(plan, pair[1], None), pair[0]))
+    )
 
 
-def _with_verdicts(
+def _order(
+    plan: PlacingPlan, closed: ClosedHand, verdict: StabilityVerdict | None
+) -> tuple[float, ...]:
+    """Return what places are sorted by, the best first."""
+    status = _ORDER.index(Stability.UNDECIDED if verdict is None else verdict.status)
+    if plan.aim is PlacingAim.PRESS:
+        return status, -closed.margin
+    alone = carries(closed, plan.margin)
+    return not alone, status, -closed.carrying_margin if alone else 0.0, -closed.margin
+
+
+def _ranked(
     plan: PlacingPlan,
-    closed: Sequence[ClosedHand],
+    good: Sequence[ClosedHand],
     nodes: int,
+    asked: int,
     deadline: float,
     errors: Counter[str],
 ) -> tuple[PlacedHand, ...]:
-    """Return places with their verdicts, those first that are proven to hold.
+    """Return places by rank; the first ones have been asked whether the object stays there.
 
     What else verdicts raise than what is meant is counted among the errors.
     """
-    places = []
-    for one in closed:
-        hand = displaced_hand(plan.hand.with_positions(one.positions), one.displacement)
-        scene = plan.scene.with_changes(hand=hand)
-        with suppress(SceneError):  # made in Python in a way of its own
-            scene = scene_as_written(scene)
+    places = dict(enumerate(_place(plan, one) for one in good))
+    told: set[int] = set()
+    while True:
+        ranks = sorted(
+            places, key=lambda index: (*_order(plan, good[index], places[index].verdict), index)
+        )
+        unasked = [index for index in ranks[:asked] if index not in told]
+        if not unasked or time.monotonic() > deadline:
+            return tuple(places[index] for index in ranks)
+        told.add(unasked[0])
+        places[unasked[0]] = _with_verdict(places[unasked[0]], nodes, deadline, errors)
+
+
+def _place(plan: PlacingPlan, closed: ClosedHand) -> PlacedHand:
+    hand = displaced_hand(plan.hand.with_positions(closed.positions), closed.displacement)
+    scene = plan.scene.with_changes(hand=hand)
+    return PlacedHand(scene, closed.margin, closed.carrying_margin, closed.touching, None)
+
+
+def _with_verdict(
+    place: PlacedHand, nodes: int, deadline: float, errors: Counter[str]
+) -> PlacedHand:
+    """Return a place with its verdict, where one can be told of this hand."""
+    with suppress(SceneError):  # made in Python in a way of its own
+        place = replace(place, scene=scene_as_written(place.scene))
+    try:
         with heard():
-            solution = scene.solve("margin", node_limit=NODES)
-            verdict = None
-            if nodes and time.monotonic() < deadline:
-                try:
-                    verdict = _verdict(scene, solution, nodes, deadline)
-                except ArgumentError:  # a link without mass
-                    pass
-                except GrasplessPinError:
-                    raise
-                except Exception as error:
-                    errors[f"no verdict: {internal_error(error)}"] += 1
-        places.append(PlacedHand(scene, solution, one.touching, verdict))
-    return tuple(sorted(places, key=_rank))
+            verdict = _verdict(place.scene, place.solution, nodes, deadline)
+        return replace(place, verdict=verdict)
+    except ArgumentError:  # a link without mass
+        pass
+    except GrasplessPinError:
+        raise
+    except Exception as error:
+        errors[f"no verdict: {internal_error(error)}"] += 1
+    return place
 
 
 def _verdict(
@@ -293,10 +341,6 @@ def _verdict(
     if not solution.found:
         return None
     return scene.stability(solution.torques, node_limit=nodes)
-
-
-def _rank(place: PlacedHand) -> int:
-    return _ORDER.index(Stability.UNDECIDED if place.verdict is None else place.verdict.status)
 
 
 def _ready() -> bool:

@@ -27,7 +27,10 @@ from graspless_pin.geometry.posing.closing import ClosingResult, close_hand
 from graspless_pin.geometry.posing.finger_joints import driving_columns, groups_of_fingers
 from graspless_pin.geometry.posing.opposing import OpposingPosture
 from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
+from graspless_pin.holding.least_squares import nonnegative_squares
+from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.contact_map import contact_map
 from graspless_pin.scene import Scene
 from graspless_pin.scene.moved import displaced_hand
 from graspless_pin.solution import Status
@@ -37,11 +40,27 @@ _OPENING = 0.3, 1.0  # share of the way to the open ends
 _DEPTH = 0.2, 1.1  # where on the way from palm to meeting point the object's point is
 _INNER = 0.5  # share of the object's box in which its points are
 _TILT = 0.25  # rad
+_ALIGNED = 0.5  # share of draws whose fingers close along a normal of the object
+_ACROSS = 0.7  # cosine between a normal and a given approach, above which it is not closed along
 _TURN, _SHIFT, _BEND = 0.15, 0.007, 0.1  # rad, m, share of the way to open: of a variation
+_TURNED = 0.5  # share of variations that turn: flat fingers that lie on a face may stay there
 _CENTERINGS = 12
 _CENTERED = 2e-5  # m
+_CONE_EDGES = 8  # of the cones whose forces may squeeze
+_BALANCED = 1e-6  # share of the squeeze
 NODES = 200
 """Most nodes of the search for a candidate's torques."""
+
+
+class PlacingAim(StrEnum):
+    """What a place of a hand is to be good for. See the example of `place_hand`."""
+
+    GRIP = "grip"
+    """Two links squeeze the object; those that can carry it without its supports come first."""
+    CARRY = "carry"
+    """The hand can carry the object without its supports, by two links that squeeze it."""
+    PRESS = "press"
+    """The largest margin, by whatever means: one link may press the object onto a support."""
 
 
 class PlacingFault(StrEnum):
@@ -67,6 +86,8 @@ class PlacingFault(StrEnum):
     HAND_THROUGH_ITSELF = "hand-through-itself", "the closed hand is in itself"
     ONE_FINGER_ONLY = "one-finger-only", "one finger alone touches the object"
     UNUSABLE_CONTACTS = "unusable-contacts", "the contacts cannot be used"
+    NOTHING_OPPOSES = "nothing-opposes", "no two links squeeze the object between them"
+    CANNOT_CARRY = "cannot-carry", "the hand cannot carry the object by itself"
     INFEASIBLE = "infeasible", "no torques within the limits hold the object"
     UNDECIDED = "undecided", "the search for torques ended without an answer"
     MARGIN_TOO_SMALL = "margin-too-small", "the margin is smaller than required"
@@ -101,6 +122,8 @@ class ClosedHand(Record):
         positions: (a,) of its independent joints, rad or m.
         touching: Its links that touch the object.
         margin: Of Algorithm 1, N.
+        carrying_margin: The same without the supports and at rest, N; NaN: the hand cannot carry
+            the object by itself.
     """
 
     draw: Draw
@@ -108,6 +131,7 @@ class ClosedHand(Record):
     positions: FloatArray
     touching: tuple[str, ...]
     margin: float
+    carrying_margin: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,9 +160,12 @@ class PlacingPlan(Record):
         hand: Its hand.
         fingers: Fingers that close.
         postures: Postures to open them from.
+        normals: (F, 3) of the object's surface, world axes.
+        areas: (F,) of the surface that has them, m^2.
         direction: (3,) unit vector of the approach, world axes; None: drawn.
         point: (3,) that the palm goes for, world, m; None: drawn.
         margin: That is required, N.
+        aim: What places are to be good for.
         seed: Of all draws.
         parents: Closed hands to vary; empty: hands are drawn anew.
     """
@@ -147,9 +174,12 @@ class PlacingPlan(Record):
     hand: Hand
     fingers: tuple[str, ...]
     postures: tuple[OpposingPosture, ...]
+    normals: FloatArray
+    areas: FloatArray
     direction: FloatArray | None
     point: FloatArray | None
     margin: float
+    aim: PlacingAim
     seed: int
     parents: tuple[ClosedHand, ...] = ()
 
@@ -185,22 +215,73 @@ def _tried(plan: PlacingPlan, number: int) -> TriedCandidate:
         return TriedCandidate(number, PlacingFault.HAND_THROUGH_ITSELF)
     scene = plan.scene.with_changes(hand=hand)
     try:
-        bodies = scene.contacts.bodies
-        touching = tuple(dict.fromkeys(one for one in bodies if one in hand.link_names))
-        if len({hand.finger_of(link) or link for link in touching}) < min(2, len(hand.fingers)):
-            return TriedCandidate(number, PlacingFault.ONE_FINGER_ONLY)
-        solution = scene.solve("margin", node_limit=NODES)
+        judged = _judged(plan, scene, hand)
     except StateError:
-        return TriedCandidate(number, PlacingFault.UNUSABLE_CONTACTS)
+        judged = PlacingFault.UNUSABLE_CONTACTS
+    if isinstance(judged, PlacingFault):
+        return TriedCandidate(number, judged)
+    positions = hand.positions[list(hand.tree.coupling.leaders)]
+    closed = ClosedHand(draw, T, positions, *judged)
+    fault = None
+    if plan.aim is PlacingAim.CARRY and not carries(closed, plan.margin):
+        fault = PlacingFault.CANNOT_CARRY
+    elif closed.margin < plan.margin:
+        fault = PlacingFault.MARGIN_TOO_SMALL
+    return TriedCandidate(number, fault, closed)
+
+
+def carries(closed: ClosedHand, margin: float) -> bool:
+    """Return whether the hand carries the object by itself with a margin, N."""
+    return closed.carrying_margin >= margin
+
+
+def _judged(
+    plan: PlacingPlan, scene: Scene, hand: Hand
+) -> PlacingFault | tuple[tuple[str, ...], float, float]:
+    """Return the links that touch, the margin and that without the supports.
+
+    Raises:
+        StateError: If the contacts cannot be used.
+    """
+    touching = tuple(dict.fromkeys(one for one in scene.contacts.bodies if one in hand.link_names))
+    grips = plan.aim is not PlacingAim.PRESS
+    fingers = {hand.finger_of(link) or link for link in touching}
+    if len(fingers) < min(2, len(hand.fingers)) or (grips and len(touching) < 2):
+        return PlacingFault.ONE_FINGER_ONLY
+    alone = scene if not scene.supports else scene.with_changes(supports=(), motion=None)
+    if grips and not squeezed(alone.problem(), alone.contacts.bodies):
+        return PlacingFault.NOTHING_OPPOSES
+    carrying = alone.solve("margin", node_limit=NODES)
+    if plan.aim is PlacingAim.CARRY and not carrying.found:
+        return PlacingFault.CANNOT_CARRY
+    solution = carrying if alone is scene else scene.solve("margin", node_limit=NODES)
     if not solution.found:
         undecided = solution.status in (Status.NOT_FOUND_IN_LIMIT, Status.UNVERIFIED)
-        return TriedCandidate(
-            number, PlacingFault.UNDECIDED if undecided else PlacingFault.INFEASIBLE
-        )
-    positions = hand.positions[list(hand.tree.coupling.leaders)]
-    closed = ClosedHand(draw, T, positions, touching, solution.margin)
-    enough = solution.margin >= plan.margin
-    return TriedCandidate(number, None if enough else PlacingFault.MARGIN_TOO_SMALL, closed)
+        return PlacingFault.UNDECIDED if undecided else PlacingFault.INFEASIBLE
+    return touching, solution.margin, carrying.margin if carrying.found else np.nan
+
+
+def squeezed(problem: QuasistaticProblem, bodies: Sequence[str]) -> bool:
+    """Return whether two bodies squeeze the object: contact forces that balance each other.
+
+    Args:
+        problem: Contacts with their friction; its load and joints do not count.
+        bodies: M names of what touches.
+    """
+    angles = 2.0 * np.pi * np.arange(_CONE_EDGES) / _CONE_EDGES
+    ways = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    along = contact_map(problem)[:, :, :6]
+    edges = along[:, None, 0] + problem.friction[:, None, None] * (ways @ along[:, 1:])
+    wrenches = edges.reshape(-1, 6).T
+    size = float(np.abs(problem.positions).max())
+    wrenches[3:] /= size
+    squeeze = nonnegative_squares(
+        np.vstack([wrenches, np.ones(wrenches.shape[1])]), np.append(np.zeros(6), 1.0)
+    )
+    if squeeze is None or np.linalg.norm(wrenches @ squeeze) > _BALANCED * squeeze.sum():
+        return False
+    shares = squeeze.reshape(len(bodies), -1).sum(axis=1)
+    return len({bodies[index] for index in np.flatnonzero(shares).tolist()}) > 1
 
 
 def _drawn(plan: PlacingPlan, number: int) -> Draw:
@@ -210,27 +291,49 @@ def _drawn(plan: PlacingPlan, number: int) -> Draw:
     index = int(rng.integers(len(plan.postures)))
     posture = plan.postures[index]
     opened = posture.closed + rng.uniform(*_OPENING) * (posture.opened - posture.closed)
-    drawn = rng.normal(size=3)
-    direction = drawn / np.linalg.norm(drawn) if plan.direction is None else plan.direction
+    R = _turned(plan, posture, rng)
+    direction = R @ posture.axis if plan.direction is None else plan.direction
     low, high = _box(plan.scene)
     inside = 0.5 * (low + high) + rng.uniform(-0.5, 0.5, 3) * _INNER * (high - low)
     point = plan.point
     if point is None:
         point = transformed(plan.scene.object.T_world_object, inside)
     grip = posture.palm + rng.uniform(*_DEPTH) * (posture.meeting - posture.palm)
+    T = np.eye(4)
+    T[:3, :3] = R
+    T[:3, 3] = point - T[:3, :3] @ grip
+    return Draw(index, opened, T, direction, bool(rng.random() < 0.5))
+
+
+def _turned(plan: PlacingPlan, posture: OpposingPosture, rng: np.random.Generator) -> FloatArray:
+    """Return a random (3, 3) turn of the hand; half of them close along a normal of the object."""
+    if rng.random() < _ALIGNED:
+        areas = plan.areas
+        if plan.direction is not None:
+            areas = np.where(np.abs(plan.normals @ plan.direction) < _ACROSS, areas, 0.0)
+        if areas.sum() > 0.0:
+            normal = rng.choice(plan.normals, p=areas / areas.sum())
+            if plan.direction is None:
+                roll = Rotation.from_rotvec(rng.uniform(0.0, 2.0 * np.pi) * normal)
+                facing = Rotation.align_vectors(normal[None], posture.closing[None])[0]
+                return (roll * facing).as_matrix()
+            pair = np.stack([plan.direction, normal]), np.stack([posture.axis, posture.closing])
+            return Rotation.align_vectors(*pair, weights=[np.inf, 1.0])[0].as_matrix()
+    direction = plan.direction
+    if direction is None:
+        drawn = rng.normal(size=3)
+        direction = drawn / np.linalg.norm(drawn)
     tilt = Rotation.from_rotvec(rng.normal(size=3) * _TILT)
     roll = Rotation.from_rotvec(rng.uniform(0.0, 2.0 * np.pi) * direction)
     facing = Rotation.align_vectors(direction[None], posture.axis[None])[0]
-    T = np.eye(4)
-    T[:3, :3] = (roll * facing * tilt).as_matrix()
-    T[:3, 3] = point - T[:3, :3] @ grip
-    return Draw(index, opened, T, direction, bool(rng.random() < 0.5))
+    return (roll * facing * tilt).as_matrix()
 
 
 def _varied(plan: PlacingPlan, draw: Draw, rng: np.random.Generator) -> Draw:
     """Return a draw near another one."""
     posture = plan.postures[draw.posture]
-    turn = Rotation.from_rotvec(rng.normal(size=3) * _TURN).as_matrix()
+    way = rng.normal(size=3) * _TURN * (rng.random() < _TURNED)
+    turn = Rotation.from_rotvec(way).as_matrix()
     center = plan.scene.object.center_of_mass_world
     change = np.eye(4)
     change[:3, :3] = turn

@@ -46,6 +46,7 @@ class OpposingPosture(Record):
         opened: (a,) positions with the joints that flex the fingers at their open ends.
         palm: (3,) middle of the first joints of the fingers that meet, m.
         meeting: (3,) middle of their tips at ``closed``, m.
+        closing: (3,) unit vector along which most of them close, of either sense.
         opposition: Smallest cosine between the ways in which two of the tips close; -1: head on.
         overlap: Deepest overlap of the hand in itself with the fingers ajar, m.
     """
@@ -54,6 +55,7 @@ class OpposingPosture(Record):
     opened: FloatArray
     palm: FloatArray
     meeting: FloatArray
+    closing: FloatArray
     opposition: float
     overlap: float
 
@@ -198,7 +200,9 @@ def _posture(
     ways = tips.at(closed) - tips.at(closed + _NEARLY_CLOSED * (opened - closed))
     ways /= np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), _SAME_PLACE)
     overlap = max((one.depth for one in unwanted_overlaps(ajar)), default=0.0)
-    return OpposingPosture(closed, opened, palm, meeting, float((ways @ ways.T).min()), overlap)
+    closing = np.linalg.svd(ways)[2][0]
+    opposition = float((ways @ ways.T).min())
+    return OpposingPosture(closed, opened, palm, meeting, closing, opposition, overlap)
 
 
 def _met(
