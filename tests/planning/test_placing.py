@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 
 from graspless_pin import Hand, QuasistaticProblem, Scene, place_hand
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
-from graspless_pin.geometry.bodies.shapes import Box, HalfSpace, Sphere
+from graspless_pin.geometry.bodies.shapes import Box, HalfSpace, MeshShape, Sphere
 from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.poses import pose_matrix
 from graspless_pin.geometry.posing.approaching import back_until_free, centering_shift, shortfall
@@ -294,6 +295,23 @@ def test_what_is_refused_on_purpose_is_no_internal_error(scene: Scene, monkeypat
     monkeypatch.setattr(placing_candidates, "close_hand", refuse)
     with pytest.raises(SceneError, match="refused"):
         quickly(scene, candidates=10, approach=DOWN)
+
+
+@pytest.mark.parametrize("apex", [8, 30, 55, 100])
+def test_a_wedge_is_placed_like_anything_else(gripper: Hand, tmp_path, apex: float) -> None:
+    half = 0.04 * np.tan(np.radians(0.5 * apex))
+    shrink = min(1.0, 0.025 / half)
+    base = [(x, y, -0.04) for x in (-half, half) for y in (-0.03, 0.03)]
+    corners = np.array([(0.0, -0.03, 0.0), (0.0, 0.03, 0.0), *base]) * [shrink, 1.0, shrink]
+    file = tmp_path / "wedge.stl"
+    trimesh.convex.convex_hull(corners).export(file)
+    scene = scene_of(gripper)
+    wedge = ManipulatedObject.from_shape(
+        "wedge", MeshShape(file), pose_matrix([0.0, 0.0, 0.1]), mass=0.1
+    )
+    found = quickly(scene.with_changes(object=wedge), candidates=80)
+    assert found.tried == 80 and not found.errors
+    assert len(found.faults) + found.found > 1
 
 
 def test_time_that_is_up_ends_the_search(scene: Scene) -> None:

@@ -110,13 +110,19 @@ class Polytope:
     def heights_from(self, points: Array, direction: Array) -> Array:
         """Return how far (K,) the surface is from points (K, 3) along a unit direction (3,), m.
 
-        Negative where a point is beyond it. Faces tilted by more than 60 degrees against the
-        direction do not count: past a border the surface goes on.
+        Negative where a point is beyond it. Past a border the surface goes on: where a face lies
+        farthest along the direction, those tilted by more than 60 degrees against it do not count;
+        where an edge or a corner does, the line along that is the least height.
         """
         leanings = self.face_normals @ direction
-        ahead = leanings > 0.5
+        on_face = bool((leanings > _COS_PARALLEL).any())
+        ahead = leanings > (0.5 if on_face else 0.0)
         normals = self.face_normals[ahead]
-        return ((self.face_offsets[ahead] - points @ normals.T) / leanings[ahead]).min(axis=1)
+        away = ((self.face_offsets[ahead] - points @ normals.T) / leanings[ahead]).min(axis=1)
+        if on_face:
+            return away
+        ridge = self.feature(direction)
+        return np.maximum(away, _heights_of_line(ridge, points, direction) - points @ direction)
 
     def highest_face(self, point: Array) -> tuple[int, float, bool]:
         """Tell over which face a point (3,) is highest, how high, m, and if its foot is on it.
@@ -128,6 +134,25 @@ class Polytope:
         height = float(over[face])
         of_foot = over - height * (self.face_normals @ self.face_normals[face])
         return face, height, height <= 0.0 or bool(of_foot.max() <= _ON_FACE)
+
+
+def _heights_of_line(ridge: Array, points: Array, direction: Array) -> Array:
+    """Heights (K,) along a unit direction of the line under the corners (N, 3) of an edge, m.
+
+    Seen along the direction, a point (K, 3) beside the line has that of its foot.
+    """
+    middle = ridge.mean(axis=0)
+    arms = ridge - middle
+    rises = arms @ direction
+    across = arms - np.outer(rises, direction)
+    longest = across[int(np.einsum("ni,ni->n", across, across).argmax())]
+    along = across @ longest
+    slope = float(rises @ along / (along @ along)) if along.any() else 0.0
+    return (
+        middle @ direction
+        + slope * ((points - middle) @ longest)
+        + float((rises - slope * along).min())
+    )
 
 
 @dataclass(frozen=True, eq=False)
