@@ -179,3 +179,55 @@ def test_modes_and_limits_of_fingers_on_one_motor():
             Hand.assemble([Mount("panda_hand")], control=control)
     with pytest.raises(ArgumentError, match=r"control\['arm'\]: hybrid control is per finger"):
         Hand.assemble([Mount("panda")], control={"arm": "hybrid"})
+
+
+def bar(name, length, aside=0.0):
+    """A link whose shape goes along z, from its joint or beside it."""
+    return (
+        f'<link name="{name}"><collision><origin xyz="{aside} 0 {0.5 * length}"/><geometry>'
+        f'<box size="0.01 0.02 {abs(length)}"/></geometry></collision></link>'
+    )
+
+
+def hinge(name, parent, child, place, ends="-0.1 1.5"):
+    lower, upper = ends.split()
+    return (
+        f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{place}"/><axis xyz="0 1 0"/>'
+        f'<limit lower="{lower}" upper="{upper}" effort="2" velocity="1"/></joint>'
+    )
+
+
+# An arm of one joint whose last link ends in a jaw 8 cm long, and a jaw that closes on it.
+JAWS = (
+    bar("base", 0.05) + hinge("wrist", "base", "gripper", "0 0 0.05", "-1 1")
+    + bar("gripper", 0.12, -0.01) + hinge("jaw_hinge", "gripper", "jaw", "0.01 0 0.04")
+    + bar("jaw", 0.08)
+)  # fmt: skip
+
+
+def test_a_jaw_that_closes_on_a_fixed_one_is_a_finger(tmp_path):
+    hand = Hand.from_urdf(write_urdf(tmp_path, JAWS))
+    assert hand.palms == ("gripper",)
+    assert [spec.joints for spec in hand.fingers.values()] == [("jaw_hinge",)]
+    assert dict(hand.arms) == {"arm": ("wrist",)}
+    assert hand.actuated_joint_names == ("jaw_hinge",)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        # An arm that folds onto its upper arm.
+        bar("base", 0.05) + hinge("shoulder", "base", "upper", "0 0 0.05", "-1 1")
+        + bar("upper", 0.1, -0.01) + hinge("elbow", "upper", "lower", "0.01 0 0.1", "0 3")
+        + bar("lower", 0.08),
+        # A wrist that turns about its own axis.
+        JAWS.replace('"0 1 0"/><limit lower="-0.1"', '"0 0 1"/><limit lower="0"'),
+        # A link that is beside the one before all the time, and one that never comes near it.
+        JAWS.replace('lower="-0.1" upper="1.5"', 'lower="-0.1" upper="0.2"'),
+        JAWS.replace('lower="-0.1" upper="1.5"', 'lower="1.2" upper="1.9"'),
+    ],
+)  # fmt: skip
+def test_a_chain_that_ends_in_no_jaw_has_no_palm(tmp_path, body):
+    hand = Hand.from_urdf(write_urdf(tmp_path, body))
+    assert not hand.palms and not hand.fingers

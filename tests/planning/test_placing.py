@@ -169,6 +169,26 @@ def test_one_link_is_no_grip(press: Scene) -> None:
     assert not [one for one in quickly(alone, candidates=60).places if len(one.touching) < 2]
 
 
+def test_a_jaw_and_a_fixed_one_grip(tmp_path_factory: pytest.TempPathFactory) -> None:
+    file = tmp_path_factory.mktemp("jaws") / "jaws.urdf"
+    bar = '<collision><origin xyz="0 0 {z}"/><geometry><box size="0.01 0.03 {length}"/></geometry>'
+    file.write_text(
+        f'<robot name="jaws"><link name="palm">{bar.format(z=0.05, length=0.14)}</collision></link>'
+        '<joint name="hinge" type="revolute"><parent link="palm"/><child link="jaw"/>'
+        '<origin xyz="0.02 0 0.02"/><axis xyz="0 1 0"/>'
+        '<limit lower="-0.1" upper="1.5" effort="2" velocity="1"/></joint>'
+        f'<link name="jaw">{bar.format(z=0.05, length=0.1)}</collision></link></robot>'
+    )
+    hand = Hand.assemble([Mount(describe_urdf(file))])
+    small = ManipulatedObject.from_shape(
+        "cube", Box((0.02, 0.02, 0.02)), pose_matrix([0.0, 0.0, 0.01]), mass=0.05
+    )
+    found = quickly(scene_of(hand).with_changes(object=small), candidates=60)
+    assert found.places and found.places[0].carrying_margin > 0.1
+    for place in found.places:
+        assert {"palm", "jaw"} == set(place.touching)
+
+
 def test_an_object_too_heavy_to_be_carried_is_still_gripped(gripper: Hand) -> None:
     # Friction of 0.6 at two jaws of 20 N carries 24 N.
     heavy = scene_of(gripper, mass=4.0)
@@ -369,7 +389,9 @@ def test_a_gripper_is_shifted_until_both_jaws_are_equally_near(gripper: Hand) ->
         "ball", Sphere(0.02), pose_matrix([0.006, 0.0, 0.06]), mass=1.0
     ).placed_bodies
     shift = centering_shift(
-        gripper.with_configuration({"left_slide": 0.03}), tuple(gripper.fingers), ball
+        gripper.with_configuration({"left_slide": 0.03}),
+        [spec.links for spec in gripper.fingers.values()],
+        ball,
     )
     assert shift is not None
     np.testing.assert_allclose(shift, [0.006, 0.0, 0.0], atol=1e-6)

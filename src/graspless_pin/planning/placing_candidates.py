@@ -25,7 +25,7 @@ from graspless_pin.geometry.posing.approaching import (
 )
 from graspless_pin.geometry.posing.closing import ClosingResult, close_hand
 from graspless_pin.geometry.posing.finger_joints import driving_columns, groups_of_fingers
-from graspless_pin.geometry.posing.opposing import OpposingPosture
+from graspless_pin.geometry.posing.opposing import OpposingPosture, carrier_links
 from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
 from graspless_pin.holding.least_squares import nonnegative_squares
 from graspless_pin.problem import QuasistaticProblem
@@ -374,7 +374,7 @@ def _brought(plan: PlacingPlan, draw: Draw) -> tuple[ClosingResult, FloatArray] 
         )
         if rate != 0.0
     }
-    together = [group for group in groups_of_fingers(hand, plan.fingers) if len(group) > 1]
+    together = _jaws(hand, plan.fingers)
     for left in reversed(range(_CENTERINGS)):
         target = scene.object.with_pose(invert(T) @ scene.object.T_world_object)
         closing = close_hand(hand, target, fingers=plan.fingers, wrap=draw.wrap, rates=rates)
@@ -389,14 +389,22 @@ def _brought(plan: PlacingPlan, draw: Draw) -> tuple[ClosingResult, FloatArray] 
     return PlacingFault.OBJECT_IN_THE_WAY
 
 
+def _jaws(hand: Hand, fingers: Sequence[str]) -> list[list[Sequence[str]]]:
+    """Return the links of jaws that have to be centred, by motor: a finger may have a fixed one."""
+    if len(fingers) == 1:
+        return [[hand.fingers[fingers[0]].links, carrier_links(hand, fingers[0])]]
+    groups = groups_of_fingers(hand, fingers)
+    return [[hand.fingers[name].links for name in group] for group in groups if len(group) > 1]
+
+
 def _shift_of(
-    closing: ClosingResult, together: Sequence[Sequence[str]], pieces: PlacedBodies
+    closing: ClosingResult, together: Sequence[Sequence[Sequence[str]]], pieces: PlacedBodies
 ) -> FloatArray:
-    """Return (3,) how to shift a hand so that fingers with one motor touch on two sides, m."""
-    touching = {one.finger for one in closing.fingers if one.touching}
-    for group in together:
-        if touching.intersection(group):
-            shift = centering_shift(closing.hand, group, pieces)
+    """Return (3,) how to shift a hand so that jaws with one motor touch on two sides, m."""
+    touching = set(closing.touching)
+    for jaws in together:
+        if any(touching.intersection(links) for links in jaws):
+            shift = centering_shift(closing.hand, jaws, pieces)
             if shift is not None:
                 return shift
     return np.zeros(3)

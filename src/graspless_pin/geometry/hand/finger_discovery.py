@@ -7,9 +7,18 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
 
+import coal  # pyright: ignore[reportMissingImports]
+import numpy as np
+
+from graspless_pin.geometry.bodies.triangles import geometry_triangles
+from graspless_pin.geometry.hand.link_shapes import LinkGeometry
 from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
 from graspless_pin.geometry.robots.description import FingerSpec
+from graspless_pin.problem.checks import FloatArray
 
+_FAR = 0.9  # share of a jaw's reach from its joint that is its far end
+_SHUT, _OPEN = 0.25, 0.5  # share of its reach that the far end is away from what it closes on
+_POINT = 1e-6  # m, radius of a point as coal knows it
 _TAIL = re.compile(r"([^a-z0-9]+|joint|link)$", re.IGNORECASE)
 
 
@@ -18,7 +27,7 @@ class HandStructure:
     """What the tree of one robot says about its hands.
 
     Attributes:
-        palms: The links that carry fingers; empty if the tree does not branch.
+        palms: The links that carry fingers; empty if the tree neither branches nor ends in a jaw.
         fingers: The branches below the palms by name, in model order.
         arm_joints: Movable joints that carry a palm.
         held_joints: Movable joints that are not below a palm: arms, legs, necks.
@@ -43,6 +52,9 @@ def discover_hands(
     Fingers are named by what the names of their joints have in common, as long as that tells them
     apart, else ``finger_1``, ``finger_2``, ... in model order.
 
+    A robot that does not branch may end in a jaw that closes on a fixed one, as hobby arms do: the
+    link below its last joint is a finger where the shapes say so, and the link above a palm.
+
     Args:
         tree: The kinematic tree.
         root: Root link of the robot in it.
@@ -59,7 +71,7 @@ def discover_hands(
     for palm in palms:
         if palm not in walker.links:
             raise unknown_name("palm", "link", palm, walker.links)
-    found = tuple(palms) or tuple(walker.palms_below(root))
+    found = tuple(palms) or tuple(walker.palms_below(root)) or walker.fixed_jaw()
     branches = [branch for palm in found for branch in walker.branches(palm)]
     order = list(tree.link_frames)
     branches.sort(key=order.index)
@@ -137,6 +149,50 @@ class _Walker:
         shaped = {item.link for item in self._tree.geometries}
         return next((link for link in reversed(last) if link in shaped), last[-1])
 
+    def fixed_jaw(self) -> tuple[str, ...]:
+        """Return the link that the last link of a chain closes on as a jaw, if it does.
+
+        The far end of a jaw comes near what it closes on at one end of its range and is well away
+        at the other. It closes on what lies beyond the joint, as seen from the one before: a
+        forearm that folds onto its upper arm is no jaw.
+        """
+        tree = self._tree
+        movable = [link for link in self.links if self._moves(link)]
+        if not movable:
+            return ()
+        link = max(movable, key=lambda one: int(tree.supports[tree.link_joints[one]].sum()))
+        own, palm = tree.link_joints[link], tree.parent_links[link]
+        carrier = 0 if palm is None else tree.link_joints[palm]
+        jaw = [item for item in tree.geometries if item.joint == own]
+        fixed = [
+            item for item in tree.geometries if item.joint == carrier and item.link in self.links
+        ]
+        lower, upper = tree.lower[own - 1], tree.upper[own - 1]
+        turns = tree.joint_kinds[own - 1] == "revolute"
+        if palm is None or not jaw or not fixed or not turns or not np.isfinite(upper - lower):
+            return ()
+        corners = np.vstack([_corners(item) for item in jaw])
+        middle = np.clip(0.0, tree.lower, tree.upper)
+        poses = []
+        for end in (lower, upper):
+            middle[own - 1] = end
+            T_world_joint = tree.kinematics(middle).T_world_joint
+            poses.append((T_world_joint[own], T_world_joint[carrier]))
+        axis = tree.kinematics(middle).J[3:, own - 1] @ poses[1][0][:3, :3]
+        reaches = np.linalg.norm(corners - np.outer(corners @ axis, axis), axis=1)
+        reach = float(reaches.max())
+        far = corners[reaches >= _FAR * reach]
+        nearest = []
+        for T_jaw, T_fixed in poses:
+            points = _moved(np.linalg.inv(T_fixed) @ T_jaw, far)
+            nearest.append(min((_nearest(fixed, one) for one in points), key=lambda one: one[0]))
+        (shut, met), (ajar, _) = sorted(nearest, key=lambda one: one[0])
+        joint = (np.linalg.inv(poses[0][1]) @ poses[0][0])[:3, 3]
+        beyond = np.linalg.norm(met) > np.linalg.norm(joint)
+        alongside = np.linalg.norm(met - joint) >= _OPEN * reach
+        closes = shut <= _SHUT * reach and ajar >= _OPEN * reach
+        return (palm,) if closes and beyond and alongside else ()
+
     def _moves(self, link: str) -> bool:
         """Return whether the joint above ``link`` is movable."""
         parent = self._tree.parent_links[link]
@@ -176,3 +232,25 @@ def _finger_names(tree: KinematicTree, joints: Sequence[Sequence[str]], prefix: 
     if len(set(names)) < len(names) or not taken.isdisjoint(names):
         return [f"{prefix}finger_{number}" for number in range(1, len(joints) + 1)]
     return names
+
+
+def _corners(item: LinkGeometry) -> FloatArray:
+    """Return (V, 3) vertices of a shape in the frame of the joint that carries it, m."""
+    return _moved(item.T_joint_geometry, geometry_triangles(item.shape).vertices)
+
+
+def _moved(T: FloatArray, points: FloatArray) -> FloatArray:
+    return points @ T[:3, :3].T + T[:3, 3]
+
+
+def _nearest(shapes: Sequence[LinkGeometry], point: FloatArray) -> tuple[float, FloatArray]:
+    """Return how far a point is from the nearest of some shapes, and where on it, joint's frame."""
+    dot, found = coal.Sphere(_POINT), []
+    for item in shapes:
+        T, answer = item.T_joint_geometry, coal.DistanceResult()
+        coal.distance(
+            item.shape, coal.Transform3s(T[:3, :3], T[:3, 3]),
+            dot, coal.Transform3s(np.eye(3), point), coal.DistanceRequest(), answer,
+        )  # fmt: skip
+        found.append((float(answer.min_distance), np.asarray(answer.getNearestPoint1())))
+    return min(found, key=lambda one: one[0])

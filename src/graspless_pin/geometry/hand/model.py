@@ -58,7 +58,7 @@ class Hand(Record):
         tree: Kinematics and shapes of all mounted robots.
         mounts: The robots that it was assembled from, each found.
         base_poses: (4, 4) ``T_world_base`` by mount prefix, in mounting order.
-        palms: The links that carry fingers, empty if there is no branching link.
+        palms: The links that carry fingers or a jaw, empty if there is none.
         fingers: Fingers by (prefixed) name.
         arms: The joints that carry a palm, by the name that stands for them in ``control``.
         control: Control modes of the independent joints, and the hybrid fingers.

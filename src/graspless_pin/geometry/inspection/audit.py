@@ -94,7 +94,7 @@ def audit_urdf(
             findings += [*audit_meshes(robot, root), *_audit_shapes(root)]
             joined = join_mounts([Mount(robot)], with_shapes=False)
             findings += [*_audit_mimics(robot), *_audit_joints(robot, joined)]
-            join_mounts([Mount(robot)])
+            joined = join_mounts([Mount(robot)])
             loads = True
         except (RobotError, MeshError, ArgumentError) as error:
             way = _way_round(robot, joined)

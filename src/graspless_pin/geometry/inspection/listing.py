@@ -149,6 +149,8 @@ def _record(name: str) -> RobotRecord:
     try:
         with heard():  # the audit says it
             joined = join_mounts([Mount(robot)], with_shapes=False)
+            if not joined.palms:  # shapes tell whether it ends in a jaw
+                joined = join_mounts([Mount(robot)])
     except (RobotError, MeshError) as error:
         return RobotRecord(robot.name, origin, robot.urdf_path, problem=str(error))
     efforts = describe_efforts(robot, joined)

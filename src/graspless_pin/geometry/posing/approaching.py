@@ -62,22 +62,24 @@ def back_until_free(
     return None, last
 
 
-def centering_shift(hand: Hand, fingers: Sequence[str], target: PlacedBodies) -> FloatArray | None:
-    """Return how to shift a hand whose fingers close together so that two are equally near.
+def centering_shift(
+    hand: Hand, jaws: Sequence[Sequence[str]], target: PlacedBodies
+) -> FloatArray | None:
+    """Return how to shift a hand whose jaws close together so that two are equally near.
 
-    These are the nearest finger and the nearest of those opposite to it. A gripper with one motor
+    These are the nearest jaw and the nearest of those opposite to it. A gripper with one motor
     touches an object that is off its middle on one side only.
 
     Args:
         hand: The hand.
-        fingers: Fingers that one motor moves.
+        jaws: Links of each finger that one motor moves, or of one finger and of a fixed jaw.
         target: The object's pieces.
 
     Returns:
-        (3,) m, world axes; None: no finger is opposite.
+        (3,) m, world axes; None: no jaw is opposite.
     """
     bodies = hand.placed_bodies
-    own = [[one for one in bodies if one.name in hand.fingers[name].links] for name in fingers]
+    own = [[one for one in bodies if one.name in links] for links in jaws]
     reached = [nearest_separation(pieces, target) for pieces in own if pieces]
     first = min(reached, key=lambda one: one.distance)
     opposite = [one for one in reached if float(one.normal @ first.normal) < _OPPOSITE]

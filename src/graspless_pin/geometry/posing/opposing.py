@@ -5,14 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
 from scipy.optimize import least_squares
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.contact.distances import bounded_set
+from graspless_pin.geometry.bodies.collision import CollisionBody
+from graspless_pin.geometry.bodies.triangles import geometry_triangles
+from graspless_pin.geometry.contact.distances import Separation, bounded_set, nearest_separation
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.tree import LinkGeometry
 from graspless_pin.geometry.pickling import Record
+from graspless_pin.geometry.poses import pose_matrix
 from graspless_pin.geometry.posing.finger_joints import (
     chosen_fingers,
     driving_columns,
@@ -28,6 +32,7 @@ _MOST_EVALUATIONS = 40
 _INSIDE = 1e-6  # of a joint's range
 _SLOWEST = 0.05  # of the quickest joint's rate
 _SAME_PLACE = 1e-9  # m
+_POINT = 1e-6  # m, radius of a point as coal knows it
 _AJAR = 0.4  # of the way to the open ends, where fingers should not be in each other
 _OVERLAP = 2e-3  # m that collision shapes may be too wide
 _BESIDE = 0.5  # cosine between ways of closing, above which fingers stand beside each other
@@ -42,7 +47,7 @@ class OpposingPosture(Record):
     independent joints.
 
     Attributes:
-        closed: (a,) positions in which the tips meet, rad or m.
+        closed: (a,) positions in which the tips meet, or one tip and the palm, rad or m.
         opened: (a,) positions with the joints that flex the fingers at their open ends.
         palm: (3,) middle of the first joints of the fingers that meet, m.
         meeting: (3,) middle of their tips at ``closed``, m.
@@ -98,7 +103,8 @@ def opposing_postures(
 
     Some of the fingers are chosen at random, and their tips brought as near to their middle as they
     come without overlap, from random positions of their joints. The other fingers close straight.
-    Joints that do not move these fingers stay.
+    Joints that do not move these fingers stay. A finger that is alone closes on the link that
+    carries it, as a jaw does on a fixed one.
 
     Args:
         hand: The hand.
@@ -114,6 +120,10 @@ def opposing_postures(
     start = hand.positions[list(hand.tree.coupling.leaders)]
     lower = np.where(np.isfinite(ends[0]), ends[0], start - np.pi)
     upper = np.where(np.isfinite(ends[1]), ends[1], start + np.pi)
+    first, *more = fingers
+    fixed = () if more else carrier_links(hand, first)
+    if fixed:
+        return (_on_fixed_jaw(hand, first, fixed, (lower, upper)),)
     found = []
     for _ in range(count):
         size = int(rng.integers(min(2, len(fingers)), len(fingers) + 1))
@@ -132,6 +142,16 @@ def tip_shapes(hand: Hand, finger: str) -> list[LinkGeometry]:
     ends = [*spec.links, *(() if spec.tip is None else (spec.tip,))]
     last = [link for link in ends if link in shaped][-1:]
     return [item for item in hand.tree.geometries if item.link in last]
+
+
+def carrier_links(hand: Hand, finger: str) -> tuple[str, ...]:
+    """Return the links with shapes of the body that a finger hangs on, such as a fixed jaw."""
+    tree = hand.tree
+    first = min(hand.fingers[finger].joints, key=tree.joint_index.__getitem__)
+    carrier = tree.pinocchio_model.parents[1 + tree.joint_index[first]]
+    robot = next(names for names, _ in tree.bases if first in names)
+    own = [item.link for item in tree.geometries if item.joint == carrier and item.link in robot]
+    return tuple(dict.fromkeys(own))
 
 
 class _Tips:
@@ -203,6 +223,46 @@ def _posture(
     closing = np.linalg.svd(ways)[2][0]
     opposition = float((ways @ ways.T).min())
     return OpposingPosture(closed, opened, palm, meeting, closing, opposition, overlap)
+
+
+def _on_fixed_jaw(
+    hand: Hand, finger: str, fixed: Sequence[str], ends: tuple[FloatArray, FloatArray]
+) -> OpposingPosture:
+    """Return the posture in which the far end of a finger is nearest to its carrier."""
+    palm_of = _Tips(hand, [finger]).palm
+    ends_of_joints = [hand.positions[list(hand.tree.coupling.leaders)].copy() for _ in range(2)]
+    for column, rate in flexion_rates(hand, finger).items():
+        for sense, there in zip((1.0, -1.0), ends_of_joints, strict=True):
+            there[column] = ends[int(sense * rate > 0.0)][column]
+    shapes = {item.link for item in tip_shapes(hand, finger)}
+
+    def far_end(there: FloatArray) -> tuple[FloatArray, Separation]:
+        """Return the point of the tip that is farthest from its first joint, and its gap."""
+        bodies = hand.with_positions(there).placed_bodies
+        corners = np.vstack([_corners(one) for one in bodies if one.name in shapes])
+        tip = corners[np.argmax(np.linalg.norm(corners - palm_of(there), axis=1))]
+        dot = CollisionBody("tip", coal.Sphere(_POINT), pose_matrix(tip))
+        return tip, nearest_separation([dot], [one for one in bodies if one.name in fixed])
+
+    closed, opened = sorted(ends_of_joints, key=lambda there: far_end(there)[1].distance)
+    half = closed + _AJAR * (opened - closed)
+    tip, between = far_end(half)
+    way = _unit(far_end(closed)[0] - tip)
+    overlap = max((one.depth for one in unwanted_overlaps(hand.with_positions(half))), default=0.0)
+    return OpposingPosture(
+        closed=closed,
+        opened=opened,
+        palm=palm_of(closed),
+        meeting=tip + 0.5 * between.distance * between.normal,
+        closing=_unit(way + between.normal),
+        opposition=-float(way @ between.normal),
+        overlap=overlap,
+    )
+
+
+def _corners(body: CollisionBody) -> FloatArray:
+    T = body.T_world_geometry
+    return geometry_triangles(body.geometry).vertices @ T[:3, :3].T + T[:3, 3]
 
 
 def _met(
