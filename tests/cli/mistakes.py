@@ -116,6 +116,12 @@ MISTAKES = [
            "write 1.5"),
     _scene("number with its unit", MASS, "mass: 2 kg", "object.mass: found '2 kg'",
            "write 2, without 'kg'"),
+    _scene("mass with grams", MASS, "mass: 300 g", "object.mass: found '300 g'",
+           "write 0.3 (kg), without 'g': units are SI"),
+    _scene("sizes with millimetres", BOX, "{type: box, size: [60 mm, 0.2, 0.2]}",
+           "object.shape.size[0]: found '60 mm'", "write 0.06 (m), without 'mm': units are SI"),
+    _scene("friction with per cent", FRICTION, "friction: 30 %", "friction: found '30 %'",
+           "write 0.3, without '%'"),
     _scene("negative friction", FRICTION, "friction: -0.3", ":2: friction: found -0.3", ">= 0"),
     # Names and keys
     _scene("misspelt key", FRICTION, f"{FRICTION}\nsupport: []",

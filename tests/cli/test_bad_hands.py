@@ -53,7 +53,8 @@ def test_missing_robot_file(tmp_path):
     ("text", "message"),
     [
         (urdf(LINK) + "<", "hand.urdf: not well-formed XML"),
-        ("", "hand.urdf: not well-formed XML"),
+        ("", "hand.urdf: is empty; give the file that was meant"),
+        (" \n", "hand.urdf: is empty; give the file that was meant"),
         ("\x01", "hand.urdf: not well-formed XML"),
         ("<sdf/>", "hand.urdf: is an SDF, which is not read; write it as a URDF or as an MJCF"),
         (

@@ -82,6 +82,44 @@ def test_the_scene_loads_and_says_what_comes_next() -> None:
     np.testing.assert_allclose(touching.normals, [[0.5, 0.0, np.cos(np.pi / 6)]] * 4, atol=1e-7)
 
 
+def test_an_effort_that_does_not_count_is_told() -> None:
+    made = run("new", pincher(Path(), right=0.5), "box:0.06,0.04,0.06", "--effort", "0.4")
+    assert "theirs stay: right_hinge (0.5); --effort NAME=0.4 replaces one" in made.stderr
+    scene = load_scene("scene.yaml")
+    assert scene.hand is not None and scene.hand.effort_limits[1].tolist() == [0.4, 0.5]
+    named = ("--effort", "right_hinge=0.3", "--effort", "0.4", "--overwrite")
+    made = run("new", pincher(Path(), right=0.5), "box:0.06,0.04,0.06", *named)
+    assert made.stderr == ""
+    scene = load_scene("scene.yaml")
+    assert scene.hand is not None and scene.hand.effort_limits[1].tolist() == [0.4, 0.3]
+
+
+STILL = ('lower="-0.6" upper="0.8"', 'lower="0" upper="0"')
+FIXED = ('<joint name="right_hinge" type="revolute">', '<joint name="right_hinge" type="fixed">')
+BARE = (
+    '<collision><origin xyz="0 0 0.1"/><geometry><sphere radius="0.01"/></geometry></collision>',
+    "",
+)
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (STILL, "the lower and the upper limit of left_hinge, right_hinge are the same"),
+        (FIXED, "has no fingers; name their joints"),
+        (BARE, "has both a joint and a collision shape"),
+    ],
+)
+def test_a_hand_that_place_refuses_is_told_by_new(change: tuple[str, str], reason: str) -> None:
+    file = pincher(Path(), 0.5, 0.5)
+    file.write_text(file.read_text().replace(*change))
+    made = run("new", file, "cylinder:0.03,0.1")
+    assert made.exit_code == 0, made.output
+    assert reason in made.stdout and "now: graspless-pin place" not in made.stdout
+    placed = run("place", "scene.yaml", "-o", "placed.yaml", "--candidates", "5")
+    assert placed.exit_code == 2 and reason in placed.stderr
+
+
 def test_the_file_is_commented_and_fits_the_schema_beside_it() -> None:
     run("new", "allegro_right", ROOT / "examples" / "meshes" / "mug.stl", "-o", "mug.yaml")
     text = Path("mug.yaml").read_text()

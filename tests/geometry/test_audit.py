@@ -60,6 +60,27 @@ def test_limits_efforts_and_mimics(tmp_path):
     assert "to 3, outside its limits [-1, 1]" in report.findings[5].message
 
 
+@pytest.mark.parametrize(("effort", "believed"), [(150, True), (999, True), (1000, False)])
+def test_an_arm_without_a_hand_may_be_strong(tmp_path, effort, believed):
+    """A UR5 gives 150 N m; nothing says that its joints are fingers."""
+    strong = f'lower="-3" upper="3" effort="{effort}"'
+    body = TWO + link("c", BALL) + joint("shoulder", "a", "b", limit=strong)
+    body += joint("elbow", "b", "c", limit='lower="-3" upper="3" effort="28"')
+    report = audit(tmp_path, body)
+    assert found(report) == (
+        [] if believed else [(FindingCode.PLACEHOLDER_EFFORT, "joint shoulder")]
+    )
+
+
+def test_a_finger_is_not_as_strong_as_an_arm(tmp_path):
+    body = "".join(link(name, BALL) for name in "abc")
+    strong = 'lower="-1" upper="1" effort="150"'
+    body += joint("left", "a", "b", limit=strong) + joint("right", "a", "c", limit=strong)
+    assert [code for code, _ in found(audit(tmp_path, body))] == 2 * [
+        FindingCode.PLACEHOLDER_EFFORT
+    ]
+
+
 def test_meshes(tmp_path):
     box = trimesh.creation.box((0.1, 0.1, 0.1))
     box.export(tmp_path / "good.stl")

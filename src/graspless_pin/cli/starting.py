@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from graspless_pin.cli.outcome import plain_errors
+from graspless_pin.cli.outcome import echo_note, plain_errors
 from graspless_pin.drafts import draft_of
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.shapes import (
@@ -24,7 +24,7 @@ from graspless_pin.geometry.bodies.shapes import (
     Sphere,
 )
 from graspless_pin.scene import scene_json_schema
-from graspless_pin.scene.new_scene import SCHEMA_FILE, NewScene, new_scene_text
+from graspless_pin.scene.new_scene import SCHEMA_FILE, NewScene, NewSceneText, new_scene_text
 from graspless_pin.scene.saving import write_scene_file
 from graspless_pin.waiting import waiting_for
 
@@ -120,25 +120,36 @@ def new(
             root_link=root_link,
             effort=limits.get(""),
         )
-        open_limits: tuple[str, ...] = ()
+        made: list[NewSceneText] = []
 
         def text(target: Path) -> str:
-            nonlocal open_limits
             with waiting_for("reading the robot and the object"):
-                written, open_limits = new_scene_text(about, target)
-            return written
+                made.append(new_scene_text(about, target))
+            return made[0].text
 
         typer.echo(f"wrote {write_scene_file(output, text, overwrite=overwrite)}")
         if _write_schema(output.with_name(SCHEMA_FILE)):
             typer.echo(f"wrote {output.with_name(SCHEMA_FILE)}, for editors")
-        place = f"graspless-pin place {output} -o placed.yaml"
-        if not open_limits:
-            typer.echo(f"now: {place}")
-            return
-        typer.echo(
-            f"fill in hand.effort_limits: the robot's files do not tell what {_few(open_limits)} "
-            f"can give; then: {place}"
+        _tell_what_comes_next(made[0], limits.get(""), output)
+
+
+def _tell_what_comes_next(made: NewSceneText, effort: float | None, output: Path) -> None:
+    if made.kept:
+        stated = tuple(f"{name} ({limit:g})" for name, limit in made.kept.items())
+        echo_note(
+            f"--effort {effort:g} is for limits that the robot's files do not tell; theirs stay: "
+            f"{_few(stated)}; --effort NAME={effort:g} replaces one"
         )
+    first = []
+    if made.left_open:
+        first.append(
+            "fill in hand.effort_limits: the robot's files do not tell what "
+            f"{_few(made.left_open)} can give"
+        )
+    if made.unplaceable:
+        first.append(f"graspless-pin place refuses this hand as it is ({made.unplaceable})")
+    first.append(f"{'then' if first else 'now'}: graspless-pin place {output} -o placed.yaml")
+    typer.echo("; ".join(first))
 
 
 def _few(names: tuple[str, ...]) -> str:

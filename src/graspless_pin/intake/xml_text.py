@@ -20,9 +20,11 @@ def parse_xml(content: bytes) -> ET.Element:
     readers of URDFs do not look for their declaration, so that many files have none.
 
     Raises:
-        TextError: It is not well-formed, declares a DOCTYPE or entities, is nested more than 100
-            levels deep or has more than 200 000 elements.
+        TextError: It is empty, not well-formed, declares a DOCTYPE or entities, is nested more than
+            100 levels deep or has more than 200 000 elements.
     """
+    if not content.strip():
+        raise TextError("is empty; give the file that was meant, or export it again")
     builder = ET.TreeBuilder()
     depth = count = 0
 

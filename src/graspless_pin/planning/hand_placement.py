@@ -139,7 +139,10 @@ class HandPlacement:
 
 _MOST_ERRORS = 3
 _SHOWN = 5
-_LARGER = "the object may be too large or too small for the hand: look at the units of its mesh"
+_LARGER = (
+    "the object may be too large or too small for the hand: compare its size (m), and the scale of "
+    "its mesh if it has one, with the fingers"
+)
 _OTHERS = "try more candidates, other fingers or an approach of your own"
 _ADVICE = {
     PlacingFault.INTERNAL_ERROR: "this is our fault: please report it with the scene",

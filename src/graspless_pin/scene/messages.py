@@ -11,6 +11,7 @@ from typing import Annotated, Any, TypeVar
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from graspless_pin.errors import ArgumentError
+from graspless_pin.scene.units import si_advice
 from graspless_pin.scene.yaml_source import Location, YamlSource, key_text
 from graspless_pin.spelling import names_in_words, nearest_name
 
@@ -175,17 +176,15 @@ def _mistake(schema: Node, data: Any, location: Location, item: Any) -> str:
     wanted = _wanted_of(schema, _nodes_at(schema, data, location))
     if kind == "missing" and location[-1:] == parts[-1:]:
         return f"is missing; needs {wanted}"
-    return f"found {reprlib.repr(item['input'])}; needs {wanted}{_meant(item['input'], wanted)}"
+    found = item["input"]
+    return f"found {reprlib.repr(found)}; needs {wanted}{_meant(found, wanted, location)}"
 
 
-def _meant(found: Any, wanted: str) -> str:
-    """Return which of the words that would do was probably meant."""
+def _meant(found: Any, wanted: str, location: Location) -> str:
+    """Return which figure, or which of the words that would do, was probably meant."""
     word = found.get("type") if isinstance(found, dict) else found
-    if isinstance(word, str) and "number" in wanted:
-        amount = re.fullmatch(r"\s*([-+]?\d+(?:[.,]\d+)?)\s*([A-Za-z/^*°%\d]*)\s*", word)
-        if amount is not None:
-            unit = f", without {amount[2]!r}: units are SI" if amount[2] else ""
-            return f"; write {amount[1].replace(',', '.')}{unit}"
+    if isinstance(word, str) and "number" in wanted and (advice := si_advice(word, location)):
+        return advice
     near = nearest_name(word, re.findall("'(.*?)'", wanted)) if isinstance(word, str) else None
     return "" if near is None else f"; did you mean {near!r}?"
 

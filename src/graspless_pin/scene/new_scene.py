@@ -7,18 +7,21 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import FindingCode, heard, tell
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
 from graspless_pin.geometry.bodies.shapes import HalfSpace, Shape
 from graspless_pin.geometry.hand.effort_limits import is_placeholder
+from graspless_pin.geometry.hand.fingers import driving_joints
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.poses import pose_matrix
+from graspless_pin.geometry.posing.opposing import fingers_that_close
 from graspless_pin.geometry.posing.resting import clear_base, lying_object
 from graspless_pin.geometry.robots.description import RobotDescription
 from graspless_pin.geometry.robots.files import find_robot
@@ -67,8 +70,25 @@ class NewScene:
     effort: float | None = None
 
 
-def new_scene_text(new: NewScene, target: Path) -> tuple[str, tuple[str, ...]]:
-    """Return the text of a new scene, and the actuators whose effort limits it leaves open.
+class NewSceneText(NamedTuple):
+    """The text of a new scene, and what a reader has to know.
+
+    Attributes:
+        text: Of the file.
+        left_open: Actuators whose effort limits it leaves open.
+        kept: Limits (N m, N) by actuator that the robot's files state, so that `NewScene.effort`
+            does not count; empty where that is None.
+        unplaceable: Why no place can be found for the hand; empty: it can be looked for.
+    """
+
+    text: str
+    left_open: tuple[str, ...]
+    kept: Mapping[str, float]
+    unplaceable: str
+
+
+def new_scene_text(new: NewScene, target: Path) -> NewSceneText:
+    """Return the text of a new scene.
 
     The object rests on the support; the hand stands clear of it, above the support.
 
@@ -97,7 +117,12 @@ def new_scene_text(new: NewScene, target: Path) -> tuple[str, tuple[str, ...]]:
     lying = lying_object(target_object, support)
     path_text = paths_beside(target)
     weight = 9.81 * lying.mass
-    efforts, left_open = _efforts(new, hand)
+    efforts, left_open, kept = _efforts(new, hand)
+    unplaceable = ""
+    try:
+        fingers_that_close(hand, None)
+    except ArgumentError as error:
+        unplaceable = str(error)
     text = _TEXT.format(
         schema=SCHEMA_FILE,
         name=flow_of(f"{robot.name} and {lying.name}"),
@@ -115,7 +140,7 @@ def new_scene_text(new: NewScene, target: Path) -> tuple[str, tuple[str, ...]]:
         slope=_slope(new.slope),
         axes=_axes(new.slope),
     )
-    return text, left_open
+    return NewSceneText(text, left_open, kept, unplaceable)
 
 
 _TEXT = """\
@@ -186,8 +211,8 @@ def _positions(hand: Hand) -> str:
     return "".join(lines) if len(lines) > 1 else ""
 
 
-def _efforts(new: NewScene, hand: Hand) -> tuple[str, tuple[str, ...]]:
-    """Return the lines of the limits, and which of them are left open."""
+def _efforts(new: NewScene, hand: Hand) -> tuple[str, tuple[str, ...], dict[str, float]]:
+    """Return the lines of the limits, which are left open, and which of the files' stay."""
     lines = [f"    {flow_of(name)}: {limit:g}\n" for name, limit in new.efforts.items()]
     left_open = []
     said = dict(zip(hand.actuation.names, hand.effort_limits[1].tolist(), strict=True))
@@ -195,19 +220,26 @@ def _efforts(new: NewScene, hand: Hand) -> tuple[str, tuple[str, ...]]:
         name for one in hand.findings if one.code in _LIMITS for name in one.subject.split(", ")
     ]
     for name in doubted:
-        if not is_placeholder(said[name]):
-            lines.append(f"    {flow_of(name)}: {said[name]:g} # the file's, of unknown origin\n")
-        elif new.effort is not None:
+        if new.effort is not None:
             lines.append(f"    {flow_of(name)}: {new.effort:g} # the file says {said[name]:g}\n")
+        elif not is_placeholder(said[name]):
+            lines.append(f"    {flow_of(name)}: {said[name]:g} # the file's, of unknown origin\n")
         else:
             lines.append(f"    {flow_of(name)}: # fill in; the file says {said[name]:g}\n")
             left_open.append(name)
+    kept: dict[str, float] = {}
+    if new.effort is not None:
+        unsaid = {*hand.actuation.passive, *doubted, *new.efforts}
+        for name in hand.fingers.keys() & new.efforts:
+            unsaid.update(driving_joints(hand.tree, hand.fingers[name]))
+        kept = {name: limit for name, limit in said.items() if name not in unsaid}
     if not lines:
-        return "  # effort_limits: {} # N m, N: by joint or finger, instead of the robot's\n", ()
+        empty = "  # effort_limits: {} # N m, N: by joint or finger, instead of the robot's\n"
+        return empty, (), kept
     head = (
         "  effort_limits: # N m (N for linear joints and tendons): the most that each motor gives"
     )
-    return f"{head}\n{''.join(lines)}", tuple(left_open)
+    return f"{head}\n{''.join(lines)}", tuple(left_open), kept
 
 
 def _shape(stated: dict[str, Any]) -> str:

@@ -62,7 +62,7 @@ class AssembledMounts:
                 self.actuation,
                 joined.effort_limits | own,
                 joined.effort_unknown,
-                joined.held_joints,
+                joined.outer_joints,
                 joined.tensions,
             )
         tell(*found)

@@ -30,13 +30,13 @@ class HandStructure:
         palms: The links that carry fingers; empty if the tree neither branches nor ends in a jaw.
         fingers: The branches below the palms by name, in model order.
         arm_joints: Movable joints that carry a palm.
-        held_joints: Movable joints that are not below a palm: arms, legs, necks.
+        outer_joints: Movable joints that are not below a palm: arms, legs, necks; all without one.
     """
 
     palms: tuple[str, ...]
     fingers: dict[str, FingerSpec]
     arm_joints: tuple[str, ...]
-    held_joints: tuple[str, ...]
+    outer_joints: tuple[str, ...]
 
 
 def discover_hands(
@@ -91,7 +91,7 @@ def discover_hands(
         arm_joints=tuple(
             joint for joint in own_joints if any(mask[tree.joint_index[joint]] for mask in carried)
         ),
-        held_joints=tuple(joint for joint in own_joints if found and joint not in below),
+        outer_joints=tuple(joint for joint in own_joints if joint not in below),
     )
 
 

@@ -72,6 +72,7 @@ class JoinedMounts:
         fingers: All fingers, checked.
         arms: The joints that carry a palm, by the name ``arm`` with the mount's prefix.
         held_joints: Joints that neither a finger has nor a palm carries, where there is a palm.
+        outer_joints: The same, where there is no palm, too.
         tendons: Moment arm by joint, m, by tendon.
         tensions: Lowest and highest tension by tendon, N, as far as an MJCF states them.
         effort_limits: (lower, upper) by joint or tendon, as far as the robot files state them.
@@ -84,6 +85,7 @@ class JoinedMounts:
     fingers: dict[str, FingerSpec]
     arms: dict[str, tuple[str, ...]]
     held_joints: tuple[str, ...]
+    outer_joints: tuple[str, ...]
     tendons: dict[str, dict[str, float]]
     tensions: dict[str, tuple[float, float]]
     effort_limits: dict[str, tuple[float, float]]
@@ -137,7 +139,7 @@ def join_mounts(mounts: Sequence[Mount], *, with_shapes: bool = True) -> JoinedM
         list(zip(documents, poses, strict=True)), couplings, with_shapes=with_shapes, cuts=cuts
     )
     joined = JoinedMounts(
-        tree, dict(zip(prefixes, poses, strict=True)), (), {}, {}, (), {}, {}, {}, {}
+        tree, dict(zip(prefixes, poses, strict=True)), (), {}, {}, (), (), {}, {}, {}, {}
     )
     for mount, robot, document in zip(mounts, robots, documents, strict=True):
         joined = _add(joined, mount, robot, document)
@@ -205,13 +207,14 @@ def _add(
         fingers = check_fingers(tree, _prefix_fingers(prefix, mount.fingers))
     arm = structure.arm_joints
     in_fingers = {joint for spec in fingers.values() for joint in driving_joints(tree, spec)}
-    held = tuple(joint for joint in structure.held_joints if joint not in in_fingers)
+    outer = tuple(joint for joint in structure.outer_joints if joint not in in_fingers)
     return replace(
         joined,
         palms=(*joined.palms, *structure.palms),
         fingers=joined.fingers | fingers,
         arms=joined.arms | ({f"{prefix}arm": arm} if arm else {}),
-        held_joints=(*joined.held_joints, *held),
+        held_joints=(*joined.held_joints, *(outer if structure.palms else ())),
+        outer_joints=(*joined.outer_joints, *outer),
         tendons=joined.tendons | tendons,
         tensions=joined.tensions | {name: (one.lower, one.upper) for name, one in drawn.items()},
         effort_limits=joined.effort_limits | expanded,

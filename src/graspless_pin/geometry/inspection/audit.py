@@ -202,8 +202,7 @@ def _audit_joints(robot: RobotDescription, joined: JoinedMounts) -> Iterator[Fin
     """Find doubtful effort limits and joints that cannot stand at zero."""
     tree = joined.tree
     for name, effort in describe_efforts(robot, joined).items():
-        on_arm = name in joined.held_joints
-        held = " (position-controlled unless asked)" if on_arm else ""
+        held = " (position-controlled unless asked)" if name in joined.held_joints else ""
         where = f"{'tendon' if name in joined.tendons else 'joint'} {name}"
         if name in joined.effort_unknown and not effort.known:
             yield Finding(
@@ -212,7 +211,7 @@ def _audit_joints(robot: RobotDescription, joined: JoinedMounts) -> Iterator[Fin
                 f"the effort limit {effort.upper:g} is declared unknown: {effort.source}",
                 "measure it or ask the maker, and give it in effort_limits",
             )
-        elif not effort.known and is_placeholder(effort.upper, on_arm=on_arm):
+        elif not effort.known and is_placeholder(effort.upper, on_arm=name in joined.outer_joints):
             yield Finding(
                 FindingCode.PLACEHOLDER_EFFORT,
                 where,

@@ -116,7 +116,7 @@ def describe_efforts(robot: RobotDescription, joined: JoinedMounts) -> dict[str,
         if name in pulled or name in tree.locked:
             continue
         note = joined.effort_unknown.get(name)
-        if note is None and is_placeholder(float(upper[index]), on_arm=name in joined.held_joints):
+        if note is None and is_placeholder(float(upper[index]), on_arm=name in joined.outer_joints):
             note = "the URDF's, which looks like a placeholder"
         efforts[name] = EffortRecord(
             float(lower[index]), float(upper[index]), known=False, source=note or "the URDF's"

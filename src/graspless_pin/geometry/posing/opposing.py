@@ -82,10 +82,10 @@ class OpposingPosture(Record):
 
 
 def fingers_that_close(hand: Hand, fingers: Sequence[str] | None) -> tuple[str, ...]:
-    """Return those of the named fingers, or of all, that have both a joint and a shape.
+    """Return those of the named fingers, or of all, that have a joint that moves and a shape.
 
     Raises:
-        ArgumentError: If a finger is unknown, or none of them has both.
+        ArgumentError: If the hand has no fingers, a finger is unknown, or none of them has both.
     """
     names = chosen_fingers(hand, fingers)
     able = tuple(name for name in names if driving_columns(hand, name) and tip_shapes(hand, name))
@@ -93,7 +93,20 @@ def fingers_that_close(hand: Hand, fingers: Sequence[str] | None) -> tuple[str, 
         raise ArgumentError(
             "fingers", f"none of {', '.join(names)} has both a joint and a collision shape"
         )
-    return able
+    tree = hand.tree
+    drivers = {
+        name: [tree.joint_names[tree.coupling.leaders[k]] for k in driving_columns(hand, name)]
+        for name in able
+    }
+    moved = tuple(name for name in able if not tree.locked.issuperset(drivers[name]))
+    if not moved:
+        still = ", ".join(dict.fromkeys(joint for name in able for joint in drivers[name]))
+        raise ArgumentError(
+            "fingers",
+            f"none of {', '.join(able)} moves: the lower and the upper limit of {still} are the "
+            "same; correct <limit lower upper> in the robot's file",
+        )
+    return moved
 
 
 def opposing_postures(

@@ -1,0 +1,149 @@
+"""Units: what a key of a scene may be measured in, and what figures with a unit are in SI."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from graspless_pin.scene.yaml_source import Location
+
+ANY = ""
+"""The kind of a key that has no unit."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit.
+
+    Attributes:
+        name: As it stands in a study file.
+        kind: What it measures.
+        factor: SI units in one of it.
+    """
+
+    name: str
+    kind: str
+    factor: float
+
+    @property
+    def suffix(self) -> str:
+        """What follows the name in a column, e.g. ``_deg``; empty without a unit."""
+        return f"_{self.name.replace('^', '').replace('/', '_per_')}" if self.kind else ""
+
+
+UNITS = {
+    unit.name: unit
+    for unit in (
+        Unit("1", ANY, 1.0),
+        Unit("m", "length", 1.0),
+        Unit("cm", "length", 0.01),
+        Unit("mm", "length", 0.001),
+        Unit("rad", "angle", 1.0),
+        Unit("deg", "angle", float(np.pi / 180.0)),
+        Unit("kg", "mass", 1.0),
+        Unit("g", "mass", 0.001),
+        Unit("kg/m^3", "density", 1.0),
+        Unit("N", "force", 1.0),
+        Unit("Nm", "torque", 1.0),
+        Unit("mNm", "torque", 0.001),
+        Unit("m/s", "velocity", 1.0),
+        Unit("mm/s", "velocity", 0.001),
+        Unit("rad/s", "angular velocity", 1.0),
+        Unit("deg/s", "angular velocity", float(np.pi / 180.0)),
+        Unit("m/s^2", "acceleration", 1.0),
+    )
+}
+
+_SI = {unit.kind: unit for unit in reversed(UNITS.values()) if unit.factor == 1.0}
+
+_KINDS = {
+    "position": ("length",),
+    "size": ("length",),
+    "radius": ("length",),
+    "length": ("length",),
+    "center_of_mass": ("length",),
+    "contact_tolerance": ("length",),
+    "rpy": ("angle",),
+    "mass": ("mass",),
+    "density": ("density",),
+    "gravity": ("acceleration",),
+    "max_normal_force": ("force",),
+    "hybrid_force_limit": ("force",),
+    "margin": ("force",),
+    "linear": ("velocity",),
+    "angular": ("angular velocity",),
+    "q": ("angle", "length"),
+    "effort_limits": ("torque", "force"),
+    "joint_velocities": ("angular velocity", "velocity"),
+}
+
+
+def kinds_of(location: Location) -> tuple[str, ...]:
+    """Return what a scene key may be measured in: several kinds where the joint's type decides."""
+    for part in reversed(location):
+        if part in _KINDS:
+            return _KINDS[str(part)]
+        if part in ("friction", "materials"):
+            break
+    return (ANY,)
+
+
+def si_unit(kind: str) -> Unit:
+    """Return the SI unit of a kind."""
+    return _SI[kind]
+
+
+_FIGURE = re.compile(
+    r"\s*([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)\s*([A-Za-zµ°%][^\s]*(?: [^\s]+)?)?\s*"
+)
+_SPELLINGS = {"°": "deg", "degrees": "deg", "degree": "deg", "meters": "m", "metres": "m"}
+_FURTHER = {
+    unit.name: unit
+    for unit in (
+        Unit("km", "length", 1e3),
+        Unit("um", "length", 1e-6),
+        Unit("in", "length", 0.0254),
+        Unit("inch", "length", 0.0254),
+        Unit("mg", "mass", 1e-6),
+        Unit("lb", "mass", 0.45359237),
+        Unit("g/cm^3", "density", 1e3),
+        Unit("mN", "force", 1e-3),
+        Unit("kN", "force", 1e3),
+        Unit("Nmm", "torque", 1e-3),
+        Unit("Ncm", "torque", 1e-2),
+        Unit("%", ANY, 0.01),
+    )
+}
+
+
+def si_advice(found: str, location: Location) -> str:
+    """Return what to write instead of a text that is a figure; empty if it is none.
+
+    Args:
+        found: What stands at a key that takes a number.
+        location: The key.
+    """
+    figure = _FIGURE.fullmatch(found)
+    if figure is None:
+        return ""
+    value, written = float(figure[1].replace(",", ".")), figure[2]
+    if written is None:
+        return f"; write {value:.12g}"
+    name = re.sub(r"[\s*·]", "", written).replace("µ", "u").replace("²", "2").replace("³", "3")
+    name = re.sub(r"(?<=[ms])(?=[23]$)", "^", name)
+    name = _SPELLINGS.get(name, name)
+    unit = UNITS.get(name) or _FURTHER.get(name)
+    kinds = kinds_of(location)
+    in_degrees = any(str(part).endswith("_deg") for part in location)
+    if in_degrees:
+        kinds = ("angle",)
+    wanted = " or ".join("deg" if in_degrees else si_unit(kind).name for kind in kinds if kind)
+    if unit is None or (unit.kind not in kinds and kinds != (ANY,)):
+        meant = wanted and f" ({wanted})"
+        return f"; figures stand alone, without {written!r}: units are SI{meant}"
+    value *= unit.factor * (180.0 / np.pi if in_degrees else 1.0)
+    si = "deg" if in_degrees else unit.kind and si_unit(unit.kind).name
+    named = f" ({si})" if si and si != name else ""
+    return f"; write {value:.12g}{named}, without {written!r}: units are SI"
