@@ -22,7 +22,7 @@ _PACKAGE = "graspless_pin.compiled"
 _LIBRARIES = f"*{sysconfig.get_config_var('EXT_SUFFIX')}"
 # Without fused rounding the results are the same on every processor; there, that is the default.
 _STAMP = f".compiled{sysconfig.get_config_var('EXT_SUFFIX')}.stamp"
-_FLAGS = [] if sys.platform == "win32" else ["-O3", "-ffp-contract=off"]
+_FLAGS = [] if sys.platform == "win32" else ["-O3", "-g0", "-ffp-contract=off"]
 
 
 class CompiledLoops(BuildHookInterface):
@@ -80,6 +80,7 @@ def _compile(root: Path, sources: list[Path]) -> None:
         distribution = Distribution({"ext_modules": modules, "package_dir": {"": "src"}})
         command = distribution.get_command_obj("build_ext")
         command.inplace = True
+        command.parallel = os.cpu_count()
         command.build_lib = command.build_temp = folder
         command.ensure_finalized()
         command.run()

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Page
 
+DOCS = Path(__file__).resolve().parents[2] / "docs"
 WIDTH = 1280
 BACKGROUND = "getComputedStyle(document.body).backgroundColor"
 
@@ -43,6 +45,25 @@ def test_tables_and_pages_fit_the_screen(page: Page, site: Path):
             "items => Math.min(99, ...items.map((i) => parseFloat(getComputedStyle(i).fontSize)))"
         )
         assert smallest >= 12.0, file
+
+
+@pytest.mark.parametrize("name", ["first_steps", "install", "viewer"])
+def test_the_copy_buttons_copy_commands_and_nothing_else(page: Page, site: Path, name):
+    source = (DOCS / f"{name}.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```console\n(.*?)^```$", source, re.DOTALL | re.MULTILINE)
+    page.goto((site / name / "index.html").as_uri())
+    page.evaluate("document.body.append(document.createElement('textarea'))")
+    shown = page.locator("pre:has(.gp)")
+    assert shown.count() == len(blocks) > 0
+    for index, block in enumerate(blocks):
+        # The button appears once its block is pointed at.
+        shown.nth(index).hover()
+        shown.nth(index).locator("xpath=..").get_by_title("Copy to clipboard").click()
+        page.locator("textarea").last.fill("")
+        page.locator("textarea").last.press("Control+V")
+        lines = [line[2:] for line in block.splitlines() if line.startswith("$ ")]
+        commands = [re.sub(r"\s+# .*", "", line) for line in lines]
+        assert page.locator("textarea").last.input_value() == "\n".join(commands)
 
 
 LOOKED_AT = (
