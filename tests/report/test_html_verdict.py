@@ -36,19 +36,21 @@ def test_rest_that_is_proven():
     scene, solution = solved(AT_REST)
     verdict = scene.stability(solution.torques)
     page = read_html(report_html(case_of_scene(scene, solution, None, verdict)))
-    assert status(page) == "Holds: rest is the only outcome (proof: 15 LPs)"
+    assert (
+        status(page) == "Holds: the object provably stays at rest (15 LPs); no small motion grows"
+    )
     assert "That the object stays is proven all the same" in page.text
     assert "What can happen" not in page.text
     rows = {row[0]: row[1] for row in page.section("modes").rows()}
     assert "FAILS" not in rows.values()
     counted = json.loads(json.dumps(solution_document(solution, scene, verdict)))
-    counted["stability"] |= {"message": "holds: so; 3 free motions", "free_motions": 3}
+    counted["stability"] |= {"message": "holds: so; and so", "growth_rate": 3.0}
     (line,) = (
         p
         for p in read_html(report_html(case_of_document(counted))).all("p")
         if "care" in (p.attributes.get("class") or "")
     )
-    assert line.text == "Holds: so; 3 free motions"
+    assert line.text == "Holds: so; and so"
 
 
 def test_a_motion_that_may_happen(weak: Weak):

@@ -82,7 +82,7 @@ def test_an_internal_error_in_a_verdict_is_shown(paper, monkeypatch):
     monkeypatch.setattr(Scene, "stability", lambda *_, **__: 1 / 0)
     judged = with_verdict(shown)
     assert judged.solution is shown.solution and judged.stability is None
-    assert "no verdict: internal error in scene_process.py" in str(judged.verdict)
+    assert "no verdict: internal error in scene_stability.py" in str(judged.verdict)
     assert "please report it" in verdict_html(judged, dark=False)
 
 
@@ -357,7 +357,7 @@ def test_the_verdict_comes_after_the_solution(paper):
     assert first.solution is not None
     assert (judged.stability, judged.motion) == (Stability.STRONG, None)
     assert judged.verdict == str(paper.stability(first.solution.torques, node_limit=300))
-    assert "<b>Holds</b> rest is the only outcome (proof" in verdict_html(judged, dark=False)
+    assert "<b>Holds</b> the object provably stays at rest (" in verdict_html(judged, dark=False)
     walls = load_scene(EXAMPLES / "box_between_walls.yaml")
     may_fall = with_verdict(answer_settings(walls, initial_settings(walls)))
     assert may_fall.stability is Stability.WEAK and may_fall.motion is not None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -18,7 +19,7 @@ from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.problem.cones import ConeModel
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
-from graspless_pin.scene.scene_stability import unknown_of
+from graspless_pin.scene.scene_stability import known_of_scene, unknown_of
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.waiting import waiting_for
 
@@ -62,6 +63,7 @@ def robustness_scene(
             found = robustness(
                 solution.problem, solution.torques, node_limit=nodes, time_limit=limits.left
             )
+        found = replace(found, verdict=known_of_scene(loaded, found.verdict))
         strong = found.verdict.status is Stability.STRONG
         typer.echo(str(found))
         for line in _gaps(loaded, found) if strong else _changes(loaded, solution, nodes, limits):

@@ -24,6 +24,7 @@ from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.report.document import write_text
 from graspless_pin.report.html.time_lapse import time_lapse, time_lapse_html
+from graspless_pin.report.provenance import same_problem
 from graspless_pin.report.simulation import simulation_text
 from graspless_pin.scene import Scene
 from graspless_pin.scene.scene_stability import hand_support_contacts
@@ -133,7 +134,7 @@ def simulated_words(scene: Scene, found: Simulation) -> str:
 
 
 def _verdict(scene: Scene, found: Simulation) -> StabilityVerdict:
-    # The scene knows why nothing is decided where the hand touches a support; not of the push.
-    if hand_support_contacts(scene):
+    # The scene knows where the hand touches a support, and how contacts roll; not of the push.
+    if hand_support_contacts(scene) or same_problem(scene.problem(), found.problem):
         return scene.stability(found.torques)
     return stability(found.problem, found.torques)

@@ -19,6 +19,7 @@ from graspless_pin.modes.rules import SignRule, SlidingRule, StaticFriction
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.report import scene_solution_text
 from graspless_pin.scene import Scene
+from graspless_pin.scene.scene_stability import solution_verdict
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.waiting import waiting_for
 
@@ -138,9 +139,8 @@ def asked_verdict(
     """Return whether the object stays, and what is said of it; a verdict may not be had."""
     limit = BRIEF_NODE_LIMIT if nodes is None else nodes
     try:
-        known = solution.guarantee and solution.guarantee.verdict
         with waiting_for("looking for a verdict"):
-            verdict = known or scene.stability(solution.torques, node_limit=limit)
+            verdict = solution_verdict(scene, solution, node_limit=limit)
     except ArgumentError as error:
         return None, f"no verdict: {error}"
-    return verdict, str(verdict)
+    return verdict, verdict.said("--verdict-nodes {}")

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import null_space
 
+from graspless_pin.holding.verdict import SmallMotions
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.contact_map import contact_map
@@ -46,6 +48,35 @@ def free_motions(problem: QuasistaticProblem) -> FloatArray:
         3
     """
     checked_problem(problem)
+    basis, moving, units = _without_slip(problem)
+    _, shares, turns = np.linalg.svd(basis[:6], full_matrices=True)
+    count = int((shares > NEGLIGIBLE).sum())
+    motions = np.zeros((count, len(moving)))
+    motions[:, moving] = turns[:count] @ basis.T * units
+    return read_only(motions)
+
+
+def rolling_without_scene(problem: QuasistaticProblem) -> SmallMotions:
+    """Return what is known of small motions about a rest from its contacts' first order alone.
+
+    Where no motion of object and joints leaves all contacts without slip, there is none. How
+    contacts roll in others hangs on surfaces, which a problem does not have.
+
+    Args:
+        problem: Contacts and joints at rest.
+    """
+    if problem.is_sliding.any():
+        return SmallMotions.not_known("contacts slide as declared")
+    basis, _, _ = _without_slip(problem)
+    if not basis.shape[1]:
+        return SmallMotions(0.0, 0.0)
+    return SmallMotions.not_known("how the contacts roll needs a scene with shapes")
+
+
+def _without_slip(
+    problem: QuasistaticProblem,
+) -> tuple[FloatArray, NDArray[np.bool_], FloatArray]:
+    """Return a basis of the motions without slip, scaled, of which entries, and their units."""
     hybrid = hybrid_contacts(problem)
     moving = np.concatenate([np.ones(6, dtype=bool), hybrid < 0])
     units = motion_units(problem)[moving]
@@ -54,12 +85,7 @@ def free_motions(problem: QuasistaticProblem) -> FloatArray:
     still = np.ones((problem.contact_count, 3), dtype=bool)
     still[:, 1:] = problem.has_cone[:, None]
     still[hybrid[hybrid >= 0], 0] = False
-    basis = null_space(velocities[still], rcond=NEGLIGIBLE)
-    _, shares, turns = np.linalg.svd(basis[:6], full_matrices=True)
-    count = int((shares > NEGLIGIBLE).sum())
-    motions = np.zeros((count, len(moving)))
-    motions[:, moving] = turns[:count] @ basis.T * units
-    return read_only(motions)
+    return null_space(velocities[still], rcond=NEGLIGIBLE), moving, units
 
 
 def motion_units(problem: QuasistaticProblem) -> FloatArray:

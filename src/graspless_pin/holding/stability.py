@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from math import inf
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,25 +13,34 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.branching import branch
 from graspless_pin.holding.certificate import (
     balance,
+    in_loads,
     is_certificate,
     proven_loads,
     proves_unrest,
 )
-from graspless_pin.holding.dynamics import Dynamics, rubs, scaled_dynamics, world_forces
-from graspless_pin.holding.free_motions import free_motions
+from graspless_pin.holding.dynamics import (
+    Dynamics,
+    free_friction,
+    rubs,
+    scaled_dynamics,
+    world_forces,
+)
+from graspless_pin.holding.free_motions import free_motions, rolling_without_scene
 from graspless_pin.holding.kept_motion import other_motion
 from graspless_pin.holding.motion_words import motion_words, state_words
-from graspless_pin.holding.moving import find_motion, outcome_record
-from graspless_pin.holding.options import NODE_LIMIT
+from graspless_pin.holding.moving import find_motion, is_outcome, outcome_record, polish
+from graspless_pin.holding.options import BRIEF_NODE_LIMIT, NODE_LIMIT
 from graspless_pin.holding.relaxation import FORCE_LIMIT, Relaxation
-from graspless_pin.holding.rest import BALANCE_TOLERANCE
+from graspless_pin.holding.rest import BALANCE_TOLERANCE, least_residual
 from graspless_pin.holding.verdict import (
     DynamicOutcome,
     LoadProof,
+    MovingPart,
     RestProof,
     Stability,
     StabilityVerdict,
 )
+from graspless_pin.holding.verdict_words import finger_words, strong_words
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import (
     FloatArray,
@@ -41,6 +51,9 @@ from graspless_pin.problem.checks import (
 )
 from graspless_pin.problem.inertias import hybrid_contacts, whole_inertia
 from graspless_pin.problem.quasistatic import checked_problem
+
+_MORE = 10
+"""Times as many sets of outcomes are worth asking for where a limit ended a search."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +95,7 @@ def stability(
         >>> from graspless_pin import load_scene, maximize_margin, stability
         >>> problem = load_scene("examples/paper/cuboid_at_rest.yaml").problem()
         >>> print(stability(problem, maximize_margin(problem).torques))
-        holds: rest is the only outcome (proof: 15 LPs)
+        holds: the object provably stays at rest (15 LPs); no small motion grows
     """
     return _verdict(*_asked(problem, torques, acceleration_resolution, node_limit, time_limit))
 
@@ -126,7 +139,7 @@ def _asked(
     blank = StabilityVerdict(
         Stability.UNDECIDED, problem, tau, resolution, limit, rest_forces=None, motion=None,
         proof=None, no_rest=None, programs=0, nodes=0, free_motions=len(free_motions(problem)),
-        message="",
+        small_motions=None, seconds=0.0, next_nodes=0, message="",
     )  # fmt: skip
     return blank, limits
 
@@ -158,25 +171,24 @@ def _verdict(blank: StabilityVerdict, limits: _Limits) -> StabilityVerdict:
     if proof is not None:
         return _strong(known, proof)
     if dynamics is None:
-        why = f"undecided: {_kept(problem)} is an outcome; object_inertia and joint_inertia would "
-        return replace(known, message=why + "tell more")
+        why = f"undecided: {_possible(problem)}; object_inertia and joint_inertia would tell more"
+        return replace(known, message=why)
     return _searched(known, dynamics, commanded, limits)
 
 
-def _kept(problem: QuasistaticProblem) -> str:
-    """Return what is asked for, in words."""
-    return "keeping the motion" if problem.is_sliding.any() else "rest"
+def _possible(problem: QuasistaticProblem) -> str:
+    """Return in words that what is asked for is an outcome."""
+    return f"the object can {'keep its motion' if problem.is_sliding.any() else 'stay'}"
 
 
 def _strong(known: StabilityVerdict, proof: RestProof) -> StabilityVerdict:
-    count, under_motion = known.programs, known.problem.is_sliding.any()
-    said = "holds: rest is the only outcome"
-    if under_motion:
-        said = "keeps its motion: nothing else is an outcome"
-    said += f" (proof: {count} LP{'s' if count != 1 else ''})"
-    if free := known.free_motions:
-        said += f"; needs position feedback: {free} free motion{'s' if free != 1 else ''}"
-    return replace(known, status=Stability.STRONG, proof=proof, message=said)
+    known = replace(
+        known,
+        status=Stability.STRONG,
+        proof=proof,
+        small_motions=rolling_without_scene(known.problem),
+    )
+    return replace(known, message=strong_words(known))
 
 
 def _dynamics(blank: StabilityVerdict) -> tuple[Dynamics | None, bool]:
@@ -251,20 +263,25 @@ def _searched(
         for load in loads:
             least[load.contact] = load.force / dynamics.force_unit
         relaxation = Relaxation(dynamics, least, most)
+        begun = time.thread_time()
         found = branch(dynamics, relaxation, limits.passed)
-        programs = known.programs + relaxation.programs
-        known, forces = replace(known, programs=programs, nodes=found.nodes), found.motion
+        programs, seconds = known.programs + relaxation.programs, time.thread_time() - begun
+        known = replace(known, programs=programs, nodes=found.nodes, seconds=seconds)
+        forces = found.motion
         if found.tree is not None:
             return _strong(known, RestProof(loads, None, found.tree, most * dynamics.force_unit))
         if forces is None:
-            return _unproven(known, found.left)
+            return _unproven(known, limits, f"{found.left} left")
     return _weak(known, outcome_record(known.problem, dynamics, forces))
 
 
-def _unproven(known: StabilityVerdict, left: int) -> StabilityVerdict:
-    why = f"undecided: {_kept(known.problem)} is an outcome; whether anything else is, was not "
-    why += f"proven: {known.nodes} sets of outcomes looked at, {left} left"
-    return replace(known, message=why)
+def _unproven(known: StabilityVerdict, limits: _Limits, left: str) -> StabilityVerdict:
+    other = "other motion" if known.problem.is_sliding.any() else "motion"
+    why = f"undecided: {_possible(known.problem)}, but {other} was not ruled out "
+    why += f"({known.nodes} sets of outcomes looked at, {left})"
+    ended = known.nodes >= limits.nodes
+    more = max(_MORE * limits.nodes, BRIEF_NODE_LIMIT) if ended else 0
+    return replace(known, next_nodes=more, message=why)
 
 
 def _weak(known: StabilityVerdict, motion: DynamicOutcome) -> StabilityVerdict:
@@ -278,14 +295,15 @@ def _under_motion(known: StabilityVerdict, dynamics: Dynamics, limits: _Limits) 
     forces = find_motion(dynamics)
     if forces is not None:
         return _weak(known, outcome_record(known.problem, dynamics, forces))
+    begun = time.thread_time()
     found = other_motion(dynamics, _force_limit(known.problem, dynamics), limits.passed)
-    known = replace(known, programs=known.programs + found.programs, nodes=found.nodes)
+    programs, seconds = known.programs + found.programs, time.thread_time() - begun
+    known = replace(known, programs=programs, nodes=found.nodes, seconds=seconds)
     if found.motion is not None:
         return _weak(known, outcome_record(known.problem, dynamics, found.motion))
     if found.tree is None:
-        known = _unproven(known, found.left)
         resists = state_words(found.resisting) or "no contact's state is known"
-        return replace(known, message=f"{known.message}; what resists: {resists}")
+        return _unproven(known, limits, f"{found.left} left; what resists: {resists}")
     limit = FORCE_LIMIT * known.problem.scales.force
     return _strong(known, RestProof((), None, found.tree, limit))
 
@@ -303,16 +321,43 @@ def _none(
         return replace(known, message="undecided: no forces of rest found, and no proof of it")
     forces = None if dynamics is None else find_motion(dynamics)
     motion, said = None, "loses its motion" if problem.is_sliding.any() else "fails"
-    said += f": {_kept(problem)} is no outcome"
+    said += f": {'keeping the motion' if problem.is_sliding.any() else 'rest'} is no outcome"
     if dynamics is not None and forces is None and rubs(problem).any():
         found = other_motion(dynamics, _force_limit(problem, dynamics), limits.passed)
         known = replace(known, programs=known.programs + found.programs, nodes=found.nodes)
         forces = found.motion
         if found.tree is not None and found.tree.is_empty:
             said += ", and nothing else is: rubbing contacts jam"
+    may_bend = problem.joint_count > 0 and not problem.is_sliding.any()
+    if dynamics is not None and forces is None and may_bend:
+        forces = _with_object_at_rest(known, dynamics)
     if dynamics is not None and forces is not None:
         motion = outcome_record(problem, dynamics, forces)
         said += f"; the object can {motion_words(problem, motion)}"
-    return replace(
+    known = replace(
         known, status=Stability.NONE, motion=motion, no_rest=read_only(proof), message=said
     )
+    if known.moves is MovingPart.FINGER:
+        return replace(known, message=finger_words(known, {}))
+    return known
+
+
+def _with_object_at_rest(known: StabilityVerdict, dynamics: Dynamics) -> FloatArray | None:
+    """Return scaled forces of an outcome in which joints alone move; None where none was found."""
+    problem = known.problem
+    anything = replace(dynamics, limit=-inf)
+    acting = problem.jacobian.any(axis=0)
+    if not acting.all():
+        # Where joints that act on no contact are left alone, the rest may balance.
+        kept = np.concatenate([np.ones(6, dtype=bool), acting])
+        jacobian, load = in_loads(problem, known.torques)
+        free, any_friction = free_friction(problem), np.full(problem.contact_count, np.nan)
+        found = least_residual(
+            jacobian[:, :, kept], load[kept], free, any_friction, BALANCE_TOLERANCE
+        )
+        if found is not None and found.is_rest:
+            forces = found.forces * problem.scales.force / dynamics.force_unit
+            start = forces if is_outcome(anything, forces) else polish(anything, forces)
+            if start is not None:
+                return start
+    return find_motion(anything)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from math import nan
 
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
@@ -36,6 +37,43 @@ class ContactState(StrEnum):
     """It stays closed; whether it slips is not decided, or it slides on as declared."""
     STICKING = "sticking"
     SLIPPING = "slipping"
+
+
+class MovingPart(StrEnum):
+    """What an outcome moves. See the example of `stability`."""
+
+    OBJECT = "object"
+    """The object, faster than counts as rest."""
+    FINGER = "finger"
+    """Joints alone: the object stays in this outcome, which tells nothing of others."""
+
+
+@dataclass(frozen=True, eq=False)
+class SmallMotions:
+    """What becomes of small motions about a rest under constant torques, to second order.
+
+    Slips and contacts that part are another question, which the verdict itself answers.
+
+    Attributes:
+        stiffness: Feedback at each joint beyond which none grows, N m/rad (N/m for linear joints);
+            0 where none grows without, inf where no feedback is enough, NaN where it is not known.
+        growth: Rate of the one that grows fastest without feedback, 1/s; 0: none grows; NaN as
+            above.
+        unit: Of the stiffness.
+        moving: What that one does, such as "the fingers buckle"; empty: none grows.
+        unknown: Why it is not known; empty: it is.
+    """
+
+    stiffness: float
+    growth: float
+    unit: str = ""
+    moving: str = ""
+    unknown: str = ""
+
+    @classmethod
+    def not_known(cls, why: str) -> SmallMotions:
+        """Return that it is not known, and why."""
+        return cls(nan, nan, unknown=why)
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,8 +246,10 @@ class StabilityVerdict:
             which all contact forces do work of one sign and the load the other; scaled.
         programs: Linear programs solved.
         nodes: Sets of outcomes looked at, without those that earlier proofs close.
-        free_motions: How many motions no friction resists, see `free_motions`; where an object at
-            rest has some, constant torques seldom hold.
+        free_motions: How many motions no friction resists, see `free_motions`.
+        small_motions: Of a strong verdict: whether rest lasts beyond the first instant.
+        seconds: Processor time that looking at `nodes` took.
+        next_nodes: Of an undecided verdict: a limit worth asking for; 0: more would not help.
         message: One sentence.
     """
 
@@ -225,11 +265,60 @@ class StabilityVerdict:
     programs: int
     nodes: int
     free_motions: int
+    small_motions: SmallMotions | None
+    seconds: float
+    next_nodes: int
     message: str
 
+    @property
+    def moves(self) -> MovingPart | None:
+        """What `motion` moves: the object, or joints alone; None without a motion."""
+        if self.motion is None:
+            return None
+        moved = self.motion.point_acceleration > self.acceleration_limit
+        alone = not moved and self.motion.joint_accelerations.any()
+        return MovingPart.FINGER if alone else MovingPart.OBJECT
+
+    @property
+    def stiffness_needed(self) -> float:
+        """Joint feedback that rest needs, N m/rad (N/m); inf: none is enough; NaN: not known."""
+        return nan if self.small_motions is None else self.small_motions.stiffness
+
+    @property
+    def growth_rate(self) -> float:
+        """Rate at which rest is lost without feedback, 1/s; 0: it is not; NaN: not known."""
+        return nan if self.small_motions is None else self.small_motions.growth
+
+    @property
+    def lasts(self) -> bool:
+        """Whether a strong verdict lasts under constant torques: no small motion grows.
+
+        Of a declared motion: no motion is free.
+        """
+        if self.status is not Stability.STRONG:
+            return False
+        if self.problem.is_sliding.any():
+            return not self.free_motions
+        return self.growth_rate == 0.0
+
+    def said(self, option: str = "node_limit={}") -> str:
+        """Return the message, and where more nodes might decide, how to ask for them.
+
+        Args:
+            option: How a limit is given, with braces for the number.
+        """
+        if not self.next_nodes:
+            return self.message
+        told = f"{self.message}; try {option.format(self.next_nodes)}"
+        if not self.nodes:
+            return told
+        seconds = self.seconds / self.nodes * self.next_nodes
+        amount, unit = (seconds, "s") if seconds < 60.0 else (seconds / 60.0, "min")
+        return f"{told} (about {max(float(f'{amount:.1g}'), 1.0):g} {unit})"
+
     def __str__(self) -> str:
-        """Return the message."""
-        return self.message
+        """Return the message, and how to ask for more."""
+        return self.said()
 
     def __repr__(self) -> str:
         """Return the status and the message, not the arrays."""

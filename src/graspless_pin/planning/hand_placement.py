@@ -9,6 +9,7 @@ from textwrap import fill
 
 from graspless_pin.findings import heard
 from graspless_pin.holding.verdict import Stability, StabilityVerdict
+from graspless_pin.holding.verdict_words import parted
 from graspless_pin.planning.placing_candidates import NODES, PlacingFault
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
@@ -49,7 +50,7 @@ class PlacedHand:
     def __str__(self) -> str:
         """Margins, links and verdict."""
         lines = [f"{self._margins}; touches with {', '.join(self.touching)}"]
-        lines += [] if self.verdict is None else [str(self.verdict)]
+        lines += [] if self.verdict is None else [self.verdict.said("--verdict-nodes {}")]
         return "\n".join(fill(line, COLUMNS) for line in lines)
 
     @property
@@ -113,7 +114,7 @@ class HandPlacement:
         """Return the best places, and why the other candidates are none."""
         lines = [str(place) for place in self.places[:1]]
         for rank, place in enumerate(self.places[1:_SHOWN], 2):
-            verdict = "" if place.verdict is None else f"; {str(place.verdict).partition(':')[0]}"
+            verdict = "" if place.verdict is None else f"; {parted(place.verdict.message)[0]}"
             lines.append(f"rank {rank}: {place._margins}; {len(place.touching)} links{verdict}")
         if self.found > _SHOWN:
             lines.append(f"and {self.found - _SHOWN} more")

@@ -44,7 +44,7 @@ def scene_solution_text(
     serious = [one for one in solution.findings if one.severity is Severity.SERIOUS]
     title = "\n".join([*(f"{one.severity}: {one.message}" for one in serious), title])
     if verdict:
-        title += f"\n{verdict}"
+        title += f"\n{fill(verdict, COLUMNS, break_on_hyphens=False)}"
     remarks = _remarks(scene, solution, bounds) if solution.found else []
     return f"{title}\n{solution.text(_touching(scene), remarks)}"
 

@@ -33,7 +33,8 @@ def verdict_data(verdict: StabilityVerdict) -> dict[str, Any]:
     Returns:
         ``status``, ``message``, ``acceleration_resolution``, ``acceleration_limit`` (m/s^2),
         ``rest_forces`` (N), ``motion``, ``no_rest``, ``programs``, ``nodes``,
-        ``free_motions`` and ``proof``.
+        ``free_motions``, ``stiffness_needed`` (N m/rad or N/m) and ``growth_rate`` (1/s; both
+        NaN where they are not known), ``moves`` and ``proof``.
     """
     return {
         "status": str(verdict.status),
@@ -46,6 +47,9 @@ def verdict_data(verdict: StabilityVerdict) -> dict[str, Any]:
         "programs": verdict.programs,
         "nodes": verdict.nodes,
         "free_motions": verdict.free_motions,
+        "stiffness_needed": verdict.stiffness_needed,
+        "growth_rate": verdict.growth_rate,
+        "moves": None if verdict.moves is None else str(verdict.moves),
         "proof": None if verdict.proof is None else _proof(verdict.proof),
     }
 

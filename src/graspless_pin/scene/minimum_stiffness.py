@@ -19,17 +19,23 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import null_space
 from scipy.spatial.transform import Rotation
 
-from graspless_pin.errors import ArgumentError, SceneError
+from graspless_pin.errors import ArgumentError, GrasplessPinError, SceneError
+from graspless_pin.findings import heard
+from graspless_pin.geometry.bodies.shapes import Capsule, Cylinder, Sphere
 from graspless_pin.geometry.contact.convex_sets import is_hull
 from graspless_pin.holding.free_motions import NEGLIGIBLE, motion_units
+from graspless_pin.holding.verdict import SmallMotions
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only, real_number
 from graspless_pin.problem.contact_map import contact_map
 from graspless_pin.problem.inertias import moving_joints
+from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.problem.quasistatic import QuasistaticProblem
 from graspless_pin.scene.load import checked_scene
 from graspless_pin.scene.moved import bent_hand, moved_scene
 from graspless_pin.scene.scene import Scene
 
+ARMATURE, DAMPING = 1e-4, 0.02
+"""Of each joint unless told otherwise, kg m^2 and N m s/rad."""
 STEP = 1e-3
 """How far scenes are moved, in the units of `free_motions`: twice that is the stated radius."""
 _ALIKE = 0.05
@@ -37,7 +43,12 @@ _BALANCED = 1e-3
 _STILL = 1e-3
 _TURNING = 1e-6
 _DOUBLINGS = 60
-_HALVINGS = 40
+_HALVINGS = 24
+_PART = 1e-3
+"""Of the motion: a smaller part of it is none."""
+_ALONG = float(np.cos(np.radians(20.0)))
+_TINY = 1e-300
+_PER = {JointUnit.TORQUE: "/rad", JointUnit.FORCE: "/m"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,27 +93,38 @@ class _Linearised(NamedTuple):
     velocities: FloatArray
     slowest: float
 
-    def growth(self, feedback: FloatArray, damping: float) -> tuple[float, FloatArray]:
-        """Return the fastest growth under (c,) feedback, 1/s, and its motion (6 + L,)."""
+    def steps(self, pattern: FloatArray, factors: FloatArray, damping: float) -> FloatArray:
+        """Return (K, 2 d, 2 d) A of (z, z')' = A (z, z') under K multiples of (c,) feedback."""
+        count = len(self.inertia)
+        feedback = self.joints.T @ (pattern[:, None] * self.joints)
+        parts = [self.stiffness, damping * self.joints.T @ self.joints, feedback]
+        rolled = -np.linalg.solve(self.inertia, np.hstack(parts))
+        found = np.zeros((len(factors), 2 * count, 2 * count))
+        found[:, :count, count:] = np.eye(count)
+        found[:, count:] = rolled[:, : 2 * count]
+        found[:, count:, :count] += factors[:, None, None] * rolled[:, 2 * count :]
+        return found
+
+    def fastest(self, damping: float) -> tuple[float, FloatArray]:
+        """Return the fastest growth without feedback, 1/s, and its motion (6 + L,)."""
         count = len(self.inertia)
         if count == 0:
             return 0.0, np.zeros(len(self.velocities))
-        forces = np.hstack([
-            self.stiffness + self.joints.T @ (feedback[:, None] * self.joints),
-            damping * self.joints.T @ self.joints,
-        ])  # fmt: skip
-        step = np.vstack([
-            np.eye(count, 2 * count, count), -np.linalg.solve(self.inertia, forces)
-        ])  # fmt: skip
+        step = self.steps(np.zeros(len(self.joints)), np.zeros(1), damping)[0]
         values, vectors = np.linalg.eig(step)
         fastest = int(np.argmax(np.real(values)))
         motion = self.velocities @ np.real(vectors[:count, fastest])
         rate = float(np.real(values[fastest]))
         return (rate if rate > self.slowest else 0.0), motion
 
+    def grows(self, pattern: FloatArray, factors: FloatArray, damping: float) -> NDArray[np.bool_]:
+        """Return the (K,) multiples of feedback under which something grows."""
+        values = np.linalg.eigvals(self.steps(pattern, factors, damping))
+        return np.real(values).max(axis=1) > self.slowest
+
 
 def minimum_stiffness(
-    scene: Scene, torques: ArrayLike, *, armature: float = 1e-4, damping: float = 0.02
+    scene: Scene, torques: ArrayLike, *, armature: float = ARMATURE, damping: float = DAMPING
 ) -> MinimumStiffness:
     """Find the smallest position feedback with which a scene's rest is stable to second order.
 
@@ -131,17 +153,9 @@ def minimum_stiffness(
         >>> print(f"{found.stiffness:.1f} N m/rad")
         0.4 N m/rad
     """
-    scene = checked_scene(scene).with_changes(motion=None)
-    problem = scene.problem()
-    torque = finite_array("torques", torques, (problem.joint_count,))
     added, damping = real_number("armature", armature, 0.0), real_number("damping", damping, 0.0)
-    if scene.given_contacts is not None:
-        raise SceneError(f"{scene.name}: contacts are stated, and nobody knows how they roll")
-    if scene.hand is not None and scene.hand.control.hybrid_fingers:
-        raise SceneError(f"{scene.name}: a hybrid finger follows the object; control it by force")
-    at = _linearised(scene, problem, torque, added)
-    none = np.zeros(len(at.joints))
-    growth, motion = at.growth(none, damping)
+    scene, problem, at = _rest(scene, torques, added)
+    growth, motion = at.fastest(damping)
     names = [problem.joint_names[joint] for joint in _carriers(scene, problem)]
     alone = dict.fromkeys(names, 0.0)
     if growth > 0.0:
@@ -151,13 +165,73 @@ def minimum_stiffness(
         }
         motion = motion / motion[np.argmax(np.abs(motion))]
     return MinimumStiffness(
-        _smallest(at, none + 1.0, damping) if growth > 0.0 else 0.0,
+        _smallest(at, np.ones(len(names)), damping) if growth > 0.0 else 0.0,
         MappingProxyType(alone),
         growth,
         read_only(motion) if growth > 0.0 else None,
         added,
         damping,
     )
+
+
+def small_motions(scene: Scene, torques: ArrayLike) -> SmallMotions:
+    """Return what `minimum_stiffness` says of all joints together, or why it says nothing.
+
+    Args:
+        scene: The scene.
+        torques: (L,) of the motors, N m (N).
+    """
+    try:
+        with heard():
+            scene, problem, at = _rest(scene, torques, ARMATURE)
+    except GrasplessPinError as error:
+        why = str(error).removeprefix(f"{scene.name}: ").partition("; ")[0]
+        return SmallMotions.not_known(why)
+    growth, motion = at.fastest(DAMPING)
+    if growth == 0.0:
+        return SmallMotions(0.0, 0.0)
+    carriers = _carriers(scene, problem)
+    units = {problem.joint_units[joint] for joint in carriers}
+    return SmallMotions(
+        _smallest(at, np.ones(len(carriers)), DAMPING),
+        growth,
+        " or ".join(f"{unit}{_PER[unit]}" for unit in JointUnit if unit in units),
+        _moving_words(scene, problem, motion),
+    )
+
+
+def _moving_words(scene: Scene, problem: QuasistaticProblem, motion: FloatArray) -> str:
+    """Return what a small motion (6 + L,) moves, and how."""
+    shares = motion / motion_units(problem)
+    linear, angular = (float(np.linalg.norm(part)) for part in (shares[:3], shares[3:6]))
+    if max(linear, angular) < _PART * float(np.abs(shares).max()):
+        return "the fingers buckle"
+    if angular < _PART * linear:
+        return "the object shifts"
+    if isinstance(scene.object.shape, Sphere | Cylinder | Capsule) and linear > _PART * angular:
+        return "the object rolls"
+    axis, load = motion[3:6], problem.external_wrench[:3]
+    along = abs(float(axis @ load)) / float(np.linalg.norm(axis) * max(np.linalg.norm(load), _TINY))
+    return "the object turns" if along > _ALONG else "the object tilts"
+
+
+def _rest(
+    scene: Scene, torques: ArrayLike, armature: float
+) -> tuple[Scene, QuasistaticProblem, _Linearised]:
+    """Return a scene at rest, its problem, and the small motions about it.
+
+    Raises:
+        ArgumentError: See `minimum_stiffness`.
+        SceneError: See `minimum_stiffness`.
+    """
+    scene = checked_scene(scene).with_changes(motion=None)
+    problem = scene.problem()
+    torque = finite_array("torques", torques, (problem.joint_count,))
+    if scene.given_contacts is not None:
+        raise SceneError(f"{scene.name}: contacts are stated, and nobody knows how they roll")
+    if scene.hand is not None and scene.hand.control.hybrid_fingers:
+        raise SceneError(f"{scene.name}: a hybrid finger follows the object; control it by force")
+    return scene, problem, _linearised(scene, problem, torque, armature)
 
 
 def _linearised(
@@ -296,14 +370,14 @@ def _smallest(at: _Linearised, pattern: FloatArray, damping: float) -> float:
     reach = float(np.square(at.joints).sum(axis=0).max()) if len(at.joints) else 0.0
     if reach == 0.0:
         return np.inf
-    factors = size / reach * 2.0 ** np.arange(-_DOUBLINGS // 2, _DOUBLINGS // 2)
-    grows = [at.growth(factor * pattern, damping)[0] > 0.0 for factor in factors]
-    if grows[-1]:
+    factors = size / reach * np.exp2(np.arange(-_DOUBLINGS // 2, _DOUBLINGS // 2, dtype=float))
+    growing = at.grows(pattern, factors, damping)
+    if growing[-1]:
         return np.inf
-    last = len(grows) - 1 - int(np.argmax(grows[::-1])) if any(grows) else 0
+    last = len(growing) - 1 - int(np.argmax(growing[::-1])) if growing.any() else 0
     low, high = factors[last], factors[last + 1]
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        grew = at.growth(middle * pattern, damping)[0] > 0.0
+        grew = at.grows(pattern, np.array([middle]), damping)[0]
         low, high = (middle, high) if grew else (low, middle)
     return float(high)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
@@ -11,7 +12,8 @@ from graspless_pin.geometry.contact.broad_phase import near_pairs
 from graspless_pin.geometry.contact.distances import separation
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.holding.options import StabilityKeywords
-from graspless_pin.holding.verdict import StabilityVerdict
+from graspless_pin.holding.verdict import MovingPart, StabilityVerdict
+from graspless_pin.solution import TorqueSolution
 
 if TYPE_CHECKING:
     from graspless_pin.scene.scene import Scene
@@ -63,9 +65,64 @@ def verdict_of(
     from graspless_pin.holding.stability import stability, undecided_verdict
 
     why = unknown_of(scene)
-    if not why:
-        return stability(scene.problem(), torques, **options)
-    return undecided_verdict(scene.problem(), torques, why, **options)
+    if why:
+        return undecided_verdict(scene.problem(), torques, why, **options)
+    return known_of_scene(scene, stability(scene.problem(), torques, **options))
+
+
+def solution_verdict(
+    scene: Scene, solution: TorqueSolution, **options: Unpack[StabilityKeywords]
+) -> StabilityVerdict:
+    """Return the verdict on a solution's torques: its own where they are guaranteed.
+
+    Args:
+        scene: The scene.
+        solution: A solution of it that was found.
+        options: Of `stability`, where it has to be asked.
+
+    Raises:
+        SceneError: See `verdict_of`.
+        ArgumentError: See `verdict_of`.
+    """
+    known = solution.guarantee and solution.guarantee.verdict
+    if known:
+        return known_of_scene(scene, known)
+    return scene.stability(solution.torques, **options)
+
+
+def known_of_scene(scene: Scene, verdict: StabilityVerdict) -> StabilityVerdict:
+    """Return a verdict on a scene's problem with what the scene tells beside it.
+
+    Whether rest lasts hangs on how contacts roll, and a joint belongs to a finger.
+    """
+    from graspless_pin.holding.verdict_words import finger_words, strong_words
+
+    small = verdict.small_motions
+    if verdict.moves is MovingPart.FINGER and scene.hand is not None:
+        return replace(verdict, message=finger_words(verdict, _fingers(scene.hand)))
+    if small is None or not small.unknown or verdict.problem.is_sliding.any():
+        return verdict
+    # Loaded here: scenes that are solved without a verdict go without.
+    from graspless_pin.scene.minimum_stiffness import small_motions
+
+    known = replace(verdict, small_motions=small_motions(scene, verdict.torques))
+    return replace(known, message=strong_words(known))
+
+
+def _fingers(hand: Hand) -> dict[str, str]:
+    """Return the finger of each motor that moves links of one finger alone."""
+    moved: dict[str, set[str | None]] = {}
+    for link, carrier in hand.tree.link_joints.items():
+        own = np.abs(hand.actuation.from_joints[hand.tree.supports[carrier]]).sum(axis=0)
+        for column in np.flatnonzero(own):
+            moved.setdefault(hand.actuation.names[column], set()).add(hand.finger_of(link))
+    return {
+        name: finger
+        for name, of in moved.items()
+        if len(of - {None}) == 1
+        for finger in of
+        if finger is not None
+    }
 
 
 def unknown_of(scene: Scene) -> str:

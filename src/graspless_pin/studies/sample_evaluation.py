@@ -14,7 +14,7 @@ from graspless_pin.errors import GrasplessPinError, StudyError, internal_error
 from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.planning.warm_starts import WarmStarts
 from graspless_pin.scene.scene import Scene
-from graspless_pin.scene.scene_stability import unknown_of
+from graspless_pin.scene.scene_stability import solution_verdict, unknown_of
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.studies.rows import Row, torque_columns
 from graspless_pin.studies.sample_blocks import SampleBlock, StatedSample, stated_sample
@@ -162,12 +162,9 @@ def _limits(study: Study) -> dict[str, Any]:
 
 def _verdict(study: Study, scene: Scene, solution: TorqueSolution) -> StabilityVerdict:
     """Return the verdict on a sample's torques: its own where they are guaranteed."""
-    known = solution.guarantee and solution.guarantee.verdict
-    if known:
-        return known
     nodes = scene.solve_options["verdict_nodes"]
     limit = study.entry.compute.time_limit
-    return scene.stability(solution.torques, node_limit=nodes, time_limit=limit)
+    return solution_verdict(scene, solution, node_limit=nodes, time_limit=limit)
 
 
 def _analyses(study: Study, solution: TorqueSolution) -> Row:

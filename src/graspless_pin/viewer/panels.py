@@ -8,6 +8,7 @@ from html import escape
 import numpy as np
 
 from graspless_pin.holding.verdict import Stability
+from graspless_pin.holding.verdict_words import parted
 from graspless_pin.problem.joint_units import units_text
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.solution import TorqueSolution
@@ -73,7 +74,7 @@ def verdict_html(result: SettingsAnswer, *, dark: bool) -> str:
         return ""
     color = _verdict_color(result, dark=dark)
     said = result.verdict or "does it hold?: being worked out"
-    lead, _, words = said.replace("^2", "²").partition(": ")
+    lead, words = parted(said.replace("^2", "²"))
     return (
         f'<div id="graspless-verdict" data-status="{result.stability or ""}" style="{_TEXT}">'
         f'<div style="border-left:4px solid {color};padding-left:8px;margin-bottom:8px">'
@@ -84,7 +85,7 @@ def verdict_html(result: SettingsAnswer, *, dark: bool) -> str:
 def _verdict_color(result: SettingsAnswer, *, dark: bool) -> str:
     """Return the colour of what holds, of what fails, or of what nobody knows."""
     roles, solution = (DARK if dark else LIGHT).roles, result.solution
-    if result.stability is Stability.STRONG:
+    if result.lasts:
         return roles[Role.FRICTION_FORCE]
     lost = solution is None or not solution.found or result.motion is not None
     if lost or result.stability is Stability.NONE:
@@ -127,7 +128,7 @@ def headline_html(result: SettingsAnswer, *, dark: bool) -> str:
     solution, said = result.solution, "no torques"
     color = _verdict_color(result, dark=dark)
     if solution is not None and solution.found:
-        lead = (result.verdict or "").partition(": ")[0]
+        lead, _ = parted(result.verdict or "")
         said = f"margin e <b>{shown(solution.margin, solution.problem.scales.force)}</b> N"
         said += f" · {escape(lead)}" if lead else ""
     return (

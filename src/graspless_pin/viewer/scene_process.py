@@ -26,6 +26,7 @@ from graspless_pin.holding.verdict import Stability
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
+from graspless_pin.scene.scene_stability import solution_verdict
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.nearest_limits import joint_limit_words, margin_limit_words
 from graspless_pin.viewer.controls import changed_scene
@@ -69,6 +70,7 @@ class SettingsAnswer:
         reason: Why there are no torques; empty if there are.
         verdict: What is said of whether the object stays; None: nothing yet.
         stability: The answer to that, if there is one.
+        lasts: Whether rest that is proven lasts under constant torques, too.
         motion: What would happen, where the verdict states a motion.
         sliding: The picture along the mode's virtual motion; None: there is none.
         bodies: What touches the object at each contact; None: contacts cannot be found.
@@ -82,6 +84,7 @@ class SettingsAnswer:
     reason: str
     verdict: str | None = None
     stability: Stability | None = None
+    lasts: bool = False
     motion: MovingPicture | None = None
     sliding: MovingPicture | None = None
     bodies: tuple[str, ...] | None = None
@@ -208,9 +211,8 @@ def with_verdict(answer: SettingsAnswer) -> SettingsAnswer:
     """Return an answer with the verdict on its torques; without torques as it is."""
     if answer.solution is None or not answer.solution.found:
         return answer
-    known = answer.solution.guarantee and answer.solution.guarantee.verdict
     try:
-        found = known or answer.scene.stability(answer.solution.torques, **_VERDICT_LIMITS)
+        found = solution_verdict(answer.scene, answer.solution, **_VERDICT_LIMITS)
     except ArgumentError as error:
         return replace(answer, verdict=f"no verdict: {error}")
     except GrasplessPinError:
@@ -220,7 +222,8 @@ def with_verdict(answer: SettingsAnswer) -> SettingsAnswer:
     motion = None
     if found.motion is not None:
         motion = draw_motion(found.problem, found.motion, scene=answer.scene)
-    return replace(answer, verdict=found.message, stability=found.status, motion=motion)
+    said = found.said("graspless-pin solve --verdict-nodes {}")
+    return replace(answer, verdict=said, stability=found.status, lasts=found.lasts, motion=motion)
 
 
 def free_name(scene: Scene) -> Path:

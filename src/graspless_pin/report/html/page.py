@@ -15,6 +15,7 @@ from graspless_pin.algorithms.force_bounds import ContactForceBounds
 from graspless_pin.errors import ArgumentError, GrasplessPinError
 from graspless_pin.findings import is_serious
 from graspless_pin.holding.verdict import Stability
+from graspless_pin.holding.verdict_words import parted
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.renamed import refusing_former_keywords
 from graspless_pin.report.html.case import Case
@@ -173,10 +174,12 @@ def _verdict(case: Case) -> dict[str, Any]:
     stated, motion = case.document.get("stability"), read_motion(case.document)
     if stated is None:
         return {"verdict": None, "motion_view": None}
-    lead, _, said = str(stated["message"]).replace("^2", "²").partition(": ")
+    lead, said = parted(str(stated["message"]).replace("^2", "²"))
     status = Stability(stated["status"])
     mark = _MARKS[status]
-    if status is Stability.STRONG and stated.get("free_motions"):
+    under_motion = case.solution.problem.is_sliding.any()
+    lasts = not stated.get("free_motions") if under_motion else stated.get("growth_rate") == 0.0
+    if status is Stability.STRONG and not lasts:
         mark = "care"
     context: dict[str, Any] = {
         "verdict": {"lead": lead.capitalize(), "said": said, "mark": mark},

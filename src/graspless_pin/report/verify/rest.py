@@ -127,7 +127,7 @@ class _Verdict:
             within("it penetrates nothing", -u[:, 0].min(), _MOTION * scale, "(scaled)"),
             within("friction opposes its slip, and what parts bears nothing", gaps.sum(),
                    _MOTION * power, "(scaled)"),
-            agrees("its largest acceleration", told, speed, 1e-6 * speed, "m/s^2"),
+            agrees("its largest acceleration", told, speed, 1e-6 * max(speed, self.limit), "m/s^2"),
         ]  # fmt: skip
         if self.status == "weak":
             detail = f"{speed:.6g} m/s^2, limit {self.limit:.6g}"

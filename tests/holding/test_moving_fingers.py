@@ -1,0 +1,85 @@
+"""A hand that does not rest while the object does: told apart from an object that moves."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from cases import GRAVITY, box_inertia, pressed_on_wall
+
+from graspless_pin import QuasistaticProblem, Stability, maximize_margin, stability
+from graspless_pin.report import solution_document
+from graspless_pin.report.verify import verify_document
+
+WEIGHT, INERTIA = 0.2, 0.02
+
+
+def beside_an_idle_finger(coupling: float = 0.0) -> QuasistaticProblem:
+    """A finger presses a cube on a wall, from 9.81 N on; another touches nothing."""
+    one = pressed_on_wall()
+    return QuasistaticProblem(
+        one.positions, one.normals, one.external_wrench,
+        np.hstack([one.jacobian, np.zeros((15, 1))]), friction=0.5, joint_units=["N", "N m"],
+        joint_names=["press", "idle"], gravity_torques=[0.0, WEIGHT], object_inertia=box_inertia(),
+        joint_inertia=[[0.01, coupling], [coupling, INERTIA]],
+    )  # fmt: skip
+
+
+def test_an_idle_finger_that_carries_its_weight_rests() -> None:
+    said = stability(beside_an_idle_finger(), [20.0, WEIGHT])
+    assert said.status is Stability.STRONG and said.moves is None
+
+
+@pytest.mark.parametrize("torque", [0.5, -0.1, 0.21])
+def test_an_idle_finger_with_another_torque_moves_by_itself(torque: float) -> None:
+    said = stability(beside_an_idle_finger(), [20.0, torque])
+    assert said.status is Stability.NONE and said.moves == "finger"
+    assert said.motion is not None
+    np.testing.assert_allclose(said.motion.object_acceleration, 0.0, atol=1e-9)
+    np.testing.assert_allclose(
+        said.motion.joint_accelerations, [0.0, (torque - WEIGHT) / INERTIA], atol=1e-9
+    )
+    left = f"{abs(torque - WEIGHT):g} N m"
+    assert str(said) == (
+        f"fails: joint 'idle' moves by itself: torques do not balance weight, {left} are left over "
+        "at joint 'idle'; the object stays in this outcome, which is not proven to be the only one"
+    )
+
+
+@pytest.mark.parametrize("idle", [WEIGHT, 0.5])
+def test_an_object_that_falls_is_what_is_told(idle: float) -> None:
+    """5 N bear half of the 9.81 N, whatever the other finger does."""
+    said = stability(beside_an_idle_finger(), [5.0, idle])
+    assert said.status is Stability.NONE and said.moves == "object"
+    assert said.motion is not None
+    assert said.motion.object_acceleration[2] == pytest.approx(5.0 - GRAVITY)
+    assert "the object can slip down" in str(said)
+
+
+def test_a_weak_verdict_moves_the_object() -> None:
+    said = stability(pressed_on_wall(friction=0.5), [9.0])
+    assert said.moves == "object"
+
+
+def test_a_finger_that_shares_an_arm_with_the_other_is_no_proof_of_an_object_at_rest() -> None:
+    """Whatever comes out obeys the coupled dynamics: the idle joint pushes the pressing one."""
+    said = stability(beside_an_idle_finger(coupling=0.005), [20.0, 0.5])
+    assert said.status is Stability.NONE and said.motion is not None
+    left = np.array([[0.01, 0.005], [0.005, INERTIA]]) @ said.motion.joint_accelerations - [
+        20.0,
+        0.3,
+    ]
+    pressed = said.motion.contact_forces[4] @ [1.0, 0.0, 0.0]
+    np.testing.assert_allclose(left, [pressed, 0.0], atol=1e-6)
+
+
+def test_the_document_of_a_finger_that_moves_is_checked() -> None:
+    problem, torques = beside_an_idle_finger(), [20.0, 0.5]
+    solution = maximize_margin(problem, static_friction="coulomb")
+    made = json.loads(json.dumps(solution_document(solution, verdict=stability(problem, torques))))
+    assert made["stability"]["moves"] == "finger"
+    for joint, own in zip(made["joints"], torques, strict=True):
+        joint["torque"] = own
+    lines = [line for line in verify_document(made).checks if "motion" in line.name]
+    assert lines and all(line.passed for line in lines)

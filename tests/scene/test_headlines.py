@@ -1,0 +1,137 @@
+"""What a verdict says of small motions: `minimum_stiffness` in a sentence, in figures, in JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scene_tools import EXAMPLES, PAPER, content, loaded
+from test_minimum_stiffness import ball, pressing_arm, standing
+from typer.testing import CliRunner, Result
+
+from graspless_pin import Scene, free_motions, load_scene, minimum_stiffness, stability
+from graspless_pin.cli.commands import app
+from graspless_pin.report import solution_document
+
+BOX_ON_SLOPE = EXAMPLES / "allegro_box_on_slope.yaml"
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(app, [str(word) for word in arguments])
+
+
+def test_fingers_that_buckle_are_told_from_an_object_that_goes(tmp_path: Path) -> None:
+    scene = pressing_arm(tmp_path)
+    torques = scene.problem().jacobian[:3].T @ [20.0, 0.0, 0.0]
+    said, known = scene.stability(torques), minimum_stiffness(scene, torques)
+    assert (said.stiffness_needed, said.growth_rate) == pytest.approx(
+        (known.stiffness, known.growth), rel=1e-6
+    )
+    assert len(free_motions(scene.problem())) == 0 and not said.lasts
+    assert said.small_motions is not None and said.small_motions.unit == "N m/rad"
+    assert "; without it the fingers buckle, growing at " in str(said)
+    # "At least" is not less than what is needed.
+    stated = float(str(said).split(" at least ")[1].split()[0])
+    assert known.stiffness <= stated <= 1.1 * known.stiffness
+
+
+def tipping(folder: Path) -> Scene:
+    """A board that rolls off a cylinder which is too thin for it."""
+    board = {"type": "box", "size": [0.4, 0.2, 0.3]}
+    lying = {
+        "shape": {"type": "cylinder", "radius": 0.1, "length": 0.1},
+        "pose": {"rpy": [np.pi / 2, 0, 0]},
+    }
+    return standing(folder, board, 0.25, lying)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda folder: standing(folder, ball(0.05), 0.25, {"shape": ball(0.2)}), "rolls"),
+        (tipping, "tilts"),
+    ],
+)
+def test_what_no_feedback_stops_is_lost_after_the_first_instant(
+    make: Callable[[Path], Scene], words: str, tmp_path: Path
+) -> None:
+    said = make(tmp_path).stability([])
+    assert said.status == "strong" and said.stiffness_needed == np.inf and said.growth_rate > 1.0
+    start = f"stays at the first instant; then the object {words}, growing at "
+    assert str(said).startswith(start) and "/s: no joint feedback stops it (" in str(said)
+
+
+def test_motions_that_do_not_grow_let_it_hold(tmp_path: Path) -> None:
+    table = {"shape": {"type": "half_space"}}
+    for scene in (
+        standing(tmp_path, ball(0.05), 0.05, table),
+        load_scene(PAPER / "cuboid_at_rest.yaml"),
+    ):
+        said = scene.stability(scene.solve().torques)
+        assert (said.stiffness_needed, said.growth_rate, said.lasts) == (0.0, 0.0, True)
+        assert str(said).startswith("holds: the object provably stays at rest (")
+        assert str(said).endswith("); no small motion grows")
+
+
+def test_what_is_not_known_is_said_with_its_reason() -> None:
+    scene = load_scene(EXAMPLES / "allegro_mug_against_wall.yaml")
+    said = scene.stability(scene.solve("margin").torques)
+    assert said.status == "strong" and not said.lasts
+    assert np.isnan([said.stiffness_needed, said.growth_rate]).all()
+    assert str(said).startswith(
+        "stays at the first instant; small motions not known: 'mug' is a mesh and turns where "
+        "'link_3.0_tip' touches the object (proof: "
+    )
+
+
+def test_a_problem_without_a_scene_is_known_where_nothing_rolls() -> None:
+    rolling, still = (load_scene(file) for file in (BOX_ON_SLOPE, PAPER / "cuboid_at_rest.yaml"))
+    said = stability(rolling.problem(), rolling.solve().torques)
+    assert said.status == "strong" and np.isnan(said.stiffness_needed)
+    assert "small motions not known: how the contacts roll needs a scene with shapes" in str(said)
+    assert stability(still.problem(), still.solve().torques).growth_rate == 0.0
+
+
+def test_stated_contacts_that_leave_motions_are_not_known(tmp_path: Path) -> None:
+    data = content(PAPER / "sphere_on_slope.yaml")
+    found = load_scene(PAPER / "sphere_on_slope.yaml").contacts
+    data["contacts"] = [
+        {"body": point.body, "position": point.position.tolist(), "normal": point.normal.tolist()}
+        for point in found.points[:2]
+    ]
+    data["gravity"] = [0, 0, 0]
+    scene = loaded(tmp_path, data)
+    said = scene.stability(np.zeros(scene.problem().joint_count))
+    assert said.status == "strong"
+    assert "small motions not known: contacts are stated, and nobody knows how they roll" in str(
+        said
+    )
+
+
+def test_a_declared_motion_keeps_its_words() -> None:
+    scene = load_scene(EXAMPLES / "trihand_push_box.yaml")
+    said = scene.stability(scene.solve().torques)
+    assert str(said).startswith("keeps its motion: nothing else is an outcome (proof: ")
+    assert str(said).endswith("; needs position feedback: 3 free motions")
+    assert np.isnan(said.growth_rate) and not said.lasts
+
+
+def test_the_same_sentence_stands_everywhere(tmp_path: Path) -> None:
+    file = tmp_path / "solution.json"
+    solved = run("solve", BOX_ON_SLOPE, "--json", file)
+    scene = load_scene(BOX_ON_SLOPE)
+    solution = scene.solve()
+    said = scene.stability(solution.torques, node_limit=300)
+    assert said.message in " ".join(solved.stdout.split())
+    stated = json.loads(file.read_text())["stability"]
+    assert stated["message"] == said.message
+    assert stated["stiffness_needed"] == pytest.approx(said.stiffness_needed, rel=1e-6)
+    assert stated["growth_rate"] == pytest.approx(said.growth_rate, rel=1e-6)
+    assert run("verify", file).exit_code == 0
+    alone = solution_document(solution, scene, stability(scene.problem(), solution.torques))
+    assert alone["stability"]["stiffness_needed"] is alone["stability"]["growth_rate"] is None
+    strong = run("solve", BOX_ON_SLOPE, "--stability", "strong").stdout
+    assert " holds with joint feedback of at least 0.023 N m/rad; " in " ".join(strong.split())
