@@ -45,8 +45,8 @@ class FindingCode(StrEnum):
     NO_SHAPES = "hand-without-shapes", Severity.SERIOUS
     HAND_TOUCHES_NOTHING = "hand-touches-nothing", Severity.SERIOUS
     HAND_THROUGH_SUPPORT = "hand-through-support", Severity.SERIOUS
+    HAND_THROUGH_ITSELF = "hand-through-itself", Severity.SERIOUS
     NO_TORQUE_COUNTS = "no-torque-counts", Severity.WARNING
-    HAND_THROUGH_ITSELF = "hand-through-itself", Severity.WARNING
     SUPPORT_MISSED = "support-missed", Severity.WARNING
     FINGER_MISSED = "finger-missed", Severity.WARNING
     DEEP_OVERLAP = "deep-overlap", Severity.WARNING

@@ -18,6 +18,7 @@ from planning_scenes import (
 
 from graspless_pin import load_scene
 from graspless_pin.errors import ArgumentError, NoSolutionError, SceneError, SolverUnavailableError
+from graspless_pin.findings import Severity
 from graspless_pin.planning import Evaluator, StateStatus
 from graspless_pin.scene.motion_and_contacts import GivenContact, HandMotion, Motion
 
@@ -65,6 +66,11 @@ def test_it_equals_loading_and_solving(name, algorithm):
         except SceneError as error:
             assert not answer.has_contacts
             assert answer.reason == str(error)
+            continue
+        serious = [one.message for one in scene.findings if one.severity is Severity.SERIOUS]
+        if serious:
+            assert not answer.has_contacts
+            assert serious[0].startswith(answer.reason)
             continue
         assert answer.found == expected.found
         if expected.found:
@@ -173,6 +179,10 @@ def states():
             {"twist": [0, 0, 0.1, 0, 0, 0], "T_world_object": shifted(T, [0.05, 0, 0])},
         ),
         "limits": (StateStatus.OUTSIDE_LIMITS, {"q": {"finger_1_distal": 5.0}}),
+        "hand off": (
+            StateStatus.HAND_TOUCHES_NOTHING,
+            {"T_world_object": shifted(T, [0.05, 0, 0])},
+        ),
         "infeasible": (
             StateStatus.INFEASIBLE,
             {"twist": [0.05, 0, 0, 0, 0, 0], "T_world_object": shifted(T, [0.05, 0, 0])},
@@ -183,7 +193,9 @@ def states():
 @pytest.mark.parametrize("what", list(states()))
 def test_a_bad_state_is_an_answer(what):
     status, arguments = states()[what]
-    evaluator = Evaluator(example("trihand_push_box"))
+    evaluator = Evaluator(
+        example("trihand_push_box"), need_hand=status is not StateStatus.INFEASIBLE
+    )
     answer = evaluator.evaluate(**arguments)
     assert answer.status is status
     assert answer.reason

@@ -41,15 +41,18 @@ def assert_same(one: EvaluatedStates, other: EvaluatedStates) -> None:
     np.testing.assert_allclose(one.bounds, other.bounds, rtol=0, atol=2e-7)
 
 
-def test_each_state_is_what_evaluate_finds():
+@pytest.mark.parametrize("need_hand", [True, False])
+def test_each_state_is_what_evaluate_finds(need_hand):
     evaluator, states = varied(36)
-    alone = Evaluator(evaluator.scene)
+    evaluator = Evaluator(evaluator.scene, need_hand=need_hand)
+    alone = Evaluator(evaluator.scene, need_hand=need_hand)
 
     found = evaluator.evaluate_many(**states, evaluations=[0, 5])
 
     assert set(found.statuses) == {
-        StateStatus.FOUND, StateStatus.INFEASIBLE, StateStatus.NO_CONTACT, StateStatus.OVERLAP,
-        StateStatus.BLOCKED, StateStatus.OUTSIDE_LIMITS,
+        StateStatus.FOUND, StateStatus.NO_CONTACT, StateStatus.OVERLAP, StateStatus.BLOCKED,
+        StateStatus.OUTSIDE_LIMITS,
+        StateStatus.HAND_TOUCHES_NOTHING if need_hand else StateStatus.INFEASIBLE,
     }  # fmt: skip
     for k in range(36):
         answer = alone.evaluate(**{name: values[k] for name, values in states.items()})

@@ -66,8 +66,12 @@ CASES = {
                        "'tip' does not count: it is 4.9 mm"),
     "hand through a support": (
         FLOOR, FLOOR + "\n  - name: wall\n    shape: {type: box, size: [0.04, 0.04, 0.04]}\n"
-        "    pose: {position: [0, -0.135, 0]}", "hand-through-support", "tip",
-        "hand link 'tip' and support 'wall' overlap by"),
+        "    pose: {position: [0, -0.1349, 0]}", "hand-through-support", "tip",
+        "hand link 'tip' and support 'wall' overlap by 5.10 mm"),
+    "hand a little in a support": (
+        FLOOR, FLOOR + "\n  - name: wall\n    shape: {type: box, size: [0.04, 0.04, 0.04]}\n"
+        "    pose: {position: [0, -0.1351, 0]}", "deep-overlap", "tip",
+        "hand link 'tip' and support 'wall' overlap by 4.90 mm"),
     "overlap": (FLOOR, "pose: {position: [0, 0, -0.0951]}", "deep-overlap", "floor",
                 "'floor' and object 'box' overlap by 4.9 mm"),
     "degrees": ("rpy: [3.141592653589793, 0, 0]", "rpy: [180, 0, 0]", "angle-in-degrees", "hand",

@@ -13,6 +13,7 @@ from graspless_pin.errors import SceneError
 from graspless_pin.scene import loads
 from graspless_pin.scene.loads import jointed_contacts
 from graspless_pin.scene.scene import Scene
+from graspless_pin.scene.state_findings import ALL_CHECKS
 from graspless_pin.studies import Study, run_study, sample_evaluation
 from graspless_pin.studies.journal import JOURNAL_FORMAT, Journal
 from graspless_pin.studies.sample_blocks import stated_sample
@@ -186,8 +187,8 @@ def test_what_a_sample_takes_from_the_one_before_is_what_it_would_make(method):
         samples = sorted(samples, key=lambda one: [repr(value) for value in one[::-1]])
     parts, before, taken = SampleParts(), None, 0
     for sample in samples:
-        stated = stated_sample(made.scene_at(sample, parts), {}, before)
-        fresh = stated_sample(made.scene_at(sample), {}, None)
+        stated = stated_sample(made.scene_at(sample, parts), {}, ALL_CHECKS, before)
+        fresh = stated_sample(made.scene_at(sample), {}, ALL_CHECKS, None)
         np.testing.assert_array_equal(stated.loads, fresh.loads, strict=True)
         assert stated.kind[1:] == fresh.kind[1:]
         for name in ("positions", "tangents"):

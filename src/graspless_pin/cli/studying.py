@@ -15,6 +15,7 @@ from graspless_pin.cli.outcome import ExitCode, plain_errors
 from graspless_pin.report.document_files import SampleDocuments
 from graspless_pin.studies import compute_study, load_study, results_parts, results_summary
 from graspless_pin.studies.executors import dask_executor
+from graspless_pin.studies.rows import FINDINGS
 
 
 def study(
@@ -43,7 +44,8 @@ def study(
 ) -> None:
     """Compute a study, or go on with one that was interrupted or killed.
 
-    Exit code 0: samples were found; 1: none; 2: bad input; 130: interrupted.
+    Exit code 0: samples were found; 1: none; 2: bad input; 4: found, and some of them have serious
+    findings, such as a hand that touches nothing; 130: interrupted.
     """
     with plain_errors():
         loaded = load_study(file)
@@ -65,5 +67,9 @@ def study(
             raise typer.Exit(INTERRUPTED) from None
         typer.echo(results_summary(output))
         typer.echo(f"{output} after {time.monotonic() - begin:.1f} s")
-        found = any(part["found"].any() for part in results_parts(output, ["found"]))
-    raise typer.Exit(ExitCode.FOUND if found else ExitCode.INFEASIBLE)
+        parts = [
+            (part["found"].any(), (part["found"] & part[FINDINGS].notna()).any())
+            for part in results_parts(output, ["found", FINDINGS])
+        ]
+    code = ExitCode.FOUND if any(found for found, _ in parts) else ExitCode.INFEASIBLE
+    raise typer.Exit(ExitCode.DOUBTFUL if any(serious for _, serious in parts) else code)

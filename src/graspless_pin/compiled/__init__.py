@@ -9,6 +9,7 @@ from __future__ import annotations
 
 try:
     from graspless_pin.compiled import (
+        body_pairs,
         carried_optima,
         cold_optima,
         contact_frames,
@@ -27,12 +28,14 @@ try:
         virtual_motions,
     )
 except ImportError:  # installed without a C compiler
-    contact_frames = contact_search = linear_programs = rigid_bodies = small_arrays = None
+    body_pairs = contact_frames = contact_search = linear_programs = None
+    rigid_bodies = small_arrays = None
     carried_optima = cold_optima = dense_simplex = hand_states = kinematic_chains = None
     loaded_states = optimum_starts = outcome_search = paper_programs = None
     simplex_dictionary = virtual_motions = None
 
 __all__ = [
+    "body_pairs",
     "carried_optima",
     "cold_optima",
     "contact_frames",

@@ -3,6 +3,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspless_pin.compiled.body_pairs import BodyPairs
 from graspless_pin.compiled.contact_search import ConvexSets
 from graspless_pin.compiled.kinematic_chains import KinematicChains
 
@@ -25,8 +26,13 @@ class HandStates(KinematicChains):
         links: ConvexSets,
         pieces: ConvexSets,
         poses: Array,
+        pairs: BodyPairs | None,
+        around: ConvexSets,
+        around_poses: Array,
         tolerance: float,
         max_penetration: float,
         **joints: ArrayLike,
     ) -> None: ...
-    def at(self, q: Array) -> tuple[NDArray[np.intp], NDArray[np.intp], Array, Array, Array]: ...
+    def at(
+        self, q: Array
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp], Array, Array, Array, NDArray[np.bool_]]: ...

@@ -3,11 +3,12 @@
 
 cimport numpy as cnp
 
+from graspless_pin.compiled.body_pairs cimport BodyPairs
 from graspless_pin.compiled.contact_search cimport ConvexSets, ball_on_face, near_boxes
 from graspless_pin.compiled.kinematic_chains cimport KinematicChains
 from graspless_pin.compiled.shared cimport (
-    as_integers, as_poses, as_reals, as_shaped, as_vector, chained, data, empty, empty3, move,
-    no_numbers, numbers_of,
+    as_integers, as_poses, as_reals, as_shaped, as_vector, chained, data, empty, empty3,
+    flags_of, move, no_numbers, numbers_of,
 )
 
 from graspless_pin.compiled.contact_search import BALL, POLYTOPE
@@ -27,14 +28,16 @@ cdef class HandStates(KinematicChains):
 
     cdef Py_ssize_t a, K, P
     cdef double tolerance, max_penetration
-    cdef ConvexSets links, pieces
+    cdef ConvexSets links, pieces, around
+    cdef BodyPairs pairs
     cdef cnp.ndarray _coupling, _offset, _lower, _upper, _gravity, _carriers, _shapes, _poses
-    cdef cnp.ndarray _at, _links, _times
+    cdef cnp.ndarray _at, _links, _times, _around_poses
 
     def __init__(
         self, *, coupling, offset, lower, upper, gravity, carriers, shapes,
-        ConvexSets links not None, ConvexSets pieces not None, poses, double tolerance,
-        double max_penetration, **joints,
+        ConvexSets links not None, ConvexSets pieces not None, poses, BodyPairs pairs,
+        ConvexSets around not None, around_poses, double tolerance, double max_penetration,
+        **joints,
     ):
         """Take the hand and the object.
 
@@ -49,6 +52,9 @@ cdef class HandStates(KinematicChains):
             links: The K shapes.
             pieces: The P pieces of the object.
             poses: (P, 4, 4) their poses.
+            pairs: Pairs of the shapes that may not be in each other, nor any of them in
+            around: the sets that stand around; None: they may.
+            around_poses: (M, 4, 4) the poses of these.
             tolerance: Largest gap of a contact, m.
             max_penetration: Largest overlap, m.
             joints: See `KinematicChains`.
@@ -63,8 +69,14 @@ cdef class HandStates(KinematicChains):
         self.links, self.pieces, self.K, self.P = links, pieces, links.count, pieces.count
         self._carriers, self._shapes = as_integers(carriers, self.K), as_poses(shapes)
         self._poses = as_poses(poses)
-        if self._shapes.shape[0] != self.K or self._poses.shape[0] != self.P:
+        self.pairs, self.around, self._around_poses = pairs, around, as_poses(around_poses)
+        if (
+            self._shapes.shape[0] != self.K or self._poses.shape[0] != self.P
+            or self._around_poses.shape[0] != around.count
+        ):
             raise ValueError("needs one pose for each shape and piece")
+        if pairs is not None and pairs.sets.count != self.K:
+            raise ValueError("needs pairs of the hand's shapes")
         for k in range(self.K):
             if not 0 <= numbers_of(self._carriers)[k] <= self.n:
                 raise ValueError("needs joints that exist")
@@ -81,8 +93,9 @@ cdef class HandStates(KinematicChains):
         Returns:
             (S,) numbers of contacts, -1 where other loops have to find them or a joint is outside
             its limits; (S, MOST_CONTACTS) the shape of each, (S, MOST_CONTACTS, 6) positions and
-            normals into the object; (S, 6, n) spatial joint columns about the world's origin, and
-            (S, n) torques that carry the weight.
+            normals into the object; (S, 6, n) spatial joint columns about the world's origin;
+            (S, n) torques that carry the weight; and (S,) whether the hand may be deeper in itself
+            or in what stands around than ``max_penetration``: False proves that it is not.
         """
         cdef cnp.ndarray states = as_reals(q, 2)
         cdef Py_ssize_t count = states.shape[0], s
@@ -93,6 +106,7 @@ cdef class HandStates(KinematicChains):
         cdef cnp.ndarray shapes = <cnp.ndarray>cnp.PyArray_ZEROS(2, shape, cnp.NPY_INTP, 0)
         cdef cnp.ndarray rows = empty3(count, MOST_CONTACTS, 6), J = empty3(count, 6, self.n)
         cdef cnp.ndarray weights = empty(count, self.n)
+        cdef cnp.ndarray doubtful = <cnp.ndarray>cnp.PyArray_ZEROS(1, shape, cnp.NPY_BOOL, 0)
         cdef cnp.npy_intp* found = numbers_of(counts)
         cdef cnp.npy_intp* own = numbers_of(shapes)
         # The room for one state is shared, hence the lock of Python is kept.
@@ -104,10 +118,16 @@ cdef class HandStates(KinematicChains):
                     data(self._T), data(J) + 6 * self.n * s, data(self._gravity),
                     data(weights) + self.n * s,
                 )
+                self._place_shapes()
                 found[s] = self._contacts(
                     own + MOST_CONTACTS * s, data(rows) + 6 * MOST_CONTACTS * s
                 )
-        return counts, shapes, rows, J, weights
+                if self.pairs is not None and found[s] >= 0:
+                    flags_of(doubtful)[s] = self.pairs.any_deep(
+                        data(self._links), self.around, data(self._around_poses),
+                        self.max_penetration,
+                    )
+        return counts, shapes, rows, J, weights, doubtful
 
     cdef bint _posed(self, const double* q) noexcept:
         """Place the joints; False where one is outside its limits."""
@@ -122,6 +142,15 @@ cdef class HandStates(KinematicChains):
         self.place(position, data(self._T))
         return True
 
+    cdef void _place_shapes(self) noexcept:
+        """Place the shapes on the joints."""
+        cdef Py_ssize_t k
+        for k in range(self.K):
+            chained(
+                data(self._T) + 16 * numbers_of(self._carriers)[k], data(self._shapes) + 16 * k,
+                data(self._links) + 16 * k,
+            )
+
     cdef Py_ssize_t _contacts(self, cnp.npy_intp* shapes, double* rows) noexcept:
         """Put shapes, positions and normals of contacts into places; their number, or -1."""
         cdef ConvexSets links = self.links, pieces = self.pieces
@@ -135,10 +164,6 @@ cdef class HandStates(KinematicChains):
         for k in range(self.K):
             times[k] = 0
         for k in range(self.K):
-            chained(
-                data(self._T) + 16 * numbers_of(self._carriers)[k], data(self._shapes) + 16 * k,
-                poses + 16 * k,
-            )
             move(poses + 16 * k, links.centers + 3 * k, center)
             for p in range(self.P):
                 if near_boxes(

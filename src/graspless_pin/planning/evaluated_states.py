@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.algorithms.search import CLOSED
-from graspless_pin.planning.evaluation import Evaluation, StateStatus
+from graspless_pin.planning.evaluation import STATUSES, Evaluation, StateStatus
 from graspless_pin.planning.many_states import Arrays, Progress, StateArrays, gathered
 from graspless_pin.planning.state_solver import CarriedStates, StateSolver
 from graspless_pin.planning.warm_starts import CarriedState
@@ -21,7 +21,6 @@ from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.scene.joints import possible_columns
 
-STATUSES = tuple(StateStatus)
 _FOUND = STATUSES.index(StateStatus.FOUND)
 
 
@@ -90,8 +89,8 @@ class StateFigures(NamedTuple):
 
     def put_all(self, carried: CarriedStates, columns: Any) -> None:
         """Enter what was carried over, with the torques in some columns: see `put`."""
-        found = carried.found
-        self.codes[found] = _FOUND
+        found, faulty = carried.found, carried.faults != _FOUND
+        self.codes[found], self.codes[faulty] = _FOUND, carried.faults[faulty]
         self.contact_counts[found] = carried.contact_counts[found]
         margins, _, bounds, gaps, residuals, _ = carried.figures.T
         for own, values in (

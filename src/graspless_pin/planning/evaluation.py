@@ -10,6 +10,7 @@ from typing import Unpack
 import numpy as np
 
 from graspless_pin.errors import NoSolutionError, StateFault
+from graspless_pin.findings import Finding
 from graspless_pin.holding.options import StabilityKeywords
 from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.problem.checks import FloatArray, read_only
@@ -30,11 +31,23 @@ class StateStatus(Enum):
     BLOCKED = StateFault.BLOCKED.value
     PARTED = StateFault.PARTED.value
     AMBIGUOUS = StateFault.AMBIGUOUS.value
+    HAND_TOUCHES_NOTHING = "no link of the hand touches the object"
+    HAND_THROUGH_SUPPORT = "a link of the hand is deep in a support"
+    HAND_THROUGH_ITSELF = "links of the hand are deep in each other"
+
+    @classmethod
+    def of(cls, finding: Finding) -> StateStatus:
+        """Return the status of a state with a serious finding, see `state_findings`."""
+        return cls[finding.code.name]
 
     @property
     def message(self) -> str:
         """The message in words."""
         return self.value
+
+
+STATUSES = tuple(StateStatus)
+"""Arrays of many states hold places among these."""
 
 
 @dataclass(frozen=True, eq=False)

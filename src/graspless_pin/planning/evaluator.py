@@ -26,6 +26,7 @@ from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
 from graspless_pin.scene.load import checked_scene
 from graspless_pin.scene.motion_and_contacts import Motion
+from graspless_pin.scene.state_findings import StateChecks
 
 
 class Evaluator:
@@ -38,7 +39,9 @@ class Evaluator:
     them is returned may.
 
     A state in which the object cannot be held, touches nothing, overlaps with something or is
-    driven into something is an answer with a status and a reason. A wrong argument is an error.
+    driven into something is an answer with a status and a reason. So is one with a serious finding
+    of `Scene.findings`: the hand touches nothing, or its links are deeper than the scene's
+    ``max_penetration`` in supports or in each other. A wrong argument is an error.
 
     One evaluator may be shared by threads, and pickled for other processes; what it has learned
     stays behind.
@@ -63,6 +66,8 @@ class Evaluator:
         required_margin: float | None = None,
         scale: str | None = None,
         regularization: float | None = None,
+        collisions: bool = True,
+        need_hand: bool = True,
         **options: Unpack[SolveKeywords],
     ) -> None:
         """Take the scene and the options of all solves; what is not given is the scene's own.
@@ -74,6 +79,10 @@ class Evaluator:
             scale: See `minimize_torque`.
             regularization: See `maximize_margin`; positive: torques change continuously from
                 state to state as long as the contacts do.
+            collisions: Whether states are refused in which links are deep in supports or in each
+                other, see `unwanted_overlaps`. False for a planner that checks them itself.
+            need_hand: Whether states are refused in which the hand does not touch the object. False
+                where it may be released onto a support.
             options: See `SolveOptions.parse`.
 
         Raises:
@@ -92,7 +101,8 @@ class Evaluator:
         chosen = {**scene.solve_options, **told}
         self.required_margin = real_number("required_margin", chosen.get("margin", 0.1), 0.0)
         self.scene = scene
-        self._solver = StateSolver(Configurations(scene), *objective_and_options(**chosen))
+        how = objective_and_options(**chosen)
+        self._solver = StateSolver(Configurations(scene), *how, StateChecks(collisions, need_hand))
 
     @property
     def algorithm(self) -> Algorithm | None:
@@ -129,7 +139,8 @@ class Evaluator:
         other = copy(self)
         epsilon = real_number("regularization", regularization, 0.0)
         objective = self._solver.objective.with_figure("regularization", epsilon)
-        other._solver = StateSolver(self._solver.configurations, objective, self._solver.options)
+        own = self._solver
+        other._solver = StateSolver(own.configurations, objective, own.options, own.checks)
         return other
 
     def evaluate(
@@ -233,7 +244,7 @@ class Evaluator:
 
         Returns:
             True with a proof; False also where a node or time limit ended the search before one,
-            and for a state without contacts to hold the object by.
+            for a state without contacts to hold the object by, and for one with a serious finding.
 
         Raises:
             ArgumentError: As for `evaluate`, or the margin is negative.

@@ -13,15 +13,18 @@ from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.search import closeness
 from graspless_pin.algorithms.warm_start import reaches_margin
 from graspless_pin.planning.configurations import Configurations
-from graspless_pin.planning.evaluation import Evaluation, StateStatus
+from graspless_pin.planning.evaluation import STATUSES, Evaluation, StateStatus
 from graspless_pin.planning.warm_starts import CarriedState, WarmStarts
+from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.scene import Scene
 from graspless_pin.scene.plain_problems import PlainProblems, PlainStates
 from graspless_pin.scene.scene_stability import unknown_of
+from graspless_pin.scene.state_findings import ALL_CHECKS, StateChecks, state_findings
 from graspless_pin.solution import Status, TorqueSolution
 
+_FOUND = STATUSES.index(StateStatus.FOUND)
 _UNDECIDED = (Status.NOT_FOUND_IN_LIMIT, Status.UNVERIFIED, Status.STRONG_NOT_FOUND)
 
 
@@ -32,17 +35,21 @@ class CarriedStates(NamedTuple):
         figures: (K, 6) with the columns that `carried_optima.FIGURES` names.
         torques: (K, L).
         contact_counts: (K,).
+        faults: (K,) the number of the status of each state that has a serious finding; elsewhere
+            that of `StateStatus.FOUND`.
     """
 
     figures: FloatArray
     torques: FloatArray
     contact_counts: NDArray[np.int32]
+    faults: NDArray[np.uint8]
 
     @classmethod
     def room(cls, count: int, joint_count: int) -> CarriedStates:
         """Return room for states."""
         figures = np.full((count, 6), np.nan)
-        return cls(figures, np.full((count, joint_count), np.nan), np.zeros(count, np.int32))
+        torques, counts = np.full((count, joint_count), np.nan), np.zeros(count, np.int32)
+        return cls(figures, torques, counts, np.full(count, _FOUND, np.uint8))
 
     @property
     def found(self) -> NDArray[np.bool_]:
@@ -60,21 +67,27 @@ class StateSolver:
         configurations: The states that the scene can be put into.
         objective: What is optimised.
         options: How.
+        checks: What a state is refused for.
     """
 
     def __init__(
-        self, configurations: Configurations, objective: Objective, options: SolveOptions
+        self,
+        configurations: Configurations,
+        objective: Objective,
+        options: SolveOptions,
+        checks: StateChecks = ALL_CHECKS,
     ) -> None:
         """Begin with nothing learned."""
         self.configurations = configurations
         self.objective = objective
         self.options = options
+        self.checks = checks
         self._starts = WarmStarts()
-        self._plain = PlainProblems(configurations.scene)
+        self._plain = PlainProblems(configurations.scene, collisions=checks.collisions)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what was given: what was learned is learned again elsewhere."""
-        plain = PlainProblems(self.configurations.scene)
+        plain = PlainProblems(self.configurations.scene, collisions=self.checks.collisions)
         return {**self.__dict__, "_starts": WarmStarts(), "_plain": plain}
 
     def carried_many(
@@ -93,11 +106,12 @@ class StateSolver:
             What was carried over; None: nothing can be, and nothing was called.
         """
         states = None if q is None else self._plain.at(q)
-        if states is None:
+        if states is None or q is None:
             return None
         count, joints = states.weights.shape
         found = CarriedStates.room(count, joints)
         for shapes, order in states.groups():
+            order = self._sound(shapes, order, q, states, found.faults)
             begin = 0
             while begin < len(order):
                 begin += self._carry_on(shapes, objective, order[begin:], states, found)
@@ -107,6 +121,39 @@ class StateSolver:
         for number in np.flatnonzero(states.counts < 0).tolist():
             alone(number)
         return found
+
+    def _sound(
+        self,
+        shapes: tuple[int, ...],
+        order: NDArray[np.intp],
+        q: FloatArray,
+        states: PlainStates,
+        faults: NDArray[np.uint8],
+    ) -> NDArray[np.intp]:
+        """Return those of some states that have no serious finding, and enter it for the others.
+
+        Args:
+            shapes: The hand's shapes that touch in all of them.
+            order: Their numbers.
+            q: (K, a) configurations.
+            states: What loops have found.
+            faults: See `CarriedStates`.
+        """
+        at, no_hand = self.configurations, StateStatus.HAND_TOUCHES_NOTHING
+        of_overlaps = self.checks._replace(need_hand=False)
+        if (
+            self.checks.need_hand
+            and not shapes
+            # Where the object touches nothing at all, that is said of each state by itself.
+            and not isinstance(at.problem_at(q[order[0]], None, None), Evaluation)
+        ):
+            faults[order] = STATUSES.index(no_hand)
+            return order[:0]
+        for number in order[states.doubtful[order]].tolist():
+            found = state_findings(at.scene_at(q[number], None, None), of_overlaps)
+            if found:
+                faults[number] = STATUSES.index(StateStatus.of(found[0]))
+        return order[faults[order] == _FOUND]
 
     def _carry_on(
         self,
@@ -147,7 +194,7 @@ class StateSolver:
         self, q: Any, T_world_object: Any, twist: Any
     ) -> Evaluation | tuple[Scene, CarriedState]:
         """Solve for one state; what a search finds is learned."""
-        state = self.configurations.problem_at(q, T_world_object, twist)
+        state = self._checked(q, T_world_object, twist)
         if isinstance(state, Evaluation):
             return state
         scene, problem = state
@@ -164,7 +211,7 @@ class StateSolver:
     def reaches(self, q: Any, T_world_object: Any, twist: Any, margin: float) -> bool:
         """Tell whether a state is proven to reach a margin: see `Evaluator.is_feasible`."""
         objective = Margin()
-        state = self.configurations.problem_at(q, T_world_object, twist)
+        state = self._checked(q, T_world_object, twist)
         if isinstance(state, Evaluation):
             return False
         scene, problem = state
@@ -180,6 +227,18 @@ class StateSolver:
             return bool(reached)
         goal = margin / abs(found.optimum.unit)
         return found.optimum.value <= closeness(goal) - goal
+
+    def _checked(
+        self, q: Any, T_world_object: Any, twist: Any
+    ) -> tuple[Scene, QuasistaticProblem] | Evaluation:
+        """Return the posed scene and its problem, or why it is not solved."""
+        state = self.configurations.problem_at(q, T_world_object, twist)
+        if isinstance(state, Evaluation):
+            return state
+        found = state_findings(state[0], self.checks)
+        if not found:
+            return state
+        return Evaluation(StateStatus.of(found[0]), found[0].message, state[0], None)
 
     def _unknown(self, scene: Scene) -> str:
         return unknown_of(scene) if self.options.strong else ""

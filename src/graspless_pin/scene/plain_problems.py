@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 
 from graspless_pin.compiled import hand_states
 from graspless_pin.derived import Bounded
+from graspless_pin.geometry.bodies.collision import PlacedBodies
 from graspless_pin.geometry.contact.broad_phase import solids_of
 from graspless_pin.geometry.hand.posed_links import joints_of
+from graspless_pin.geometry.posing.overlaps import pairs_of
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.scene import Scene
@@ -34,6 +36,7 @@ class PlainStates(NamedTuple):
         rows: (S, m, 6) positions and normals into the object, world, m.
         columns: (S, 6, n) spatial joint columns about the world's origin.
         weights: (S, n) torques that carry the hand's weight.
+        doubtful: (S,) whether the hand may be too deep in itself or in a support.
     """
 
     counts: NDArray[np.intp]
@@ -41,6 +44,7 @@ class PlainStates(NamedTuple):
     rows: FloatArray
     columns: FloatArray
     weights: FloatArray
+    doubtful: NDArray[np.bool_]
 
     def groups(self) -> Iterator[tuple[tuple[int, ...], NDArray[np.intp]]]:
         """Yield the shapes that touch, and the numbers of the states in which they do."""
@@ -68,9 +72,16 @@ class Alike(NamedTuple):
 class PlainProblems:
     """Contacts of one scene's hand in other configurations."""
 
-    def __init__(self, scene: Scene) -> None:
-        """Take the scene."""
+    def __init__(self, scene: Scene, *, collisions: bool = True) -> None:
+        """Take the scene.
+
+        Args:
+            scene: The scene.
+            collisions: Whether states are looked for in which the hand may be too deep in itself or
+                in a support.
+        """
         self._scene = scene
+        self._collisions = collisions
         self._known: dict[tuple[str, ...], Alike] = Bounded(_MOST_KEPT)
 
     def at(self, q: FloatArray) -> PlainStates | None:
@@ -137,6 +148,7 @@ class PlainProblems:
         ):
             return None
         tree, pieces = hand.tree, scene.object.placed_bodies
+        around = PlacedBodies.joined([support.placed_bodies for support in scene.supports])
         return hand_states.HandStates(
             coupling=tree.coupling.S,
             offset=tree.coupling.offset,
@@ -148,6 +160,9 @@ class PlainProblems:
             links=solids_of(tree.shapes).for_loops,
             pieces=solids_of(pieces.shapes).for_loops,
             poses=pieces.poses,
+            pairs=pairs_of(tree).loops if self._collisions else None,
+            around=solids_of(around.shapes).for_loops,
+            around_poses=around.poses,
             tolerance=scene.contact_tolerance,
             max_penetration=scene.max_penetration,
             **tree.chains,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,13 +12,14 @@ from graspless_pin.errors import GrasplessPinError, StateError, StateFault
 from graspless_pin.findings import Finding, FindingCode, gravest_first, heard
 from graspless_pin.geometry.bodies.mass_properties import filling
 from graspless_pin.geometry.contact.broad_phase import near_pairs, solids_of
-from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays
+from graspless_pin.geometry.contact.contact_points import ContactArrays
 from graspless_pin.geometry.contact.distances import nearest_separation, separation
 from graspless_pin.geometry.contact.steadiness import normal_jumps
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.scene.entry_findings import MOST_ANGLE
+from graspless_pin.scene.state_findings import StateChecks, state_findings
 
 if TYPE_CHECKING:
     from graspless_pin.scene.scene import Scene
@@ -43,7 +45,8 @@ def findings_of(scene: Scene) -> tuple[Finding, ...]:
     with heard() as told:
         found = [*scene.load_findings, *_figures(scene)]
         if scene.hand is not None:
-            found += [*scene.hand.findings, *_joints(scene.hand), *_overlaps(scene)]
+            found += [*scene.hand.findings, *_joints(scene.hand), *_shallow_overlaps(scene)]
+            found += state_findings(scene, StateChecks(need_hand=False))
         found += _touching(scene)
     return gravest_first([*found, *told])
 
@@ -162,22 +165,20 @@ def _joints(hand: Hand) -> Iterator[Finding]:
         )
 
 
-def _overlaps(scene: Scene) -> Iterator[Finding]:
-    """Find where the hand is in itself or in a support."""
+def _shallow_overlaps(scene: Scene) -> Iterator[Finding]:
+    """Find where the hand is in itself or in a support, but not so deep that it is serious."""
     if scene.hand is None:
         return
-    tolerance = scene.contact_tolerance
-    for one in unwanted_overlaps(scene.hand, scene.supports, tolerance=tolerance):
-        on_support = one.kind is BodyKind.SUPPORT
-        yield Finding(
-            FindingCode.HAND_THROUGH_SUPPORT if on_support else FindingCode.HAND_THROUGH_ITSELF,
-            one.link,
-            str(one),
-            "move the hand (base_pose, q): it cannot stand there"
-            if on_support
-            else "change q, unless only the collision shapes are too wide",
-            ("hand",),
-        )
+    for one in unwanted_overlaps(scene.hand, scene.supports, tolerance=scene.contact_tolerance):
+        if one.depth <= scene.max_penetration:
+            yield Finding(
+                FindingCode.DEEP_OVERLAP,
+                one.link,
+                str(one),
+                "move them apart (base_pose, q); nothing pushes back between them, and more than "
+                f"max_penetration ({_length(scene.max_penetration)}) is serious",
+                ("max_penetration",),
+            )
 
 
 def _touching(scene: Scene) -> Iterator[Finding]:
@@ -197,9 +198,9 @@ def _touching(scene: Scene) -> Iterator[Finding]:
             yield from _doubtful(scene, touching)
     if scene.hand is None:
         return
-    if not names.intersection(scene.hand.link_names):
-        yield _touches_nothing(scene, scene.hand)
-    elif touching is not None and not scene.problem().jacobian.any():
+    off = state_findings(scene, StateChecks(collisions=False))
+    yield from (_with_nearest(scene, one) for one in off)
+    if not off and not scene.problem().jacobian.any():
         yield Finding(
             FindingCode.NO_TORQUE_COUNTS,
             scene.object.name,
@@ -209,23 +210,16 @@ def _touching(scene: Scene) -> Iterator[Finding]:
         )
 
 
-def _touches_nothing(scene: Scene, hand: Hand) -> Finding:
+def _with_nearest(scene: Scene, found: Finding) -> Finding:
     """Return the finding for a hand without contacts, with the link that is nearest."""
-    nearest = ""
-    pieces = scene.object.placed_bodies
-    if scene.given_contacts is None and len(hand.placed_bodies):
-        gap, link = min(
-            (nearest_separation([body], pieces).distance, body.name) for body in hand.placed_bodies
-        )
-        nearest = f"; the nearest one, '{link}', is {_length(gap)} away"
-    return Finding(
-        FindingCode.HAND_TOUCHES_NOTHING,
-        scene.object.name,
-        f"no link of the hand touches object '{scene.object.name}'{nearest}",
-        "move the hand (base_pose, in metres and radians), have it placed (graspless-pin place), "
-        "or close its fingers (graspless-pin close)",
-        ("hand", "base_pose"),
+    hand, pieces = scene.hand, scene.object.placed_bodies
+    if hand is None or scene.given_contacts is not None or not len(hand.placed_bodies):
+        return found
+    gap, link = min(
+        (nearest_separation([body], pieces).distance, body.name) for body in hand.placed_bodies
     )
+    nearest = f"{found.message}; the nearest one, '{link}', is {_length(gap)} away"
+    return replace(found, message=nearest)
 
 
 def _missed(scene: Scene, touching: set[str]) -> Iterator[Finding]:

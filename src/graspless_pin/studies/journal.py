@@ -28,7 +28,7 @@ from graspless_pin.studies.rows import Row
 
 _SYNC_EVERY = 2.0
 """Seconds between two times that the disk is waited for: a power failure costs no more."""
-JOURNAL_FORMAT = 3
+JOURNAL_FORMAT = 4
 _WITHOUT_CHECKSUMS = 1
 _ROWS_OF_A_LINE = 64
 _LINES_KEPT = 64

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from graspless_pin.errors import StudyError
+from graspless_pin.studies.rows import FINDINGS
 from graspless_pin.studies.sample_evaluation import Failure
 from graspless_pin.studies.tables import CSV_MARK, KEY, PART_ROWS, format_of, require_tables
 
@@ -158,6 +159,9 @@ def _csv_parts(file: Path, names: list[str] | None) -> Iterator[pd.DataFrame]:
 def results_summary(table: pd.DataFrame | str | Path) -> str:
     """Return how many samples were found, infeasible and failed, and the best and worst margin.
 
+    Samples with serious findings, such as a hand that touches nothing, are counted apart, and their
+    margins do not count.
+
     Args:
         table: What `read_results` returns, or a file, which is read part by part.
 
@@ -178,25 +182,33 @@ def results_summary(table: pd.DataFrame | str | Path) -> str:
     parts: Iterable[Any] = [table]
     if isinstance(table, str | Path):
         parts = results_parts(table)
-    failures, count, found = dict.fromkeys(Failure, 0), 0, 0
+    failures, count, found, serious = dict.fromkeys(Failure, 0), 0, 0, 0
     largest: Any = None
     smallest: Any = None
     failure: Any = None
+    finding: Any = None
     part: Any
     for part in parts:
         count += len(part)
         found += int(part["found"].sum())
         for why in Failure:
             failures[why] += int((part["status"] == why.value).sum())
-        margins = part.loc[part["found"], "margin_N"]
+        told = part[FINDINGS].notna() if FINDINGS in part else part["found"] & False
+        sound = part["found"] & ~told
+        serious += int((part["found"] & ~sound).sum())
+        margins = part.loc[sound, "margin_N"]
         if len(margins):
             high, low = part.loc[margins.idxmax()], part.loc[margins.idxmin()]
             largest = high if largest is None or high.margin_N > largest.margin_N else largest
             smallest = low if smallest is None or low.margin_N < smallest.margin_N else smallest
+        if finding is None and told.any():
+            finding = part.loc[told.idxmax()]
         failed = part["status"].isin([*Failure])
         if failure is None and failed.any():
             failure = part.loc[failed.idxmax()]
     lines = [f"{count} {'samples' if count > 1 else 'sample'}: {found} found"]
+    if serious:
+        lines[0] += f" ({serious} of them with serious findings)"
     lines[0] += f", {count - found - sum(failures.values())} infeasible"
     for why, times in failures.items():
         if times or why is Failure.FAILED:
@@ -206,6 +218,8 @@ def results_summary(table: pd.DataFrame | str | Path) -> str:
             names = row.index[1 : row.index.get_loc("status")]
             values = ", ".join(f"{name} {_short(row[name])}" for name in names)
             lines.append(f"{word} margin {row.margin_N:.4g} N at sample {row['sample']}: {values}")
+    if finding is not None:
+        lines.append(f"first serious finding at sample {finding['sample']}: {finding[FINDINGS]}")
     if failure is not None:
         lines.append(f"first failure at sample {failure['sample']}: {failure['error']}")
     return "\n".join(lines)

@@ -6,7 +6,9 @@ from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
+from graspless_pin.findings import Finding, Severity, gravest_first
 from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.scene.scene import Scene
 
 Row = dict[str, Any]
 """Results by column."""
@@ -15,6 +17,24 @@ LARGEST_TORQUE = "max_torque_"
 """Begin of the names of columns with the largest |torque| of the joints of one unit."""
 _SUFFIXES = {unit: unit.replace(" ", "") for unit in JointUnit}
 """What ends the name of a column, by unit."""
+
+
+FINDINGS = "findings"
+"""Name of the column of serious findings; empty without any."""
+
+
+def of_findings(scene: Scene, found: Sequence[Finding]) -> Row:
+    """Return the codes of serious findings as they stand in a row: in the order of their gravity.
+
+    Args:
+        scene: The scene of the sample; what its files told counts, too.
+        found: See `state_findings`.
+    """
+    told = (*scene.load_findings, *(() if scene.hand is None else scene.hand.findings))
+    if not (told or found):
+        return {}
+    serious = [one for one in gravest_first([*told, *found]) if one.severity is Severity.SERIOUS]
+    return {FINDINGS: "; ".join(dict.fromkeys(one.code for one in serious))} if serious else {}
 
 
 class TorqueColumns(NamedTuple):

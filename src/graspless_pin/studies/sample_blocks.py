@@ -11,6 +11,7 @@ from graspless_pin.algorithms.carried import are_for
 from graspless_pin.algorithms.loaded import LoadedOptima
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.errors import StudyError
+from graspless_pin.findings import Finding
 from graspless_pin.planning.warm_starts import WarmStarts
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
@@ -18,8 +19,9 @@ from graspless_pin.problem.cones import ConeModel
 from graspless_pin.programs.objectives import Objective
 from graspless_pin.scene.loads import JointedContacts, jointed_contacts, loads_of, renewed_row
 from graspless_pin.scene.scene import Scene
+from graspless_pin.scene.state_findings import StateChecks, state_findings
 from graspless_pin.solution import Status
-from graspless_pin.studies.rows import Row, torque_columns
+from graspless_pin.studies.rows import Row, of_findings, torque_columns
 
 
 class _Kind(NamedTuple):
@@ -49,21 +51,24 @@ class StatedSample(NamedTuple):
         scene: Its scene.
         kind: What it shares with others.
         loads: See `Loads.row`.
+        findings: See `state_findings`.
     """
 
     scene: Scene
     kind: _Kind
     loads: FloatArray
+    findings: tuple[Finding, ...]
 
 
 def stated_sample(
-    scene: Scene, limits: Mapping[str, Any], before: StatedSample | None
+    scene: Scene, limits: Mapping[str, Any], checks: StateChecks, before: StatedSample | None
 ) -> StatedSample:
     """Return the problem of a sample.
 
     Args:
         scene: Its scene.
         limits: What ends its search, see `SolveOptions`.
+        checks: Which findings are looked for.
         before: Another sample with these limits; what it has and this one shares is not made again.
 
     Raises:
@@ -75,14 +80,13 @@ def stated_sample(
             rubbing = (row[: len(before.kind.state.positions)] > 0.0).tobytes()
             same = rubbing == before.kind.rubbing
             kind = before.kind if same else before.kind._replace(rubbing=rubbing)
-            return StatedSample(scene, kind, row)
+            return StatedSample(scene, kind, row, before.findings)
     state = jointed_contacts(scene)
     loads = loads_of(scene, state)
     rubbing = (loads.friction > 0.0).tobytes()
     asked = scene.asked(**limits)
-    return StatedSample(
-        scene, _Kind(state, rubbing, scene.cone, scene.cone_edges, *asked), loads.row()
-    )
+    kind = _Kind(state, rubbing, scene.cone, scene.cone_edges, *asked)
+    return StatedSample(scene, kind, loads.row(), state_findings(scene, checks))
 
 
 class SampleBlock:
@@ -93,7 +97,7 @@ class SampleBlock:
 
     def __init__(
         self,
-        alone: Callable[[int, Scene, WarmStarts], Row],
+        alone: Callable[[int, Scene, tuple[Finding, ...], WarmStarts], Row],
         failed: Callable[[int, Exception], Row],
     ) -> None:
         """Begin with nothing learned.
@@ -105,7 +109,7 @@ class SampleBlock:
         self._alone, self._failed = alone, failed
         self._starts = WarmStarts()
         self._kind: _Kind | None = None
-        self._run: list[tuple[int, Scene, FloatArray]] = []
+        self._run: list[tuple[int, Scene, tuple[Finding, ...], FloatArray]] = []
         self._optima: dict[tuple[Any, ...], LoadedOptima] = {}
 
     def rows(self, number: int, stated: StatedSample) -> Iterator[Row]:
@@ -115,16 +119,16 @@ class SampleBlock:
             number: Its number.
             stated: What `stated_sample` returns of its scene.
         """
-        (scene, kind, loads), last = stated, self._kind
+        (scene, kind, loads, found), last = stated, self._kind
         if kind is not last and (
             last is None or kind.state is not last.state or kind[1:] != last[1:]
         ):
             yield from self.rest()
         if kind.cone == ConeModel.EDGES and are_for(kind.objective, kind.options):
             self._kind = kind
-            self._run.append((number, scene, loads))
+            self._run.append((number, scene, found, loads))
         else:
-            yield self._alone(number, scene, self._starts)
+            yield self._alone(number, scene, found, self._starts)
 
     def rest(self) -> Iterator[Row]:
         """Yield the rows of the samples that have none yet."""
@@ -161,7 +165,8 @@ class SampleBlock:
             optima.learn(problem, start)
             end = optima.carry_on(problem, loads, begin, figures, torques)
             margins, found = figures[begin:end, 0].tolist(), torques[begin:end].tolist()
-            for (number, *_), margin, each in zip(run[begin:end], margins, found, strict=True):
+            of_run = zip(run[begin:end], margins, found, strict=True)
+            for (number, scene, wrong, _), margin, each in of_run:
                 yield {
                     "sample": number,
                     "status": Status.OPTIMAL.name.lower(),
@@ -169,9 +174,10 @@ class SampleBlock:
                     **columns.values(margin, each),
                     "contacts": problem.contact_count,
                     "nodes": 1,
+                    **of_findings(scene, wrong),
                 }
             if end < count:
-                yield self._alone(*run[end][:2], self._starts)
+                yield self._alone(*run[end][:3], self._starts)
             begin = end + 1
 
     def _optima_of(self, kind: _Kind, problem: QuasistaticProblem) -> LoadedOptima:

@@ -11,12 +11,14 @@ from graspless_pin.algorithms.disturbances import disturbance_margin
 from graspless_pin.algorithms.force_bounds import contact_force_bounds
 from graspless_pin.algorithms.minimum_friction import minimum_friction
 from graspless_pin.errors import GrasplessPinError, StudyError, internal_error
+from graspless_pin.findings import Finding
 from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.planning.warm_starts import WarmStarts
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_stability import solution_verdict, unknown_of
+from graspless_pin.scene.state_findings import StateChecks, state_findings
 from graspless_pin.solution import Status, TorqueSolution
-from graspless_pin.studies.rows import Row, torque_columns
+from graspless_pin.studies.rows import Row, of_findings, torque_columns
 from graspless_pin.studies.sample_blocks import SampleBlock, StatedSample, stated_sample
 from graspless_pin.studies.sample_parts import Sample, SampleParts
 from graspless_pin.studies.study import Study
@@ -55,6 +57,7 @@ def evaluate_each(
     asked = compute.verdict or compute.mode or compute.force_bounds or compute.disturbance_margin
     alone = study.block == 1 or study.record is not None or asked or compute.minimum_friction
     at, block, starts, limits = None, _block(study), None, _limits(study)
+    checks = StateChecks(compute.collisions, compute.need_hand)
     stated: StatedSample | None = None
     for number, sample in samples:
         if study.block > 1 and number // study.block != at:
@@ -62,7 +65,8 @@ def evaluate_each(
             at, block, starts = number // study.block, _block(study), WarmStarts()
         try:
             scene = study.scene_at(sample, parts)
-            stated = None if alone else stated_sample(scene, limits, stated)
+            found = state_findings(scene, checks) if alone else ()
+            stated = None if alone else stated_sample(scene, limits, checks, stated)
         except StudyError:
             raise
         except Exception as error:
@@ -70,7 +74,7 @@ def evaluate_each(
             yield _failed(study, number, error)
             continue
         if stated is None:
-            yield _row(study, number, scene, starts)
+            yield _row(study, number, scene, found, starts)
         else:
             yield from block.rows(number, stated)
         if one_by_one:
@@ -88,14 +92,28 @@ def _parts_of(_fingerprint: str) -> SampleParts:
     return SampleParts()
 
 
-def _row(study: Study, number: int, scene: Scene, starts: WarmStarts | None) -> Row:
+def _row(
+    study: Study,
+    number: int,
+    scene: Scene,
+    found: tuple[Finding, ...],
+    starts: WarmStarts | None,
+) -> Row:
     """Return the row of one sample, which begins with what was learned; a failure is one, too.
+
+    Args:
+        study: The study.
+        number: Of the sample.
+        scene: Its scene.
+        found: See `state_findings`.
+        starts: What was learned.
 
     Raises:
         StudyError: If the study's record cannot keep the solution.
     """
     try:
-        return {"sample": number, **_results(study, number, scene, starts)}
+        row = {"sample": number, **_results(study, number, scene, starts)}
+        return row | of_findings(scene, found)
     except StudyError:
         raise
     except Exception as error:

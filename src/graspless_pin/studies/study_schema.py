@@ -206,6 +206,12 @@ class ComputeEntry(Entry):
     mode: bool = Field(
         default=False, description="the mode of virtual sliding whose optimum is found"
     )
+    collisions: bool = Field(
+        default=True, description="whether links deep in supports or in each other are a finding"
+    )
+    need_hand: bool = Field(
+        default=True, description="whether a hand that does not touch the object is a finding"
+    )
     explain: bool = Field(
         default=False, description="full explanations of infeasible samples; they take long"
     )
@@ -222,6 +228,8 @@ class ComputeEntry(Entry):
             "verdict",
             "mode",
             "explain",
+            "collisions",
+            "need_hand",
         }
         return self.model_dump(exclude_none=True, exclude=beside)
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from graspless_pin.drafts import draft_of
 from graspless_pin.errors import StudyError
 from graspless_pin.studies.journal import Journal
-from graspless_pin.studies.rows import LARGEST_TORQUE
+from graspless_pin.studies.rows import FINDINGS, LARGEST_TORQUE
 from graspless_pin.studies.study import Study
 from graspless_pin.versions import versions
 
@@ -33,10 +33,12 @@ _LAST = (
     "minimum_friction_factor",
     "contacts",
     "nodes",
+    FINDINGS,
     "reason",
     "error",
 )
-_TEXT = ("status", "verdict", "mode", "reason", "error")
+_ALWAYS = (*_COUNTS, FINDINGS, "reason", "error")
+_TEXT = ("status", "verdict", "mode", FINDINGS, "reason", "error")
 _ATTRS = "PANDAS_ATTRS"
 """Where ``pandas.read_parquet`` finds ``DataFrame.attrs``."""
 CSV_MARK = f"# {KEY} "
@@ -111,7 +113,7 @@ def _made_parts(study: Study, journal: Journal) -> Iterator[pd.DataFrame]:
     seen = journal.columns
     largest = [name for name in _LARGEST if name in seen] or _LARGEST[:1]
     torques = [name for name in seen if name not in ("sample", *_FIRST, *_LARGEST, *_LAST)]
-    last = [name for name in _LAST if name in seen or name in (*_COUNTS, "reason", "error")]
+    last = [name for name in _LAST if name in seen or name in _ALWAYS]
     names = [*_FIRST, *largest, *torques, *last]
     for begin in range(0, len(study.samples), PART_ROWS):
         numbers = range(len(study.samples))[begin : begin + PART_ROWS]

@@ -53,6 +53,7 @@ class KinematicTree(Record):
         visuals: How the links look; only drawing asks.
         bases: The mounted robots: names of links and joints, and the Pinocchio inertia of what
             does not move, in world axes.
+        disabled_pairs: Pairs of links that may be in each other, as SRDFs say.
     """
 
     pinocchio_model: Any
@@ -64,6 +65,7 @@ class KinematicTree(Record):
     upper: FloatArray
     visuals: tuple[LinkVisual, ...] = ()
     bases: tuple[tuple[frozenset[str], Any], ...] = ()
+    disabled_pairs: frozenset[frozenset[str]] = frozenset()
 
     @cached_property
     def joint_index(self) -> Mapping[str, int]:
@@ -316,6 +318,7 @@ def build_tree(
         upper=upper,
         visuals=tuple(visual for document, _ in parts for visual in document.visuals),
         bases=tuple(bases),
+        disabled_pairs=frozenset().union(*[document.disabled_pairs for document, _ in parts]),
     )
 
 

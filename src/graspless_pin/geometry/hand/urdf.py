@@ -14,6 +14,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from graspless_pin.errors import RobotError
+from graspless_pin.geometry.hand.srdf import disabled_pairs
 from graspless_pin.geometry.hand.urdf_links import (
     LinkMesh,
     check_link,
@@ -64,6 +65,7 @@ class UrdfDocument:
         visuals: How the links look.
         rotors: Inertia of a motor's rotor by joint, kg m^2 (kg), gear ratio squared included.
         tendons: The tendons that motors of an MJCF pull.
+        disabled_pairs: Pairs of links that may be in each other, as its SRDF says.
     """
 
     label: str
@@ -76,6 +78,7 @@ class UrdfDocument:
     visuals: tuple[LinkVisual, ...] = ()
     rotors: Mapping[str, float] = field(default_factory=dict)
     tendons: Mapping[str, DrawnTendon] = field(default_factory=dict)
+    disabled_pairs: frozenset[frozenset[str]] = frozenset()
 
 
 def read_urdf(
@@ -150,6 +153,7 @@ def read_urdf(
         visuals=visuals,
         rotors={prefix + name: value for name, value in rotor_inertias(path, root).items()},
         tendons=read_tendons(root, joints, prefix),
+        disabled_pairs=disabled_pairs(path, prefix) if with_meshes else frozenset(),
     )
 
 

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from graspless_pin.compiled import body_pairs
+from graspless_pin.derived import Derived
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.bodies.collision import CollisionBody
+from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
 from graspless_pin.geometry.bodies.object_and_supports import Support
-from graspless_pin.geometry.contact.broad_phase import near_pairs
+from graspless_pin.geometry.contact.broad_phase import near_solids, solids_of
 from graspless_pin.geometry.contact.distances import separation
 from graspless_pin.geometry.contact.finding import BodyKind
 from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.geometry.hand.posed_links import posed_links
+from graspless_pin.geometry.hand.tree import KinematicTree
 
 
 @dataclass(frozen=True)
@@ -45,9 +50,10 @@ def unwanted_overlaps(
 ) -> tuple[Overlap, ...]:
     """Find where a hand overlaps itself or a support.
 
-    Links of one robot are not compared if they are rigidly joined or neighbours at a joint, nor if
-    they overlap when all joints are at zero (or at the limit nearest to it): collision shapes are
-    often so wide that they do so for ever.
+    Links of one robot are not compared if they are rigidly joined or neighbours at a joint, if an
+    SRDF disables the pair (a file of the URDF's name beside it or in ``../srdf``), nor if they
+    overlap when all joints are at zero (or at the limit nearest to it): collision shapes are often
+    so wide that they do so for ever.
 
     Args:
         hand: The hand at its configuration.
@@ -69,25 +75,19 @@ def unwanted_overlaps(
     """
     if not (np.isfinite(tolerance) and tolerance >= 0.0):
         raise ArgumentError("tolerance", f"needs zero or more metres, got {tolerance!r}")
-    bodies = hand.collision_bodies()
+    bodies = hand.placed_bodies
+    pairs = pairs_of(hand.tree)
     found: dict[tuple[str, str], float] = {}
-    at_neutral: tuple[CollisionBody, ...] = ()
-    ignored: set[tuple[str, str]] = set()
-    for i, j in _pairs(hand, bodies):
+    for i, j in pairs.within(bodies, tolerance):
         depth = _depth(bodies[i], bodies[j])
-        if depth <= tolerance:
-            continue
-        pair = (bodies[i].name, bodies[j].name)
-        if _mount(hand, pair[0]) == _mount(hand, pair[1]):
-            at_neutral = at_neutral or _neutral(hand).collision_bodies()
-            if _depth(at_neutral[i], at_neutral[j]) > 0.0:
-                ignored.add(pair)
-        found[pair] = max(found.get(pair, 0.0), depth)
-    overlaps = [Overlap(*pair, BodyKind.HAND, found[pair]) for pair in found if pair not in ignored]
+        if depth > tolerance:
+            names = bodies[i].name, bodies[j].name
+            found[names] = max(found.get(names, 0.0), depth)
+    overlaps = [Overlap(*names, BodyKind.HAND, depth) for names, depth in found.items()]
     for support in supports:
-        pieces = support.collision_bodies()
+        pieces = support.placed_bodies
         deepest: dict[str, float] = {}
-        for i, k in sorted(near_pairs(bodies, pieces, 0.0)):
+        for i, k in pairs.beside(bodies, pieces, tolerance):
             depth = _depth(bodies[i], pieces[k])
             if depth > tolerance:
                 deepest[bodies[i].name] = max(deepest.get(bodies[i].name, 0.0), depth)
@@ -97,35 +97,90 @@ def unwanted_overlaps(
     return tuple(overlaps)
 
 
-def _pairs(hand: Hand, bodies: Sequence[CollisionBody]) -> Iterator[tuple[int, int]]:
-    """Shapes that may meet: not rigidly joined or neighbours, unless of two robots."""
-    parents = [int(parent) for parent in hand.tree.pinocchio_model.parents]
-    for i, j in sorted(near_pairs(bodies, bodies, 0.0)):
-        if i >= j:
-            continue
-        first, second = hand.tree.geometries[i], hand.tree.geometries[j]
-        joined = (
-            first.joint == second.joint
-            or parents[second.joint] == first.joint
-            or parents[first.joint] == second.joint
-        )
-        if not joined or _mount(hand, first.link) != _mount(hand, second.link):
-            yield i, j
+@dataclass(frozen=True, eq=False)
+class LinkPairs:
+    """The pairs of a hand's shapes that should not be in each other, and what finds those that may.
+
+    Attributes:
+        places: (i, j) of each pair among the shapes, i below j, in model order.
+        loops: The same as compiled loops; None: nothing was compiled.
+    """
+
+    places: tuple[tuple[int, int], ...]
+    loops: Any
+
+    def within(self, bodies: PlacedBodies, depth: float) -> list[tuple[int, int]]:
+        """Return the pairs that are not known to overlap by less than a depth.
+
+        Args:
+            bodies: The hand's shapes at a configuration.
+            depth: m, not negative.
+        """
+        if self.loops is not None:
+            return self.loops.within(bodies.poses, depth)
+        solids = solids_of(bodies.shapes)
+        near = set(near_solids(bodies, solids, bodies, solids, -depth))
+        return [pair for pair in self.places if pair in near]
+
+    def beside(
+        self, bodies: PlacedBodies, pieces: PlacedBodies, depth: float
+    ) -> list[tuple[int, int]]:
+        """Return the pairs of a shape and a support's piece of which that is not known.
+
+        Args:
+            bodies: The hand's shapes at a configuration.
+            pieces: The support's.
+            depth: m, not negative.
+        """
+        solids = solids_of(pieces.shapes)
+        if self.loops is not None:
+            return self.loops.beside(bodies.poses, solids.for_loops, pieces.poses, depth)
+        return sorted(near_solids(bodies, solids_of(bodies.shapes), pieces, solids, -depth))
 
 
-def _mount(hand: Hand, link: str) -> str:
-    """Return the prefix of the robot that a link belongs to."""
-    return max((prefix for prefix in hand.base_poses if link.startswith(prefix)), key=len)
+def pairs_of(tree: KinematicTree) -> LinkPairs:
+    """Return the pairs of a hand's shapes that `unwanted_overlaps` compares."""
+    return _PAIRS.of(tree)
 
 
-def _neutral(hand: Hand) -> Hand:
-    tree = hand.tree
-    rest = np.clip(0.0, tree.lower, tree.upper)
-    return hand.with_configuration(
-        {hand.joint_names[index]: float(rest[index]) for index in tree.coupling.leaders}
-    )
+def _pairs(tree: KinematicTree) -> LinkPairs:
+    parents = [int(parent) for parent in tree.pinocchio_model.parents]
+    robot_of = {name: k for k, (names, _) in enumerate(tree.bases) for name in names}
+    robots = [robot_of[link] for link in tree.shapes.names]
+    joints = [item.joint for item in tree.geometries]
+    apart, of_one_robot = [], []
+    for j in range(len(joints)):
+        for i in range(j):
+            joined = joints[i] == joints[j] or joints[i] == parents[joints[j]]
+            joined |= joints[j] == parents[joints[i]]
+            if robots[i] != robots[j]:
+                apart.append((i, j))
+            elif not joined:
+                of_one_robot.append((i, j))
+    links = [frozenset((tree.shapes.names[i], tree.shapes.names[j])) for i, j in of_one_robot]
+    neutral = tree.coupling.S @ np.clip(0.0, *tree.ranges) + tree.coupling.offset
+    bodies = posed_links(tree, neutral).bodies
+    all_of_them = _made(tree, of_one_robot)
+    ever = tree.disabled_pairs | {
+        frozenset((bodies[i].name, bodies[j].name))
+        for i, j in all_of_them.within(bodies, 0.0)
+        if _depth(bodies[i], bodies[j]) > 0.0
+    }
+    own = [pair for pair, names in zip(of_one_robot, links, strict=True) if names not in ever]
+    return _made(tree, sorted([*apart, *own]))
+
+
+def _made(tree: KinematicTree, places: Sequence[tuple[int, int]]) -> LinkPairs:
+    loops = None
+    if body_pairs is not None:
+        sets = solids_of(tree.shapes).for_loops
+        loops = body_pairs.BodyPairs(sets, [i for i, _ in places], [j for _, j in places])
+    return LinkPairs(tuple(places), loops)
 
 
 def _depth(first: CollisionBody, second: CollisionBody) -> float:
     """Return how deep two convex pieces overlap, zero if they do not."""
     return max(-separation(first, second).distance, 0.0)
+
+
+_PAIRS: Derived[KinematicTree, LinkPairs] = Derived(_pairs)
