@@ -376,6 +376,13 @@ def test_one_pose_for_each_set() -> None:
         [compiled.contact_search.BALL], [0], ONES[:1], ONES[:1], np.ones(1), [[0] * 4], [0, 0],
         np.ones((0, 4)),
     )  # fmt: skip
+    pairs = compiled.body_pairs.BodyPairs(sets, [0], [0])
+    with pytest.raises(ValueError, match="one pose for each set"):
+        pairs.within(POSES, 5e-3)
+    with pytest.raises(ValueError, match="one pose for each set"):
+        pairs.beside(POSES[:1], sets, POSES, 5e-3)
+    with pytest.raises(ValueError, match="sets that exist"):
+        compiled.body_pairs.BodyPairs(sets, [0], [1])
     with pytest.raises(ValueError, match="one pose for each set"):
         compiled.contact_search.plain_contacts(
             sets, POSES, sets, POSES[:1], 1e-3, 5e-3, lambda *_: None

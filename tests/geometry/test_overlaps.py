@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from planar_fingers import RADIUS, allegro, lever
 
-from graspless_pin.errors import ArgumentError
+from graspless_pin.errors import ArgumentError, GrasplessPinWarning
+from graspless_pin.findings import FindingCode
 from graspless_pin.geometry.bodies.object_and_supports import Support
 from graspless_pin.geometry.bodies.shapes import HalfSpace
 from graspless_pin.geometry.contact.finding import BodyKind
@@ -89,6 +90,65 @@ def test_links_that_fold_onto_each_other_are_reported(tmp_path):
 def test_links_that_overlap_at_zero_already_are_not_reported(tmp_path):
     # At zero a and c are 0.09 m apart and overlap by 0.01 m.
     assert unwanted_overlaps(chain(tmp_path, 0.03, q=2.0)) == ()
+
+
+SRDF = '<robot name="chain"><disable_collisions link1="c" link2="a" reason="User"/></robot>'
+
+
+@pytest.mark.parametrize("place", ["chain.srdf", "../srdf/chain.srdf"])
+def test_pairs_that_an_srdf_disables_are_not_reported(tmp_path, place):
+    folder = tmp_path / "urdf"
+    folder.mkdir()
+    assert len(unwanted_overlaps(chain(folder, 0.06, q=2.0))) == 1
+    file = folder / place
+    file.parent.mkdir(exist_ok=True)
+    file.write_text(SRDF)
+    assert unwanted_overlaps(chain(folder, 0.06, q=2.0)) == ()
+    mounted = Hand.assemble([Mount(folder / "chain.urdf", prefix="one/")], q={"one/bc": 2.0})
+    assert unwanted_overlaps(mounted) == ()
+    file.write_text(SRDF.replace('"c"', '"b"'))
+    assert len(unwanted_overlaps(chain(folder, 0.06, q=2.0))) == 1
+
+
+def test_an_srdf_that_cannot_be_read_is_told(tmp_path):
+    (tmp_path / "chain.srdf").write_text("<robot")
+    with pytest.warns(GrasplessPinWarning, match=r"chain\.srdf.*not well-formed"):
+        hand = chain(tmp_path, 0.06, q=2.0)
+    assert len(unwanted_overlaps(hand)) == 1
+    assert FindingCode.READER_REMARK in {one.code for one in hand.findings}
+
+
+def boxes(folder: Path, *, q: float) -> Hand:
+    """Two arms on one base, 0.2 m apart: a long box on each, the second turned by q about z."""
+
+    def arm(name: str, y: float) -> str:
+        return (
+            f'<joint name="{name}" type="revolute"><parent link="base"/><child link="{name}_arm"/>'
+            f'<origin xyz="0 {y} 0"/><axis xyz="0 0 1"/>'
+            '<limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
+            f'<link name="{name}_arm"><collision><origin xyz="0.2 0 0"/><geometry>'
+            '<box size="0.4 0.02 0.02"/></geometry></collision></link>'
+        )
+
+    file = folder / "boxes.urdf"
+    file.write_text(f'<robot name="boxes"><link name="base"/>{arm("a", 0)}{arm("b", 0.2)}</robot>')
+    return Hand.from_urdf(file, q={"b": q})
+
+
+@pytest.mark.parametrize("turn", np.linspace(-0.75, -0.45, 31))
+def test_boxes_are_compared_from_the_depth_on(tmp_path, turn):
+    """Box b's end corners are at known places: coal and the boxes around shapes agree on them."""
+    ends = [np.array([0.4 * np.cos(turn), 0.2 + 0.4 * np.sin(turn)])]
+    across = 0.01 * np.array([-np.sin(turn), np.cos(turn)])
+    lowest = min((end + sign * across)[1] for end in ends for sign in (-1.0, 1.0))
+    deep = max(0.01 - lowest, 0.0)  # below the top of box a
+    hand = boxes(tmp_path, q=turn)
+    for tolerance in (0.0, 1e-3, 5e-3):
+        found = unwanted_overlaps(hand, tolerance=tolerance)
+        # Past the middle of box a the shortest way out is another one.
+        if deep < 0.01:
+            assert len(found) == (deep > tolerance), (turn, tolerance)
+            assert not found or found[0].depth == pytest.approx(deep, abs=1e-8)
 
 
 def test_an_open_allegro_hand_is_clear_and_its_thumb_may_run_into_the_palm():

@@ -116,7 +116,7 @@ def test_where_two_motions_meet_both_are_solved():
     assert np.isfinite(back.margins[1]) and back.arrival_margins[1] == -np.inf
     assert back.failures == (0, 1) and back.smallest_margin == -np.inf
     assert back.failure_reason(1) == back.arrivals[1].reason != ""
-    assert "at 1 s: no torques, infeasible" in str(back)
+    assert "at 1 s: no torques at waypoint 1, infeasible" in str(back)
 
 
 def test_setting_down_is_no_failure():
@@ -193,7 +193,7 @@ def test_a_waypoint_without_torques_is_part_of_the_profile():
     assert np.isnan(profile.torques[4]).all()
     # Towards the last waypoint the box lifts off the table; the fingers move along.
     assert profile.contact_changes[1].lost == ("table",) * 4
-    assert "at 4 s: no torques" in str(profile)
+    assert "at 4 s: no torques at waypoint 4" in str(profile)
     with pytest.raises(NoSolutionError, match="waypoint 3 has no torques"):
         joint_trajectory(profile)
 

@@ -116,7 +116,7 @@ def test_an_internal_error_in_a_loop_costs_one_sample_and_is_told(monkeypatch, o
     samples = [*enumerate(made.samples)]
     whole = [*evaluate_each(made, samples)]
     bad, carry_on = (
-        stated_sample(made.scene_at(samples[5][1]), {}, None).loads,
+        stated_sample(made.scene_at(samples[5][1]), {}, ALL_CHECKS, None).loads,
         LoadedOptima.carry_on,
     )
 

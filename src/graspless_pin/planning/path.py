@@ -106,7 +106,10 @@ class PathProfile:
 
     @property
     def failures(self) -> tuple[int, ...]:
-        """Waypoints without torques in one of the motions that meet there."""
+        """Waypoints that are not feasible in one of the motions that meet there.
+
+        There are no torques, or the state has a serious finding, see `Evaluator`.
+        """
         both = zip(self.evaluations, self.arrivals, strict=True)
         return tuple(k for k, pair in enumerate(both) if not all(item.found for item in pair))
 
@@ -141,7 +144,8 @@ class PathProfile:
             ]
             lines.append(f"at {self.times[change.waypoint]:g} s: {'; '.join(parts)}")
         lines += [
-            f"at {self.times[k]:g} s: no torques, {self.failure_reason(k)}" for k in self.failures
+            f"at {self.times[k]:g} s: no torques at waypoint {k}, {self.failure_reason(k)}"
+            for k in self.failures
         ]
         return "\n".join(lines)
 

@@ -139,17 +139,16 @@ class StateSolver:
             states: What loops have found.
             faults: See `CarriedStates`.
         """
-        at, no_hand = self.configurations, StateStatus.HAND_TOUCHES_NOTHING
+        at, off = self.configurations, self.checks.need_hand and not shapes
         of_overlaps = self.checks._replace(need_hand=False)
-        if (
-            self.checks.need_hand
-            and not shapes
-            # Where the object touches nothing at all, that is said of each state by itself.
-            and not isinstance(at.problem_at(q[order[0]], None, None), Evaluation)
-        ):
-            faults[order] = STATUSES.index(no_hand)
+        doubtful = order[states.doubtful[order]].tolist()
+        # Where contacts with supports are wrong, that is said of each state by itself.
+        if not (off or doubtful) or isinstance(at.problem_at(q[order[0]], None, None), Evaluation):
+            return order
+        if off:
+            faults[order] = STATUSES.index(StateStatus.HAND_TOUCHES_NOTHING)
             return order[:0]
-        for number in order[states.doubtful[order]].tolist():
+        for number in doubtful:
             found = state_findings(at.scene_at(q[number], None, None), of_overlaps)
             if found:
                 faults[number] = STATUSES.index(StateStatus.of(found[0]))

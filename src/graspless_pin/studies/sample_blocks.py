@@ -23,6 +23,9 @@ from graspless_pin.scene.state_findings import StateChecks, state_findings
 from graspless_pin.solution import Status
 from graspless_pin.studies.rows import Row, of_findings, torque_columns
 
+_Loaded = tuple[int, Scene, tuple[Finding, ...], FloatArray]
+"""Number, scene, findings and `Loads.row` of a sample."""
+
 
 class _Kind(NamedTuple):
     """What samples share that one loop solves.
@@ -109,7 +112,7 @@ class SampleBlock:
         self._alone, self._failed = alone, failed
         self._starts = WarmStarts()
         self._kind: _Kind | None = None
-        self._run: list[tuple[int, Scene, tuple[Finding, ...], FloatArray]] = []
+        self._run: list[_Loaded] = []
         self._optima: dict[tuple[Any, ...], LoadedOptima] = {}
 
     def rows(self, number: int, stated: StatedSample) -> Iterator[Row]:
@@ -151,7 +154,7 @@ class SampleBlock:
                     rows.append(self._failed(one[0], error))
         yield from rows
 
-    def _looped(self, run: Sequence[tuple[int, Scene, FloatArray]], kind: _Kind) -> Iterator[Row]:
+    def _looped(self, run: Sequence[_Loaded], kind: _Kind) -> Iterator[Row]:
         """Yield the rows of samples of one kind."""
         problem = run[0][1].problem()
         joints = kind.state.joints
