@@ -18,7 +18,7 @@ from graspless_pin import (
     what_would_hold,
 )
 from graspless_pin.algorithms import limits
-from graspless_pin.errors import ArgumentError
+from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.report import solution_document
 from graspless_pin.report.verify import verify_document
 
@@ -53,11 +53,19 @@ def disturbed(**options: Any) -> Any:
 
 def assert_true_disturbances(found: Any) -> None:
     exact = np.array([0.5 * GRAVITY, 0.05 * GRAVITY])
-    assert (found.guaranteed <= exact + 1e-3 * GRAVITY).all()
-    assert (found.failing >= exact - 1e-9).all()
+    seen = found.reached
+    for figures in (found.guaranteed, found.failing, found.possible):
+        np.testing.assert_array_equal(np.isnan(figures), ~seen)
+    assert (found.guaranteed[seen] <= exact[seen] + 1e-3 * GRAVITY).all()
+    assert (found.failing[seen] >= exact[seen] - 1e-9).all()
     solution = maximize_margin(block_on_slope(0.5, 0.0), static_friction="coulomb")
-    checks = verify_document(solution_document(solution, disturbances=found)).checks
+    document = solution_document(solution, disturbances=found)
+    for claim, reached in zip(document["disturbances"]["directions"], seen, strict=True):
+        assert (claim["guaranteed"] is not None) == reached
+    checks = verify_document(document).checks
     assert not [line for line in checks if line.passed is False]
+    missed = [line for line in checks if "was not reached" in line.name]
+    assert len(missed) == np.sum(~seen)
 
 
 def test_without_time_no_direction_is_looked_at() -> None:
@@ -65,9 +73,10 @@ def test_without_time_no_direction_is_looked_at() -> None:
     assert found.found  # one certificate
     assert not found.complete.any()
     assert len(found.brackets) == 2
-    np.testing.assert_array_equal(found.guaranteed, 0.0)
-    np.testing.assert_array_equal(found.failing, np.inf)
-    assert "the time was over before the end of 2 directions" in str(found)
+    assert not found.reached.any()
+    assert str(found) == "none of 2 directions was reached: the time was over before"
+    with pytest.raises(NoSolutionError, match="No direction was reached"):
+        assert found.worst
     assert_true_disturbances(found)
 
 
@@ -76,6 +85,14 @@ def test_what_is_guaranteed_when_the_time_is_over_is_true(seconds: float, clock:
     found = disturbed(time_limit=seconds)
     assert not found.complete.all()
     assert_true_disturbances(found)
+
+
+def test_a_direction_that_was_not_reached_is_told_from_one_that_bears_nothing(clock: Clock) -> None:
+    found = next(
+        one for one in (disturbed(time_limit=float(k)) for k in range(3, 60)) if one.reached.any()
+    )
+    assert found.reached.tolist() == [True, False]
+    assert found.worst == 0 and str(found).endswith("; not reached: 1")
 
 
 def test_with_time_enough_nothing_is_another() -> None:
@@ -92,7 +109,9 @@ def test_robustness_without_time_says_so_and_relies_on_all() -> None:
     assert not found.complete
     assert found.relies_on == (0, 1, 2, 3, 4)
     assert [one.complete for one in (*found.less, *found.more)] == [False, False]
-    assert [one.guaranteed for one in (*found.less, *found.more)] == [0.0, 0.0]
+    assert not any(one.reached for one in (*found.less, *found.more))
+    assert np.isnan([one.guaranteed for one in (*found.less, *found.more)]).all()
+    assert "not reached: the time was over before" in str(found)
     assert str(found).endswith("the time limit ended the search: more time may tell more")
 
 
@@ -104,8 +123,8 @@ def test_torque_errors_that_are_borne_when_the_time_is_over_are(
     exact = 25.0 - GRAVITY
     for bracket, most in ((found.less[0], exact), (found.all_less, exact / 25.0)):
         assert bracket is not None
-        assert bracket.guaranteed <= most
-        assert bracket.failing >= most - 1e-9
+        assert not bracket.guaranteed > most
+        assert not bracket.failing < most - 1e-9
     assert found.complete == (clock.now <= seconds)
 
 

@@ -43,7 +43,7 @@ class GuaranteedDisturbance:
     def guaranteed(self) -> FloatArray:
         """(K,) N: rest is proven to be the only outcome of every magnitude from zero up to this.
 
-        NaN where it is not even without disturbance.
+        NaN where it is not even without disturbance, and where `reached` is False.
         """
         return self._each("guaranteed")
 
@@ -51,8 +51,8 @@ class GuaranteedDisturbance:
     def failing(self) -> FloatArray:
         """(K,) N: the smallest magnitude found at which the object may or must move.
 
-        inf where none was found up to `largest`. Between `guaranteed` and this it is open what
-        happens.
+        inf where none was found up to `largest`, NaN where `reached` is False. Between `guaranteed`
+        and this it is open what happens.
         """
         return self._each("failing")
 
@@ -68,14 +68,21 @@ class GuaranteedDisturbance:
     def complete(self) -> NDArray[np.bool_]:
         """(K,) whether the search came to its end; False where `time_limit` ended it before.
 
-        Then the other figures are what was proven and found by then: nothing guaranteed, and
-        nothing found up to 0 N, where a direction was not looked at.
+        Then the other figures are what was proven and found by then.
         """
         decided = self.verdict.status is not Stability.UNDECIDED
         found = [one.complete for one in self.brackets] or [decided] * len(self.directions)
         complete = np.array(found, dtype=bool)
         complete.setflags(write=False)
         return complete
+
+    @property
+    def reached(self) -> NDArray[np.bool_]:
+        """(K,) whether a direction was looked at; where not, its other figures are NaN."""
+        found = [one.reached for one in self.brackets] or [False] * len(self.directions)
+        reached = np.array(found, dtype=bool)
+        reached.setflags(write=False)
+        return reached
 
     @property
     def failures(self) -> tuple[StabilityVerdict | None, ...]:
@@ -93,23 +100,31 @@ class GuaranteedDisturbance:
 
     @property
     def worst(self) -> int:
-        """Index of the direction in which the least is guaranteed.
+        """Index of the direction, of those that were reached, in which the least is guaranteed.
 
         Raises:
-            NoSolutionError: If nothing is, not even without disturbance.
+            NoSolutionError: If nothing is, not even without disturbance, or none was reached.
         """
         if not self.found:
             raise NoSolutionError(f"No disturbance is guaranteed to be borne ({self.verdict}).")
-        return int(np.argmin(self.guaranteed))
+        if not self.reached.any():
+            raise NoSolutionError("No direction was reached before the time was over.")
+        return int(np.nanargmin(self.guaranteed))
 
     def __str__(self) -> str:
         """Return one line: the direction in which the least is guaranteed."""
         if not self.found:
             return f"nothing guaranteed: {self.verdict}"
+        if not self.reached.any():
+            return (
+                f"none of {len(self.directions)} directions was reached: the time was over before"
+            )
         at = self.worst
         wrench = self.directions[at] * np.repeat([1.0, self.characteristic_length], 3)
-        short = int(np.sum(~self.complete))
+        missed = int(np.sum(~self.reached))
+        short = int(np.sum(~self.complete)) - missed
         ended = f"; the time was over before the end of {short} directions" if short else ""
+        ended += f"; not reached: {missed}" if missed else ""
         return (
             f"least of {len(self.directions)} directions, per newton of force "
             f"{np.round(wrench[:3], 4).tolist()} N and moment {np.round(wrench[3:], 5).tolist()} "

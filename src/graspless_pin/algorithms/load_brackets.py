@@ -21,38 +21,51 @@ _BEYOND = (1e-5, 1e-4, 1e-3)
 """Of the load: so far beyond the last balanced multiple a verdict is asked for."""
 
 
+NOT_REACHED = "not reached: the time was over before"
+
+
 @dataclass(frozen=True, eq=False)
 class LoadBracket:
     """Where rest stops to be the only outcome along a change of load or torques.
 
     Attributes:
         failing: The smallest multiple that was found to have a moving outcome, or none of rest;
-            inf: none was found.
+            inf: none was found; NaN: it was not looked for.
         failure: The verdict at `failing`.
         spans: Proofs for spans that follow each other from zero on.
-        last_rest: The largest multiple of which rest is an outcome, or up to which was looked.
+        last_rest: The largest multiple of which rest is an outcome, or up to which was looked;
+            None: a time limit ended the search before this bracket was reached.
         complete: Whether the search came to its end; False: a time limit ended it before, and the
-            bracket may be wider than asked for, or not looked at.
+            bracket may be wider than asked for, or was not reached.
     """
 
     failing: float
     failure: StabilityVerdict | None
     spans: tuple[SpanProof, ...]
-    last_rest: LastRest
+    last_rest: LastRest | None
     complete: bool = True
+
+    @property
+    def reached(self) -> bool:
+        """Whether anything was looked at before the time was over; else all figures are NaN."""
+        return self.last_rest is not None
 
     @property
     def guaranteed(self) -> float:
         """Rest is proven to be the only outcome of every multiple from zero up to this."""
+        if not self.reached:
+            return np.nan
         return self.spans[-1].multiples[1] if self.spans else 0.0
 
     @property
     def possible(self) -> float:
         """The largest multiple of which rest is an outcome, or up to which was looked."""
-        return self.last_rest.multiple
+        return np.nan if self.last_rest is None else self.last_rest.multiple
 
     def words(self, unit: str) -> str:
         """Return the three figures in words."""
+        if not self.reached:
+            return NOT_REACHED
         said = f"rest is the only outcome up to {self.guaranteed:.4g} {unit}"
         if self.failure is None:
             said += f"; nothing else was found up to {self.possible:.4g} {unit}"
@@ -102,7 +115,7 @@ def load_bracket(
             What is proven when it is over stands.
     """
     if limits.passed:
-        return LoadBracket(np.inf, None, (), LastRest(0.0, None, None), complete=False)
+        return LoadBracket(np.nan, None, (), None, complete=False)
     line = LoadLine(
         undisturbed.problem, undisturbed.torques, direction, undisturbed.acceleration_limit
     )

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.load_brackets import (
+    NOT_REACHED,
     LoadBracket,
     bracket_limits,
     load_bracket,
@@ -76,12 +77,18 @@ class Robustness:
 
 def _error(less: LoadBracket, more: LoadBracket, scale: float, unit: str) -> str:
     """Return what two brackets bear, and where they fail."""
+    if not (less.reached or more.reached):
+        return NOT_REACHED
     fails = [
         f"{sign}{scale * one.failing:.3g}"
         for sign, one in (("-", less), ("+", more))
         if one.failure is not None
     ]
-    said = f"bears -{scale * less.guaranteed:.3g} to +{scale * more.guaranteed:.3g} {unit}, "
+    ends = [
+        f"{sign}{scale * one.guaranteed:.3g}" if one.reached else f"{sign}(not reached)"
+        for sign, one in (("-", less), ("+", more))
+    ]
+    said = f"bears {' to '.join(ends)} {unit}, "
     return said + (f"fails at {' and '.join(fails)} {unit}" if fails else "no failure was found")
 
 

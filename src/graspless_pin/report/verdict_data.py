@@ -61,13 +61,15 @@ def disturbance_data(found: GuaranteedDisturbance) -> dict[str, Any]:
         ``characteristic_length`` (m), ``largest`` (N) and ``directions``: of each its (6,)
         ``direction``, ``guaranteed``, ``failing``, ``possible`` (N), and what proves them:
         ``spans`` (None where all proofs together would be too long), ``failure`` (see
-        `verdict_data`), ``forces`` (N) and ``no_rest``.
+        `verdict_data`), ``forces`` (N) and ``no_rest``. A direction that was not reached before the
+        time was over has ``guaranteed``, ``failing`` and ``possible`` NaN.
     """
     directions, leaves = [], 0
     for direction, bracket in zip(found.directions, found.brackets, strict=False):
         own = _leaf_count(bracket)
         fits = leaves + own <= MOST_SPAN_LEAVES
         leaves += own if fits else 0
+        last = bracket.last_rest
         directions.append(
             {
                 "direction": direction,
@@ -76,8 +78,8 @@ def disturbance_data(found: GuaranteedDisturbance) -> dict[str, Any]:
                 "possible": bracket.possible,
                 "spans": [_span(span) for span in bracket.spans] if fits else None,
                 "failure": None if bracket.failure is None else verdict_data(bracket.failure),
-                "forces": bracket.last_rest.forces,
-                "no_rest": bracket.last_rest.no_rest,
+                "forces": last and last.forces,
+                "no_rest": last and last.no_rest,
             }
         )
     return {

@@ -61,6 +61,10 @@ def disturbance_checks(document: dict[str, Any], problem: Problem) -> list[Check
     return checks
 
 
+_FIGURES = "guaranteed", "failing", "possible"
+_CLAIMS = (*_FIGURES, "spans", "failure", "forces", "no_rest")
+
+
 class _Direction:
     """What is claimed of disturbances along one direction."""
 
@@ -73,6 +77,9 @@ class _Direction:
     def run(self, largest: float) -> list[Check]:
         if self.bodies.problem.slides.any():
             raise ValueError(f"{self.name} is of an object that slides")
+        stated = {key: entry(self.claim, key, self.name) for key in _CLAIMS}
+        if not any(stated.values()) and all(stated[key] is None for key in _FIGURES):
+            return [holds(f"{self.name} was not reached", passed=True, detail="claims nothing")]
         return [self._borne(), self._last(largest), *self._failing()]
 
     def _figure(self, key: str) -> float:
