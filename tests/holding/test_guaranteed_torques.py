@@ -125,16 +125,35 @@ def test_less_than_the_weight_needs_luck_and_the_best_case_asks_for_little() -> 
     assert minimize_torque(problem, 0.1).torques[0] < 0.1 * GRAVITY
 
 
+@pytest.mark.parametrize("seed", [None, 0, 1, 2])
 def test_counterexamples_lead_to_torques(
-    slot: Scene, monkeypatch: pytest.MonkeyPatch, strong: TorqueSolution
+    slot: Scene, best: TorqueSolution, monkeypatch: pytest.MonkeyPatch, seed: int | None
 ) -> None:
-    """Without the guesses that rely on less of the supports' friction, too."""
+    """Without the guesses that rely on less of the supports' friction, too.
+
+    Which motion is met first hangs on rounding: figures that differ by as much change nothing.
+    """
     monkeypatch.setattr(guaranteed_torques, "_SHARES", ())
-    found = slot.solve("margin", stability="strong", verdict_nodes=100)
+    problem = slot.problem()
+    if seed is not None:
+        noise = 1.0 + 1e-12 * np.random.default_rng(seed).normal(size=problem.contact_count)
+        problem = problem.with_changes(friction=noise * problem.friction)
+    found = maximize_margin(problem, stability="strong", verdict_nodes=100)
     assert found.status is Status.STRONG
+    assert is_strong(problem, found)
     assert found.guarantee is not None
-    assert found.guarantee.tried > 2
-    assert found.margin <= strong.margin + 1e-6
+    assert found.guarantee.tried > 1
+    assert found.margin < best.margin
+
+
+def test_counterexamples_lead_to_torques_by_hand(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With less than 9.81 N the box falls, whatever falls with it."""
+    monkeypatch.setattr(guaranteed_torques, "_SHARES", ())
+    problem = pressed_in_slot().with_changes(torque_limits=(0.0, 40.0))
+    found = minimize_torque(problem, margin=0.1, stability="strong", verdict_nodes=100)
+    assert found.status is Status.STRONG
+    assert found.torques[0] >= GRAVITY
+    assert is_strong(problem, found)
 
 
 def test_a_counterexample_s_half_space_leaves_its_torques_out_by_the_motion_s_power() -> None:

@@ -1,5 +1,7 @@
 """Large multipliers and far limits: rounding that a bound would lose is kept out of documents."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.oracles.judging import ask
@@ -18,6 +20,20 @@ def test_bounds_of_large_multipliers_are_proven_in_documents(seed):
     solution = ask(case.problem, case.question)
     assert solution.found
     verification = verify_document(documented(solution))
+    assert verification.proven, str(verification)
+
+
+@pytest.mark.parametrize("noise", [1e-16, -1e-15, 1e-14])
+def test_a_proof_that_rounding_leaves_open_is_closed(noise):
+    """In 1198 the margin may be 1e8 loads, and the last digits of multipliers count as many."""
+    case = scale_case(1198)
+    solution = ask(case.problem, case.question)
+    assert solution.evidence.relaxation is not None
+    y, z = solution.evidence.relaxation
+    size = noise * max(np.abs(y).max(), np.abs(z).max())
+    spoilt = y + size, z + np.where(z > 0.0, size, 0.0)
+    evidence = replace(solution.evidence, relaxation=spoilt)
+    verification = verify_document(documented(replace(solution, evidence=evidence)))
     assert verification.proven, str(verification)
 
 

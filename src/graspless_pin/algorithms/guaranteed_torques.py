@@ -18,7 +18,7 @@ import numpy as np
 from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.holding.dynamics import contact_jacobian, generalized_load
-from graspless_pin.holding.stability import stability, undecided_verdict
+from graspless_pin.holding.stability import counterexamples, stability, undecided_verdict
 from graspless_pin.holding.verdict import DynamicOutcome, Stability, StabilityVerdict
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
@@ -33,7 +33,9 @@ _FRICTION_LEFT = (0.9, 0.5)
 _DEPTH = 0.3
 """Of the joint scales: how far inside the half-spaces torques are looked for."""
 _STEPS = 12
-"""Counterexamples that one search learns from."""
+"""Candidates that one search makes of the counterexamples met."""
+_OTHERS = 2
+"""Counterexamples to each candidate besides the first: which one that is hangs on rounding."""
 _HALVINGS = 3
 """Of the way from guaranteed torques to the best case's."""
 _SAME = 1e-6
@@ -135,23 +137,26 @@ class _Search:
         problem, objective = self.best.problem, self.best.objective
         if problem.is_sliding.any():
             return
+        first, scale = said, problem.scales.joints
         for share in _FRICTION_LEFT:
-            cuts, motion, last = [], said.motion, self.best.torques
-            while motion is not None and len(cuts) < _STEPS:
-                normal, side = half_space(problem, motion, share)
-                if np.abs(normal * problem.scales.joints).max(initial=0.0) <= _STILL:
+            said = first
+            cuts, last = list[tuple[FloatArray, float]](), self.best.torques
+            for _ in range(_STEPS):
+                met = [half_space(problem, one, share) for one in counterexamples(said, _OTHERS)]
+                known = len(cuts)
+                cuts += [one for one in met if np.abs(one[0] * scale).max(initial=0.0) > _STILL]
+                if len(cuts) == known:
                     break
-                cuts.append((normal, side))
                 normals, sides = (np.array(part) for part in zip(*cuts, strict=True))
                 inside = InsideHalfSpaces(normals, sides, _DEPTH, objective.required_margin)
                 candidate = self._held(self.optimum(problem, inside))
                 if candidate is None:
                     break
                 change, last = np.abs(candidate.torques - last), candidate.torques
-                if (change <= _SAME * problem.scales.joints).all():
+                if (change <= _SAME * scale).all():
                     break
                 yield candidate
-                motion = self.tried[-1][1].motion
+                said = self.tried[-1][1]
 
     def guesses(self) -> Iterator[TorqueSolution]:
         """Yield optima with less friction at resting contacts that no joint moves.

@@ -17,7 +17,7 @@ from graspless_pin.modes.rules import Rules, SignRule
 from graspless_pin.modes.verdicts import Conflict, Requirement
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.program import Program
-from graspless_pin.programs.sharpening import sharpened
+from graspless_pin.programs.sharpening import certain_bound, sharpened
 from graspless_pin.solution.proof import (
     BoundLeaf,
     ConflictSplit,
@@ -146,8 +146,9 @@ class ModeProver:
         """
         program = self.formulation.program.bounded(*self.bounds(part))
         for kept in (_thinned(z), z):
-            if self._closes(program.dual_bound(y, kept)):
-                return BoundLeaf(*sharpened(program, y, kept), objective=True)
+            refined = sharpened(program, y, kept)
+            if self._closes(certain_bound(program, *refined)):
+                return BoundLeaf(*refined, objective=True)
         return self._refuting(program, y, z) if refuting else None
 
     def _refuting(self, program: Program, y: FloatArray, z: FloatArray) -> BoundLeaf | None:

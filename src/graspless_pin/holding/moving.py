@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -61,7 +63,12 @@ def coulomb_gaps(dynamics: Dynamics, forces: FloatArray, slips: FloatArray) -> F
 
 
 def find_motion(dynamics: Dynamics, seed: int = 0) -> FloatArray | None:
-    """Return scaled forces of a moving outcome, None where the search found none.
+    """Return scaled forces of a moving outcome, None where the search found none."""
+    return next(found_motions(dynamics, seed), None)
+
+
+def found_motions(dynamics: Dynamics, seed: int = 0) -> Iterator[FloatArray]:
+    """Yield scaled forces of moving outcomes, each in other contact states.
 
     The first start is without forces: what happens where contacts close without preload.
     """
@@ -79,8 +86,7 @@ def find_motion(dynamics: Dynamics, seed: int = 0) -> FloatArray | None:
         if dynamics.point_acceleration(dynamics.motion(forces)) > dynamics.limit:
             polished = polish(dynamics, forces, tried)
             if polished is not None:
-                return polished
-    return None
+                yield polished
 
 
 def _relaxed(dynamics: Dynamics, starts: FloatArray) -> FloatArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from itertools import islice
 from math import inf
 
 import numpy as np
@@ -28,7 +29,13 @@ from graspless_pin.holding.dynamics import (
 from graspless_pin.holding.free_motions import free_motions, rolling_without_scene
 from graspless_pin.holding.kept_motion import other_motion
 from graspless_pin.holding.motion_words import motion_words, state_words
-from graspless_pin.holding.moving import find_motion, is_outcome, outcome_record, polish
+from graspless_pin.holding.moving import (
+    find_motion,
+    found_motions,
+    is_outcome,
+    outcome_record,
+    polish,
+)
 from graspless_pin.holding.options import BRIEF_NODE_LIMIT, NODE_LIMIT
 from graspless_pin.holding.relaxation import FORCE_LIMIT, Relaxation
 from graspless_pin.holding.rest import BALANCE_TOLERANCE, least_residual
@@ -98,6 +105,20 @@ def stability(
         holds: the object provably stays at rest (15 LPs); no small motion grows
     """
     return _verdict(*_asked(problem, torques, acceleration_resolution, node_limit, time_limit))
+
+
+def counterexamples(verdict: StabilityVerdict, most: int) -> list[DynamicOutcome]:
+    """Return the motion of a verdict, and others that the search for motions finds beside it.
+
+    Args:
+        verdict: With a motion, or without one: then there are none.
+        most: How many others.
+    """
+    dynamics = None if verdict.motion is None else _dynamics(verdict)[0]
+    if verdict.motion is None or dynamics is None:
+        return []
+    others = islice(found_motions(dynamics), most)
+    return [verdict.motion] + [outcome_record(verdict.problem, dynamics, one) for one in others]
 
 
 def undecided_verdict(

@@ -58,6 +58,19 @@ def sharpened(program: Program, y: FloatArray, z: FloatArray) -> tuple[FloatArra
     return best[:count], best[count:]
 
 
+def certain_bound(program: Program, y: FloatArray, z: FloatArray) -> float:
+    """Return the bound that multipliers prove less what rounding may hide of it, as documents do.
+
+    Args:
+        program: The program.
+        y: Of the equalities.
+        z: Of the rows.
+    """
+    if not program.is_polyhedral:
+        return program.dual_bound(y, z)
+    return _bound(program, np.concatenate((y, z)))
+
+
 def _leaning(program: Program, weights: FloatArray) -> list[FloatArray]:
     """Return multipliers whose slopes lean to the nearer ends of their boxes, better and better."""
     (first, last), tried = program.reach, [weights]
