@@ -89,7 +89,7 @@ def test_a_limit_that_has_no_side_keeps_none():
 def hard() -> TorqueSolution:
     """An infeasible scene whose explanation takes seconds, and searches of more than one node."""
     problem = general_scene(1, 24)
-    best = maximize_margin(problem, time_limit=5.0)
+    best = maximize_margin(problem, node_limit=1)
     return minimize_torque(problem, 1.05 * best.certificate.bound)
 
 
@@ -97,18 +97,18 @@ def test_limits_of_an_explanation_hold():
     """After a search within limits an explanation searched on without any."""
     solution = hard()
     assert solution.status is Status.INFEASIBLE_FORCES
-    begin = time.monotonic()
+    begin = time.process_time()
     at_once = explain(solution, time_limit=0.0)
-    assert time.monotonic() - begin < 0.5
+    assert time.process_time() - begin < 0.5
     assert at_once.suggestions == () and not at_once.complete
     assert str(at_once) == (
         f"{at_once.cause}\n"
         "Not every search for changes came to its end: others may do, too, or smaller ones."
     )
     assert "No single change" not in at_once.cause
-    begin = time.monotonic()
+    begin = time.process_time()
     assert not explain(solution, time_limit=0.2).complete
-    assert time.monotonic() - begin < 1.5
+    assert time.process_time() - begin < 1.5
     few = explain(solution, node_limit=1)
     assert not few.complete
     for suggestion in few.suggestions:

@@ -8,7 +8,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
-from playwright.sync_api import BrowserContext, Page, Route, sync_playwright
+from playwright.sync_api import BrowserContext, Page, Route, expect, sync_playwright
 
 CHROMIUM = Path("/usr/bin/chromium")
 FLAGS = (
@@ -24,6 +24,7 @@ FLAGS = (
     "--disable-sync",
 )
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
+PATIENCE = 120_000  # ms; a busy machine is no defect
 LOCAL_SCHEMES = ("file", "data", "blob", "about")
 
 
@@ -46,6 +47,8 @@ def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[BrowserContex
             args=FLAGS,
             viewport={"width": 1280, "height": 800},
         )
+        context.set_default_timeout(PATIENCE)
+        expect.set_options(timeout=PATIENCE)
         yield context
         context.close()
     shutil.rmtree(profile, ignore_errors=True)

@@ -22,7 +22,7 @@ from graspless_pin.visualization.picture import HIDDEN_AT_FIRST
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 WIDTH, HEIGHT = 1280, 800
-PATIENCE = 20_000  # ms
+PATIENCE = 120_000  # ms
 
 Pixels = NDArray[np.int16]
 Opened = Callable[..., Page]

@@ -15,16 +15,16 @@ import time
 from graspless_pin import waiting
 waiting._PATIENCE = {patience}
 with waiting.waiting_for("doing the work"), waiting.waiting_for("its [half]"):
-    time.sleep(0.6)
+    time.sleep({work})
 print("done")
 """
 
 
-def terminal(patience: float) -> str:
+def terminal(patience: float, work: float) -> str:
     """Run the script with a terminal as standard error; return what it shows."""
     ours, theirs = pty.openpty()
     process = subprocess.run(  # noqa: S603 - our own interpreter and a fixed program
-        [sys.executable, "-c", SCRIPT.format(patience=patience)],
+        [sys.executable, "-c", SCRIPT.format(patience=patience, work=work)],
         stdout=subprocess.PIPE, stderr=theirs, check=True, env={**os.environ, "TERM": "xterm"},
     )  # fmt: skip
     os.close(theirs)
@@ -40,11 +40,11 @@ def terminal(patience: float) -> str:
 
 
 def test_what_takes_long_is_said_on_a_terminal() -> None:
-    assert "doing the work: its [half] (Ctrl-C ends it)" in terminal(0.1)
+    assert "doing the work: its [half] (Ctrl-C ends it)" in terminal(0.1, 3.0)
 
 
 def test_what_is_quick_is_not_said() -> None:
-    assert terminal(60.0) == ""
+    assert terminal(600.0, 0.1) == ""
 
 
 def test_nothing_is_said_where_nobody_looks(capsys: pytest.CaptureFixture[str]) -> None:

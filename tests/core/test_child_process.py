@@ -21,7 +21,7 @@ from graspless_pin.errors import (
     StateFault,
 )
 
-PATIENCE = 20.0
+PATIENCE = 300.0
 
 
 class Stubborn(Exception):  # noqa: N818 - what it is called does not matter
@@ -130,7 +130,7 @@ def test_a_limit_holds_for_each_item_and_in_native_calls(child, hang):
     begin = time.monotonic()
     with pytest.raises(OverrunError, match=r"took longer than 0\.3 s"):
         next(items)
-    assert 0.25 < time.monotonic() - begin < 5.0
+    assert 0.25 < time.monotonic() - begin < PATIENCE
     assert not child.is_running
 
 

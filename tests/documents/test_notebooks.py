@@ -58,7 +58,7 @@ def test_notebook_runs_and_gives_what_it_is_stored_with(file):
     notebook = read(file)
     notebook.cells.insert(0, nbformat.v4.new_code_cell(WARNINGS_ARE_ERRORS))
     client = NotebookClient(
-        notebook, timeout=120, kernel_name="python3", resources={"metadata": {"path": file.parent}}
+        notebook, timeout=600, kernel_name="python3", resources={"metadata": {"path": file.parent}}
     )
     client.execute()
     outputs = [item for cell in notebook.cells for item in cell.get("outputs", [])]

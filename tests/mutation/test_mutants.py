@@ -163,7 +163,7 @@ for job, ended in in_children(jobs, run, lambda _: 1.0, at_once=2):
 def test_children_end_with_their_code_their_time_or_a_crash():
     # In a process of its own: this one may have threads, which a fork does not bear.
     told = subprocess.run(  # noqa: S603 - our own interpreter and a fixed program
-        [sys.executable, "-c", CHILDREN], cwd=ROOT, capture_output=True, text=True, timeout=60
+        [sys.executable, "-c", CHILDREN], cwd=ROOT, capture_output=True, text=True, timeout=600
     )
     assert sorted(told.stdout.splitlines()) == [
         "crash None False", "endless None True", "error 70 False", "fine 0 False", "three 3 False",

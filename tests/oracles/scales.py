@@ -58,16 +58,15 @@ Judge = Callable[[int], Judged]
 def _work(
     seeds: Sequence[int], judge_one: Judge, out: Connection, limit: float, trace: Path
 ) -> None:
-    """Judge seeds one by one and send each line; write where it is that one takes too long."""
+    """Judge seeds one by one and send each line; where one takes too long, write that and end."""
     silent = os.open(os.devnull, os.O_WRONLY)
     for stream in (1, 2):  # solvers print from C
         os.dup2(silent, stream)
     with trace.open("w") as where:
         for seed in seeds:
-            # So that it can be told who takes so long.
-            where.truncate(0)
-            faulthandler.dump_traceback_later(0.8 * limit, file=where)
+            faulthandler.dump_traceback_later(limit, exit=True, file=where)
             out.send(judge_one(seed))
+            faulthandler.cancel_dump_traceback_later()
     out.close()
 
 
@@ -89,7 +88,6 @@ class _Worker:
         )
         self._process.start()
         outbox.close()
-        self.last = time.monotonic()
 
     def line(self) -> Judged:
         """Return the next line, or one on the seed that ended the process."""
@@ -97,23 +95,16 @@ class _Worker:
             line: Judged = self.inbox.recv()
         except EOFError:
             self._process.join()
-            return self._lost(f"the process ended with {self._process.exitcode}")
+            return self._lost()
         self.seeds.remove(line.seed)
-        self.last = time.monotonic()
         return line
 
-    def stop(self) -> Judged:
-        """End a process that takes too long and go on after its seed."""
-        self._process.kill()
-        where = " < ".join(line.strip() for line in self._trace.read_text().splitlines()[1:9])
-        return self._lost(f"no answer in {self._limit:.0f} s; it was in {where}")
-
-    @property
-    def is_late(self) -> bool:
-        """Whether a seed takes too long."""
-        return time.monotonic() - self.last > self._limit
-
-    def _lost(self, why: str) -> Judged:
+    def _lost(self) -> Judged:
+        why = f"the process ended with {self._process.exitcode}"
+        if self._trace.exists() and (trace := self._trace.read_text().splitlines()):
+            where = " < ".join(line.strip() for line in trace[1:9])
+            why = f"no answer in {self._limit:.0f} s; it was in {where}"
+        self._trace.unlink(missing_ok=True)
         seed = self.seeds.pop(0)
         if self.seeds:
             self._start()
@@ -130,12 +121,8 @@ def run(
             for first in range(min(jobs, len(seeds)))
         ]
         while workers := [worker for worker in workers if worker.seeds]:
-            ready = wait([worker.inbox for worker in workers], timeout=1.0)
-            for worker in workers:
-                if worker.inbox in ready:
-                    yield worker.line()
-                elif worker.is_late:
-                    yield worker.stop()
+            ready = wait([worker.inbox for worker in workers])
+            yield from (worker.line() for worker in workers if worker.inbox in ready)
 
 
 def summary(lines: Sequence[Judged]) -> str:

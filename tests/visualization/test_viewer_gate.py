@@ -28,7 +28,7 @@ from graspless_pin.viewer import Viewer, changed_scene, scene_process, view
 from graspless_pin.viewer.gate import MOST_BYTES, Gate, number_between
 
 SCENE = Path(__file__).resolve().parents[2] / "examples" / "paper" / "cuboid_at_rest.yaml"
-PATIENCE = 20.0
+PATIENCE = 300.0
 CAMERA = {
     "type": "ViewerCameraMessage", "wxyz": [1.0, 0.0, 0.0, 0.0], "position": [1.0, 2.0, 3.0],
     "look_at": [0, 0, 0], "up_direction": [0, 0, 1], "image_height": 800, "image_width": 1280,
