@@ -71,6 +71,7 @@ class FindingCode(StrEnum):
     NO_COLLISION = "no-collision-geometry", Severity.WARNING
     MISSPELT_MATERIAL = "misspelt-material", Severity.WARNING
     UNUSED_MATERIALS = "unused-materials", Severity.WARNING
+    LOAD_TOO_LARGE = "load-too-large", Severity.WARNING
     NO_RESERVE = "no-reserve", Severity.WARNING
     NOT_OPTIMAL = "not-proven-optimal", Severity.WARNING
     THRESHOLD = "hangs-on-threshold", Severity.WARNING

@@ -282,10 +282,10 @@ NONE = np.zeros(0, dtype=int)
 
 def program_arguments(**changes):
     values = {
-        "kind": 1, "required": 0.1, "joint_count": 1, "axes": [0, 3], "sides": np.ones((3, 2)),
+        "kind": 1, "required": 0.1, "turns": [True], "axes": [0, 3], "sides": np.ones((3, 2)),
         "face_count": 0, "reach": np.ones((2, 2)), "has_cone": np.ones(2, bool), "friction": TWO,
         "slopes": TWO, "directions": np.ones((2, 8)), "least_lever": 1e-12, "rounding": 1e-12,
-        "farthest": 1e8,
+        "farthest": 1e8, "least_limit": 1e-3, "most_strict": 1e6,
     }  # fmt: skip
     return tuple((values | changes).values())
 

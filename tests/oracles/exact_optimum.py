@@ -237,6 +237,58 @@ class ExactScene:
             worst = max(worst, abs(room) if equal else -room)
         return worst
 
+    def beyond_limits(self, forces: Any) -> Fraction:
+        """Return by how many times what may be forces exceed limits; `docs/limits.md` has it.
+
+        Args:
+            forces: (M, 3) contact forces, N.
+        """
+        problem, worst = self.problem, Fraction(0)
+        given = [_vector(row) for row in forces]
+        most = [_exact(limit) for limit in problem.max_normal_force]
+        for normal, force, limit in zip(problem.normals, given, most, strict=True):
+            tolerance = min(self.load, max(limit, max(most) / 1000)) / 10**6
+            worst = max(worst, (_dot(_vector(normal), force) - limit) / tolerance)
+        for joint, gravity in enumerate(problem.gravity_torques.tolist()):
+            column = problem.jacobian[:, joint].reshape(-1, 3)
+            torque = _exact(gravity) + sum(
+                (_dot(_vector(row), force) for row, force in zip(column, given, strict=True)),
+                Fraction(0),
+            )
+            for sign, limits in ((1, problem.upper_torque), (-1, problem.lower_torque)):
+                limit = float(limits[joint])
+                if math.isfinite(limit):
+                    tolerance = min(self._load_on(joint), self._size_of(joint, limit)) / 10**6
+                    worst = max(worst, (sign * (torque - _exact(limit))) / tolerance)
+        return worst
+
+    @cached_property
+    def is_overloaded(self) -> bool:
+        """Whether the load is so large beside a limit that nothing may be found."""
+        problem = self.problem
+        limits = np.concatenate([problem.lower_torque, problem.upper_torque]).tolist()
+        joints = 2 * list(range(problem.joint_count))
+        return any(
+            self._load_on(joint) > 10**6 * self._size_of(joint, limit)
+            for joint, limit in zip(joints, limits, strict=True)
+            if math.isfinite(limit)
+        )
+
+    def _load_on(self, joint: int) -> Fraction:
+        return self.load * self.levers[joint]
+
+    def _size_of(self, joint: int, limit: float) -> Fraction:
+        """What one of a joint's limits counts as, N m."""
+        problem = self.problem
+        sizes = [
+            abs(_exact(one))
+            for limits in (problem.lower_torque, problem.upper_torque)
+            for one, unit in zip(limits.tolist(), problem.joint_units, strict=True)
+            if unit is problem.joint_units[joint] and math.isfinite(one)
+        ]
+        largest = max(sizes, default=Fraction(0)) or self._load_on(joint)
+        return max(abs(_exact(limit)), largest / 1000)
+
     # -- the forces ------------------------------------------------------------------------
 
     @cached_property

@@ -50,6 +50,7 @@ class Outcome(StrEnum):
 
     AGREE = "agree"
     REFUSED = "refused"
+    TOO_LARGE = "load too large"
     UNVERIFIED = "unverified"
     THRESHOLD = "hangs on the threshold"
     TOLERANCE = "hangs on the tolerance"
@@ -107,7 +108,7 @@ def documented(case: Case, solution: TorqueSolution, verdict: Verdict) -> Verdic
 
     That is wrong where all limits are near the load, as an answer that is missing.
     """
-    if verdict.outcome in (Outcome.WRONG, Outcome.UNVERIFIED):
+    if verdict.outcome in (Outcome.WRONG, Outcome.UNVERIFIED, Outcome.TOO_LARGE):
         return verdict
     document = json.loads(json.dumps(solution_document(solution), allow_nan=False))
     verification = verify_document(document)
@@ -157,6 +158,9 @@ class _Comparison:
         solution, scene = self.solution, self.scene
         exact = scene.optimum(THRESHOLD)
         found = exact is not None
+        if solution.status is Status.LOAD_TOO_LARGE:
+            outcome = Outcome.TOO_LARGE if scene.is_overloaded else Outcome.WRONG
+            return Verdict(outcome, f"{solution.status.name}; {spread(scene)}", found=found)
         if solution.status in (Status.UNVERIFIED, Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT):
             told = f"{solution.status.name}; {spread(scene)}"
             return Verdict(unanswered(scene, Outcome.UNVERIFIED), told, found=found)
@@ -281,6 +285,10 @@ class _Comparison:
         """What the solution says of itself that is not so; empty if nothing."""
         solution, scene, question = self.solution, self.scene, self.scene.question
         forces = solution.contact_forces
+        if scene.is_overloaded:
+            return "found though the load is too large"
+        if (beyond := scene.beyond_limits(forces)) > 1:
+            return f"a limit is exceeded by {float(beyond):.2g} times what may be"
         if (miss := scene.miss(forces)) > TOLERANCE:
             return f"forces miss a constraint by {float(miss):.2g} of the load"
         least = Fraction(0) if question.algorithm == "margin" else Fraction(question.margin)

@@ -45,8 +45,20 @@ class Case:
         return QuasistaticProblem(**self.arguments)
 
 
+def weak_case(seed: int) -> Case:
+    """Return a scene whose supports bear the load, and whose hand is weaker by up to 1e8 times."""
+    rng = np.random.default_rng([31, seed])
+    share = 2.0 ** -int(rng.integers(0, 28))
+    return _case(seed, share, weak_contacts=bool(rng.random() < 0.5))
+
+
 def scale_case(seed: int) -> Case:
     """Return the scene of a seed."""
+    return _case(seed, 1.0, weak_contacts=False)
+
+
+def _case(seed: int, share: float, *, weak_contacts: bool) -> Case:
+    """Return a scene whose hand has a share of the usual torques, and so perhaps its contacts."""
     rng = np.random.default_rng([12, seed])
     family = FAMILIES[seed % len(FAMILIES)]
     fingers, positions, frames = _contacts(rng, family)
@@ -54,6 +66,7 @@ def scale_case(seed: int) -> Case:
     friction = _sixteenths(rng, 3, 17, count) * (rng.random(count) > 0.12)
     sliding = _sliding(rng, family, positions, frames, count - fingers)
     forces = _inner_forces(rng, frames, friction, sliding)
+    forces[:fingers] *= share
     jacobian, linear = _fingers(rng, fingers, frames)
     gravity = _sixteenths(rng, -8, 9, jacobian.shape[1]) * (rng.random() < 0.3)
     kind = rng.random()
@@ -65,10 +78,17 @@ def scale_case(seed: int) -> Case:
         moment = np.cross(positions, forces).sum(axis=0)
         wrench = -np.concatenate([forces.sum(axis=0), moment])
     load = max(np.abs(wrench).max(), np.abs(forces).max() if kind < 0.2 else 0.0)
+    gravity = gravity * share
     need = jacobian.T @ forces.ravel() + gravity
-    lower, upper = _torque_limits(rng, need, load)
+    lower, upper = (share * side for side in _torque_limits(rng, need / share, load))
     limits = _normal_limits(rng, np.einsum("ij,ij->i", frames[:, :, 0], forces), load)
-    margin = 0.0 if rng.random() < 0.2 else float(_sixteenths(rng, 1, 8, 1)[0]) * load / 64.0
+    margin = 0.0
+    if rng.random() >= 0.2:
+        margin = float(_sixteenths(rng, 1, 8, 1)[0]) * load / 64.0
+        margin *= share if wrench.any() else 1.0
+    if weak_contacts:
+        least = max(1e-9 * load, 4.0 * margin)
+        limits[:fingers] = np.maximum(limits[:fingers] * share, least)
     force, length = (_scale(rng) for _ in range(2))
     torque = np.where(linear, force, force * length)
     return Case(

@@ -27,6 +27,7 @@ from graspless_pin.modes.nearest_motions import CLEARLY, GUESSES, judged_by
 from graspless_pin.modes.rules import Rules, SlidingMode, SlidingRule, StaticFriction
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.programs.active_set import CORRECTIONS, DAMPING, EXACT, ActiveSet
 from graspless_pin.programs.assembly import (
     PAPER_OBJECTIVES,
@@ -36,7 +37,7 @@ from graspless_pin.programs.assembly import (
 )
 from graspless_pin.programs.objectives import Objective
 from graspless_pin.solution import Certificate, Evidence, Status, TorqueSolution
-from graspless_pin.solvers import ANY_SOLVER
+from graspless_pin.solvers import ANY_SOLVER, PRIMAL_TOLERANCE
 
 MOST_COLD = 24
 """Coordinates of forces; with more, a kept solver with sparse factors is faster than the loops."""
@@ -216,7 +217,7 @@ def _loops(problem: QuasistaticProblem, objective: Objective, options: SolveOpti
     """Return the loops for problems like one; None where more than the best case is asked for."""
     if problem.is_round or not are_for(objective, options):
         return None
-    return _carrier(likeness_of(problem), objective, problem.joint_count)
+    return _carrier(likeness_of(problem), objective, problem.joint_units)
 
 
 def are_for(objective: Objective, options: SolveOptions) -> bool:
@@ -231,11 +232,13 @@ def are_for(objective: Objective, options: SolveOptions) -> bool:
 
 
 @lru_cache(maxsize=64)
-def _carrier(likeness: Likeness, objective: Objective, joint_count: int) -> Any:
-    return cold_optima.ColdCarrier(**carrier_arguments(likeness, objective, joint_count))
+def _carrier(likeness: Likeness, objective: Objective, units: tuple[JointUnit, ...]) -> Any:
+    return cold_optima.ColdCarrier(**carrier_arguments(likeness, objective, units))
 
 
-def carrier_arguments(likeness: Likeness, objective: Objective, joint_count: int) -> dict[str, Any]:
+def carrier_arguments(
+    likeness: Likeness, objective: Objective, units: tuple[JointUnit, ...]
+) -> dict[str, Any]:
     """Return what `cold_optima.ColdCarrier` takes for one of the paper's objectives."""
     return {
         "guesses": GUESSES,
@@ -243,8 +246,9 @@ def carrier_arguments(likeness: Likeness, objective: Objective, joint_count: int
         "damping": DAMPING,
         "corrections": CORRECTIONS,
         "exact": EXACT,
+        "close": PRIMAL_TOLERANCE,
         "cutoff": objective.cutoff,
-        **shared_arguments(likeness, objective, joint_count),
+        **shared_arguments(likeness, objective, units),
     }
 
 

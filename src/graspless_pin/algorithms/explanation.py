@@ -34,6 +34,7 @@ from graspless_pin.programs.analysis_objectives import Elastic
 from graspless_pin.programs.forces import ForceCoordinates
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.solution import Status, TorqueSolution, checked_solution
+from graspless_pin.solution.doubts import overload
 from graspless_pin.solvers import ANY_SOLVER, PRIMAL_TOLERANCE, Outcome
 
 _BRIEF_NODES = 1000
@@ -118,6 +119,8 @@ def explain(
     tries = Tries(SolveOptions.parse(node_limit=node_limit, time_limit=time_limit))
     if solution.found:
         return Explanation("The problem is feasible.", (), ())
+    if solution.status is Status.LOAD_TOO_LARGE:
+        return Explanation(f"Not solved: {overload(solution.problem)}.", (), ())
     if solution.status not in (Status.INFEASIBLE_FORCES, Status.INFEASIBLE_MODES):
         return Explanation(f"Not solved: {solution.status.message}.", (), ())
     conflicts, suggestions = tuple[int, ...](), list[Suggestion]()

@@ -167,7 +167,7 @@ def _turned(program: Program, friction: list[tuple[NDArray[np.int_], Sector | No
     return Program.of_rows(
         rows, len(program.b), low, high,
         linear=True, P=program.P, c=program.c, lb=lb, ub=ub, box=boxes[0], whole_box=boxes[1],
-        cone_count=program.cone_count,
+        cone_count=program.cone_count, strict=program.strict,
     )  # fmt: skip
 
 

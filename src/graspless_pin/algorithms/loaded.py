@@ -19,6 +19,7 @@ from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.compiled import loaded_states
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.programs.assembly import Likeness, likeness_of
 from graspless_pin.programs.objectives import Objective
 
@@ -42,7 +43,7 @@ class LoadedOptima:
             options: How.
         """
         likeness = likeness_of(problem, problem.has_cone.astype(np.float64))
-        self._loops = _states(likeness, objective, problem.joint_count)
+        self._loops = _states(likeness, objective, problem.joint_units)
         self._may_begin = may_begin(problem, options) and self._loops.n <= MOST_COLD
         self._last: WarmStart | None = None
         self._pool: list[Any] = []
@@ -84,5 +85,5 @@ class LoadedOptima:
 
 
 @lru_cache(maxsize=64)
-def _states(likeness: Likeness, objective: Objective, joint_count: int) -> Any:
-    return loaded_states.LoadedStates(**carrier_arguments(likeness, objective, joint_count))
+def _states(likeness: Likeness, objective: Objective, units: tuple[JointUnit, ...]) -> Any:
+    return loaded_states.LoadedStates(**carrier_arguments(likeness, objective, units))

@@ -12,11 +12,10 @@ from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.programs.objectives import Margin, Objective
-from graspless_pin.solution import Status
+from graspless_pin.solution import UNDECIDED
 
 _LARGEST = 16.0
 _SCAN = 48
-_UNDECIDED = (Status.NOT_FOUND_IN_LIMIT, Status.UNVERIFIED)
 _RELATIVE = 1e-7
 
 
@@ -94,7 +93,7 @@ def smallest_factor(
             return False
         scaled = problem.with_changes(friction=factor * problem.friction)
         solution = solve_problem(scaled, objective, limits.within(options))
-        proven = proven and solution.status not in _UNDECIDED
+        proven = proven and solution.status not in UNDECIDED
         return solution.found
 
     if objective.required_margin == 0.0 and feasible(0.0):

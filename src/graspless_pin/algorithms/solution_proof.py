@@ -13,16 +13,11 @@ from graspless_pin.modes.kinematics import Witness
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.programs.sharpening import sharpened
-from graspless_pin.solution import Status, TorqueSolution
+from graspless_pin.solution import UNDECIDED, Status, TorqueSolution
 from graspless_pin.solution.proof import DualVariables, ModeProof, SolutionProof
 from graspless_pin.solvers import ANY_SOLVER, Outcome
 
-_OPEN = (
-    Status.NOT_FOUND_IN_LIMIT,
-    Status.UNVERIFIED,
-    Status.STRONG_NOT_FOUND,
-    Status.INFEASIBLE_STRONG,
-)
+_OPEN = UNDECIDED | {Status.INFEASIBLE_STRONG}
 
 
 def proof_of(solution: TorqueSolution) -> SolutionProof:

@@ -25,7 +25,7 @@ from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.cones import ConeModel
 from graspless_pin.programs.forces import force_reach
 from graspless_pin.programs.objectives import Objective
-from graspless_pin.solution import Certificate, Evidence, TorqueSolution
+from graspless_pin.solution import Certificate, Evidence, Status, TorqueSolution
 
 
 def solve_problem(
@@ -193,8 +193,11 @@ def solution_of(
     if best is not None:
         forces = formulation.coordinates.forces(best.x)
         forces.setflags(write=False)
+    status, strict = result.status, formulation.coordinates.strictness
+    if status is Status.UNVERIFIED and strict is not None and not strict.can_be_kept:
+        status = Status.LOAD_TOO_LARGE
     return TorqueSolution(
-        status=result.status,
+        status=status,
         objective=formulation.objective,
         rules=rules,
         certificate=certificate,

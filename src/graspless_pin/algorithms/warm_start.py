@@ -34,11 +34,8 @@ from graspless_pin.problem.checks import FloatArray, real_number
 from graspless_pin.programs.active_set import ActiveSet, active_set_of, solved_on
 from graspless_pin.programs.assembly import likeness_of
 from graspless_pin.programs.objectives import Margin, Objective
-from graspless_pin.solution import Status, TorqueSolution
+from graspless_pin.solution import UNDECIDED, TorqueSolution
 from graspless_pin.solvers import Answer, Outcome
-
-_OPEN = (Status.NOT_FOUND_IN_LIMIT, Status.UNVERIFIED, Status.STRONG_NOT_FOUND)
-
 
 COLD_START = WarmStart()
 
@@ -111,7 +108,7 @@ def reaches_margin(
         best = solve_problem(problem, Margin(), options, unknown=unknown)
         if best.found and best.margin >= required:
             return True, start
-        open_still = best.status in _OPEN or (best.found and best.certificate.bound >= required)
+        open_still = best.status in UNDECIDED or (best.found and best.certificate.bound >= required)
         return (None if open_still else False), start
     full = formulate(problem, Margin())
     goal = required / full.coordinates.force_scale
@@ -141,7 +138,7 @@ def _reaches(
     result = search_modes(SearchState(capped, state.rules, state.solver), options, limits)
     if result.state.best is not None:
         return True, replace(state.left_behind(), mode=result.state.mode, in_mode=None)
-    open_still = result.status in _OPEN
+    open_still = result.status in UNDECIDED
     return (None if open_still else False), state.left_behind()
 
 

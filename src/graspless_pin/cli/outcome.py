@@ -19,6 +19,7 @@ import typer
 from graspless_pin.errors import ArgumentError, GrasplessPinError
 from graspless_pin.findings import Finding, Severity, gravest_first, heard, is_serious
 from graspless_pin.intake.text import printable
+from graspless_pin.solution.status import UNDECIDED
 from graspless_pin.waiting import waiting_for
 
 if TYPE_CHECKING:
@@ -73,7 +74,8 @@ def loaded_scene(path: Path) -> Scene:
 def exit_code(solution: TorqueSolution) -> ExitCode:
     """Return what a command ends with that has looked for torques."""
     if not solution.found:
-        return ExitCode.INFEASIBLE
+        is_open = solution.status in UNDECIDED
+        return ExitCode.NOT_PROVEN if is_open else ExitCode.INFEASIBLE
     return ExitCode.DOUBTFUL if is_serious(solution.findings) else ExitCode.FOUND
 
 

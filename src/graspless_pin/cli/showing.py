@@ -81,8 +81,8 @@ def report(
     A scene is solved with its own options; for others, solve it with --json and report that file,
     with the verdict that it holds.
 
-    Exit code 0: found; 1: infeasible, and the page says why; 2: bad input; 4: found, and something
-    serious is wrong with the scene.
+    Exit code 0: found; 1: infeasible, and the page says why; 2: bad input; 3: neither found nor
+    proven infeasible; 4: found, and something serious is wrong with the scene.
     """
     with plain_errors():
         case = _case(source, scene, None if no_verdict else verdict_nodes)

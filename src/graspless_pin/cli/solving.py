@@ -81,8 +81,8 @@ def solve_scene(
 ) -> None:
     """Solve a scene: which joint torques, how robust, and does it hold.
 
-    Exit code 0: found; 1: infeasible; 2: bad input; 4: found, and something serious is wrong with
-    the scene, such as a hand that touches nothing.
+    Exit code 0: found; 1: infeasible; 2: bad input; 3: neither found nor proven infeasible; 4:
+    found, and something serious is wrong with the scene, such as a hand that touches nothing.
     """
     with plain_errors():
         loaded = loaded_scene(scene)

@@ -4,7 +4,7 @@ from graspless_pin.compiled.optimum_starts cimport Start
 from graspless_pin.compiled.paper_programs cimport PaperPrograms
 
 cdef class Carrier(PaperPrograms):
-    cdef double damping, exact, cutoff
+    cdef double damping, exact, close, cutoff
     cdef int corrections
     cdef double* y
     cdef double* G

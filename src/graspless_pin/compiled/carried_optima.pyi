@@ -15,7 +15,13 @@ FIGURES: tuple[str, ...]
 
 class Carrier(PaperPrograms):
     def __init__(
-        self, damping: float, corrections: int, exact: float, cutoff: float, **shared: Any
+        self,
+        damping: float,
+        corrections: int,
+        exact: float,
+        close: float,
+        cutoff: float,
+        **shared: Any,
     ) -> None: ...
     def carried(self, problem: Any, starts: list[Start | None]) -> tuple[int, Optimum] | None: ...
     def carried_many(

@@ -29,7 +29,7 @@ cdef class Carrier(PaperPrograms):
     """Programs with room for the optimum of one problem, and for the way to it."""
 
     def __init__(
-        self, double damping, int corrections, double exact, double cutoff, **shared
+        self, double damping, int corrections, double exact, double close, double cutoff, **shared
     ):
         """Take what the problems share.
 
@@ -37,13 +37,14 @@ cdef class Carrier(PaperPrograms):
             damping: See `linear_programs.refined`.
             corrections: See there.
             exact: Largest residual and gap of an optimum, scaled.
+            close: Largest residual over how much more closely limits have to be kept.
             cutoff: A value from which on there is no solution.
             shared: See `PaperPrograms`.
         """
         PaperPrograms.__init__(self, **shared)
         cdef Py_ssize_t n = self.n
         self.damping, self.corrections, self.exact = damping, corrections, exact
-        self.cutoff = cutoff
+        self.close, self.cutoff = close, cutoff
         self.y, self.G = self.room(n + 1), self.room((n + 1) * (n + 1))
         self.forces = self.room(3 * self.M)
         self.map, self.scaled = self.room(3 * self.M * self.W), self.room(3 * self.M * self.W)
@@ -140,6 +141,8 @@ cdef class Carrier(PaperPrograms):
         self.judged()
         friction = self.exact * max(1.0, fabs(self.value))
         if not (self.residual <= friction and fabs(self.value - self.bound) <= friction):
+            return False
+        if not self.residual * self.strict <= self.close:
             return False
         if self.value > self.cutoff:
             return False

@@ -11,7 +11,7 @@ cdef class PaperPrograms:
     cdef int kind
     cdef readonly Py_ssize_t M, L, n
     cdef Py_ssize_t s, p, R, T, W, faces, edges
-    cdef double required, least_lever, rounding, farthest
+    cdef double required, least_lever, rounding, farthest, least_limit, most_strict
     cdef bint loaded
     # How often friction was changed.
     cdef Py_ssize_t rubbed
@@ -26,6 +26,7 @@ cdef class PaperPrograms:
     cdef double* slopes
     cdef double* directions
     cdef cnp.npy_bool* has_cone
+    cdef cnp.npy_bool* turns
     # Of one problem.
     cdef const double* most
     cdef const double* wrench
@@ -38,7 +39,7 @@ cdef class PaperPrograms:
     cdef const double* J
     cdef const double* gravity
     # Made of it.
-    cdef double force, length, unit
+    cdef double force, length, unit, strict
     cdef double* frames
     cdef double* joint_scale
     cdef double* B
@@ -63,6 +64,7 @@ cdef class PaperPrograms:
     cdef void count_rows(self) noexcept
     cdef void hold(self, problem, list held)
     cdef bint posed(self) noexcept
+    cdef void restrict(self, double most) noexcept
     cdef double side(self, Py_ssize_t i, bint top) noexcept
     cdef void judged(self) noexcept
     cdef bint is_far(self, double side) noexcept

@@ -1,3 +1,4 @@
+from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -17,7 +18,7 @@ class PaperPrograms:
         self,
         kind: int,
         required: float,
-        joint_count: int,
+        turns: Sequence[bool],
         axes: ArrayLike,
         sides: Array,
         face_count: int,
@@ -29,5 +30,7 @@ class PaperPrograms:
         least_lever: float,
         rounding: float,
         farthest: float,
+        least_limit: float,
+        most_strict: float,
     ) -> None: ...
     def arrays(self, problem: Any) -> tuple[Array, Array, Array, Array, Array, bool] | None: ...

@@ -21,16 +21,16 @@ cdef class PaperPrograms:
     """
 
     def __init__(
-        self, int kind, double required, Py_ssize_t joint_count, axes, sides, Py_ssize_t face_count,
+        self, int kind, double required, turns, axes, sides, Py_ssize_t face_count,
         reach, has_cone, friction, slopes, directions, double least_lever, double rounding,
-        double farthest,
+        double farthest, double least_limit, double most_strict,
     ):
         """Take what the problems share.
 
         Args:
             kind: `MARGIN`, `TORQUE` or `SHARE`.
             required: The required margin, N.
-            joint_count: L.
+            turns: (L,) whether a joint's torque is in N m.
             axes: (n,) which axis each coordinate is along, see `ForceLayout`.
             sides: (n + 1, s) see `Likeness`.
             face_count: How many of these rows are side faces; the next M are normal forces.
@@ -43,11 +43,14 @@ cdef class PaperPrograms:
             rounding: See there.
             farthest: Size from which on a side is far, and over the force scale the largest normal
                 force that these loops are for.
+            least_limit: Of the largest limit: a smaller one counts as so large.
+            most_strict: The load over a limit; beyond, nothing is an answer.
         """
         cdef cnp.ndarray given = as_reals(sides, 2), cones = as_reals(has_cone, 1)
-        cdef Py_ssize_t n, L = joint_count, c, i, count, rows
+        cdef Py_ssize_t n, L = len(turns), c, i, count, rows
         self.kept, self.rubbed = [], 0
         self.kind, self.required, self.L, self.M = kind, required, L, cones.shape[0]
+        self.least_limit, self.most_strict = least_limit, most_strict
         self.n = n = given.shape[0] - 1
         self.faces, self.W, rows = face_count, 6 + L, given.shape[1]
         self.s = face_count if kind != MARGIN else rows
@@ -67,6 +70,9 @@ cdef class PaperPrograms:
         flags = as_flags(has_cone, self.M)
         self.kept.append(flags)
         self.has_cone = flags_of(flags)
+        turning = as_flags(turns, L)
+        self.kept.append(turning)
+        self.turns = flags_of(turning)
         count = 0
         for i in range((n + 1) * rows):
             count += data(given)[i] != 0.0
@@ -159,6 +165,7 @@ cdef class PaperPrograms:
             least, top = min(least, self.most[k]), max(top, self.most[k])
         if top > self.farthest * self.force:
             return False
+        self.restrict(top)
         directions_of(
             self.M, self.normals, self.tangents, self.mu, self.sliding, self.has_cone, self.frames
         )
@@ -214,6 +221,32 @@ cdef class PaperPrograms:
                 self.share[k] = -self.share[k]
         self.box[2 * n + 1] = top + 1.0
         return True
+
+    cdef void restrict(self, double most) noexcept:
+        """Find how much more closely than the balance the strictest limit has to be kept.
+
+        Args:
+            most: The largest normal-force limit, N.
+        """
+        cdef Py_ssize_t k
+        cdef double least, limit
+        cdef double largest[2]
+        largest[0] = largest[1] = 0.0
+        self.strict = 1.0
+        for k in range(self.L):
+            for limit in (fabs(self.lower[k]), fabs(self.upper[k])):
+                if isfinite(limit):
+                    largest[self.turns[k]] = max(largest[self.turns[k]], limit)
+        for k in range(self.L):
+            least = largest[self.turns[k]] if largest[self.turns[k]] > 0.0 else self.joint_scale[k]
+            limit = min(fabs(self.lower[k]), fabs(self.upper[k]))
+            limit = max(limit, self.least_limit * least)
+            self.strict = max(self.strict, self.joint_scale[k] / limit)
+        for k in range(self.M):
+            limit = max(self.most[k], self.least_limit * most)
+            self.strict = max(self.strict, self.force / limit)
+        if self.strict > self.most_strict:
+            self.strict = INFINITY
 
     cdef double side(self, Py_ssize_t i, bint top) noexcept:
         """The lower or upper side of a row; from R on the bound of a variable."""

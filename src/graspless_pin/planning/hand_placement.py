@@ -160,6 +160,7 @@ _ADVICE = {
     "effort limits or the friction, lower the mass, or ask for less than 'carry'",
     PlacingFault.INFEASIBLE: "raise the effort limits or the friction if they are too low, or "
     "lower the mass",
+    PlacingFault.LOAD_TOO_LARGE: "look at the object's mass (kg), sizes (m) and effort limits",
     PlacingFault.UNDECIDED: "raise node_limit in the scene's solve",
     PlacingFault.MARGIN_TOO_SMALL: "ask for a smaller margin, or raise the effort limits",
 }

@@ -33,7 +33,7 @@ from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.contact_map import contact_map
 from graspless_pin.scene import Scene
 from graspless_pin.scene.moved import displaced_hand
-from graspless_pin.solution import Status
+from graspless_pin.solution import UNDECIDED, Status
 
 _CLEAR_OF_OBJECT = 2e-4  # m, of the open hand
 _OPENING = 0.3, 1.0  # share of the way to the open ends
@@ -89,6 +89,7 @@ class PlacingFault(StrEnum):
     NOTHING_OPPOSES = "nothing-opposes", "no two links squeeze the object between them"
     CANNOT_CARRY = "cannot-carry", "the hand cannot carry the object by itself"
     INFEASIBLE = "infeasible", "no torques within the limits hold the object"
+    LOAD_TOO_LARGE = "load-too-large", "the load is too large for the limits of the joints"
     UNDECIDED = "undecided", "the search for torques ended without an answer"
     MARGIN_TOO_SMALL = "margin-too-small", "the margin is smaller than required"
 
@@ -256,7 +257,9 @@ def _judged(
         return PlacingFault.CANNOT_CARRY
     solution = carrying if alone is scene else scene.solve("margin", node_limit=NODES)
     if not solution.found:
-        undecided = solution.status in (Status.NOT_FOUND_IN_LIMIT, Status.UNVERIFIED)
+        if solution.status is Status.LOAD_TOO_LARGE:
+            return PlacingFault.LOAD_TOO_LARGE
+        undecided = solution.status in UNDECIDED
         return PlacingFault.UNDECIDED if undecided else PlacingFault.INFEASIBLE
     return touching, solution.margin, carrying.margin if carrying.found else np.nan
 

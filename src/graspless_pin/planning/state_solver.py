@@ -22,10 +22,9 @@ from graspless_pin.scene import Scene
 from graspless_pin.scene.plain_problems import PlainProblems, PlainStates
 from graspless_pin.scene.scene_stability import unknown_of
 from graspless_pin.scene.state_findings import ALL_CHECKS, StateChecks, state_findings
-from graspless_pin.solution import Status, TorqueSolution
+from graspless_pin.solution import UNDECIDED, TorqueSolution
 
 _FOUND = STATUSES.index(StateStatus.FOUND)
-_UNDECIDED = (Status.NOT_FOUND_IN_LIMIT, Status.UNVERIFIED, Status.STRONG_NOT_FOUND)
 
 
 class CarriedStates(NamedTuple):
@@ -246,6 +245,6 @@ class StateSolver:
 def _evaluation(scene: Scene, solution: TorqueSolution) -> Evaluation:
     if solution.found:
         return Evaluation(StateStatus.FOUND, "", scene, solution)
-    undecided = solution.status in _UNDECIDED
+    undecided = solution.status in UNDECIDED
     status = StateStatus.UNDECIDED if undecided else StateStatus.INFEASIBLE
     return Evaluation(status, solution.status.message, scene, solution)

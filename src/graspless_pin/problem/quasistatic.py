@@ -36,7 +36,13 @@ from graspless_pin.problem.matrices import (
     kinetic_directions,
     wrench_map,
 )
-from graspless_pin.problem.scales import Scales, scales_of
+from graspless_pin.problem.scales import (
+    LIMIT_TOLERANCE,
+    Scales,
+    Strictness,
+    scales_of,
+    strictness_of,
+)
 from graspless_pin.spelling import what_to_pass
 
 
@@ -208,6 +214,31 @@ class QuasistaticProblem:
     def scales(self) -> Scales:
         """What forces, moments and torques of this problem are measured against: its load."""
         return scales_of(self.positions, self.external_wrench, self.jacobian, self.max_normal_force)
+
+    @cached_property
+    def limit_tolerances(self) -> tuple[FloatArray, FloatArray]:
+        """How far beyond its limits each torque, (L,) N m (N), and normal force, (M,) N, may be.
+
+        It is 1e-6 of the limit, or of what the load makes there where that is smaller; see
+        `docs/limits.md`.
+        """
+        strict, (force, _, joints) = self.strictness, self.scales
+        if strict is None:
+            torque, normal = joints, np.full(self.contact_count, force)
+        else:
+            torque, normal = joints / strict.torque, force / strict.normal
+        return read_only(LIMIT_TOLERANCE * torque), read_only(LIMIT_TOLERANCE * normal)
+
+    @cached_property
+    def strictness(self) -> Strictness | None:
+        """How much more closely limits have to be kept than the balance; None: none has to."""
+        return self.strictness_in(self.scales)
+
+    def strictness_in(self, scales: Scales) -> Strictness | None:
+        """Return the same in other scales than the problem's."""
+        return strictness_of(
+            scales, self.lower_torque, self.upper_torque, self.joint_units, self.max_normal_force
+        )
 
     @cached_property
     def is_sliding(self) -> NDArray[np.bool_]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from graspless_pin.compiled import contact_frames
 from graspless_pin.problem.checks import FloatArray, read_only, squared_lengths
+from graspless_pin.problem.joint_units import JointUnit
 
 LEAST_LEVER = 1e-12
 """A joint's lever shorter than this share of the longest counts as so long."""
@@ -19,6 +20,12 @@ LEAST_MARGIN = 1e-20
 
 Limits that stand for none may well be 1e14 times a margin.
 """
+LIMIT_TOLERANCE = 1e-6
+"""Of a limit, or of the load where that is smaller: how far beyond it still counts as within."""
+LEAST_LIMIT = 1e-3
+"""Of the largest limit: a smaller one counts as so large."""
+MOST_STRICT = 1e6
+"""The load over a limit; beyond, what the balance may be off by is more than the limit."""
 
 
 class Scales(NamedTuple):
@@ -47,6 +54,58 @@ class Scales(NamedTuple):
         if margin < LEAST_MARGIN * self.force:
             return self
         return Scales(margin, self.length, read_only(margin / self.force * self.joints))
+
+
+class Strictness(NamedTuple):
+    """How many times as closely as the load asks for each limit has to be kept; at least 1.
+
+    Attributes:
+        torque: (L,) for torque limits.
+        normal: (M,) for normal-force limits.
+    """
+
+    torque: FloatArray
+    normal: FloatArray
+
+    @property
+    def can_be_kept(self) -> bool:
+        """Whether every limit is more than what the balance may be off by."""
+        most = max(self.torque.max(initial=1.0), self.normal.max(initial=1.0))
+        return bool(most <= MOST_STRICT)
+
+
+def strictness_of(
+    scales: Scales,
+    lower: FloatArray,
+    upper: FloatArray,
+    units: tuple[JointUnit, ...],
+    most: FloatArray,
+) -> Strictness | None:
+    """Return how much more closely limits have to be kept than the balance; None: none has to.
+
+    Args:
+        scales: Of the problem.
+        lower: (L,) smallest torques.
+        upper: (L,) largest torques.
+        units: (L,) units of the torques.
+        most: (M,) largest normal forces, N.
+    """
+    force, _, load = scales
+    smaller = np.minimum(np.abs(lower), np.abs(upper))
+    if (smaller >= load).all() and (most >= force).all():
+        return None
+    sizes = np.abs(np.stack([lower, upper]))
+    sizes = np.where(np.isfinite(sizes), sizes, 0.0).max(axis=0)
+    largest = np.empty(len(load))
+    for unit in set(units):
+        own = np.array([one is unit for one in units])
+        largest[own] = sizes[own].max()
+    least = LEAST_LIMIT * np.where(largest > 0.0, largest, load)
+    torque = load / np.maximum(smaller, least)
+    normal = force / np.maximum(most, LEAST_LIMIT * most.max())
+    if max(torque.max(initial=1.0), normal.max()) <= 1.0:
+        return None
+    return Strictness(np.maximum(torque, 1.0), np.maximum(normal, 1.0))
 
 
 def scales_of(

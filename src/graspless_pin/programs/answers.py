@@ -131,9 +131,18 @@ def _tried(
     for multipliers in (found[1:], _elastic_multipliers(program, backend)):
         if multipliers is not None:
             proof = program.infeasibility_bound(*multipliers)
-            if proof > _INFEASIBLE:
+            if proof > _INFEASIBLE or _breaks_limits(program, multipliers, proof):
                 return _infeasible(np.inf, proof, *multipliers, name)
     return failed(answer.bound)
+
+
+def _breaks_limits(
+    program: Program, multipliers: tuple[FloatArray, FloatArray], proof: float
+) -> bool:
+    """Return whether all points break what is strict, though others may be met nearly."""
+    if program.strict is None or proof <= _ROUNDING * max(1.0, program.farthest):
+        return False
+    return program.infeasibility_bound(*multipliers, strictly=True) > _INFEASIBLE
 
 
 def asked(backend: Backend, program: Program) -> Multipliers | None:
@@ -163,12 +172,15 @@ def proven(program: Program, found: Multipliers, name: str, cutoff: float) -> An
         A solved answer, or an infeasible one where the bound is above the cutoff, or a failed one.
     """
     x, y, z = found
+    if program.strict is not None:
+        x = np.clip(x, program.lb, program.ub)  # limits that are bounds hold exactly
     bound, value, residual = program.judged(x, y, z)
     if _is_above(program, bound, cutoff, y, z):
         return _infeasible(bound, max(program.infeasibility_bound(y, z), 0.0), y, z, name)
     gap = abs(value - bound) / max(1.0, abs(value))
     is_near = gap <= GAP_TOLERANCE or gap <= _rounding_gap(program)
-    if residual <= PRIMAL_TOLERANCE and is_near and _is_within_reach(program, x):
+    is_met = residual <= PRIMAL_TOLERANCE and program.is_resolved
+    if is_met and is_near and _is_within_reach(program, x):
         return Answer(Outcome.SOLVED, x, y, z, value, bound, residual, 0.0, name)
     return failed(bound)
 

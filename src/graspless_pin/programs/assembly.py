@@ -14,7 +14,13 @@ from graspless_pin.compiled import paper_programs
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.cones import face_directions
-from graspless_pin.problem.scales import LEAST_DIFFERENCE, LEAST_LEVER
+from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.problem.scales import (
+    LEAST_DIFFERENCE,
+    LEAST_LEVER,
+    LEAST_LIMIT,
+    MOST_STRICT,
+)
 from graspless_pin.programs.builder import ProgramBuilder
 from graspless_pin.programs.cones import edge_cones, reach_of
 from graspless_pin.programs.forces import ForceCoordinates, force_coordinates, force_rows
@@ -69,7 +75,7 @@ def assembled(
         return built(objective, problem, coordinates)
     likeness, epsilon = likeness_of(problem), objective.regularization
     with _LOCK:
-        arrays = _programs(likeness, objective, problem.joint_count).arrays(problem)
+        arrays = _programs(likeness, objective, problem.joint_units).arrays(problem)
     if arrays is None:  # normal forces are far
         return built(objective, problem, coordinates)
     columns, low, high, box, (lb, ub), is_far = arrays
@@ -79,6 +85,13 @@ def assembled(
         P, lb = np.append(coordinates.curvature(epsilon), 0.0), lb.copy()
         lb[-1] = 0.0
     rows: FloatArray = columns.T
+    strict, closely = coordinates.strictness, None
+    if strict is not None:
+        closely = np.ones(len(low))
+        closely[-problem.joint_count or len(low) :] = strict.torque
+        if objective.maximizes:
+            first = len(problem.external_wrench) + likeness.face_count
+            closely[first : first + problem.contact_count] = strict.normal
     return Program.of_rows(
         rows,
         len(problem.external_wrench),
@@ -91,6 +104,7 @@ def assembled(
         ub=ub,
         box=box,
         is_far=is_far,
+        strict=closely,
     )
 
 
@@ -162,13 +176,15 @@ def _likeness(mask: bytes, friction: bytes, _sliding: bytes, edges: int) -> Like
     return Likeness(layout, len(cones.rows), reach_of(mask, friction), *arrays, edges)
 
 
-def shared_arguments(likeness: Likeness, objective: Objective, joint_count: int) -> dict[str, Any]:
+def shared_arguments(
+    likeness: Likeness, objective: Objective, units: tuple[JointUnit, ...]
+) -> dict[str, Any]:
     """Return what `compiled.paper_programs` takes for one of the paper's objectives."""
     kinds = paper_programs.MARGIN, paper_programs.TORQUE, paper_programs.SHARE
     return {
         "kind": kinds[[type(objective) is kind for kind in PAPER_OBJECTIVES].index(True)],
         "required": objective.required_margin,
-        "joint_count": joint_count,
+        "turns": [unit is JointUnit.TORQUE for unit in units],
         "axes": likeness.layout.axes,
         "sides": likeness.sides,
         "face_count": likeness.face_count,
@@ -180,9 +196,11 @@ def shared_arguments(likeness: Likeness, objective: Objective, joint_count: int)
         "least_lever": LEAST_LEVER,
         "rounding": LEAST_DIFFERENCE,
         "farthest": FARTHEST,
+        "least_limit": LEAST_LIMIT,
+        "most_strict": MOST_STRICT,
     }
 
 
 @lru_cache(maxsize=256)
-def _programs(likeness: Likeness, objective: Objective, joint_count: int) -> Any:
-    return paper_programs.PaperPrograms(**shared_arguments(likeness, objective, joint_count))
+def _programs(likeness: Likeness, objective: Objective, units: tuple[JointUnit, ...]) -> Any:
+    return paper_programs.PaperPrograms(**shared_arguments(likeness, objective, units))

@@ -34,6 +34,7 @@ class _Rows(NamedTuple):
     sign: Sign
     shape: tuple[int, ...]
     places: NDArray[np.int_] | None
+    strict: FloatArray | None = None
 
 
 class ProgramBuilder:
@@ -122,6 +123,7 @@ class ProgramBuilder:
         unit: float | FloatArray = 1.0,
         shape: tuple[int, ...] | None = None,
         places: NDArray[np.int_] | None = None,
+        strict: FloatArray | None = None,
     ) -> None:
         """Add rows ``low <= forces @ x + terms <= high``.
 
@@ -134,13 +136,14 @@ class ProgramBuilder:
             unit: What one of each scaled row is in the problem's units.
             shape: Shape of the multipliers by contact or joint; None: (k,).
             places: (k,) flat places there; None: all.
+            strict: (k,) see `Program`; None: as other rows.
         """
         size = len(forces) if forces is not None else len(np.atleast_1d(high))
         sign, least = (Sign.UPPER, -np.inf) if low is None else (Sign.EITHER, low)
         self._rows.append(
             _Rows(
                 name, forces, terms or {}, least, high, size, unit, sign, shape or (size,), places
-            )
+            )._replace(strict=strict)
         )
 
     def balance(self, terms: Terms | None = None) -> None:
@@ -207,7 +210,11 @@ class ProgramBuilder:
             self.bound_normals(low, forces.limit - margin * level)
             return
         unit, bare = forces.coordinates.force_scale, np.flatnonzero(forces.bare)
-        self.rows("normal_upper", forces.normal, forces.limit, {margin: level}, unit=unit)
+        strict = forces.coordinates.strictness
+        self.rows(
+            "normal_upper", forces.normal, forces.limit, {margin: level},
+            unit=unit, strict=None if strict is None else strict.normal,
+        )  # fmt: skip
         own = level if weights is None else weights[bare]
         self.rows(
             "normal_lower", -forces.normal[bare], 0.0, {margin: own},
@@ -228,10 +235,11 @@ class ProgramBuilder:
 
     def torque_limits(self) -> None:
         """Keep the motors' torques J^T f + g within their limits: block ``torque``."""
-        forces = self.forces
+        forces, strict = self.forces, self.forces.coordinates.strictness
         self.rows(
             "torque", forces.torque, forces.upper,
             low=forces.lower, unit=forces.coordinates.joint_scale,
+            strict=None if strict is None else strict.torque,
         )  # fmt: skip
 
     def held_torques(self, torque: FloatArray) -> None:
@@ -261,7 +269,8 @@ class ProgramBuilder:
         total = sum(part.size for part in parts)
         rows = np.zeros((total, self._size), order="F")
         low, high, blocks, first = np.empty(total), np.empty(total), [], 0
-        for name, forces, terms, least, most, size, unit, sign, shape, places in parts:
+        strict = None if self.forces.coordinates.strictness is None else np.ones(total)
+        for name, forces, terms, least, most, size, unit, sign, shape, places, closely in parts:
             where = slice(first, first + size)
             if forces is not None:
                 rows[where, : self.forces.size] = forces
@@ -269,6 +278,8 @@ class ProgramBuilder:
                 wide = np.asarray(values)
                 rows[where, columns.at] = wide[:, None] if wide.ndim == 1 else wide
             low[where], high[where] = least, most
+            if strict is not None and closely is not None:
+                strict[where] = closely
             blocks.append(Block(name, where, unit, sign, shape, places))
             first += size
         boxes = [np.concatenate(box, axis=1) for box in self._boxes]
@@ -288,6 +299,7 @@ class ProgramBuilder:
             cone_count=sum(part.size for part in self._cones) // 3,
             blocks=tuple(blocks),
             bounded_blocks=tuple(self._bounded),
+            strict=strict,
         )
 
 

@@ -12,13 +12,14 @@ def elastic(program: Program) -> Program:
     """Return the program that finds the smallest common violation of all rows.
 
     One variable s >= 0 is added: -s <= A x - b <= s, l - s <= G x <= u + s, the first entries of
-    cones larger by s, bounds kept, s minimised. It always has a solution; a positive proven bound
-    on s proves that the original program has none.
+    cones larger by s, bounds kept, s minimised; rows that are strict have a share of s. It always
+    has a solution; a positive proven bound on s proves that the original program has none.
     """
     m, n = program.A.shape
     k = program.flat_count
     G, u, low = program.G[:k], program.u[:k], program.l[:k]
-    one, ones = np.ones((m, 1)), np.ones((k, 1))
+    loose = np.ones(m + len(program.G)) if program.strict is None else 1.0 / program.strict
+    one, ones = loose[:m, None], loose[m : m + k, None]
     finite_u, finite_l = np.isfinite(u), np.isfinite(low)
     larger = np.tile([1.0, 0.0, 0.0], program.cone_count)[:, None]
     rows = np.vstack(
@@ -38,6 +39,7 @@ def elastic(program: Program) -> Program:
     first, last = program.reach if program.whole_box is None else program.within(program.whole_box)
     reach = np.maximum(np.abs(first), np.abs(last))
     worst = float((np.abs(rows[:, :n]) @ reach + np.abs(sides)).max(initial=0.0)) + 1.0
+    worst /= float(loose.min())
     return Program(
         P=np.zeros(n + 1),
         c=np.append(np.zeros(n), 1.0),

@@ -19,6 +19,7 @@ from graspless_pin.compiled import contact_frames
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.contact_map import contact_map
+from graspless_pin.problem.scales import Strictness
 from graspless_pin.programs.cones import ConeRows, cone_reach, cone_rows
 from graspless_pin.programs.layout import ForceLayout, layout_of
 from graspless_pin.programs.program import FARTHEST
@@ -35,6 +36,7 @@ class ForceCoordinates:
         force_scale: F, the load, N.
         joint_scale: (L,) torques that the load makes on each joint, N m, for the torque rows.
         length_scale: Size of the contact arrangement, m, for the moment rows.
+        strictness: How much more closely limits have to be kept; None: none has to.
     """
 
     directions: FloatArray
@@ -42,6 +44,7 @@ class ForceCoordinates:
     force_scale: float
     joint_scale: FloatArray
     length_scale: float
+    strictness: Strictness | None
 
     @cached_property
     def torque_scale(self) -> float:
@@ -96,7 +99,9 @@ def force_coordinates(problem: QuasistaticProblem, margin: float = 0.0) -> Force
     if margin > 0.0 and not problem.external_wrench.any():
         scales = scales.without_load(margin)
     force, length, joints = scales
-    return ForceCoordinates(_directions(problem, layout), layout, force, joints, length)
+    own = scales is problem.scales
+    strict = problem.strictness if own else problem.strictness_in(scales)
+    return ForceCoordinates(_directions(problem, layout), layout, force, joints, length, strict)
 
 
 def _directions(problem: QuasistaticProblem, layout: ForceLayout) -> FloatArray:

@@ -11,6 +11,7 @@ from scipy.sparse import csr_array
 
 from graspless_pin.compiled import linear_programs
 from graspless_pin.problem.checks import FloatArray, all_within
+from graspless_pin.problem.scales import MOST_STRICT
 from graspless_pin.programs.blocks import Block
 
 FARTHEST = 1e8
@@ -50,6 +51,8 @@ class Program:
         cone_count: How many second-order cones there are.
         blocks: What its rows mean, in their order; empty: not told.
         bounded_blocks: What its columns with bounds mean.
+        strict: (m + k,) how many times as closely as others each row has to be met, at least 1;
+            None: none more closely, and bounds neither.
     """
 
     P: FloatArray
@@ -66,6 +69,7 @@ class Program:
     cone_count: int = 0
     blocks: tuple[Block, ...] = ()
     bounded_blocks: tuple[Block, ...] = ()
+    strict: FloatArray | None = None
 
     @classmethod
     def of_rows(
@@ -188,6 +192,11 @@ class Program:
         return np.concatenate((self.b, self.l)), np.concatenate((self.b, self.u))
 
     @cached_property
+    def is_resolved(self) -> bool:
+        """Whether every row can be met as closely as it has to be."""
+        return self.strict is None or bool(self.strict.max() <= MOST_STRICT)
+
+    @cached_property
     def reach(self) -> tuple[FloatArray, FloatArray]:
         """Bounds of every variable, imposed and implied."""
         return self.within(self.box)
@@ -227,11 +236,16 @@ class Program:
         return float((0.5 * self.P * x + self.c).dot(x))
 
     def residual(self, x: FloatArray) -> float:
-        """Return the largest violation of any constraint at x, in scaled units."""
-        if self._is_judged_by_loops:
+        """Return the largest violation of any constraint at x, in scaled units.
+
+        That of a row counts as many times as it is strict.
+        """
+        if self._is_judged_by_loops and self.strict is None:
             return self.judged(x, np.zeros(len(self.b)), np.zeros(len(self.l)))[2]
         (low, high), rows = self.sides, self.products[0].dot(x)
         beyond = np.maximum(rows - high, low - rows)
+        if self.strict is not None:
+            beyond *= self.strict
         if self.cone_count:
             flat = len(rows) - 3 * self.cone_count
             inside = (rows[flat:] - low[flat:]).reshape(-1, 3)
@@ -261,17 +275,28 @@ class Program:
         if not self._is_judged_by_loops:
             return self.dual_bound(y, z), self.value(x), self.residual(x)
         low, high = self.sides
-        return linear_programs.judged(
+        bound, value, residual = linear_programs.judged(
             self.rows.T, low, high, self.c, self.lb, self.ub, self.box, x, y, z
         )
+        if self.strict is not None and np.isfinite(residual):
+            residual = self.residual(x)
+        return bound, value, residual
 
-    def infeasibility_bound(self, y: FloatArray, z: FloatArray) -> float:
+    def infeasibility_bound(self, y: FloatArray, z: FloatArray, *, strictly: bool = False) -> float:
         """Return a lower bound on the smallest common violation of all rows within the bounds.
 
         Positive: the multipliers are a Farkas certificate that no feasible point exists.
+
+        Args:
+            y: (m,) multipliers of A x = b.
+            z: (k,) multipliers of the rows of G, see `dual_bound`.
+            strictly: Whether a row's violation counts as many times as it is strict.
         """
         weights = self._in_cones(np.concatenate([y, z]))
-        size = float(np.abs(weights).sum())
+        sizes = np.abs(weights)
+        if strictly and self.strict is not None:
+            sizes /= self.strict
+        size = float(sizes.sum())
         if not (np.isfinite(size) and size > 0.0):
             return -np.inf
         slope, constant = self._lagrangian(weights / size)

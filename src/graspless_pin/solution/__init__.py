@@ -3,11 +3,12 @@
 from graspless_pin.solution.certificate import Certificate
 from graspless_pin.solution.guarantee import Guarantee
 from graspless_pin.solution.proof import Evidence
-from graspless_pin.solution.status import FOUND, Status
+from graspless_pin.solution.status import FOUND, UNDECIDED, Status
 from graspless_pin.solution.torque_solution import TorqueSolution, checked_solution
 
 __all__ = [
     "FOUND",
+    "UNDECIDED",
     "Certificate",
     "Evidence",
     "Guarantee",

@@ -34,6 +34,10 @@ class Status(Enum):
     INFEASIBLE_MODE = "the given virtual-sliding mode has no virtual motion behind it"
     NOT_FOUND_IN_LIMIT = "nothing found when a node or time limit ended the search"
     UNVERIFIED = "no solver gave an answer that passes the check"
+    LOAD_TOO_LARGE = (
+        "the load is too large for the limits: what they leave to the joints is lost in the "
+        "rounding of the balance"
+    )
     STRONG = "the best found of the torques of which rest is the only outcome"
     STRONG_NOT_FOUND = (
         "no torques found of which rest is the only outcome; that there are none is not proven"
@@ -46,4 +50,8 @@ class Status(Enum):
         return self.value
 
 
+UNDECIDED = frozenset(
+    {Status.NOT_FOUND_IN_LIMIT, Status.UNVERIFIED, Status.LOAD_TOO_LARGE, Status.STRONG_NOT_FOUND}
+)
+"""What leaves open whether there is a solution."""
 FOUND = frozenset({Status.OPTIMAL, Status.OPTIMAL_IN_MODE, Status.LIMIT_REACHED, Status.STRONG})

@@ -73,7 +73,9 @@ def solve(program: Program, solver: str = ANY_SOLVER, *, cutoff: float = np.inf)
     """
     cutoff = min(cutoff, program.worst)
     best_bound = -np.inf
-    for name in _in_turn(solver, program.cone_count > 0):
+    names = _in_turn(solver, program.cone_count > 0)
+    # Of what cannot be resolved nothing is solved: it is infeasible, or nobody can tell.
+    for name in names if program.is_resolved else names[:2]:
         answer = checked_answer(program, _backend(name, program.cone_count > 0), name, cutoff)
         if answer.outcome is not Outcome.FAILED:
             return answer

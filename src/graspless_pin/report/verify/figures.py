@@ -13,7 +13,7 @@ LONGEST_REACH = 1e8
 """Bounds need to be proven for normal forces up to so many loads."""
 FOUND_STATES = ("optimal", "optimal_in_mode", "limit_reached", "strong")
 INFEASIBLE = ("infeasible_forces", "infeasible_modes", "infeasible_in_mode", "infeasible_mode")
-OPEN = ("not_found_in_limit", "unverified")
+OPEN = ("not_found_in_limit", "unverified", "load_too_large")
 UNGUARANTEED = ("strong_not_found", "infeasible_strong")
 IN_MODE = ("optimal_in_mode", "infeasible_in_mode", "infeasible_mode")
 MESSAGES = {
@@ -26,6 +26,7 @@ MESSAGES = {
     "infeasible_mode": "the given virtual-sliding mode has no virtual motion",
     "not_found_in_limit": "nothing found",
     "unverified": "no solver gave",
+    "load_too_large": "the load is too large",
     "strong": "the best found of the torques of which rest is the only outcome",
     "strong_not_found": "no torques found of which rest is the only outcome",
     "infeasible_strong": "infeasible: rest is the only outcome of no torques",
