@@ -40,6 +40,7 @@ def test_an_idle_finger_with_another_torque_moves_by_itself(torque: float) -> No
     np.testing.assert_allclose(
         said.motion.joint_accelerations, [0.0, (torque - WEIGHT) / INERTIA], atol=1e-9
     )
+    assert "slipping" not in said.motion.states
     left = f"{abs(torque - WEIGHT):g} N m"
     assert str(said) == (
         f"fails: joint 'idle' moves by itself: torques do not balance weight, {left} are left over "

@@ -44,13 +44,13 @@ def test_rest_that_is_proven():
     rows = {row[0]: row[1] for row in page.section("modes").rows()}
     assert "FAILS" not in rows.values()
     counted = json.loads(json.dumps(solution_document(solution, scene, verdict)))
-    counted["stability"] |= {"message": "holds: so; and so", "growth_rate": 3.0}
+    counted["stability"] |= {"message": "holds with 1 N m/rad; and so", "growth_rate": 3.0}
     (line,) = (
         p
         for p in read_html(report_html(case_of_document(counted))).all("p")
         if "care" in (p.attributes.get("class") or "")
     )
-    assert line.text == "Holds: so; and so"
+    assert line.text == "Holds with 1 N m/rad: and so"
 
 
 def test_a_motion_that_may_happen(weak: Weak):

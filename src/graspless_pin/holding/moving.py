@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.compiled import outcome_search
-from graspless_pin.holding.dynamics import Dynamics, world_forces
+from graspless_pin.holding.dynamics import Dynamics, contact_jacobian, world_forces
 from graspless_pin.holding.least_squares import least_squares
 from graspless_pin.holding.verdict import ContactState, DynamicOutcome
 from graspless_pin.problem import QuasistaticProblem
@@ -32,6 +32,8 @@ _TOLERANCE = 1e-6
 _STILL = 1e-12
 _CLOSED = 1e-6
 """Contacts of an outcome that bear less of the load are open; of its slips, smaller ones stick."""
+_CREEPING = 1e-3
+"""Of the accelerations that count as motion: contacts that slip slower stick."""
 _SURFACE = 0.999
 """Share of mu f_n from which friction may be that of a slip."""
 
@@ -214,9 +216,12 @@ def outcome_record(
     """Return the record of a moving outcome, in SI units and world axes."""
     y = dynamics.motion(forces)
     a, u = dynamics.acceleration @ y, dynamics.slips(y)
+    speeds = np.linalg.norm(contact_jacobian(problem)[:, 1:] @ a, axis=1)
     local = forces * dynamics.force_unit
     opened = local[:, 0] <= _CLOSED * problem.scales.force
+    # Where joints alone move, rounding is all that contacts do.
     slips = np.hypot(u[:, 1], u[:, 2]) > _CLOSED * float(np.abs(u).max())
+    slips &= speeds > _CREEPING * dynamics.limit
     states = np.where(opened, ContactState.OPEN, ContactState.STICKING)
     states[~opened & slips] = ContactState.SLIPPING
     states[~opened & problem.is_sliding] = ContactState.CLOSED

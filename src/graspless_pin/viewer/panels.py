@@ -78,7 +78,7 @@ def verdict_html(result: SettingsAnswer, *, dark: bool) -> str:
     return (
         f'<div id="graspless-verdict" data-status="{result.stability or ""}" style="{_TEXT}">'
         f'<div style="border-left:4px solid {color};padding-left:8px;margin-bottom:8px">'
-        f"<b>{escape(lead.capitalize())}</b> {escape(words)}</div></div>"
+        f"<b>{escape(lead[:1].upper() + lead[1:])}</b> {escape(words)}</div></div>"
     )
 
 

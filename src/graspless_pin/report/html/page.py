@@ -182,7 +182,7 @@ def _verdict(case: Case) -> dict[str, Any]:
     if status is Stability.STRONG and not lasts:
         mark = "care"
     context: dict[str, Any] = {
-        "verdict": {"lead": lead.capitalize(), "said": said, "mark": mark},
+        "verdict": {"lead": lead[:1].upper() + lead[1:], "said": said, "mark": mark},
         "motion_view": None,
     }
     if case.motion is None or motion is None:
