@@ -180,6 +180,23 @@ def test_a_kept_engine_is_told_of_each_array_that_is_another(name):
             np.testing.assert_allclose(one, other, atol=1e-7)
 
 
+def test_a_row_of_zeros_makes_another_structure():
+    """Where entries are is kept in whole bytes, which a few zeros more may fill."""
+    first = random_program(3)
+    second = replace(
+        first, G=np.vstack([first.G, np.zeros(6)]), l=np.append(first.l, -np.inf),
+        u=np.append(first.u, 1.0),
+    )  # fmt: skip
+    assert first.pattern == second.pattern
+    engines = piqp_engines._Engines()
+    for known in (first, first, second, second, first):
+        program = replace(known, A=known.A.copy(), G=known.G.copy())
+        engine = engines.take(program)
+        _, _, z = engine.solve(program)
+        assert len(z) == len(program.l)
+        engines.put_back(engine, program)
+
+
 @pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize("quadratic", [False, True])
 def test_all_solvers_agree(solver, quadratic):

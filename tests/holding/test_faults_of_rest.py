@@ -33,6 +33,9 @@ from graspless_pin.algorithms.guaranteed_disturbance import GuaranteedDisturbanc
 from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.load_brackets import LoadBracket, load_bracket
 from graspless_pin.holding import bounds, closure, kept_programs, moving, relaxation, rest
+from graspless_pin.holding.dynamics import scaled_dynamics
+from graspless_pin.holding.moving import is_outcome, polish
+from graspless_pin.problem.inertias import hybrid_contacts, whole_inertia
 from graspless_pin.report import solution_document
 from graspless_pin.report.verdict_data import disturbance_data, verdict_data
 from graspless_pin.report.verify.disturbances import disturbance_checks
@@ -218,6 +221,21 @@ def test_no_wrong_program_becomes_a_verdict(
     with np.errstate(all="ignore"):
         for name in CASES:
             assert_true(name)
+
+
+@pytest.mark.parametrize("size", [1e155, 1e200, 1e300])
+def test_forces_beyond_all_numbers_are_no_outcome(size: float) -> None:
+    problem = pressed_in_slot()
+    inertia = whole_inertia(problem)
+    assert inertia is not None
+    dynamics = scaled_dynamics(problem, np.array([9.7]), inertia, hybrid_contacts(problem), 1e-3)
+    assert dynamics is not None
+    with np.errstate(all="ignore"):
+        for seed in range(20):
+            forces = np.zeros((problem.contact_count, 3))
+            forces[:, 0] = size * np.random.default_rng(seed).random(problem.contact_count)
+            assert not is_outcome(dynamics, forces)
+            assert polish(dynamics, forces) is None
 
 
 def raises(error: Exception) -> Callable[..., Any]:

@@ -47,6 +47,8 @@ def is_outcome(dynamics: Dynamics, forces: FloatArray) -> bool:
     bound = dynamics.is_commanded
     normal = np.where(bound, np.nan_to_num(dynamics.commanded), forces[:, 0])
     power = float(y @ y + mu * normal @ np.hypot(u[:, 1], u[:, 2]))
+    if not np.isfinite(power):
+        return False
     side = np.hypot(forces[:, 1], forces[:, 2])
     if (normal < 0.0).any() or (side > mu * normal * (1.0 + 1e-9) + _STILL).any():
         return False

@@ -125,7 +125,7 @@ class _Engines:
     def __init__(self) -> None:
         """Keep none yet."""
         self._lock = Lock()
-        self._kept: dict[tuple[int, int, bytes], list[_Engine]] = {}
+        self._kept: dict[tuple[int, int, int, bytes], list[_Engine]] = {}
 
     def take(self, program: Program) -> _Engine:
         """Return an engine for the program, for this thread alone until it is put back."""
@@ -152,8 +152,8 @@ class _Engines:
             del kept[:-_PER_STRUCTURE]
 
 
-def _structure(program: Program) -> tuple[int, int, bytes]:
-    return len(program.c), len(program.b), program.pattern
+def _structure(program: Program) -> tuple[int, int, int, bytes]:
+    return len(program.c), len(program.b), len(program.l), program.pattern
 
 
 _engines = _Engines()
