@@ -132,7 +132,7 @@ def test_findings_do_not_contradict_a_small_margin():
     solution = maximize_margin(pressed(4e6))
     assert solution.margin > 1.0
     finding = next(one for one in solution.findings if one.code is FindingCode.NO_RESERVE)
-    assert f"the largest margin is {solution.margin:.3g} N" in finding.message
+    assert f"the largest margin is {solution.margin:.6g} N" in finding.message
     assert "zero" not in finding.message
 
 

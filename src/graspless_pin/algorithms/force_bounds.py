@@ -15,7 +15,13 @@ from graspless_pin.modes.rules import Rules, StaticFriction
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
 from graspless_pin.solution import FOUND, Status
-from graspless_pin.solution.tables import Table, figure, paragraph, shown
+from graspless_pin.solution.tables import (
+    Table,
+    figure,
+    force_rounding,
+    paragraph,
+    shown,
+)
 
 _DETERMINATE = 1e-6
 _HEADERS = ["#", "f_n [N]", "f_t1 [N]", "f_t2 [N]"]
@@ -106,14 +112,15 @@ class ContactForceBounds:
 
     def _rows(self) -> list[list[object]]:
         return [
-            [contact, *(self._range(contact, component) for component in range(3))]
-            for contact in range(len(self.lower))
+            [contact, *(self._range(contact, component, left) for component in range(3))]
+            for contact, left in enumerate(force_rounding(self.problem))
         ]
 
-    def _range(self, contact: int, component: int) -> str:
+    def _range(self, contact: int, component: int, rounding: float) -> str:
         at, load = (contact, component), self.problem.scales.force
         mark = "" if self.proven[at] else _REACHED
-        return f"{shown(self.lower[at], load, '+')} .. {shown(self.upper[at], load, '+')}{mark}"
+        ends = (shown(float(one[at]), load, "+", rounding) for one in (self.lower, self.upper))
+        return f"{' .. '.join(ends)}{mark}"
 
     def _margins(self) -> str:
         said = f"{self._margin_range()}, {self.covers}"

@@ -10,6 +10,7 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.plots.canvas import axes_for
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solution import TorqueSolution
+from graspless_pin.solution.tables import force_rounding, shown
 from graspless_pin.solution.utilization import contact_state, friction_use
 from graspless_pin.visualization import LIGHT, Role
 from graspless_pin.visualization.contacts import virtual_velocities
@@ -79,7 +80,8 @@ def friction_section(solution: TorqueSolution, contact: int, ax: Axes | None = N
     axes.set_ylabel("$f_{t2}$ [N]")
     use = friction_use(problem, solution.contact_forces)[contact]
     share = "" if np.isnan(use) else f", {100.0 * use:.0f} % used"
-    axes.set_title(f"contact {contact}: {state}{share}\n$f_n$ = {normal:.4g} N", fontsize="medium")
+    told = shown(normal, problem.scales.force, "", force_rounding(problem)[contact])
+    axes.set_title(f"contact {contact}: {state}{share}\n$f_n$ = {told} N", fontsize="medium")
     if ax is None:
         named = [
             one for one in (*axes.lines, *axes.patches) if not str(one.get_label()).startswith("_")

@@ -11,6 +11,7 @@ from graspless_pin.findings import Finding, FindingCode
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.solution.certificate import Certificate
 from graspless_pin.solution.status import Status
+from graspless_pin.solution.tables import figure
 
 _NOTHING = 1e-6  # of the load
 
@@ -59,7 +60,8 @@ def solution_doubts(
         )
     load = problem.scales.force
     if margin is not None and margin <= _NOTHING * load:
-        size = "zero" if margin <= 0.0 else f"{margin:.3g} N, next to nothing beside {load:.3g} N"
+        told = figure(margin, load)
+        size = "zero" if told == "0" else f"{told} N, next to nothing beside {load:.3g} N"
         yield Finding(
             FindingCode.NO_RESERVE,
             "solution",

@@ -11,9 +11,9 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.solution.status import Status
-from graspless_pin.solution.tables import shown, torque_size
+from graspless_pin.solution.tables import shown, torque_rounding, torque_size
 from graspless_pin.solution.torque_solution import TorqueSolution
-from graspless_pin.solution.utilization import limit_shares
+from graspless_pin.solution.utilization import force_sizes, limit_shares
 
 _AS_NEAR = 1e-6
 _AS_MUCH = 0.25
@@ -53,7 +53,7 @@ def limiting_contacts(solution: TorqueSolution) -> dict[ContactLimit, list[int]]
     """
     problem = solution.problem
     rooms = contact_rooms(problem, solution.contact_forces)
-    near = rooms <= solution.margin + _AS_NEAR * problem.scales.force
+    near = rooms <= solution.margin + _AS_NEAR * force_sizes(problem)[:, None]
     if solution.algorithm is Algorithm.MARGIN and solution.status is not Status.STRONG:
         found = solution.multipliers
         # The first of a round cone's multipliers is its force in the direction of the margin.
@@ -97,8 +97,10 @@ def joint_limit_words(solution: TorqueSolution) -> str:
         return "No joint has a finite limit on the side of its torque."
     joint = int(np.nanargmax(shares))
     torque, size = float(torques[joint]), torque_size(problem, torques)
+    left = torque_rounding(problem, solution.contact_torques)[joint]
     limit = (problem.upper_torque if torque >= 0.0 else problem.lower_torque)[joint]
+    told = shown(torque, size, "+", left)
     return (
-        f"Joint {problem.joint_names[joint]} is nearest its limit: {shown(torque, size, '+')} of "
+        f"Joint {problem.joint_names[joint]} is nearest its limit: {told} of "
         f"{limit:+.6g} {problem.joint_units[joint]}, {100.0 * shares[joint]:.1f} %."
     )

@@ -14,11 +14,20 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.joint_units import units_text
 from graspless_pin.solution.certificate import Certificate
-from graspless_pin.solution.utilization import contact_state, friction_use, limit_shares
+from graspless_pin.solution.utilization import (
+    contact_state,
+    force_sizes,
+    friction_use,
+    joint_sizes,
+    limit_shares,
+)
 
 _LEAST, _MOST = 0.01, 1e6
-"""Loads whose figures have four decimals in tables; there 1e-8 counts as zero."""
-_NOTHING = 1e-6
+"""Loads whose figures have four decimals in tables."""
+_NOTHING = 1e-7
+"""Of what a figure is beside: less is what solvers leave of zero."""
+_SMALLEST = 5e-5
+"""Smaller figures have no digit among four decimals."""
 _NO_MATHEMATICS = 'class="tex2jax_ignore mathjax_ignore"'
 """Notebooks would set what stands between dollar signs as mathematics; names may have any."""
 COLUMNS = 80
@@ -42,6 +51,7 @@ class Table(NamedTuple):
         floats: Format of cells that are floats.
         texts: Columns whose texts are none of numbers, whatever they look like. The first one is
             broken where a terminal of 80 columns would break the whole table.
+        figures: Columns of figures in the digits that they are to have.
     """
 
     rows: Sequence[Sequence[Any]]
@@ -49,6 +59,7 @@ class Table(NamedTuple):
     legend: str = ""
     floats: str = "g"
     texts: tuple[int, ...] = ()
+    figures: tuple[int, ...] = ()
 
     def __str__(self) -> str:
         """Return the table as text."""
@@ -63,9 +74,12 @@ class Table(NamedTuple):
         return f"{table}\n{self.legend}" if self.legend else table
 
     def _text(self, widths: Sequence[int | None] | None = None) -> str:
+        aligned = [
+            "right" if place in self.figures else "global" for place in range(len(self.headers))
+        ]
         return tabulate(
-            self.rows, self.headers, floatfmt=self.floats, stralign="left",
-            disable_numparse=list(self.texts), maxcolwidths=widths,
+            self.rows, self.headers, floatfmt=self.floats, stralign="left", colalign=aligned,
+            disable_numparse=[*self.texts, *self.figures], maxcolwidths=widths,
         )  # fmt: skip
 
     def html(self) -> str:
@@ -97,13 +111,20 @@ def joint_table(problem: QuasistaticProblem, from_contacts: FloatArray) -> Table
     torques = from_contacts + problem.gravity_torques
     size = torque_size(problem, torques)
     shares = limit_shares(torques, problem.lower_torque, problem.upper_torque)
-    columns = [
+    rounding = torque_rounding(problem, from_contacts)
+    columns: list[Sequence[str]] = [
         problem.joint_names,
-        _plain(from_contacts, size),
-        _plain(problem.gravity_torques, size),
-        _plain(torques, size),
-        problem.lower_torque,
-        problem.upper_torque,
+        *(
+            [
+                shown(value, size, "+", left)
+                for value, left in zip(column.tolist(), rounding, strict=True)
+            ]
+            for column in (from_contacts, problem.gravity_torques, torques)
+        ),
+        *(
+            [shown(value, size, "+", 0.0) for value in column.tolist()]
+            for column in (problem.lower_torque, problem.upper_torque)
+        ),
         [f"{100.0 * share:.1f} %" if np.isfinite(share) else "-" for share in shares],
     ]
     headers = list(_JOINT_HEADERS)
@@ -111,7 +132,9 @@ def joint_table(problem: QuasistaticProblem, from_contacts: FloatArray) -> Table
         columns.insert(1, [unit.value for unit in problem.joint_units])
         headers.insert(1, "unit")
     legend = f"torques in {units_text(problem.joint_units)}"
-    return Table(list(zip(*columns, strict=True)), headers, legend, digits_of(size, "+"), (0,))
+    last = len(headers) - 1
+    figures = tuple(range(last - 5, last))
+    return Table(list(zip(*columns, strict=True)), headers, legend, "g", (0,), figures)
 
 
 def contact_table(
@@ -129,18 +152,19 @@ def contact_table(
         bodies: M names of what touches the object at each contact; None: left out.
     """
     load, length, _ = problem.scales
-    normal = _plain(np.einsum("ij,ij->i", problem.normals, forces), load)
-    digits = digits_of(length, "+")
+    normal = np.einsum("ij,ij->i", problem.normals, forces)
     shares, tokens = _friction_shares(problem, forces), str(mode).split(" ")
-    rows = []
+    rows, rounding = [], force_rounding(problem)
     for contact in range(problem.contact_count):
-        where = " ".join(f"{x:{digits}}" for x in _plain(problem.positions[contact], length))
+        where = " ".join(coordinate(x, length) for x in problem.positions[contact].tolist())
         name = [bodies[contact]] if bodies is not None else []
-        rows.append([contact, *name, where, normal[contact], shares[contact], tokens[contact]])
+        force = shown(float(normal[contact]), load, "", rounding[contact])
+        rows.append([contact, *name, where, force, shares[contact], tokens[contact]])
     headers = ["#", "point [m]", "normal", "of mu", "slides"]
     if bodies is not None:
         headers.insert(1, "touching")
-    return Table(rows, headers, _CONTACT_LEGEND, digits_of(load), (1,))
+    figures = (headers.index("normal"),)
+    return Table(rows, headers, _CONTACT_LEGEND, "g", (1,), figures)
 
 
 def _friction_shares(problem: QuasistaticProblem, forces: FloatArray) -> list[str]:
@@ -205,43 +229,60 @@ def headed(head: str, text: str) -> str:
     return f"{head}:{between}{text}"
 
 
-def digits_of(size: float, sign: str = "") -> str:
-    """Return the format of figures of a size: four decimals, or five digits where it is far from 1.
+def shown(value: float, size: float, sign: str = "", rounding: float | None = None) -> str:
+    """Return a figure beside others: four decimals, or five digits where their size is far from 1.
+
+    What rounding leaves of zero is 0, and what four decimals do not show has its own digits.
 
     Args:
-        size: The load, or what it makes on the longest lever; a length.
+        value: The figure.
+        size: Of the others: the load, or what it makes on the longest lever; a length.
         sign: ``+`` to print it always.
+        rounding: The largest figure that is rounding of zero; None: 1e-7 of the size.
     """
-    return f"{sign}.4f" if _is_everyday(size) else f"{sign}.5g"
+    if abs(value) <= (_NOTHING * size if rounding is None else rounding):
+        return "0"
+    if not _is_everyday(size):
+        return f"{value:{sign}.5g}"
+    return f"{value:{sign}.1e}" if abs(value) < _SMALLEST else f"{value:{sign}.4f}"
 
 
-def shown(value: float, size: float, sign: str = "") -> str:
-    """Return a figure beside others of a size with the digits of `digits_of`."""
-    return f"{float(_plain(np.array(value), size)):{digits_of(size, sign)}}"
-
-
-def torque_size(problem: QuasistaticProblem, torques: FloatArray) -> float:
-    """Return what the load makes on the longest lever, or a larger torque; 1 without joints."""
-    sizes = [problem.scales.joints, np.abs(torques)]
-    return float(np.concatenate(sizes).max(initial=0.0)) or 1.0
+def coordinate(value: float, length: float) -> str:
+    """Return a coordinate beside others of a length, with its sign and all its decimals."""
+    return f"{round(value, 4) + 0.0:+.4f}" if _is_everyday(length) else shown(value, length, "+")
 
 
 def figure(value: float, size: float) -> str:
-    """Six digits of a figure beside others of a size; a billionth of these is rounding of zero."""
-    if _is_everyday(size):
-        return f"{round(value, 8) + 0.0:.6g}"
-    return f"{0.0 if abs(value) < 1e-2 * _NOTHING * size else value:.6g}"
+    """Return six digits of a figure beside others of a size; what rounding leaves of zero is 0."""
+    return f"{0.0 if abs(value) <= _NOTHING * size else value:.6g}"
+
+
+def torque_rounding(problem: QuasistaticProblem, from_contacts: FloatArray) -> list[float]:
+    """Return for each of L joints the largest torque that is rounding of zero.
+
+    Args:
+        problem: The problem.
+        from_contacts: (L,) torques that hold the contact forces.
+    """
+    sizes = [joint_sizes(problem), np.abs(problem.gravity_torques), np.abs(from_contacts)]
+    rounding: list[float] = (_NOTHING * np.maximum.reduce(sizes)).tolist()
+    return rounding
+
+
+def force_rounding(problem: QuasistaticProblem) -> list[float]:
+    """Return for each of M contacts the largest force that is rounding of zero."""
+    rounding: list[float] = (_NOTHING * force_sizes(problem)).tolist()
+    return rounding
+
+
+def torque_size(problem: QuasistaticProblem, torques: FloatArray) -> float:
+    """Return what the load or a limit makes of the largest torque; 1 without joints."""
+    sizes = [joint_sizes(problem), np.abs(torques)]
+    return float(np.concatenate(sizes).max(initial=0.0)) or 1.0
 
 
 def _is_everyday(size: float) -> bool:
     return _LEAST <= size <= _MOST
-
-
-def _plain(values: FloatArray, size: float) -> FloatArray:
-    """Round to the digits shown, without negative zeros; what rounding left of zero is zero."""
-    if _is_everyday(size):
-        return np.round(values, 4) + 0.0
-    return np.where(np.abs(values) < _NOTHING * size, 0.0, values)
 
 
 def _count(number: int, noun: str) -> str:

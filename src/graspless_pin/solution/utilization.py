@@ -6,8 +6,29 @@ import numpy as np
 
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.scales import LIMIT_TOLERANCE
 
 _AT_LIMIT = 1e-6
+_OWN_LEVER = 1e-3
+"""Of the longest lever at a contact: joints with a shorter one say nothing of forces there."""
+
+
+def joint_sizes(problem: QuasistaticProblem) -> FloatArray:
+    """(L,) what the load makes on each joint, or its limit where that is smaller."""
+    return problem.limit_tolerances[0] / LIMIT_TOLERANCE
+
+
+def force_sizes(problem: QuasistaticProblem) -> FloatArray:
+    """(M,) the load, N, or what the hand can do at a contact of its own where that is less."""
+    load = problem.scales.force
+    sizes = np.full(problem.contact_count, load)
+    if problem.strictness is None:
+        return sizes
+    blocks = problem.jacobian.reshape(problem.contact_count, 3, -1)
+    levers = np.sqrt((blocks**2).sum(axis=1))
+    own = (levers > 0.0) & (levers >= _OWN_LEVER * levers.max(axis=1, initial=0.0, keepdims=True))
+    forces = np.where(own, joint_sizes(problem), 0.0) / np.where(own, levers, 1.0)
+    return np.where(own.any(axis=1), np.minimum(forces.max(axis=1, initial=0.0), load), sizes)
 
 
 def friction_use(problem: QuasistaticProblem, forces: FloatArray) -> FloatArray:
@@ -30,7 +51,7 @@ def contact_state(problem: QuasistaticProblem, forces: FloatArray, contact: int)
     if not problem.has_cone[contact]:
         return "frictionless"
     room = problem.room_in_cones(forces)[contact]
-    return "at its limit" if room <= _AT_LIMIT * problem.scales.force else "sticking"
+    return "at its limit" if room <= _AT_LIMIT * force_sizes(problem)[contact] else "sticking"
 
 
 def limit_shares(torques: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:

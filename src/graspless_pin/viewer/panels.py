@@ -12,7 +12,7 @@ from graspless_pin.holding.verdict_words import parted
 from graspless_pin.problem.joint_units import units_text
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.solution import TorqueSolution
-from graspless_pin.solution.tables import shown, torque_size
+from graspless_pin.solution.tables import shown, torque_rounding, torque_size
 from graspless_pin.solution.utilization import limit_shares
 from graspless_pin.viewer.scene_process import SettingsAnswer
 from graspless_pin.visualization import DARK, LIGHT, Picture, Role
@@ -102,7 +102,7 @@ def torque_html(result: SettingsAnswer, *, dark: bool) -> str:
     shares = limit_shares(solution.torques, problem.lower_torque, problem.upper_torque)
     size = torque_size(problem, solution.torques)
     widest = solution.max_torque or size
-    rows = []
+    rows, rounding = [], torque_rounding(problem, solution.contact_torques)
     for index, name in enumerate(problem.joint_names):
         torque = float(solution.torques[index])
         low, high = _axis(problem.lower_torque[index], problem.upper_torque[index], widest)
@@ -114,7 +114,7 @@ def torque_html(result: SettingsAnswer, *, dark: bool) -> str:
             f'text-overflow:ellipsis" title="{escape(name)}">{escape(name)}</span>'
             f"{_bar(torque, low, high, color)}"
             '<span style="text-align:right;font-variant-numeric:tabular-nums">'
-            f"{shown(torque, size, '+')}</span></div>"
+            f"{shown(torque, size, '+', rounding[index])}</span></div>"
         )
     return (
         f'<div id="graspless-torques" style="{_TEXT};line-height:1.4"><b>Torques</b>{"".join(rows)}'

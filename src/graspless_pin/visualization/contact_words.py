@@ -9,7 +9,7 @@ import numpy as np
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.nearest_limits import ContactLimit, contact_rooms, limiting_contacts
-from graspless_pin.solution.tables import shown
+from graspless_pin.solution.tables import force_rounding, shown
 from graspless_pin.solution.utilization import contact_state, friction_use
 
 
@@ -33,19 +33,23 @@ def contact_words(
     normal = np.einsum("ij,ij->i", problem.normals, forces)
     friction = np.linalg.norm(forces - normal[:, None] * problem.normals, axis=1)
     rooms, use = contact_rooms(problem, forces), friction_use(problem, forces)
-    limiting = limiting_contacts(solution).items()
+    limiting, rounding = limiting_contacts(solution).items(), force_rounding(problem)
     lines = []
     for index, name in enumerate(names):
         held = f", {100.0 * use[index]:.0f} % of what μ = {problem.friction[index]:g} allows"
         nearest = int(np.argmin(rooms[index]))
         limits = [limit for limit, contacts in limiting if index in contacts]
-        away = f"{shown(float(rooms[index, nearest]), load)} N from "
+        room, own_normal, own_friction = (
+            shown(float(one), load, "", rounding[index])
+            for one in (rooms[index, nearest], normal[index], friction[index])
+        )
+        away = f"{room} N from "
         away += " and ".join(limits) or tuple(ContactLimit)[nearest]
         lines.append(
             (
                 name,
-                f"normal force {shown(float(normal[index]), load)} N",
-                f"friction {shown(float(friction[index]), load)} N"
+                f"normal force {own_normal} N",
+                f"friction {own_friction} N"
                 + ("" if np.isnan(use[index]) else held)
                 + f" ({contact_state(problem, forces, index)})",
                 away + (", which limits the margin" if limits else ""),

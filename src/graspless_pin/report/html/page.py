@@ -236,10 +236,12 @@ def _checks(document: dict[str, Any]) -> list[dict[str, str]]:
         raise ArgumentError("document", str(error)) from None
 
 
-def _number(value: float | None, *, size: float, signed: bool = False) -> str:
-    """Return a figure beside others of a size, with a true minus sign; a dash for none."""
+def _number(
+    value: float | None, *, size: float, signed: bool = False, rounding: float | None = None
+) -> str:
+    """Return a figure as `shown` does, with a true minus sign; a dash for none."""
     if value is None or np.isnan(value):
         return "–"
     if np.isinf(value):
         return ("+∞" if signed else "∞") if value > 0.0 else "−∞"
-    return shown(value, size, "+" if signed else "").replace("-", "−")
+    return shown(value, size, "+" if signed else "", rounding).replace("-", "−")

@@ -20,6 +20,12 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.report.html.case import Case
 from graspless_pin.report.verify import verify_document
 from graspless_pin.solution import TorqueSolution
+from graspless_pin.solution.tables import (
+    force_rounding,
+    shown,
+    torque_rounding,
+    torque_size,
+)
 from graspless_pin.solution.utilization import contact_state, friction_use, limit_shares
 from graspless_pin.visualization import LIGHT, Picture, Role
 
@@ -54,6 +60,8 @@ def joint_rows(solution: TorqueSolution) -> list[dict[str, Any]]:
     problem = solution.problem
     rows = []
     shares = np.full(problem.joint_count, np.nan)
+    made = solution.contact_torques if solution.found else np.zeros(problem.joint_count)
+    rounding = torque_rounding(problem, made)
     if solution.found:
         shares = limit_shares(solution.torques, problem.lower_torque, problem.upper_torque)
     for index, name in enumerate(problem.joint_names):
@@ -66,6 +74,7 @@ def joint_rows(solution: TorqueSolution) -> list[dict[str, Any]]:
                 "lower": problem.lower_torque[index],
                 "upper": problem.upper_torque[index],
                 "share": shares[index],
+                "rounding": rounding[index],
             }
         )
     return rows
@@ -80,7 +89,7 @@ def contact_rows(case: Case) -> list[dict[str, Any]]:
         for mesh in case.picture.of(Role.HAND)
         if mesh.finger is not None
     }
-    rows = []
+    rows, rounding = [], force_rounding(problem)
     for index in range(problem.contact_count):
         row: dict[str, Any] = {
             "finger": None if case.bodies is None else fingers.get(case.bodies[index]),
@@ -94,6 +103,7 @@ def contact_rows(case: Case) -> list[dict[str, Any]]:
             local = np.array([problem.normals[index] @ force, *(problem.tangents[index].T @ force)])
             row |= {
                 "force": local,
+                "rounding": rounding[index],
                 "use": friction_use(problem, solution.contact_forces)[index],
                 "state": contact_state(problem, solution.contact_forces, index),
                 "slides": _slides(solution, index),
@@ -115,9 +125,11 @@ def torque_figure(solution: TorqueSolution) -> str:
     """Return the torques as SVG."""
     problem = solution.problem
     top = int(np.argmax(np.abs(solution.torques)))
+    torque = float(solution.torques[top])
+    largest = shown(torque, torque_size(problem, solution.torques), "+")
     alt = (
         f"Bars of {problem.joint_count} motor torques between the marks of their limits. The "
-        f"largest is {solution.torques[top]:+.4g} at {problem.joint_names[top]}. The table has "
+        f"largest is {largest} at {problem.joint_names[top]}. The table has "
         "every figure."
     )
     size = (7.0, 0.9 + 0.24 * problem.joint_count)
@@ -127,16 +139,19 @@ def torque_figure(solution: TorqueSolution) -> str:
 def friction_figures(solution: TorqueSolution) -> list[str]:
     """Return the friction of each contact in the cut of its cone, as SVGs."""
     problem = solution.problem
-    figures = []
+    figures, rounding = [], force_rounding(problem)
     for contact in range(problem.contact_count):
         force = solution.contact_forces[contact]
         normal = float(problem.normals[contact] @ force)
         along = problem.tangents[contact].T @ force
         state = contact_state(problem, solution.contact_forces, contact)
+        first, second, radius = (
+            shown(float(one), problem.scales.force, "", rounding[contact])
+            for one in (*along, problem.friction[contact] * normal)
+        )
         alt = (
-            f"Contact {contact}, {state}: friction "
-            f"({along[0]:.4g}, {along[1]:.4g}) N along t1 and t2, in a cone of radius "
-            f"{problem.friction[contact] * normal:.4g} N."
+            f"Contact {contact}, {state}: friction ({first}, {second}) N along t1 and t2, in a "
+            f"cone of radius {radius} N."
         )
         draw = partial(friction_section, solution, contact)
         figures.append(_inline_svg(f"friction-{contact}", alt, _SECTION_SIZE, draw))
@@ -148,8 +163,9 @@ def range_rows(bounds: ContactForceBounds) -> list[dict[str, Any]]:
 
     A range is open where the torques do not fix the force, or are not proven to.
     """
-    columns = bounds.lower, bounds.upper, bounds.indeterminate | ~bounds.proven, bounds.proven
-    names = "lower", "upper", "open", "proven"
+    is_open, rounding = bounds.indeterminate | ~bounds.proven, force_rounding(bounds.problem)
+    columns = bounds.lower, bounds.upper, is_open, bounds.proven, rounding
+    names = "lower", "upper", "open", "proven", "rounding"
     return [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
 
 
