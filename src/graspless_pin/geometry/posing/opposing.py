@@ -26,6 +26,7 @@ from graspless_pin.geometry.posing.finger_joints import (
 from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
 from graspless_pin.problem.checks import FloatArray
 
+_PATIENCE, _FEW = 3, 4  # times the count that are tried, while fewer than its fourth are good
 _NEAR_START = 0.01  # m a half-range: how far off a tip may stay for a posture near the start
 _APART = 3.0  # how much more tips that overlap count than tips that are apart
 _MOST_EVALUATIONS = 40
@@ -34,7 +35,7 @@ _SLOWEST = 0.05  # of the quickest joint's rate
 _SAME_PLACE = 1e-9  # m
 _POINT = 1e-6  # m, radius of a point as coal knows it
 _AJAR = 0.4  # of the way to the open ends, where fingers should not be in each other
-_OVERLAP = 2e-3  # m that collision shapes may be too wide
+_OVERLAP = 1e-3  # m that collision shapes may be too wide
 _BESIDE = 0.5  # cosine between ways of closing, above which fingers stand beside each other
 _NEARLY_CLOSED = 0.05  # of the way to the open ends
 
@@ -122,7 +123,7 @@ def opposing_postures(
     Args:
         hand: The hand.
         fingers: Fingers with joints and shapes: see `fingers_that_close`.
-        count: How many postures to try.
+        count: How many postures to try; three times as many where next to none is good.
         rng: Where fingers and starts are drawn from.
 
     Returns:
@@ -137,14 +138,20 @@ def opposing_postures(
     fixed = () if more else carrier_links(hand, first)
     if fixed:
         return (_on_fixed_jaw(hand, first, fixed, (lower, upper)),)
-    found = []
-    for _ in range(count):
+    found, good = [], []
+    for tried in range(_PATIENCE * count):
+        if tried >= count and len(good) >= count // _FEW:
+            break
         size = int(rng.integers(min(2, len(fingers)), len(fingers) + 1))
         chosen = rng.permutation(len(fingers))[:size].tolist()
         members = tuple([fingers[index] for index in sorted(chosen)])
-        found.append(_posture(hand, fingers, members, (lower, upper), rng))
-    found.sort(key=lambda one: (max(one.overlap - _OVERLAP, 0.0), one.opposition))
-    good = [one for one in found if one.overlap <= _OVERLAP and one.opposition < _BESIDE]
+        one = _posture(hand, fingers, members, (lower, upper), rng)
+        found.append(one)
+        good += [one] if one.overlap <= _OVERLAP and one.opposition < _BESIDE else []
+    found, good = (
+        sorted(some, key=lambda one: (max(one.overlap - _OVERLAP, 0.0), one.opposition))
+        for some in (found, good)
+    )
     return tuple(good or found[:1])
 
 
@@ -297,7 +304,11 @@ def _met(
     if not moving:
         return closed
     half = 0.5 * (upper - lower)[moving]
-    start = rng.uniform(lower[moving] + _INSIDE * half, upper[moving] - _INSIDE * half)
+    drawn = rng.uniform(lower[moving] + _INSIDE * half, upper[moving] - _INSIDE * half)
+    straight = np.clip(
+        closed[moving], lower[moving] + _INSIDE * half, upper[moving] - _INSIDE * half
+    )
+    start = straight + rng.random() * (drawn - straight)  # far from straight fingers cross
 
     def misses(values: FloatArray) -> FloatArray:
         there = closed.copy()
