@@ -16,7 +16,7 @@ from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
 from graspless_pin.geometry.bodies.shapes import Box, HalfSpace, MeshShape, Sphere
 from graspless_pin.geometry.hand.mounts import Mount
-from graspless_pin.geometry.poses import pose_matrix
+from graspless_pin.geometry.poses import invert, pose_matrix
 from graspless_pin.geometry.posing.approaching import back_until_free, centering_shift, shortfall
 from graspless_pin.geometry.posing.opposing import fingers_that_close, opposing_postures
 from graspless_pin.geometry.robots.files import describe_urdf
@@ -187,6 +187,108 @@ def test_a_jaw_and_a_fixed_one_grip(tmp_path_factory: pytest.TempPathFactory) ->
     assert found.places and found.places[0].carrying_margin > 0.1
     for place in found.places:
         assert {"palm", "jaw"} == set(place.touching)
+
+
+# The gripper on an arm of six joints, one link of 0.3 m after another.
+ARM = "".join(
+    f"""<link name="{below}"><collision><origin xyz="0 0 {z}"/><geometry>
+    <box size="0.03 0.03 {length}"/></geometry></collision></link>
+    <joint name="{name}" type="revolute"><parent link="{below}"/><child link="{above}"/>
+    <origin xyz="0 0 {2 * z}"/><axis xyz="{axis}"/>
+    <limit lower="-2.8" upper="2.8" effort="50" velocity="1"/></joint>"""
+    for name, below, above, axis, z, length in [
+        ("turn", "base", "shoulder", "0 0 1", 0.03, 0.05),
+        ("lift", "shoulder", "upper", "0 1 0", 0.02, 0.03),
+        ("bend", "upper", "lower", "0 1 0", 0.15, 0.26),
+        ("roll", "lower", "wrist", "0 0 1", 0.15, 0.26),
+        ("nod", "wrist", "flange", "0 1 0", 0.02, 0.03),
+        ("spin", "flange", "palm", "0 0 1", 0.03, 0.05),
+    ]
+)
+GRIPPER = (
+    '<link name="palm"><collision><geometry><box size="0.14 0.04 0.02"/></geometry></collision>'
+    "</link>"
+    + FINGER.format(side="left", x=-0.01, axis=-1, mimic="")
+    + FINGER.format(side="right", x=0.01, axis=1, mimic='<mimic joint="left_slide"/>')
+)
+
+
+@pytest.fixture(scope="module")
+def on_arm(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    """A cube beside the base of the arm that carries the gripper."""
+    file = tmp_path_factory.mktemp("arm") / "arm.urdf"
+    file.write_text(f'<robot name="arm">{ARM}{GRIPPER}</robot>')
+    hand = Hand.assemble([Mount(describe_urdf(file), pose_matrix([-0.35, 0.0, 0.0]))])
+    cube = ManipulatedObject.from_shape("cube", CUBE, pose_matrix([0.0, 0.0, 0.025]), mass=0.3)
+    return scene_of(hand).with_changes(hand=hand, object=cube)
+
+
+def test_an_arm_reaches_from_where_its_base_is(on_arm: Scene) -> None:
+    found = quickly(on_arm, candidates=60, approach=DOWN)
+    assert found.places and found.places[0].carrying_margin > 0.1 and on_arm.hand is not None
+    for place in found.places:
+        hand = place.scene.hand
+        assert hand is not None
+        np.testing.assert_array_equal(hand.T_world_base, on_arm.hand.T_world_base)
+        assert any(hand.q[name] != on_arm.hand.q[name] for name in ("turn", "lift", "bend"))
+        assert {"left_jaw", "right_jaw"} <= set(place.touching)
+    moved = quickly(on_arm, candidates=60, approach=DOWN, move_base=True).places[0].scene.hand
+    assert moved is not None and moved.q["bend"] == on_arm.hand.q["bend"]
+    assert not np.allclose(moved.T_world_base, on_arm.hand.T_world_base)
+
+
+def test_an_object_out_of_an_arms_reach_is_a_reason(on_arm: Scene) -> None:
+    assert on_arm.hand is not None
+    far = on_arm.with_changes(hand=displaced_hand(on_arm.hand, pose_matrix([-1.0, 0.0, 0.0])))
+    found = quickly(far, candidates=20)
+    assert not found.places and found.faults == {PlacingFault.OUT_OF_REACH: 20}
+    assert "--move-base" in found.advice
+
+
+@pytest.fixture(scope="module")
+def two_grippers(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    """A beam on a table, and two grippers above it."""
+    file = tmp_path_factory.mktemp("two") / "gripper.urdf"
+    file.write_text(f'<robot name="gripper">{GRIPPER}</robot>')
+    robot = describe_urdf(file)
+    mounts = [
+        Mount(robot, pose_matrix([0.0, side, 1.0]), prefix)
+        for prefix, side in (("a_", -0.2), ("b_", 0.2))
+    ]
+    beam = ManipulatedObject.from_shape(
+        "beam", Box((0.05, 0.4, 0.05)), pose_matrix([0.0, 0.0, 0.025]), mass=0.3
+    )
+    hand = Hand.assemble(mounts)
+    return scene_of(hand).with_changes(hand=hand, object=beam)
+
+
+def test_each_of_two_hands_is_placed_by_itself(two_grippers: Scene) -> None:
+    assert two_grippers.hand is not None
+    apart = [*two_grippers.hand.base_poses.values()]
+    found = quickly(two_grippers, candidates=150, approach=DOWN)
+    assert found.places
+    for place in found.places:
+        assert place.scene.hand is not None
+        assert {link[:2] for link in place.touching} == {"a_", "b_"}
+        now = [*place.scene.hand.base_poses.values()]
+        assert not np.allclose(invert(now[0]) @ now[1], invert(apart[0]) @ apart[1])
+    one_body = quickly(two_grippers, candidates=30, approach=DOWN, together=True, aim="press")
+    for place in one_body.places:
+        assert place.scene.hand is not None
+        now = [*place.scene.hand.base_poses.values()]
+        np.testing.assert_allclose(invert(now[0]) @ now[1], invert(apart[0]) @ apart[1], atol=1e-9)
+
+
+def test_what_cannot_be_parted_is_said(two_grippers: Scene, on_arm: Scene) -> None:
+    hand = two_grippers.hand
+    assert hand is not None
+    jaws = {name: spec for name, spec in hand.fingers.items() if "left" in str(spec.joints)}
+    lone = replace(hand, fingers=jaws, palms=())
+    with pytest.raises(ArgumentError, match=r"together: .* only fingers of their mounts"):
+        place_hand(two_grippers.with_changes(hand=lone))
+    assert quickly(two_grippers.with_changes(hand=lone), candidates=2, together=True).tried == 2
+    with pytest.raises(ArgumentError, match="together: moves the bases of arms"):
+        place_hand(on_arm, together=True)
 
 
 def test_an_object_too_heavy_to_be_carried_is_still_gripped(gripper: Hand) -> None:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from graspless_pin.cli.outcome import ExitCode, loaded_scene, plain_errors, three_numbers
+from graspless_pin.cli.outcome import ExitCode, echo_note, loaded_scene, plain_errors, three_numbers
 from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.options import BRIEF_NODE_LIMIT
 from graspless_pin.planning import place_hand
@@ -50,6 +50,13 @@ def place(
             "--press", help="Take what need not be a grip, and rank by the margin with supports."
         ),
     ] = False,
+    together: Annotated[
+        bool, typer.Option("--together", help="Move several mounts as one body.")
+    ] = False,
+    move_base: Annotated[
+        bool,
+        typer.Option("--move-base", help="Move the base of an arm instead of reaching from it."),
+    ] = False,
     all_places: Annotated[
         bool, typer.Option("--all", help="Ask for the verdict of all places; print their table.")
     ] = False,
@@ -81,6 +88,8 @@ def place(
         if carry and press:
             raise ArgumentError("--carry", "and --press ask for different places; give one of them")
         loaded = loaded_scene(scene)
+        if loaded.hand is not None and len(loaded.hand.mounts) > 1 and not together:
+            echo_note("each mount is placed by itself; --together moves all as one body")
 
         def text(target: Path) -> str:
             with waiting_for("placing the hand") as say:
@@ -91,6 +100,8 @@ def place(
                     fingers=finger,
                     margin=margin,
                     aim="carry" if carry else "press" if press else "grip",
+                    together=together,
+                    move_base=move_base,
                     seed=seed,
                     candidates=candidates,
                     time_limit=time_limit,

@@ -148,7 +148,8 @@ def _tell_what_comes_next(made: NewSceneText, effort: float | None, output: Path
         )
     if made.unplaceable:
         first.append(f"graspless-pin place refuses this hand as it is ({made.unplaceable})")
-    first.append(f"{'then' if first else 'now'}: graspless-pin place {output} -o placed.yaml")
+    base = " --move-base" if made.on_arm else ""
+    first.append(f"{'then' if first else 'now'}: graspless-pin place {output} -o placed.yaml{base}")
     typer.echo("; ".join(first))
 
 

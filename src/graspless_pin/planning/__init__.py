@@ -12,7 +12,8 @@ from graspless_pin.planning.hand_placement import HandPlacement, PlacedHand
 from graspless_pin.planning.path import PathProfile, Waypoint, evaluate_path
 from graspless_pin.planning.path_export import joint_trajectory, write_path_csv
 from graspless_pin.planning.placing import place_hand
-from graspless_pin.planning.placing_candidates import PlacingAim, PlacingFault
+from graspless_pin.planning.placing_candidates import PlacingFault
+from graspless_pin.planning.placing_plan import PlacingAim
 
 __all__ = [
     "ConfigurationGradient",

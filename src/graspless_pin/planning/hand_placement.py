@@ -147,6 +147,8 @@ _LARGER = (
 _OTHERS = "try more candidates, other fingers or an approach of your own"
 _ADVICE = {
     PlacingFault.INTERNAL_ERROR: "this is our fault: please report it with the scene",
+    PlacingFault.OUT_OF_REACH: "the arm does not reach the object from its base: set base_pose, or "
+    "let the base move with move_base (--move-base)",
     PlacingFault.SUPPORT_IN_THE_WAY: f"nowhere is the open hand clear of the supports; {_OTHERS}",
     PlacingFault.OBJECT_IN_THE_WAY: f"nowhere is the open hand clear of the object; {_LARGER}",
     PlacingFault.TOUCHES_NOTHING: f"no finger reaches the object; {_LARGER}",

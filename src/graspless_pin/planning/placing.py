@@ -24,20 +24,18 @@ from graspless_pin.errors import (
 )
 from graspless_pin.findings import heard
 from graspless_pin.geometry.bodies.triangles import shape_triangles
-from graspless_pin.geometry.posing.opposing import fingers_that_close, opposing_postures
+from graspless_pin.geometry.posing.opposing import fingers_that_close
 from graspless_pin.holding.options import BRIEF_NODE_LIMIT
 from graspless_pin.holding.verdict import Stability, StabilityVerdict
 from graspless_pin.planning.hand_placement import HandPlacement, PlacedHand
 from graspless_pin.planning.placing_candidates import (
-    ClosedHand,
-    PlacingAim,
     PlacingFault,
-    PlacingPlan,
     TriedCandidate,
     carries,
     try_candidate,
     try_candidates,
 )
+from graspless_pin.planning.placing_plan import ClosedHand, PlacingAim, PlacingPlan, parts_of
 from graspless_pin.problem.checks import choice, finite_array, real_number, whole_number
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene, settle
@@ -49,7 +47,6 @@ from graspless_pin.solution import Status, TorqueSolution
 PlacingProgress = Callable[[int, int, int], object]
 """Called with how many candidates are done, how many there are, and how many are places."""
 
-_POSTURES = 24
 _PARENTS = 8
 _ORDER = Stability.STRONG, Stability.UNDECIDED, Stability.WEAK, Stability.NONE
 
@@ -62,6 +59,8 @@ def place_hand(
     fingers: Sequence[str] | None = None,
     margin: float | None = None,
     aim: str = PlacingAim.GRIP,
+    together: bool = False,
+    move_base: bool = False,
     seed: int = 0,
     candidates: int = 600,
     time_limit: float | None = 60.0,
@@ -95,6 +94,9 @@ def place_hand(
         fingers: Fingers that may close; None: all. The others stay as they are.
         margin: Smallest margin of a place, N; None: the scene's own, 0.1 N if it has none.
         aim: ``grip``, ``carry`` or ``press``.
+        together: Whether several mounts move as one body; else each is placed by itself.
+        move_base: Whether the bases of arms move; else they stay, and the arms bring the palms as
+            near to where they are wanted as they can. An arm has more than three joints.
         seed: Of all random choices.
         candidates: How many are tried.
         time_limit: After how many seconds it ends with what was found; None: it goes on.
@@ -121,7 +123,9 @@ def place_hand(
         True
     """
     begin = time.monotonic()
-    plan = _plan(scene, approach, point, fingers, margin, aim, seed)
+    plan = _plan(
+        scene, approach, point, fingers, margin, aim, seed, together=together, move_base=move_base
+    )
     count = whole_number("candidates", candidates, 1)
     limit = np.inf if time_limit is None else real_number("time_limit", time_limit, 0.0)
     crew = whole_number("workers", usable_cores() if workers is None else workers, 1)
@@ -160,6 +164,9 @@ def _plan(
     margin: float | None,
     aim: str,
     seed: int,
+    *,
+    together: bool,
+    move_base: bool,
 ) -> PlacingPlan:
     """Check what was given and return what all candidates share."""
     checked_scene(scene)
@@ -183,8 +190,7 @@ def _plan(
     return PlacingPlan(
         scene=resting,
         hand=scene.hand,
-        fingers=names,
-        postures=opposing_postures(scene.hand, names, _POSTURES, rng),
+        parts=parts_of(scene.hand, names, rng, together=together, move_base=move_base),
         normals=areas[sizes > 0.0] / sizes[sizes > 0.0, None],
         areas=sizes[sizes > 0.0],
         direction=None if way is None else way / np.linalg.norm(way),
@@ -306,7 +312,7 @@ def _ranked(
 
 
 def _place(plan: PlacingPlan, closed: ClosedHand) -> PlacedHand:
-    hand = displaced_hand(plan.hand.with_positions(closed.positions), closed.displacement)
+    hand = displaced_hand(plan.hand.with_positions(closed.positions), closed.displacements)
     scene = plan.scene.with_changes(hand=hand)
     return PlacedHand(scene, closed.margin, closed.carrying_margin, closed.touching, None)
 

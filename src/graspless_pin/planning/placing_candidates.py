@@ -1,4 +1,4 @@
-"""Candidates for a hand's place: drawn from a seed, brought to the object, closed and judged."""
+"""Candidates for a hand's place: brought to the object, closed and judged."""
 
 from __future__ import annotations
 
@@ -13,21 +13,29 @@ from scipy.spatial.transform import Rotation
 from graspless_pin.errors import GrasplessPinError, StateError, internal_error
 from graspless_pin.findings import heard
 from graspless_pin.geometry.bodies.collision import PlacedBodies
-from graspless_pin.geometry.contact.broad_phase import solids_of
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.pickling import Record
-from graspless_pin.geometry.poses import invert, transformed
+from graspless_pin.geometry.poses import invert
 from graspless_pin.geometry.posing.approaching import (
     back_until_free,
     centering_shift,
     moved_bodies,
     shortfall,
 )
+from graspless_pin.geometry.posing.arms import brought_palm
 from graspless_pin.geometry.posing.closing import ClosingResult, close_hand
 from graspless_pin.geometry.posing.finger_joints import driving_columns, groups_of_fingers
-from graspless_pin.geometry.posing.opposing import OpposingPosture, carrier_links
+from graspless_pin.geometry.posing.opposing import carrier_links
 from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
 from graspless_pin.holding.least_squares import nonnegative_squares
+from graspless_pin.planning.placing_plan import (
+    ClosedHand,
+    Draw,
+    HandPart,
+    PlacingAim,
+    PlacingPlan,
+    box_of,
+    drawn,
+)
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.contact_map import contact_map
@@ -36,31 +44,14 @@ from graspless_pin.scene.moved import displaced_hand
 from graspless_pin.solution import UNDECIDED, Status
 
 _CLEAR_OF_OBJECT = 2e-4  # m, of the open hand
-_OPENING = 0.3, 1.0  # share of the way to the open ends
-_DEPTH = 0.2, 1.1  # where on the way from palm to meeting point the object's point is
-_INNER = 0.5  # share of the object's box in which its points are
-_TILT = 0.25  # rad
-_ALIGNED = 0.5  # share of draws whose fingers close along a normal of the object
-_ACROSS = 0.7  # cosine between a normal and a given approach, above which it is not closed along
-_TURN, _SHIFT, _BEND = 0.15, 0.007, 0.1  # rad, m, share of the way to open: of a variation
-_TURNED = 0.5  # share of variations that turn: flat fingers that lie on a face may stay there
+_APPROACHES = 4  # times that an arm tries to be clear, as near as it gets to where it should be
+_OFF, _ASKEW = 0.03, 0.5  # m, rad: farther from there it is out of reach
 _CENTERINGS = 12
 _CENTERED = 2e-5  # m
 _CONE_EDGES = 8  # of the cones whose forces may squeeze
 _BALANCED = 1e-6  # share of the squeeze
 NODES = 200
 """Most nodes of the search for a candidate's torques."""
-
-
-class PlacingAim(StrEnum):
-    """What a place of a hand is to be good for. See the example of `place_hand`."""
-
-    GRIP = "grip"
-    """Two links squeeze the object; those that can carry it without its supports come first."""
-    CARRY = "carry"
-    """The hand can carry the object without its supports, by two links that squeeze it."""
-    PRESS = "press"
-    """The largest margin, by whatever means: one link may press the object onto a support."""
 
 
 class PlacingFault(StrEnum):
@@ -79,6 +70,7 @@ class PlacingFault(StrEnum):
         return member
 
     INTERNAL_ERROR = "internal-error", "an internal error left it out"
+    OUT_OF_REACH = "out-of-reach", "the arm does not bring the palm there from its base"
     SUPPORT_IN_THE_WAY = "support-in-the-way", "a support is in the way of the open hand"
     OBJECT_IN_THE_WAY = "object-in-the-way", "the object is in the way of the open hand"
     TOUCHES_NOTHING = "touches-nothing", "the fingers close without touching the object"
@@ -92,47 +84,6 @@ class PlacingFault(StrEnum):
     LOAD_TOO_LARGE = "load-too-large", "the load is too large for the limits of the joints"
     UNDECIDED = "undecided", "the search for torques ended without an answer"
     MARGIN_TOO_SMALL = "margin-too-small", "the margin is smaller than required"
-
-
-@dataclass(frozen=True, eq=False)
-class Draw(Record):
-    """Where a hand begins.
-
-    Attributes:
-        posture: Which of the postures its fingers are opened from.
-        opened: (a,) positions of its independent joints, rad or m.
-        displacement: (4, 4) T: its bases go from ``T_world_base`` to ``T @ T_world_base``.
-        direction: (3,) unit vector of its approach, world axes.
-        wrap: Whether fingers go on beyond a link that touches.
-    """
-
-    posture: int
-    opened: FloatArray
-    displacement: FloatArray
-    direction: FloatArray
-    wrap: bool
-
-
-@dataclass(frozen=True, eq=False)
-class ClosedHand(Record):
-    """A hand that was closed on the object and solved.
-
-    Attributes:
-        draw: Where it began.
-        displacement: (4, 4) T: its bases go from ``T_world_base`` to ``T @ T_world_base``.
-        positions: (a,) of its independent joints, rad or m.
-        touching: Its links that touch the object.
-        margin: Of Algorithm 1, N.
-        carrying_margin: The same without the supports and at rest, N; NaN: the hand cannot carry
-            the object by itself.
-    """
-
-    draw: Draw
-    displacement: FloatArray
-    positions: FloatArray
-    touching: tuple[str, ...]
-    margin: float
-    carrying_margin: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,39 +101,6 @@ class TriedCandidate:
     fault: PlacingFault | None
     closed: ClosedHand | None = None
     error: str = ""
-
-
-@dataclass(frozen=True, eq=False)
-class PlacingPlan(Record):
-    """What all candidates share.
-
-    Attributes:
-        scene: The scene with the hand where it is now; the object rests.
-        hand: Its hand.
-        fingers: Fingers that close.
-        postures: Postures to open them from.
-        normals: (F, 3) of the object's surface, world axes.
-        areas: (F,) of the surface that has them, m^2.
-        direction: (3,) unit vector of the approach, world axes; None: drawn.
-        point: (3,) that the palm goes for, world, m; None: drawn.
-        margin: That is required, N.
-        aim: What places are to be good for.
-        seed: Of all draws.
-        parents: Closed hands to vary; empty: hands are drawn anew.
-    """
-
-    scene: Scene
-    hand: Hand
-    fingers: tuple[str, ...]
-    postures: tuple[OpposingPosture, ...]
-    normals: FloatArray
-    areas: FloatArray
-    direction: FloatArray | None
-    point: FloatArray | None
-    margin: float
-    aim: PlacingAim
-    seed: int
-    parents: tuple[ClosedHand, ...] = ()
 
 
 def try_candidates(plan: PlacingPlan, numbers: Sequence[int]) -> Iterator[TriedCandidate]:
@@ -203,16 +121,30 @@ def try_candidate(plan: PlacingPlan, number: int) -> TriedCandidate:
 
 
 def _tried(plan: PlacingPlan, number: int) -> TriedCandidate:
-    draw = _drawn(plan, number)
-    brought = _brought(plan, draw)
-    if isinstance(brought, PlacingFault):
-        return TriedCandidate(number, brought)
-    closing, T = brought
-    hand = displaced_hand(_idle_fingers_opened(plan, draw, closing), T)
+    hand = plan.hand
+    positions = hand.positions[list(hand.tree.coupling.leaders)].copy()
+    displacements = np.repeat(np.eye(4)[None], len(hand.base_poses), axis=0)
+    draws = []
+    for index, part in enumerate(plan.parts):
+        rng = np.random.default_rng([plan.seed, number, *([index] if index else [])])
+        draw = drawn(plan, index, number, rng)
+        brought = _brought(plan, part, draw, rng)
+        if isinstance(brought, PlacingFault):
+            return TriedCandidate(number, brought)
+        closing, T = brought
+        columns = [k for name in part.fingers for k in driving_columns(hand, name)]
+        columns += [] if part.arm is None else part.arm.columns
+        positions[columns] = _idle_fingers_opened(part, draw, closing)[columns]
+        displacements[list(part.mounts)] = T
+        draws.append(draw)
+    closed = hand.with_positions(positions)
+    hand = displaced_hand(closed, displacements)
     tolerance = plan.scene.contact_tolerance
-    if shortfall(hand.placed_bodies, _supports(plan.scene), 1.5 * tolerance) > 0.0:
+    moved = frozenset().union(*(part.moved for part in plan.parts))
+    if shortfall(_of_links(hand, moved), _supports(plan.scene), 1.5 * tolerance) > 0.0:
         return TriedCandidate(number, PlacingFault.HAND_ON_SUPPORT)
-    if unwanted_overlaps(hand, tolerance=tolerance):
+    # One body is in itself wherever it is, and the pairs of links are known where it was.
+    if unwanted_overlaps(closed if len(plan.parts) == 1 else hand, tolerance=tolerance):
         return TriedCandidate(number, PlacingFault.HAND_THROUGH_ITSELF)
     scene = plan.scene.with_changes(hand=hand)
     try:
@@ -221,14 +153,13 @@ def _tried(plan: PlacingPlan, number: int) -> TriedCandidate:
         judged = PlacingFault.UNUSABLE_CONTACTS
     if isinstance(judged, PlacingFault):
         return TriedCandidate(number, judged)
-    positions = hand.positions[list(hand.tree.coupling.leaders)]
-    closed = ClosedHand(draw, T, positions, *judged)
+    found = ClosedHand(tuple(draws), displacements, positions, *judged)
     fault = None
-    if plan.aim is PlacingAim.CARRY and not carries(closed, plan.margin):
+    if plan.aim is PlacingAim.CARRY and not carries(found, plan.margin):
         fault = PlacingFault.CANNOT_CARRY
-    elif closed.margin < plan.margin:
+    elif found.margin < plan.margin:
         fault = PlacingFault.MARGIN_TOO_SMALL
-    return TriedCandidate(number, fault, closed)
+    return TriedCandidate(number, fault, found)
 
 
 def carries(closed: ClosedHand, margin: float) -> bool:
@@ -287,89 +218,39 @@ def squeezed(problem: QuasistaticProblem, bodies: Sequence[str]) -> bool:
     return len({bodies[index] for index in np.flatnonzero(shares).tolist()}) > 1
 
 
-def _drawn(plan: PlacingPlan, number: int) -> Draw:
-    rng = np.random.default_rng([plan.seed, number])
-    if plan.parents:
-        return _varied(plan, plan.parents[number % len(plan.parents)].draw, rng)
-    index = int(rng.integers(len(plan.postures)))
-    posture = plan.postures[index]
-    opened = posture.closed + rng.uniform(*_OPENING) * (posture.opened - posture.closed)
-    R = _turned(plan, posture, rng)
-    direction = R @ posture.axis if plan.direction is None else plan.direction
-    low, high = _box(plan.scene)
-    inside = 0.5 * (low + high) + rng.uniform(-0.5, 0.5, 3) * _INNER * (high - low)
-    point = plan.point
-    if point is None:
-        point = transformed(plan.scene.object.T_world_object, inside)
-    grip = posture.palm + rng.uniform(*_DEPTH) * (posture.meeting - posture.palm)
-    T = np.eye(4)
-    T[:3, :3] = R
-    T[:3, 3] = point - T[:3, :3] @ grip
-    return Draw(index, opened, T, direction, bool(rng.random() < 0.5))
+def _brought(
+    plan: PlacingPlan, part: HandPart, draw: Draw, rng: np.random.Generator
+) -> tuple[ClosingResult, FloatArray] | PlacingFault:
+    """Bring an open part of the hand to the object and close it there.
 
-
-def _turned(plan: PlacingPlan, posture: OpposingPosture, rng: np.random.Generator) -> FloatArray:
-    """Return a random (3, 3) turn of the hand; half of them close along a normal of the object."""
-    if rng.random() < _ALIGNED:
-        areas = plan.areas
-        if plan.direction is not None:
-            areas = np.where(np.abs(plan.normals @ plan.direction) < _ACROSS, areas, 0.0)
-        if areas.sum() > 0.0:
-            normal = rng.choice(plan.normals, p=areas / areas.sum())
-            if plan.direction is None:
-                roll = Rotation.from_rotvec(rng.uniform(0.0, 2.0 * np.pi) * normal)
-                facing = Rotation.align_vectors(normal[None], posture.closing[None])[0]
-                return (roll * facing).as_matrix()
-            pair = np.stack([plan.direction, normal]), np.stack([posture.axis, posture.closing])
-            return Rotation.align_vectors(*pair, weights=[np.inf, 1.0])[0].as_matrix()
-    direction = plan.direction
-    if direction is None:
-        drawn = rng.normal(size=3)
-        direction = drawn / np.linalg.norm(drawn)
-    tilt = Rotation.from_rotvec(rng.normal(size=3) * _TILT)
-    roll = Rotation.from_rotvec(rng.uniform(0.0, 2.0 * np.pi) * direction)
-    facing = Rotation.align_vectors(direction[None], posture.axis[None])[0]
-    return (roll * facing * tilt).as_matrix()
-
-
-def _varied(plan: PlacingPlan, draw: Draw, rng: np.random.Generator) -> Draw:
-    """Return a draw near another one."""
-    posture = plan.postures[draw.posture]
-    way = rng.normal(size=3) * _TURN * (rng.random() < _TURNED)
-    turn = Rotation.from_rotvec(way).as_matrix()
-    center = plan.scene.object.center_of_mass_world
-    change = np.eye(4)
-    change[:3, :3] = turn
-    change[:3, 3] = center - turn @ center + rng.normal(size=3) * _SHIFT
-    bend = _BEND * rng.normal(size=len(draw.opened)) * (posture.opened - posture.closed)
-    ends = np.sort([posture.closed, posture.opened], axis=0)
-    opened = np.clip(draw.opened + bend, *ends)
-    direction = draw.direction if plan.direction is not None else turn @ draw.direction
-    return Draw(draw.posture, opened, change @ draw.displacement, direction, not draw.wrap)
-
-
-def _brought(plan: PlacingPlan, draw: Draw) -> tuple[ClosingResult, FloatArray] | PlacingFault:
-    """Bring the open hand to the object and close it there.
-
-    The hand stays where it is and the object comes to it, which is the same and quicker.
+    Without an arm the hand stays where it is and the object comes to it, which is the same and
+    quicker.
 
     Returns:
-        The hand closed where it is, and the displacement that takes it to the object.
+        The hand closed, and the displacement that takes the part's mounts to the object.
     """
-    scene, posture = plan.scene, plan.postures[draw.posture]
-    pieces, hand = scene.object.placed_bodies, plan.hand.with_positions(draw.opened)
-    low, high = _box(scene)
+    scene, posture = plan.scene, part.postures[draw.posture]
+    pieces = scene.object.placed_bodies
+    low, high = box_of(scene)
     farthest = float(np.linalg.norm(posture.meeting - posture.palm) + np.linalg.norm(high - low))
     obstacles = (
         (pieces, _CLEAR_OF_OBJECT),
         (_supports(scene), 2.0 * scene.contact_tolerance),
     )
-    open_hand = moved_bodies(hand.placed_bodies, draw.displacement)
-    back, last = back_until_free(open_hand, obstacles, draw.direction, farthest)
-    if back is None:
-        return (PlacingFault.OBJECT_IN_THE_WAY, PlacingFault.SUPPORT_IN_THE_WAY)[last]
-    T = np.array(draw.displacement)
-    T[:3, 3] -= back * draw.direction
+    stance = _stance(part, plan.hand.with_positions(draw.opened), draw.displacement, rng)
+    for _ in range(_APPROACHES):
+        if stance is None:
+            return PlacingFault.OUT_OF_REACH
+        hand, T = stance
+        open_hand = moved_bodies(_of_links(hand, part.links), T)
+        back, last = back_until_free(open_hand, obstacles, draw.direction, farthest)
+        if back is None:
+            return (PlacingFault.OBJECT_IN_THE_WAY, PlacingFault.SUPPORT_IN_THE_WAY)[last]
+        stance = _stance(part, hand, _shifted(T, -back * draw.direction), rng) if back else stance
+        if part.arm is None or not back:
+            break
+    else:
+        return PlacingFault.OBJECT_IN_THE_WAY
     rates = {
         name: float(rate)
         for name, rate in zip(
@@ -377,19 +258,57 @@ def _brought(plan: PlacingPlan, draw: Draw) -> tuple[ClosingResult, FloatArray] 
         )
         if rate != 0.0
     }
-    together = _jaws(hand, plan.fingers)
+    together = _jaws(plan.hand, part.fingers)
     for left in reversed(range(_CENTERINGS)):
+        if stance is None:
+            return PlacingFault.OUT_OF_REACH
+        hand, T = stance
+        if left < _CENTERINGS - 1:
+            open_hand = moved_bodies(_of_links(hand, part.links), T)
+            if shortfall(open_hand, pieces, 0.0) > 0.0:
+                break
         target = scene.object.with_pose(invert(T) @ scene.object.T_world_object)
-        closing = close_hand(hand, target, fingers=plan.fingers, wrap=draw.wrap, rates=rates)
+        closing = close_hand(hand, target, fingers=part.fingers, wrap=draw.wrap, rates=rates)
         if not closing.touching:
             return PlacingFault.TOUCHES_NOTHING
         shift = _shift_of(closing, together, target.placed_bodies)
         if not left or np.linalg.norm(shift) < _CENTERED:
             return closing, T
-        T[:3, 3] += T[:3, :3] @ shift
-        if shortfall(moved_bodies(hand.placed_bodies, T), pieces, 0.0) > 0.0:
-            break
+        stance = _stance(part, hand, _shifted(T, T[:3, :3] @ shift), rng)
     return PlacingFault.OBJECT_IN_THE_WAY
+
+
+def _stance(
+    part: HandPart, hand: Hand, T: FloatArray, rng: np.random.Generator
+) -> tuple[Hand, FloatArray] | None:
+    """Return a hand, and the displacement from where it is, for a part to go by T from there.
+
+    An arm brings its palm as near to that as it can, and nothing is left to go by; None: that is
+    not near enough.
+    """
+    if part.arm is None:
+        return hand, T
+    wanted = T @ hand.tree.kinematics(hand.positions).T_world_joint[part.arm.joint]
+    positions, there = brought_palm(hand, part.arm, wanted, rng)
+    turn = Rotation.from_matrix(wanted[:3, :3].T @ there[:3, :3]).magnitude()
+    if np.linalg.norm(wanted[:3, 3] - there[:3, 3]) > _OFF or turn > _ASKEW:
+        return None
+    return hand.with_positions(positions), np.eye(4)
+
+
+def _shifted(T: FloatArray, way: FloatArray) -> FloatArray:
+    """Return a pose (4, 4) moved by (3,) m."""
+    moved = np.array(T)
+    moved[:3, 3] += way
+    return moved
+
+
+def _of_links(hand: Hand, links: frozenset[str]) -> PlacedBodies:
+    """Return the shapes of some links."""
+    bodies = hand.placed_bodies
+    if links.issuperset(bodies.shapes.names):
+        return bodies
+    return PlacedBodies.of([one for one in bodies if one.name in links])
 
 
 def _jaws(hand: Hand, fingers: Sequence[str]) -> list[list[Sequence[str]]]:
@@ -413,24 +332,18 @@ def _shift_of(
     return np.zeros(3)
 
 
-def _idle_fingers_opened(plan: PlacingPlan, draw: Draw, closing: ClosingResult) -> Hand:
-    """Return the closed hand with the fingers that touch nothing open again, out of the way."""
-    positions = closing.hand.positions[list(plan.hand.tree.coupling.leaders)].copy()
+def _idle_fingers_opened(part: HandPart, draw: Draw, closing: ClosingResult) -> FloatArray:
+    """Return (a,) positions with the fingers that touch nothing open again, out of the way."""
+    hand = closing.hand
+    positions = hand.positions[list(hand.tree.coupling.leaders)].copy()
     idle = {one.finger for one in closing.fingers if not one.touching}
-    for group in groups_of_fingers(plan.hand, plan.fingers):
+    for group in groups_of_fingers(hand, part.fingers):
         if idle.issuperset(group):
             for finger in group:
-                columns = driving_columns(plan.hand, finger)
+                columns = driving_columns(hand, finger)
                 positions[columns] = draw.opened[columns]
-    return closing.hand.with_positions(positions)
+    return positions
 
 
 def _supports(scene: Scene) -> PlacedBodies:
     return PlacedBodies.joined([support.placed_bodies for support in scene.supports])
-
-
-def _box(scene: Scene) -> tuple[FloatArray, FloatArray]:
-    """Return the lowest and highest corner of the box around the object along its own axes, m."""
-    solids = solids_of(scene.object.shapes)
-    low = (solids.centers - solids.half_extents).min(axis=0)
-    return low, (solids.centers + solids.half_extents).max(axis=0)

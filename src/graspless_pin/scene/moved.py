@@ -29,17 +29,21 @@ def moved_scene(scene: Scene, change: FloatArray) -> Scene:
 
 
 def displaced_hand(hand: Hand, T: FloatArray) -> Hand:
-    """Return the hand with the bases of all its mounts moved together; the joints stay.
+    """Return the hand with the bases of its mounts moved; the joints stay.
 
     Args:
         hand: The hand.
-        T: (4, 4) pose, world axes: each ``T_world_base`` becomes ``T @ T_world_base``.
+        T: (4, 4) pose, world axes, or one by mount, (N, 4, 4): each ``T_world_base`` becomes
+            ``T @ T_world_base``.
     """
-    poses = {prefix: T @ pose for prefix, pose in hand.base_poses.items()}
+    ways = np.broadcast_to(T, (len(hand.mounts), 4, 4))
+    poses = {
+        prefix: way @ pose
+        for way, (prefix, pose) in zip(ways, hand.base_poses.items(), strict=True)
+    }
     mounts = tuple(replace(one, T_world_base=poses[one.prefix]) for one in hand.mounts)
-    return replace(
-        hand, tree=displaced_tree(hand.tree, [T] * len(mounts)), base_poses=poses, mounts=mounts
-    )
+    tree = displaced_tree(hand.tree, list(ways))
+    return replace(hand, tree=tree, base_poses=poses, mounts=mounts)
 
 
 def bent_hand(hand: Hand, change: FloatArray) -> Hand:

@@ -21,7 +21,8 @@ from graspless_pin.geometry.hand.fingers import driving_joints
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.poses import pose_matrix
-from graspless_pin.geometry.posing.opposing import fingers_that_close
+from graspless_pin.geometry.posing.arms import arm_above
+from graspless_pin.geometry.posing.opposing import carrier_of, fingers_that_close
 from graspless_pin.geometry.posing.resting import clear_base, lying_object
 from graspless_pin.geometry.robots.description import RobotDescription
 from graspless_pin.geometry.robots.files import find_robot
@@ -79,12 +80,14 @@ class NewSceneText(NamedTuple):
         kept: Limits (N m, N) by actuator that the robot's files state, so that `NewScene.effort`
             does not count; empty where that is None.
         unplaceable: Why no place can be found for the hand; empty: it can be looked for.
+        on_arm: Whether an arm carries the hand, whose base is out of reach of the object.
     """
 
     text: str
     left_open: tuple[str, ...]
     kept: Mapping[str, float]
     unplaceable: str
+    on_arm: bool
 
 
 def new_scene_text(new: NewScene, target: Path) -> NewSceneText:
@@ -140,7 +143,8 @@ def new_scene_text(new: NewScene, target: Path) -> NewSceneText:
         slope=_slope(new.slope),
         axes=_axes(new.slope),
     )
-    return NewSceneText(text, left_open, kept, unplaceable)
+    on_arm = any(arm_above(hand, carrier_of(hand, name)) for name in hand.fingers)
+    return NewSceneText(text, left_open, kept, unplaceable, on_arm)
 
 
 _TEXT = """\

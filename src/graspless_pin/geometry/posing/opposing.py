@@ -135,7 +135,7 @@ def opposing_postures(
     lower = np.where(np.isfinite(ends[0]), ends[0], start - np.pi)
     upper = np.where(np.isfinite(ends[1]), ends[1], start + np.pi)
     first, *more = fingers
-    fixed = () if more else carrier_links(hand, first)
+    fixed = () if more or not is_fixed_jaw(hand, first) else carrier_links(hand, first)
     if fixed:
         return (_on_fixed_jaw(hand, first, fixed, (lower, upper)),)
     found, good = [], []
@@ -164,14 +164,24 @@ def tip_shapes(hand: Hand, finger: str) -> list[LinkGeometry]:
     return [item for item in hand.tree.geometries if item.link in last]
 
 
+def carrier_of(hand: Hand, finger: str) -> int:
+    """Return the Pinocchio index of the joint that carries what a finger hangs on, 0: the base."""
+    tree = hand.tree
+    first = min(tree.joint_index[joint] for joint in hand.fingers[finger].joints)
+    return int(tree.pinocchio_model.parents[1 + first])
+
+
 def carrier_links(hand: Hand, finger: str) -> tuple[str, ...]:
     """Return the links with shapes of the body that a finger hangs on, such as a fixed jaw."""
-    tree = hand.tree
-    first = min(hand.fingers[finger].joints, key=tree.joint_index.__getitem__)
-    carrier = tree.pinocchio_model.parents[1 + tree.joint_index[first]]
-    robot = next(names for names, _ in tree.bases if first in names)
+    tree, carrier = hand.tree, carrier_of(hand, finger)
+    robot = next(names for names, _ in tree.bases if hand.fingers[finger].joints[0] in names)
     own = [item.link for item in tree.geometries if item.joint == carrier and item.link in robot]
     return tuple(dict.fromkeys(own))
+
+
+def is_fixed_jaw(hand: Hand, finger: str) -> bool:
+    """Return whether a finger hangs on a palm, which it closes on where it is alone."""
+    return any(hand.tree.link_joints[palm] == carrier_of(hand, finger) for palm in hand.palms)
 
 
 class _Tips:

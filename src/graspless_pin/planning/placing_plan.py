@@ -1,0 +1,293 @@
+"""What all candidates for a hand's place share, and how each begins: drawn from a seed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.contact.broad_phase import solids_of
+from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.geometry.pickling import Record
+from graspless_pin.geometry.poses import transformed
+from graspless_pin.geometry.posing.arms import Arm, arm_above
+from graspless_pin.geometry.posing.opposing import (
+    OpposingPosture,
+    carrier_of,
+    is_fixed_jaw,
+    opposing_postures,
+)
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.scene import Scene
+
+_POSTURES = 24
+_OPENING = 0.3, 1.0  # share of the way to the open ends
+_DEPTH = 0.2, 1.1  # where on the way from palm to meeting point the object's point is
+_INNER = 0.5  # share of the object's box in which its points are
+_TILT = 0.25  # rad
+_ALIGNED = 0.5  # share of draws whose fingers close along a normal of the object
+_ACROSS = 0.7  # cosine between a normal and a given approach, above which it is not closed along
+_TURN, _SHIFT, _BEND = 0.15, 0.007, 0.1  # rad, m, share of the way to open: of a variation
+_TURNED = 0.5  # share of variations that turn: flat fingers that lie on a face may stay there
+
+
+class PlacingAim(StrEnum):
+    """What a place of a hand is to be good for. See the example of `place_hand`."""
+
+    GRIP = "grip"
+    """Two links squeeze the object; those that can carry it without its supports come first."""
+    CARRY = "carry"
+    """The hand can carry the object without its supports, by two links that squeeze it."""
+    PRESS = "press"
+    """The largest margin, by whatever means: one link may press the object onto a support."""
+
+
+@dataclass(frozen=True, eq=False)
+class HandPart(Record):
+    """What of a hand is brought to the object by itself: a mounted robot, or all as one body.
+
+    Attributes:
+        fingers: Fingers that close.
+        postures: Postures to open them from.
+        mounts: Which mounts move with their bases; none if an arm moves the palm.
+        arm: The arm; None: the bases move.
+        links: Links that go for the object: those of the mounts, or those below the arm's palm.
+        moved: These, and those of the arm that moves them.
+    """
+
+    fingers: tuple[str, ...]
+    postures: tuple[OpposingPosture, ...]
+    mounts: tuple[int, ...]
+    arm: Arm | None
+    links: frozenset[str]
+    moved: frozenset[str]
+
+
+@dataclass(frozen=True, eq=False)
+class Draw(Record):
+    """Where a hand begins.
+
+    Attributes:
+        posture: Which of the postures its fingers are opened from.
+        opened: (a,) positions of its independent joints, rad or m.
+        displacement: (4, 4) T that its palm goes by, world axes.
+        direction: (3,) unit vector of its approach, world axes.
+        wrap: Whether fingers go on beyond a link that touches.
+    """
+
+    posture: int
+    opened: FloatArray
+    displacement: FloatArray
+    direction: FloatArray
+    wrap: bool
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedHand(Record):
+    """A hand that was closed on the object and solved.
+
+    Attributes:
+        draws: Where its parts began.
+        displacements: (N, 4, 4) T by mount: its base goes from ``T_world_base`` to
+            ``T @ T_world_base``.
+        positions: (a,) of its independent joints, rad or m.
+        touching: Its links that touch the object.
+        margin: Of Algorithm 1, N.
+        carrying_margin: The same without the supports and at rest, N; NaN: the hand cannot carry
+            the object by itself.
+    """
+
+    draws: tuple[Draw, ...]
+    displacements: FloatArray
+    positions: FloatArray
+    touching: tuple[str, ...]
+    margin: float
+    carrying_margin: float
+
+
+@dataclass(frozen=True, eq=False)
+class PlacingPlan(Record):
+    """What all candidates share.
+
+    Attributes:
+        scene: The scene with the hand where it is now; the object rests.
+        hand: Its hand.
+        parts: What of the hand is brought to the object by itself.
+        normals: (F, 3) of the object's surface, world axes.
+        areas: (F,) of the surface that has them, m^2.
+        direction: (3,) unit vector of the approach, world axes; None: drawn.
+        point: (3,) that the palm goes for, world, m; None: drawn.
+        margin: That is required, N.
+        aim: What places are to be good for.
+        seed: Of all draws.
+        parents: Closed hands to vary; empty: hands are drawn anew.
+    """
+
+    scene: Scene
+    hand: Hand
+    parts: tuple[HandPart, ...]
+    normals: FloatArray
+    areas: FloatArray
+    direction: FloatArray | None
+    point: FloatArray | None
+    margin: float
+    aim: PlacingAim
+    seed: int
+    parents: tuple[ClosedHand, ...] = ()
+
+
+def parts_of(
+    hand: Hand,
+    fingers: Sequence[str],
+    rng: np.random.Generator,
+    *,
+    together: bool,
+    move_base: bool,
+) -> tuple[HandPart, ...]:
+    """Return what of a hand is brought to the object by itself.
+
+    Args:
+        hand: The hand.
+        fingers: Fingers that close: see `fingers_that_close`.
+        rng: Where postures are drawn from.
+        together: Whether all mounts move as one body.
+        move_base: Whether robots move with their bases, whose arms could bring their palms.
+
+    Raises:
+        ArgumentError: If the arms of these fingers differ, or a mount has a single finger.
+    """
+    bases = [names for names, _ in hand.tree.bases]
+    of_finger = {
+        name: next(k for k, own in enumerate(bases) if hand.fingers[name].joints[0] in own)
+        for name in fingers
+    }
+    groups = {k: [name for name in fingers if of_finger[name] == k] for k in of_finger.values()}
+    arms = {k: None if move_base else _arm_of(hand, own) for k, own in groups.items()}
+    if together and any(arms.values()):
+        raise ArgumentError(
+            "together", "moves the bases of arms: ask for that, too, with move_base (--move-base)"
+        )
+    lone = [own[0] for own in groups.values() if len(own) == 1 and not is_fixed_jaw(hand, own[0])]
+    if len(bases) > 1 and lone and not together:
+        raise ArgumentError(
+            "together",
+            f"{', '.join(lone)} are the only fingers of their mounts, and grip with the others as "
+            "one body; ask for that (--together)",
+        )
+    if together or len(bases) == 1:
+        arm = arms[next(iter(arms))]
+        mounts = () if arm else tuple(range(len(bases)))
+        return (_part(hand, tuple(fingers), mounts, arm, rng),)
+    return tuple(
+        _part(hand, tuple(own), () if arms[k] else (k,), arms[k], rng) for k, own in groups.items()
+    )
+
+
+def _arm_of(hand: Hand, fingers: Sequence[str]) -> Arm | None:
+    """Return the arm that carries some fingers of one robot, None where there is none."""
+    found = {name: arm_above(hand, carrier_of(hand, name)) for name in fingers}
+    joints = {0 if arm is None else arm.joint for arm in found.values()}
+    if len(joints) > 1:
+        raise ArgumentError(
+            "fingers",
+            f"{', '.join(found)} hang on different palms of one robot: name those of one palm "
+            "(--finger), or let the robot move with its base: move_base (--move-base)",
+        )
+    return found[fingers[0]]
+
+
+def _part(
+    hand: Hand,
+    fingers: tuple[str, ...],
+    mounts: tuple[int, ...],
+    arm: Arm | None,
+    rng: np.random.Generator,
+) -> HandPart:
+    tree = hand.tree
+    bases = [names for names, _ in tree.bases]
+    links = frozenset(link for k in mounts for link in bases[k] if link in tree.link_frames)
+    moved = links
+    if arm is not None:
+        links, moved = arm.links(tree), arm.moved_links(tree)
+    postures = opposing_postures(hand, fingers, _POSTURES, rng)
+    return HandPart(fingers, postures, mounts, arm, links, moved)
+
+
+def drawn(plan: PlacingPlan, index: int, number: int, rng: np.random.Generator) -> Draw:
+    """Return where a part of the hand begins in a candidate.
+
+    Args:
+        plan: The plan.
+        index: Of the part.
+        number: Of the candidate.
+        rng: Of both.
+    """
+    if plan.parents:
+        return _varied(plan, index, plan.parents[number % len(plan.parents)].draws[index], rng)
+    postures = plan.parts[index].postures
+    chosen = int(rng.integers(len(postures)))
+    posture = postures[chosen]
+    opened = posture.closed + rng.uniform(*_OPENING) * (posture.opened - posture.closed)
+    R = _turned(plan, posture, rng)
+    direction = R @ posture.axis if plan.direction is None else plan.direction
+    low, high = box_of(plan.scene)
+    inside = 0.5 * (low + high) + rng.uniform(-0.5, 0.5, 3) * _INNER * (high - low)
+    point = plan.point
+    if point is None:
+        point = transformed(plan.scene.object.T_world_object, inside)
+    grip = posture.palm + rng.uniform(*_DEPTH) * (posture.meeting - posture.palm)
+    T = np.eye(4)
+    T[:3, :3] = R
+    T[:3, 3] = point - T[:3, :3] @ grip
+    return Draw(chosen, opened, T, direction, bool(rng.random() < 0.5))
+
+
+def _turned(plan: PlacingPlan, posture: OpposingPosture, rng: np.random.Generator) -> FloatArray:
+    """Return a random (3, 3) turn of the hand; half of them close along a normal of the object."""
+    if rng.random() < _ALIGNED:
+        areas = plan.areas
+        if plan.direction is not None:
+            areas = np.where(np.abs(plan.normals @ plan.direction) < _ACROSS, areas, 0.0)
+        if areas.sum() > 0.0:
+            normal = rng.choice(plan.normals, p=areas / areas.sum())
+            if plan.direction is None:
+                roll = Rotation.from_rotvec(rng.uniform(0.0, 2.0 * np.pi) * normal)
+                facing = Rotation.align_vectors(normal[None], posture.closing[None])[0]
+                return (roll * facing).as_matrix()
+            pair = np.stack([plan.direction, normal]), np.stack([posture.axis, posture.closing])
+            return Rotation.align_vectors(*pair, weights=[np.inf, 1.0])[0].as_matrix()
+    direction = plan.direction
+    if direction is None:
+        drawn = rng.normal(size=3)
+        direction = drawn / np.linalg.norm(drawn)
+    tilt = Rotation.from_rotvec(rng.normal(size=3) * _TILT)
+    roll = Rotation.from_rotvec(rng.uniform(0.0, 2.0 * np.pi) * direction)
+    facing = Rotation.align_vectors(direction[None], posture.axis[None])[0]
+    return (roll * facing * tilt).as_matrix()
+
+
+def _varied(plan: PlacingPlan, index: int, draw: Draw, rng: np.random.Generator) -> Draw:
+    """Return a draw near another one."""
+    posture = plan.parts[index].postures[draw.posture]
+    way = rng.normal(size=3) * _TURN * (rng.random() < _TURNED)
+    turn = Rotation.from_rotvec(way).as_matrix()
+    center = plan.scene.object.center_of_mass_world
+    change = np.eye(4)
+    change[:3, :3] = turn
+    change[:3, 3] = center - turn @ center + rng.normal(size=3) * _SHIFT
+    bend = _BEND * rng.normal(size=len(draw.opened)) * (posture.opened - posture.closed)
+    ends = np.sort([posture.closed, posture.opened], axis=0)
+    opened = np.clip(draw.opened + bend, *ends)
+    direction = draw.direction if plan.direction is not None else turn @ draw.direction
+    return Draw(draw.posture, opened, change @ draw.displacement, direction, not draw.wrap)
+
+
+def box_of(scene: Scene) -> tuple[FloatArray, FloatArray]:
+    """Return the lowest and highest corner of the box around the object along its own axes, m."""
+    solids = solids_of(scene.object.shapes)
+    low = (solids.centers - solids.half_extents).min(axis=0)
+    return low, (solids.centers + solids.half_extents).max(axis=0)
