@@ -121,7 +121,7 @@ def test_a_coarser_resolution_takes_a_slow_slide_for_rest() -> None:
 
 @pytest.mark.parametrize(("options", "name"), [
     ({"acceleration_resolution": 0.0}, "acceleration_resolution"),
-    ({"acceleration_resolution": 2.0}, "acceleration_resolution"),
+    ({"acceleration_resolution": 0.011}, "acceleration_resolution"),
     ({"node_limit": -1}, "node_limit"),
     ({"time_limit": -1.0}, "time_limit"),
 ])  # fmt: skip

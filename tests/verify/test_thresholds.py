@@ -45,20 +45,20 @@ def wider(problem: Problem, forces: Forces, size: float) -> Problem:
 
 
 def lower(problem: Problem, forces: Forces, size: float) -> Problem:
-    limit = problem.limit.copy()
-    limit[2] = forces.local[2, 0] - size * problem.force
+    limit, force = problem.limit.copy(), forces.local[2, 0]
+    limit[2] = force - size * min(problem.force, max(force, limit.max() / 1000))
     return replace(problem, limit=limit)
 
 
 def weaker(problem: Problem, forces: Forces, size: float) -> Problem:
-    upper = problem.upper.copy()
-    upper[1] = forces.torques[1] - size * problem.joint_scale[1]
+    upper, torque = problem.upper.copy(), forces.torques[1]
+    upper[1] = torque - size * min(problem.joint_scale[1], abs(torque))
     return replace(problem, upper=upper)
 
 
 def stronger(problem: Problem, forces: Forces, size: float) -> Problem:
-    low = problem.lower.copy()
-    low[0] = forces.torques[0] + size * problem.joint_scale[0]
+    low, torque = problem.lower.copy(), forces.torques[0]
+    low[0] = torque + size * min(problem.joint_scale[0], abs(torque))
     return replace(problem, lower=low)
 
 
@@ -87,7 +87,7 @@ SPOILT = {
 
 @pytest.mark.parametrize("name", SPOILT)
 @pytest.mark.parametrize(("force", "length"), SCALES)
-def test_forces_meet_each_constraint_to_a_millionth_of_the_load(name, force, length):
+def test_forces_meet_each_constraint_to_a_millionth_of_load_or_limit(name, force, length):
     which, spoil = SPOILT[name]
     solution = minimize_torque(scaled(scene(which), force, length), 0.05 * force)
     problem, forces = answer(documented(solution))
@@ -104,7 +104,7 @@ def test_forces_meet_each_constraint_to_a_millionth_of_the_load(name, force, len
         failing = {key for key, good in found.items() if not good}
         assert failing <= {checked, "required margin"}
         axis = 2**-0.5 if checked.startswith("kinetic") else 1.0
-        assert residual(spoilt, changed_forces) == pytest.approx(axis * size, rel=1e-3)
+        assert residual(spoilt, changed_forces) == pytest.approx(axis * size, rel=0.02)
 
 
 @pytest.mark.parametrize("pull", [1e-3, 2e-6])

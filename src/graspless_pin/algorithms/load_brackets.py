@@ -9,6 +9,7 @@ import numpy as np
 from graspless_pin.algorithms.limits import Limits
 from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.load_spans import LoadLine, Unproven
+from graspless_pin.holding.options import COARSEST_RESOLUTION, FINEST_RESOLUTION
 from graspless_pin.holding.stability import stability
 from graspless_pin.holding.verdict import LastRest, SpanProof, Stability, StabilityVerdict
 from graspless_pin.problem import QuasistaticProblem, checked_problem
@@ -169,8 +170,10 @@ def _failure(
         # One limit for all loads: that of the undisturbed one.
         resolution *= undisturbed.problem.scales.force / problem.scales.force
         verdict = stability(
-            problem, torques, acceleration_resolution=float(np.clip(resolution, 1e-6, 1.0)),
-            time_limit=limits.left,
+            problem, torques, time_limit=limits.left,
+            acceleration_resolution=float(
+                np.clip(resolution, FINEST_RESOLUTION, COARSEST_RESOLUTION)
+            ),
         )  # fmt: skip
         motion = verdict.motion
         if verdict.status is Stability.NONE or (

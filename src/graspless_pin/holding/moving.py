@@ -27,8 +27,8 @@ _SETTLED = 1e-10
 """Forces that change by less have come to their end."""
 _DIVERGED = 1e6
 """Forces that change by so much jam: more sweeps tell nothing."""
-_TOLERANCE = 1e-6
-"""Of the motion's power: how far an outcome may miss Coulomb's law."""
+_TOLERANCE = 1e-9
+"""Of the load: how far an outcome may miss the laws of contact, however large its forces are."""
 _STILL = 1e-12
 _CLOSED = 1e-6
 """Contacts of an outcome that bear less of the load are open; of its slips, smaller ones stick."""
@@ -46,15 +46,17 @@ def is_outcome(dynamics: Dynamics, forces: FloatArray) -> bool:
     u, mu = dynamics.slips(y), dynamics.friction
     bound = dynamics.is_commanded
     normal = np.where(bound, np.nan_to_num(dynamics.commanded), forces[:, 0])
-    power = float(y @ y + mu * normal @ np.hypot(u[:, 1], u[:, 2]))
-    if not np.isfinite(power):
+    parting, slips = np.where(bound, 0.0, u[:, 0]), np.hypot(u[:, 1], u[:, 2])
+    if not (np.isfinite(y).all() and np.isfinite(normal).all()):
         return False
     side = np.hypot(forces[:, 1], forces[:, 2])
     if (normal < 0.0).any() or (side > mu * normal * (1.0 + 1e-9) + _STILL).any():
         return False
-    if (np.where(bound, 0.0, u[:, 0]) < -_TOLERANCE * np.sqrt(power)).any():
-        return False
-    return bool(coulomb_gaps(dynamics, forces, u).sum() <= _TOLERANCE * power)
+    # What parts bears nothing; friction of what slips is against that.
+    ways = u[:, 1:] / np.maximum(slips, _STILL)[:, None]
+    against = np.linalg.norm(forces[:, 1:] + (mu * normal)[:, None] * ways, axis=1)
+    gaps = np.maximum(np.minimum(normal, parting), np.minimum(against, slips))
+    return bool(parting.min() >= -_TOLERANCE and gaps.max() <= _TOLERANCE)
 
 
 def coulomb_gaps(dynamics: Dynamics, forces: FloatArray, slips: FloatArray) -> FloatArray:

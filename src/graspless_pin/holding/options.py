@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TypedDict
 
+COARSEST_RESOLUTION, FINEST_RESOLUTION = 0.01, 1e-6
+"""Accelerations that may count as rest, as shares of load over mass; documents hold to the same."""
 NODE_LIMIT = 3000
 """Sets of outcomes that are looked at unless told otherwise; earlier proofs close others."""
 BRIEF_NODE_LIMIT = 300

@@ -36,7 +36,12 @@ from graspless_pin.holding.moving import (
     outcome_record,
     polish,
 )
-from graspless_pin.holding.options import BRIEF_NODE_LIMIT, NODE_LIMIT
+from graspless_pin.holding.options import (
+    BRIEF_NODE_LIMIT,
+    COARSEST_RESOLUTION,
+    FINEST_RESOLUTION,
+    NODE_LIMIT,
+)
 from graspless_pin.holding.relaxation import FORCE_LIMIT, Relaxation
 from graspless_pin.holding.rest import BALANCE_TOLERANCE, least_residual
 from graspless_pin.holding.verdict import (
@@ -91,7 +96,7 @@ def stability(
             only what holds for every inertia is used.
         torques: (L,) the motors' torques, as solutions give them, N m (N).
         acceleration_resolution: Points of the object that accelerate by less than this share of
-            load over mass count as at rest.
+            load over mass count as at rest; 1e-6 to 0.01.
         node_limit: Sets of outcomes that are looked at; earlier proofs close others.
         time_limit: Seconds; None: any time. With it a slower machine may say less.
 
@@ -149,9 +154,13 @@ def _asked(
     """Return the verdict of which nothing is decided yet, and the limits; all checked."""
     checked_problem(problem)
     tau = finite_array("torques", torques, (problem.joint_count,))
-    resolution = real_number("acceleration_resolution", acceleration_resolution, 1e-6)
-    if resolution > 1.0:
-        raise ArgumentError("acceleration_resolution", f"is {resolution}; it must be at most 1")
+    resolution = real_number("acceleration_resolution", acceleration_resolution, FINEST_RESOLUTION)
+    if resolution > COARSEST_RESOLUTION:
+        raise ArgumentError(
+            "acceleration_resolution",
+            f"is {resolution}; it must be at most {COARSEST_RESOLUTION}: what accelerates by more "
+            "of load over mass is not at rest",
+        )
     seconds = np.inf if time_limit is None else real_number("time_limit", time_limit, 0.0)
     limits = _Limits(whole_number("node_limit", node_limit, 0), time.monotonic() + seconds)
     limit = np.nan

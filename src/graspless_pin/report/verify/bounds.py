@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from graspless_pin.report.verify import tolerances
 from graspless_pin.report.verify.figures import Problem
 from graspless_pin.report.verify.implied_box import implied_box
 from graspless_pin.report.verify.multipliers import StatedMultipliers
 from graspless_pin.report.verify.own_objective import OwnObjective
 
 _LONG = np.longdouble
-_ROUNDING = 4.0 * float(np.finfo(_LONG).eps)
 
 
 def proven_bound(
@@ -27,7 +27,7 @@ def proven_bound(
     reach: float,
     *,
     objective: bool = True,
-    rounding: float = _ROUNDING,
+    rounding: float = tolerances.LONG,
 ) -> float:
     """Return what no forces that obey all constraints stay below.
 

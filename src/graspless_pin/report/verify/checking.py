@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from graspless_pin.report.verify import tolerances
 from graspless_pin.report.verify.bounds import proven_bound
 from graspless_pin.report.verify.disturbances import disturbance_checks
 from graspless_pin.report.verify.figures import (
     FOUND_STATES,
     IN_MODE,
     INFEASIBLE,
-    LONGEST_REACH,
     MESSAGES,
     OPEN,
     UNGUARANTEED,
@@ -20,8 +20,6 @@ from graspless_pin.report.verify.figures import (
     Problem,
 )
 from graspless_pin.report.verify.forces import (
-    FORCE_ERROR,
-    ROUNDING,
     figure_checks,
     force_checks,
     frames_check,
@@ -40,8 +38,6 @@ from graspless_pin.report.verify.tree import Proof, TreeWalk
 from graspless_pin.report.verify.unread import unread_figures
 from graspless_pin.report.verify.values import array, entry, number, text, truth, word
 
-_SAME = 1e-9
-"""Relative: what rounding leaves between two ways of working out one figure."""
 _WITH_GAP = ("limit_reached", "strong")
 """Answers that are not proven to be the best."""
 
@@ -131,8 +127,8 @@ class _Checker:
             holds("found and status agree", found == (self.status in FOUND_STATES), self.status),
             holds("message and status agree", said, message[:60]),
             holds("the load has a size", good, f"{problem.force:.3g} N"),
-            agrees("force scale", force, problem.force, 1e-9 * problem.force, "N"),
-            agrees("length scale", length, problem.length, 1e-9 * problem.length, "m"),
+            agrees("force scale", force, problem.force, tolerances.SAME * problem.force, "N"),
+            agrees("length scale", length, problem.length, tolerances.SAME * problem.length, "m"),
             self._reach(),
         ]
 
@@ -146,14 +142,16 @@ class _Checker:
         checks = force_checks(problem, forces) + figure_checks(problem, forces, document)
         worst = residual(problem, forces)
         stated = number(entry(self.certificate, "primal_residual", "certificate"), "a residual")
-        checks.append(agrees("primal residual as stated", stated, worst, FORCE_ERROR, "(scaled)"))
+        checks.append(
+            agrees("primal residual as stated", stated, worst, tolerances.SHARE, "(scaled)")
+        )
         selected, signs = read_mode(document, problem)
         if self.has_modes:
             checks += [self._rules(selected, signs), self._motion(selected, signs)]
         else:
             checks.append(self._describes(forces, selected, signs))
         most, reach = float(forces.local[:, 0].max()), self._stated_reach()
-        within_reach = most <= (1.0 + FORCE_ERROR) * reach
+        within_reach = most <= (1.0 + tolerances.SHARE) * reach
         checks.append(self._opposes(forces, selected, signs))
         checks.append(holds("the forces are within that reach", within_reach, f"{most:.6g} N"))
         checks.append(self._states_no_violation())
@@ -184,7 +182,7 @@ class _Checker:
     def _describes(self, forces: Forces, selected: np.ndarray, signs: np.ndarray) -> Check:
         """Without any rule the mode only describes the friction."""
         friction = forces.local[:, 1:] * self.problem.cone[:, None]
-        rubs = np.abs(friction) > FORCE_ERROR * self.problem.force
+        rubs = np.abs(friction) > tolerances.force(self.problem)
         ok = (selected == (signs != 0).any(axis=1)).all() and (signs[rubs] != 0).all()
         return holds("signs describe the friction", ok, f"{int(rubs.sum())} components rub")
 
@@ -193,15 +191,15 @@ class _Checker:
         allowed = np.where(signs == 0, np.abs(friction), signs * friction)
         allowed[~selected] = np.abs(friction[~selected])
         worst = float(max(allowed.max(), 0.0))
-        tolerance = FORCE_ERROR * self.problem.force
-        return within("friction opposes the mode (27), (31)", worst, tolerance, "N")
+        met = tolerances.force(self.problem)
+        return within("friction opposes the mode (27), (31)", worst, met, "N")
 
     def _reach(self) -> Check:
         """Return the normal forces up to which bounds are proven: all, or far above the load."""
         problem, reach = self.problem, self._stated_reach()
-        wanted = min(LONGEST_REACH * problem.force, float(problem.limit.max()))
+        wanted = min(tolerances.LONGEST_REACH * problem.force, float(problem.limit.max()))
         detail = f"{reach:.6g} N, wanted {wanted:.6g} N"
-        return holds("reach of the proof", reach >= (1.0 - 1e-9) * wanted, detail)
+        return holds("reach of the proof", reach >= (1.0 - tolerances.SAME) * wanted, detail)
 
     def _stated_reach(self) -> float:
         return number(entry(self.certificate, "force_reach", "certificate"), "force_reach")
@@ -210,19 +208,20 @@ class _Checker:
         """Bound and gap from both sides, and what multipliers and tree prove."""
         problem = self.problem
         value = problem.objective(forces)
-        size = max(problem.unit, abs(value))
         bound, gap = (
             number(entry(self.certificate, key, "certificate"), key) for key in ("bound", "gap")
         )
         bound = -bound if problem.maximizes else bound
+        # An answer far from the optimum widens no tolerance.
+        met = tolerances.objective(problem, value, bound)
         checks, unit = [], unit_of(problem)
         if problem.own is not None:
             own_value = -value if problem.maximizes else value
             stated = problem.own.value
-            checks.append(agrees("value as stated", stated, own_value, ROUNDING * size))
-        checks.append(agrees("gap as stated", gap, value - bound, FORCE_ERROR * size, unit))
+            checks.append(agrees("value as stated", stated, own_value, met, unit))
+        checks.append(agrees("gap as stated", gap, value - bound, met, unit))
         if self.status not in _WITH_GAP:
-            checks.append(within("gap is closed", abs(value - bound), FORCE_ERROR * size, unit))
+            checks.append(within("gap is closed", abs(value - bound), met, unit))
         reach = min(self._stated_reach(), float(problem.limit.max()))
         if self.status != "strong":
             checks += self._duality(forces, value, reach, unit)
@@ -238,28 +237,28 @@ class _Checker:
         proof = TreeWalk(problem, reach).walk(
             entry(self.proof, "nodes", "proof"), root_of(problem, self.status, (selected, signs))
         )
-        good = not proof.failure and proof.bound >= bound - FORCE_ERROR * size
+        good = not proof.failure and proof.bound >= bound - met
         shown = proof.failure or f"{_leaves(proof)}, proven gap {value - proof.bound:.1e} {unit}"
         return [*checks, holds(name, good, shown.rstrip())]
 
     def _duality(self, forces: Forces, value: float, reach: float, unit: str) -> list[Check]:
         """Return what the multipliers of the forces' own program prove."""
         problem = self.problem
-        size = max(problem.unit, abs(value))
         inner = number(entry(self.certificate, "duality_gap", "certificate"), "duality_gap")
         given_ = entry(self.document, "multipliers", "the document")
         m = stated_multipliers(given_, problem, "multipliers")
         strays = stray_multipliers(given_, problem, "multipliers")
         # Friction of the solution's own signs, where there is any.
         friction = forces.local[:, 1:] * problem.cone[:, None]
-        least = FORCE_ERROR * problem.force
+        least = tolerances.force(problem)
         rubs = np.stack([friction < -least, friction > least], axis=2)
-        own = value - proven_bound(problem, m, rubs, reach)
+        bound = proven_bound(problem, m, rubs, reach)
+        own, met = value - bound, tolerances.objective(problem, value, bound)
         shown = f"of no constraint: {', '.join(strays) or 'none'}"
         return [
             holds("each multiplier has a constraint", not strays, shown),
-            within("multipliers of these forces", own, FORCE_ERROR * size, unit),
-            agrees("duality gap as stated", inner * problem.unit, own, FORCE_ERROR * size, unit),
+            within("multipliers of these forces", own, met, unit),
+            agrees("duality gap as stated", inner * problem.unit, own, met, unit),
         ]
 
     def _within_mode(self, value: float, selected: np.ndarray, signs: np.ndarray) -> Check:
@@ -271,8 +270,9 @@ class _Checker:
         strays = stray_multipliers(given_, problem, "mode_multipliers")
         reach = min(self._stated_reach(), float(problem.limit.max()))
         state = State.one_mode(problem, selected, signs)
-        gap = value - proven_bound(problem, m, state.friction, reach)
-        good = gap <= FORCE_ERROR * max(problem.unit, abs(value)) and not strays
+        bound = proven_bound(problem, m, state.friction, reach)
+        gap, met = value - bound, tolerances.objective(problem, value, bound)
+        good = gap <= met and not strays
         return Check(name, passed=good or None, detail=f"proven gap {gap:.1e}")
 
     # not found
@@ -305,7 +305,7 @@ class _Checker:
         checks.append(self._infeasible(name, proof))
         if self.status == "infeasible_modes":
             checks += self._forces_exist()
-        good = shared <= max(proof.violation, 0.0) * (1.0 + _SAME)
+        good = shared <= max(proof.violation, 0.0) * (1.0 + tolerances.SAME)
         detail = f"stated {shared:.3g}, proven {max(proof.violation, 0.0):.3g} (scaled)"
         return [*checks, holds("smallest common violation", good, detail)]
 
@@ -332,7 +332,7 @@ class _Checker:
             columns = array(entry(self.proof, "columns", "proof"), (count,), "columns of the proof")
         forces = read_forces(rows, self.problem, "the forces of the proof", columns)
         worst = residual(self.problem, forces)
-        return [within("forces that balance exist", worst, FORCE_ERROR, "(scaled)")]
+        return [within("forces that balance exist", worst, tolerances.SHARE, "(scaled)")]
 
     # both
 

@@ -12,19 +12,15 @@ from typing import Any
 
 import numpy as np
 
+from graspless_pin.report.verify import tolerances
 from graspless_pin.report.verify.figures import Problem
 from graspless_pin.report.verify.outcome import Check, holds, within
-from graspless_pin.report.verify.rest import verdict_checks
-from graspless_pin.report.verify.rest_load import BALANCED, LARGEST_FORCE, RestLoad, read_load
+from graspless_pin.report.verify.rest import resolution_of, verdict_checks
+from graspless_pin.report.verify.rest_load import LARGEST_FORCE, RestLoad, read_load
 from graspless_pin.report.verify.rest_proof import certificate, force_limit, stated_loads, tree
 from graspless_pin.report.verify.values import MOST, array, entry, items, number
 
 _MOST_SPANS = 100
-_UNIT = 1e-9
-_NEAR = 1e-3
-"""Of a magnitude, or of what makes a load: so far beyond it none of rest has to be proven."""
-_BALANCED = (1.0 + 1e-6) * BALANCED
-"""Forces of rest are found up to that."""
 
 
 def disturbance_checks(document: dict[str, Any], problem: Problem) -> list[Check]:
@@ -49,12 +45,10 @@ def disturbance_checks(document: dict[str, Any], problem: Problem) -> list[Check
         holds("rest without disturbance is sure", sure or not claims, f"{len(claims)} directions")
     ]
     bodies = read_load(document, problem)
-    resolution = number(
-        entry(undisturbed, "acceleration_resolution", "stability"), "acceleration_resolution"
-    )
+    resolution = resolution_of(undisturbed, "stability")
     for index, claim in enumerate(claims):
         unit = array(entry(claim, "direction", where), (6,), f"direction {index}")
-        if abs(float(np.linalg.norm(unit)) - 1.0) > _UNIT or length <= 0.0:
+        if abs(float(np.linalg.norm(unit)) - 1.0) > tolerances.UNIT or length <= 0.0:
             raise ValueError(f"direction {index} of {where} is no unit of force and moment")
         step = unit * np.repeat([1.0, length], 3)
         checks += _Direction(index, claim, bodies, step, bodies.limit(resolution)).run(largest)
@@ -138,10 +132,9 @@ class _Direction:
         return checks
 
     def _rest(self, key: str, mapping: object, own: RestLoad, where: str) -> Check:
-        """Check that stated forces balance a load; the larger of it and the undisturbed counts."""
-        loads = own.problem.force / max(own.problem.force, self.bodies.problem.force)
-        amiss = loads * own.amiss(own.forces(key, mapping, where))
-        return within(f"rest is an outcome, {where}", amiss, _BALANCED, "loads")
+        """Check that stated forces balance a load, relative to the load without disturbance."""
+        amiss = own.amiss(own.forces(key, mapping, where))
+        return within(f"rest is an outcome, {where}", amiss, tolerances.SHARE, "loads")
 
     # where it ends
 
@@ -162,12 +155,12 @@ class _Direction:
             return Check(name, is_end or None, f"{shown}, {why}")
         z = array(z, self.bodies.load.shape, f"no_rest of {self.name}")
         step = np.concatenate([self.step, np.zeros(len(z) - 6)])
-        beyond = possible + _NEAR * max(
+        beyond = possible + tolerances.BEYOND * max(
             possible, 1.0 / float(np.abs(step / self.bodies.unit).max())
         )
         # What is left is linear in the magnitude: it grows from here on.
         left = self.bodies.left_by_all(z, beyond * step)
-        good = left > max(BALANCED, self.bodies.left_by_all(z))
+        good = left > max(tolerances.SHARE, self.bodies.left_by_all(z))
         return holds(name, good, f"{shown}; {left:.2g} loads are unbalanced at {beyond:.6g} N")
 
     def _failing(self) -> list[Check]:

@@ -7,10 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
+from graspless_pin.report.verify import tolerances
 from graspless_pin.report.verify.own_objective import OwnObjective
 
-LONGEST_REACH = 1e8
-"""Bounds need to be proven for normal forces up to so many loads."""
 FOUND_STATES = ("optimal", "optimal_in_mode", "limit_reached", "strong")
 INFEASIBLE = ("infeasible_forces", "infeasible_modes", "infeasible_in_mode", "infeasible_mode")
 OPEN = ("not_found_in_limit", "unverified", "load_too_large")
@@ -32,10 +31,6 @@ MESSAGES = {
     "infeasible_strong": "infeasible: rest is the only outcome of no torques",
 }
 """How the message of each status begins."""
-_AT_REST = 1e-12
-_LEAST_LEVER = 1e-12
-_LEAST_MARGIN = 1e-20
-_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +104,7 @@ class Problem:
     @cached_property
     def slides(self) -> np.ndarray:
         """(M,) contacts in actual sliding."""
-        return np.linalg.norm(self.v, axis=1) > _AT_REST
+        return np.linalg.norm(self.v, axis=1) > tolerances.AT_REST
 
     @cached_property
     def cone(self) -> np.ndarray:
@@ -134,9 +129,9 @@ class Problem:
         farthest = float(np.linalg.norm(self.p - self.p.mean(axis=0), axis=1).max())
         force, moment = self._load
         reach = float(np.linalg.norm(self.p, axis=1).max())
-        if farthest > _ROUNDING * reach:
+        if farthest > tolerances.NO_ARM * reach:
             return farthest
-        least = _ROUNDING * (float(np.linalg.norm(self.w[3:])) + reach * force)
+        least = tolerances.NO_ARM * (float(np.linalg.norm(self.w[3:])) + reach * force)
         return moment / force if force > 0.0 and moment > least else 1.0
 
     @cached_property
@@ -144,7 +139,7 @@ class Problem:
         """F, the load, N; without one the required margin, or the smallest limit far above it."""
         force, moment = self._load
         limit = float(self.limit.min())
-        counts = 0.0 < self.e0 >= _LEAST_MARGIN * limit
+        counts = 0.0 < self.e0 >= tolerances.LEAST_MARGIN * limit
         by_margin = counts and not self.is_margin and not self.w.any()
         return max(force, moment / self.length) or (self.e0 if by_margin else limit)
 
@@ -161,7 +156,7 @@ class Problem:
         longest = float(levers.max(initial=0.0))
         if longest == 0.0:
             return np.full(len(levers), self.force * self.length)
-        return self.force * np.maximum(levers, _LEAST_LEVER * longest)
+        return self.force * np.maximum(levers, tolerances.LEAST_LEVER * longest)
 
     @cached_property
     def shared(self) -> tuple[np.ndarray, np.ndarray]:
@@ -274,14 +269,6 @@ class Forces:
     def outside(self) -> float:
         """The farthest that any of them does; negative: all are inside."""
         return float(self.faces.max())
-
-    @cached_property
-    def unbalanced(self) -> np.ndarray:
-        """(6,) what is left of the balance, N and N m."""
-        problem = self._problem
-        moment = np.cross(problem.p, self.f).sum(axis=0)
-        left = np.concatenate([self.f.sum(axis=0), moment]) + problem.w
-        return left if problem.own is None else left + problem.own.balance @ self.columns
 
     @cached_property
     def margin(self) -> float:

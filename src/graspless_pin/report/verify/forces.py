@@ -6,15 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from graspless_pin.report.verify import tolerances
 from graspless_pin.report.verify.figures import Forces, Problem
 from graspless_pin.report.verify.outcome import Check, agrees, given, holds, within
 from graspless_pin.report.verify.values import array, entry, number, word
-
-FORCE_ERROR = 1e-6
-"""Of the load: what counts as met."""
-ROUNDING = 1e-9
-"""Of the load: figures that follow from others by plain arithmetic agree to this."""
-_FRAMES = 3e-6
 
 
 def frames_check(problem: Problem) -> Check:
@@ -23,31 +18,34 @@ def frames_check(problem: Problem) -> Check:
     along = np.abs(np.einsum("li,li->l", problem.v, problem.frames[:, 0]))
     speed = np.where(problem.slides, np.linalg.norm(problem.v, axis=1), 1.0)
     off = max(float(off), float((along * problem.slides / speed).max()))
-    return within("orthonormal frames, tangential sliding", off, _FRAMES, "")
+    return within("orthonormal frames, tangential sliding", off, tolerances.FRAMES, "")
 
 
 def force_checks(problem: Problem, forces: Forces) -> list[Check]:
     """Check that forces balance the wrench within cones and limits, with the required margin."""
-    F, L, normal = problem.force, problem.length, forces.local[:, 0]
-    force, moment = forces.unbalanced[:3], forces.unbalanced[3:]
-    over, joints = _over_limits(problem, forces), problem.joint_scale
+    normal, met = forces.local[:, 0], tolerances.force(problem)
+    force, moment = _unbalanced(problem, forces)
     checks = [
-        within("balance of forces", float(np.abs(force).max()), FORCE_ERROR * F, "N"),
-        within("balance of moments", float(np.abs(moment).max()), FORCE_ERROR * F * L, "N m"),
-        within("inside friction cones", _largest(forces.outside), FORCE_ERROR * F, "N"),
-        within("normal forces within 0 and limit", _beyond(problem, normal), FORCE_ERROR * F, "N"),
-        within("kinetic friction against sliding", _kinetic(problem, forces), FORCE_ERROR * F, "N"),
-        within("required margin", problem.e0 - forces.margin, FORCE_ERROR * F, "N short"),
-    ]
+        within("balance of forces", force, met, "N"),
+        within("balance of moments", moment, tolerances.moment(problem), "N m"),
+        within("inside friction cones", _largest(forces.outside), met, "N"),
+        within("normal forces within 0 and limit", _beyond(problem, normal), tolerances.SHARE,
+               "of the limit's or load's"),
+        within("kinetic friction against sliding", _kinetic(problem, forces), met, "N"),
+        within("required margin", problem.e0 - forces.margin, met, "N short"),
+    ]  # fmt: skip
     if problem.own is not None:
         own, left = problem.own, own_residual(problem, forces)
-        checks.append(within("constraints of the objective", left, FORCE_ERROR, "of their units"))
+        checks.append(
+            within("constraints of the objective", left, tolerances.SHARE, "of their units")
+        )
         if "torque" not in own.keeps:
             return [*checks, given("torques within limits", "the objective does not ask for them")]
-    within_limits = within(
-        "torques within limits", _largest(over / joints), FORCE_ERROR, "of the load's"
-    )
-    return [*checks, within_limits]
+    name, over = "torques within limits", _over_limits(problem, forces)
+    if not tolerances.resolved(problem):
+        lost = "the load is too large for a torque limit to be told beside it"
+        return [*checks, holds(name, passed=False, detail=lost)]
+    return [*checks, within(name, over, tolerances.SHARE, "of the limit's or load's")]
 
 
 def own_residual(problem: Problem, forces: Forces) -> float:
@@ -62,44 +60,44 @@ def own_residual(problem: Problem, forces: Forces) -> float:
 def residual(problem: Problem, forces: Forces) -> float:
     """Return the largest violation of any constraint, in scaled units."""
     F, L = problem.force, problem.length
-    force = np.abs(forces.unbalanced[:3]).max() / F
-    moment = np.abs(forces.unbalanced[3:]).max() / (F * L)
+    force, moment = _unbalanced(problem, forces)
     short = (problem.e0 - forces.margin) / F
-    over = _largest(_over_limits(problem, forces) / problem.joint_scale)
+    over, beyond = _over_limits(problem, forces), _beyond(problem, forces.local[:, 0])
     if problem.own is not None:
         short = own_residual(problem, forces)
         over *= "torque" in problem.own.keeps
-    return max(float(force), float(moment), short, over, _kinetic(problem, forces) / F, 0.0)
+    kinetic = _kinetic(problem, forces) / F
+    return max(force / F, moment / (F * L), short, over, beyond, kinetic, 0.0)
 
 
 def figure_checks(problem: Problem, forces: Forces, document: dict[str, Any]) -> list[Check]:
     """Check the figures that are stated of the forces: torques, margin, the largest torque."""
-    joints, scale = document["joints"], problem.joint_scale
+    joints = document["joints"]
     rows = {
         key: array([entry(j, key, "a joint") for j in joints], (len(joints),), key)
         for key in ("torque_contact", "torque")
     }
     # Torques may be small beside what gravity and contacts take from each other.
-    sizes = (
-        scale
-        + np.abs(problem.gravity)
-        + np.einsum("lij,li->j", np.abs(problem.J), np.abs(forces.f))
-    )
+    room = tolerances.torque_figure(problem)
     off = np.abs(rows["torque_contact"] - forces.made)
-    off = np.maximum(off, np.abs(rows["torque"] - forces.torques)) / sizes
+    off = np.maximum(off, np.abs(rows["torque"] - forces.torques)) / room
     margin = number(entry(document, "margin", "the document"), "margin")
     largest = number(entry(document, "max_torque", "the document"), "max_torque")
     unit = word(entry(document, "max_torque_unit", "the document"), "max_torque_unit", ("N m", "N"))
     torques = np.abs(forces.torques)
     found = float(torques.max(initial=0.0))
-    tolerance = ROUNDING * float(sizes.max(initial=0.0))
+    tolerance = float(tolerances.torque_figure(problem).max(initial=0.0))
     having = {
         name for name, one in zip(problem.units, torques, strict=True) if one >= found - tolerance
     } or {"N m"}  # fmt: skip
-    room = ROUNDING * max(problem.force, float(np.abs(forces.f).max()))
     return [
-        within("torques J^T f + g as stated", _largest(off), ROUNDING, "of the load's"),
-        agrees("margin as stated", margin, forces.margin, room, "N"),
+        within(
+            "torques J^T f + g as stated",
+            tolerances.ARITHMETIC * _largest(off),
+            tolerances.ARITHMETIC,
+            "of the load's",
+        ),
+        agrees("margin as stated", margin, forces.margin, tolerances.force_figure(problem), "N"),
         agrees("largest torque as stated", largest, found, tolerance, unit),
         holds("its unit as stated", unit in having, unit),
     ]
@@ -109,14 +107,33 @@ def _largest(values: np.ndarray | float) -> float:
     return float(np.max(values, initial=0.0))
 
 
+def _unbalanced(problem: Problem, forces: Forces) -> tuple[float, float]:
+    """Return the largest force and moment that balance leaves at most, N and N m."""
+    p, f, w = (one.astype(np.longdouble) for one in (problem.p, forces.f, problem.w))
+    x, y, z = p.T
+    o = np.zeros_like(x)
+    cross = np.array([[o, -z, y], [z, o, -x], [-y, x, o]]).transpose(2, 0, 1)
+    parts = np.concatenate([np.broadcast_to(np.eye(3), cross.shape), cross], axis=1)
+    left = np.einsum("lij,lj->i", parts, f) + w
+    sizes = np.einsum("lij,lj->i", np.abs(parts), np.abs(f)) + np.abs(w)
+    if problem.own is not None:
+        left = left + problem.own.balance @ forces.columns
+        sizes = sizes + np.abs(problem.own.balance) @ np.abs(forces.columns)
+    most = np.abs(left) + tolerances.lost(sizes)
+    return float(most[:3].max()), float(most[3:].max())
+
+
 def _beyond(problem: Problem, normal: np.ndarray) -> float:
-    return float(max((-normal).max(), (normal - problem.limit).max(), 0.0))
+    """How far normal forces are beyond 0 and limits, over what these hold to a millionth of."""
+    over = _largest((normal - problem.limit) / tolerances.normal_limits(problem))
+    return max(_largest(-normal) / problem.force, tolerances.SHARE * over)
 
 
-def _over_limits(problem: Problem, forces: Forces) -> np.ndarray:
-    return np.maximum(
-        np.maximum(forces.torques - problem.upper, problem.lower - forces.torques), 0.0
-    )
+def _over_limits(problem: Problem, forces: Forces) -> float:
+    """How far torques are beyond their limits, over what these hold to a millionth of."""
+    lower, upper = tolerances.torque_limits(problem)
+    over = (forces.torques - problem.upper) / upper, (problem.lower - forces.torques) / lower
+    return tolerances.SHARE * _largest(np.concatenate(over))
 
 
 def _kinetic(problem: Problem, forces: Forces) -> float:

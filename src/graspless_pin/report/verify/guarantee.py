@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from graspless_pin.report.verify import tolerances
 from graspless_pin.report.verify.figures import FOUND_STATES, UNGUARANTEED, Problem
-from graspless_pin.report.verify.forces import FORCE_ERROR
 from graspless_pin.report.verify.outcome import Check, agrees, given, holds, within
 from graspless_pin.report.verify.reading import read_forces
 from graspless_pin.report.verify.values import entry, number, text
@@ -57,9 +57,9 @@ def _cost(document: dict[str, Any], stated: Any, problem: Problem) -> list[Check
     columns = None if problem.own is None else problem.own.values
     value = problem.objective(read_forces(rows, problem, "the forces", columns))
     sign, unit = (-1.0 if problem.maximizes else 1.0), unit_of(problem)
-    size, worse = FORCE_ERROR * max(problem.unit, abs(value)), value - sign * best
+    worse, met = value - sign * best, tolerances.objective(problem, best, bound)
     return [
-        within("the best case is within its bound", sign * (bound - best), size, unit),
-        within("the best case is no worse", -worse, size, unit),
-        agrees("gap to the best case as stated", gap, max(worse, 0.0), size, unit),
+        within("the best case is within its bound", sign * (bound - best), met, unit),
+        within("the best case is no worse", -worse, met, unit),
+        agrees("gap to the best case as stated", gap, max(worse, 0.0), met, unit),
     ]

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from graspless_pin.report.verify import tolerances
 from graspless_pin.report.verify.figures import Problem
 from graspless_pin.report.verify.own_objective import OwnObjective
 
 _PASSES = 3
-_ROOM = 1e-9
 
 
 def implied_box(
@@ -41,7 +41,7 @@ def implied_box(
                 parts = np.where(C == 0.0, 0.0, sign * C * ends)
             open_, known = np.isinf(parts), np.where(np.isinf(parts), 0.0, parts)
             size = np.abs(known).sum(axis=1, keepdims=True) + np.abs(sides)[:, None]
-            others = known.sum(axis=1, keepdims=True) - known - _ROOM * size
+            others = known.sum(axis=1, keepdims=True) - known - tolerances.SAME * size
             room = np.where(
                 open_.sum(axis=1, keepdims=True) > open_, np.inf, sides[:, None] - others
             )

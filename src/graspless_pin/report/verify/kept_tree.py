@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from graspless_pin.report.verify import tolerances
 from graspless_pin.report.verify.rest_bounds import (
     Kind,
     KnownStates,
@@ -25,8 +26,9 @@ from graspless_pin.report.verify.rest_bounds import (
 )
 from graspless_pin.report.verify.rest_tree import GOALS, RestNode, uncovered
 
+_LONG = np.longdouble
 _EMPTY = -0.1
-_ROUNDING = 1e-6
+"""Multipliers of any size prove the same of no outcome: by how much is no tolerance."""
 
 
 def kept_goals(dynamics: RestDynamics, lever: float, limit: float) -> np.ndarray:
@@ -58,26 +60,33 @@ def kept_goal(
         goal: p (n,).
         force_limit: Normal forces are at most this, scaled.
     """
-    rows, held = dynamics.rows, np.isfinite(dynamics.commanded)
+    rows, held = dynamics.rows.astype(_LONG), np.isfinite(dynamics.commanded)
+    pushes, mu = dynamics.pushes.astype(_LONG), dynamics.friction
     nu = np.where(held, 0.0, multipliers.normal)
-    nu = np.where(states.are(Kind.FREE, Kind.OPEN), np.maximum(nu, 0.0), nu)
+    nu = np.where(states.are(Kind.FREE, Kind.OPEN), np.maximum(nu, 0.0), nu).astype(_LONG)
     sticks, slips = states.are(Kind.STICKING), states.are(Kind.SLIPPING)
-    kappa = multipliers.tangential
+    kappa = multipliers.tangential.astype(_LONG)
     half_width = np.where(slips, states.half_width, np.pi)
     motion = goal + nu @ rows[:, 0] + np.einsum("li,lin->n", kappa, rows[:, 1:])
-    c = dynamics.pushes @ motion
+    rough = np.abs(goal) + np.abs(nu) @ np.abs(rows[:, 0])
+    rough = rough + np.einsum("li,lin->n", np.abs(kappa), np.abs(rows[:, 1:]))
+    c, sizes = pushes @ motion, np.abs(pushes) @ rough
     most = np.where(held, dynamics.commanded, force_limit)
     most = np.where(states.are(Kind.OPEN), 0.0, most)
     least = np.where(held, most, 0.0)
-    gain = np.where(held, 0.0, c[:, 0])
-    gain = gain - dynamics.friction * least_product(c[:, 1:], states.center, half_width)
-    bound = float(motion @ dynamics.load + np.maximum(gain * least, gain * most).sum())
+    gain = np.where(held, 0.0, c[:, 0]) - mu * least_product(c[:, 1:], states.center, half_width)
+    gain = gain + tolerances.lost(sizes[:, 0] + mu * sizes[:, 1:].sum(axis=1))
+    pushed = np.maximum(gain * least, gain * most)
     # What rounding leaves of -kappa.u_t, with the longest slip that such forces make.
     wrong = np.maximum(-least_product(kappa, states.center, half_width), 0.0)
+    wrong = wrong + tolerances.lost(np.linalg.norm(kappa, axis=1))
     wrong = np.where(sticks, 0.0, wrong) @ np.linalg.norm(rows[:, 1:], axis=(1, 2))
-    sizes = np.linalg.norm(dynamics.pushes, axis=2)
-    fastest = most @ (sizes[:, 0] + dynamics.friction * sizes[:, 1:].sum(axis=1))
-    return bound + float(wrong) * float(np.linalg.norm(dynamics.load) + fastest)
+    longest = np.linalg.norm(pushes, axis=2)
+    fastest = most @ (longest[:, 0] + mu * longest[:, 1:].sum(axis=1))
+    bound = motion @ dynamics.load + pushed.sum()
+    bound += wrong * (np.linalg.norm(dynamics.load) + fastest)
+    size = rough @ np.abs(dynamics.load) + np.abs(pushed).sum()
+    return float(bound + tolerances.lost(size))
 
 
 @dataclass(eq=False)
@@ -104,7 +113,7 @@ class KeptWalk:
 
     def _visit(self, node: RestNode, states: KnownStates, proven: frozenset[int]) -> None:
         for goal, multipliers in node.sides:
-            most = _EMPTY if goal == 0 else 1.0 + _ROUNDING
+            most = _EMPTY if goal == 0 else 1.0 + tolerances.SHARE
             bound = kept_goal(
                 self.dynamics, states, multipliers, self.goals[goal], self.force_limit
             )

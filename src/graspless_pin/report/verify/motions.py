@@ -1,24 +1,20 @@
 """Virtual motions: whether one counts for a mode, and proofs that none does.
 
 u holds the velocities of the object relative to the other bodies at all contacts along n, t1, t2. A
-motion counts where selected contacts stay touching and slide with their signs, each at least THETA
-times |u| fast. Where v with v^T u >= THETA |u| for all such u has a projection on the possible u
-that is shorter than THETA, there is no such motion.
+motion counts where selected contacts stay touching and slide with their signs, each at least theta
+times |u| fast. Where v with v^T u >= theta |u| for all such u has a projection on the possible u
+that is shorter than theta, there is no such motion.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from graspless_pin.report.verify import tolerances
 from graspless_pin.report.verify.figures import Problem
 from graspless_pin.report.verify.outcome import Check, holds
 from graspless_pin.report.verify.states import State
 from graspless_pin.report.verify.values import items, number, whole
-
-THETA = 1e-6
-_STILL = 1e-8
-_RANK = 1e-8
-_ROUNDING = 1e-14
 
 
 def velocities(problem: Problem, twist: np.ndarray, rates: np.ndarray) -> np.ndarray:
@@ -51,7 +47,11 @@ def motion_check(problem: Problem, u: np.ndarray, selected: np.ndarray, signs: n
         zero = signs[selected] == 0
         slowest = float(along[~zero].min(initial=np.inf))
         backward = float(np.abs(u[selected, 1:] / size)[zero].max(initial=0.0))
-    good = slowest >= THETA and leaving <= _STILL and backward <= _STILL
+    good = (
+        slowest >= tolerances.SLOWEST
+        and leaving <= tolerances.STILL
+        and backward <= tolerances.STILL
+    )
     detail = f"slowest sliding {slowest:.1e}, parting {leaving:.1e} of all velocities"
     return holds(name, good, detail)
 
@@ -71,12 +71,14 @@ class Projection:
         sizes = np.linalg.norm(matrix, axis=0)
         matrix = matrix / np.where(sizes > 0.0, sizes, 1.0)
         left, values, _ = np.linalg.svd(matrix, full_matrices=False)
-        self._basis = left[:, values > _RANK * max(1.0, float(values.max()))]
+        self._basis = left[:, values > tolerances.RANK * max(1.0, float(values.max()))]
 
     def length(self, v: np.ndarray) -> float:
         """Return |P v| of a combination (M, 3), with what rounding may hide."""
         flat = v.ravel()
-        return float(np.linalg.norm(self._basis.T @ flat) + _ROUNDING * np.linalg.norm(flat))
+        return float(
+            np.linalg.norm(self._basis.T @ flat) + tolerances.PROJECTED * np.linalg.norm(flat)
+        )
 
 
 def read_combination(given: object, problem: Problem, where: str) -> np.ndarray:
@@ -112,4 +114,4 @@ def excludes(problem: Problem, projection: Projection, state: State, v: np.ndarr
         weight = float(np.where((signs != 0).all(axis=1), along.min(axis=1), 0.0).sum())
     else:
         weight = float(along.sum())
-    return weight > 0.0 and projection.length(v) < THETA * weight
+    return weight > 0.0 and projection.length(v) < tolerances.SLOWEST * weight

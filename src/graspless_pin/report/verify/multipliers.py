@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from graspless_pin.report.verify import tolerances
 from graspless_pin.report.verify.figures import Problem
 from graspless_pin.report.verify.values import array, entry, items, number, whole
 
@@ -151,4 +152,4 @@ def _own_multipliers(given: object, problem: Problem, where: str) -> tuple[np.nd
 
 def _lengths(pairs: np.ndarray) -> np.ndarray:
     """(M,) lengths of (M, 2) pairs, none of them rounded down."""
-    return np.hypot(pairs[:, 0], pairs[:, 1]) * (1.0 + 4.0 * float(np.finfo(float).eps))
+    return np.hypot(pairs[:, 0], pairs[:, 1]) * (1.0 + tolerances.STATED)

@@ -6,15 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from graspless_pin.report.verify import tolerances
 from graspless_pin.report.verify.bounds import proven_bound, violation
 from graspless_pin.report.verify.figures import IN_MODE, INFEASIBLE, Problem
 from graspless_pin.report.verify.multipliers import stated_multipliers
 from graspless_pin.report.verify.reading import read_mode, read_problem
 from graspless_pin.report.verify.states import State
 from graspless_pin.report.verify.values import entry
-
-_ROUNDING = 8.0 * float(np.finfo(float).eps)
-"""Taken off a stated figure, so that it passes where there is no longer format than double."""
 
 
 def root_of(
@@ -55,5 +53,5 @@ def _of_only_leaf(document: dict[str, Any]) -> float:
     mode = read_mode(document, problem) if status in IN_MODE else None
     free = root_of(problem, status, mode).friction
     m = stated_multipliers(nodes[0]["multipliers"], problem, "node 0")
-    bound = proven_bound(problem, m, free, np.inf, objective=False, rounding=_ROUNDING)
+    bound = proven_bound(problem, m, free, np.inf, objective=False, rounding=tolerances.STATED)
     return violation(problem, m, bound)

@@ -19,9 +19,10 @@ from enum import StrEnum
 
 import numpy as np
 
+from graspless_pin.report.verify import tolerances
 from graspless_pin.report.verify.figures import Problem
 
-_NORMAL = 1e-9
+_LONG = np.longdouble
 
 
 class Kind(StrEnum):
@@ -100,7 +101,7 @@ def commanded_contacts(problem: Problem, joint_inertia: np.ndarray) -> np.ndarra
         where = np.flatnonzero(acts[:, column]).tolist()
         if len(where) == 1 and acts[where[0]].sum() == 1:
             off = problem.J[where[0], :, column] - problem.frames[where[0], 0]
-            contacts[column] = where[0] if np.abs(off).max() <= _NORMAL else -1
+            contacts[column] = where[0] if np.abs(off).max() <= tolerances.UNIT else -1
     return contacts
 
 
@@ -232,7 +233,8 @@ def largest_goal(
         goal: p (n,) and q (M, 3).
         force_limit: Normal forces are at most this, scaled.
     """
-    (p, q), rows, mu = goal, dynamics.rows, dynamics.friction
+    (p, q), mu = goal, dynamics.friction
+    rows, motion = dynamics.rows.astype(_LONG), multipliers.motion.astype(_LONG)
     held = np.isfinite(dynamics.commanded)
     none, sticks = states.are(Kind.OPEN), states.are(Kind.STICKING)
     center, half_width = (
@@ -242,33 +244,40 @@ def largest_goal(
     nu = np.where(
         states.are(Kind.FREE, Kind.OPEN), np.maximum(multipliers.normal, 0.0), multipliers.normal
     )
-    nu = np.where(held, 0.0, nu)
-    kappa = multipliers.tangential
+    nu = np.where(held, 0.0, nu).astype(_LONG)
+    kappa = multipliers.tangential.astype(_LONG)
     # c.f: friction mu f_n against the slip, within the cone, or on the arc.
-    c = q + rows @ multipliers.motion
+    c, rough = q + rows @ motion, np.abs(q) + np.abs(rows) @ np.abs(motion)
     least = np.where(held, dynamics.commanded, loads)
     most = np.where(held, dynamics.commanded, force_limit)
     gain = np.where(held, q[:, 0], c[:, 0]) - mu * least_product(c[:, 1:], center, half_width)
+    gain = gain + tolerances.lost(rough[:, 0] + mu * rough[:, 1:].sum(axis=1))
     pushed = np.where(none, 0.0, np.maximum(gain * least, gain * most))
-    bound = float(multipliers.motion @ dynamics.load + pushed.sum())
-    bound += max(float(multipliers.motion @ dynamics.spread), 0.0)
-    bound += float((np.maximum(-nu, 0.0) * states.parts).sum())
-    bound += float((np.linalg.norm(kappa, axis=1) * states.slips)[sticks].sum())
+    towards = np.maximum(motion @ dynamics.spread, 0.0)
+    parting = np.maximum(-nu, 0.0) * states.parts
+    slipping = (np.linalg.norm(kappa, axis=1) * states.slips)[sticks]
+    bound = motion @ dynamics.load + pushed.sum() + towards + parting.sum() + slipping.sum()
+    size = np.abs(motion) @ (np.abs(dynamics.load) + np.abs(dynamics.spread))
+    size += np.abs(pushed).sum() + parting.sum() + slipping.sum()
     # -kappa.u_t is paid for by beta mu f_n |u_t|, or by the longest slip, since |y| <= 1.
     wrong = np.where(sticks, 0.0, np.maximum(-least_product(kappa, center, half_width), 0.0))
-    longest = wrong * np.linalg.norm(rows[:, 1:], axis=(1, 2))
-    v = p - multipliers.motion + nu @ rows[:, 0] + np.einsum("li,lin->n", kappa, rows[:, 1:])
-    return bound + _paid(wrong, mu * least, longest, v, dynamics.load)
+    lengths = np.linalg.norm(rows[:, 1:], axis=(1, 2))
+    v = p - motion + nu @ rows[:, 0] + np.einsum("li,lin->n", kappa, rows[:, 1:])
+    size += np.abs(p).sum() + np.abs(motion).sum() + np.abs(nu) @ np.abs(rows[:, 0]).sum(axis=1)
+    size += (np.abs(kappa)[:, :, None] * np.abs(rows[:, 1:])).sum()
+    size += np.where(sticks, 0.0, np.linalg.norm(kappa, axis=1)) @ lengths
+    bound += _paid(wrong, mu * least, wrong * lengths, v, dynamics.load)
+    return float(bound + tolerances.lost(size))
 
 
 def _paid(
     wrong: np.ndarray, power: np.ndarray, longest: np.ndarray, v: np.ndarray, h: np.ndarray
-) -> float:
+) -> np.longdouble:
     """Return the least over beta of max_y [v.y + beta (h.y - |y|^2)], and of slips not paid for."""
-    size, best = float(np.linalg.norm(v)), np.inf
+    size, best = np.linalg.norm(v), _LONG(np.inf)
     needed = np.where(power > 0.0, wrong / np.where(power > 0.0, power, 1.0), np.inf)
     needed = np.where(wrong > 0.0, needed, 0.0)
     for beta in (size, *needed[(needed > size) & np.isfinite(needed)]):
-        ball = float(((v + beta * h) ** 2).sum()) / (4.0 * beta) if beta > 0.0 else 0.0
-        best = min(best, ball + float(longest[needed > beta].sum()))
+        ball = ((v + beta * h) ** 2).sum() / (4.0 * beta) if beta > 0.0 else 0.0
+        best = min(best, ball + longest[needed > beta].sum())
     return best

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from graspless_pin.report.verify import tolerances
 from graspless_pin.report.verify.figures import Problem
 from graspless_pin.report.verify.rest_bounds import (
     RestDynamics,
@@ -15,13 +16,10 @@ from graspless_pin.report.verify.rest_bounds import (
     force_motion,
     rest_dynamics,
 )
-from graspless_pin.report.verify.values import array, entry
+from graspless_pin.report.verify.values import array, entry, number
 
 LARGEST_FORCE = 1e6
 """Proofs have to hold for normal forces up to so many loads."""
-BALANCED = 1e-6
-"""Of the load: forces that leave less of it unbalanced are forces of rest."""
-_SYMMETRIC = 1e-9
 
 
 class RestLoad:
@@ -31,6 +29,7 @@ class RestLoad:
         problem: Contacts, joints and external wrench.
         load: (6 + L,) external wrench, and torques less those that bear the links' weight.
         unit: (6 + L,) what each of them counts in.
+        undisturbed: The problem whose load all tolerances are relative to.
         inertia: (6 + L, 6 + L) of object and joints; None where it is not known.
         hybrid: (L,) contact whose normal force a column commands; -1: a joint.
         dynamics: The equations of motion; None without inertia, or where nothing accelerates.
@@ -42,11 +41,12 @@ class RestLoad:
         load: np.ndarray,
         inertia: np.ndarray | None,
         hybrid: np.ndarray,
+        undisturbed: Problem | None = None,
     ) -> None:
         """Work out the equations of motion."""
         self.problem, self.load, self.inertia, self.hybrid = problem, load, inertia, hybrid
-        force, length = problem.force, problem.length
-        self.unit = np.concatenate([np.repeat([force, force * length], 3), problem.joint_scale])
+        self.undisturbed = problem if undisturbed is None else undisturbed
+        self.unit = _loads(problem)
         self._motion = contact_motion(problem)
         self.dynamics: RestDynamics | None = None
         if inertia is not None:
@@ -56,13 +56,15 @@ class RestLoad:
         """Return the same bodies with so much more external wrench (6,)."""
         more = np.concatenate([wrench, np.zeros(len(self.load) - 6)])
         problem = replace(self.problem, w=self.problem.w + wrench)
-        return RestLoad(problem, self.load + more, self.inertia, self.hybrid)
+        return RestLoad(problem, self.load + more, self.inertia, self.hybrid, self.undisturbed)
 
     def limit(self, resolution: float) -> float:
         """Return the acceleration up to which points of the object count as at rest, m/s^2."""
-        if self.inertia is None:
-            return float(np.nan)
-        return resolution * self.problem.force / float(self.inertia[0, 0])
+        return resolution * self.acceleration(self.problem)
+
+    def acceleration(self, problem: Problem) -> float:
+        """Return a problem's load over the object's mass, m/s^2; NaN without inertia."""
+        return float(np.nan) if self.inertia is None else problem.force / float(self.inertia[0, 0])
 
     @property
     def commanded(self) -> np.ndarray:
@@ -78,8 +80,35 @@ class RestLoad:
 
     def unbalanced(self, local: np.ndarray) -> float:
         """Return the largest entry of G^T f + g, in loads; forces (M, 3) in contact frames."""
-        left = np.einsum("lik,li->k", self._motion, local) + self.load
-        return float(np.abs(left / self.unit).max())
+        motion, local = self._motion.astype(np.longdouble), local.astype(np.longdouble)
+        left = np.einsum("lik,li->k", motion, local) + self.load
+        sizes = np.einsum("lik,li->k", np.abs(motion), np.abs(local)) + np.abs(self.load)
+        left = np.abs(left) + tolerances.lost(sizes)
+        return float((left / _loads(self.undisturbed)).max())
+
+    def left_by_motion(self, local: np.ndarray, acceleration: np.ndarray) -> float:
+        """Return the largest entry of M a - G^T f - g, in loads.
+
+        Args:
+            local: (M, 3) forces in contact frames, N.
+            acceleration: (6 + L,) of object and joints; hybrid fingers' own are not looked at.
+        """
+        if self.inertia is None:
+            return float(np.inf)
+        kept = np.concatenate([np.ones(6, dtype=bool), self.hybrid < 0])
+        acceleration = np.where(kept, acceleration, 0.0).astype(np.longdouble)
+        acting = force_motion(self.problem).astype(np.longdouble)
+        left = self.inertia @ acceleration - np.einsum("lik,li->k", acting, local) - self.load
+        sizes = np.abs(self.inertia) @ np.abs(acceleration) + np.abs(self.load)
+        sizes = sizes + np.einsum("lik,li->k", np.abs(acting), np.abs(local))
+        left = np.abs(left) + tolerances.lost(sizes)
+        units = _loads(self.undisturbed)
+        # A joint that reaches no contact moves by its weight, or by nothing that the load makes.
+        weight = np.abs(self.undisturbed.gravity)
+        units[6:] = np.maximum.reduce([
+            units[6:], weight, np.full(len(weight), tolerances.SAME * units[6:].max(initial=0.0))
+        ])  # fmt: skip
+        return float((left / units)[kept].max())
 
     def misdirected(self, local: np.ndarray) -> float:
         """Return the most by which friction is not against the sliding that is declared, N."""
@@ -89,7 +118,7 @@ class RestLoad:
 
     def amiss(self, local: np.ndarray) -> float:
         """Return by how much forces (M, 3) in contact frames are none of rest, in loads."""
-        size = self.problem.force
+        size = self.undisturbed.force
         slip = np.linalg.norm(local[:, 1:], axis=1) - self.problem.mu * local[:, 0]
         outside = max(float(-local[:, 0].min()), float(slip.max()), self.misdirected(local))
         return max(self.unbalanced(local), outside / size)
@@ -104,8 +133,15 @@ class RestLoad:
         z = z / max(1.0, float(np.abs(z).sum()))
         c = force_motion(self.problem) @ (z * self.problem.force / self.unit)
         gain = self.problem.mu * np.linalg.norm(c[:, 1:], axis=1) - c[:, 0]
-        left = float(z @ ((self.load + more) / self.unit))
+        load = z.astype(np.longdouble) * (self.load + more) / self.unit
+        left = float(load.sum() - tolerances.lost(np.abs(load).sum()))
         return left - LARGEST_FORCE * float(np.maximum(gain, 0.0).sum())
+
+
+def _loads(problem: Problem) -> np.ndarray:
+    """(6 + L,) what a problem's load makes in the balance and at each joint, N and N m."""
+    force, length = problem.force, problem.length
+    return np.concatenate([np.repeat([force, force * length], 3), problem.joint_scale])
 
 
 def read_load(document: dict[str, Any], problem: Problem) -> RestLoad:
@@ -127,6 +163,16 @@ def read_load(document: dict[str, Any], problem: Problem) -> RestLoad:
         return RestLoad(problem, load, None, hybrid)
     inertia[:6, :6] = array(own, (6, 6), "object_inertia")
     size = np.sqrt(np.abs(np.outer(inertia.diagonal(), inertia.diagonal())))
-    if (np.abs(inertia - inertia.T) > _SYMMETRIC * size).any():
+    if (np.abs(inertia - inertia.T) > tolerances.SAME * size).any():
         raise ValueError("object_inertia and joint_inertia must be symmetric")
+    # Accelerations count in load over mass: there has to be one mass.
+    mass = inertia[0, 0]
+    if (
+        not mass > 0.0
+        or (np.abs(inertia[:3, :3] - mass * np.eye(3)) > tolerances.SAME * mass).any()
+    ):
+        raise ValueError("object_inertia is of no rigid body: its mass differs with the direction")
+    stated = document["object"].get("mass") if isinstance(document.get("object"), dict) else None
+    if stated is not None and abs(number(stated, "mass") - mass) > tolerances.SAME * mass:
+        raise ValueError(f"object_inertia is of {mass:.6g} kg, but the object of {stated:.6g} kg")
     return RestLoad(problem, load, inertia, hybrid)

@@ -6,25 +6,27 @@ from typing import Any
 
 import numpy as np
 
+from graspless_pin.report.verify import tolerances
 from graspless_pin.report.verify.outcome import Check, holds, within
 from graspless_pin.report.verify.rest_bounds import KnownStates, RestDynamics, largest_goal
 from graspless_pin.report.verify.rest_load import RestLoad
 from graspless_pin.report.verify.rest_tree import RestWalk, read_rest_multipliers, read_rest_tree
 from graspless_pin.report.verify.values import MOST, entry, items, number, whole
 
-_EXACT = 1e-8
-"""Of the load, where no inertia tells what is moved by what is left of it."""
-_ROUNDING = 1e-6
-"""Share by which a proven figure may be overstated."""
-
 
 def force_limit(proof: object, wanted: float) -> tuple[float, Check]:
-    """Return the normal forces up to which a proof holds, N, and whether they are enough."""
-    stated = entry(proof, "force_limit", "proof of rest")
-    limit = np.inf if stated is None else number(stated, "force_limit")
+    """Return the normal forces up to which a proof holds, N, and whether they are enough.
+
+    None is stated where the proof leans on no limit: it has neither loads nor a tree.
+    """
+    stated, name = entry(proof, "force_limit", "proof of rest"), "force limit of the proof"
+    if stated is None:
+        leans = entry(proof, "loads", "proof") or entry(proof, "nodes", "proof of rest")
+        detail = "none is stated, but the proof leans on one" if leans else "it leans on none"
+        return wanted, holds(name, not leans, detail)
+    limit = number(stated, "force_limit")
     detail = f"{limit:.6g} N, wanted {wanted:.6g} N"
-    reach = holds("force limit of the proof", limit >= (1.0 - 1e-9) * wanted, detail)
-    return (limit if np.isfinite(limit) else wanted), reach
+    return limit, holds(name, limit >= (1.0 - tolerances.SAME) * wanted, detail)
 
 
 def stated_loads(
@@ -52,7 +54,7 @@ def stated_loads(
         found = -unit * largest_goal(
             dynamics, states, loads / unit, multipliers, goal, limit / unit
         )
-        good = force <= found + 1e-9 * bodies.problem.force
+        good = force <= found + tolerances.ARITHMETIC * bodies.undisturbed.force
         detail = f"stated {force:.9g}, proven {found:.9g} N"
         checks.append(holds(f"least normal force of contact {contact}", good, detail))
         if good:
@@ -74,14 +76,15 @@ def certificate(
     """
     unborne = np.linalg.norm(forces[:, 1:], axis=1) - bodies.problem.mu * loads
     unborne, pulling = np.maximum(unborne, 0.0), np.maximum(-forces[:, 0], 0.0)
-    dynamics, size = bodies.dynamics, bodies.problem.force
+    dynamics, size = bodies.dynamics, bodies.undisturbed.force
     if dynamics is None:
         worst = max(bodies.unbalanced(forces), unborne.max() / size, pulling.max() / size)
-        return within(name, worst, _EXACT, "loads")
-    rows, unit = dynamics.rows, dynamics.force_unit
+        return within(name, worst, tolerances.EXACT, "loads")
+    rows, unit = dynamics.rows.astype(np.longdouble), dynamics.force_unit
     left = np.einsum("lin,li->n", rows, forces / unit) + dynamics.load
-    y = float(np.linalg.norm(left))
-    y += float(unborne @ np.linalg.norm(rows[:, 1:], ord=2, axis=(1, 2))) / unit
+    sizes = np.einsum("lin,li->n", np.abs(rows), np.abs(forces) / unit) + np.abs(dynamics.load)
+    y = float(np.linalg.norm(left) + tolerances.lost(sizes.sum()))
+    y += float(unborne @ np.linalg.norm(dynamics.rows[:, 1:], ord=2, axis=(1, 2))) / unit
     y += float(pulling @ np.linalg.norm(rows[:, 0], axis=1)) / unit
     return within(name, y * dynamics.reach, limit, "m/s^2 at most")
 
@@ -102,6 +105,6 @@ def tree(
     walk = RestWalk(dynamics, loads / unit, most_force / unit)
     walk.walk(read_rest_tree(entry(proof, "nodes", "proof of rest"), dynamics))
     most = (still / dynamics.reach) ** 2
-    proven = not walk.failure and walk.bound <= (1.0 + _ROUNDING) * most
+    proven = not walk.failure and walk.bound <= (1.0 + tolerances.SHARE) * most
     shown = f"{walk.leaves} leaves, power {walk.bound:.3g} of {most:.3g} (scaled)"
     return holds(name, proven, walk.failure or shown)

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from graspless_pin.report.verify import tolerances
 from graspless_pin.report.verify.rest_bounds import (
     Kind,
     KnownStates,
@@ -25,7 +26,6 @@ from graspless_pin.report.verify.values import array, entry, items, number, whol
 
 _MOST_NODES = 100_000
 _DEEPEST = 400
-_ROUNDING = 1e-9
 GOALS = 13
 """Under a declared motion: no outcome at all, and both signs of six accelerations."""
 _PASSED_OVER = {Kind.OPEN: Kind.CLOSED, Kind.SLIPPING: Kind.STICKING}
@@ -253,6 +253,6 @@ def _cover(outer: tuple[float, float], arcs: list[tuple[float, float]]) -> bool:
         spans += [(start + turn, start + turn + 2.0 * half) for turn in (-2.0 * np.pi, 0.0)]
     covered = 0.0
     for start, end in sorted(spans):
-        if start <= covered + _ROUNDING:
+        if start <= covered + tolerances.ANGLE:
             covered = max(covered, end)
-    return covered >= 2.0 * half_width - _ROUNDING
+    return covered >= 2.0 * half_width - tolerances.ANGLE

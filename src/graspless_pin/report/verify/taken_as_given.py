@@ -18,15 +18,47 @@ def taken_as_given(problem: Problem, document: dict[str, Any]) -> list[Check]:
         given(
             "the problem",
             "contact points, normals, tangents, sliding, friction, Jacobian, external wrench, "
-            "limits, options and rules; poses, masses and names",
+            "limits, options and rules; poses, masses, gravity and names",
         ),
+        given("units", _units(problem, document)),
+        given("limits", _limits(problem)),
         *_of_objective(problem, document),
         given(
             "how it was found",
-            "counters of the search, solver, versions, hashes, words, and the optima with "
-            "another threshold of motions",
+            "counters of the search, solver, versions, hashes, findings, words, and the optima "
+            "with another threshold of motions",
         ),
     ]
+
+
+def _units(problem: Problem, document: dict[str, Any]) -> str:
+    """Return the units of all figures, and which joints turn and which push."""
+    names = [str(joint["name"]) for joint in document["joints"]]
+    shown = ["SI, world axes"]
+    for unit in ("N m", "N"):
+        own = [name for name, one in zip(names, problem.units, strict=True) if one == unit]
+        shown += [f"{unit}: {_listed(own)}"] if own else []
+    return "; ".join(shown)
+
+
+def _limits(problem: Problem) -> str:
+    """Return how far limits go, and how many joints have none."""
+    least, most = float(problem.limit.min()), float(problem.limit.max())
+    shown = [f"normal forces {_span(least, most)} N"]
+    for unit in ("N m", "N"):
+        own = np.array([one == unit for one in problem.units], dtype=bool)
+        if own.any():
+            ends = np.concatenate([problem.lower[own], problem.upper[own]])
+            finite = np.abs(ends[np.isfinite(ends)])
+            said = _span(float(finite.min()), float(finite.max())) if finite.size else "none"
+            free = int((np.isinf(problem.lower[own]) | np.isinf(problem.upper[own])).sum())
+            said += f" {unit}" if finite.size else ""
+            shown.append(f"joints {said}" + (f" ({free} without)" if free and finite.size else ""))
+    return "; ".join(shown)
+
+
+def _span(least: float, most: float) -> str:
+    return f"{most:.6g}" if least == most else f"{least:.6g} to {most:.6g}"
 
 
 def _of_objective(problem: Problem, document: dict[str, Any]) -> list[Check]:
@@ -38,12 +70,12 @@ def _of_objective(problem: Problem, document: dict[str, Any]) -> list[Check]:
     where = f"of {stated['name'][:60]!r}"
     names = [short_text(entry(one, "name", "a column"), "a name") for one in stated["columns"]]
     lines = [
-        given(f"costs {where}", "what is minimised, in which unit"),
-        given(f"columns {where}", f"{_listed(names)}, with their bounds"),
+        given(f"costs {where}", f"what is minimised, in units of {own.unit:.3g}"),
+        given(f"columns {where}", f"{_listed(names)}, with their bounds{_sizes(own.column_unit)}"),
         given(
             f"rows {where}",
             f"{_listed([one[0] for one in own.rows.blocks])}, and the margins in cones and limits "
-            "of normal forces",
+            f"of normal forces{_sizes(own.rows.unit)}",
         ),
     ]
     low, high, unbounded = own_box(problem, own, np.inf)
@@ -52,6 +84,13 @@ def _of_objective(problem: Problem, document: dict[str, Any]) -> list[Check]:
         detail = f"{', '.join(shown)}: {unbounded.sum()} columns that no row bounds on both sides"
         lines.append(given(f"boxes {where}", detail))
     return lines
+
+
+def _sizes(units: np.ndarray) -> str:
+    """Return what columns or rows are of order of: they hold to a millionth of that."""
+    if not units.size:
+        return ""
+    return f"; in units of {_span(float(units.min()), float(units.max()))}"
 
 
 def _listed(names: list[str]) -> str:
