@@ -24,6 +24,26 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 WIDTH, HEIGHT = 1280, 800
 PATIENCE = 120_000  # ms
 
+LONG_NAMES = """
+name: Two manipulators pinch the left_hand_side_calibration_fixture_block_of_the_second_batch
+friction: {hand: 0.8, supports: 0.4}
+hand:
+  mounts:
+    - prefix: left_prototype_manipulator_with_force_torque_sensor/
+      robot: lever_100mm
+      base_pose: {position: [0, -0.03, 0.13], rpy: [3.1415927, 1.5707963, 0]}
+    - prefix: right_prototype_manipulator_with_force_torque_sensor/
+      robot: lever_100mm_mirrored
+      base_pose: {position: [0, 0.03, 0.13], rpy: [0, 1.5707963, 0]}
+object:
+  name: left_hand_side_calibration_fixture_block_of_the_second_batch
+  shape: {type: box, size: [0.06, 0.06, 0.06]}
+  mass: 0.3
+  pose: {position: [0, 0, 0.03]}
+supports:
+  - {name: laboratory_table_with_a_rubber_mat_and_a_camera, shape: {type: half_space}}
+"""
+
 Pixels = NDArray[np.int16]
 Opened = Callable[..., Page]
 
@@ -53,10 +73,14 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     cases["walls"] = case_of_scene(walls, dropped, walls.path, verdict)
     arm = load_scene(EXAMPLES / "panda_arm_drag_board.yaml")
     cases["arm"] = case_of_scene(arm, arm.solve(), arm.path)
+    file = folder / "long_names.yaml"
+    file.write_text(LONG_NAMES, encoding="utf-8")
+    long = load_scene(file)
+    cases["long names"] = case_of_scene(long, long.solve(), file)
     files = {name: folder / f"{name}.html" for name in cases}
     for name, case in cases.items():
         solution, bounds = case.solution, None
-        if solution.found and name not in ("arm", "walls"):
+        if solution.found and name not in ("arm", "walls", "long names"):
             bounds = contact_force_bounds(solution.problem, solution.torques)
         files[name].write_text(report_html(case, bounds), encoding="utf-8")
     return files
@@ -168,7 +192,7 @@ def test_arrows_and_cones_start_at_the_contacts(opened: Opened):
             assert far.max() < 12.0
 
 
-@pytest.mark.parametrize("name", ["allegro", "infeasible", "arm"])
+@pytest.mark.parametrize("name", ["allegro", "infeasible", "long names"])
 def test_nothing_of_the_scene_is_cut_off(opened: Opened, name: str):
     """At first sight hand, object, slope and arrows are whole inside the view, and fill it."""
     page = opened(name)
@@ -185,13 +209,52 @@ def test_nothing_of_the_scene_is_cut_off(opened: Opened, name: str):
     assert np.ptp(rows) > 0.7 * len(inner)
 
 
+def test_fit_shows_contacts_rather_than_the_arm(opened: Opened):
+    """Object, table and forces are whole inside the view; most of the arm is not."""
+    page = opened("arm")
+    box = page.locator("#view .stage").bounding_box()
+    assert box is not None
+    points = label_points(page)
+    assert np.ptp(points[:, 1]) > 0.33 * box["height"]
+    show_only(page, Role.OBJECT, Role.SUPPORT, Role.NORMAL_FORCE, Role.FRICTION_FORCE)
+    pixels = drawing(page)
+    drawn = np.abs(pixels - pixels[8, 8]).sum(axis=2) > 20
+    inner = drawn[4:-4, 4:-4]
+    assert not inner[[0, -1]].any() and not inner[:, [0, -1]].any()
+
+
+def test_numbers_stand_apart_and_lines_lead_to_their_contacts(opened: Opened):
+    """Also where eight contacts lie close together."""
+    page = opened("arm")
+    points = label_points(page)
+    lines = np.array(
+        page.locator("#view .leaders line").evaluate_all(
+            "all => all.map((one) => ['x1', 'y1', 'x2', 'y2'].map((end) => one[end].baseVal.value))"
+        )
+    )
+    np.testing.assert_allclose(lines[:, :2], points, atol=0.1)
+    numbers = page.locator("#view .labels button").evaluate_all(
+        "all => all.map((one) => { const box = one.getBoundingClientRect(), "
+        "around = one.parentNode.getBoundingClientRect(); "
+        "return [box.x + box.width / 2 - around.x, box.y + box.height / 2 - around.y, "
+        "box.height]; })"
+    )
+    *middles, heights = np.array(numbers).T
+    np.testing.assert_allclose(lines[:, 2:], np.transpose(middles), atol=1.0)
+    apart = np.linalg.norm(lines[:, None, 2:] - lines[:, 2:], axis=2)
+    assert apart[~np.eye(len(apart), dtype=bool)].min() >= heights.max()
+    page.locator("#view").get_by_role("checkbox", name="contact numbers").uncheck()
+    drawing(page)
+    expect(page.locator("#view .leaders line").first).to_be_hidden()
+
+
 def test_pointer_and_keys_turn_move_and_zoom(opened: Opened):
     page = opened("allegro")
     first = label_points(page)
     canvas = page.locator("#view canvas")
     box = canvas.bounding_box()
     assert box is not None
-    x, y = box["x"] + 300, box["y"] + 200
+    x, y = box["x"] + 300, box["y"] + 60
     page.mouse.move(x, y)
     page.mouse.down()
     page.mouse.move(x + 60, y + 20, steps=3)
@@ -238,14 +301,19 @@ def test_it_is_accessible(opened: Opened, name: str, dark: bool):
     assert serious == []
 
 
-@pytest.mark.parametrize("name", ["allegro", "infeasible", "arrays"])
+@pytest.mark.parametrize("name", ["allegro", "infeasible", "arrays", "long names"])
 @pytest.mark.parametrize("width", [WIDTH, 390])
 def test_nothing_is_cut_off(opened: Opened, name: str, width: int):
     page = opened(name)
     page.set_viewport_size({"width": width, "height": HEIGHT})
     assert page.evaluate("document.documentElement.scrollWidth") <= width
+    spilling = page.locator(".tiles > div, .tiles dd, .controls, .controls *").evaluate_all(
+        "all => all.filter((one) => one.clientWidth && one.scrollWidth > one.clientWidth + 1)"
+        ".map((one) => one.outerHTML.slice(0, 80))"
+    )
+    assert spilling == []
     # Wide tables scroll in themselves, but not at the width of a screen.
-    if width == WIDTH:
+    if width == WIDTH and name != "long names":
         cut = page.locator(".scroll").evaluate_all(
             "items => items.filter((item) => item.scrollWidth > item.clientWidth).length"
         )

@@ -392,7 +392,11 @@ def test_claims_without_a_proof_are_not_proven():
     made["stability"]["status"] = "strong"
     assert [line.passed for line in rest_lines(made)].count(None) == 1
     made["stability"]["status"] = "undecided"
-    assert "nothing is claimed" in rest_lines(made)[-1].detail
+    last = rest_lines(made)[-1]
+    assert (last.name, last.detail) == (
+        "whether the object stays",
+        "left undecided: nothing is claimed",
+    )
     made = copy.deepcopy(document("slope"))
     made["stability"]["status"] = "weak"
     assert is_refused(made)

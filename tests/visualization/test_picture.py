@@ -231,10 +231,14 @@ EVERY_SCENE = sorted([*EXAMPLES.glob("*.yaml"), *EXAMPLES.glob("paper/*.yaml")])
 
 @pytest.mark.parametrize("file", EVERY_SCENE, ids=lambda file: file.stem)
 def test_nothing_is_cut_off_at_first_sight(file: Path):
-    """Every corner of what is shown at first is inside the frame, and some are close to its rim."""
+    """Each corner of what is shown at first, but for arms, is inside; some are near the rim."""
     scene = load_scene(file)
     picture = draw_scene(scene, scene.solve())
-    first = [mesh.vertices for mesh in picture.meshes if mesh.role not in HIDDEN_AT_FIRST]
+    first = [
+        mesh.vertices
+        for mesh in picture.meshes
+        if mesh.role not in HIDDEN_AT_FIRST and "/panda_link" not in mesh.name  # but for arms
+    ]
     corners = np.vstack(first)
     for aspect in (0.75, 1.6):
         center, distance = framing(picture, 0.7, aspect)

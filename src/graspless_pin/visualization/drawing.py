@@ -27,7 +27,7 @@ _WALL_OPACITY = 0.3
 _FACING = 0.1
 # The least upward part of a normal of what somebody would not look up through.
 _UPWARD = 0.2
-# Of a hand that is an arm, what is farther from the object than so many of its radii is context.
+# Fingers none of which is nearer to the object than so many of its radii are context, as arms are.
 _NEAR = 3.5
 # A half-space is drawn this wide on each side of the object, and this deep, in its radii.
 _SLAB_WIDTH = 1.3
@@ -88,10 +88,7 @@ def draw_bodies(scene: Scene, *, max_faces: int = 1500) -> Picture:
     body = body.moved(scene.object.T_world_object)
     middle, size = _enclosing(body.vertices)
     hand = [] if scene.hand is None else _hand(scene.hand, max_faces)
-    near = [
-        mesh.vertices[np.linalg.norm(mesh.vertices - middle, axis=1) < _NEAR * size]
-        for mesh in hand
-    ]
+    near = [] if scene.hand is None else _near(scene.hand, hand, middle, size)
     shown = np.vstack([body.vertices, *near])
     center, radius = _enclosing(shown)
     up = up_against(scene.gravity)
@@ -155,6 +152,37 @@ def _hand(hand: Hand, max_faces: int) -> list[Mesh]:
         )
         found.append(mesh if finger is None else replace(mesh, finger=names.index(finger)))
     return found
+
+
+def _near(hand: Hand, meshes: Sequence[Mesh], middle: FloatArray, size: float) -> list[FloatArray]:
+    """Return the (V, 3) vertices of the fingers and palms that are at an object.
+
+    With one finger comes all that its palm carries. Of a hand without fingers it is what is near.
+
+    Args:
+        hand: The hand.
+        meshes: Of its links.
+        middle: (3,) of the object, m.
+        size: Its radius, m.
+    """
+    near = {
+        mesh.name: np.linalg.norm(mesh.vertices - middle, axis=1) < _NEAR * size for mesh in meshes
+    }
+    palms: dict[str, str | None] = {}
+    for link in hand.link_names:
+        above, finger = link, hand.finger_of(link)
+        while finger is not None and above is not None and hand.finger_of(above) == finger:
+            above = hand.tree.parent_links[above]
+        if finger is not None:
+            palms[link] = above
+    links = {mesh.name: mesh.name.split("/", 2)[2] for mesh in meshes}
+    at_object = {palms[link] for name, link in links.items() if link in palms and near[name].any()}
+    shown = [
+        mesh.vertices
+        for mesh in meshes
+        if links[mesh.name] in at_object or palms.get(links[mesh.name], "") in at_object
+    ]
+    return shown or [mesh.vertices[near[mesh.name]] for mesh in meshes]
 
 
 def _support(

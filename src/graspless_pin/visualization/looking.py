@@ -7,14 +7,14 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from graspless_pin.problem.checks import FloatArray, read_only
-from graspless_pin.visualization.picture import HIDDEN_AT_FIRST, Picture
+from graspless_pin.visualization.picture import HIDDEN_AT_FIRST, Picture, Role
 
 _FORWARD, _HEIGHT = 0.35, 0.5
 _TOO_SHORT = 1e-9
 _LOW, _STEP = np.radians(10.0), np.radians(1.0)
-# Of an arm's far links, only what is nearer to the middle than this is framed, in radii; the slab
-# of a half-space, 1.3 of the object's radii to each side, lies within.
-_FRAMED = 2.3
+# Only what is nearer to the middle than this is framed, in radii: of hands, whose arms are context,
+# and of all else; the slab of a half-space, 1.3 of the object's radii to each side, lies within.
+_HAND_FRAMED, _FRAMED = 1.05, 2.3
 _ROOM = 1.08
 
 
@@ -111,10 +111,13 @@ def framing(
     right = np.cross(up, toward)
     right /= np.linalg.norm(right)
     axes = np.stack([right, np.cross(toward, right), toward])
-    shown = [mesh.vertices for mesh in picture.meshes if mesh.role not in HIDDEN_AT_FIRST]
-    vertices = np.vstack(shown) - picture.center
-    near = np.linalg.norm(vertices, axis=1) < _FRAMED * picture.radius
-    seen = vertices[near] @ axes.T
+    near = []
+    for mesh in picture.meshes:
+        if mesh.role not in HIDDEN_AT_FIRST:
+            reach = _HAND_FRAMED if mesh.role is Role.HAND else _FRAMED
+            vertices = mesh.vertices - picture.center
+            near.append(vertices[np.linalg.norm(vertices, axis=1) < reach * picture.radius])
+    seen = np.vstack(near) @ axes.T
     middle = 0.5 * (seen.min(axis=0) + seen.max(axis=0)) * [1.0, 1.0, 0.0]
     x, y, z = (seen - middle).T
     slope = np.tan(0.5 * field_of_view)

@@ -23,6 +23,7 @@ from graspless_pin.report.html.sections import (
     check_rows,
     contact_rows,
     friction_figures,
+    joined_ranges,
     joint_rows,
     motion_rows,
     range_figure,
@@ -164,7 +165,7 @@ def _context(
             "torque_figure": torque_figure(solution) if problem.joint_count else "",
             "friction_figures": friction_figures(solution),
             "checks": _checks(case.document),
-            **_ranges(case, bounds, rest_bounds),
+            **_ranges(case, bounds, rest_bounds, partial(_number, size=load, signed=True)),
         }
     return context
 
@@ -211,20 +212,26 @@ def _aim(solution: TorqueSolution) -> tuple[str, str]:
 
 
 def _ranges(
-    case: Case, bounds: ContactForceBounds | None, rest_bounds: ContactForceBounds | None
+    case: Case,
+    bounds: ContactForceBounds | None,
+    rest_bounds: ContactForceBounds | None,
+    figure: Callable[..., str],
 ) -> dict[str, Any]:
     """Return the force ranges of the solution's torques, or why there are none."""
     if bounds is None:
         return {"bounds": None, "no_bounds": "they were not asked for."}
     if not bounds.found:
         return {"bounds": None, "no_bounds": f"{bounds.status.message}."}
+    ranges = range_rows(bounds, figure)
+    at_rest = range_rows(rest_bounds, figure) if rest_bounds and rest_bounds.found else ranges
     return {
         "bounds": bounds,
         "proven": bounds.status is Status.OPTIMAL,
-        "ranges": range_rows(bounds),
+        "ranges": joined_ranges(ranges, at_rest),
+        "differ": at_rest != ranges,
+        "starred": any(cell["words"].endswith("*") for row in ranges + at_rest for cell in row),
         "range_figure": range_figure(bounds, case.solution),
         "rest_bounds": rest_bounds,
-        "rest_ranges": range_rows(rest_bounds) if rest_bounds and rest_bounds.found else [],
         "squeezed": (rest_bounds or bounds).squeeze_words(case.bodies),
     }
 

@@ -158,15 +158,53 @@ def friction_figures(solution: TorqueSolution) -> list[str]:
     return figures
 
 
-def range_rows(bounds: ContactForceBounds) -> list[dict[str, Any]]:
-    """Return a row a contact: the ranges of f_n, f_t1, f_t2, and what is known of them.
+def range_rows(
+    bounds: ContactForceBounds, figure: Callable[..., str]
+) -> list[list[dict[str, Any]]]:
+    """Return a row a contact: the ranges of f_n, f_t1, f_t2 in words.
 
-    A range is open where the torques do not fix the force, or are not proven to.
+    A range is open where the torques do not fix the force, or are not proven to; then it has a
+    star where it may be wider.
+
+    Args:
+        bounds: The ranges.
+        figure: A force and its ``rounding`` in words.
     """
-    is_open, rounding = bounds.indeterminate | ~bounds.proven, force_rounding(bounds.problem)
-    columns = bounds.lower, bounds.upper, is_open, bounds.proven, rounding
-    names = "lower", "upper", "open", "proven", "rounding"
-    return [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
+    is_open, roundings = bounds.indeterminate | ~bounds.proven, force_rounding(bounds.problem)
+    columns = bounds.lower, bounds.upper, is_open, bounds.proven
+    rows = []
+    for *each, rounding in zip(*columns, roundings, strict=True):
+        cells = []
+        for lower, upper, open_, proven in zip(*each, strict=True):
+            ends = [figure(end, rounding=rounding) for end in (lower, upper)]
+            words = " to ".join(ends) if open_ else ends[0]
+            if np.isinf([lower, upper]).all():
+                words = "unbounded"
+            cells.append({"words": words if proven else f"{words} *", "open": open_})
+        rows.append(cells)
+    return rows
+
+
+def joined_ranges(
+    ruled: list[list[dict[str, Any]]], at_rest: list[list[dict[str, Any]]]
+) -> list[dict[str, Any]]:
+    """Return the rows of one table: what differs over all forces of rest stands in a row below.
+
+    Args:
+        ruled: Rows of `range_rows` under the virtual-sliding rule.
+        at_rest: Those over all forces of rest.
+    """
+    rows = []
+    for contact, (cells, others) in enumerate(zip(ruled, at_rest, strict=True)):
+        over = "both" if cells == others else "rule"
+        rows.append({"contact": contact, "over": over, "cells": cells})
+        if over == "rule":
+            told = [
+                {"words": "same", "open": False} if cell == other else other
+                for cell, other in zip(cells, others, strict=True)
+            ]
+            rows.append({"contact": contact, "over": "rest", "cells": told})
+    return rows
 
 
 def range_figure(bounds: ContactForceBounds, solution: TorqueSolution) -> str:
@@ -182,7 +220,7 @@ def range_figure(bounds: ContactForceBounds, solution: TorqueSolution) -> str:
 
 def check_rows(document: dict[str, Any]) -> list[dict[str, str]]:
     """Return a row a check of the document with numpy alone."""
-    words = {"ok": "holds", "FAILED": "FAILS"}
+    words = {"ok": "passed"}
     return [
         {"name": check.name, "verdict": words.get(check.mark, check.mark), "detail": check.detail}
         for check in verify_document(document).checks

@@ -87,8 +87,8 @@ class _Verdict:
             shown = ", ".join(f"{key} {str(value)[:20]}" for key, value in told.items())
             checks.append(given("what small motions do, and what moves", shown))
         if self.status == "undecided":
-            return [*checks, holds("whether rest is what happens", passed=True,
-                                   detail="undecided: nothing is claimed")]  # fmt: skip
+            return [*checks, holds("whether the object stays", passed=True,
+                                   detail="left undecided: nothing is claimed")]  # fmt: skip
         if self.status == "none":
             return [*checks, self._no_rest(), *self._motion()]
         checks.append(self._rest())

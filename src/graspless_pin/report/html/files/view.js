@@ -7,6 +7,8 @@ for (const root of document.querySelectorAll(".view")) (() => {
   const model = JSON.parse(root.querySelector("script").textContent);
   const CREASE = Math.cos((35 * Math.PI) / 180);
   const FIELD = (32 * Math.PI) / 180, ROOM = 1.08;
+  const FRAMED = 2.3, HAND_REACH = 1.05; // of the picture's radius: farther parts, and an arm's, are context
+  const BADGE = 19, RINGS = [17, 32, 47, 62], RAYS = 12; // px: numbers apart, and their distances from contacts
   const NEAREST = 0.06, FARTHEST = 1.2; // of the picture's radius: the eye from floors, the target from the middle
   const REACH = 9; // px: what counts as pointed at
   const PLAYED = 2600, SHOWN_STILL = 900; // ms of one round: the motion, then its end
@@ -46,7 +48,8 @@ for (const root of document.querySelectorAll(".view")) (() => {
       mesh.triangles = [];
       for (let i = 0; i < mesh.faces; i++, f += 3) mesh.triangles.push([faces[f], faces[f + 1], faces[f + 2]]);
       mesh.middle = add(mesh.low, mesh.size, 0.5);
-      const seen = mesh.points.filter((point) => mesh.framed && Math.hypot(...sub(point, model.center)) < 2.3 * model.radius);
+      const reach = (mesh.role === "hand" ? HAND_REACH : FRAMED) * model.radius;
+      const seen = mesh.points.filter((point) => mesh.framed && Math.hypot(...sub(point, model.center)) < reach);
       near.push(...seen);
       if (mesh.path != null) near.push(...seen.map((point) => placed(model.paths[mesh.path].at(-1), point)));
     }
@@ -297,7 +300,7 @@ for (const root of document.querySelectorAll(".view")) (() => {
       place(mark, at, ways) {
         const one = all.find((other) => other.mark.contact === mark.contact);
         one.at = at;
-        one.ways = [[at.map((x) => x - 6), at.map((x) => x - 6)], ...ways];
+        one.ways = [[at, at], ...ways];
         if (told === one) put();
       },
     };
@@ -320,12 +323,14 @@ for (const root of document.querySelectorAll(".view")) (() => {
       mesh.points = mesh.triangles = null;
     }
     const tell = tooltip();
+    const leaders = root.querySelector(".leaders");
     const marks = model.marks.map((mark) => {
       const label = document.createElement(mark.contact == null ? "span" : "button");
       label.textContent = mark.text;
       label.dataset.role = mark.role;
       if (mark.contact != null) tell.about(label, mark);
       else label.setAttribute("aria-hidden", "true");
+      if (mark.contact != null) label.leader = leaders.appendChild(document.createElementNS(leaders.namespaceURI, "line"));
       return labels.appendChild(label);
     });
     const boxes = [...root.querySelectorAll("input[type=checkbox]")];
@@ -417,23 +422,35 @@ for (const root of document.querySelectorAll(".view")) (() => {
         return [(dot(from, axes.right) / (deep * tall)) * 0.5 * height + 0.5 * width,
           (-dot(from, axes.over) / (deep * tall)) * 0.5 * height + 0.5 * height, deep];
       };
+      const places = model.marks.map((mark) => onScreen(model.paths && mark.contact != null ? placed(poses[0], mark.at) : mark.at));
+      const contacts = places.filter((_, index) => model.marks[index].contact != null);
+      const middle = [0, 1].map((k) => contacts.reduce((sum, one) => sum + one[k], 0) / contacts.length);
       const taken = [];
+      // A number stands outwards of its contact, or where no other number and no contact is.
+      const spot = ([x, y]) => {
+        const away = Math.atan2(y - middle[1], x - middle[0]);
+        const clear = (at) => taken.every((one) => Math.hypot(one[0] - at[0], one[1] - at[1]) >= BADGE)
+          && contacts.every((one) => Math.hypot(one[0] - at[0], one[1] - at[1]) >= 0.6 * BADGE)
+          && Math.min(at[0], at[1], width - at[0], height - at[1]) > 0.5 * BADGE;
+        let at;
+        for (const ring of RINGS) for (let ray = 0; ray < RAYS; ray++) {
+          const angle = away + (Math.PI / RAYS) * (ray % 2 ? ray + 1 : -ray);
+          at = [x + ring * Math.cos(angle), y + ring * Math.sin(angle)];
+          if (clear(at)) return at;
+        }
+        return at;
+      };
       model.marks.forEach((mark, index) => {
-        const label = marks[index], moves = model.paths && mark.contact != null;
-        const [x, y, deep] = onScreen(moves ? placed(poses[0], mark.at) : mark.at);
-        const numbered = mark.contact != null;
+        const label = marks[index], [x, y, deep] = places[index], numbered = mark.contact != null;
         label.hidden = deep <= 0 || !shown.has(numbered ? "labels" : mark.role);
         label.dataset.at = `${x} ${y}`;
-        if (!numbered) {
-          label.style.transform = `translate(${x}px, ${y}px) translate(-50%, -50%)`;
-          return;
-        }
-        // Beside its contact, and below another number that is there.
-        let at = [x + 6, y + 6];
-        for (let k = 0; k < 8 && taken.some((one) => Math.hypot(one[0] - at[0], one[1] - at[1]) < 19); k++) at[1] += 6;
+        const at = numbered ? spot([x, y]) : [x, y];
+        label.style.transform = `translate(${at[0]}px, ${at[1]}px) translate(-50%, -50%)`;
+        if (!numbered) return;
         taken.push(at);
-        label.style.transform = `translate(${at[0]}px, ${at[1]}px)`;
-        tell.place(mark, at, visible.filter((m) => m.contact === mark.contact && FORCES.has(m.role)).map((m) =>
+        label.leader.style.display = label.hidden ? "none" : "";
+        for (const [name, value] of Object.entries({ x1: x, y1: y, x2: at[0], y2: at[1] })) label.leader.setAttribute(name, value);
+        tell.place(mark, [x, y], visible.filter((m) => m.contact === mark.contact && FORCES.has(m.role)).map((m) =>
           [[x, y], onScreen(placed(poseOf(m), add(mark.at, sub(m.middle, mark.at), 2)))]));
       });
       root.dataset.state = "drawn";
