@@ -52,6 +52,7 @@ class FindingCode(StrEnum):
     DEEP_OVERLAP = "deep-overlap", Severity.WARNING
     ANGLE_IN_DEGREES = "angle-in-degrees", Severity.WARNING
     ANGLE_IN_RADIANS = "angle-in-radians", Severity.WARNING
+    UNLIKELY_SIZE = "unlikely-size", Severity.WARNING
     UNLIKELY_DENSITY = "unlikely-density", Severity.WARNING
     CENTER_OUTSIDE = "center-of-mass-outside", Severity.WARNING
     UNLIKELY_GRAVITY = "unlikely-gravity", Severity.WARNING

@@ -77,6 +77,8 @@ CASES = {
     "degrees": ("rpy: [3.141592653589793, 0, 0]", "rpy: [180, 0, 0]", "angle-in-degrees", "hand",
                 "angles [180, 0, 0] rad of 'hand' are more than a turn"),
     "grams": ("mass: 1.0", "mass: 1000", "unlikely-density", "box", "more than any metal has"),
+    "millimetres beside a hand": ("size: [0.2, 0.2, 0.2]", "size: [60, 50, 80]", "unlikely-size",
+                                  "box", "'box' is 60 x 50 x 80 m large"),
     "millimetres": ("size: [0.2, 0.2, 0.2]", "size: [200, 200, 200]", "unlikely-density", "box",
                     "less than air has"),
     "centre of mass": ("mass: 1.0", "mass: 1.0\n  center_of_mass: [0, 0, 0.101]",
@@ -100,6 +102,42 @@ def test_a_fault_is_found(tmp_path, old, new, code, subject, said):
     assert one.subject == subject
     assert said in one.message
     assert one.advice
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "code", "advice"),
+    [
+        ("mass: 1.0", "mass: 300", "unlikely-density", "the mass looks like grams, 0.3 kg?"),
+        ("mass: 1.0", "density: 0.5", "unlikely-density", "like g/cm^3, 500 kg/m^3?"),
+        ("mass: 1.0", "mass: 1e+9", "unlikely-density", "lengths in metres"),
+        ("size: [0.2, 0.2, 0.2]", "size: [200, 200, 100]", "unlikely-density",
+         "the size looks like millimetres, 0.2 x 0.2 x 0.1 m?"),
+        ("size: [0.2, 0.2, 0.2]", "size: [60, 50, 80]", "unlikely-size",
+         "it looks like millimetres, 0.06 x 0.05 x 0.08 m?"),
+    ],
+)  # fmt: skip
+def test_what_looks_like_another_unit_is_said_in_the_right_one(tmp_path, old, new, code, advice):
+    scene = loaded(tmp_path, (old, new))
+    if "density" in new:
+        # A cube of 0.2 m.
+        assert scene.object.mass == pytest.approx(0.004)
+    if new == "mass: 300":
+        # 37 500 kg/m^3.
+        assert found(scene)[FindingCode(code)].message.endswith("more than any metal has")
+    assert found(scene)[FindingCode(code)].advice.endswith(advice)
+
+
+@pytest.mark.parametrize("change", [("mass: 1.0", "density: 29000"), ("mass: 1.0", "density: 1.1"),
+                                    ("[0.2, 0.2, 0.2]", "[4.9, 0.2, 0.2]")])  # fmt: skip
+def test_heavy_light_and_large_objects_that_exist_are_no_finding(tmp_path, change):
+    odd = {FindingCode.UNLIKELY_DENSITY, FindingCode.UNLIKELY_SIZE}
+    assert not odd.intersection(found(loaded(tmp_path, change)))
+
+
+def test_a_large_object_without_a_hand_is_no_finding(tmp_path):
+    scene = loaded(tmp_path, ("mass: 1.0", "density: 500"))
+    large = scene.with_changes(hand=None)
+    assert FindingCode.UNLIKELY_SIZE not in found(large)
 
 
 def test_nothing_is_wrong_with_the_scene_itself(tmp_path):

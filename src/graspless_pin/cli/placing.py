@@ -9,9 +9,11 @@ import typer
 
 from graspless_pin.cli.outcome import ExitCode, echo_note, loaded_scene, plain_errors, three_numbers
 from graspless_pin.errors import ArgumentError
+from graspless_pin.findings import tell
 from graspless_pin.holding.options import BRIEF_NODE_LIMIT
 from graspless_pin.planning import place_hand
 from graspless_pin.scene.saving import scene_text, write_scene_file
+from graspless_pin.scene.unlikely_units import unit_findings
 from graspless_pin.waiting import waiting_for
 
 
@@ -90,6 +92,7 @@ def place(
         loaded = loaded_scene(scene)
         if loaded.hand is not None and len(loaded.hand.mounts) > 1 and not together:
             echo_note("each mount is placed by itself; --together moves all as one body")
+        tell(*unit_findings(loaded.object, beside_hand=True))
 
         def text(target: Path) -> str:
             with waiting_for("placing the hand") as say:

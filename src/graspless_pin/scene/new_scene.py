@@ -30,6 +30,7 @@ from graspless_pin.intake.yaml_edit import flow_of, yaml_of
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.saving import paths_beside
 from graspless_pin.scene.stated import plain, stated_robot, stated_rotation, stated_shape
+from graspless_pin.scene.unlikely_units import unit_findings
 
 SCHEMA_FILE = "scene.schema.json"
 """Beside a new scene: the JSON schema, which editors read."""
@@ -118,6 +119,7 @@ def new_scene_text(new: NewScene, target: Path) -> NewSceneText:
         new.name, new.shape, np.eye(4), mass=new.mass, density=density
     )
     lying = lying_object(target_object, support)
+    tell(*unit_findings(lying, beside_hand=True))
     path_text = paths_beside(target)
     weight = 9.81 * lying.mass
     efforts, left_open, kept = _efforts(new, hand)

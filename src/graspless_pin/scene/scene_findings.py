@@ -10,8 +10,7 @@ import numpy as np
 
 from graspless_pin.errors import GrasplessPinError, StateError, StateFault
 from graspless_pin.findings import Finding, FindingCode, gravest_first, heard
-from graspless_pin.geometry.bodies.mass_properties import filling
-from graspless_pin.geometry.contact.broad_phase import near_pairs, solids_of
+from graspless_pin.geometry.contact.broad_phase import near_pairs
 from graspless_pin.geometry.contact.contact_points import ContactArrays
 from graspless_pin.geometry.contact.distances import nearest_separation, separation
 from graspless_pin.geometry.contact.steadiness import normal_jumps
@@ -20,6 +19,7 @@ from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.scene.entry_findings import MOST_ANGLE
 from graspless_pin.scene.state_findings import StateChecks, state_findings
+from graspless_pin.scene.unlikely_units import box_around, unit_findings
 
 if TYPE_CHECKING:
     from graspless_pin.scene.scene import Scene
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 STEEPEST_FRICTION = 3.0
 """A larger coefficient is hardly one of dry bodies."""
 _NEAR = 5.0  # contact tolerances
-_DENSITIES = 1.0, 25_000.0  # kg/m^3; a balloon, osmium
 _STRONGEST_GRAVITY = 30.0  # m/s^2; Jupiter has 25
 _UNLIMITED_EFFORT = {JointUnit.TORQUE: 1e3, JointUnit.FORCE: 1e5}
 _UNLIMITED_FORCE = 1e6  # N
@@ -65,22 +64,8 @@ def nothing_touches(scene: Scene) -> str:
 def _figures(scene: Scene) -> Iterator[Finding]:
     """Find figures that look like another unit or a placeholder."""
     made, gravity = scene.object, float(np.linalg.norm(scene.gravity))
-    density = made.mass / filling(made.shape).volume
-    low, high = _DENSITIES
-    if not low <= density <= high:
-        heavy = density > high
-        yield Finding(
-            FindingCode.UNLIKELY_DENSITY,
-            made.name,
-            f"object '{made.name}' has {density:.3g} kg/m^3, which is "
-            + ("more than any metal has" if heavy else "less than air has"),
-            "give the mass in kilograms and lengths in metres"
-            + (": grams, or too small a size?" if heavy else ": a size in millimetres?"),
-            ("object", "mass"),
-        )
-    solids = solids_of(made.shapes)
-    lowest = (solids.centers - solids.half_extents).min(axis=0)
-    highest = (solids.centers + solids.half_extents).max(axis=0)
+    yield from unit_findings(made, beside_hand=scene.hand is not None)
+    lowest, highest = box_around(made)
     slack = 1e-6 * (highest - lowest)
     center = made.center_of_mass
     if (center < lowest - slack).any() or (center > highest + slack).any():
