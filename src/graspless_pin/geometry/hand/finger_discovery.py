@@ -10,7 +10,6 @@ from itertools import takewhile
 import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
 
-from graspless_pin.geometry.bodies.triangles import geometry_triangles
 from graspless_pin.geometry.hand.link_shapes import LinkGeometry
 from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
 from graspless_pin.geometry.robots.description import FingerSpec
@@ -236,6 +235,9 @@ def _finger_names(tree: KinematicTree, joints: Sequence[Sequence[str]], prefix: 
 
 def _corners(item: LinkGeometry) -> FloatArray:
     """Return (V, 3) vertices of a shape in the frame of the joint that carries it, m."""
+    # Loaded here: only a gripper with a fixed jaw needs triangles, and trimesh with them.
+    from graspless_pin.geometry.bodies.triangles import geometry_triangles
+
     return _moved(item.T_joint_geometry, geometry_triangles(item.shape).vertices)
 
 
