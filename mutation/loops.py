@@ -27,6 +27,7 @@ ROOT = Path(__file__).parents[1]
 LOOPS = Path("src", "graspless_pin", "compiled")
 OF_CONTACTS = (
     "tests/compiled",
+    "tests/geometry/test_body_pairs.py",
     "tests/geometry/test_broad_phase.py",
     "tests/geometry/test_closed_form_contacts.py",
 )
@@ -68,7 +69,7 @@ class Mistake(NamedTuple):
     @property
     def tests(self) -> tuple[str, ...]:
         """The tests that it is tried with."""
-        of_contacts = (FRAMES, SEARCH, MOTIONS, BODIES, ARRAYS)
+        of_contacts = (FRAMES, SEARCH, PAIRS, MOTIONS, BODIES, ARRAYS)
         return OF_CONTACTS if self.loops in of_contacts else OF_OPTIMA
 
     def source(self, folder: Path) -> str:
@@ -88,7 +89,7 @@ BODIES, ARRAYS, MOTIONS = "rigid_bodies", "small_arrays", "virtual_motions"
 ASSEMBLY, STATES, CARRIED = "paper_programs", "hand_states", "carried_optima"
 COLD, STARTS, CALLER = "cold_optima", "optimum_starts", "../algorithms/carried.py"
 SIMPLEX, TABLES, OUTCOMES = "dense_simplex", "simplex_dictionary", "outcome_search"
-CHAINS, LOADED = "kinematic_chains", "loaded_states"
+CHAINS, LOADED, PAIRS = "kinematic_chains", "loaded_states", "body_pairs"
 MISTAKES = tuple(
     Mistake(*one)
     for one in (
@@ -107,6 +108,13 @@ MISTAKES = tuple(
         (FRAMES, "arm[1] = f[4] - (center[2] * f[0] - center[0] * f[2])", "arm[1] = f[4]"),
         (FRAMES, "length = turn / pull if pull > 0.0 and turn > least else 1.0", "length = 1.0"),
         (FRAMES, "max(lever[k], least_lever * longest)", "lever[k]"),
+        (PAIRS, "return min(reach, sets.reaches[k]) - height > depth", "return -height > depth"),
+        (PAIRS, "dot(offset, offset) >= reach * reach", "True"),
+        (PAIRS, "reach = others.reaches[k] - depth", "reach = 0.5 * others.reaches[k] - depth"),
+        (PAIRS, "reach = half[i] + dot(S + 3 * i, other_half)", "reach = half[i]"),
+        (PAIRS, "if -gap <= depth * sqrt(sine):", "if -gap <= depth:"),
+        (PAIRS, "reach += other_half[j1] * S[3 * i + j2] + other_half[j2] * S[3 * i + j1]",
+         "reach += other_half[j1] * S[3 * i + j1]"),
         (SEARCH, "fabs(local[i]) > half[i] + others.reaches[k] + tolerance",
          "fabs(local[i]) > half[i] + tolerance"),
         (SEARCH, "if face[0] == NULL or over > height[0]:", "if face[0] == NULL:"),

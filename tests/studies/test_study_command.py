@@ -48,6 +48,48 @@ def test_a_study_from_the_command_line(tmp_path):
     )
 
 
+ON_A_FLOOR = """
+gravity: [0, 0, -9.8]
+friction: 0.3
+hand:
+  robot: lever_100mm
+  base_pose: {position: [-0.1, -0.1, 0.0], rpy: [3.141592653589793, 0, 0]}
+object:
+  name: box
+  shape: {type: box, size: [0.2, 0.2, 0.2]}
+  mass: 1.0
+supports:
+  - name: floor
+    shape: {type: half_space}
+    pose: {position: [0, 0, -0.1]}
+"""
+
+
+@pytest.mark.parametrize(("need_hand", "code"), [(True, 4), (False, 0)])
+def test_a_hand_that_touches_nothing_is_no_success(tmp_path, need_hand, code):
+    (tmp_path / "scene.yaml").write_text(ON_A_FLOOR, encoding="utf-8")
+    way = {"what": "hand", "along": [0, 1, 0]}
+    made = {
+        "scene": "scene.yaml",
+        "vary": {"away": {"move": way, "values": [-0.167, 0.0, -0.05], "unit": "m"}},
+        "compute": {"need_hand": need_hand},
+    }
+    output = tmp_path / "out.csv"
+    result = command(study_file(tmp_path, made), "-o", output, "--workers", 1, "--no-progress")
+    assert result.exit_code == code, result.stdout
+    lines, told = result.stdout.splitlines(), read_results(output)["findings"]
+    if need_hand:
+        assert lines[0] == (
+            "3 samples: 3 found (2 of them with serious findings), 0 infeasible, 0 failed"
+        )
+        assert "at sample 1: away_m 0" in lines[1] and "at sample 1: away_m 0" in lines[2]
+        assert lines[3] == "first serious finding at sample 0: hand-touches-nothing"
+        assert told.isna().tolist() == [False, True, False]
+    else:
+        assert lines[0] == "3 samples: 3 found, 0 infeasible, 0 failed"
+        assert told.isna().tolist() == [True] * 3
+
+
 def test_going_on_is_told(tmp_path, capsys):
     made, output = load_study(study_file(tmp_path, data())), tmp_path / "out.csv"
     for limit, told in ((5, False), (18, True)):
