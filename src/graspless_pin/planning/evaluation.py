@@ -88,7 +88,7 @@ class Evaluation:
 
     @property
     def has_contacts(self) -> bool:
-        """Whether anything carries force, found torques or not."""
+        """Whether the state was solved, found torques or not: else there is no solution."""
         return self._solution is not None
 
     @property
@@ -96,10 +96,11 @@ class Evaluation:
         """The solution with its problem, forces, mode and proof, found or not.
 
         Raises:
-            NoSolutionError: If the state has no contacts to solve for; with the reason.
+            NoSolutionError: If the state has no contacts to solve for, or is refused; with the
+                reason.
         """
         if self._solution is None:
-            raise NoSolutionError(f"This state has no contacts to solve for ({self.reason}).")
+            raise NoSolutionError(f"This state was not solved ({self.reason}).")
         return self._solution
 
     @property

@@ -16,8 +16,8 @@ def write_path_documents(profile: PathProfile, folder: str | Path) -> tuple[Path
     """Write the document of each waypoint's solution, with its proof.
 
     The files are ``waypoint_0000.json`` and so on, and ``waypoint_0003_arrival.json`` where the
-    motion that ends at a waypoint has a solution of its own. A waypoint without any contact to
-    solve for has no document.
+    motion that ends at a waypoint has a solution of its own. A waypoint that was not solved,
+    such as one without any contact, has no document.
 
     Args:
         profile: The profile of a path.
