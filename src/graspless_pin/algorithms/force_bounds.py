@@ -17,7 +17,7 @@ from graspless_pin.problem.checks import FloatArray, finite_array, read_only
 from graspless_pin.solution import FOUND, Status
 from graspless_pin.solution.tables import (
     Table,
-    figure,
+    brief_figure,
     force_rounding,
     paragraph,
     shown,
@@ -129,7 +129,7 @@ class ContactForceBounds:
 
     def _margin_range(self) -> str:
         ends, load = (self.smallest_margin, self.largest_margin), self.problem.scales.force
-        least, most = (f"{float(figure(end, load)):.4g}" for end in ends)
+        least, most = (brief_figure(end, load) for end in ends)
         if self.status is Status.OPTIMAL:
             return f"margin between {least} and {most} N with these torques"
         words = f"margin from {least} N or less to {most} N or more with these torques"

@@ -20,6 +20,7 @@ from graspless_pin.problem.checks import FloatArray, whole_number
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.scene.joints import possible_columns
+from graspless_pin.solution.tables import brief_figure
 
 _FOUND = STATUSES.index(StateStatus.FOUND)
 
@@ -168,8 +169,9 @@ class EvaluatedStates:
         lines = [f"{len(self)} states"]
         lines += [f"{count:>{len(str(len(self)))}} {status.message}" for status, count in counts]
         if self.found.any():
-            margins = self.margins[self.found]
-            lines.append(f"margins from {margins.min():.4g} to {margins.max():.4g} N")
+            ends = float(self.margins[self.found].min()), float(self.margins[self.found].max())
+            least, most = (brief_figure(end, max(map(abs, ends))) for end in ends)
+            lines.append(f"margins from {least} to {most} N")
         return "\n".join(lines)
 
 

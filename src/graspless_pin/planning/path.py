@@ -23,6 +23,7 @@ from graspless_pin.planning.evaluator import Evaluator
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.scene import Scene
+from graspless_pin.solution.tables import brief_figure
 
 PATH_REGULARIZATION = 1e-4
 """Enough to make torques continuous; costs the paper's cuboid 1e-5 N of 1.65 N of margin."""
@@ -127,9 +128,10 @@ class PathProfile:
 
     def __str__(self) -> str:
         """Return a short account, a line for each thing that happens."""
+        least = brief_figure(self.smallest_margin, float(np.abs(self.margins).max()))
         lines = [
             f"{len(self.times)} waypoints in {self.times[-1] - self.times[0]:g} s, "
-            f"smallest margin {self.smallest_margin:.4g} N"
+            f"smallest margin {least} N"
         ]
         for change in self.contact_changes:
             parts = [

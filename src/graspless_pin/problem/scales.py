@@ -94,12 +94,13 @@ def strictness_of(
     smaller = np.minimum(np.abs(lower), np.abs(upper))
     if (smaller >= load).all() and (most >= force).all():
         return None
-    sizes = np.abs(np.stack([lower, upper]))
-    sizes = np.where(np.isfinite(sizes), sizes, 0.0).max(axis=0)
-    largest = np.empty(len(load))
-    for unit in set(units):
-        own = np.array([one is unit for one in units])
-        largest[own] = sizes[own].max()
+    sizes = np.abs(np.array((lower, upper)))
+    sizes[np.isinf(sizes)] = 0.0
+    largest = np.full(len(load), sizes.max(initial=0.0))
+    if len(kinds := set(units)) > 1:
+        for unit in kinds:
+            own = np.array([one is unit for one in units])
+            largest[own] = sizes[:, own].max()
     least = LEAST_LIMIT * np.where(largest > 0.0, largest, load)
     torque = load / np.maximum(smaller, least)
     normal = force / np.maximum(most, LEAST_LIMIT * most.max())

@@ -257,6 +257,11 @@ def figure(value: float, size: float) -> str:
     return f"{0.0 if abs(value) <= _NOTHING * size else value:.6g}"
 
 
+def brief_figure(value: float, size: float) -> str:
+    """Return four digits of a figure beside others of a size, as `figure` does."""
+    return f"{float(figure(value, size)):.4g}"
+
+
 def torque_rounding(problem: QuasistaticProblem, from_contacts: FloatArray) -> list[float]:
     """Return for each of L joints the largest torque that is rounding of zero.
 
