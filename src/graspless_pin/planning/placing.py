@@ -48,6 +48,7 @@ PlacingProgress = Callable[[int, int, int], object]
 """Called with how many candidates are done, how many there are, and how many are places."""
 
 _PARENTS = 8
+_SEARCHING = 0.75  # share of the time limit after which the best are asked for their verdicts
 _ORDER = Stability.STRONG, Stability.UNDECIDED, Stability.WEAK, Stability.NONE
 
 
@@ -99,7 +100,8 @@ def place_hand(
             near to where they are wanted as they can. An arm has more than three joints.
         seed: Of all random choices.
         candidates: How many are tried.
-        time_limit: After how many seconds it ends with what was found; None: it goes on.
+        time_limit: After how many seconds it ends with what was found, the last quarter of them for
+            verdicts; None: it goes on.
         verdict_nodes: Sets of outcomes that each verdict may look at; 0: none is asked for.
         verdicts: How many of the best are asked whether the object stays; None: all.
         workers: Processes; 1: this one; None: as many as there are cores.
@@ -135,7 +137,7 @@ def place_hand(
     try:
         for numbers in (range(first), range(first, count)):
             varied = replace(plan, parents=_best(plan, tried)[:_PARENTS])
-            for one in _computed(varied, numbers, children, crew, begin + limit):
+            for one in _computed(varied, numbers, children, crew, begin + _SEARCHING * limit):
                 tried.append(one)
                 if progress is not None:
                     progress(len(tried), count, sum(one.fault is None for one in tried))
