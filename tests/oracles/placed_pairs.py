@@ -87,7 +87,8 @@ OTHERS = {
     for name, words in OBJECTS.items()
 }
 ENOUGH, MARGIN, SECONDS, PLACE_SECONDS = 0.8, 0.1, 180.0, 60.0
-"""Share of the pairs that must succeed, their margin, N, and CPU time of all and of `place`, s."""
+"""Share of the pairs that must succeed, their margin, N, and CPU time of all and, but for `OTHERS`,
+of `place`, s."""
 REFUSED = 1, 2
 """Exit codes of a command that says why it cannot."""
 
@@ -123,12 +124,10 @@ class Outcome(NamedTuple):
         grips = self.links >= 2 and self.squeezes
         return grips and self.margin >= MARGIN and self.clearance > 0.0
 
-    @property
-    def succeeded(self) -> bool:
-        """Whether this is what a user wants."""
-        return (
-            self.is_grip and self.cpu_seconds < SECONDS and self.place_cpu_seconds < PLACE_SECONDS
-        )
+    def succeeded(self, place_seconds: float = np.inf) -> bool:
+        """Return whether this is what a user wants, with so much CPU time for `place`, s."""
+        in_time = self.cpu_seconds < SECONDS and self.place_cpu_seconds < place_seconds
+        return self.is_grip and in_time
 
 
 def place_pair(packages: Path, robot: str, more: str, folder: Path) -> Outcome:
@@ -234,10 +233,14 @@ def main() -> None:
 
 def broken_promises(seen: dict[str, Outcome]) -> bool:
     """Print what came out, and return whether less was kept than is promised."""
-    held = sum(one.succeeded for one in seen.values())
+    good = {
+        name: one.succeeded(np.inf if name in OTHERS else PLACE_SECONDS)
+        for name, one in seen.items()
+    }
+    held = sum(good.values())
     refused = sum(one.refused for one in seen.values())
     wrong = [name for name, one in seen.items() if not (one.is_grip or one.refused)]
-    slow = [name for name, one in seen.items() if one.is_grip and not one.succeeded]
+    slow = [name for name, one in seen.items() if one.is_grip and not good[name]]
     print(f"{held} of {len(seen)} pairs hold in time; {refused} were refused with a reason")
     print(f"places without a grip, or crashes: {', '.join(wrong) or 'none'}")
     print(
