@@ -25,6 +25,7 @@ from graspless_pin import (
     minimum_friction,
     optimum_gradients,
     solve_each_mode,
+    stability,
 )
 from graspless_pin.errors import ArgumentError, NoSolutionError, SolverUnavailableError
 from graspless_pin.problem.checks import unit_rows
@@ -298,7 +299,7 @@ def test_forces_of_a_wrong_shape():
     assert_refused(caught, "forces", ["(2, 3)", "(3, 3)"])
 
 
-READABLE = ("torques", "contact_torques", "contact_forces", "margin", "max_torque", "mode")
+READABLE = ("torques", "contact_torques", "contact_forces", "max_torque_unit", "mode")
 
 
 @pytest.mark.parametrize("attribute", READABLE)
@@ -310,6 +311,25 @@ def test_an_infeasible_solution_says_why_it_has_nothing(attribute):
         with pytest.raises(NoSolutionError) as caught:
             getattr(solution, attribute)
         assert solution.status.message in str(caught.value)
+
+
+def test_figures_of_an_infeasible_solution_are_nan_as_tables_want_them():
+    found = minimize_torque(scene("rest"), margin=0.1)
+    lost = minimize_torque(scene("rest"), margin=20.0)
+    assert found.found and not lost.found
+    margins = np.array([found.margin, lost.margin])
+    torques = np.array([found.max_torque, lost.max_torque])
+    assert np.isnan(margins).tolist() == np.isnan(torques).tolist() == [False, True]
+
+
+def test_solutions_and_verdicts_have_no_truth_value():
+    found = maximize_margin(scene("rest"))
+    for solution in (found, minimize_torque(scene("rest"), margin=20.0)):
+        with pytest.raises(TypeError, match=r"ask solution\.found"):
+            bool(solution)
+    verdict = stability(found.problem, found.torques)
+    with pytest.raises(TypeError, match=r"compare verdict\.status"):
+        assert not verdict
 
 
 OF_A_PROBLEM = {

@@ -326,7 +326,9 @@ def test_a_state_is_feasible_with_guaranteed_torques_alone() -> None:
 def test_paths_give_a_verdict_for_each_state() -> None:
     scene = load_scene(CUBOID)
     profile = evaluate_path(Evaluator(scene, stability="strong"), [Waypoint(), Waypoint()])
-    assert [said and said.status for said in profile.verdicts()] == [Stability.STRONG] * 2
+    assert [said.status if said is not None else None for said in profile.verdicts()] == [
+        Stability.STRONG
+    ] * 2
     assert all(item.solution.guarantee is not None for item in profile.evaluations)
 
 

@@ -14,6 +14,7 @@ from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
 from graspless_pin.algorithms.search import SearchState, finished
 from graspless_pin.algorithms.solve import solution_of, solve_problem
 from graspless_pin.algorithms.torque import paper_objective
+from graspless_pin.brief import Brief
 from graspless_pin.errors import OverrunError
 from graspless_pin.modes.enumeration import enumerate_modes
 from graspless_pin.modes.rules import Rules, SignRule, SlidingRule, StaticFriction
@@ -24,8 +25,8 @@ from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.tables import Table, shown, torque_size
 
 
-@dataclass(frozen=True, eq=False)
-class RuleComparison:
+@dataclass(frozen=True, eq=False, repr=False)
+class RuleComparison(Brief):
     """The optimum under every pair of rules and plain Coulomb friction.
 
     See the example of `compare_rules`.

@@ -13,6 +13,7 @@ from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
 from graspless_pin.algorithms.search import SearchState
 from graspless_pin.algorithms.searching import search_modes
+from graspless_pin.brief import Brief
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.modes.rules import SlidingMode, StaticFriction
 from graspless_pin.problem import QuasistaticProblem, checked_problem
@@ -26,8 +27,8 @@ _STEP = 1e-6
 """Multiples closer than this, over F, are the same: where one mode begins another may end."""
 
 
-@dataclass(frozen=True, eq=False)
-class DisturbanceMargin:
+@dataclass(frozen=True, eq=False, repr=False)
+class DisturbanceMargin(Brief):
     """The largest balanced disturbance in each direction.
 
     See the example of `disturbance_margin`.

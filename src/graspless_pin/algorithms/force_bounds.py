@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.algorithms.force_extremes import ForceExtremes
 from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
+from graspless_pin.brief import Brief
 from graspless_pin.modes.rules import Rules, StaticFriction
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
@@ -29,8 +30,8 @@ _REACHED = " *"
 _NOTE = "* reached; no proof yet that these torques allow no wider range"
 
 
-@dataclass(frozen=True, eq=False)
-class ContactForceBounds:
+@dataclass(frozen=True, eq=False, repr=False)
+class ContactForceBounds(Brief):
     """The range of every contact force over all feasible virtual-sliding modes.
 
     See the example of `contact_force_bounds`.

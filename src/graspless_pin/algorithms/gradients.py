@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.algorithms.dual_degeneracy import OptimalPoint, OptimalSet
+from graspless_pin.brief import Brief
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
@@ -29,8 +30,8 @@ _SAME = 1e-6
 _ROUNDING = 1e-9
 
 
-@dataclass(frozen=True, eq=False)
-class Gradients:
+@dataclass(frozen=True, eq=False, repr=False)
+class Gradients(Brief):
     """Derivatives of one optimum: of the largest margin e (N) or of the smallest torque t (N m).
 
     See the example of `optimum_gradients`.
@@ -63,8 +64,8 @@ class Gradients:
     required_margin: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class OptimumGradients:
+@dataclass(frozen=True, eq=False, repr=False)
+class OptimumGradients(Brief):
     """Gradients of an optimum, and where they are only one of several one-sided derivatives.
 
     See the example of `optimum_gradients`.

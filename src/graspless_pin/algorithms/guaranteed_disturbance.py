@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.algorithms.disturbances import unit_disturbances
 from graspless_pin.algorithms.load_brackets import LoadBracket, bracket_limits, load_bracket
+from graspless_pin.brief import Brief
 from graspless_pin.errors import NoSolutionError
 from graspless_pin.holding.stability import stability
 from graspless_pin.holding.verdict import Stability, StabilityVerdict
@@ -16,8 +17,8 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only, real_number
 
 
-@dataclass(frozen=True, eq=False)
-class GuaranteedDisturbance:
+@dataclass(frozen=True, eq=False, repr=False)
+class GuaranteedDisturbance(Brief):
     """What disturbances certainly do no harm, which may, and which certainly do.
 
     Along direction d the disturbance of magnitude t is t [d_f; characteristic_length * d_m].

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from graspless_pin.algorithms.limits import Limits
+from graspless_pin.brief import Brief
 from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.load_spans import LoadLine, Unproven
 from graspless_pin.holding.options import COARSEST_RESOLUTION, FINEST_RESOLUTION
@@ -25,8 +26,8 @@ _BEYOND = (1e-5, 1e-4, 1e-3)
 NOT_REACHED = "not reached: the time was over before"
 
 
-@dataclass(frozen=True, eq=False)
-class LoadBracket:
+@dataclass(frozen=True, eq=False, repr=False)
+class LoadBracket(Brief):
     """Where rest stops to be the only outcome along a change of load or torques.
 
     Attributes:

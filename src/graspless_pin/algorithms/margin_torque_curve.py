@@ -20,6 +20,7 @@ from graspless_pin.algorithms.formulation import formulated
 from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
 from graspless_pin.algorithms.torque import TorqueScale, torque_objective
+from graspless_pin.brief import Brief
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.problem import QuasistaticProblem, checked_problem
@@ -29,8 +30,8 @@ from graspless_pin.programs.analysis_objectives import Tradeoff
 from graspless_pin.solution import Status
 
 
-@dataclass(frozen=True, eq=False)
-class MarginTorqueCurve:
+@dataclass(frozen=True, eq=False, repr=False)
+class MarginTorqueCurve(Brief):
     """The smallest largest torque for each required margin, piece by piece.
 
     Piece k runs straight from (margins[k, 0], torques[k, 0]) to (margins[k, 1], torques[k, 1]);

@@ -14,6 +14,7 @@ from graspless_pin.algorithms.load_brackets import (
     bracket_limits,
     load_bracket,
 )
+from graspless_pin.brief import Brief
 from graspless_pin.holding.stability import stability, undecided_verdict
 from graspless_pin.holding.verdict import Stability, StabilityVerdict
 from graspless_pin.problem import QuasistaticProblem
@@ -21,8 +22,8 @@ from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.inertias import hybrid_contacts
 
 
-@dataclass(frozen=True, eq=False)
-class Robustness:
+@dataclass(frozen=True, eq=False, repr=False)
+class Robustness(Brief):
     """What torques bear of which rest is the only outcome. See the example of `robustness`.
 
     Attributes:

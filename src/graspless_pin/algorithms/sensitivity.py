@@ -8,13 +8,14 @@ from typing import Unpack
 from graspless_pin.algorithms.gradients import OptimumGradients, optimum_gradients
 from graspless_pin.algorithms.options import SolveKeywords
 from graspless_pin.algorithms.torque import maximize_margin
+from graspless_pin.brief import Brief
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solution import TorqueSolution
 
 
-@dataclass(frozen=True, eq=False)
-class MarginSensitivity:
+@dataclass(frozen=True, eq=False, repr=False)
+class MarginSensitivity(Brief):
     """Derivatives of the largest margin in its optimal mode.
 
     Where the optimum is degenerate or the mode is about to change, they are one of several

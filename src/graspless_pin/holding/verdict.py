@@ -8,7 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 from math import nan
+from typing import Never
 
+from graspless_pin.brief import Brief
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 
@@ -76,8 +78,8 @@ class SmallMotions:
         return cls(nan, nan, unknown=why)
 
 
-@dataclass(frozen=True, eq=False)
-class DynamicOutcome:
+@dataclass(frozen=True, eq=False, repr=False)
+class DynamicOutcome(Brief):
     """Accelerations and forces that the laws of rigid bodies and of Coulomb allow together.
 
     See the example of `stability`.
@@ -174,8 +176,8 @@ class OutcomeSet:
         return bool(self.children) and all(child.is_empty for child in self.children)
 
 
-@dataclass(frozen=True, eq=False)
-class RestProof:
+@dataclass(frozen=True, eq=False, repr=False)
+class RestProof(Brief):
     """What proves that rest is the only outcome. See the example of `stability`.
 
     Attributes:
@@ -229,7 +231,7 @@ class LastRest:
 class StabilityVerdict:
     """Whether an object stays at rest with given motor torques.
 
-    See the example of `stability`.
+    It has no truth value: ask its ``status``. See the example of `stability`.
 
     Attributes:
         status: The answer.
@@ -269,6 +271,17 @@ class StabilityVerdict:
     seconds: float
     next_nodes: int
     message: str
+
+    def __bool__(self) -> Never:
+        """Refuse, since there are four answers.
+
+        Raises:
+            TypeError: Always.
+        """
+        raise TypeError(
+            "a verdict is neither true nor false: compare verdict.status, with Stability.STRONG "
+            "where the object has to stay"
+        )
 
     @property
     def moves(self) -> MovingPart | None:

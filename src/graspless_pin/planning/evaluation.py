@@ -9,6 +9,7 @@ from typing import Unpack
 
 import numpy as np
 
+from graspless_pin.brief import Brief
 from graspless_pin.errors import NoSolutionError, StateFault
 from graspless_pin.findings import Finding
 from graspless_pin.holding.options import StabilityKeywords
@@ -50,8 +51,8 @@ STATUSES = tuple(StateStatus)
 """Arrays of many states hold places among these."""
 
 
-@dataclass(frozen=True, eq=False)
-class Evaluation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Evaluation(Brief):
     """The answer for one state. That there is none is an answer, too: then ``found`` is False.
 
     See the example of `Evaluator`.

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from textwrap import fill
 
+from graspless_pin.brief import Brief
 from graspless_pin.findings import heard
 from graspless_pin.holding.verdict import Stability, StabilityVerdict
 from graspless_pin.holding.verdict_words import parted
@@ -16,8 +17,8 @@ from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.tables import COLUMNS, Table
 
 
-@dataclass(frozen=True, eq=False)
-class PlacedHand:
+@dataclass(frozen=True, eq=False, repr=False)
+class PlacedHand(Brief):
     """A place of a hand. See the example of `place_hand`.
 
     Attributes:
@@ -62,8 +63,8 @@ class PlacedHand:
         return f"margin {self.margin:.3g} N, without supports {alone}"
 
 
-@dataclass(frozen=True, eq=False)
-class HandPlacement:
+@dataclass(frozen=True, eq=False, repr=False)
+class HandPlacement(Brief):
     """Places of a hand. See the example of `place_hand`.
 
     Attributes:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from graspless_pin.brief import Brief
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.poses import as_pose
@@ -56,8 +57,8 @@ class Waypoint:
     time: float | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class PathProfile:
+@dataclass(frozen=True, eq=False, repr=False)
+class PathProfile(Brief):
     """What was found at the K waypoints of a path. See the example of `evaluate_path`.
 
     Attributes:

@@ -114,13 +114,11 @@ def solution_document(
     document["proof"] = proof_data(solution)
     guarantee = solution.guarantee
     if disturbances is not None:
-        verdict = verdict or disturbances.verdict
+        verdict = disturbances.verdict if verdict is None else verdict
         document["disturbances"] = disturbance_data(disturbances)
     if guarantee is not None:
-        # Where torques are there to check it on.
-        verdict = verdict or (
-            guarantee.verdict if found or not solution.problem.joint_count else None
-        )
+        if verdict is None and (found or not solution.problem.joint_count):
+            verdict = guarantee.verdict  # where torques are there to check it on
         document["guarantee"] = {
             "best_case": guarantee.best_case,
             "gap": guarantee.gap,

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from graspless_pin.brief import Brief
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
 from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays, ContactPoint
 from graspless_pin.geometry.contact.motion import support_velocities, velocities_at
@@ -107,8 +108,8 @@ def body_velocities(
     return velocities
 
 
-@dataclass(frozen=True, eq=False)
-class SceneContacts:
+@dataclass(frozen=True, eq=False, repr=False)
+class SceneContacts(Brief):
     """The contacts of a scene that carry force. See the example of `load_scene`.
 
     Attributes:

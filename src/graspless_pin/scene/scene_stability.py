@@ -84,8 +84,8 @@ def solution_verdict(
         SceneError: See `verdict_of`.
         ArgumentError: See `verdict_of`.
     """
-    known = solution.guarantee and solution.guarantee.verdict
-    if known:
+    known = None if solution.guarantee is None else solution.guarantee.verdict
+    if known is not None:
         return known_of_scene(scene, known)
     return scene.stability(solution.torques, **options)
 

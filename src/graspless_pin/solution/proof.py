@@ -9,14 +9,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from graspless_pin.brief import Brief
 from graspless_pin.problem.checks import FloatArray
 
 DualVariables = tuple[FloatArray, FloatArray]
 """Multipliers y, z of the equalities and of the other rows of a scaled program."""
 
 
-@dataclass(frozen=True, eq=False)
-class Evidence:
+@dataclass(frozen=True, eq=False, repr=False)
+class Evidence(Brief):
     """What a search leaves of the proof of its answer.
 
     Attributes:
@@ -112,8 +113,8 @@ class ModeProof:
         return not self.missing
 
 
-@dataclass(frozen=True, eq=False)
-class SolutionProof:
+@dataclass(frozen=True, eq=False, repr=False)
+class SolutionProof(Brief):
     """What proves the statements of a solution.
 
     Attributes:

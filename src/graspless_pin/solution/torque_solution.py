@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
-from typing import Any, TypeVar
+from typing import Any, Never, TypeVar
 
 import numpy as np
 
@@ -42,8 +43,9 @@ _Value = TypeVar("_Value")
 class TorqueSolution:
     """The answer of Algorithm 1 or 2. Infeasible is an answer: then ``found`` is False.
 
-    Asking a solution that was not found for torques, forces, margin or mode raises
-    `NoSolutionError` with the reason. See the example of `maximize_margin`.
+    Asking a solution that was not found for torques, forces or mode raises `NoSolutionError` with
+    the reason; its margin and its largest torque are NaN, as tables want them. A solution has no
+    truth value: ask ``found``. See the example of `maximize_margin`.
 
     Attributes:
         status: What is known.
@@ -87,6 +89,17 @@ class TorqueSolution:
     def found(self) -> bool:
         """Whether there is a solution to read."""
         return self.status in FOUND
+
+    def __bool__(self) -> Never:
+        """Refuse, since whether torques were found is not whether they hold.
+
+        Raises:
+            TypeError: Always.
+        """
+        raise TypeError(
+            "a solution is neither true nor false: ask solution.found whether there are torques, "
+            "and scene.stability(solution.torques) whether the object stays"
+        )
 
     @cached_property
     def explanation(self) -> str:
@@ -206,12 +219,16 @@ class TorqueSolution:
 
     @property
     def margin(self) -> float:
-        """The margin e that the contact forces keep, (36) and (42), N."""
+        """The margin e that the contact forces keep, (36) and (42), N; NaN where none was found."""
+        if not self.found:
+            return math.nan
         return self.problem.margin_of(self.contact_forces)
 
     @property
     def max_torque(self) -> float:
-        """Largest |motor torque|, in `max_torque_unit`; 0 without joints."""
+        """Largest |motor torque|, in `max_torque_unit`; 0 without joints, NaN if none was found."""
+        if not self.found:
+            return math.nan
         return float(np.abs(self.torques).max(initial=0.0))
 
     @property

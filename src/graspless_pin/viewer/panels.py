@@ -45,17 +45,17 @@ def result_html(result: SettingsAnswer, as_loaded: TorqueSolution | None, *, dar
         if solution.algorithm is Algorithm.MARGIN
         else f"Algorithm 2: smallest torque at margin {solution.required_margin:g} N"
     )
-    before = as_loaded if as_loaded is not None and as_loaded.found else None
+    before = None, None
+    if as_loaded is not None and as_loaded.found:
+        before = as_loaded.margin, as_loaded.max_torque
     roles = (DARK if dark else LIGHT).roles
     load = solution.problem.scales.force
-    margin = _reading(
-        "margin e", "N", solution.margin, before and before.margin, load, roles[Role.FRICTION_FORCE]
-    )
+    margin = _reading("margin e", "N", solution.margin, before[0], load, roles[Role.FRICTION_FORCE])
     torque = _reading(
         "max torque",
         result.torque_unit,
         solution.max_torque,
-        before and before.max_torque,
+        before[1],
         torque_size(solution.problem, solution.torques),
         roles[Role.NORMAL_FORCE],
     )

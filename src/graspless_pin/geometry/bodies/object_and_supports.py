@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspless_pin.brief import Brief
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, PlacedBodies
 from graspless_pin.geometry.bodies.mass_properties import checked_body_inertia, mass_properties
@@ -67,8 +68,8 @@ class _PlacedShape(PickledByFields, ABC):
         return PlacedBodies.at_one_pose(self.shapes, self._pose())
 
 
-@dataclass(frozen=True, eq=False)
-class ManipulatedObject(_PlacedShape):
+@dataclass(frozen=True, eq=False, repr=False)
+class ManipulatedObject(Brief, _PlacedShape):
     """A rigid object with its mass. See the example of `settle_object`.
 
     Attributes:
@@ -213,8 +214,8 @@ class ManipulatedObject(_PlacedShape):
         return self.T_world_object
 
 
-@dataclass(frozen=True, eq=False)
-class Support(_PlacedShape):
+@dataclass(frozen=True, eq=False, repr=False)
+class Support(Brief, _PlacedShape):
     """Something that the object may touch and does not move: a table, a slope, a wall.
 
     What a support is follows from its shape: a table, slope or wall is a half-space (exact and

@@ -9,6 +9,7 @@ from typing import overload
 
 import numpy as np
 
+from graspless_pin.brief import Brief
 from graspless_pin.compiled import small_arrays
 from graspless_pin.problem.checks import FloatArray
 
@@ -50,8 +51,8 @@ class ContactPoint:
                 object.__setattr__(self, field, array)
 
 
-@dataclass(frozen=True, eq=False)
-class ContactArrays(Sequence[ContactPoint]):
+@dataclass(frozen=True, eq=False, repr=False)
+class ContactArrays(Brief, Sequence[ContactPoint]):
     """M contacts as arrays; a contact is made when it is asked for.
 
     Attributes:

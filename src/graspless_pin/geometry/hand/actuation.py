@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import null_space
 
+from graspless_pin.brief import Brief
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.hand.coupling import groups_that_share
 from graspless_pin.geometry.hand.fingers import ControlPlan
@@ -25,8 +26,8 @@ from graspless_pin.problem import ControlMode
 from graspless_pin.problem.joint_units import JointUnit
 
 
-@dataclass(frozen=True, eq=False)
-class Actuation(Record):
+@dataclass(frozen=True, eq=False, repr=False)
+class Actuation(Brief, Record):
     """The L actuators: the columns of the contact Jacobian.
 
     Attributes:

@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from graspless_pin.brief import Brief
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
 from graspless_pin.geometry.robots.description import FingerSpec
 from graspless_pin.problem import ControlMode
 
 
-@dataclass(frozen=True)
-class ControlPlan:
+@dataclass(frozen=True, repr=False)
+class ControlPlan(Brief):
     """Control modes after all defaults and overrides.
 
     Attributes:

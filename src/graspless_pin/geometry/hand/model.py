@@ -38,8 +38,10 @@ from graspless_pin.geometry.robots.files import describe_model, describe_urdf
 from graspless_pin.problem.checks import FloatArray, all_finite
 from graspless_pin.problem.joint_units import JointUnit
 
+_LONGEST = 80  # characters of a list of fingers
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Hand(Record):
     """A mounted hand at a configuration. Make one with ``from_urdf`` and its sisters.
 
@@ -183,6 +185,16 @@ class Hand(Record):
     def T_world_base(self) -> NDArray[np.float64]:
         """(4, 4) pose of the root link; of the first mount, if there are several."""
         return next(iter(self.base_poses.values()))
+
+    def __repr__(self) -> str:
+        """Return one line: the robots, and how many joints, actuators and fingers."""
+        robots = ", ".join(getattr(one.source, "name", str(one.source)) for one in self.mounts)
+        fingers = ", ".join(self.fingers)
+        fingers = fingers if len(fingers) <= _LONGEST else str(len(self.fingers))
+        return (
+            f"<Hand {robots}: {len(self.joint_names)} joints, {len(self.actuated_joint_names)} "
+            f"actuators; fingers: {fingers or 'none'}>"
+        )
 
     @property
     def joint_names(self) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspless_pin.brief import Brief
 from graspless_pin.errors import ArgumentError, RobotError
 from graspless_pin.geometry.bodies.decomposition import Cut
 from graspless_pin.geometry.hand.effort_limits import expand_overrides, spread_names
@@ -26,8 +27,8 @@ from graspless_pin.geometry.robots.description import (
 from graspless_pin.geometry.robots.files import find_robot
 
 
-@dataclass(frozen=True, eq=False)
-class Mount:
+@dataclass(frozen=True, eq=False, repr=False)
+class Mount(Brief):
     """A robot fixed to the world.
 
     Attributes:

@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]
 from numpy.typing import NDArray
 
+from graspless_pin.brief import Brief
 from graspless_pin.compiled import kinematic_chains, rigid_bodies
 from graspless_pin.errors import ArgumentError, RobotError
 from graspless_pin.geometry.bodies.collision import BodyShapes
@@ -34,8 +35,8 @@ from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.spelling import names_in_words
 
 
-@dataclass(frozen=True, eq=False)
-class KinematicTree(Record):
+@dataclass(frozen=True, eq=False, repr=False)
+class KinematicTree(Brief, Record):
     """Everything about a hand that does not depend on its configuration.
 
     Every movable joint has one degree of freedom, so joint i of ``joint_names`` is Pinocchio's

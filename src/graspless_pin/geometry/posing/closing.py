@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from graspless_pin.brief import Brief
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject
 from graspless_pin.geometry.contact.distances import LinkDistances
@@ -42,8 +43,8 @@ class FingerClosing:
     distance: float
 
 
-@dataclass(frozen=True, eq=False)
-class ClosingResult:
+@dataclass(frozen=True, eq=False, repr=False)
+class ClosingResult(Brief):
     """A hand whose fingers have been closed. See the example of `close_hand`.
 
     Attributes:

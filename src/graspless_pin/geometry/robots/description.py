@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from graspless_pin.brief import Brief
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.decomposition import DEFAULT_CONCAVITY, DEFAULT_TIME_LIMIT, Cut
 
@@ -106,8 +107,8 @@ class LinkMeshes:
         return dict.fromkeys(named, self._cut())
 
 
-@dataclass(frozen=True)
-class RobotDescription:
+@dataclass(frozen=True, repr=False)
+class RobotDescription(Brief):
     """A hand before it is mounted: a URDF and what the URDF does not say.
 
     Attributes:

@@ -1,0 +1,64 @@
+"""Short ``repr`` of records: arrays by their shapes, long collections by their sizes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from collections.abc import Set as AbstractSet
+from dataclasses import fields
+from enum import Enum
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+
+_FEW = 4
+_LONGEST = 80  # characters of a value
+
+
+class Brief:
+    """A dataclass made with ``repr=False``, whose ``repr`` is a line or two."""
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        """Return the fields, without what stands in arrays and long collections."""
+        shown = [
+            f"{one.name}={_value(getattr(self, one.name))}"
+            for one in fields(self)  # pyright: ignore[reportArgumentType]
+            if one.repr and not one.name.startswith("_")
+        ]
+        return f"{type(self).__name__}({', '.join(shown)})"
+
+
+def _value(value: Any) -> str:
+    match value:
+        case Enum():
+            return value.name
+        case bool() | int() | None:
+            return repr(value)
+        case float():
+            return f"{value:.6g}"
+        case str() | PurePath():
+            text = repr(str(value))
+            return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 4]}...'"
+        case np.ndarray():
+            return str(value.tolist()) if value.size < _FEW else f"<array {value.shape}>"
+        case Mapping():
+            if 0 < len(value) <= _FEW:
+                inside = ", ".join(f"{_value(key)}: {_value(one)}" for key, one in value.items())
+                return _few(f"{{{inside}}}", value)
+            return f"<{len(value)} entries>" if value else "{}"
+        case tuple() | list() | AbstractSet():
+            if 0 < len(value) <= _FEW:
+                return _few(f"({', '.join(map(_value, value))})", value)
+            return f"<{len(value)} items>" if value else "()"
+        case _:
+            # Records that hold arrays have no equality, and their long repr is not made.
+            told = getattr(type(value), "__dataclass_params__", None)
+            text = repr(value) if told and (told.eq or not told.repr) else ""
+            return text if 0 < len(text) <= 2 * _LONGEST else f"<{type(value).__name__}>"
+
+
+def _few(text: str, values: Any) -> str:
+    """Return a text if it is short, else how many values it has."""
+    return text if len(text) <= _LONGEST else f"<{len(values)} items>"
