@@ -20,6 +20,7 @@ from graspless_pin.geometry.bodies.shapes import Box
 from graspless_pin.geometry.poses import pose_matrix
 from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
 from graspless_pin.planning import StateStatus, joint_trajectory
+from graspless_pin.planning.placing_candidates import PlacingFault
 from graspless_pin.scene.state_findings import StateChecks
 from graspless_pin.studies import Study, results_summary
 from graspless_pin.studies.sample_evaluation import evaluate_each
@@ -209,6 +210,24 @@ def test_no_place_has_a_serious_finding():
     for place in found.places:
         assert not is_serious(place.scene.findings)
         assert Evaluator(place.scene).is_feasible(margin=0.0)
+
+
+@pytest.mark.parametrize("sunk", [False, True])
+def test_no_place_has_the_base_of_its_arm_in_a_support(sunk):
+    """The base does not move: it stands in a support wherever the hand is placed."""
+    scene = example("panda_arm_drag_board").with_changes(motion=None)
+    plinth = Support("plinth", Box((0.2, 0.2, 0.02)), np.eye(4))
+    supports = (*scene.supports, plinth) if sunk else scene.supports
+    found = place_hand(
+        scene.with_changes(supports=supports),
+        candidates=20,
+        aim="press",
+        verdict_nodes=0,
+        workers=1,
+    )
+    assert bool(found.places) is not sunk
+    assert not any(is_serious(place.scene.findings) for place in found.places)
+    assert (PlacingFault.HAND_ON_SUPPORT in found.faults) is sunk
 
 
 def test_a_summary_counts_such_samples_apart(tmp_path):

@@ -41,6 +41,7 @@ from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.contact_map import contact_map
 from graspless_pin.scene import Scene
 from graspless_pin.scene.moved import displaced_hand
+from graspless_pin.scene.state_findings import hand_overlaps
 from graspless_pin.solution import UNDECIDED, Status
 
 _CLEAR_OF_OBJECT = 2e-4  # m, of the open hand
@@ -147,6 +148,8 @@ def _tried(plan: PlacingPlan, number: int) -> TriedCandidate:
     if unwanted_overlaps(closed if len(plan.parts) == 1 else hand, tolerance=tolerance):
         return TriedCandidate(number, PlacingFault.HAND_THROUGH_ITSELF)
     scene = plan.scene.with_changes(hand=hand)
+    if hand_overlaps(scene):  # what does not move, such as an arm's base, stands in a support
+        return TriedCandidate(number, PlacingFault.HAND_ON_SUPPORT)
     try:
         judged = _judged(plan, scene, hand)
     except StateError:
