@@ -247,7 +247,7 @@ class ExactScene:
         given = [_vector(row) for row in forces]
         most = [_exact(limit) for limit in problem.max_normal_force]
         for normal, force, limit in zip(problem.normals, given, most, strict=True):
-            tolerance = min(self.load, max(limit, max(most) / 1000)) / 10**6
+            tolerance = min(self._weighing, max(limit, max(most) / 1000)) / 10**6
             worst = max(worst, (_dot(_vector(normal), force) - limit) / tolerance)
         for joint, gravity in enumerate(problem.gravity_torques.tolist()):
             column = problem.jacobian[:, joint].reshape(-1, 3)
@@ -275,7 +275,13 @@ class ExactScene:
         )
 
     def _load_on(self, joint: int) -> Fraction:
-        return self.load * self.levers[joint]
+        return self._weighing * self.levers[joint]
+
+    @property
+    def _weighing(self) -> Fraction:
+        """The load; without a wrench the required margin, if there is one."""
+        margin = Fraction(0) if self.question.algorithm == "margin" else self.question.margin
+        return _exact(margin) if margin and not self.problem.external_wrench.any() else self.load
 
     def _size_of(self, joint: int, limit: float) -> Fraction:
         """What one of a joint's limits counts as, N m."""

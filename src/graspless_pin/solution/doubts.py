@@ -74,7 +74,7 @@ def overload(problem: QuasistaticProblem) -> str:
     """Return the limit that is lost in the load, and how many times as large the load is there."""
     strict, (force, _, joints) = problem.strictness, problem.scales
     if strict is None:
-        return ""
+        return "the required margin is far beyond what the limits carry"
     joint = int(strict.torque.argmax()) if problem.joint_count else -1
     if joint < 0 or strict.torque[joint] < strict.normal.max():
         contact = int(strict.normal.argmax())
