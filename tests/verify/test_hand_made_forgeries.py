@@ -50,4 +50,5 @@ def test_resolution_and_limits_are_taken_as_given_and_said():
         "0.001 of load over mass: points that accelerate by up to 0.00981 m/s^2 are at rest"
     )
     assert given["limits"] == "normal forces 50 N; joints 0.2 N m"
+    assert given["load"] == "force 9.81 N, moment 0 N m"
     assert given["inertias"] == "as they are stated"

@@ -51,7 +51,8 @@ def sharpened(program: Program, y: FloatArray, z: FloatArray) -> tuple[FloatArra
     # Rows of one side only are equalities, too: fixed torques cancel against the balance.
     fixed = low == high
     smaller[fixed] = without_cancelling(program.rows[fixed], weights[fixed], slope, held)
-    tried = [np.concatenate((y, z))]
+    # An optimum at the end of its box, such as torques of zero, needs no multiplier at all.
+    tried = [np.concatenate((y, z)), np.zeros_like(weights)]
     for one in (weights, smaller):
         tried += _leaning(program, one)
     best = max(tried, key=lambda one: _bound(program, one))

@@ -131,8 +131,11 @@ class RestLoad:
             more: (6 + L,) what is added to the load.
         """
         z = z / max(1.0, float(np.abs(z).sum()))
-        c = force_motion(self.problem) @ (z * self.problem.force / self.unit)
-        gain = self.problem.mu * np.linalg.norm(c[:, 1:], axis=1) - c[:, 0]
+        way, mu = z.astype(np.longdouble) * self.problem.force / self.unit, self.problem.mu
+        acting = force_motion(self.problem).astype(np.longdouble)
+        c, sizes = acting @ way, np.abs(acting) @ np.abs(way)
+        gain = mu * np.linalg.norm(c[:, 1:], axis=1) - c[:, 0]
+        gain = gain + tolerances.lost(sizes[:, 0] + mu * sizes[:, 1:].sum(axis=1))
         load = z.astype(np.longdouble) * (self.load + more) / self.unit
         left = float(load.sum() - tolerances.lost(np.abs(load).sum()))
         return left - LARGEST_FORCE * float(np.maximum(gain, 0.0).sum())

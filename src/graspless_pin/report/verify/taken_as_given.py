@@ -9,7 +9,7 @@ import numpy as np
 from graspless_pin.report.verify.bounds import own_box
 from graspless_pin.report.verify.figures import Problem
 from graspless_pin.report.verify.outcome import Check, given
-from graspless_pin.report.verify.values import entry, short_text
+from graspless_pin.report.verify.values import array, entry, number, short_text
 
 
 def taken_as_given(problem: Problem, document: dict[str, Any]) -> list[Check]:
@@ -21,6 +21,7 @@ def taken_as_given(problem: Problem, document: dict[str, Any]) -> list[Check]:
             "limits, options and rules; poses, masses, gravity and names",
         ),
         given("units", _units(problem, document)),
+        given("load", _load(problem, document)),
         given("limits", _limits(problem)),
         *_of_objective(problem, document),
         given(
@@ -39,6 +40,18 @@ def _units(problem: Problem, document: dict[str, Any]) -> str:
         own = [name for name, one in zip(names, problem.units, strict=True) if one == unit]
         shown += [f"{unit}: {_listed(own)}"] if own else []
     return "; ".join(shown)
+
+
+def _load(problem: Problem, document: dict[str, Any]) -> str:
+    """Return the external load, beside what the object weighs where the document tells that."""
+    force, moment = (float(np.linalg.norm(one)) for one in (problem.w[:3], problem.w[3:]))
+    shown, stated = f"force {force:.6g} N, moment {moment:.6g} N m", document.get("object")
+    mass = stated.get("mass") if isinstance(stated, dict) else None
+    if mass is not None and document.get("gravity") is not None:
+        down = array(document["gravity"], (3,), "gravity")
+        weight = number(mass, "mass") * float(np.linalg.norm(down))
+        shown += f"; the object weighs {weight:.6g} N"
+    return shown
 
 
 def _limits(problem: Problem) -> str:
