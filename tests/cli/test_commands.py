@@ -3,6 +3,7 @@
 import json
 import os
 import platform
+import re
 import stat
 import subprocess
 import sys
@@ -78,9 +79,8 @@ def test_guaranteed_torques_state_what_they_cost_and_verify(tmp_path):
     file = tmp_path / "solution.json"
     result = run("solve", PAPER / "cuboid_at_rest.yaml", "--stability", "strong", "--json", file)
     assert result.exit_code == 0, result.output
-    assert (
-        "holds: the object provably stays at rest (15 LPs); no small motion grows" in result.stdout
-    )
+    told = r"holds: the object provably stays at rest \(\d+ LPs\); no small motion grows"
+    assert re.search(told, result.stdout)
     assert "guaranteed: 0 N from the best case (1.65039 N)" in result.stdout
     checked = run("verify", file)
     assert checked.exit_code == 0, checked.output

@@ -8,6 +8,9 @@ import re
 _NUMBER = re.compile(r"(?<![\w.])[+-]?\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w])")
 # The signs of a virtual sliding, the last column: arbitrary along a tangent without friction.
 _SIGNS = re.compile(r" [-+.]{2}$")
+# Counts of a search hang on the last bits, and times on the machine.
+_COUNTS = re.compile(r"\d+(?= (?:LPs?|programs?|nodes?|modes?|sets of outcomes)\b)")
+_TIMES = re.compile(r"about \d+(?:\.\d+)? (?:s|min)\b")
 _NOISE = 1e-6
 _ANYTHING = "..."
 
@@ -18,7 +21,8 @@ def difference(shown: str, printed: str) -> str:
     A line ``...`` stands for any lines, ``...`` inside a line for any text. Numbers may differ by
     one in the last digit that is shown; numbers like 3e-12, the rest of a rounding, by anything
     that is as small. Blanks and the length of rules are those of a table and do not count, nor do
-    the signs of a mode at the end of a line.
+    the signs of a mode at the end of a line, how many programs a search took, and how long one
+    would take.
     """
     expected, actual = _lines(shown), _lines(printed)
     position, skipping = 0, False
@@ -41,7 +45,8 @@ def difference(shown: str, printed: str) -> str:
 
 def _lines(text: str) -> list[str]:
     plain = (re.sub(r"-{3,}", "---", " ".join(line.split())) for line in text.splitlines())
-    return [_SIGNS.sub(" signs", line) for line in plain if line]
+    timeless = (_TIMES.sub("about some time", _COUNTS.sub("some", line)) for line in plain)
+    return [_SIGNS.sub(" signs", line) for line in timeless if line]
 
 
 def _same(shown: str, printed: str) -> bool:

@@ -17,7 +17,7 @@ from graspless_pin.cli.outcome import (
     plain_errors,
 )
 from graspless_pin.cli.simulating import simulated_words
-from graspless_pin.cli.solving import asked_verdict
+from graspless_pin.cli.solving import told
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.findings import tell
 from graspless_pin.holding.options import BRIEF_NODE_LIMIT
@@ -129,12 +129,12 @@ def _case(source: Path, scene_file: Path | None, verdict_nodes: int | None) -> C
         scene = loaded_scene(source)
         tell(*scene.findings)
         with waiting_for("solving"):
-            solution, verdict = scene.solve(), None
+            solution, verdict, said = scene.solve(), None, ""
+        if verdict_nodes is not None:
+            solution, verdict, said = told(scene, solution, verdict_nodes)
         echo_findings(solution.findings)
-        if solution.found and verdict_nodes is not None:
-            verdict, said = asked_verdict(scene, solution, verdict_nodes)
-            if verdict is None:
-                echo_note(said)
+        if said and verdict is None:
+            echo_note(said)
         return case_of_scene(scene, solution, source, verdict)
     document = read_document(source)
     try:

@@ -24,7 +24,7 @@ from graspless_pin.solution import TorqueSolution
 from graspless_pin.waiting import waiting_for
 
 _RANGE_NODES = 100
-"""Nodes of each search for the margin at worst: the same answer on any machine."""
+"""Nodes of each search for the margin at worst, on a slow machine, too."""
 _RANGES_TIME = 20.0  # s; for many contacts, in scenes that are harder than all examples
 
 
@@ -75,7 +75,8 @@ def solve_scene(
         bool,
         typer.Option(
             "--no-verdict",
-            help="Ask neither whether the object stays nor for the margin at worst.",
+            help="Ask neither whether the object stays nor for the margin at worst, and do not "
+            "check the proof.",
         ),
     ] = False,
 ) -> None:
@@ -105,10 +106,11 @@ def solve_scene(
         options = {name: value for name, value in given.items() if value is not None}
         with waiting_for("solving"):
             solution = loaded.solve(algorithm, **options)
-        echo_findings(solution.findings)
         verdict, said, bounds = None, "", None
+        if not no_verdict:
+            solution, verdict, said = told(loaded, solution, verdict_nodes)
+        echo_findings(solution.findings)
         if solution.found and not no_verdict:
-            verdict, said = asked_verdict(loaded, solution, verdict_nodes)
             bounds = _forces(solution)
         if json_file is not None:
             from graspless_pin.report import solution_document, write_document
@@ -133,14 +135,28 @@ def _forces(solution: TorqueSolution) -> ContactForceBounds | None:
         )
 
 
-def asked_verdict(
+def told(
     scene: Scene, solution: TorqueSolution, nodes: int | None = None
-) -> tuple[StabilityVerdict | None, str]:
-    """Return whether the object stays, and what is said of it; a verdict may not be had."""
+) -> tuple[TorqueSolution, StabilityVerdict | None, str]:
+    """Return a solution as far as it is proven, whether the object stays, and what is said of it.
+
+    Args:
+        scene: The scene.
+        solution: As the search left it.
+        nodes: Sets of outcomes that the verdict may look at; None: `BRIEF_NODE_LIMIT`. There may
+            be no verdict to be had.
+    """
+    from graspless_pin.report.accepted import accepted
+
     limit = BRIEF_NODE_LIMIT if nodes is None else nodes
-    try:
-        with waiting_for("looking for a verdict"):
-            verdict = solution_verdict(scene, solution, node_limit=limit)
-    except ArgumentError as error:
-        return None, f"no verdict: {error}"
-    return verdict, verdict.said("--verdict-nodes {}")
+    verdict, missing = None, ""
+    if solution.found:
+        try:
+            with waiting_for("looking for a verdict"):
+                verdict = solution_verdict(scene, solution, node_limit=limit)
+        except ArgumentError as error:
+            missing = f"no verdict: {error}"
+    with waiting_for("checking the proof"):
+        solution, verdict = accepted(solution, scene, verdict)
+    said = missing if verdict is None else verdict.said("--verdict-nodes {}")
+    return solution, verdict, said if solution.found else ""

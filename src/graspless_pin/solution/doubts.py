@@ -40,7 +40,7 @@ def solution_doubts(
         yield Finding(
             FindingCode.NOT_OPTIMAL,
             "solution",
-            f"the search ended before its proof: a better answer may exist (gap "
+            f"it is not proven that nothing is better: a better answer may exist (gap "
             f"{certificate.gap:.3g})",
             "raise node_limit and time_limit",
         )

@@ -19,8 +19,8 @@ class Status(Enum):
     OPTIMAL = "optimal over all feasible virtual-sliding modes"
     OPTIMAL_IN_MODE = "optimal in the given virtual-sliding mode"
     LIMIT_REACHED = (
-        "the best found; the search ended before its proof (a node or time limit, or a program "
-        "that no solver answered)"
+        "the best found; that nothing is better was not proven (a node or time limit, a program "
+        "that no solver answered, or a proof that does not close)"
     )
     INFEASIBLE_FORCES = (
         "infeasible: no contact forces inside the cones, normal-force and torque limits balance "
