@@ -126,6 +126,7 @@ def test_neither_order_nor_chunks_change_the_answers(monkeypatch):
 
     turned = evaluator.evaluate_many(
         **{name: values[order] for name, values in states.items()},
+        workers=1,
         progress=lambda done, count: seen.append((done, count)),
     )
 
@@ -151,6 +152,40 @@ def test_processes_find_the_same_and_go_on_after_one_died():
     np.testing.assert_array_equal(feasible, here.margins >= margin)
     with pytest.raises(ArgumentError, match=r"unknown joint 'thumb'"):
         evaluator.evaluate_many({"thumb": 0.1}, states["T_world_object"], workers=2)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "count", "used"),
+    [
+        (1e-5, 20_000, 1),  # two processes took 0.9 s to save 0.1 s
+        (1e-5, 200_000, 1),
+        (1e-4, 100_000, 4),
+        (1e-2, 500, 1),
+        (1e-2, 800, 1),
+        (1e-2, 1000, 2),  # 5 s are left
+        (1e-2, 1400, 4),
+    ],
+)
+def test_processes_are_used_where_they_pay(monkeypatch, seconds, count, used):
+    """The work that is left, told by the processor time so far, against what starting takes."""
+    clock, asked = [0.0], []
+
+    def compute(_, states):
+        # What the first states teach is not held against all others.
+        clock[0] += len(states.each["q"]) * seconds * (50.0 if clock[0] == 0.0 else 1.0)
+        return (np.zeros(states.total),)
+
+    def processes(compute, solver, states, begin, workers):
+        asked.append((begin, workers))
+        yield slice(begin, states.total), (np.zeros(states.total - begin),)
+
+    monkeypatch.setattr(many_states, "thread_time", lambda: clock[0])
+    monkeypatch.setattr(many_states, "usable_cores", lambda: 4)
+    monkeypatch.setattr(many_states, "_found_by_processes", processes)
+    states = many_states.StateArrays(count, {"q": np.zeros((count, 1))}, {})
+    (found,) = many_states.gathered(compute, None, states, None, None)
+    assert len(found) == count
+    assert asked == ([] if used == 1 else [(500, used)])
 
 
 def end_the_process(solver: StateSolver, states: many_states.StateArrays) -> Any:

@@ -191,8 +191,9 @@ class Evaluator:
             T_world_object: (K, 4, 4) poses of the object, m; or what `evaluate` takes.
             twist: (K, 6) twists, m/s and rad/s; or what `evaluate` takes.
             evaluations: Numbers of the states of which the whole answer is kept, too.
-            workers: Processes that evaluate; 1: this one alone; None: one for each 10 000 states,
-                but no more than cores. They are kept ready for a minute.
+            workers: Processes that evaluate; 1: this one alone; None: more than this one
+                where the processor time of the first states tells that they pay, but no more than
+                cores. They are kept ready for a minute.
             progress: Called with the number of states that are done, and with K, now and then.
 
         Raises:

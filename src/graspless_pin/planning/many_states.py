@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from itertools import chain, repeat
+from time import thread_time
 from typing import Any, NamedTuple
 from uuid import uuid4
 
@@ -26,8 +28,10 @@ Arrays = tuple[NDArray[Any], ...]
 
 _CHUNK = 1000
 """States that are computed in one go: tens of milliseconds, long beside the way to a process."""
-_WORTH_A_PROCESS = 10_000
-"""States for which a process is used that nobody asked for: it takes a second to start."""
+_FIRST = 100, 400
+"""States that are computed here before processes are asked for: the first ones learn, too."""
+_WORTH_A_PROCESS = 2.0
+"""Processor time (s) of work for which a process is used: it takes a second of it to start."""
 _MOST_SOLVERS = 4
 _BLOCK = 4096
 _DIMENSIONS = {"q": 2, "T_world_object": 3, "twist": 2}
@@ -141,20 +145,18 @@ def gathered(
         compute: Finds it for some of them.
         solver: Solves them.
         states: K states.
-        workers: Processes; 1: this one; None: as many as there are cores, where it is worth it.
+        workers: Processes; 1: this one; None: as many as there are cores, as far as the processor
+            time of the states done by then tells that each saves more than its start takes.
         progress: Is told how far it is; None: nobody is.
 
     Raises:
         ArgumentError: If ``workers`` is not a whole number from 1 on.
         CrashError: If a process dies.
     """
-    if workers is None:
-        workers = max(1, min(usable_cores(), states.total // _WORTH_A_PROCESS))
-    workers = whole_number("workers", workers, 1)
-    size = min(_CHUNK, max(1, -(-states.total // (4 * workers)))) if workers > 1 else _CHUNK
-    chunks = [slice(k, k + size) for k in range(0, states.total, size)] or [slice(0, 0)]
+    if workers is not None:
+        workers = whole_number("workers", workers, 1)
     whole: Arrays = ()
-    for chunk, found in zip(chunks, _found(compute, solver, states, chunks, workers), strict=True):
+    for chunk, found in _found(compute, solver, states, workers):
         if not whole:
             whole = tuple([np.empty((states.total, *a.shape[1:]), a.dtype) for a in found])
         for array, part in zip(whole, found, strict=True):
@@ -168,13 +170,38 @@ def _found(
     compute: Callable[[StateSolver, StateArrays], Arrays],
     solver: StateSolver,
     states: StateArrays,
-    chunks: list[slice],
+    workers: int | None,
+) -> Iterator[tuple[slice, Arrays]]:
+    """Yield chunks and what is found of them, in order."""
+    done = 0
+    if workers is None or workers == 1:
+        for size in chain(_FIRST if workers is None else (), repeat(_CHUNK)):
+            chunk, begin = slice(done, min(done + size, states.total)), thread_time()
+            found = compute(solver, states.part(chunk))
+            pace = (thread_time() - begin) / size
+            yield chunk, found
+            learned, done = done > 0, chunk.stop
+            left = states.total - done
+            if not left:
+                return
+            worth = int(min(usable_cores(), left * pace / _WORTH_A_PROCESS))
+            if workers is None and learned and worth > 1:
+                workers = worth
+                break
+    yield from _found_by_processes(compute, solver, states, done, workers or 1)
+
+
+def _found_by_processes(
+    compute: Callable[[StateSolver, StateArrays], Arrays],
+    solver: StateSolver,
+    states: StateArrays,
+    begin: int,
     workers: int,
-) -> Iterator[Arrays]:
-    """Yield what is found of each chunk, in order."""
-    if workers == 1:
-        yield from (compute(solver, states.part(chunk)) for chunk in chunks)
-        return
+) -> Iterator[tuple[slice, Arrays]]:
+    """Yield chunks from a state on and what processes find of them, in order."""
+    size = min(_CHUNK, max(1, -(-(states.total - begin) // (4 * workers))))
+    ends = [*range(begin, states.total, size), states.total]
+    chunks = [slice(*ends[k : k + 2]) for k in range(len(ends) - 1)] or [slice(0, 0)]
     processes, token = kept_processes(), _TOKENS.of(solver)
 
     def found(chunk: slice) -> Arrays:
@@ -190,7 +217,7 @@ def _found(
 
     with ThreadPoolExecutor(workers, thread_name_prefix="graspless-states") as threads:
         try:
-            yield from threads.map(found, chunks)
+            yield from zip(chunks, threads.map(found, chunks), strict=True)
         finally:
             threads.shutdown(wait=True, cancel_futures=True)
 
