@@ -15,6 +15,7 @@ from graspless_pin.scene.loads import jointed_contacts
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.state_findings import ALL_CHECKS
 from graspless_pin.studies import Study, run_study, sample_evaluation
+from graspless_pin.studies.checks import check_study
 from graspless_pin.studies.journal import JOURNAL_FORMAT, Journal
 from graspless_pin.studies.sample_blocks import stated_sample
 from graspless_pin.studies.sample_evaluation import evaluate_each
@@ -156,6 +157,11 @@ def test_an_internal_error_in_a_search_costs_one_sample_and_is_told(monkeypatch)
         assert (row["status"], row["found"]) == ("failed", False)
         assert row["error"].startswith("internal error in sample_evaluation.py, line ")
         assert row["error"].endswith(": IndexError: ours")
+
+
+def test_an_internal_error_in_the_first_look_ends_no_study(monkeypatch):
+    monkeypatch.setattr(Scene, "problem", lambda *_: 1 / 0)
+    check_study(blocked(count=8))
 
 
 def test_blocks_depend_on_the_study_alone():
