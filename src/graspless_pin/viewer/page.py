@@ -148,7 +148,7 @@ class Viewer:
         self._build()
         self._show(self._initial)
         gate.scheme_told = self._tell_scheme
-        server.on_client_connect(lambda client: self._stage.look(client.camera))
+        server.on_client_connect(lambda client: self._stage.welcome(client.camera))
         self._worker = threading.Thread(target=self._work, name="graspless-viewer", daemon=True)
         self._worker.start()
 

@@ -22,6 +22,7 @@ _NARROW = 700  # px: below it panels lie over the lower part of the page
 _NARROW_BOX = 0.03, 0.02, 0.97, 0.4
 """Left, top, right and bottom of what panels leave free there, as shares of the page."""
 _PANELS = 650  # px
+_STAYS = 1e-3  # of its distance: a camera that has not been moved
 _DOWN = 0.9
 NUMBERS = "contact numbers"
 """The layer of the contacts' numbers."""
@@ -51,6 +52,8 @@ class Stage:
         scene.configure_environment_map(None)
         scene.add_light_ambient("/ambient light", intensity=_AMBIENT)
         _aim(server.initial_camera, picture)
+        self._start = np.array(server.initial_camera.position)
+        self._looks: dict[int, tuple[str, tuple[float, float], FloatArray]] = {}
 
     def draw(self, picture: Picture) -> None:
         """Send the meshes that are new or have changed and remove those that are gone."""
@@ -69,6 +72,26 @@ class Stage:
                 self._meshes[name] = (mesh, handle)
         self._number(picture)
         self._tilt(picture)
+
+    def welcome(self, camera: Any) -> None:
+        """Look at all of the scene, and again when a page turns, until its reader looks elsewhere.
+
+        Also when the page goes where all begin after it was told where to look: it may do so late.
+        """
+        self.look(camera)
+
+        @camera.on_update
+        def _(camera: Any) -> None:
+            if camera.client.client_id not in self._looks:
+                return
+            view, size, place = self._looks[camera.client.client_id]
+            near = _STAYS * float(np.linalg.norm(place - self._first.center))
+            at_start, stays = (
+                bool(np.linalg.norm(camera.position - there) < near)
+                for there in (self._start, place)
+            )
+            if at_start or (stays and size != (camera.image_width, camera.image_height)):
+                self.look(camera, view)
 
     def look(self, camera: Any, view: str = "fit") -> None:
         """Bring the camera of a page to one of the views of the first picture, all of it seen.
@@ -93,10 +116,12 @@ class Stage:
         over = np.cross(toward, across / np.linalg.norm(across))
         # The page's middle is below that of what is free of panels.
         center = center - (1.0 - top - bottom) * distance * slope * over
+        place = center + distance * toward
+        self._looks[camera.client.client_id] = view, (wide, high), place
         with camera.client.atomic():
             camera.up_direction = picture.up
             camera.fov = _FIELD_OF_VIEW
-            camera.position = center + distance * toward
+            camera.position = place
             camera.look_at = center
 
     def _number(self, picture: Picture) -> None:
