@@ -19,6 +19,8 @@ _NOISE = 1e-9
 """Of what makes a slope: smaller ones are rounding."""
 _MATTERS = 1e-9
 """Rounding that may cost a bound less needs no care."""
+_ROUNDED = 1e-2
+"""Of a bound, scaled: rounding costs no more than that."""
 _RANK = 1e-11
 _ROUNDS = 3
 _LONG = np.longdouble
@@ -51,11 +53,15 @@ def sharpened(program: Program, y: FloatArray, z: FloatArray) -> tuple[FloatArra
     # Rows of one side only are equalities, too: fixed torques cancel against the balance.
     fixed = low == high
     smaller[fixed] = without_cancelling(program.rows[fixed], weights[fixed], slope, held)
-    # An optimum at the end of its box, such as torques of zero, needs no multiplier at all.
-    tried = [np.concatenate((y, z)), np.zeros_like(weights)]
+    tried = [np.concatenate((y, z))]
     for one in (weights, smaller):
         tried += _leaning(program, one)
     best = max(tried, key=lambda one: _bound(program, one))
+    # An optimum at the end of its box, such as torques of zero, needs no multiplier at all. What
+    # zeros gain beyond rounding is no gain: then the multipliers are of forces in another box.
+    none = np.zeros_like(weights)
+    if 0.0 < _bound(program, none) - _bound(program, best) < _ROUNDED:
+        best = none
     return best[:count], best[count:]
 
 
