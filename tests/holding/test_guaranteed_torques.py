@@ -311,7 +311,9 @@ def test_bad_arguments_are_named() -> None:
 def test_an_evaluator_gives_guaranteed_torques_and_verdicts(slot: Scene, strong: Any) -> None:
     evaluator = Evaluator(slot, stability="strong", verdict_nodes=100)
     said = evaluator.evaluate()
-    np.testing.assert_allclose(said.torques, strong.torques, atol=1e-6)
+    # Which of them the search finds may hang on rounding.
+    assert is_strong(strong.problem, said.solution)
+    assert said.margin <= strong.guarantee.best_case + 1e-6
     assert said.stability(node_limit=300).status is Stability.STRONG
     assert Evaluator(slot).evaluate().stability().status is Stability.WEAK
 
