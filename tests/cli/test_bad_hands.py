@@ -178,7 +178,9 @@ def test_a_bad_mesh_of_a_support(tmp_path):
 def test_a_mesh_in_millimetres_warns(tmp_path):
     """A 200 m cup: the warning names the file and the scale, and the rest goes on."""
     result = solve_text(tmp_path, spoilt(BOX, box_mesh(tmp_path, 200.0)))
-    density, mesh = (line for line in result.stderr.splitlines() if line.startswith("warning: "))
+    warnings = [line for line in result.stderr.splitlines() if line.startswith("warning: ")]
+    density = next(line for line in warnings if "kg/m^3" in line)
+    mesh = next(line for line in warnings if line.startswith("warning: mesh"))
     assert "object 'box' has 1.25e-07 kg/m^3, which is less than air has" in density
     assert mesh == (
         f"warning: mesh '{tmp_path / 'cup.stl'}' with scale 1.0 is 200 m large; lengths are "
