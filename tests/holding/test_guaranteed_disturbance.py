@@ -74,7 +74,7 @@ def test_a_block_that_is_pushed_slides_lifts_and_tips_where_newton_says() -> Non
     )  # fmt: skip
     check(found, [0.5 * weight, weight, HALF * weight])
     np.testing.assert_allclose(found.possible, found.failing, rtol=1e-3)
-    assert [one.status for one in found.failures if one] == [Stability.NONE] * 3
+    assert [one.status for one in found.failures if one is not None] == [Stability.NONE] * 3
 
 
 def test_a_hundredth_of_all_forces_bears_a_hundredth() -> None:
@@ -103,7 +103,7 @@ def test_walls_that_might_squeeze_hold_in_the_best_case_only() -> None:
     found = along(box_in_slot(), [], PUSH, [0, 0, 1, 0, 0, 0], largest=50.0)
     check(found, [0.4 * GRAVITY, GRAVITY])
     np.testing.assert_allclose(found.possible, 50.0)
-    assert [one.status for one in found.failures if one] == [Stability.WEAK] * 2
+    assert [one.status for one in found.failures if one is not None] == [Stability.WEAK] * 2
     assert "forces balance up to 50 N" in str(found)
 
 
