@@ -24,7 +24,7 @@ def scene_file(request, tmp_path):
     half = min(0.05 * np.tan(np.radians(0.5 * request.param)), 0.04)
     low = -half / np.tan(np.radians(0.5 * request.param))
     base = [(x, y, low) for x in (-half, half) for y in (-0.15, 0.15)]
-    prism = trimesh.convex.convex_hull([(0, -0.15, 0), (0, 0.15, 0), *base])
+    prism = trimesh.convex.convex_hull(np.array([(0, -0.15, 0), (0, 0.15, 0), *base]))
     prism.export(tmp_path / "prism.stl")
     file = tmp_path / "scene.yaml"
     file.write_text(LINES[: LINES.index("  - name: floor")] + SUPPORTS, encoding="utf-8")

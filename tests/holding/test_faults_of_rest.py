@@ -425,6 +425,7 @@ def assert_true_bracket() -> LoadBracket:
     # Slower than the resolution of 0.001 loads is no motion.
     assert found.guaranteed <= exact + 1e-3 * GRAVITY
     assert found.failing >= exact - 1e-9
+    assert found.last_rest is not None
     if found.last_rest.no_rest is not None:
         assert found.possible == pytest.approx(exact, rel=1e-3)
     whole = GuaranteedDisturbance(undisturbed(), PUSH[None], (found,), 1.0, 10.0 * GRAVITY)

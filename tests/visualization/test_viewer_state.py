@@ -74,7 +74,8 @@ def test_an_internal_error_is_shown_at_its_state(paper, monkeypatch):
         shown.reason,
     )
     assert shown.reason in headline_html(shown, dark=False) + result_html(shown, None, dark=False)
-    assert answer_settings(paper, settings).solution.found
+    again = answer_settings(paper, settings).solution
+    assert again is not None and again.found
 
 
 def test_an_internal_error_in_a_verdict_is_shown(paper, monkeypatch):
