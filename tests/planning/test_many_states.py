@@ -183,7 +183,7 @@ def test_processes_are_used_where_they_pay(monkeypatch, seconds, count, used):
     monkeypatch.setattr(many_states, "usable_cores", lambda: 4)
     monkeypatch.setattr(many_states, "_found_by_processes", processes)
     states = many_states.StateArrays(count, {"q": np.zeros((count, 1))}, {})
-    (found,) = many_states.gathered(compute, cast(StateSolver, None), states, None, None)
+    (found,) = many_states.gathered(compute, cast("StateSolver", None), states, None, None)
     assert len(found) == count
     assert asked == ([] if used == 1 else [(500, used)])
 
