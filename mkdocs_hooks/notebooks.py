@@ -48,7 +48,9 @@ def page_of(file: Path) -> tuple[str, dict[str, bytes]]:
                 image = f"![{heading}](pictures/{name})"
                 parts.append(f'<figure class="plot" markdown="span">\n{image}\n</figure>')
             elif "text/html" in data and _PANDAS not in data["text/html"]:
-                parts.append(re.sub(r"\n\s*\n", "\n", data["text/html"]))
+                # The theme lets only tables without a class scroll in themselves.
+                table = re.sub(r"<table [^>]*>", "<table>", data["text/html"])
+                parts.append(re.sub(r"\n\s*\n", "\n", table))
             elif text and not _PLAIN.match(text.strip()):
                 parts.append(f"```text\n{text.rstrip()}\n```")
     if not pictures:

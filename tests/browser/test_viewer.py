@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import socket
 import threading
 from collections.abc import Callable, Iterator
@@ -151,8 +152,8 @@ def test_the_page_shows_what_the_library_computes(allegro, opened):
     page = opened()
     settled(page, allegro.solve().margin)
     text = page.locator("#graspless-torques").inner_text()
-    for torque in allegro.solve().torques:
-        assert f"{torque.round(4) + 0.0:+.4f}" in text
+    figures = [float(line) for line in text.splitlines() if not re.search("[a-z]", line)]
+    np.testing.assert_allclose(figures, allegro.solve().torques, atol=5.1e-5)
 
 
 def test_a_slider_moved_in_the_page_changes_the_margin(allegro, opened):
@@ -231,7 +232,7 @@ def test_the_scene_is_drawn_and_layers_can_be_hidden(allegro, opened, tmp_path):
     arrows = bluish(shown)
     inside = middle(shown)
     drawn = np.abs(inside - 255.0).max(axis=2) > 12.0
-    assert 0.1 < drawn.mean() < 0.9
+    assert 0.05 < drawn.mean() < 0.9
     # Nothing reaches the top, the bottom or the panels.
     rim = np.concatenate([drawn[0], drawn[-1], drawn[:, 0], drawn[:, -1]])
     assert not rim.any(), "the scene is cut off"

@@ -148,9 +148,10 @@ def one_joint(tmp_path, effort):
 
 @pytest.mark.parametrize(
     ("effort", "value"),
-    [('effort="0"', "0"), ('effort="inf"', "inf"), ('effort="100"', "100"), ("", "inf")],
+    [('effort="0"', "0"), ('effort="inf"', "inf"), ('effort="1000"', "1000"), ("", "inf")],
 )
 def test_placeholder_efforts_warn(tmp_path, effort, value):
+    """Of a chain without a palm, which counts as an arm: 100 N m may be its own."""
     file = one_joint(tmp_path, effort)
     with pytest.warns(GrasplessPinWarning, match=rf"'hinge' \({value}\); give .*effort_limits"):
         hand = Hand.from_urdf(file)
