@@ -5,20 +5,8 @@ surroundings, and how robust is it? The method is Makita and Maeda's *Joint Torq
 Quasi-static Graspless Manipulation*.
 """
 
-import sys
-from typing import Any
-
 import lazy_loader
-
-from graspless_pin.renamed import FormerModules, former_names
 
 # Each name is loaded at first use: arrays need no Pinocchio, scenes no pandas, and the command line
 # is there to answer Ctrl-C while all of them are loaded. Which they are stands in the .pyi beside.
-_load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
-_former = former_names(__name__)
-sys.meta_path.append(FormerModules)
-
-
-def __getattr__(name: str) -> Any:
-    """Load a public name from where it is defined."""
-    return _load(name) if name in __all__ else _former(name)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -80,7 +80,7 @@ def test_infeasible_is_an_answer(tmp_path):
         ("none.json", None, "there is no such file"),
         ("none.yaml", None, "none.yaml"),
         ("broken.json", "{", "broken.json: is not JSON: Expecting"),
-        ("empty.json", "{}", "empty.json: document: lacks the key 'status'"),
+        ("empty.json", "{}", "empty.json: document: lacks the key 'format'"),
         ("list.json", "[]", "list.json: document: is no JSON object"),
     ],
 )

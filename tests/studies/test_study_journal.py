@@ -124,16 +124,6 @@ def test_damage_is_told_with_its_line(journal):
     assert rows_of(journal, fresh=True) == {}
 
 
-def test_a_journal_without_checksums_is_refused_for_its_version(journal):
-    old = [{**IDENTITY, "format": 1}, *ROWS]
-    text = "".join(f"{json.dumps(item)}\n" for item in old)
-    journal.write_text(text, encoding="utf-8")
-    with pytest.raises(StudyError, match=r"was begun with other versions.*--fresh"):
-        rows_of(journal)
-    assert journal.read_text(encoding="utf-8") == text
-    assert rows_of(journal, fresh=True) == {}
-
-
 @pytest.mark.parametrize("kept", [0, 1, 9, 40])
 def test_a_journal_killed_as_it_began_is_begun_anew(journal, kept):
     journal.write_bytes(journal.read_bytes()[:kept])

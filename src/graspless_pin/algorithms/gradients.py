@@ -23,7 +23,6 @@ from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.cones import face_directions, room_to_round
 from graspless_pin.programs.marginals import Marginals
 from graspless_pin.programs.objectives import Algorithm
-from graspless_pin.renamed import former_names
 from graspless_pin.solution import Status, TorqueSolution, checked_solution
 
 _SAME = 1e-6
@@ -86,7 +85,6 @@ class OptimumGradients(Brief):
     solution: TorqueSolution
     point: OptimalPoint
     alternatives: tuple[OptimalPoint, ...]
-    __getattr__ = former_names("OptimumGradients")
 
     @property
     def degenerate(self) -> bool:

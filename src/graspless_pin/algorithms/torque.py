@@ -11,10 +11,7 @@ from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import choice
 from graspless_pin.programs.objectives import Algorithm, Margin, Objective, Torque, TorqueShare
-from graspless_pin.renamed import former_names
 from graspless_pin.solution import TorqueSolution
-
-__getattr__ = former_names(__name__, ImportError)
 
 
 class TorqueScale(StrEnum):

@@ -30,7 +30,7 @@ from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
 
 DOCUMENT_FORMAT = 2
-"""Version of the documents; those of version 0.1 have none."""
+"""Version of the documents."""
 _ROW = re.compile(r"\[[-+.\deE,\s]*\]")
 
 

@@ -88,7 +88,7 @@ def read_multipliers(
     """Return the multipliers (y, z) of a scaled program from those in a document.
 
     Args:
-        data: As `multipliers_data` gives them; rows of all faces (version 0.1) are read, too.
+        data: As `multipliers_data` gives them.
         problem: The problem.
         objective: What was optimised.
 
@@ -107,9 +107,6 @@ def read_multipliers(
 def _faces(listed: list[Any], problem: QuasistaticProblem) -> FloatArray:
     """(M, r) multipliers of all faces."""
     faces = np.zeros((problem.contact_count, problem.cone_edges))
-    if listed and len(listed[0]) != 3:
-        faces[problem.has_cone] = as_numbers(listed)
-        return faces
     cones = np.flatnonzero(problem.has_cone).tolist()
     for contact, face, value in listed:
         faces[cones[cones.index(contact)], face] = as_number(value)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import MISSING, Field, dataclass, fields
+from dataclasses import Field, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,6 @@ from graspless_pin.modes.rules import Rules, SlidingMode
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only, real_number
 from graspless_pin.problem.derived_inertias import with_derived_inertias
-from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.programs.assembly import scaled_program
 from graspless_pin.programs.objectives import Algorithm, Margin, Objective, Torque, TorqueShare
 from graspless_pin.report.document import DOCUMENT_FORMAT
@@ -80,7 +79,6 @@ class _Stated:
 def read_solution(document: dict[str, Any]) -> TorqueSolution:
     """Return the solution that a document of `solution_document` is of.
 
-    Documents of version 0.1 can be read, too, but for those of a solution with a regularisation.
     The proof over all modes stays in the document: `verify_document` checks it there.
 
     Raises:
@@ -111,20 +109,12 @@ def read_solution(document: dict[str, Any]) -> TorqueSolution:
 
 
 def _check_format(document: dict[str, Any]) -> None:
-    """Refuse formats of later versions, and what version 0.1 does not say enough of."""
-    if "format" in document:
-        if document["format"] != DOCUMENT_FORMAT:
-            raise ArgumentError(
-                "document",
-                f"has the format {document['format']!r:.20}; {DOCUMENT_FORMAT} can be read",
-            )
-        return
-    proof = document.get("certificate")
-    if document.get("found") and isinstance(proof, dict) and "mode_multipliers" not in proof:
+    if "format" not in document:
+        raise ArgumentError("document", "lacks the key 'format'; it must be one written by solve")
+    if document["format"] != DOCUMENT_FORMAT:
+        found = document["format"]
         raise ArgumentError(
-            "document",
-            "was written by version 0.1 of a solution with a regularisation, which it does not "
-            "state; solve again and write it anew",
+            "document", f"has the format {found!r:.20}; {DOCUMENT_FORMAT} can be read: solve again"
         )
 
 
@@ -195,16 +185,11 @@ def _guarantee(document: dict[str, Any]) -> Guarantee | None:
 
 def _objective(document: dict[str, Any]) -> tuple[Objective, dict[str, Any]]:
     """Return what was optimised, and the answer's own multipliers."""
-    if "format" in document:
-        epsilon, scale = (
-            real_number("regularization", document["regularization"], 0.0),
-            document["scale"],
-        )
-        own = document.get("multipliers", {})
-    else:
-        proof = document["certificate"]
-        epsilon, scale = 0.0, proof.get("scale", "absolute")
-        own = proof.get("mode_multipliers", {})
+    epsilon, scale = (
+        real_number("regularization", document["regularization"], 0.0),
+        document["scale"],
+    )
+    own = document.get("multipliers", {})
     required = as_number(document["required_margin"])
     if document["algorithm"] is None:
         stated = document["objective"]
@@ -239,8 +224,6 @@ def _motion(document: dict[str, Any], problem: QuasistaticProblem) -> FloatArray
 
 def _relaxed(document: dict[str, Any]) -> dict[str, Any] | None:
     """Multipliers that bound every mode at once, if the proof has them."""
-    if "format" not in document:
-        return document["certificate"].get("relaxation_multipliers")
     nodes = document["proof"]["nodes"]
     return nodes[0]["multipliers"] if nodes and nodes[0]["kind"] == "bound" else None
 
@@ -268,9 +251,9 @@ def _problem(document: dict[str, Any]) -> QuasistaticProblem:
         ),
         max_normal_force=as_numbers([c["max_normal_force"] for c in contacts]),
         cone_edges=document["cone_edges"],
-        cone=document.get("cone", "edges"),
+        cone=document["cone"],
         joint_names=[joint["name"] for joint in joints],
-        joint_units=[joint.get("unit", JointUnit.TORQUE) for joint in joints],
+        joint_units=[joint["unit"] for joint in joints],
         gravity_torques=as_numbers([joint["torque_gravity"] for joint in joints]),
     )
     # A URDF may state inertias that are none: solutions do not hang on them.
@@ -278,9 +261,7 @@ def _problem(document: dict[str, Any]) -> QuasistaticProblem:
 
 
 def _figure(figures: dict[str, Any], item: Field[Any]) -> Any:
-    """Read a figure: null in JSON does not exist, and one with a default may be missing."""
-    if item.name not in figures and item.default is not MISSING:
-        return item.default
+    """Read a figure: null in JSON does not exist."""
     value = figures[item.name]
     if item.name == "threshold_optima":
         return value and tuple(np.nan if one is None else as_number(one) for one in value)

@@ -29,7 +29,6 @@ from graspless_pin.studies.rows import Row
 _SYNC_EVERY = 2.0
 """Seconds between two times that the disk is waited for: a power failure costs no more."""
 JOURNAL_FORMAT = 4
-_WITHOUT_CHECKSUMS = 1
 _ROWS_OF_A_LINE = 64
 _LINES_KEPT = 64
 """Lines that are kept while rows are read: what is read of a line in turn is parsed once."""
@@ -299,17 +298,9 @@ def _checked(columns: _Columns) -> _Columns:
 
 
 def _identity(line: bytes) -> dict[str, Any] | None:
-    """Return what a journal's first line says of its study; None if it is none.
-
-    Version 0.1 wrote no checksums. Its journals are known by that, so that they are refused for
-    their versions and not as another program's file.
-    """
+    """Return what a journal's first line says of its study; None if it is none."""
     with suppress(ValueError):
         return _unpacked(line)
-    with suppress(ValueError):
-        found: Any = json.loads(line)
-        if isinstance(found, dict) and found.get("format") == _WITHOUT_CHECKSUMS:
-            return found
     return None
 
 

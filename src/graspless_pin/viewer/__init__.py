@@ -3,7 +3,6 @@
 The page itself needs the extra ``viewer``; what it shows is worked out without it.
 """
 
-from graspless_pin.renamed import former_names
 from graspless_pin.viewer.controls import Control, changed_scene, controls_of
 from graspless_pin.viewer.page import Viewer, view
 from graspless_pin.viewer.scene_process import (
@@ -24,5 +23,3 @@ __all__ = [
     "initial_settings",
     "view",
 ]
-
-__getattr__ = former_names(__name__)

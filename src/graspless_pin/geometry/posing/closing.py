@@ -21,9 +21,6 @@ from graspless_pin.geometry.posing.finger_joints import (
     hand_at,
 )
 from graspless_pin.geometry.posing.marching import March
-from graspless_pin.renamed import former_names
-
-__getattr__ = former_names(__name__, ImportError)
 
 
 @dataclass(frozen=True)

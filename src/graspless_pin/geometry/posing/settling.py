@@ -13,9 +13,6 @@ from graspless_pin.geometry.bodies.collision import CollisionBody
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
 from graspless_pin.geometry.contact.distances import nearest_separation, separation
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.renamed import former_names
-
-__getattr__ = former_names(__name__, ImportError)
 
 SETTLING_TOLERANCE = 1e-4
 """Overlap with a support across the direction of settling that is left as it is, m."""

@@ -9,7 +9,6 @@ from typing import Any
 from graspless_pin.errors import GrasplessPinError
 from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.renamed import refusing_former_keywords
 from graspless_pin.report.document import solution_document
 from graspless_pin.report.provenance import file_sha256, same_problem, solve_command
 from graspless_pin.report.reading import document_bodies, document_origin, read_solution
@@ -100,7 +99,6 @@ def case_of_scene(
     )
 
 
-@refusing_former_keywords
 def case_of_document(document: dict[str, Any], scene_file: Path | None = None) -> Case:
     """Return the case of a document, with the bodies of its scene where they still are the same.
 

@@ -17,7 +17,6 @@ from graspless_pin.findings import is_serious
 from graspless_pin.holding.verdict import Stability
 from graspless_pin.holding.verdict_words import parted
 from graspless_pin.programs.objectives import Algorithm
-from graspless_pin.renamed import refusing_former_keywords
 from graspless_pin.report.html.case import Case
 from graspless_pin.report.html.sections import (
     check_rows,
@@ -52,7 +51,6 @@ _MARKS = {
 }
 
 
-@refusing_former_keywords
 def report_html(
     case: Case,
     bounds: ContactForceBounds | None = None,

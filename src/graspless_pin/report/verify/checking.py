@@ -70,10 +70,7 @@ def verify_document(document: dict[str, Any]) -> Verification:
 
 def _check_format(document: dict[str, Any]) -> None:
     if "format" not in document:
-        raise ValueError(
-            "it has no format version: version 0.1 wrote it, without the proof over all modes; "
-            "solve again and write it anew"
-        )
+        raise ValueError("it has no format version: solve again and write it anew")
     if document["format"] != CHECKED_FORMAT or isinstance(document["format"], bool):
         raise ValueError(
             f"its format version is not {CHECKED_FORMAT}, which alone can be checked here"
