@@ -381,6 +381,21 @@ def test_ranges_that_take_too_long_are_marked(allegro):
                 assert number(last) == pytest.approx(b, abs=1e-4)
 
 
+def test_marks_are_only_spoken_of_where_there_are_some(allegro):
+    """All ranges can be proven where only the margin at worst is not."""
+    scene, solution, _ = allegro
+    bounds = contact_force_bounds(solution.problem, solution.torques)
+    unsure = replace(bounds, status=Status.LIMIT_REACHED)
+    assert unsure.proven.all()
+    section = read_html(report_html(case_of_scene(scene, solution), unsure)).section("ranges")
+    assert not any(cell.endswith("*") for row in section.rows() for cell in row)
+    assert "marked" not in section.text
+    assert "as far as" not in section.text
+    assert "torques determine the force" in section.text
+    assert "The margins reached go from 0 to 0.7437" in section.text
+    assert "--ranges-time" in section.text
+
+
 def test_ranges_without_any_time_to_hold_the_torques(allegro):
     scene, solution, _ = allegro
     nothing = replace(

@@ -9,7 +9,7 @@ import numpy as np
 from graspless_pin.algorithms.force_bounds import ContactForceBounds
 from graspless_pin.errors import NoSolutionError
 from graspless_pin.plots.canvas import axes_for, legend_above, plain_axis
-from graspless_pin.solution import Status, TorqueSolution
+from graspless_pin.solution import TorqueSolution
 from graspless_pin.visualization import LIGHT, Role
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def normal_force_ranges(
     axes.set_ylim(len(rows) - 0.4, -0.6)
     # From zero, and so that a bar or mark at the right end is seen whole.
     axes.set_xlim(-_ROOM * edge, (1.0 + _ROOM) * edge)
-    unproven = "" if bounds.status is Status.OPTIMAL else ", as far as reached"
+    unproven = "" if bounds.proven[:, 0].all() else ", as far as reached"
     axes.set_xlabel(f"normal force $f_n$ [N]{unproven}")
     plain_axis(axes.xaxis)
     axes.grid(axis="x", alpha=0.25)
