@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from pictures import (
     FONT,
@@ -16,7 +18,7 @@ from pictures import (
 from PIL import Image, ImageDraw
 
 from graspless_pin import load_scene
-from graspless_pin.visualization import Palette
+from graspless_pin.visualization import Palette, Role
 
 SCENE = ROOT / "examples" / "allegro_box_on_slope.yaml"
 FOLDER = ROOT / "docs" / "pictures"
@@ -25,8 +27,13 @@ _KEY, _GAP = 52, 28  # pixels: height of the key, and between its parts
 
 
 def readme_pictures() -> dict[str, np.ndarray]:
-    """Return (H, W, 4) pixels by theme: the scene's answer, with a key to its colours."""
+    """Return (H, W, 4) pixels by theme: forces of the scene's answer, and a key to their colours.
+
+    Virtual sliding is left out: who comes to the README has not read of it yet.
+    """
     picture = scene_picture(load_scene(SCENE))
+    shown = tuple(mesh for mesh in picture.meshes if mesh.role is not Role.VIRTUAL_SLIDING)
+    picture = replace(picture, meshes=shown)
     key = key_of(picture)
     drawn = pixels_of(picture, PALETTES.values(), SIZE)
     return {

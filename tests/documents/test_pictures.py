@@ -17,8 +17,10 @@ from mkdocs.structure.files import File, Files
 from page_blocks import ROOT, prose_of
 from PIL import Image
 from pydantic.json_schema import models_json_schema
-from readme_pictures import FOLDER, readme_pictures
+from readme_pictures import FOLDER, SCENE, readme_pictures
 
+from graspless_pin import load_scene
+from graspless_pin.geometry.contact.contact_points import BodyKind
 from graspless_pin.visualization import LIGHT, Mesh, Picture, Role
 
 README = ROOT / "README.md"
@@ -107,6 +109,21 @@ def test_the_readme_shows_what_the_package_draws():
             kept = np.asarray(image.convert("RGBA")).astype(float)
         assert kept.shape == pixels.shape, "run: make readme-pictures"
         assert np.abs(kept - pixels).mean() < 0.5, "run: make readme-pictures"
+
+
+def test_the_caption_of_the_readme_tells_the_answer():
+    """Mass, slope and friction of the scene in the picture, its torques and its margin."""
+    caption = README.read_text(encoding="utf-8").partition("</picture>")[2].split("```")[0]
+    told = [float(word) for word in re.findall(r"\d+(?:\.\d+)?", caption)]
+    scene = load_scene(SCENE)
+    solution, problem = scene.solve("margin"), scene.problem()
+    slope = [point.kind is not BodyKind.HAND for point in scene.contacts.points]
+    steep = np.degrees(np.arccos(problem.normals[slope, 2]))
+    rough = np.degrees(np.arctan(problem.friction[slope]))
+    assert np.ptp(steep) < 1e-6 and np.ptp(rough) < 1e-6
+    assert "torques" in caption and "margin" in caption
+    answer = [scene.object.mass, steep[0], rough[0], solution.max_torque, solution.margin]
+    assert [f"{value:g}" for value in told] == [f"{value:.2g}" for value in answer]
 
 
 def test_the_readme_is_short_and_begins_with_what_one_sees():

@@ -58,7 +58,7 @@ def _remarks(
         margin_limit_words(solution, scene.contacts.bodies),
         joint_limit_words(solution),
     ]
-    return [fill(sentence, COLUMNS) for sentence in words if sentence]
+    return [fill(sentence, COLUMNS, break_on_hyphens=False) for sentence in words if sentence]
 
 
 def _worst_margin(bounds: ContactForceBounds, solution: TorqueSolution) -> str:
