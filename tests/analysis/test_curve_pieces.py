@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from graspless_pin import SlidingMode
-from graspless_pin.algorithms.curve_pieces import WIDTH, Piece, first_open, joined, lower
+from graspless_pin.algorithms.margin_torque_curve import WIDTH, Piece, first_open, joined, lower
 
 ONE = SlidingMode([True], [[1, 1]])
 OTHERS = [SlidingMode([True], [[1, -1]]), SlidingMode([True], [[-1, 1]])]

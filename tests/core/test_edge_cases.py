@@ -18,9 +18,9 @@ from graspless_pin import (
     minimize_torque,
 )
 from graspless_pin.algorithms.branch_and_bound import branch_and_bound
-from graspless_pin.algorithms.curve_search import CurveSearch
 from graspless_pin.algorithms.formulation import formulate
 from graspless_pin.algorithms.limits import Limits
+from graspless_pin.algorithms.margin_torque_curve import CurveSearch
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.search import SearchResult, SearchState
 from graspless_pin.algorithms.threshold import threshold_optima

@@ -23,7 +23,8 @@ from graspless_pin import (
     minimize_torque,
     minimum_friction,
 )
-from graspless_pin.algorithms import curve_search, dual_degeneracy, force_extremes, formulation
+from graspless_pin.algorithms import dual_degeneracy, force_extremes, formulation
+from graspless_pin.algorithms import margin_torque_curve as curve_module
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.torque import torque_objective
 from graspless_pin.algorithms.warm_start import reaches_margin, solve_from
@@ -216,7 +217,7 @@ def failing(chosen: Callable[[int], bool]) -> Callable[..., Answer]:
 
 def patched(monkeypatch: pytest.MonkeyPatch, chosen: Callable[[int], bool]) -> None:
     solved = failing(chosen)
-    for module in (formulation, force_extremes, curve_search):
+    for module in (formulation, force_extremes, curve_module):
         monkeypatch.setattr(module, "solve", solved)
 
 

@@ -13,8 +13,7 @@ import pytest
 from graspless_pin import QuasistaticProblem, Status, explain, maximize_margin, minimize_torque
 from graspless_pin.errors import ArgumentError
 from graspless_pin.problem.arguments import is_too_small
-from graspless_pin.programs.answers import asked
-from graspless_pin.programs.elastic import elastic
+from graspless_pin.programs.answers import asked, elastic
 from graspless_pin.programs.program import LARGEST_BORNE, Program
 from graspless_pin.programs.reductions import bearable
 from graspless_pin.report import solution_document

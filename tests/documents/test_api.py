@@ -16,7 +16,7 @@ from page_blocks import PAGES, ROOT, blocks_of
 from shown_output import difference
 
 from graspless_pin import magnitudes
-from graspless_pin.algorithms.mode_proof import MOST_LEAVES
+from graspless_pin.algorithms.solution_proof import MOST_LEAVES
 from graspless_pin.report.verdict_data import MOST_SPAN_LEAVES
 
 INDEX = ROOT / "docs" / "api.md"

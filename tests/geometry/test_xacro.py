@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from graspless_pin.errors import RobotError
-from graspless_pin.geometry.hand import xacro_text
+from graspless_pin.geometry.hand import urdf
 from graspless_pin.geometry.hand.tree import build_tree
 from graspless_pin.geometry.hand.urdf import read_urdf
 from graspless_pin.geometry.inspection.audit import audit_urdf
@@ -92,7 +92,7 @@ def test_what_cannot_be_expanded_is_said(
 def test_one_that_takes_for_ever_ends(
     claw: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(xacro_text, "_SECONDS", 2.0)
+    monkeypatch.setattr(urdf, "_SECONDS", 2.0)
     endless = '<xacro:macro name="again"><xacro:again/><xacro:again/></xacro:macro><xacro:again/>'
     claw.write_text(HAND.replace('<link name="palm"/>', endless + '<link name="palm"/>'))
     with pytest.raises(RobotError, match=r"xacro (did not|cannot) expand this file"):

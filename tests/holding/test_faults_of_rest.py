@@ -32,7 +32,7 @@ from graspless_pin import (
 from graspless_pin.algorithms.guaranteed_disturbance import GuaranteedDisturbance
 from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.load_brackets import LoadBracket, load_bracket
-from graspless_pin.holding import bounds, closure, kept_programs, moving, relaxation, rest
+from graspless_pin.holding import bounds, branching, kept_motion, moving, relaxation, rest
 from graspless_pin.holding.dynamics import scaled_dynamics
 from graspless_pin.holding.moving import is_outcome, polish
 from graspless_pin.problem.inertias import hybrid_contacts, whole_inertia
@@ -189,7 +189,7 @@ def lies() -> dict[str, Callable[[], Lie]]:
 
 
 LIES = lies()
-SITES = {"rest": rest, "relaxation": relaxation, "kept motion": kept_programs}
+SITES = {"rest": rest, "relaxation": relaxation, "kept motion": kept_motion}
 
 
 def lie_in(monkeypatch: pytest.MonkeyPatch, site: str, lie: Lie) -> None:
@@ -346,7 +346,7 @@ def lie_in_squares(
 
 
 @pytest.mark.parametrize("how", list(WRONG_NNLS))
-@pytest.mark.parametrize("module", [rest, closure], ids=["rest", "closure"])
+@pytest.mark.parametrize("module", [rest, branching], ids=["rest", "branching"])
 def test_no_wrong_nonnegative_squares_become_a_verdict(
     module: Any, how: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -369,14 +369,14 @@ def test_no_wrong_least_squares_become_a_verdict(
 
 @pytest.mark.parametrize("how", ["raises", "all", "turned"])
 def test_no_wrong_null_space_becomes_a_verdict(how: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    honest = closure.null_space
+    honest = branching.null_space
     wrong: dict[str, Callable[..., Any]] = {
         "raises": raises(np.linalg.LinAlgError("SVD did not converge")),
         # Nothing moves, or other motions do.
         "all": lambda fixed, **_: np.zeros((fixed.shape[1], 1)),
         "turned": lambda fixed, **options: honest(fixed[:, ::-1], **options),
     }
-    monkeypatch.setattr(closure, "null_space", wrong[how])
+    monkeypatch.setattr(branching, "null_space", wrong[how])
     for name in CASES:
         assert_true(name)
 
@@ -397,7 +397,7 @@ def test_a_contact_that_parts_is_not_closed_by_squares_that_leave_nothing(
     said_of("pressed")
     dynamics = found[0]
     monkeypatch.setattr(optimize, "nnls", WRONG_NNLS["zeros"])
-    assert closure.forced_state(dynamics, States.unknown(dynamics.contact_count)) is None
+    assert branching.forced_state(dynamics, States.unknown(dynamics.contact_count)) is None
 
 
 # Loads along a line
@@ -442,7 +442,7 @@ def assert_true_bracket() -> LoadBracket:
 def squares_that_lie() -> Iterator[tuple[Any, str, Any, Callable[..., Any]]]:
     for lie in WRONG_NNLS.values():
         yield rest, "nonnegative_squares", optimize, lie
-        yield closure, "nonnegative_squares", optimize, lie
+        yield branching, "nonnegative_squares", optimize, lie
     for lie in WRONG_LSTSQ.values():
         yield bounds, "least_squares", np.linalg, lie
         yield moving, "least_squares", np.linalg, lie

@@ -9,7 +9,7 @@ import pytest
 from cases import GRAVITY, block_between_walls, block_on_slope
 
 from graspless_pin import QuasistaticProblem, stability
-from graspless_pin.holding.motion_words import motion_words
+from graspless_pin.holding.stability import motion_words
 from graspless_pin.holding.verdict import ContactState, DynamicOutcome
 
 

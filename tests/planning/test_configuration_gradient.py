@@ -14,7 +14,7 @@ from planning_scenes import (
 from graspless_pin import load_scene, maximize_margin, minimize_torque
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.planning import Evaluator, configuration_gradient
-from graspless_pin.planning.moving_contacts import JointColumns
+from graspless_pin.planning.configuration_gradient import JointColumns
 
 STEP = 1e-5
 SCENES = (

@@ -12,7 +12,7 @@ from study_tools import Here, data, study
 
 from graspless_pin.errors import StudyError
 from graspless_pin.studies import Study, read_results, run_study
-from graspless_pin.studies.checks import check_study
+from graspless_pin.studies.run import check_study
 
 DEPTH = 4
 PLANE = {

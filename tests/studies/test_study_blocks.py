@@ -15,12 +15,12 @@ from graspless_pin.scene.loads import jointed_contacts
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.state_findings import ALL_CHECKS
 from graspless_pin.studies import Study, run_study, sample_evaluation
-from graspless_pin.studies.checks import check_study
+from graspless_pin.studies.executors import _rest
 from graspless_pin.studies.journal import JOURNAL_FORMAT, Journal
+from graspless_pin.studies.run import check_study
 from graspless_pin.studies.sample_blocks import stated_sample
 from graspless_pin.studies.sample_evaluation import evaluate_each
 from graspless_pin.studies.sample_parts import SampleParts
-from graspless_pin.studies.supervision import _rest
 from graspless_pin.versions import versions
 
 BLOCK = 8

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from graspless_pin.cli import studying
 from graspless_pin.errors import StudyError
 from graspless_pin.studies import load_study, read_results, run_study
-from graspless_pin.studies.checks import check_study
+from graspless_pin.studies.run import check_study
 
 APP = typer.Typer()
 APP.command()(studying.study)

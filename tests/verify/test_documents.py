@@ -14,7 +14,7 @@ from verified_documents import SCALES, SOLUTIONS, changed, documented, scaled, s
 
 import graspless_pin.report.verify
 from graspless_pin import QuasistaticProblem, maximize_margin, minimize_torque
-from graspless_pin.algorithms import mode_proof
+from graspless_pin.algorithms import solution_proof
 from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.report.verify import verify_document
 from graspless_pin.report.verify.reading import read_problem
@@ -166,9 +166,10 @@ def test_a_proof_that_is_withdrawn_is_not_proven(made):
 def test_too_many_leaves_are_said_and_not_proven(monkeypatch):
     page = Path(__file__).parents[2] / "docs" / "documents.md"
     assert (
-        f"A proof of more than {mode_proof.MOST_LEAVES} leaves is not written" in page.read_text()
+        f"A proof of more than {solution_proof.MOST_LEAVES} leaves is not written"
+        in page.read_text()
     )
-    monkeypatch.setattr("graspless_pin.algorithms.mode_proof.MOST_LEAVES", 2)
+    monkeypatch.setattr("graspless_pin.algorithms.solution_proof.MOST_LEAVES", 2)
     document = documented(minimize_torque(scene("rest"), 0.1))
     assert document["proof"]["missing"] == "its proof takes more than 2 leaves"
     verification = verify_document(document)
@@ -185,8 +186,8 @@ def undecided(*_):
 def test_a_proof_for_which_no_solver_decides_is_missing(monkeypatch):
     """What is known besides, the motion behind the mode too, stays in the document."""
     solution = minimize_torque(scene("rest"), 0.1)
-    monkeypatch.setattr(mode_proof.ModeProver, "_node", undecided)
-    monkeypatch.setattr(mode_proof.ModeProver, "_leaf", lambda *_, **__: None)
+    monkeypatch.setattr(solution_proof.ModeProver, "_node", undecided)
+    monkeypatch.setattr(solution_proof.ModeProver, "_leaf", lambda *_, **__: None)
     document = documented(solution)
     assert document["proof"]["missing"] == "No solver decided."
     verification = verify_document(document)

@@ -11,7 +11,7 @@ from scipy.optimize import linprog
 from verified_documents import documented
 
 from graspless_pin import optimize
-from graspless_pin.report.verify.implied_box import implied_box
+from graspless_pin.report.verify.bounds import implied_box
 from graspless_pin.report.verify.own_objective import OwnRows
 from graspless_pin.report.verify.reading import read_problem
 

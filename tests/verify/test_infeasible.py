@@ -6,7 +6,7 @@ from scenes import scene  # pyright: ignore[reportMissingImports] - tests/core, 
 from verified_documents import changed, documented
 
 from graspless_pin import maximize_margin, minimize_torque
-from graspless_pin.algorithms.mode_proof import ModeProver
+from graspless_pin.algorithms.solution_proof import ModeProver
 from graspless_pin.report.verify import verify_document
 from graspless_pin.report.verify.refutation import proven_violation
 

@@ -11,8 +11,8 @@ from tests.oracles.kept_cases import kept_problem
 
 from graspless_pin import QuasistaticProblem, maximize_margin, stability
 from graspless_pin.report import solution_document
-from graspless_pin.report.verify.kept_tree import kept_goal
 from graspless_pin.report.verify.reading import read_problem
+from graspless_pin.report.verify.rest import kept_goal
 from graspless_pin.report.verify.rest_bounds import (
     Kind,
     KnownStates,

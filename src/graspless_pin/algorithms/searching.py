@@ -1,14 +1,68 @@
-"""Search over the modes in the way that the options ask for."""
+"""Search over the modes in the way that the options ask for.
+
+Search by listing: the relaxation first, then every maximal mode.
+"""
 
 from __future__ import annotations
 
+import numpy as np
+
 from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.direction_search import search_directions
-from graspless_pin.algorithms.exhaustive import search_exhaustively
 from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.options import Search, SolveOptions
-from graspless_pin.algorithms.search import SearchResult, SearchState, undecided
-from graspless_pin.errors import UndecidedMotionError
+from graspless_pin.algorithms.search import SearchResult, SearchState, finished, undecided
+from graspless_pin.errors import OverrunError, UndecidedMotionError
+from graspless_pin.modes.enumeration import feasible_modes
+from graspless_pin.modes.rules import SlidingMode, StaticFriction
+from graspless_pin.solution import Status
+from graspless_pin.solvers import Outcome
+
+
+def search_exhaustively(state: SearchState, limits: Limits) -> SearchResult:
+    """Find the optimum over all feasible modes by solving every maximal one.
+
+    The relaxation's optimum is the answer whenever a feasible mode admits its friction; otherwise
+    the maximal modes are solved one by one, since a smaller mode allows no other force.
+
+    Args:
+        state: The search to run.
+        limits: When to stop; modes count as nodes.
+    """
+    answer = state.relax()
+    state.nodes = 1
+    if answer.outcome is Outcome.INFEASIBLE:
+        return SearchResult(Status.INFEASIBLE_FORCES, state)
+    if answer.outcome is Outcome.FAILED:
+        return SearchResult(Status.UNVERIFIED, state)
+    mode = state.oracle.mode_for(answer.x, {})
+    state.modes_examined = 1
+    if isinstance(mode, SlidingMode) and state.accept(answer, mode):
+        return finished(state)
+    if state.rules.static_friction is StaticFriction.COULOMB:
+        return SearchResult(Status.UNVERIFIED, state)
+    smallest = np.inf
+    state.oracle.is_clear = False
+    modes = feasible_modes(
+        state.formulation.problem, state.formulation.kinematics, state.rules, maximal=True,
+        is_over=lambda _: limits.passed,
+    )  # fmt: skip
+    try:
+        for listed in modes:
+            if limits.end(state.nodes):
+                return finished(state, interrupted=True)
+            state.nodes += 1
+            state.modes_examined += 1
+            answer = state.solve(*state.formulation.bounds_of(listed))
+            smallest = min(smallest, answer.bound)
+            if answer.outcome is Outcome.SOLVED and answer.value < state.best_value:
+                state.keep(answer, listed)
+            if state.closed(state.bound):
+                return finished(state)
+    except OverrunError:  # while modes were listed
+        return finished(state, interrupted=True)
+    state.raise_bound(smallest)
+    return finished(state)
 
 
 def search_modes(state: SearchState, options: SolveOptions, limits: Limits) -> SearchResult:

@@ -3,6 +3,18 @@
 All contact states are gone through: open or closed, and sticking or slipping in sectors where a
 contact does not slide by the declared motion. In each set of outcomes linear programs bound every
 component of the object's acceleration: the power of friction that rubs has no sign.
+
+What multipliers prove of all outcomes under a declared motion.
+
+For every outcome in given states and all multipliers nu and kappa, with
+lambda = p + sum_l (nu_l A_n,l + A_t,l^T kappa_l) and c = B lambda,
+
+    p.y = lambda.h + sum_l c_l.f_l - sum_l (nu_l u_n,l + kappa_l.u_t,l),
+
+because y = B^T f + h and u = A y. Friction that rubs may add power, so that nothing else bounds y:
+c_l.f_l may be positive by rounding alone, and kappa stands only where slip is known.
+
+Linear programs over the outcomes under a declared motion with contacts in given states.
 """
 
 from __future__ import annotations
@@ -11,15 +23,220 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
-from graspless_pin.holding.bounds import States
+from graspless_pin.holding.bounds import States, least_along
 from graspless_pin.holding.branching import NEAR, slip_range, split
+from graspless_pin.holding.cuts import arc_rows, around, cone_planes, cone_tangents
 from graspless_pin.holding.dynamics import Dynamics
-from graspless_pin.holding.kept_bounds import completed, goal_bound, point_goals
-from graspless_pin.holding.kept_programs import KeptPrograms
 from graspless_pin.holding.moving import coulomb_gaps, polish
 from graspless_pin.holding.verdict import ContactState, DualBound, OutcomeSet
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.solvers.simplex import Simplex, SimplexAnswer
+
+_DIRECTIONS = 8
+"""Directions of the tangent planes of each cone."""
+_BOX = 1e3
+"""Normal forces of best points, scaled; no proof leans on it."""
+_MOST_CUTS = 6
+"""Rounds of tangent cuts."""
+_WHOLE = 1.0 - 1e-9
+"""Share of the load from which a point has the whole of it."""
+
+
+class KeptPrograms:
+    """Linear programs in forces and the share t of the load: y = B^T f + t h, u = A y.
+
+    Rows: u_n >= 0 or = 0, u_t = 0 where a contact sticks, commanded forces, tangent planes of the
+    cones, and for a slip in an arc its edges, for slip and force.
+    """
+
+    def __init__(self, dynamics: Dynamics) -> None:
+        """Build the rows that all sets of outcomes share."""
+        self._dynamics = dynamics
+        count, self._size = dynamics.contact_count, 3 * dynamics.contact_count + 1
+        self._pushes = np.vstack([dynamics.pushes.reshape(self._size - 1, -1), dynamics.load])
+        self._slips = dynamics.rows @ self._pushes.T
+        free = np.full(self._size, np.inf)
+        self._simplex = Simplex(np.zeros(self._size), -free, free)
+        across = self._slips[:, 1:].reshape(2 * count, -1)
+        self._simplex.add_rows(np.vstack([self._slips[:, 0], across]), -free[:-1], free[:-1])
+        held = np.flatnonzero(dynamics.is_commanded)
+        given = np.zeros((len(held), self._size))
+        given[np.arange(len(held)), 3 * held] = 1.0
+        given[:, -1] = -dynamics.commanded[held]
+        self._simplex.add_rows(given, np.zeros(len(held)), np.zeros(len(held)))
+        for contact in range(count):
+            planes = cone_planes(dynamics.friction[contact], around(_DIRECTIONS))
+            self._add_planes(np.full(_DIRECTIONS, contact), planes)
+        self._shared = self._simplex.row_count
+        self._edges: list[tuple[int, FloatArray]] = []
+
+    @property
+    def programs(self) -> int:
+        """Linear programs solved."""
+        return self._simplex.solves
+
+    def set(self, states: States) -> None:
+        """Go to the outcomes in these states, with any share of the load."""
+        self._simplex.drop_rows(self._shared, self._simplex.row_count)
+        self._edges = []
+        count, held = self._dynamics.contact_count, self._dynamics.is_commanded
+        lb, ub = np.full(self._size, -np.inf), np.full(self._size, np.inf)
+        low, high = lb[:-1].reshape(count, 3), ub[:-1].reshape(count, 3)
+        low[:, 0], high[:, 0] = 0.0, np.where(held, np.inf, _BOX)
+        opened = states.are(ContactState.OPEN)
+        low[opened], high[opened] = 0.0, 0.0
+        lb[-1], ub[-1] = 0.0, 1.0
+        self._simplex.set_bounds(lb, ub)
+        self._bounds = lb, ub
+        may_part = states.are(ContactState.FREE, ContactState.OPEN) | held
+        sticking = np.repeat(states.are(ContactState.STICKING), 2)
+        self._simplex.set_sides(
+            np.arange(3 * count, dtype=np.int32),
+            np.concatenate([np.where(held, -np.inf, 0.0), np.where(sticking, 0.0, -np.inf)]),
+            np.concatenate([np.where(may_part, np.inf, 0.0), np.where(sticking, 0.0, np.inf)]),
+        )
+        for contact in np.flatnonzero(states.are(ContactState.SLIPPING)):
+            self._add_arc(int(contact), states.center[contact], states.half_width[contact])
+
+    def keep_load(self) -> None:
+        """Ask for the whole load from now on, if the last point had it: there is a point then."""
+        lb, ub = self._bounds
+        if self._load > _WHOLE:
+            lb[-1] = 1.0
+            self._simplex.set_bounds(lb, ub)
+
+    def largest(
+        self, goal: FloatArray, states: States
+    ) -> tuple[DualBound, FloatArray, FloatArray] | None:
+        """Maximise p.y, or t where p is zero, cut by tangents of cones where contacts stick.
+
+        Args:
+            goal: p (n,).
+            states: Those that were set.
+
+        Returns:
+            Multipliers without their lambda, the best point's forces (M, 3) and its y (n,); None
+            where the solver has no answer.
+        """
+        cost = -self._pushes @ goal
+        size = float(np.abs(cost).max()) or 1.0
+        cost /= size
+        cost[-1] -= not goal.any()
+        self._simplex.set_cost(cost)
+        answer = self._simplex.solve()
+        for _ in range(_MOST_CUTS):
+            if not answer.is_optimal:
+                return None
+            if not self._cut_cones(answer, states):
+                break
+            answer = self._simplex.solve()
+        if not answer.is_optimal:
+            return None
+        self._load = float(answer.x[-1])
+        forces, y = answer.x[:-1].reshape(-1, 3), self._pushes.T @ answer.x
+        return self._multipliers(answer, size), forces, y
+
+    def _multipliers(self, answer: SimplexAnswer, size: float) -> DualBound:
+        count = self._dynamics.contact_count
+        rows = size * answer.rows
+        tangential = rows[count : 3 * count].reshape(count, 2).copy()
+        for row, (contact, direction) in enumerate(self._edges):
+            tangential[contact] += rows[self._shared + row] * direction
+        return DualBound(np.zeros(len(self._dynamics.load)), rows[:count].copy(), tangential)
+
+    def _add_planes(self, contacts: NDArray[np.int_], planes: FloatArray) -> None:
+        """Add r.f <= 0 for rows r (k, 3) of contacts (k,)."""
+        rows = np.zeros((len(contacts), self._size))
+        for row, contact, plane in zip(rows, contacts, planes, strict=True):
+            row[3 * contact : 3 * contact + 3] = plane
+        self._simplex.add_rows(rows, np.full(len(rows), -np.inf), np.zeros(len(rows)))
+
+    def _add_arc(self, contact: int, center: float, half_width: float) -> None:
+        """Add what a slip in an arc of less than pi says: edges for slip and force."""
+        edges, faces = arc_rows(center, half_width, self._dynamics.friction[contact])
+        self._simplex.add_rows(edges @ self._slips[contact, 1:], np.zeros(2), np.full(2, np.inf))
+        self._add_planes(np.full(3, contact), faces)
+        # Rows on forces alone have no multiplier of their own.
+        self._edges += [(contact, edge) for edge in (*edges, *np.zeros((3, 2)))]
+
+    def _cut_cones(self, answer: SimplexAnswer, states: States) -> bool:
+        """Add the cone's tangent beside each sticking force outside; return whether any was added.
+
+        Only where no contact is left to be split: before, splitting tells more.
+        """
+        smooth = self._dynamics.friction == 0.0
+        if (states.are(ContactState.FREE, ContactState.CLOSED) & ~smooth).any():
+            return False
+        forces = answer.x[:-1].reshape(-1, 3)
+        sticking = states.are(ContactState.STICKING) & ~smooth
+        outside, planes = cone_tangents(forces, self._dynamics.friction, sticking)
+        self._add_planes(outside, planes)
+        self._edges += [(0, np.zeros(2))] * len(outside)
+        return len(outside) > 0
+
+
+def point_goals(dynamics: Dynamics) -> FloatArray:
+    """Return (13, n) goals: zero, and twelve of which none above one leaves all points slow.
+
+    Those are both signs of the accelerations of the reference point and of the angular ones times
+    the longest lever, each in units of limit / (2 sqrt(3)). Where no outcome has even the goal
+    zero, there is none at all.
+    """
+    one_way = np.concatenate(
+        [dynamics.acceleration[:3], dynamics.lever * dynamics.acceleration[3:6]]
+    )
+    one_way *= 2.0 * np.sqrt(3.0) / dynamics.limit
+    return np.vstack([np.zeros(one_way.shape[1]), one_way, -one_way])
+
+
+def goal_bound(dynamics: Dynamics, states: States, dual: DualBound, force_limit: float) -> float:
+    """Return an upper bound of p.y over all outcomes in these states.
+
+    Args:
+        dynamics: The scaled dynamics.
+        states: Of the contacts.
+        dual: The multipliers of `completed`, whose lambda holds p.
+        force_limit: It holds for outcomes with normal forces up to this, scaled.
+    """
+    rows, pushes, held = dynamics.rows, dynamics.pushes, dynamics.is_commanded
+    arcs = _arcs(states)
+    high = np.where(held, dynamics.commanded, force_limit)
+    high = np.where(states.are(ContactState.OPEN), 0.0, high)
+    low = np.where(held, high, 0.0)
+    gain = _gains(dynamics, states, dual.motion)
+    bound = float(dual.motion @ dynamics.load + (np.maximum(gain * low, gain * high)).sum())
+    wrong = np.maximum(-least_along(dual.tangential, *arcs), 0.0)
+    wrong = np.where(states.are(ContactState.STICKING), 0.0, wrong)
+    sizes = np.linalg.norm(pushes, axis=2).sum(axis=1) * (1.0 + dynamics.friction)
+    reach = float(np.linalg.norm(dynamics.load)) + float(high @ sizes)
+    return bound + reach * float(wrong @ np.linalg.norm(rows[:, 1:], axis=(1, 2)))
+
+
+def completed(dynamics: Dynamics, states: States, dual: DualBound, goal: FloatArray) -> DualBound:
+    """Return multipliers with the lambda that belongs to them, and none that is not allowed."""
+    may_part = states.are(ContactState.FREE, ContactState.OPEN)
+    normal = np.where(may_part, np.maximum(dual.normal, 0.0), dual.normal)
+    normal = np.where(dynamics.is_commanded, 0.0, normal)
+    known = states.are(ContactState.STICKING, ContactState.SLIPPING)
+    tangential = np.where(known[:, None], dual.tangential, 0.0)
+    rows = dynamics.rows
+    motion = goal + normal @ rows[:, 0] + np.einsum("li,lin->n", tangential, rows[:, 1:])
+    return DualBound(motion, normal, tangential)
+
+
+def _arcs(states: States) -> tuple[FloatArray, FloatArray]:
+    slipping = states.are(ContactState.SLIPPING)
+    return states.center, np.where(slipping, states.half_width, np.pi)
+
+
+def _gains(dynamics: Dynamics, states: States, motion: FloatArray) -> FloatArray:
+    """Return what a newton of each normal force gains at most, (M,)."""
+    c = dynamics.pushes @ motion
+    normal = np.where(dynamics.is_commanded, 0.0, c[:, 0])
+    return normal - dynamics.friction * least_along(c[:, 1:], *_arcs(states))
+
 
 _EMPTY = -0.5
 """Where zero is bounded by this, there is no outcome; minus one but for rounding."""

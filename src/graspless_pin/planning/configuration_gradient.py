@@ -1,8 +1,16 @@
-"""The gradient of an optimum by the hand's joint positions, the object held where it is."""
+"""The gradient of an optimum by the hand's joint positions, the object held where it is.
+
+How contacts and lever arms change with the hand's joints, the object held where it is.
+
+The Jacobian column of joint j at a point p of a link is v_j + omega_j x p with the joint's spatial
+column (v_j, omega_j). A joint k at or above j carries that column along, d(v_j, omega_j) = (v_k,
+omega_k) x (v_j, omega_j); and every joint that moves the contact point adds omega_j x dp.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,16 +23,184 @@ from graspless_pin.algorithms.gradients import (
     optimum_gradients,
 )
 from graspless_pin.errors import ArgumentError, NoSolutionError
+from graspless_pin.geometry.bodies.shapes import Sphere
+from graspless_pin.geometry.contact.convex_sets import Revolved
+from graspless_pin.geometry.contact.distances import bounded_set
+from graspless_pin.geometry.contact.finding import BodyKind, ContactPoint
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.planning.evaluation import Evaluation
-from graspless_pin.planning.moving_contacts import (
-    Follows,
-    JointColumns,
-    MovingContacts,
-    moving_contacts,
-)
 from graspless_pin.problem.checks import FloatArray, choice, read_only
+from graspless_pin.problem.cones import projected_tangents
 from graspless_pin.scene import Scene
+
+_TURN = 1e-6
+_RADIUS_ERROR = 1e-3
+
+
+class Follows(StrEnum):
+    """What a contact of the hand stays on when the joints move."""
+
+    SURFACE = "surface"
+    """It stays where link and object are nearest: a rounded tip slides and rolls over the object,
+    whose surface there is flat or a sphere. This is what finding the contacts anew gives."""
+    LINK = "link"
+    """It stays at its place on the link, and its normal and tangents turn with the link."""
+
+
+@dataclass(frozen=True, eq=False)
+class MovingContacts:
+    """First derivatives of H hand contacts by all n movable joints.
+
+    Attributes:
+        indices: H contacts among those of the scene.
+        links: Their Pinocchio joints.
+        points: (H, 3) where they are, world, m.
+        moves: (H, 3, n) of the points, m per rad or m.
+        turns: (H, 3, n) rotation of normal and tangents, rad per rad or m.
+        gaps: (H, n) of the gap between link and object, m per rad or m.
+    """
+
+    indices: tuple[int, ...]
+    links: tuple[int, ...]
+    points: FloatArray
+    moves: FloatArray
+    turns: FloatArray
+    gaps: FloatArray
+
+
+class JointColumns:
+    """The spatial columns of all joints of a hand and how each moves the others.
+
+    Attributes:
+        linear: (n, 3) v_j about the world's origin.
+        angular: (n, 3) omega_j.
+        supports: (n + 1, n) whether joint j moves what is on Pinocchio joint i.
+    """
+
+    def __init__(self, hand: Hand) -> None:
+        """Work out the columns at the hand's configuration."""
+        kinematics = hand.tree.kinematics(hand.positions)
+        self.linear: FloatArray = kinematics.J[:3].T
+        self.angular: FloatArray = kinematics.J[3:].T
+        self.T_world_joint = kinematics.T_world_joint
+        self.supports = hand.tree.supports
+        # [k, j]: does joint k carry joint j along?
+        carried = self.supports[1:].T[:, :, None]
+        v, w = self.linear, self.angular
+        self._turned: FloatArray = carried * np.cross(w[:, None], w[None])
+        self._shifted: FloatArray = carried * (
+            np.cross(w[:, None], v[None]) + np.cross(v[:, None], w[None])
+        )
+
+    def velocity(self, link: int, point: FloatArray) -> FloatArray:
+        """Return (3, n) the velocities of a point of a link per joint rate."""
+        arms = self.linear + np.cross(self.angular, point)
+        return (arms * self.supports[link][:, None]).T
+
+    def rotation(self, link: int) -> FloatArray:
+        """Return (3, n) the angular velocities of a link per joint rate."""
+        return (self.angular * self.supports[link][:, None]).T
+
+    def by_lever_arms(
+        self, link: int, point: FloatArray, move: FloatArray, weights: FloatArray
+    ) -> FloatArray:
+        """Return (n,) the change of sum_j w_j . J_j(p) by each joint.
+
+        Args:
+            link: Pinocchio joint that carries the point.
+            point: (3,) p, world, m.
+            move: (3, n) its derivatives.
+            weights: (3, n) w_j.
+        """
+        weights = weights * self.supports[link]
+        carried = self._shifted + np.cross(self._turned, point)
+        moment = np.cross(weights.T, self.angular).sum(axis=0)
+        return np.einsum("ij,kji->k", weights, carried) + moment @ move
+
+
+def moving_contacts(scene: Scene, columns: JointColumns, follows: Follows) -> MovingContacts:
+    """Differentiate the contacts of a scene's hand.
+
+    Args:
+        scene: A scene with a hand.
+        columns: The joint columns of its hand.
+        follows: What the contacts stay on.
+    """
+    hand = scene.hand
+    count = len(columns.linear)
+    rows = []
+    for index, contact in enumerate(scene.contacts.points):
+        if hand is None or contact.kind is not BodyKind.HAND:
+            continue
+        link = hand.tree.link_joints[contact.body]
+        n, p = contact.normal, contact.position
+        if follows is Follows.LINK:
+            move, turn = columns.velocity(link, p), columns.rotation(link)
+            gap = np.zeros(count)
+        else:
+            radius = _radius(hand, columns, contact)
+            center = p - (radius + 0.5 * contact.distance) * n
+            tip = columns.velocity(link, center)
+            gap = -n @ tip
+            along = tip + np.outer(n, gap)
+            # The contact is midway in the gap; on a sphere it runs around the sphere's centre.
+            curved = 0.0
+            if isinstance(scene.object.shape, Sphere):
+                curved = 1.0 / (scene.object.shape.radius + radius + contact.distance)
+            move = (1.0 - curved * (radius + 0.5 * contact.distance)) * along - 0.5 * np.outer(
+                n, gap
+            )
+            turn = _turning(n, -curved * along, scene.tangent_axes)
+        rows.append((index, link, p, move, turn, gap))
+    indices, links, points, moves, turns, gaps = zip(*rows, strict=True) if rows else ((),) * 6
+    return MovingContacts(
+        indices,
+        links,
+        np.array(points).reshape(-1, 3),
+        np.array(moves).reshape(-1, 3, count),
+        np.array(turns).reshape(-1, 3, count),
+        np.array(gaps).reshape(-1, count),
+    )
+
+
+def _radius(hand: Hand, columns: JointColumns, contact: ContactPoint) -> float:
+    """Radius of the sphere that sweeps the shape which touches; 0 for one with corners."""
+    reach, radius = -np.inf, 0.0
+    for item in hand.tree.geometries:
+        if item.link != contact.body:
+            continue
+        solid = bounded_set(item)
+        T = columns.T_world_joint[item.joint] @ item.T_joint_geometry
+        tip = T[:3, :3] @ solid.feature(T[:3, :3].T @ contact.normal).mean(axis=0) + T[:3, 3]
+        # Of the link's shapes, the one whose farthest point along the normal is the contact.
+        near = -float(np.linalg.norm(tip - contact.position))
+        if near > reach + _RADIUS_ERROR:
+            reach = near
+            radius = solid.swept_radius if isinstance(solid, Revolved) else 0.0
+    return radius
+
+
+def _turning(
+    normal: FloatArray, change: FloatArray, tangent_axes: tuple[FloatArray, ...]
+) -> FloatArray:
+    """(3, n) rotation of a contact's frame whose normal changes, by the scene's rule of tangents.
+
+    Args:
+        normal: (3,) unit.
+        change: (3, n) of the normal, tangential.
+        tangent_axes: See `Scene`.
+    """
+    if not change.any():
+        return np.zeros_like(change)
+    shortest = np.cross(normal, change.T).T
+    second = projected_tangents(normal[None], tangent_axes)[0, :, 1]
+    spins = []
+    for step in change.T:
+        ends = normal + _TURN * np.array([step, -step])
+        ends /= np.linalg.norm(ends, axis=1, keepdims=True)
+        beside = projected_tangents(ends, tangent_axes)[:, :, 0]
+        spins.append(second @ (beside[0] - beside[1]) / (2.0 * _TURN))
+    return shortest + np.outer(normal, spins)
 
 
 @dataclass(frozen=True, eq=False)

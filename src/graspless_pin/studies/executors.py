@@ -1,17 +1,164 @@
-"""Where samples are computed: processes on this machine, or the workers of a Dask scheduler."""
+"""Where samples are computed: processes on this machine, or the workers of a Dask scheduler.
+
+Samples in processes of their own: what crashes or takes too long becomes its row.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from graspless_pin.child_processes import ChildProcesses
-from graspless_pin.errors import StudyError
-from graspless_pin.studies.supervision import compute_here, compute_in, start_in
+from graspless_pin.child_process import ChildProcess
+from graspless_pin.child_processes import ChildProcesses, kept_processes
+from graspless_pin.errors import CrashError, OverrunError, StudyError
+from graspless_pin.studies.rows import Row
+from graspless_pin.studies.sample_evaluation import Failure, failure_row
+from graspless_pin.studies.sample_parts import Sample
+from graspless_pin.studies.study import Study
+
+EvaluateSamples = Callable[..., Iterator[Row]]
+"""Yields the rows of samples: `evaluate_each`, or what takes the same arguments."""
+
+_PAUSE = 0.02
+"""Seconds between two messages of a process: each costs as much as a fast sample."""
+_TRIES = 2
+"""How many processes a sample may end: the first may have ended for another reason."""
+
+
+def compute_in(
+    processes: ChildProcesses,
+    evaluation: EvaluateSamples,
+    study: Study,
+    samples: Sequence[tuple[int, Sample]],
+) -> tuple[list[Row], float]:
+    """Compute samples in one process, which is replaced when it dies or has to be ended.
+
+    Args:
+        processes: Where to take it from.
+        evaluation: What yields their rows.
+        study: The study.
+        samples: Number and values of each sample.
+
+    Returns:
+        The rows, and the seconds that they took; only the first rows once the processes were
+        stopped.
+
+    Raises:
+        StudyError: If processes do not start.
+    """
+    limit = study.entry.compute.sample_time_limit
+    pause = _PAUSE if limit is None else 0.0
+    rows: dict[int, Row] = {}
+    tries = 0
+
+    def give_up(why: Failure, error: str) -> None:
+        number = next(number for number, _ in samples if number not in rows)
+        rows[number] = failure_row(number, why, error)
+
+    child = _taken(processes)
+    begin = time.perf_counter()
+    try:
+        while len(rows) < len(samples) and not processes.stopped.is_set():
+            if not child.is_running:
+                child = _taken(processes, child)
+            rest = _rest(study, samples, rows)
+            try:
+                for more in child.iterate(_together, evaluation, study, rest, pause, limit=limit):
+                    new = {row["sample"]: row for row in more}
+                    tries = 0 if new.keys() - rows.keys() else tries
+                    rows = new | rows
+            except OverrunError as error:
+                give_up(Failure.OUT_OF_TIME, f"{error} (sample_time_limit)")
+                tries = 0
+            except CrashError as error:
+                if processes.stopped.is_set():
+                    break
+                # Which of several it was shows where the next process sends them one by one.
+                tries += pause == 0.0
+                pause = 0.0
+                if tries == _TRIES:
+                    give_up(Failure.CRASHED, f"{error}, and so was a second one")
+                    tries = 0
+    finally:
+        processes.give_back(child)
+    return [*rows.values()], time.perf_counter() - begin
+
+
+def _rest(
+    study: Study, samples: Sequence[tuple[int, Sample]], rows: Mapping[int, Row]
+) -> tuple[tuple[int, Sample], ...]:
+    """Return what has no row yet, and what it may learn from: of its block what came before."""
+    first = next(number for number, _ in samples if number not in rows)
+    gone = {number for number, row in rows.items() if row["status"] == Failure.CRASHED}
+    begin = first - first % study.block
+    return tuple([one for one in samples if one[0] >= begin and one[0] not in gone])
+
+
+def _together(
+    evaluation: EvaluateSamples,
+    study: Study,
+    samples: Sequence[tuple[int, Sample]],
+    pause: float,
+) -> Iterator[list[Row]]:
+    """Yield the rows that an evaluation yields, if they come fast, many at a time.
+
+    A list is never longer than all before it together: so much is lost with a process at most.
+
+    Args:
+        evaluation: What yields rows.
+        study: The study.
+        samples: Number and values of each sample.
+        pause: Least seconds between two lists; 0: each row comes alone.
+    """
+    rows: list[Row] = []
+    sent, last = 1, time.perf_counter()
+    # Alone a row tells that its sample did not end the process.
+    for row in evaluation(study, samples, one_by_one=pause == 0.0):
+        rows.append(row)
+        if len(rows) >= sent or time.perf_counter() - last >= pause:
+            yield rows
+            sent += len(rows)
+            rows, last = [], time.perf_counter()
+    if rows:
+        yield rows
+
+
+def start_in(processes: ChildProcesses) -> None:
+    """Have one more process ready.
+
+    Raises:
+        StudyError: If it does not start.
+    """
+    processes.give_back(_taken(processes))
+
+
+def compute_here(
+    evaluation: EvaluateSamples, study: Study, samples: Sequence[tuple[int, Sample]]
+) -> tuple[list[Row], float]:
+    """Compute samples as `compute_in` does, beside the worker of an executor that calls this.
+
+    The process that it needs is kept for further calls and ends when there have been none for a
+    minute.
+    """
+    return compute_in(kept_processes(), evaluation, study, samples)
+
+
+def _taken(processes: ChildProcesses, instead_of: ChildProcess | None = None) -> ChildProcess:
+    """Return a process that has loaded what evaluates samples."""
+    try:
+        return processes.taken(_ready, instead_of)
+    except CrashError as error:
+        raise StudyError(str(error)) from None
+
+
+def _ready() -> bool:
+    """Answer. Where this can be called, what evaluates samples has been loaded."""
+    return True
 
 
 @dataclass(frozen=True)

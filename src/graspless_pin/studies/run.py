@@ -1,14 +1,22 @@
-"""Run a study: samples to workers, rows to the journal, at the end one table."""
+"""Run a study: samples to workers, rows to the journal, at the end one table.
+
+What is refused before anything runs: values that no scene can have, scenes without contact.
+
+The rounds of a study: one, or as many as its samples are refined in.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from array import array
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -21,22 +29,110 @@ from rich.progress import (
 
 from graspless_pin.child_processes import usable_cores
 from graspless_pin.drafts import remove_stale_drafts
-from graspless_pin.errors import StudyError
+from graspless_pin.errors import GrasplessPinError, SceneError, StudyError
 from graspless_pin.problem.checks import whole_number
-from graspless_pin.studies.checks import check_study
+from graspless_pin.scene.messages import validated
+from graspless_pin.scene.scene_schema import SceneEntry
+from graspless_pin.solvers import check_solver
 from graspless_pin.studies.dispatch import Dispatch
 from graspless_pin.studies.executors import Workforce, given_executor, local_processes
 from graspless_pin.studies.journal import JOURNAL_FORMAT, Journal, discard
+from graspless_pin.studies.keys import Tree
+from graspless_pin.studies.refinement import AdaptiveSamples
 from graspless_pin.studies.results import read_results, results_about, results_parts
-from graspless_pin.studies.rounds import rounds_of
 from graspless_pin.studies.rows import Row
 from graspless_pin.studies.sample_evaluation import Failure
+from graspless_pin.studies.sample_parts import Sample, SampleParts
 from graspless_pin.studies.study import Study
 from graspless_pin.studies.tables import check_columns, format_of, require_tables, write_results
 from graspless_pin.versions import versions
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+def rounds_of(
+    study: Study, rows: Callable[[Iterable[int]], Iterator[Row]]
+) -> Iterator[tuple[Study, range]]:
+    """Yield the study with its samples so far, and the numbers of those that are new in a round.
+
+    Args:
+        study: The study with the samples of its first round.
+        rows: Reads the rows of samples. They have them when the next round is asked for.
+
+    Yields:
+        The study and its new numbers.
+    """
+    border = study.entry.sampling.border or "found"
+    outcomes: dict[str, int] = {}
+    told = array("q")
+    while len(told) < len(study.samples):
+        numbers = range(len(told), len(study.samples))
+        yield study, numbers
+        if not isinstance(study.samples, AdaptiveSamples):
+            return
+        for row in rows(numbers):
+            told.append(outcomes.setdefault(str(row.get(border)), len(outcomes)))
+        samples = study.samples.refined(np.array(told))
+        study = replace(study, samples=samples)
+
+
+_MOST_TRIED = 64
+
+
+def check_study(study: Study) -> None:
+    """Try a study out: the ends of every variable, and samples until one is a usable scene.
+
+    Raises:
+        StudyError: If a value is one that its key cannot have, or none of up to 64 samples spread
+            over the study gives a scene in which anything touches the object.
+    """
+    first = study.samples[0]
+    for index, variable in enumerate(study.variables):
+        for value in variable.extremes():
+            sample = (*first[:index], value, *first[index + 1 :])
+            # Before bodies move: what is no pose cannot be moved.
+            _check_values(study, variable.name, value, study.placed_at(sample))
+    try:
+        check_solver(study.tree_at(first)["solve"].get("solver", "auto"))
+    except GrasplessPinError as error:
+        raise StudyError(f"{study.source.path}: compute.{error}") from None
+    _check_any_touches(study)
+
+
+def _check_values(study: Study, name: str, value: object, tree: Tree) -> None:
+    try:
+        validated(replace(study.scene, data=tree), SceneEntry)
+    except SceneError as error:
+        raise study.source.error(("vary", name), f"at {value!r}: {error}") from None
+
+
+def _check_any_touches(study: Study) -> None:
+    count = len(study.samples)
+    spread: list[int] = (
+        np.linspace(0, count - 1, min(count, _MOST_TRIED)).round().astype(int).tolist()
+    )
+    parts = SampleParts()
+    failure: tuple[Sample, GrasplessPinError] | None = None
+    for number in dict.fromkeys(spread):
+        sample = study.samples[number]
+        try:
+            study.scene_at(sample, parts).problem()
+        except GrasplessPinError as error:
+            failure = failure or (sample, error)
+        except Exception:  # the sample's row will tell
+            return
+        else:
+            return
+    if failure is not None:
+        names = [variable.column for variable in study.variables]
+        values = ", ".join(f"{n} = {v!r}" for n, v in zip(names, failure[0], strict=True))
+        tried = "the only sample" if count == 1 else f"none of {len({*spread})} samples"
+        verb = "cannot" if count == 1 else "can"
+        raise StudyError(
+            f"{study.source.path}: {tried} {verb} be computed; with {values}: {failure[1]}"
+        )
+
 
 _LONGEST_NAME = 220
 """Bytes of an output's name; its journal and draft have longer ones, and 255 is the end."""

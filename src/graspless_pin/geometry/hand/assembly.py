@@ -1,7 +1,11 @@
-"""From robots to all that a hand is, but for where its joints stand and what its motors give."""
+"""From robots to all that a hand is, but for where its joints stand and what its motors give.
+
+Rotor inertias that are given instead of a URDF's.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -9,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import Finding, heard, tell
 from graspless_pin.geometry.hand.actuation import Actuation, plan_actuation
-from graspless_pin.geometry.hand.armature import joint_armatures
 from graspless_pin.geometry.hand.configuration import joint_positions
 from graspless_pin.geometry.hand.displacement import displaced_tree
 from graspless_pin.geometry.hand.effort_limits import (
@@ -19,10 +23,56 @@ from graspless_pin.geometry.hand.effort_limits import (
     expand_overrides,
     resolve_effort_limits,
 )
-from graspless_pin.geometry.hand.fingers import ControlPlan, plan_control
+from graspless_pin.geometry.hand.fingers import ControlPlan, driving_joints, plan_control
 from graspless_pin.geometry.hand.mounts import JoinedMounts, Mount, join_mounts
+from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
 from graspless_pin.geometry.poses import as_pose, invert
+from graspless_pin.geometry.robots.description import FingerSpec
 from graspless_pin.problem import ControlMode
+
+
+def joint_armatures(
+    tree: KinematicTree,
+    fingers: Mapping[str, FingerSpec],
+    armature: float | Mapping[str, float],
+) -> dict[int, float]:
+    """Return given rotor inertias by the index of the joint.
+
+    Args:
+        tree: The kinematic tree.
+        fingers: The checked fingers.
+        armature: Of every independent joint, or by finger or joint; a joint's own one wins over
+            its finger's.
+
+    Raises:
+        ArgumentError: If a name is unknown or a mimic joint's, or a value negative or not finite.
+    """
+    leaders = [tree.joint_names[index] for index in tree.coupling.leaders]
+    if not isinstance(armature, Mapping):
+        return dict.fromkeys(tree.coupling.leaders, _checked("armature", armature))
+    given: dict[str, float] = {}
+    for name in sorted(armature, key=lambda name: name not in fingers):
+        argument = f"armature[{name!r}]"
+        value = _checked(argument, armature[name])
+        if name in fingers:
+            given |= dict.fromkeys(driving_joints(tree, fingers[name]), value)
+        elif name in leaders:
+            given[name] = value
+        elif name in tree.joint_index:
+            raise ArgumentError(
+                argument, "this joint mimics another one; give the rotor of the joint it follows"
+            )
+        else:
+            raise unknown_name("armature", "finger or joint", name, (*fingers, *leaders))
+    return {tree.joint_index[name]: value for name, value in given.items()}
+
+
+def _checked(argument: str, value: float) -> float:
+    ok = isinstance(value, int | float) and not isinstance(value, bool)
+    if not (ok and math.isfinite(value) and value >= 0.0):
+        raise ArgumentError(argument, f"needs a finite number >= 0 of kg m^2 (kg), got {value!r}")
+    return float(value)
+
 
 ControlModes = ControlMode | str | Mapping[str, ControlMode | str]
 """One mode for all joints, or modes by finger, arm or joint name."""

@@ -3,18 +3,26 @@
 Pinocchio gets the text only after this module has checked it: its own parser reports mistakes on
 standard error only, drops malformed shapes and fails on relative mesh paths. Why no other parser
 stands before the checks: see docs/architecture.md.
+
+Which links may be in each other, as the SRDF that stands beside a URDF says.
+
+Rotor inertias that the transmissions of a URDF state, as Drake writes them.
+
+Expand a xacro file in a process of its own: it is a program, and may take for ever.
 """
 
 from __future__ import annotations
 
+import importlib.util
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 
-from graspless_pin.errors import RobotError
-from graspless_pin.geometry.hand.srdf import disabled_pairs
+from graspless_pin.child_process import ChildProcess
+from graspless_pin.errors import CrashError, OverrunError, RobotError
+from graspless_pin.findings import Finding, FindingCode, tell
 from graspless_pin.geometry.hand.urdf_links import (
     LinkMesh,
     check_link,
@@ -22,7 +30,6 @@ from graspless_pin.geometry.hand.urdf_links import (
     checked_number,
     numbers,
 )
-from graspless_pin.geometry.hand.urdf_rotors import rotor_inertias
 from graspless_pin.geometry.hand.urdf_tendons import DrawnTendon, read_tendons
 from graspless_pin.geometry.hand.urdf_tree import (
     FREE_TYPES,
@@ -33,11 +40,147 @@ from graspless_pin.geometry.hand.urdf_tree import (
     root_of_tree,
 )
 from graspless_pin.geometry.hand.urdf_visuals import LinkVisual, let_visuals_collide, read_visuals
-from graspless_pin.geometry.hand.xacro_text import expanded, is_xacro
+from graspless_pin.geometry.hand.xacro_call import run_xacro
 from graspless_pin.geometry.robots.description import JointCoupling
-from graspless_pin.intake.files import FileKind, errors_of_text, read_bytes, refuse_other_kind
+from graspless_pin.intake.files import (
+    FileKind,
+    errors_of_text,
+    is_file,
+    read_bytes,
+    refuse_other_kind,
+)
 from graspless_pin.intake.recognition import kind_of_file
 from graspless_pin.intake.xml_text import parse_xml
+
+_SECONDS = 60.0
+
+
+def is_xacro(root: ET.Element) -> bool:
+    """Return whether elements of a ``<robot>`` are xacro's."""
+    return any(element.tag.startswith("xacro:") for element in root.iter())
+
+
+def expanded(path: Path, package_dirs: Sequence[Path], arguments: Mapping[str, str]) -> bytes:
+    """Return the URDF that a xacro file makes.
+
+    Args:
+        path: The file.
+        package_dirs: Where ``$(find NAME)`` is looked up, as ``package://NAME`` is.
+        arguments: Values of its ``<xacro:arg>``.
+
+    Raises:
+        RobotError: If xacrodoc is not installed, or the file cannot be expanded in a minute.
+    """
+    if importlib.util.find_spec("xacrodoc") is None:
+        raise RobotError(
+            f"{path} is a xacro file, which needs xacrodoc; install it with pip install "
+            "'graspless-pin[xacro]', or expand it: xacro FILE > hand.urdf"
+        )
+    try:
+        with ChildProcess() as child:
+            text = child.call(
+                run_xacro,
+                str(path.resolve()),
+                _packages(path, package_dirs),
+                dict(arguments),
+                limit=_SECONDS,
+            )
+    except ValueError as error:
+        said = " ".join(str(error).split())
+        hint = "; values of its <xacro:arg> go under xacro_args in a robot file"
+        raise RobotError(f"{path}: xacro cannot expand this file ({said}){hint}") from None
+    except OverrunError:
+        raise RobotError(f"{path}: xacro did not expand this file in {_SECONDS:g} s") from None
+    except CrashError as error:
+        raise RobotError(f"{path}: xacro ended over this file ({error})") from None
+    return text.encode()
+
+
+def _packages(path: Path, package_dirs: Sequence[Path]) -> dict[str, str]:
+    """Return folders by the names that packages have: those above the file, given ones, inside."""
+    found = {folder.name: str(folder) for folder in reversed(path.resolve().parents)}
+    for folder in (item.resolve() for item in package_dirs if item.is_dir()):
+        inside = sorted(item for item in folder.iterdir() if item.is_dir())
+        found |= {item.name: str(item) for item in (*inside, folder)}
+    return found
+
+
+def rotor_inertias(path: Path, root: ET.Element) -> dict[str, float]:
+    """Return the inertia of each rotor at its joint: times the gear ratio squared.
+
+    A transmission holds ``rotor_inertia`` (kg m^2, or kg) and ``gear_ratio`` as attributes called
+    ``value``, with any prefix; without a gear ratio ``mechanicalReduction`` counts, else 1.
+
+    Args:
+        path: The URDF file.
+        root: Its ``<robot>`` element.
+
+    Returns:
+        kg m^2 (kg for linear joints) by joint.
+
+    Raises:
+        RobotError: If a figure is no number, or an inertia negative.
+    """
+    rotors: dict[str, float] = {}
+    for transmission in root.findall("transmission"):
+        where = f"{path}: transmission {transmission.get('name')!r}"
+        texts = {
+            element.tag.rpartition(":")[2]: element.get("value") or element.text or ""
+            for element in transmission.iter()
+        }
+        joints = transmission.findall("joint")
+        if "rotor_inertia" not in texts or len(joints) != 1:
+            continue
+        inertia = checked_number(where, "rotor_inertia", texts["rotor_inertia"])
+        if inertia < 0.0:
+            raise RobotError(f"{where} has the negative rotor_inertia {inertia:g} kg m^2")
+        ratio = texts.get("gear_ratio", texts.get("mechanicalReduction", "1"))
+        factor = checked_number(where, "gear_ratio", ratio)
+        rotors[joints[0].get("name", "")] = inertia * factor**2
+    return rotors
+
+
+_SRDF = FileKind("SRDF", 16, RobotError)
+
+
+def disabled_pairs(urdf: Path, prefix: str = "") -> frozenset[frozenset[str]]:
+    """Return the pairs of links between which an SRDF disables collisions.
+
+    The SRDF has the URDF's name and stands beside it, or in the folder ``srdf`` beside its folder.
+    None of the answers about a hand but its overlaps depends on it: one that cannot be read is
+    told, and left out.
+
+    Args:
+        urdf: The URDF's file.
+        prefix: Put before the name of every link.
+
+    Warns:
+        GrasplessPinWarning: If it cannot be read.
+    """
+    own = f"{urdf.stem}.srdf"
+    for file in (urdf.with_name(own), urdf.parent.parent / "srdf" / own):
+        if is_file(file):
+            break
+    else:
+        return frozenset()
+    try:
+        with errors_of_text(file, _SRDF):
+            root = parse_xml(read_bytes(file, _SRDF))
+    except RobotError as error:
+        tell(
+            Finding(
+                FindingCode.READER_REMARK,
+                urdf.stem,
+                str(error),
+                "until it can be read, the pairs of links that it disables count as overlaps",
+            )
+        )
+        return frozenset()
+    return frozenset(
+        frozenset((prefix + one.get("link1", ""), prefix + one.get("link2", "")))
+        for one in root.findall("disable_collisions")
+    )
+
 
 URDF = FileKind("URDF", 16, RobotError)
 

@@ -1,4 +1,9 @@
-"""The checks of one document, in the order in which they are shown."""
+"""The checks of one document, in the order in which they are shown.
+
+Figures that a status makes nothing of: they are named, so that none is taken for checked.
+
+Check what a document says of torques that had to have rest for their only outcome.
+"""
 
 from __future__ import annotations
 
@@ -19,24 +24,102 @@ from graspless_pin.report.verify.figures import (
     Forces,
     Problem,
 )
-from graspless_pin.report.verify.forces import (
-    figure_checks,
-    force_checks,
-    frames_check,
-    residual,
-)
-from graspless_pin.report.verify.guarantee import guarantee_checks, unit_of
+from graspless_pin.report.verify.forces import figure_checks, force_checks, frames_check, residual
 from graspless_pin.report.verify.motions import motion_check, velocities
 from graspless_pin.report.verify.multipliers import stated_multipliers, stray_multipliers
-from graspless_pin.report.verify.outcome import Check, Verification, agrees, holds, within
+from graspless_pin.report.verify.outcome import Check, Verification, agrees, given, holds, within
 from graspless_pin.report.verify.reading import CHECKED_FORMAT, read_forces, read_mode, read_problem
 from graspless_pin.report.verify.refutation import root_of
 from graspless_pin.report.verify.rest import rest_checks
 from graspless_pin.report.verify.states import State
 from graspless_pin.report.verify.taken_as_given import taken_as_given
 from graspless_pin.report.verify.tree import Proof, TreeWalk
-from graspless_pin.report.verify.unread import unread_figures
 from graspless_pin.report.verify.values import array, entry, number, text, truth, word
+
+
+def guarantee_checks(document: dict[str, Any], problem: Problem, status: str) -> list[Check]:
+    """Return the checks of ``guarantee``; none where there is none. The verdict has its own.
+
+    Args:
+        document: The document.
+        problem: What it says of contacts and joints.
+        status: Of the solution.
+
+    Raises:
+        ValueError: If a key is missing, or a value of a wrong type or size.
+    """
+    stated, verdict = document.get("guarantee"), document.get("stability")
+    if stated is None and status not in ("strong", *UNGUARANTEED):
+        return []
+    says = None if verdict is None else text(entry(verdict, "status", "stability"), "status")
+    if status in FOUND_STATES:
+        sure = holds("the torques are guaranteed", says == "strong", f"verdict: {says}")
+        return [sure, *_cost(document, entry(document, "guarantee", "the document"), problem)]
+    checks = [given("the best case", "of torques that are not stated")]
+    if status == "infeasible_strong":
+        # Without joints there is one set of torques alone.
+        none = not problem.units and says in ("weak", "none")
+        detail = f"verdict: {says}, {len(problem.units)} joints"
+        checks.append(holds("no torques are guaranteed", none, detail))
+    elif status == "strong_not_found":
+        why = "no torques were found, and no proof that there are none"
+        checks.append(Check("whether there are guaranteed torques", None, why))
+    return checks
+
+
+def unit_of(problem: Problem) -> str:
+    """Return the unit of the objective's value."""
+    if problem.own is not None or problem.by_limits:
+        return ""
+    return "N" if problem.is_margin else "N m, N"
+
+
+def _cost(document: dict[str, Any], stated: Any, problem: Problem) -> list[Check]:
+    """Return the checks of the best case, which its bound proves, and of the gap to it."""
+    best, gap = (number(entry(stated, key, "guarantee"), key) for key in ("best_case", "gap"))
+    certificate = entry(document, "certificate", "the document")
+    bound = number(entry(certificate, "bound", "certificate"), "bound")
+    rows = [entry(one, "force", "a contact") for one in document["contacts"]]
+    columns = None if problem.own is None else problem.own.values
+    value = problem.objective(read_forces(rows, problem, "the forces", columns))
+    sign, unit = (-1.0 if problem.maximizes else 1.0), unit_of(problem)
+    worse, met = value - sign * best, tolerances.objective(problem, best, bound)
+    return [
+        within("the best case is within its bound", sign * (bound - best), met, unit),
+        within("the best case is no worse", -worse, met, unit),
+        agrees("gap to the best case as stated", gap, max(worse, 0.0), met, unit),
+    ]
+
+
+def unread_figures(
+    document: dict[str, Any], status: str, *, complete: bool, has_modes: bool
+) -> list[Check]:
+    """Return the line that names the figures which no claim leans on; none where there are none.
+
+    Args:
+        document: The document.
+        status: Of the answer.
+        complete: Whether its proof is.
+        has_modes: Whether friction needs a virtual sliding.
+
+    Raises:
+        ValueError: If there is no proof.
+    """
+    proof, found = entry(document, "proof", "the document"), status in FOUND_STATES
+    read = {
+        "multipliers": found and status != "strong",
+        "proof.motion": has_modes and (found or status == "infeasible_in_mode"),
+        "proof.nodes": complete,
+        "proof.forces": status == "infeasible_modes",
+        "proof.columns": status == "infeasible_modes",
+        "proof.mode_multipliers": found and not complete,
+    }
+    stated = {**{f"proof.{key}": one for key, one in proof.items()}, **document}
+    unread = [key for key, is_read in read.items() if not is_read and stated.get(key)]
+    if not unread:
+        return []
+    return [given("figures without a claim", f"nothing leans on {', '.join(unread)}")]
+
 
 _WITH_GAP = ("limit_reached", "strong")
 """Answers that are not proven to be the best."""
