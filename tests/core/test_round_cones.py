@@ -37,8 +37,8 @@ from graspless_pin.programs.forces import force_coordinates
 from graspless_pin.programs.objectives import Margin, Torque
 from graspless_pin.solvers import Outcome, conic_backends, solve, solving
 from graspless_pin.solvers.conic_backends import by_clarabel, by_cuts
+from graspless_pin.solvers.other_backends import by_qpsolvers
 from graspless_pin.solvers.piqp_engines import by_piqp
-from graspless_pin.solvers.solving import by_qpsolvers
 
 E0 = 0.05
 OPEN = (Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT, Status.UNVERIFIED)

@@ -30,8 +30,8 @@ from graspless_pin.solvers import (
     solve,
     solving,
 )
+from graspless_pin.solvers.other_backends import by_qpsolvers
 from graspless_pin.solvers.simplex import Simplex, SimplexOutcome
-from graspless_pin.solvers.solving import by_qpsolvers
 
 SEEDS = st.integers(0, 100_000)
 
