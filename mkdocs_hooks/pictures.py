@@ -146,7 +146,7 @@ def _written(
 def png(pixels: np.ndarray) -> bytes:
     """Return (H, W, 4) pixels as a PNG."""
     buffer = io.BytesIO()
-    Image.fromarray(pixels).save(buffer, "png", optimize=True)
+    Image.fromarray(pixels).save(buffer, "png")
     return buffer.getvalue()
 
 
@@ -179,7 +179,7 @@ def _scene(mark: re.Match[str], folder: Path) -> Scene:
     own = folder / mark["scene"]
     scene = load_scene(own if own.is_file() else ROOT / mark["scene"])
     if mark["fingers"] == "placed":
-        found = place_hand(scene, candidates=200, time_limit=None).scene
+        found = place_hand(scene, candidates=60, time_limit=None, verdict_nodes=0).scene
         if found is None:
             raise PluginError(f"{mark['scene']}: there is no place for the hand")
         return found

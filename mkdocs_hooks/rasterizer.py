@@ -142,13 +142,16 @@ def paint(seen: Seen, palette: Palette) -> NDArray[np.uint8]:
 
 def _averaged(paint: FloatArray, cover: FloatArray) -> NDArray[np.uint8]:
     """Return pixels from samples whose colours are weighed by their cover."""
-    height, width = (length // _FINE for length in cover.shape)
-    blocks = (height, _FINE, width, _FINE)
-    alpha = cover.reshape(blocks).mean(axis=(1, 3))
-    color = paint.reshape(*blocks, 3).mean(axis=(1, 3))
+    color, alpha = _means(paint), _means(cover)
     color /= np.maximum(alpha, 1e-9)[..., None]
     pixels = np.dstack([np.clip(color, 0.0, 255.0), 255.0 * alpha])
     return np.round(pixels).astype(np.uint8)
+
+
+def _means(samples: FloatArray) -> FloatArray:
+    """Return the mean of the samples of each pixel."""
+    parts = [samples[i::_FINE, j::_FINE] for i in range(_FINE) for j in range(_FINE)]
+    return np.sum(parts, axis=0) / len(parts)
 
 
 def _layer(meshes: Sequence[Mesh], chosen: Sequence[int], camera: Camera, step: float) -> Layer:

@@ -10,7 +10,6 @@ from math import prod
 from typing import Any, overload
 
 import numpy as np
-from scipy.stats import qmc
 
 from graspless_pin.errors import GrasplessPinError, StudyError
 from graspless_pin.magnitudes import MOST_SAMPLES
@@ -127,6 +126,8 @@ def samples_of(
         raise fail(("sampling",), f"makes {count} samples; at most {MOST_SAMPLES} are possible")
     if sampling.method == "grid":
         return GridSamples(tuple([tuple(variable.points()) for variable in variables]))
+    from scipy.stats import qmc  # slow to load, and workers draw no samples
+
     rng = np.random.default_rng(sampling.seed)
     if sampling.method == "sobol":
         # The sequence is balanced over powers of two; a part of it is still its beginning.

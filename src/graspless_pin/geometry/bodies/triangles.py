@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import trimesh
 from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.errors import ArgumentError
@@ -25,6 +24,9 @@ from graspless_pin.geometry.bodies.shapes import (
     Sphere,
     shape_of,
 )
+
+if TYPE_CHECKING:
+    import trimesh
 
 _SECTIONS = 32  # of a circle
 _CAPSULE_SECTIONS = (16, 32)
@@ -90,6 +92,8 @@ def geometry_triangles(geometry: Any) -> Triangles:
     """
     shape = shape_of(geometry)
     if isinstance(shape, np.ndarray):
+        import trimesh
+
         return _of(trimesh.convex.convex_hull(shape))
     return _primitive_triangles(shape)
 
@@ -120,6 +124,8 @@ def simplified(triangles: Triangles, max_faces: int) -> Triangles:
 @lru_cache(maxsize=_REMEMBERED)
 def _primitive_triangles(shape: Shape) -> Triangles:
     """Make a primitive at unit size first: trimesh drops triangles that it finds too small."""
+    import trimesh
+
     match shape:
         case Box(size):
             return _scaled(trimesh.creation.box(), size)
