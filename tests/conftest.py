@@ -18,7 +18,6 @@ import pytest
 from hypothesis import settings
 
 from graspless_pin import compiled
-from graspless_pin.algorithms import solve
 from graspless_pin.errors import GrasplessPinError
 
 # Whoever runs the tests in the background, or with nohup, ignores these, and so would every process
@@ -72,12 +71,6 @@ def by_numpy() -> Callable[[Callable[[], Any]], Any]:
 def without_loops(monkeypatch: pytest.MonkeyPatch) -> None:
     """The test runs as on a machine without a C compiler."""
     leave_out_loops(monkeypatch)
-
-
-@pytest.fixture
-def searched(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Single calls ask solvers, also where the compiled loops could answer by themselves."""
-    monkeypatch.setattr(solve, "found_cold", lambda *_: (None, None))
 
 
 @pytest.fixture(params=["compiled", "numpy"])

@@ -38,8 +38,6 @@ from graspless_pin.programs.program import Program
 from graspless_pin.solvers import Outcome, solve, solving
 from graspless_pin.solvers.other_backends import by_qpsolvers
 
-pytestmark = pytest.mark.usefixtures("searched")
-
 Found = tuple[np.ndarray, np.ndarray, np.ndarray]
 Backend = Callable[[Program], Found | None]
 RULES = Rules.parse()

@@ -215,7 +215,7 @@ def undecided(monkeypatch):
     monkeypatch.setattr(NearestMotions, "guessed_witness", lambda *_: None)
 
 
-@pytest.mark.usefixtures("undecided", "searched")
+@pytest.mark.usefixtures("undecided")
 @pytest.mark.parametrize("search", ["auto", "enumerate"])
 @pytest.mark.parametrize("algorithm", [maximize_margin, partial(minimize_torque, margin=0.1)])
 def test_an_undecided_motion_is_a_status(algorithm, search):

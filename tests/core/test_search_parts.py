@@ -16,19 +16,18 @@ from graspless_pin import (
     minimize_torque,
 )
 from graspless_pin.algorithms import branch_and_bound as searching
-from graspless_pin.algorithms import search, solve
+from graspless_pin.algorithms import search
 from graspless_pin.algorithms.branch_and_bound import (
     _level,
     _Node,
     _resolving,
     branch_and_bound,
 )
-from graspless_pin.algorithms.carried import found_cold
 from graspless_pin.algorithms.formulation import formulate
 from graspless_pin.algorithms.mode_oracle import ModeOracle
 from graspless_pin.algorithms.mode_parts import ModePart
 from graspless_pin.algorithms.search import SearchState, closeness
-from graspless_pin.compiled import cold_optima, contact_frames
+from graspless_pin.compiled import contact_frames
 from graspless_pin.modes.nearest_motions import NearestMotions
 from graspless_pin.modes.propagation import Decisions
 from graspless_pin.modes.rules import Rules, SignRule, SlidingMode, SlidingRule
@@ -37,7 +36,6 @@ from graspless_pin.programs.answers import Answer, failed
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.solvers import Outcome
 
-needs_loops = pytest.mark.skipif(cold_optima is None, reason="the loops are not compiled")
 RULES = Rules.parse()
 SPLIT = [
     QuasistaticProblem(**structured_arguments(seed, kind, 4))
@@ -404,36 +402,7 @@ def test_children_come_in_turn_by_what_their_parent_proves_beyond_rounding():
         assert _level(before, before - 1.0) == before
 
 
-@needs_loops
-@pytest.mark.parametrize("spoilt", ["nothing", "x", "multipliers"])
-def test_a_search_begins_with_the_relaxation_that_loops_have_found(spoilt, monkeypatch):
-    """Where no motion is behind its friction at first sight; it is proven like any other answer."""
-    problem, programs = scene("rest"), []
-    honest = minimize_torque(problem, 0.1)
-
-    def begun(*of):
-        found, interior = found_cold(*of)
-        assert found is None and interior is not None
-        x, multipliers = interior
-        if spoilt == "x":
-            x = x + 1e-3
-        return None, (x, 0.0 * multipliers if spoilt == "multipliers" else multipliers)
-
-    def solved(self, lb, ub):
-        programs.append(lb)
-        return asked(self, lb, ub)
-
-    asked = SearchState.solve
-    monkeypatch.setattr(solve, "found_cold", begun)
-    monkeypatch.setattr(SearchState, "solve", solved)
-    again = minimize_torque(problem, 0.1)
-    assert again.status is Status.OPTIMAL
-    assert again.max_torque == pytest.approx(honest.max_torque, rel=1e-7)
-    assert again.certificate.force_programs == len(programs) + (spoilt == "nothing")
-
-
 @pytest.mark.parametrize("number", [4, 8])
-@pytest.mark.usefixtures("searched")
 def test_a_guess_near_the_first_optimum_ends_the_search(number, monkeypatch):
     problem = random_problem(number)
     assert minimize_torque(problem, 0.05).certificate.nodes == 1

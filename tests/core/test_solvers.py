@@ -273,7 +273,6 @@ def test_a_corrupted_answer_is_replaced_by_another_solvers(monkeypatch, how):
     assert_holds(solution)
 
 
-@pytest.mark.usefixtures("searched")
 @pytest.mark.parametrize("how", WAYS)
 @pytest.mark.parametrize("search", ["auto", "enumerate"])
 def test_without_any_checked_answer_the_status_says_so(monkeypatch, how, search):
@@ -297,7 +296,6 @@ def test_without_any_checked_answer_the_status_says_so(monkeypatch, how, search)
         assert "no solver" in solution.status.message
 
 
-@pytest.mark.usefixtures("searched")
 def test_a_feasible_problem_cannot_be_lied_infeasible(monkeypatch):
     """Multipliers that grow without limit, as for an infeasible program, prove nothing here."""
     honest = solving._BACKENDS["piqp"]

@@ -15,7 +15,6 @@ from shown_output import difference
 from typer.testing import CliRunner
 
 from graspless_pin.cli.commands import app
-from graspless_pin.compiled import linear_programs
 from graspless_pin.geometry.robots.robot_schema import RobotFile
 from graspless_pin.scene import scene_json_schema
 from graspless_pin.studies.study_schema import StudyEntry
@@ -24,8 +23,6 @@ KINDS = {"", "python", "console", "yaml", "xml", "text", "bibtex"}
 PATH = re.compile(r"`((?:examples|docs|robots|src|tests|benchmarks)/[\w./-]*)`")
 REPOSITORY = ("examples", "docs", "robots", "src", "tests", "benchmarks", "Makefile")
 UNTIL_INTERRUPTED = {"view"}
-SHOWN_BY_LOOPS = {"first_steps.md", "holding.md"}
-"""Pages with figures of one of several equally good answers: numpy's order finds another one."""
 COMMENT_GOES_ON = re.compile(r"\A(?: +# .*\n)+")
 
 
@@ -43,8 +40,6 @@ def a_fresh_clone(tmp_path, monkeypatch):
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_page_does_as_it_says(page):
     """Blocks run in the order of reading; a later one may use what an earlier one has made."""
-    if page.name in SHOWN_BY_LOOPS and linear_programs is None:
-        pytest.skip("shows an answer that compiled loops find")
     names = {"__name__": "__main__"}
     for block in blocks_of(page):
         assert block.kind in KINDS, f"{block.place}: what is a block of {block.kind!r}?"

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from threading import Lock
 from typing import Any, NamedTuple
@@ -18,13 +18,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.algorithms.options import RequiredStability, Search, SolveOptions
-from graspless_pin.algorithms.search import LOOPS, Interior
+from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.compiled import cold_optima, optimum_starts
 from graspless_pin.derived import Derived
 from graspless_pin.modes.kinematics import THRESHOLD
 from graspless_pin.modes.nearest_motions import CLEARLY, GUESSES, judged_by
-from graspless_pin.modes.rules import Rules, SlidingMode, SlidingRule, StaticFriction
+from graspless_pin.modes.rules import Rules, SlidingMode
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.joint_units import JointUnit
@@ -37,10 +36,7 @@ from graspless_pin.programs.assembly import (
 )
 from graspless_pin.programs.objectives import Objective
 from graspless_pin.solution import Certificate, Evidence, Status, TorqueSolution
-from graspless_pin.solvers import ANY_SOLVER, PRIMAL_TOLERANCE
-
-MOST_COLD = 24
-"""Coordinates of forces; with more, a kept solver with sparse factors is faster than the loops."""
+from graspless_pin.solvers import PRIMAL_TOLERANCE
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,50 +121,6 @@ def carried(
         return None
     place, optimum = found
     return _as_carried(problem, objective, optimum), place
-
-
-def found_cold(
-    problem: QuasistaticProblem, objective: Objective, options: SolveOptions
-) -> tuple[TorqueSolution | None, Interior | None]:
-    """Return the optimum of a problem of which nothing is known, by interior points in loops.
-
-    Args:
-        problem: The problem; only its arrays are read.
-        objective: What is optimised.
-        options: How the problem is solved; this is the best case, whatever rest has to be.
-
-    Returns:
-        The optimum over all feasible modes, proven like any other; None where the friction of
-        the optimum without modes has no motion behind it at first sight, or the loops do not
-        apply. And the optimum without modes, of which nothing is proven; None where there is none.
-    """
-    rules = options.rules
-    if not may_begin(problem, options):
-        return None, None
-    if options.strong:
-        options = replace(options, stability=RequiredStability.WEAK)
-    loops = _loops(problem, objective, options)
-    if loops is None or loops.n > MOST_COLD:
-        return None, None
-    with LOOPS_LOCK:
-        found, interior = loops.found(problem)
-    if found is None:
-        return None, interior
-    signs, optimum = found
-    mode = SlidingMode.unchecked(signs.any(axis=1), signs.astype(np.int8))
-    whole = _as_carried(problem, objective, optimum)
-    return _solution(problem, objective, rules, whole, mode, loops.n, LOOPS), interior
-
-
-def may_begin(problem: QuasistaticProblem, options: SolveOptions) -> bool:
-    """Whether loops may look for an optimum of which nothing is known."""
-    rules = options.rules
-    return not (
-        options.solver != ANY_SOLVER
-        or options.search is not Search.AUTO
-        or rules.static_friction is StaticFriction.COULOMB
-        or (rules.sliding is SlidingRule.CONSTRAINED and problem.is_sliding.any())
-    )
 
 
 def _as_carried(
@@ -302,21 +254,7 @@ def solution_carried(
         found: The optimum.
         start: What it was carried over from.
     """
-    solver = "" if start.relaxation is None else start.relaxation.solver
     size = 0 if start.likeness is None else start.likeness.layout.size
-    return _solution(problem, objective, rules, found, start.mode, size, solver)
-
-
-def _solution(
-    problem: QuasistaticProblem,
-    objective: Objective,
-    rules: Rules,
-    found: Carried,
-    mode: SlidingMode | None,
-    size: int,
-    solver: str,
-) -> TorqueSolution:
-    """Return an optimum as a solution; ``size``: how many of its variables are forces."""
     proof = found.multipliers[:6], found.multipliers[6:]
     certificate = Certificate(
         primal_residual=found.residual,
@@ -329,7 +267,7 @@ def _solution(
         nodes=1,
         force_programs=1,
         kinematic_programs=1,
-        solver=solver,
+        solver="" if start.relaxation is None else start.relaxation.solver,
     )
     found.forces.setflags(write=False)
     added = found.x[size:].copy()
@@ -342,5 +280,5 @@ def _solution(
         problem=problem,
         evidence=evidence,
         _forces=found.forces,
-        _mode=mode,
+        _mode=start.mode,
     )

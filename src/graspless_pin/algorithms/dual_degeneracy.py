@@ -193,8 +193,12 @@ class OptimalSet:
         """Return a point in SI units; the solution's own signs tell the rows' sides."""
         formulation, (x, y, z, reduced) = self._formulation, point
         own = np.concatenate([self._own.y, self._own.z]), self._own.reduced
+        program = formulation.program
         found = marginals(
-            formulation.blocks, (np.concatenate([y, z]), reduced), abs(formulation.unit), own
+            (program.blocks, program.bounded_blocks),
+            (np.concatenate([y, z]), reduced),
+            abs(formulation.unit),
+            own,
         )
         value = formulation.unit * formulation.program.value(x)
         return OptimalPoint(formulation.coordinates.forces(x), value, found)

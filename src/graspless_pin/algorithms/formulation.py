@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -18,8 +17,7 @@ from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.modes.sectors import Sector
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.programs.assembly import assembled, built
-from graspless_pin.programs.blocks import Block
+from graspless_pin.programs.assembly import built
 from graspless_pin.programs.forces import ForceCoordinates, force_coordinates
 from graspless_pin.programs.objectives import Objective
 from graspless_pin.programs.program import Program
@@ -67,14 +65,6 @@ class Formulation:
         if self.layers == (0,):
             return columns[None]
         return np.array(self.layers)[:, None, None] + columns
-
-    @cached_property
-    def blocks(self) -> tuple[tuple[Block, ...], tuple[Block, ...]]:
-        """What the program's rows mean, and its columns with bounds."""
-        program = self.program
-        if not program.blocks:
-            program = built(self.objective, self.problem, self.coordinates)
-        return program.blocks, program.bounded_blocks
 
     def friction_columns(self, contact: int) -> NDArray[np.int_]:
         """(layers, 2) columns of one contact's friction components."""
@@ -264,5 +254,5 @@ def _assembled(
     if objective.required_margin > 0.0 and not problem.external_wrench.any():
         coordinates = force_coordinates(problem, objective.required_margin)
     unit = objective.unit(problem, coordinates)
-    program = assembled(objective, problem, coordinates)
+    program = built(objective, problem, coordinates)
     return _Assembled(coordinates, program, -unit if objective.maximizes else unit)

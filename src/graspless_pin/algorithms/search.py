@@ -13,7 +13,6 @@ from graspless_pin.modes.propagation import Propagation
 from graspless_pin.modes.rules import Rules, SlidingMode
 from graspless_pin.modes.verdicts import Conflict, Requirement
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.programs.answers import proven
 from graspless_pin.solution import Status
 from graspless_pin.solvers import PRIMAL_TOLERANCE, Answer, Outcome
 
@@ -26,12 +25,6 @@ def closeness(value: float) -> float:
     return CLOSED * max(1.0, abs(value)) if np.isfinite(value) else CLOSED
 
 
-LOOPS = "loops"
-"""What the loops that find optima by themselves are called among the solvers."""
-Interior = tuple[FloatArray, FloatArray]
-"""Variables of a program and multipliers of its rows, as interior points left them."""
-
-
 @dataclass
 class SearchState:
     """The best answer so far, and the counters.
@@ -40,7 +33,6 @@ class SearchState:
         formulation: The shared program.
         rules: The reading of the constraint.
         solver: The solver to ask first.
-        interior: An optimum of the relaxation that is to be proven; None: none is known.
         oracle: Finds modes for friction forces.
         relaxation: Answer to the program without modes, once it was solved; of a given mode without
             forces, to its own.
@@ -59,7 +51,6 @@ class SearchState:
     formulation: Formulation
     rules: Rules
     solver: str
-    interior: Interior | None = None
     oracle: ModeOracle = field(init=False)
     relaxation: Answer | None = None
     best: Answer | None = None
@@ -107,18 +98,8 @@ class SearchState:
         return answer
 
     def relax(self) -> Answer:
-        """Solve the relaxation without (27) and (31), or prove the optimum that is known of it.
-
-        Its bound holds for every mode.
-        """
+        """Solve the relaxation without (27) and (31); its bound holds for every mode."""
         program = self.formulation.program
-        if self.interior is not None:
-            x, multipliers = self.interior
-            y, z = np.split(multipliers, [len(program.A)])
-            answer = proven(program, (x, y, z), LOOPS, min(self.formulation.cutoff, program.worst))
-            if answer.outcome is Outcome.SOLVED:
-                self.force_programs += 1
-                return self.relaxed(answer)
         return self.relaxed(self.solve(program.lb, program.ub))
 
     def relaxed(self, answer: Answer) -> Answer:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from graspless_pin.algorithms.carried import found_cold
 from graspless_pin.algorithms.formulation import Formulation, formulate
 from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.options import DEFAULT_OPTIONS, SolveOptions
@@ -91,11 +90,6 @@ def _best_case(
     mode: SlidingMode | None = None,
 ) -> TorqueSolution:
     """Return the optimum over all forces that statics leave open."""
-    interior = None
-    if mode is None:
-        found, interior = found_cold(problem, objective, options)
-        if found is not None:
-            return found
     gap = 0.0
     if options.rules.by_direction:
         if mode is not None:
@@ -104,7 +98,7 @@ def _best_case(
     requirements = None if mode is None else _checked_mode(problem, options.rules, mode)
 
     def searched(formulation: Formulation) -> SearchResult:
-        state = SearchState(formulation, options.rules, options.solver, interior)
+        state = SearchState(formulation, options.rules, options.solver)
         if mode is None or requirements is None:
             return search_modes(state, options, limits)
         try:

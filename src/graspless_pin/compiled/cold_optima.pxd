@@ -37,5 +37,4 @@ cdef class ColdCarrier(Carrier):
     cdef void step(self) noexcept
     cdef double reached(self, const double* values, const double* steps) noexcept
     cdef bint solved(self) noexcept
-    cdef tuple interior(self)
     cdef Start read(self)

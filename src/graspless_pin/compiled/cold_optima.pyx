@@ -1,5 +1,9 @@
 # cython: boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
-"""Optima of Algorithms 1 and 2 of which nothing is known yet: by interior points, then proven."""
+"""Optima of Algorithms 1 and 2 of which nothing is known yet, found by interior points, then proven.
+
+Mehrotra's predictor-corrector method (SIAM J. Optim. 2(4), 1992) on the dense program: a step towards
+complementarity products of zero tells how far they can be taken, and the second step corrects it.
+"""
 
 from libc.math cimport fabs, isfinite
 from libc.string cimport memcpy, memset
@@ -27,7 +31,7 @@ cdef double _RIDGE = 1e-14
 
 
 cdef class ColdCarrier(Carrier):
-    """A carrier that finds optima by itself, too."""
+    """A carrier that finds optima without a warm start, too."""
 
     def __init__(self, int guesses, judged_by, **shared):
         """Take what the problems share.
@@ -51,41 +55,6 @@ cdef class ColdCarrier(Carrier):
         self.count, self.sided = 0, self.numbers(no_numbers(2 * N))
         self.chosen, self.wanted = self.numbers(no_numbers(self.M)), self.room(2 * self.M)
         self.slide, self.guessed = self.room(2 * self.M), self.room(witness_room(self.M, self.W))
-
-    def found(self, problem):
-        """Return the optimum of one problem, with the mode that its friction is read as.
-
-        Args:
-            problem: The problem, or what loops read of it.
-
-        Returns:
-            The optimum and the relaxation. Of the optimum, (M, 2) signs of the mode, zeros where
-            it does not select, and what `carried` returns; None: the first guess of a motion does
-            not lead to any. Of the relaxation, (n + 1,) x and (R,) multipliers of the rows, as
-            interior points left them; None: they lead nowhere.
-        """
-        cdef list held = []
-        self.hold(problem, held)
-        if not self.posed() or not self.solved():
-            return None, None
-        relaxation = self.interior()
-        near = self.read()
-        if near is None or not self.optimum(near, True):
-            return None, relaxation
-        optimum = _copied(near.signs, 2 * self.M).reshape(self.M, 2), self.told()
-        return optimum, relaxation
-
-    cdef tuple interior(self):
-        """Copies of x and of the multipliers of the rows."""
-        cdef cnp.ndarray weights = empty1(self.R)
-        cdef Py_ssize_t i, k
-        memset(data(weights), 0, self.R * sizeof(double))
-        memcpy(data(weights), self.y, 6 * sizeof(double))
-        for i in range(self.count):
-            k = self.sided[i]
-            if k // 2 < self.R:
-                data(weights)[k // 2] += -self.z[k] if k % 2 else self.z[k]
-        return _copied(self.x, self.n + 1), weights
 
     cdef void levels_at(self, const double* x, double* level) noexcept:
         """Put the values of all rows, and after them the variables, into a place."""

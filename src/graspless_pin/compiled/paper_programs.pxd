@@ -67,4 +67,3 @@ cdef class PaperPrograms:
     cdef void restrict(self, double most) noexcept
     cdef double side(self, Py_ssize_t i, bint top) noexcept
     cdef void judged(self) noexcept
-    cdef bint is_far(self, double side) noexcept

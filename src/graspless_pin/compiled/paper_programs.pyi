@@ -1,5 +1,5 @@
 from collections.abc import Sequence
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,4 +33,3 @@ class PaperPrograms:
         least_limit: float,
         most_strict: float,
     ) -> None: ...
-    def arrays(self, problem: Any) -> tuple[Array, Array, Array, Array, Array, bool] | None: ...

@@ -1,11 +1,10 @@
-"""From an objective to its program; Algorithms 1 and 2 by compiled loops where there are any."""
+"""From an objective to its program; what programs of the same structure share, for the batch."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from threading import Lock
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,8 +29,6 @@ from graspless_pin.programs.program import FARTHEST, Program
 
 PAPER_OBJECTIVES = (Margin, Torque, TorqueShare)
 """Those that compiled loops assemble."""
-_LOCK = Lock()
-"""One room serves all threads."""
 
 
 def built(
@@ -64,50 +61,6 @@ def scaled_program(problem: QuasistaticProblem, objective: Objective) -> ScaledP
     return ScaledProgram(coordinates, program, objective.unit(problem, coordinates))
 
 
-def assembled(
-    objective: Objective, problem: QuasistaticProblem, coordinates: ForceCoordinates
-) -> Program:
-    """Return the program of an objective; one made by compiled loops names no blocks.
-
-    The loops stack the rows in the order in which `Margin` and `Torque` build them.
-    """
-    if paper_programs is None or type(objective) not in PAPER_OBJECTIVES or problem.is_round:
-        return built(objective, problem, coordinates)
-    likeness, epsilon = likeness_of(problem), objective.regularization
-    with _LOCK:
-        arrays = _programs(likeness, objective, problem.joint_units).arrays(problem)
-    if arrays is None:  # normal forces are far
-        return built(objective, problem, coordinates)
-    columns, low, high, box, (lb, ub), is_far = arrays
-    last = likeness.minus_last if objective.maximizes else likeness.last
-    P = likeness.flat
-    if epsilon > 0.0:
-        P, lb = np.append(coordinates.curvature(epsilon), 0.0), lb.copy()
-        lb[-1] = 0.0
-    rows: FloatArray = columns.T
-    strict, closely = coordinates.strictness, None
-    if strict is not None:
-        closely = np.ones(len(low))
-        closely[-problem.joint_count or len(low) :] = strict.torque
-        if objective.maximizes:
-            first = len(problem.external_wrench) + likeness.face_count
-            closely[first : first + problem.contact_count] = strict.normal
-    return Program.of_rows(
-        rows,
-        len(problem.external_wrench),
-        low,
-        high,
-        linear=epsilon == 0.0,
-        P=P,
-        c=last,
-        lb=lb,
-        ub=ub,
-        box=box,
-        is_far=is_far,
-        strict=closely,
-    )
-
-
 @dataclass(frozen=True, eq=False)
 class Likeness:
     """What problems share whose contacts have the same cones and slide alike.
@@ -117,9 +70,6 @@ class Likeness:
         face_count: Side faces of all cones.
         reach: (2, n) see `cone_reach`.
         sides: (n + 1, s) transposed rows x + e of faces, n^T f + e and, without a cone, -n^T f + e.
-        last: (n + 1,) one for the last variable, else zero.
-        minus_last: (n + 1,) minus that.
-        flat: (n + 1,) zeros.
         friction: (M,) coefficients.
         edges: Of a cone.
     """
@@ -128,9 +78,6 @@ class Likeness:
     face_count: int
     reach: FloatArray
     sides: FloatArray
-    last: FloatArray
-    minus_last: FloatArray
-    flat: FloatArray
     friction: FloatArray
     edges: int
 
@@ -168,12 +115,10 @@ def _likeness(mask: bytes, friction: bytes, _sliding: bytes, edges: int) -> Like
     parts = [cones.rows, normal, -normal[layout.bare]]
     sides = np.ones((sum(map(len, parts)), n + 1), order="F")
     sides[:, :-1] = np.concatenate(parts)
-    last = np.zeros(n + 1)
-    last[-1] = 1.0
-    arrays = sides.T, last, -last, np.zeros(n + 1), np.frombuffer(friction)
-    for array in arrays:
-        read_only(array)
-    return Likeness(layout, len(cones.rows), reach_of(mask, friction), *arrays, edges)
+    return Likeness(
+        layout, len(cones.rows), reach_of(mask, friction), read_only(sides.T),
+        read_only(np.frombuffer(friction)), edges,
+    )  # fmt: skip
 
 
 def shared_arguments(
@@ -199,8 +144,3 @@ def shared_arguments(
         "least_limit": LEAST_LIMIT,
         "most_strict": MOST_STRICT,
     }
-
-
-@lru_cache(maxsize=256)
-def _programs(likeness: Likeness, objective: Objective, units: tuple[JointUnit, ...]) -> Any:
-    return paper_programs.PaperPrograms(**shared_arguments(likeness, objective, units))

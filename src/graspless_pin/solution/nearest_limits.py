@@ -95,7 +95,8 @@ def joint_limit_words(solution: TorqueSolution) -> str:
     shares = limit_shares(torques, problem.lower_torque, problem.upper_torque)
     if np.isnan(shares).all():
         return "No joint has a finite limit on the side of its torque."
-    joint = int(np.nanargmax(shares))
+    # Where joints tie, as at the least largest torque, rounding must not choose among them.
+    joint = int(np.argmax(shares >= (1.0 - _AS_NEAR) * np.nanmax(shares)))
     torque, size = float(torques[joint]), torque_size(problem, torques)
     left = torque_rounding(problem, solution.contact_torques)[joint]
     limit = (problem.upper_torque if torque >= 0.0 else problem.lower_torque)[joint]
