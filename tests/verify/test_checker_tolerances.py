@@ -138,7 +138,7 @@ def test_large_figures_of_an_answer_widen_no_tolerance(documents, name, index):
     original = documents[index]
     rng = np.random.default_rng([index, len(name)])
     force, false = original["scales"]["force"], 0
-    for factor in (1e3, 1e8, 1e16):
+    for factor in (1e3, 1e16):
         made = copy.deepcopy(original)
         for place, key in ANSWER[name](made):
             place[key] = grown(place[key], factor)
