@@ -173,7 +173,9 @@ supports:
     shape: {{type: half_space}} # all below z = 0 of its frame
 {slope}    # velocity: {{linear: [0.05, 0, 0]}} # m/s: it moves, as a conveyor does
 # motion: {{object_twist: {{linear: [0.02, 0, 0]}}}} # m/s: a slow motion; else rest
-{axes}solve: {{algorithm: margin}} # largest margin; torque: smallest torques, with margin: 0.1 (N)
+{axes}solve: # algorithm: torque for the smallest torques, with margin: 0.1 (N)
+  algorithm: margin # the largest
+  node_limit: 1000 # of the search over virtual slidings: then the best found, and what bounds it
 """
 
 
