@@ -61,9 +61,9 @@ def mismatch(found: np.ndarray, expected: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("ground", GROUNDS)
-def test_the_mug_stands_on_its_base_in_200_random_poses(mug: tuple[Any, ...], ground: str) -> None:
+def test_the_mug_stands_on_its_base_in_random_poses(mug: tuple[Any, ...], ground: str) -> None:
     rng = np.random.default_rng(11)
-    for k in range(200):
+    for k in range(60):
         gap = rng.uniform(-5e-4, 5e-4) if k % 4 else (0.0, 1e-6, -1e-6)[k // 4 % 3]
         world = random_world(rng)
         turn = Rotation.from_euler("z", rng.uniform(-3, 3))

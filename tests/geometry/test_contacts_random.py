@@ -82,11 +82,11 @@ def support_points(contacts: tuple[ContactPoint, ...], expected: np.ndarray) -> 
 
 @pytest.mark.parametrize("support", SUPPORTS)
 @pytest.mark.parametrize("thing", OBJECTS)
-def test_support_points_in_200_random_poses(thing: str, support: str) -> None:
+def test_support_points_in_random_poses(thing: str, support: str) -> None:
     geometry, standing, height, points = OBJECTS[thing]
     ground, top = SUPPORTS[support]
     rng = np.random.default_rng(7)
-    for k in range(200):
+    for k in range(60):  # each kind of gap with and without a turn and a shift
         gap = rng.uniform(-5e-4, 5e-4) if k % 4 else TINY_GAPS[k // 4 % len(TINY_GAPS)]
         world = transform(Rotation.random(rng=rng), rng.uniform(-1, 1, 3))
         yaw = Rotation.from_euler("z", rng.uniform(-3, 3) if k % 3 else 0.0)
@@ -286,7 +286,7 @@ def test_at_a_hair_of_a_gap_the_overlap_is_never_taken_for_a_deeper_one(
     # The gap along any direction bounds the signed distance from below: what was 0.5 mm apart along
     # the normal and has come nearer by so much is found at that gap or above.
     # From 145 on: rims whose overlap coal alone takes for one of millimetres.
-    for seed in (100, 101, 102, 103, 145, 219, 262, 310, 311, 350):
+    for seed in (100, 145, 219, 262, 310, 311, 350):
         one, two = touching(first, second, seed)
         for _ in range(2):
             contacts = find_contacts(one, [], [two])

@@ -32,7 +32,7 @@ def ell(size: float = 1.0) -> trimesh.Trimesh:
 
 
 def ring() -> trimesh.Trimesh:
-    return trimesh.creation.annulus(0.2, 0.3, 0.1, sections=12)
+    return trimesh.creation.annulus(0.2, 0.3, 0.1, sections=8)
 
 
 def joined(*meshes: trimesh.Trimesh) -> trimesh.Trimesh:
@@ -123,29 +123,23 @@ def test_another_mesh_or_another_way_of_cutting_is_cut_anew(
             convex_pieces(mesh, "ell", Cut(concavity))
 
 
-@pytest.mark.parametrize("damage", ["cut off", "nonsense", "empty", "not finite", "miscounted"])
 def test_a_damaged_file_is_cut_and_written_anew(
-    cache: Path, monkeypatch: pytest.MonkeyPatch, damage: str
+    cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pieces = convex_pieces(ell(), "ell")
     (file,) = cache.iterdir()
-    sound = file.read_bytes()
-    points = np.concatenate(pieces)
-    match damage:
-        case "cut off":
-            file.write_bytes(sound[: len(sound) // 2])
-        case "nonsense":
-            file.write_bytes(b"PK nonsense")
-        case "empty":
-            file.write_bytes(b"")
-        case "not finite":
-            np.savez(file, points=points * np.nan, counts=[len(p) for p in pieces])
-        case "miscounted":
-            np.savez(file, points=points, counts=[len(points) + 1])
-    assert same(convex_pieces(ell(), "ell"), pieces)
-    forbid(monkeypatch)
-    assert same(convex_pieces(ell(), "ell"), pieces)
-    assert list(cache.iterdir()) == [file]
+    points, counts = np.concatenate(pieces), [len(piece) for piece in pieces]
+    damages = [file.read_bytes()[: file.stat().st_size // 2], b"PK nonsense", b""]
+    for wrong in ({"points": points * np.nan}, {"counts": [len(points) + 1]}):
+        np.savez(file, **{"points": points, "counts": counts, **wrong})
+        damages.append(file.read_bytes())
+    for damage in damages:
+        file.write_bytes(damage)
+        assert same(convex_pieces(ell(), "ell"), pieces)
+        with monkeypatch.context() as patch:
+            forbid(patch)
+            assert same(convex_pieces(ell(), "ell"), pieces)
+        assert list(cache.iterdir()) == [file]
 
 
 def test_a_folder_that_cannot_be_written_costs_a_warning_and_no_more(

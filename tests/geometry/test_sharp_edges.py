@@ -13,7 +13,7 @@ from graspless_pin.geometry.bodies.shapes import convex_geometry
 from graspless_pin.geometry.contact.finding import find_contacts
 from graspless_pin.geometry.poses import pose_matrix
 
-APEXES = [5, 10, 20, 35, 50, 59, 61, 75, 90, 110, 119, 121, 140, 160, 170]  # degrees
+APEXES = [5, 20, 50, 59, 61, 90, 119, 121, 170]  # degrees
 GAPS = [-1e-4, -1e-6, 0.0, 1e-6, 5e-4]
 LENGTH = 0.08
 
@@ -229,7 +229,7 @@ def touching_at(mine: np.ndarray, other: np.ndarray, way: np.ndarray):
     return found.x[-1], normal * np.sign(normal @ way) / np.linalg.norm(normal)
 
 
-@pytest.mark.parametrize("first", range(0, 400, 50))
+@pytest.mark.parametrize("first", range(0, 400, 100))
 def test_bodies_that_meet_anywhere_have_the_contact_of_a_linear_program(first):
     met = 0
     for seed in range(first, first + 50):
