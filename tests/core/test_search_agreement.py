@@ -21,18 +21,18 @@ from graspless_pin import (
 PAIRS = tuple(product(SIGN_RULES, SLIDING_RULES))
 ALGORITHMS = (maximize_margin, partial(minimize_torque, margin=0.1))
 
-# (family, seed, contacts): 200 of 2 to 8 contacts, most of them small enough to list all modes.
+# (family, seed, contacts): 100 of 2 to 8 contacts, most of them small enough to list all modes.
 SMALL = (
-    *(("general", seed, 2 + seed % 4) for seed in range(35)),
-    *(("general", seed, 6 + seed % 3) for seed in range(35, 40)),
-    *(("weak fingers", seed, 2 + seed % 3) for seed in range(28)),
-    *(("weak fingers", seed, 5) for seed in range(28, 30)),
-    *(("slope", seed, 4 + seed % 2) for seed in range(90)),
-    *(("slope", seed, 3) for seed in range(90, 96)),
-    *(("slope", seed, 6) for seed in range(96, 100)),
-    *(("infeasible", seed, 2 + seed % 7) for seed in range(30)),
+    *(("general", seed, 2 + seed % 4) for seed in range(17)),
+    *(("general", seed, 6 + seed % 3) for seed in range(35, 38)),
+    *(("weak fingers", seed, 2 + seed % 3) for seed in range(14)),
+    ("weak fingers", 28, 5),
+    *(("slope", seed, 4 + seed % 2) for seed in range(45)),
+    *(("slope", seed, 3) for seed in range(90, 93)),
+    *(("slope", seed, 6) for seed in range(96, 98)),
+    *(("infeasible", seed, 2 + seed % 7) for seed in range(15)),
 )
-LARGE = tuple((("general", "slope")[seed % 2], seed, 10 + 3 * seed % 15) for seed in range(30))
+LARGE = tuple((("general", "slope")[seed % 2], seed, 10 + 3 * seed % 15) for seed in range(15))
 
 
 def problem_of(family: str, seed: int, contacts: int) -> QuasistaticProblem:
@@ -132,20 +132,20 @@ def test_virtual_motions_of_very_different_speeds(seed, algorithm):
 
 
 def test_small_scenes_cover_found_and_not_found():
-    assert len(SMALL) == 200 and {contacts for _, _, contacts in SMALL} == set(range(2, 9))
+    assert len(SMALL) == 100 and {contacts for _, _, contacts in SMALL} == set(range(2, 9))
     cases = {case for _, seed, _ in SMALL for case in cases_of(seed)}
     assert cases == set(product(PAIRS, ALGORITHMS))
     statuses = [
         minimize_torque(problem_of(*key), 0.1, sliding_rule="constrained").status for key in SMALL
     ]
-    assert statuses.count(Status.OPTIMAL) >= 100
-    assert statuses.count(Status.INFEASIBLE_FORCES) >= 25
+    assert statuses.count(Status.OPTIMAL) >= 50
+    assert statuses.count(Status.INFEASIBLE_FORCES) >= 12
     assert statuses.count(Status.INFEASIBLE_MODES) >= 3
 
 
 def test_virtual_sliding_rule_binds_on_slopes():
     """In many scenes strict, nonzero and Coulomb friction give three or two different answers."""
-    scenes = [problem_of(*key) for key in SMALL if key[0] == "slope"]
+    scenes = [problem_of("slope", seed, 4 + seed % 2) for seed in range(90)]
     strict_nonzero, nonzero_coulomb, all_three = set(), set(), set()
     for algorithm, (index, problem) in product(ALGORITHMS, enumerate(scenes)):
         strict, nonzero = (
