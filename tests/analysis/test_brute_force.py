@@ -154,15 +154,15 @@ def test_least_friction(index: int):
 
 
 def test_the_scenes_cover_what_they_should():
-    assert len(SCENES) == 50 and {contacts for *_, contacts in SCENES} == {2, 3, 4}
+    assert len(SCENES) == 26 and {contacts for *_, contacts in SCENES} == {2, 3, 4}
     bounds = [bounds_of(index) for index in range(len(SCENES))]
-    assert sum(bound.found for bound in bounds) >= 35
-    assert sum(not bound.found for bound in bounds) >= 5
-    assert sum(bool(np.isinf(bound.upper).any()) for bound in bounds) >= 5
-    assert sum(bound.found and bool(bound.indeterminate.any()) for bound in bounds) >= 15
+    assert sum(bound.found for bound in bounds) >= 17
+    assert sum(not bound.found for bound in bounds) >= 2
+    assert sum(bool(np.isinf(bound.upper).any()) for bound in bounds) >= 2
+    assert sum(bound.found and bool(bound.indeterminate.any()) for bound in bounds) >= 7
     factors = np.array([factor_of(index) for index in range(len(SCENES))])
     assert np.isnan(factors).any() and (factors > 1.0).any()
-    assert ((factors > 0.0) & (factors < 1.0)).sum() >= 20
+    assert ((factors > 0.0) & (factors < 1.0)).sum() >= 10
     for pair in PAIRS:
         ruled = [index for index in range(len(SCENES)) if options_of(index) == rules_of(pair)]
         assert any(bounds[index].found for index in ruled)

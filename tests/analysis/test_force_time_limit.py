@@ -99,7 +99,7 @@ def test_no_time_to_hold_the_torques(torques):
     assert not bounds.proven.any()
 
 
-@pytest.mark.parametrize("share", [0.2, 0.5, 0.8, 0.95])
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.95])
 def test_ever_more_time_proves_ever_more(monkeypatch, torques, complete, looks, share):
     bounds = bounds_after(monkeypatch, torques, int(share * looks))
     assert bounds.status is Status.LIMIT_REACHED

@@ -235,14 +235,14 @@ def test_some_cases_are_split_and_some_hang_on_it():
     assert lower >= 3
 
 
-@pytest.mark.parametrize("number", [3, 4, 7, 10, 13, 16, 20, 23, 26, 28])
+@pytest.mark.parametrize("number", [3, 7, 13, 20, 26])
 def test_turned_tangents_change_nothing_beyond_the_gap(number):
     pair = turned(number)
     assert pair.agrees, pair
     assert pair.closed
 
 
-@pytest.mark.parametrize("number", [0, 1, 2, 3, 6, 9, 14])
+@pytest.mark.parametrize("number", [0, 2, 6, 9, 14])
 def test_listing_of_sectors_agrees(number):
     one = listed(number)
     assert one.agrees, one

@@ -14,20 +14,19 @@ SEARCHES = ("auto", "enumerate")
 # What a problem is made of (kind, seed, contacts, of these sliding), then the rules to try.
 BOTH = ("exempt", "constrained")
 CASES = [
-    (("free", 3, 2, 0), ("strict", "exact", "nonzero"), BOTH[:1]),
+    (("free", 3, 2, 0), ("strict",), BOTH[:1]),
     (("free", 0, 2, 1), ("strict", "exact", "nonzero"), BOTH),
     (("free", 5, 3, 2), ("strict", "nonzero"), BOTH),
     (("planar", 0, 3, 0), ("strict", "nonzero"), BOTH[:1]),
     (("planar", 1, 3, 0), ("strict",), BOTH[:1]),
     (("planar", 2, 3, 0), ("exact",), BOTH[:1]),
     (("planar", 5, 3, 0), ("strict", "nonzero"), BOTH[:1]),
-    (("planar", 3, 3, 1), ("strict", "nonzero"), BOTH),
+    (("planar", 3, 3, 1), ("strict",), BOTH),
     (("planar", 5, 3, 1), ("strict", "exact"), BOTH),
-    (("planar", 4, 3, 1), ("strict", "exact"), BOTH[:1]),
-    (("planar", 6, 4, 2), ("strict", "nonzero"), BOTH),
-    (("pinch", 5, 4, 2), ("strict",), BOTH),
+    (("planar", 6, 4, 2), ("strict",), BOTH),
+    (("pinch", 5, 4, 2), ("strict",), BOTH[:1]),
     (("slab", 4, 4, 2), ("strict",), BOTH),
-    (("slab", 7, 3, 0), ("strict", "nonzero"), BOTH[:1]),
+    (("slab", 7, 3, 0), ("nonzero",), BOTH[:1]),
 ]
 RUNS = [
     (case, sign, sliding)
@@ -49,47 +48,34 @@ def make(kind: str, seed: int, contacts: int, slides: int) -> tuple[QuasistaticP
     return problem, 0.6 * largest
 
 
-@cache
-def expected(case, sign, sliding):
-    """The oracle: number of feasible modes, largest margin, smallest torque (None: not found)."""
-    problem, required = make(*case)
-    modes = feasible_modes(problem, sign, sliding)
-    return len(modes), best_over(problem, modes, None), best_over(problem, modes, required)
-
-
-@pytest.mark.parametrize(("case", "sign", "sliding"), RUNS)
-def test_all_modes_and_both_optima(case, sign, sliding):
-    problem, required = make(*case)
-    count, margin, torque = expected(case, sign, sliding)
-    rules = {"sign_rule": sign, "sliding_rule": sliding}
-    assert len(list(enumerate_modes(problem, **rules))) == count
-    for search in SEARCHES:
-        largest = maximize_margin(problem, **rules, search=search)
-        smallest = minimize_torque(problem, required, **rules, search=search)
-        assert largest.found == (margin is not None)
-        assert smallest.found == (torque is not None)
-        if margin is not None:
-            assert largest.margin == pytest.approx(margin, rel=1e-6, abs=1e-6)
-            assert_holds(largest)
-        if torque is not None:
-            assert smallest.max_torque == pytest.approx(torque, rel=1e-6, abs=1e-6)
-            assert_holds(smallest)
-
-
-def test_the_cases_tell_the_rules_apart():
-    """Among the cases some optima are worse than Coulomb's, some do not exist, and rules differ."""
-    margins, torques, missing, by_rule = 0, 0, 0, 0
+def test_all_modes_and_both_optima():
+    """Some optima are worse than Coulomb's, some do not exist, and rules differ."""
+    worse_margins, worse_torques, missing, by_rule = 0, 0, 0, {}
     for case, sign, sliding in RUNS:
-        problem, required = make(*case)
-        _, margin, torque = expected(case, sign, sliding)
+        run, (problem, required) = (case, sign, sliding), make(*case)
+        rules = {"sign_rule": sign, "sliding_rule": sliding}
+        modes = feasible_modes(problem, sign, sliding)
+        margin, torque = best_over(problem, modes, None), best_over(problem, modes, required)
+        assert len(list(enumerate_modes(problem, **rules))) == len(modes), run
+        for search in SEARCHES:
+            largest = maximize_margin(problem, **rules, search=search)
+            smallest = minimize_torque(problem, required, **rules, search=search)
+            assert largest.found == (margin is not None), run
+            assert smallest.found == (torque is not None), run
+            if margin is not None:
+                assert largest.margin == pytest.approx(margin, rel=1e-6, abs=1e-6), run
+                assert_holds(largest)
+            if torque is not None:
+                assert smallest.max_torque == pytest.approx(torque, rel=1e-6, abs=1e-6), run
+                assert_holds(smallest)
         coulomb = optimum_in_mode(problem, None, None), optimum_in_mode(problem, None, required)
         assert coulomb[0] is not None and coulomb[1] is not None
-        margins += margin is not None and margin < coulomb[0] - 1e-3
-        torques += torque is not None and torque > coulomb[1] + 1e-3
+        worse_margins += margin is not None and margin < coulomb[0] - 1e-3
+        worse_torques += torque is not None and torque > coulomb[1] + 1e-3
         missing += torque is None
-        others = [run for run in RUNS if run[0] == case]
-        by_rule += len({str(expected(*other)[1:]) for other in others}) > 1
-    assert min(margins, torques, missing, by_rule) >= 3
+        by_rule.setdefault(case, set()).add(str((margin, torque)))
+    differing = sum(len(optima) > 1 for optima in by_rule.values())
+    assert min(worse_margins, worse_torques, missing, differing) >= 3
 
 
 @pytest.mark.parametrize("case", [("free", seed, 3, seed % 3) for seed in range(6)])
@@ -102,7 +88,7 @@ def test_coulomb_friction_is_one_program_in_edge_weights(case):
     assert smallest.max_torque == pytest.approx(torque, rel=1e-6, abs=1e-6)
 
 
-@pytest.mark.parametrize("seed", [0, 3, 8])
+@pytest.mark.parametrize("seed", [0, 3])
 def test_one_given_mode(seed):
     problem, required = make("planar", seed, 3, 0)
     some_found = False
@@ -123,19 +109,19 @@ def test_one_given_mode(seed):
     assert some_found
 
 
-@pytest.mark.parametrize("search", SEARCHES)
 @pytest.mark.parametrize("case", [("pinch", 4, 3, 0), ("pinch", 2, 3, 0), ("planar", 5, 3, 0)])
-def test_smallest_share_of_the_limits(case, search):
+def test_smallest_share_of_the_limits(case):
     problem, required = make(*case)
     modes = feasible_modes(problem, "strict", "exempt")
     expected_share = best_over(problem, modes, required, by_limits=True)
     assert expected_share is not None
-    solution = minimize_torque(problem, required, scale="limits", search=search)
-    assert_holds(solution)
-    tau = solution.torques
-    shares = np.where(tau >= 0.0, tau / problem.upper_torque, tau / problem.lower_torque)
-    assert shares.max() == pytest.approx(expected_share, rel=1e-6, abs=1e-6)
-    assert solution.certificate.bound == pytest.approx(expected_share, rel=1e-5)
+    for search in SEARCHES:
+        solution = minimize_torque(problem, required, scale="limits", search=search)
+        assert_holds(solution)
+        tau = solution.torques
+        shares = np.where(tau >= 0.0, tau / problem.upper_torque, tau / problem.lower_torque)
+        assert shares.max() == pytest.approx(expected_share, rel=1e-6, abs=1e-6)
+        assert solution.certificate.bound == pytest.approx(expected_share, rel=1e-5)
 
 
 def test_both_scales_differ_where_limits_do():

@@ -53,7 +53,7 @@ def some_decisions(rng: np.random.Generator, mode: SlidingMode) -> Decisions:
     )
 
 
-CASES = [(name, sign) for name in PROBLEMS for sign in ("strict", "nonzero")]
+CASES = [(name, sign) for name in PROBLEMS if name != "slope-6" for sign in ("strict", "nonzero")]
 CASES += [("stiff", "exact"), ("slope-5", "exact")]
 
 

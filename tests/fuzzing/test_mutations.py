@@ -15,12 +15,12 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="limits and fork
 
 
 def test_a_slice_of_the_mutations():
-    words = [sys.executable, str(RUN), "--count", "60", "--seed", "60"]
+    words = [sys.executable, str(RUN), "--count", "16", "--seed", "60"]
     result = subprocess.run(  # noqa: S603 - our own interpreter and program
         words, capture_output=True, text=True, check=False, timeout=600
     )
     assert result.returncode == 0, result.stdout + result.stderr
-    assert "60 mutations (seed 60): 0 broke a rule" in result.stdout
+    assert "16 mutations (seed 60): 0 broke a rule" in result.stdout
 
 
 @pytest.mark.parametrize(
@@ -47,7 +47,7 @@ def test_what_breaks_no_rule():
 
 def test_mutations_are_seeded_and_change_something():
     content = b"a: 1\nb: [2, 3]\nc: {d: text}\n"
-    spoilt = [spoil("scene.yaml", content, Random(f"7-{i}")) for i in range(200)]  # noqa: S311
-    again = [spoil("scene.yaml", content, Random(f"7-{i}")) for i in range(200)]  # noqa: S311
+    spoilt = [spoil("scene.yaml", content, Random(f"7-{i}")) for i in range(60)]  # noqa: S311
+    again = [spoil("scene.yaml", content, Random(f"7-{i}")) for i in range(60)]  # noqa: S311
     assert spoilt == again
-    assert sum(item != content for item in spoilt) > 180 and len(set(spoilt)) > 150
+    assert sum(item != content for item in spoilt) > 54 and len(set(spoilt)) > 45

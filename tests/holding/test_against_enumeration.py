@@ -6,7 +6,7 @@ from tests.oracles.compared_outcomes import compared, outcome_case
 from graspless_pin import Stability, stability
 
 FEWER_SECTORS = 8
-SLICE = [(2 + (number % 4 == 0), number) for number in range(40)]
+SLICE = [(2 + (number % 4 == 0), number) for number in range(20)]
 
 
 @pytest.mark.parametrize(("contacts", "number"), SLICE)

