@@ -80,7 +80,7 @@ def test_bars_of_joints_of_any_name(name):
         drawn(axes)
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if name != "😀"])
+@pytest.mark.parametrize("name", ["$\\frac$", "_x^{", "two\nlines", "x" * 200])
 def test_columns_of_any_name(name):
     for text in (name, f"{name}_m", f"friction.{name}"):
         table = {text: [1.0, 2.0, 2.0, 3.0], "y": [0.0, 1.0, 0.0, 1.0], "e": [1.0, 2.0, 3.0, 4.0]}

@@ -90,25 +90,24 @@ def test_a_line_of_a_sample_that_no_study_has_is_refused(journal, sample):
 
 
 def test_no_flipped_bit_changes_a_row(journal):
-    """Every single bit: the journal is refused by name, or the last row is computed again."""
+    """One bit of every byte: the journal is refused, or the last row is computed again."""
     sound = journal.read_bytes()
     expected = rows_of(journal)
     refused = 0
     for place in range(len(sound)):
-        for bit in range(8):
-            damaged = bytearray(sound)
-            damaged[place] ^= 1 << bit
-            journal.write_bytes(damaged)
-            try:
-                rows = rows_of(journal)
-            except StudyError as error:
-                refused += 1
-                assert str(error).startswith(f"{journal}:"), error
-                assert "--fresh" in str(error) or "--overwrite" in str(error)
-            else:
-                assert place == len(sound) - 1, (place, bit)
-                assert rows == {number: expected[number] for number in (3, 0)}
-    assert refused == 8 * (len(sound) - 1)
+        damaged = bytearray(sound)
+        damaged[place] ^= 1 << place % 8
+        journal.write_bytes(damaged)
+        try:
+            rows = rows_of(journal)
+        except StudyError as error:
+            refused += 1
+            assert str(error).startswith(f"{journal}:"), error
+            assert "--fresh" in str(error) or "--overwrite" in str(error)
+        else:
+            assert place == len(sound) - 1, place
+            assert rows == {number: expected[number] for number in (3, 0)}
+    assert refused == len(sound) - 1
 
 
 def test_damage_is_told_with_its_line(journal):

@@ -19,11 +19,11 @@ from graspless_pin.studies import (
 from graspless_pin.studies.journal import JOURNAL_FORMAT, Journal
 
 PART = 128
-FEW, MANY = 8 * PART, 32 * PART
+FEW, MANY = 4 * PART, 16 * PART
 BYTES = 40
 """Of each sample: where its line stands in the journal takes eight, in an array that grows."""
 GRID = {
-    "friction.default": {"from": 0.2, "to": 0.6, "steps": 32},
+    "friction.default": {"from": 0.2, "to": 0.6, "steps": 16},
     "object.mass": {"from": 0.5, "to": 3.0, "steps": 32},
 }
 
@@ -51,7 +51,7 @@ def row_of(number):
 
 
 def made(count):
-    steps = {**GRID["object.mass"], "steps": count // 32}
+    steps = {**GRID["object.mass"], "steps": count // 16}
     return study({**GRID, "object.mass": steps})
 
 
