@@ -16,7 +16,7 @@ import numpy as np
 
 from graspless_pin.problem.checks import FloatArray, all_within
 from graspless_pin.programs.polish import polished
-from graspless_pin.programs.program import Program
+from graspless_pin.programs.program import FARTHEST, Program
 from graspless_pin.programs.reductions import bearable, near_multipliers, opened, shrunk
 
 
@@ -165,15 +165,18 @@ def checked_answer(program: Program, backend: Backend, name: str, cutoff: float)
         A solved or infeasible answer, or a failed one with the bound that is proven all the same.
     """
     near = opened(program)
-    answer = _tried(program, near, 1.0, backend, name, cutoff)
-    best = answer.bound
-    for factor in _SHRUNK_BY:
+    factors = [1.0, *(factor for factor in _SHRUNK_BY if near.has_sides_beyond(factor))]
+    if near.has_sides_beyond(FARTHEST):
+        # Interior points are led there, and end after all their steps: shrunk, the program has
+        # nothing so far away.
+        factors.sort(key=lambda factor: factor != _SHRUNK_BY[0])
+    best = -np.inf
+    for factor in factors:
+        answer = _tried(program, near, factor, backend, name, cutoff)
         if answer.outcome is not Outcome.FAILED:
             return answer
-        if near.has_sides_beyond(factor):
-            answer = _tried(program, near, factor, backend, name, cutoff)
-            best = max(best, answer.bound)
-    return answer if answer.outcome is not Outcome.FAILED else failed(best)
+        best = max(best, answer.bound)
+    return failed(best)
 
 
 def _tried(
