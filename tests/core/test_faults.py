@@ -179,7 +179,7 @@ def test_no_lie_becomes_an_answer_of_a_warm_search(name, lying):
 @pytest.mark.parametrize("name", RANGES)
 def test_no_lie_becomes_a_range_of_forces(name, lying):
     expected = honest(name, "bounds")
-    found = contact_force_bounds(fresh(name), expected.torques, time_limit=1.0)
+    found = contact_force_bounds(fresh(name), expected.torques, time_limit=0.3)
     if not found.found:
         limits = Status.UNVERIFIED, Status.NOT_FOUND_IN_LIMIT
         assert found.status in (*limits, expected.status)
@@ -221,13 +221,13 @@ def patched(monkeypatch: pytest.MonkeyPatch, chosen: Callable[[int], bool]) -> N
 
 def choices() -> Iterator[tuple[str, Callable[[int], bool]]]:
     yield "all", lambda _: True
-    for first in range(8):
+    for first in (0, 1, 2, 5):
         yield f"number {first}", lambda index, first=first: index == first
-    for seed in range(4):
+    for seed in (0, 3):
         rng = np.random.default_rng(seed)
         drawn = rng.random(4096) < 0.1 + 0.1 * seed
         yield f"seed {seed}", lambda index, drawn=drawn: bool(drawn[index % len(drawn)])
-    for start in (1, 3, 8):
+    for start in (1, 8):
         yield f"from {start} on", lambda index, start=start: index >= start
 
 

@@ -21,7 +21,8 @@ from graspless_pin.report.verify import verify_document
 
 MARGINS = (0.0, 1e-300, 1e-33, 1e-20, 1e-12, 1e-3, 0.1)
 LOADS = (0.0, 1e-40, 1e-20, 1e-12, 1e-6)
-WEIGHTS = (0.0, 0.2)
+CASES = (*product([0.2], LOADS), *product([0.0], LOADS[:3]))
+"""The finger's weight, and the load."""
 FEASIBLE, INFEASIBLE = "two fingers", "a floor and a wall"
 
 
@@ -57,10 +58,9 @@ def answers(load: float, weight: float, name: str) -> list[str]:
 _CHILD = """
 import json, sys
 sys.path[:0] = [sys.argv[1]]
-from test_small_loads import LOADS, WEIGHTS, answers
-for weight in WEIGHTS:
-    for load in LOADS:
-        print(json.dumps(answers(load, weight, sys.argv[2])), flush=True)
+from test_small_loads import CASES, answers
+for weight, load in CASES:
+    print(json.dumps(answers(load, weight, sys.argv[2])), flush=True)
 """
 
 
@@ -72,11 +72,11 @@ def test_no_margin_and_no_load_is_too_small(name):
     child = subprocess.run(command, capture_output=True, text=True, timeout=300)  # noqa: S603
     assert (child.returncode, child.stderr[-3000:]) == (0, ""), child.stderr[-2000:]
     statuses = map(json.loads, child.stdout.splitlines())
-    by_case = dict(zip(product(WEIGHTS, LOADS), statuses, strict=True))
+    by_case = dict(zip(CASES, statuses, strict=True))
     if name == FEASIBLE:
         # What needs forces far beyond the load's reach was said to be infeasible.
         assert not {"INFEASIBLE_FORCES", "INFEASIBLE_MODES"} & {*chain(*by_case.values())}
-    for weight in WEIGHTS:
+    for weight in (0.0, 0.2):
         of_margins = dict(zip((*MARGINS, None), by_case[weight, 0.0], strict=True))
         assert of_margins[0.0] == of_margins[1e-300] == of_margins[1e-20] == of_margins[None]
         assert of_margins[0.0] == "OPTIMAL"

@@ -98,9 +98,8 @@ def test_an_answer_that_hangs_on_the_threshold_is_told(turn, outcome):
 
 @pytest.mark.parametrize(
     ("turn", "outcome"),
-    [(6e-8, Outcome.AGREE), (6e-7, Outcome.THRESHOLD), (6e-6, Outcome.THRESHOLD),
-     (1e-4, Outcome.AGREE)],
-)  # fmt: skip
+    [(6e-8, Outcome.AGREE), (6e-6, Outcome.THRESHOLD), (1e-4, Outcome.AGREE)],
+)
 def test_the_package_says_where_it_hangs_on_the_threshold(turn, outcome):
     problem, question = four_points(turn), Question("margin")
     solution = ask(problem, question)

@@ -246,7 +246,10 @@ def test_spans_have_to_follow_each_other():
     (("rest_forces",), times(0.0)),
 ])  # fmt: skip
 def test_what_is_too_much_has_to_be_shown(path, by):
-    assert refused(replaced("slot", "failure", *path, by=by))
+    for change, wrong in ((lambda value: value, False), (by, True)):
+        made = replaced("slot", "failure", *path, by=change)
+        made["disturbances"]["directions"][0]["spans"] = None  # so that nothing else is checked
+        assert refused(made) is wrong
 
 
 def test_a_motion_that_counts_as_rest_without_disturbance_is_none():

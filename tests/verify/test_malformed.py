@@ -68,7 +68,7 @@ def test_no_refusal_is_left_to_chance(name):
     """No message of Python or numpy about what is read, and no index from behind."""
     make, parts = DOCUMENTS[name]
     document = make()
-    most = 2 if name in ("tree", "pressed") else 1
+    most = 2 if name == "tree" else 1
     for path, value in places(document, Counter(), most):
         if parts and path[0] not in parts:
             continue
