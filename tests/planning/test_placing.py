@@ -147,7 +147,7 @@ def press(tmp_path_factory: pytest.TempPathFactory) -> Scene:
 
 
 def test_feet_that_press_a_lid_are_no_grip_unless_that_is_asked_for(press: Scene) -> None:
-    pressed = quickly(press, aim="press", candidates=60)
+    pressed = quickly(press, aim="press", candidates=30)
     assert pressed.places and all(one.margin >= 0.1 for one in pressed.places)
     order = [rank_of(one, press=True) for one in pressed.places]
     assert order == sorted(order)
@@ -156,7 +156,7 @@ def test_feet_that_press_a_lid_are_no_grip_unless_that_is_asked_for(press: Scene
         assert not lifted.found and np.isnan(place.carrying_margin)
         assert "without supports none" in str(place)
     for aim in ("grip", "carry"):
-        none = quickly(press, aim=aim, candidates=60)
+        none = quickly(press, aim=aim, candidates=30)
         assert not none.places and none.faults[PlacingFault.NOTHING_OPPOSES] > 0
         assert "--press" in none.advice
 
@@ -224,7 +224,7 @@ def on_arm(tmp_path_factory: pytest.TempPathFactory) -> Scene:
 
 
 def test_an_arm_reaches_from_where_its_base_is(on_arm: Scene) -> None:
-    found = quickly(on_arm, candidates=60, approach=DOWN)
+    found = quickly(on_arm, candidates=24, approach=DOWN)
     assert found.places and found.places[0].carrying_margin > 0.1 and on_arm.hand is not None
     for place in found.places:
         hand = place.scene.hand
@@ -232,7 +232,7 @@ def test_an_arm_reaches_from_where_its_base_is(on_arm: Scene) -> None:
         np.testing.assert_array_equal(hand.T_world_base, on_arm.hand.T_world_base)
         assert any(hand.q[name] != on_arm.hand.q[name] for name in ("turn", "lift", "bend"))
         assert {"left_jaw", "right_jaw"} <= set(place.touching)
-    moved = quickly(on_arm, candidates=60, approach=DOWN, move_base=True).places[0].scene.hand
+    moved = quickly(on_arm, candidates=24, approach=DOWN, move_base=True).places[0].scene.hand
     assert moved is not None and moved.q["bend"] == on_arm.hand.q["bend"]
     assert not np.allclose(moved.T_world_base, on_arm.hand.T_world_base)
 
@@ -240,8 +240,8 @@ def test_an_arm_reaches_from_where_its_base_is(on_arm: Scene) -> None:
 def test_an_object_out_of_an_arms_reach_is_a_reason(on_arm: Scene) -> None:
     assert on_arm.hand is not None
     far = on_arm.with_changes(hand=displaced_hand(on_arm.hand, pose_matrix([-1.0, 0.0, 0.0])))
-    found = quickly(far, candidates=20)
-    assert not found.places and found.faults == {PlacingFault.OUT_OF_REACH: 20}
+    found = quickly(far, candidates=8)
+    assert not found.places and found.faults == {PlacingFault.OUT_OF_REACH: 8}
     assert "--move-base" in found.advice
 
 
@@ -265,7 +265,7 @@ def two_grippers(tmp_path_factory: pytest.TempPathFactory) -> Scene:
 def test_each_of_two_hands_is_placed_by_itself(two_grippers: Scene) -> None:
     assert two_grippers.hand is not None
     apart = [*two_grippers.hand.base_poses.values()]
-    found = quickly(two_grippers, candidates=150, approach=DOWN)
+    found = quickly(two_grippers, candidates=60, approach=DOWN)
     assert found.places
     for place in found.places:
         assert place.scene.hand is not None
@@ -431,8 +431,8 @@ def test_a_wedge_is_placed_like_anything_else(gripper: Hand, tmp_path, apex: flo
     wedge = ManipulatedObject.from_shape(
         "wedge", MeshShape(file), pose_matrix([0.0, 0.0, 0.1]), mass=0.1
     )
-    found = quickly(scene.with_changes(object=wedge), candidates=80)
-    assert found.tried == 80 and not found.errors
+    found = quickly(scene.with_changes(object=wedge), candidates=40)
+    assert found.tried == 40 and not found.errors
     assert len(found.faults) + found.found > 1
 
 
