@@ -1,8 +1,8 @@
 # cython: boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
-"""Optima of Algorithms 1 and 2 of which nothing is known yet, found by interior points, then proven.
+"""Optima of Algorithms 1 and 2 of which nothing is known, found by interior points, then proven.
 
-Mehrotra's predictor-corrector method (SIAM J. Optim. 2(4), 1992) on the dense program: a step towards
-complementarity products of zero tells how far they can be taken, and the second step corrects it.
+Mehrotra's predictor-corrector method (SIAM J. Optim. 2(4), 1992) on the dense program: a step
+towards complementarity products of zero tells how far they can be taken; a second step corrects it.
 """
 
 from libc.math cimport fabs, isfinite

@@ -2,14 +2,14 @@
 """The paper's programs: Algorithms 1 and 2 of problems that are alike, assembled."""
 
 from libc.math cimport INFINITY, fabs, isfinite
-from libc.string cimport memcpy, memset
+from libc.string cimport memset
 
 cimport numpy as cnp
 
 from graspless_pin.compiled.contact_frames cimport directions_of, scales_of
 from graspless_pin.compiled.shared cimport (
-    as_blocks, as_flags, as_integers, as_reals, as_shaped, as_vector, data, effects_of, empty,
-    empty1, flags_of, inner, no_numbers, numbers_of,
+    as_blocks, as_flags, as_integers, as_reals, as_shaped, as_vector, data, effects_of, empty1,
+    flags_of, inner, no_numbers, numbers_of,
 )
 
 cnp.import_array()
