@@ -4,7 +4,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 from tests.oracles.exact_optimum import ExactScene, Question
@@ -177,6 +177,8 @@ def test_the_oracle_counts_a_limit_that_is_exceeded():
 
 
 @settings(max_examples=25)
+@example(2334)  # unverified, where a limit is a hundred-millionth of the load
+@example(4697)
 @given(st.integers(0, 20_000))
 def test_weak_hands_agree_with_the_exact_optimum(seed):
     verdict = judge(weak_case(5 * seed + 4))

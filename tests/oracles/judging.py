@@ -35,6 +35,8 @@ STILL = Fraction(1, 10**8)
 """The share up to which a velocity along a normal is rounding."""
 RESOLVED = 1e8
 """Loads up to which a limit may not keep the package from an answer."""
+_CARRIED = 1e-6
+"""Of the load: what a hand with smaller limits bears may be too little to be resolved."""
 DOCUMENTED = 2
 """The documents of every so many scenes are written and checked."""
 _FACTORS = (Fraction(1, 10), 10)
@@ -128,7 +130,9 @@ def compare(problem: QuasistaticProblem, question: Question, solution: TorqueSol
 
 def unanswered(scene: ExactScene, outcome: Outcome) -> Outcome:
     """Return an outcome without an answer, which is wrong where all limits are near the load."""
-    return outcome if _limit_sizes(scene).max() > RESOLVED else Outcome.WRONG
+    sizes = _limit_sizes(scene)
+    is_near = sizes.max() <= RESOLVED and sizes.min() >= _CARRIED
+    return Outcome.WRONG if is_near else outcome
 
 
 def spread(scene: ExactScene) -> str:
