@@ -56,18 +56,7 @@ def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[BrowserContex
 
 @pytest.fixture
 def page(chromium: BrowserContext) -> Iterator[Page]:
-    """A new page."""
-    yield from _guarded_page(chromium)
-
-
-@pytest.fixture(scope="module")
-def kept_page(chromium: BrowserContext) -> Iterator[Page]:
-    """One page for all tests of a module that take it."""
-    yield from _guarded_page(chromium)
-
-
-def _guarded_page(chromium: BrowserContext) -> Iterator[Page]:
-    """Open a page that reaches this machine only; asking for anything else fails the test."""
+    """A new page that reaches this machine only; asking for anything else fails the test."""
     outside: list[str] = []
     faults: list[str] = []
 

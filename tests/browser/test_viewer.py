@@ -29,6 +29,8 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 PATIENCE = 120_000  # ms
 WHOLE = slice(None), slice(None)
 
+Opened = Callable[..., Page]
+
 
 @pytest.fixture(scope="module")
 def allegro() -> Scene:
@@ -36,30 +38,28 @@ def allegro() -> Scene:
 
 
 @pytest.fixture(scope="module")
-def viewer(allegro) -> Iterator[Viewer]:
-    """The scene's page for all tests: stopping waits for idle connections."""
-    running = view(allegro, port=0)
+def viewers(allegro) -> Iterator[dict[bool, Viewer]]:
+    """A light and a dark page of the scene for all tests: stopping waits for idle connections."""
+    running = {dark: view(allegro, port=0, dark=dark or None) for dark in (False, True)}
     yield running
-    running.stop()
+    for viewer in running.values():
+        viewer.stop()
 
 
 @pytest.fixture
-def opened(kept_page: Page, viewer: Viewer, allegro: Scene) -> Page:
-    """The page as it was at first. It is loaded once: that takes seconds of computing."""
-    page = kept_page
-    if page.url == "about:blank":
-        page.goto(viewer.url)
+def opened(page: Page, viewers: dict[bool, Viewer], allegro: Scene) -> Opened:
+    """Open a page as it was at first."""
+
+    def open_page(*, dark: bool = False) -> Page:
+        page.goto(viewers[dark].url)
         page.wait_for_selector("#graspless-result", timeout=PATIENCE)
-        dismiss_warning(page)
-    page.get_by_role("tab", name="Result").click()
-    page.get_by_role("button", name="As loaded").click()
-    settled(page, allegro.solve().margin)
-    return page
+        # viser warns of drawing without a graphics card, over the middle of the page.
+        page.get_by_role("alert").get_by_role("button").first.click()
+        page.get_by_role("button", name="As loaded").click()
+        settled(page, allegro.solve().margin)
+        return page
 
-
-def dismiss_warning(page: Page) -> None:
-    """viser warns of drawing without a graphics card, over the middle of the page."""
-    page.get_by_role("alert").get_by_role("button").first.click()
+    return open_page
 
 
 def row(page: Page, label: str) -> Locator:
@@ -149,14 +149,15 @@ def bluish(pixels: np.ndarray) -> int:
 
 
 def test_the_page_shows_what_the_library_computes(allegro, opened):
-    page = opened
+    page = opened()
+    settled(page, allegro.solve().margin)
     text = page.locator("#graspless-torques").inner_text()
     figures = [float(line) for line in text.splitlines() if not re.search("[a-z]", line)]
     np.testing.assert_allclose(figures, allegro.solve().torques, atol=5.1e-5)
 
 
 def test_a_slider_moved_in_the_page_changes_the_margin(allegro, opened):
-    page = opened
+    page = opened()
     before = margin(page)
     control = row(page, "friction, supports")
     thumb = control.get_by_role("slider")
@@ -178,7 +179,7 @@ def test_a_slider_moved_in_the_page_changes_the_margin(allegro, opened):
 
 
 def test_the_other_algorithm_and_its_margin(allegro, opened):
-    page = opened
+    page = opened()
     choose_smallest_torque(page)
     settled(page, allegro.solve("torque", margin=0.1).margin)
     enter(page, "e0 [N]", "0.4")
@@ -188,7 +189,7 @@ def test_the_other_algorithm_and_its_margin(allegro, opened):
 
 
 def test_what_cannot_be_held_says_why_not(allegro, opened):
-    page = opened
+    page = opened()
     choose_smallest_torque(page)
     enter(page, "e0 [N]", "12")  # a margin is at most half of max_normal_force
     result = page.locator("#graspless-result")
@@ -198,7 +199,7 @@ def test_what_cannot_be_held_says_why_not(allegro, opened):
 
 
 def test_the_object_is_dragged_by_its_upper_arrow(allegro, opened):
-    page = opened
+    page = opened()
     page.get_by_text("Object", exact=True).first.click()
     before = still(page)
     row(page, "drag in the picture").get_by_role("checkbox").first.check(force=True)
@@ -224,7 +225,7 @@ def test_the_object_is_dragged_by_its_upper_arrow(allegro, opened):
 
 
 def test_the_scene_is_drawn_and_layers_can_be_hidden(allegro, opened, tmp_path):
-    page = opened
+    page = opened()
     assert looked_at(page, WHOLE, lambda shot: bluish(shot) > 500)
     still(page)
     shown = drawing(page, tmp_path / "light.png")
@@ -283,13 +284,15 @@ LEGIBILITY = """(root) => {
 }"""
 
 
-def assert_legible(page: Page, least: int) -> None:
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+def test_the_readings_are_legible(allegro, opened, dark):
+    page = opened(dark=dark)
     verdict = page.locator("#graspless-verdict")
     expect(verdict).to_have_attribute("data-status", "strong", timeout=PATIENCE)
     found: list[dict[str, Any]] = []
     for reading in ("#graspless-result", "#graspless-torques"):
         found += page.locator(reading).evaluate(LEGIBILITY)
-    assert len(found) > least
+    assert len(found) > 2 * len(allegro.solve().torques)
     for item in found:
         assert item["contrast"] > 4.5, item
         assert item["size"] >= 12.0, item
@@ -299,10 +302,8 @@ def assert_legible(page: Page, least: int) -> None:
         assert not item["cut"], item
 
 
-def test_the_page_can_turn_dark_and_is_legible(allegro, opened, tmp_path):
-    page = opened
-    least = 2 * len(allegro.solve().torques)
-    assert_legible(page, least)
+def test_the_page_can_turn_dark(allegro, opened, tmp_path):
+    page = opened()
     assert looked_at(page, WHOLE, lambda shot: np.median(middle(shot)) > 200.0)
     page.get_by_role("tab", name="Layers").click()
     legend = page.locator("#graspless-legend")
@@ -311,9 +312,7 @@ def test_the_page_can_turn_dark_and_is_legible(allegro, opened, tmp_path):
     is_dark = looked_at(page, WHOLE, lambda shot: np.median(middle(shot)) < 60.0)
     assert all(DARK.roles[role] in legend.inner_html() for role in Role)
     drawing(page, tmp_path / "dark.png")
-    page.get_by_role("tab", name="Result").click()
-    assert_legible(page, least)
-    page.get_by_role("tab", name="Layers").click()
+    # As it was, for the next page: closing this one at once might leave the server in the dark.
     choose_colours(page, "dark", "as the system")
     expect(page.locator("html")).to_have_attribute("data-mantine-color-scheme", "light")
     assert is_dark
@@ -321,7 +320,7 @@ def test_the_page_can_turn_dark_and_is_legible(allegro, opened, tmp_path):
 
 def test_what_is_drawn_is_numbered_and_seen_from_presets(opened):
     """Numbers, axes, gravity and scale as text; the keyboard reaches the views."""
-    page = opened
+    page = opened()
     for name in ("Top", "Front", "Fit"):
         before = middle(drawing(page))
         page.get_by_role("button", name=name, exact=True).press("Enter")
@@ -336,20 +335,24 @@ def test_what_is_drawn_is_numbered_and_seen_from_presets(opened):
     assert "Joint joint_1.0 is nearest its limit" in page.locator("#graspless-result").inner_text()
 
 
-def test_a_phone_shows_the_margin_and_reaches_the_controls(page, viewer, allegro):
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+def test_a_phone_shows_the_margin_and_reaches_the_controls(page, viewers, allegro, dark):
     """And follows its reader into the dark; axe finds nothing serious in the panels."""
     page.set_viewport_size({"width": 500, "height": 600})
-    page.goto(viewer.url)
+    page.emulate_media(color_scheme="dark" if dark else "light")
+    page.goto(viewers[False].url)
     headline = page.locator("#graspless-headline")
     expect(headline).to_contain_text(f"{allegro.solve().margin:.4f} N", timeout=PATIENCE)
-    dismiss_warning(page)
+    page.get_by_role("alert").get_by_role("button").first.click()
     expect(headline).to_be_in_viewport()
+    scheme = "dark" if dark else "light"
+    expect(page.locator("html")).to_have_attribute("data-mantine-color-scheme", scheme)
     for name in ("Fit", "Undo", "Save as scene file"):
         button = page.get_by_role("button", name=name, exact=True)
         button.scroll_into_view_if_needed()
         expect(button).to_be_in_viewport()
 
-    def shows_the_scene(pixels: np.ndarray, *, dark: bool) -> bool:
+    def shows_the_scene(pixels: np.ndarray) -> bool:
         ground = np.median(pixels.reshape(-1, 3), axis=0)
         differs = (np.abs(pixels - ground).max(axis=2) > 25.0).mean() > 0.1
         return bool(differs) and bool(ground.max() < 60.0) is dark
@@ -358,13 +361,10 @@ def test_a_phone_shows_the_margin_and_reaches_the_controls(page, viewer, allegro
         return bool((np.abs(pixels - np.median(pixels, axis=(0, 1))).max(axis=2) < 25.0).all())
 
     # At first sight, and when the page turns: what is free of the panel holds all of the scene.
-    for wide, high, scheme in ((500, 600, "light"), (390, 844, "light"), (390, 844, "dark")):
-        page.emulate_media(color_scheme=scheme)
-        expect(page.locator("html")).to_have_attribute("data-mantine-color-scheme", scheme)
+    for wide, high in ((500, 600), (390, 844)):
         page.set_viewport_size({"width": wide, "height": high})
         free = round(0.4 * high)
-        shows = partial(shows_the_scene, dark=scheme == "dark")
-        assert looked_at(page, np.s_[20 : free - 20, 10 : wide - 10], shows)
+        assert looked_at(page, np.s_[20 : free - 20, 10 : wide - 10], shows_the_scene)
         for outside in (
             np.s_[free + 10 : high - 10, 5:85],
             np.s_[20 : free - 20, :4],
@@ -375,14 +375,13 @@ def test_a_phone_shows_the_margin_and_reaches_the_controls(page, viewer, allegro
         box = panel.bounding_box()
         assert box is not None
         assert box["height"] <= 0.61 * high
-        if wide == 390:
-            found = Axe().run(page).response["violations"]
-            serious = [
-                (item["id"], item["nodes"][0]["html"])
-                for item in found
-                if item["impact"] in ("serious", "critical")
-            ]
-            assert serious == [], scheme
+    found = Axe().run(page).response["violations"]
+    serious = [
+        (item["id"], item["nodes"][0]["html"])
+        for item in found
+        if item["impact"] in ("serious", "critical")
+    ]
+    assert serious == []
 
 
 KNOCK = """(url) => new Promise((resolve) => {
@@ -394,11 +393,11 @@ KNOCK = """(url) => new Promise((resolve) => {
 })"""
 
 
-def test_a_page_of_another_site_is_not_answered(page, viewer, opened, tmp_path):
+def test_a_page_of_another_site_is_not_answered(page, viewers, tmp_path):
     """Not even if it knows the address; our own page is, by the same means."""
     (tmp_path / "index.html").write_text("<html><body>another site</body></html>")
     handler = partial(SimpleHTTPRequestHandler, directory=str(tmp_path))
-    address = urlsplit(viewer.url)
+    address = urlsplit(viewers[False].url)
     own = f"ws://{address.netloc}{address.path}".rstrip("/")
     knock = KNOCK.replace("VERSION", viser.__version__)
     with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
@@ -409,9 +408,10 @@ def test_a_page_of_another_site_is_not_answered(page, viewer, opened, tmp_path):
             assert page.evaluate(knock, url) == [0, 1006]
         server.shutdown()
         thread.join()
-    seen, code = opened.evaluate(knock, own)
+    page.goto(viewers[False].url)
+    seen, code = page.evaluate(knock, own)
     assert seen > 0 and code != 1006
-    assert opened.evaluate(knock, own.replace("127.0.0.1", "localhost")) == [0, 1006]
+    assert page.evaluate(knock, own.replace("127.0.0.1", "localhost")) == [0, 1006]
 
 
 def test_it_listens_on_this_machine_only_and_stops(allegro):
@@ -441,14 +441,13 @@ def test_impossible_addresses_are_refused(allegro):
 def test_a_motion_is_shown_when_it_is_asked_for(page: Page):
     """The box between the walls goes down, and comes back to where it stands."""
     walls = load_scene(EXAMPLES / "box_between_walls.yaml")
-    viewer = view(walls, port=0, dark=True)
+    viewer = view(walls, port=0)
     try:
         page.goto(viewer.url)
-        expect(page.locator("html")).to_have_attribute("data-mantine-color-scheme", "dark")
         said = page.locator("#graspless-verdict")
         expect(said).to_contain_text("May fail the object can slip down", timeout=PATIENCE)
         assert said.get_attribute("data-status") == "weak"
-        dismiss_warning(page)
+        page.get_by_role("alert").get_by_role("button").first.click()
         show = page.get_by_role("checkbox", name="show", exact=True)
         at_rest = still(page)
         show.check(force=True)
