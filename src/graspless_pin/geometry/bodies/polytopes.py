@@ -91,11 +91,15 @@ class Polytope:
     def face_normal(self, corners: tuple[int, ...]) -> Array | None:
         """Outward unit normal (3,) of the flat face with these vertices; None for other features.
 
-        That is, the mean of the normals of all faces that lie between them.
+        That is, the mean of the normals of all faces that lie between them. Where each of these
+        is tilted against it by more than `PARALLEL_ANGLE`, they do not make one flat face.
         """
-        between = np.isin(self.faces, corners).all(axis=1)
-        total = self.face_normals[between].sum(axis=0)
-        return total / np.linalg.norm(total) if between.any() else None
+        between = self.face_normals[np.isin(self.faces, corners).all(axis=1)]
+        if not len(between):
+            return None
+        total = between.sum(axis=0)
+        mean = total / np.linalg.norm(total)
+        return mean if float((between @ mean).max()) > _COS_PARALLEL else None
 
     def normals_near(self, point: Array, direction: Array) -> Array:  # noqa: ARG002
         """Outward normals (K, 3) of the faces within a millimetre of a point (3,); of few, all."""
