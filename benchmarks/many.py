@@ -13,7 +13,7 @@ import psutil
 from tabulate import tabulate
 
 from graspless_pin import Evaluator, Scene, load_scene
-from graspless_pin.scene.plain_problems import PlainProblems
+from graspless_pin.scene.batch_states import PlainProblems
 
 _SCENE = Path(__file__).parents[1] / "examples" / "allegro_box_on_slope.yaml"
 _STATES = 100_000

@@ -7,7 +7,7 @@ from pathlib import Path
 from urllib.request import urlopen
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
-COMMAND = "import typer; from graspless_pin.cli.showing import view_scene; typer.run(view_scene)"
+COMMAND = "import typer; from graspless_pin.cli.report import view_scene; typer.run(view_scene)"
 # The kernel may give a signal of the whole process to any of its threads, as a busy one does.
 TO_ANOTHER_THREAD = """
 import signal, threading, time

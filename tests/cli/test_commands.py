@@ -15,8 +15,8 @@ import pytest
 import trimesh
 from cli_tools import ALLEGRO, PAPER, ROOT, assert_refused, run, solve_text, spoilt
 
-from graspless_pin import compiled, contact_force_bounds, load_scene, magnitudes
-from graspless_pin.cli import solving
+from graspless_pin import bounds, compiled, contact_force_bounds, load_scene
+from graspless_pin.cli import solve
 from graspless_pin.scene import scene_json_schema
 
 SPHERE = PAPER / "sphere_on_slope.yaml"
@@ -65,12 +65,10 @@ def test_what_matters_stands_before_the_tables():
 )
 def test_the_margin_at_worst_of_an_example_is_proven_on_any_machine(name, monkeypatch):
     asked = []
-    monkeypatch.setattr(
-        solving, "contact_force_bounds", lambda *_, **options: asked.append(options)
-    )
+    monkeypatch.setattr(solve, "contact_force_bounds", lambda *_, **options: asked.append(options))
     scene = load_scene(ROOT / "examples" / f"{name}.yaml")
     solution = scene.solve()
-    solving._forces(solution)
+    solve._forces(solution)
     del asked[0]["time_limit"]
     assert contact_force_bounds(scene.problem(), solution.torques, **asked[0]).proven.all()
 
@@ -284,8 +282,8 @@ def test_the_schema_of_studies_states_their_bounds():
     def most(part, key):
         return parts[part]["properties"][key]["anyOf"][0]["maximum"]
 
-    assert most("SamplingEntry", "samples") == magnitudes.MOST_SAMPLES
-    assert most("VariableEntry", "steps") == magnitudes.MOST_SAMPLES
-    assert most("SamplingEntry", "depth") == magnitudes.DEEPEST_HALVINGS
+    assert most("SamplingEntry", "samples") == bounds.MOST_SAMPLES
+    assert most("VariableEntry", "steps") == bounds.MOST_SAMPLES
+    assert most("SamplingEntry", "depth") == bounds.DEEPEST_HALVINGS
     for key in ("time_limit", "sample_time_limit"):
-        assert most("ComputeEntry", key) == magnitudes.LONGEST_TIME
+        assert most("ComputeEntry", key) == bounds.LONGEST_TIME

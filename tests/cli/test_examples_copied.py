@@ -7,7 +7,7 @@ import pytest
 from cli_tools import run
 
 from graspless_pin import load_scene
-from graspless_pin.cli.examples import copy_example, example_files
+from graspless_pin.cli.example import copy_example, example_files
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from graspless_pin import Scene, compiled, derived, load_scene
+from graspless_pin import Scene, caching, compiled, load_scene
 from graspless_pin.geometry import poses
 from graspless_pin.geometry.contact import motion
 from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays
@@ -204,7 +204,7 @@ SOURCES = [ARRAY, np.ones(3), None, 0.0, -0.0, 1.0, 1, True, "1", b"1", np.nan, 
 )
 def test_what_a_value_is_made_from_is_told_apart_alike(by_numpy, first, second) -> None:
     def kept() -> bool:
-        values = derived.Latest()
+        values = caching.Latest()
         # Equal numbers and texts are others as objects where they are computed.
         others = [one * 1 if type(one) in (int, float, str) else one for one in second]
         return values.of("x", tuple(first), object) is values.of("x", tuple(others), object)

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from graspless_pin import QuasistaticProblem, compiled, load_scene, maximize_margin
 from graspless_pin.algorithms.formulation import Formulation, formulate
 from graspless_pin.errors import GrasplessPinError
-from graspless_pin.modes import nearest_motions
-from graspless_pin.modes.nearest_motions import CLEARLY
+from graspless_pin.modes import witness_heuristics
 from graspless_pin.modes.rules import SlidingMode
+from graspless_pin.modes.witness_heuristics import CLEARLY
 from graspless_pin.problem.contact_map import contact_map
 from graspless_pin.problem.scales import scales_of
 from graspless_pin.programs import active_set
@@ -250,7 +250,7 @@ def test_a_guess_that_fails_leads_to_a_better_one(kind, by_numpy, monkeypatch) -
     theirs = by_numpy(lambda: nearest.guessed_witness(contacts, signs, None))
     assert ours is not None and theirs is not None
     np.testing.assert_array_equal(ours[0], signs)
-    monkeypatch.setattr(nearest_motions, "GUESSES", 1)
+    monkeypatch.setattr(witness_heuristics, "GUESSES", 1)
     assert nearest.guessed_witness(contacts, signs, None) is None
 
 

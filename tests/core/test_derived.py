@@ -10,7 +10,7 @@ from scenes import scene
 
 from graspless_pin import maximize_margin, minimize_torque
 from graspless_pin.algorithms.formulation import formulate, shared_parts
-from graspless_pin.derived import MOST_SOURCES, Bounded, Derived
+from graspless_pin.caching import MOST_SOURCES, Bounded, Derived
 from graspless_pin.problem.contact_map import contact_map
 from graspless_pin.programs.objectives import Margin
 

@@ -23,14 +23,14 @@ from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.margin_torque_curve import CurveSearch
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.search import SearchResult, SearchState
-from graspless_pin.algorithms.threshold import threshold_optima
+from graspless_pin.algorithms.threshold_sensitivity import threshold_optima
+from graspless_pin.bounds import LARGEST, LARGEST_REGULARIZATION
 from graspless_pin.errors import ArgumentError
-from graspless_pin.magnitudes import LARGEST, LARGEST_REGULARIZATION
 from graspless_pin.modes.rules import Rules
 from graspless_pin.problem.checks import real_number
+from graspless_pin.programs.active_set_polish import polished
 from graspless_pin.programs.answers import checked_answer
 from graspless_pin.programs.objectives import Margin
-from graspless_pin.programs.polish import polished
 from graspless_pin.programs.program import Program
 from graspless_pin.solvers import Outcome, solve
 

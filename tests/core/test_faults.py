@@ -29,9 +29,9 @@ from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.torque import torque_objective
 from graspless_pin.algorithms.warm_start import reaches_margin, solve_from
 from graspless_pin.errors import UndecidedMotionError
+from graspless_pin.modes.feasibility import Requirement, Witness
 from graspless_pin.modes.kinematics import VirtualKinematics
 from graspless_pin.modes.rules import Rules, SignRule
-from graspless_pin.modes.verdicts import Requirement, Witness
 from graspless_pin.programs.answers import Answer, failed
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.programs.program import Program

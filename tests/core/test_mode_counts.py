@@ -8,9 +8,9 @@ from scenes import random_problem, scene
 
 from graspless_pin import SlidingMode, enumerate_modes
 from graspless_pin.modes.enumeration import requirements_of
+from graspless_pin.modes.feasibility import Witness
 from graspless_pin.modes.kinematics import VirtualKinematics
 from graspless_pin.modes.rules import SignRule
-from graspless_pin.modes.verdicts import Witness
 
 COUNTS = [
     ("sphere", "strict", "exempt", 121),

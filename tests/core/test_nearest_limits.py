@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from graspless_pin import QuasistaticProblem, maximize_margin, minimize_torque
-from graspless_pin.solution.nearest_limits import (
+from graspless_pin.solution.active_limits import (
     ContactLimit,
     contact_rooms,
     joint_limit_words,

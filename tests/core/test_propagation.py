@@ -8,10 +8,10 @@ from random_scenes import slope_scene
 from scenes import scene
 
 from graspless_pin import QuasistaticProblem, SlidingMode, enumerate_modes
+from graspless_pin.modes.feasibility import Requirement
 from graspless_pin.modes.kinematics import VirtualKinematics
 from graspless_pin.modes.propagation import Decisions, Propagation
 from graspless_pin.modes.rules import Rules, SignRule
-from graspless_pin.modes.verdicts import Requirement
 
 
 def stiff_cuboid() -> QuasistaticProblem:

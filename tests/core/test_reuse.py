@@ -21,9 +21,9 @@ from graspless_pin import (
 from graspless_pin.algorithms.formulation import Formulation, formulate
 from graspless_pin.algorithms.mode_oracle import ModeOracle
 from graspless_pin.modes.enumeration import requirements_of
-from graspless_pin.modes.nearest_motions import NearestMotions
+from graspless_pin.modes.feasibility import Requirement
 from graspless_pin.modes.rules import Rules, SignRule
-from graspless_pin.modes.verdicts import Requirement
+from graspless_pin.modes.witness_heuristics import NearestMotions
 from graspless_pin.programs.forces import force_coordinates, force_rows
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.solvers import piqp_engines

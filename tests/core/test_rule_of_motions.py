@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scenes import scene
 
+from graspless_pin.modes.feasibility import Requirement
 from graspless_pin.modes.kinematics import VirtualKinematics
 from graspless_pin.modes.rules import SignRule
-from graspless_pin.modes.verdicts import Requirement
 
 STRICT, EXACT, NONZERO = SignRule.STRICT, SignRule.EXACT, SignRule.NONZERO
 SLOW, FAST = 0.9e-6, 1.1e-6

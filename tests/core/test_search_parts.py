@@ -25,13 +25,13 @@ from graspless_pin.algorithms.branch_and_bound import (
 )
 from graspless_pin.algorithms.formulation import formulate
 from graspless_pin.algorithms.mode_oracle import ModeOracle
-from graspless_pin.algorithms.mode_parts import ModePart
+from graspless_pin.algorithms.mode_sets import ModePart
 from graspless_pin.algorithms.search import SearchState, closeness
 from graspless_pin.compiled import contact_frames
-from graspless_pin.modes.nearest_motions import NearestMotions
+from graspless_pin.modes.feasibility import Conflict, Requirement
 from graspless_pin.modes.propagation import Decisions
 from graspless_pin.modes.rules import Rules, SignRule, SlidingMode, SlidingRule
-from graspless_pin.modes.verdicts import Conflict, Requirement
+from graspless_pin.modes.witness_heuristics import NearestMotions
 from graspless_pin.programs.answers import Answer, failed
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.solvers import Outcome

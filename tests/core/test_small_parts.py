@@ -12,7 +12,7 @@ from scenes import scene
 
 from graspless_pin import SlidingMode
 from graspless_pin.algorithms import branch_and_bound as searching
-from graspless_pin.algorithms import threshold
+from graspless_pin.algorithms import threshold_sensitivity
 from graspless_pin.algorithms.branch_and_bound import _children, _deciding, _Node
 from graspless_pin.algorithms.formulation import formulate
 from graspless_pin.algorithms.limits import NO_LIMITS, Limits
@@ -23,9 +23,9 @@ from graspless_pin.algorithms.searching import search_modes
 from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.enumeration import _refinements
 from graspless_pin.modes.fastest_sliding import Sliding, _evened
+from graspless_pin.modes.feasibility import Requirement
 from graspless_pin.modes.propagation import Decisions
 from graspless_pin.modes.rules import Rules, SignRule
-from graspless_pin.modes.verdicts import Requirement
 from graspless_pin.problem.arguments import _checked_tangents
 from graspless_pin.problem.own_arrays import problem_of_own_arrays
 from graspless_pin.programs.objectives import Margin, Torque
@@ -145,11 +145,11 @@ def test_only_variables_that_are_fixed_at_zero_are_dropped():
 def test_a_motion_is_slow_below_ten_times_the_threshold(monkeypatch, slowest, slow):
     one = state()
     monkeypatch.setattr(type(one.formulation.kinematics), "slowest", lambda *_: slowest)
-    monkeypatch.setattr(threshold, "requirements_of", lambda _: [])
+    monkeypatch.setattr(threshold_sensitivity, "requirements_of", lambda _: [])
     one.mode, one.mode_is_clear = object(), False  # type: ignore[assignment]
-    assert threshold._is_slow(SimpleNamespace(state=one)) == slow  # type: ignore[arg-type]
+    assert threshold_sensitivity._is_slow(SimpleNamespace(state=one)) == slow  # type: ignore[arg-type]
     one.mode_is_clear = True
-    assert not threshold._is_slow(SimpleNamespace(state=one))  # type: ignore[arg-type]
+    assert not threshold_sensitivity._is_slow(SimpleNamespace(state=one))  # type: ignore[arg-type]
 
 
 def test_limits_that_nothing_meets_are_refused_of_own_arrays_too():

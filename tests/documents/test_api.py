@@ -15,7 +15,7 @@ import pytest
 from page_blocks import PAGES, ROOT, blocks_of
 from shown_output import difference
 
-from graspless_pin import magnitudes
+from graspless_pin import bounds
 from graspless_pin.algorithms.solution_proof import MOST_LEAVES
 from graspless_pin.report.verdict_data import MOST_SPAN_LEAVES
 
@@ -69,20 +69,20 @@ def test_the_promise_on_threads_names_each_class():
 
 def test_the_page_of_limits_has_the_bounds_of_the_code():
     page = (ROOT / "docs" / "limits.md").read_text(encoding="utf-8")
-    for row, bounds in {
-        "a name": (magnitudes.LONGEST_NAME,),
-        "edges of a cone": (magnitudes.MOST_CONE_EDGES,),
-        "a study's samples": (magnitudes.MOST_SAMPLES,),
-        "`depth`": (magnitudes.DEEPEST_HALVINGS,),
-        "`time_limit`": (magnitudes.LONGEST_TIME,),
-        "contacts of a solution": (magnitudes.MOST_CONTACTS,),
-        "coefficients": (magnitudes.MOST_COEFFICIENTS,),
-        "a number in it": (magnitudes.LARGEST_STATED,),
+    for row, expected in {
+        "a name": (bounds.LONGEST_NAME,),
+        "edges of a cone": (bounds.MOST_CONE_EDGES,),
+        "a study's samples": (bounds.MOST_SAMPLES,),
+        "`depth`": (bounds.DEEPEST_HALVINGS,),
+        "`time_limit`": (bounds.LONGEST_TIME,),
+        "contacts of a solution": (bounds.MOST_CONTACTS,),
+        "coefficients": (bounds.MOST_COEFFICIENTS,),
+        "a number in it": (bounds.LARGEST_STATED,),
         "leaves": (MOST_LEAVES, MOST_SPAN_LEAVES),
     }.items():
         (found,) = re.findall(rf"(?m)^\| {row}.*\| (.*) \|$", page)
-        said = re.findall(r"\d+(?: \d{3})*(?:e\d+)?", found)[: len(bounds)]
-        assert tuple(float(one.replace(" ", "")) for one in said) == bounds, row
+        said = re.findall(r"\d+(?: \d{3})*(?:e\d+)?", found)[: len(expected)]
+        assert tuple(float(one.replace(" ", "")) for one in said) == expected, row
 
 
 def test_the_packages_export_what_the_index_lists():

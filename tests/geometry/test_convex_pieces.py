@@ -8,7 +8,7 @@ import pytest
 import trimesh
 from cutting_faults import crashes, never, no_pieces, slow
 
-from graspless_pin import waiting
+from graspless_pin import progress
 from graspless_pin.child_process import ChildProcess
 from graspless_pin.errors import ArgumentError, GrasplessPinWarning, MeshError
 from graspless_pin.geometry.bodies import decomposition
@@ -237,10 +237,10 @@ def test_slow_work_shows_that_it_goes_on(
 ) -> None:
     """One line where nobody looks; nothing for what is done at once."""
     monkeypatch.setattr(decomposition, "run_coacd", slow)
-    monkeypatch.setattr(waiting, "_PATIENCE", 30.0)
+    monkeypatch.setattr(progress, "_PATIENCE", 30.0)
     convex_pieces(ell(), "ell")
     assert capfd.readouterr().err == ""
-    monkeypatch.setattr(waiting, "_PATIENCE", 0.0)
+    monkeypatch.setattr(progress, "_PATIENCE", 0.0)
     convex_pieces(ell(2.0), "ell")
     shown = capfd.readouterr()
     assert shown.out == ""

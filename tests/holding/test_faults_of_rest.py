@@ -33,9 +33,16 @@ from graspless_pin import (
 from graspless_pin.algorithms.guaranteed_disturbance import GuaranteedDisturbance
 from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.load_brackets import LoadBracket, load_bracket
-from graspless_pin.holding import bounds, branching, kept_motion, moving, relaxation, rest
+from graspless_pin.holding import (
+    bounds,
+    branching,
+    declared_motion,
+    equilibrium,
+    relaxation,
+    unstable_motion,
+)
 from graspless_pin.holding.dynamics import scaled_dynamics
-from graspless_pin.holding.moving import is_outcome, polish
+from graspless_pin.holding.unstable_motion import is_outcome, polish
 from graspless_pin.problem.inertias import hybrid_contacts, whole_inertia
 from graspless_pin.report import solution_document
 from graspless_pin.report.verdict_data import disturbance_data, verdict_data
@@ -195,7 +202,7 @@ def lies() -> dict[str, Callable[[], Lie]]:
 
 
 LIES = lies()
-SITES = {"rest": rest, "relaxation": relaxation, "kept motion": kept_motion}
+SITES = {"rest": equilibrium, "relaxation": relaxation, "kept motion": declared_motion}
 
 
 def lie_in(monkeypatch: pytest.MonkeyPatch, site: str, lie: Lie) -> None:
@@ -352,7 +359,7 @@ def lie_in_squares(
 
 
 @pytest.mark.parametrize("how", list(WRONG_NNLS))
-@pytest.mark.parametrize("module", [rest, branching], ids=["rest", "branching"])
+@pytest.mark.parametrize("module", [equilibrium, branching], ids=["rest", "branching"])
 def test_no_wrong_nonnegative_squares_become_a_verdict(
     module: Any, how: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -363,7 +370,7 @@ def test_no_wrong_nonnegative_squares_become_a_verdict(
 
 
 @pytest.mark.parametrize("how", list(WRONG_LSTSQ))
-@pytest.mark.parametrize("module", [bounds, moving], ids=["bounds", "moving"])
+@pytest.mark.parametrize("module", [bounds, unstable_motion], ids=["bounds", "moving"])
 def test_no_wrong_least_squares_become_a_verdict(
     module: Any, how: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -447,11 +454,11 @@ def assert_true_bracket(nodes: int = 30) -> LoadBracket:
 
 def squares_that_lie() -> Iterator[tuple[Any, str, Any, Callable[..., Any]]]:
     for lie in WRONG_NNLS.values():
-        yield rest, "nonnegative_squares", optimize, lie
+        yield equilibrium, "nonnegative_squares", optimize, lie
         yield branching, "nonnegative_squares", optimize, lie
     for lie in WRONG_LSTSQ.values():
         yield bounds, "least_squares", np.linalg, lie
-        yield moving, "least_squares", np.linalg, lie
+        yield unstable_motion, "least_squares", np.linalg, lie
 
 
 def test_without_lies_the_bracket_is_narrow() -> None:

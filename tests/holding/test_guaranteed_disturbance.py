@@ -30,7 +30,7 @@ from graspless_pin import (
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.holding.bounds import States, outcome_bound
 from graspless_pin.holding.dynamics import scaled_dynamics, spread_towards
-from graspless_pin.holding.moving import find_motion
+from graspless_pin.holding.unstable_motion import find_motion
 from graspless_pin.holding.verdict import DualBound
 
 PUSH = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0]

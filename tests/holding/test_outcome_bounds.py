@@ -17,7 +17,7 @@ from graspless_pin.holding.bounds import (
     outcome_bound,
 )
 from graspless_pin.holding.dynamics import Dynamics, scaled_dynamics
-from graspless_pin.holding.moving import find_motion, is_outcome
+from graspless_pin.holding.unstable_motion import find_motion, is_outcome
 from graspless_pin.holding.verdict import ContactState, DualBound
 from graspless_pin.problem import QuasistaticProblem
 
@@ -158,7 +158,7 @@ def test_what_is_remembered_is_found_where_it_proves_something(
 def test_compiled_sweeps_find_what_numpy_finds(case: int, monkeypatch: pytest.MonkeyPatch) -> None:
     dynamics = dynamics_of(*MOVING[case])
     found = find_motion(dynamics)
-    monkeypatch.setattr("graspless_pin.holding.moving.outcome_search", None)
+    monkeypatch.setattr("graspless_pin.holding.unstable_motion.outcome_search", None)
     expected = find_motion(dynamics)
     assert found is not None
     assert expected is not None

@@ -23,8 +23,8 @@ from graspless_pin.planning.configurations import Configurations
 from graspless_pin.planning.state_solver import CarriedState, StateSolver
 from graspless_pin.report import solution_document
 from graspless_pin.report.verify import verify_document
-from graspless_pin.scene import plain_problems
-from graspless_pin.scene.plain_problems import PlainProblems, solids_of
+from graspless_pin.scene import batch_states
+from graspless_pin.scene.batch_states import PlainProblems, solids_of
 
 SCENE = "allegro_box_on_slope"
 pytestmark = pytest.mark.skipif(compiled.linear_programs is None, reason="nothing was compiled")
@@ -161,6 +161,6 @@ def test_loops_leave_a_link_with_several_shapes_near_the_object_to_the_search(mo
     q = evaluator.configuration()[None]
     apart = PlainProblems(evaluator.scene).at(q)
     assert apart is not None and apart.counts.tolist() == [3]
-    monkeypatch.setattr(plain_problems, "solids_of", of_one_link)
+    monkeypatch.setattr(batch_states, "solids_of", of_one_link)
     together = PlainProblems(evaluator.scene).at(q)
     assert together is not None and together.counts.tolist() == [-1]

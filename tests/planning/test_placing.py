@@ -22,7 +22,7 @@ from graspless_pin.geometry.posing.opposing import fingers_that_close, opposing_
 from graspless_pin.geometry.robots.files import describe_urdf
 from graspless_pin.planning import HandPlacement, PlacedHand, PlacingFault, placing_candidates
 from graspless_pin.planning.placing_candidates import squeezed
-from graspless_pin.scene.moved import displaced_hand
+from graspless_pin.scene.perturbation import displaced_hand
 
 FINGER = """
 <joint name="{side}_slide" type="prismatic"><parent link="palm"/><child link="{side}_jaw"/>

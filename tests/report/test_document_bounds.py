@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from report_cases import AT_REST, pinched_block, solved, through_json
 
-from graspless_pin import magnitudes, maximize_margin
+from graspless_pin import bounds, maximize_margin
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry import Box, ManipulatedObject, Support
 from graspless_pin.report import read_solution
@@ -92,9 +92,9 @@ def test_numbers_whose_products_no_double_holds(document, value):
 
 def test_the_checker_has_the_same_bounds(document):
     """It shares no code, and reads what this reads."""
-    assert values.MOST_LETTERS == magnitudes.LONGEST_NAME
-    assert values.MOST == magnitudes.MOST_CONTACTS
-    assert values.LARGEST_READ == magnitudes.LARGEST_STATED
+    assert values.MOST_LETTERS == bounds.LONGEST_NAME
+    assert values.MOST == bounds.MOST_CONTACTS
+    assert values.LARGEST_READ == bounds.LARGEST_STATED
     document["joints"][0]["name"] = "n" * 201
     with pytest.raises(ValueError, match="at most 200 characters"):
         verify_document(document)

@@ -8,7 +8,7 @@ from report_cases import AT_REST, SLIDING, WALLS, pinched_block, read_html, solv
 from typer.testing import CliRunner, Result
 
 from graspless_pin import maximize_margin
-from graspless_pin.cli.showing import report
+from graspless_pin.cli.report import report
 from graspless_pin.plots.canvas import plain_text
 
 

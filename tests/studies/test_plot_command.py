@@ -6,11 +6,11 @@ from PIL import Image
 from study_tools import Here, study
 from typer.testing import CliRunner
 
-from graspless_pin.cli import plotting
+from graspless_pin.cli import plot
 from graspless_pin.studies import read_results, run_study
 
 APP = typer.Typer()
-APP.command()(plotting.plot)
+APP.command()(plot.plot)
 
 
 def command(*arguments):
@@ -35,9 +35,9 @@ def results(tmp_path_factory):
 def test_a_picture_of_each_kind(results, tmp_path, monkeypatch, kind):
     drawn = []
     for name in ("margin_plot", "margin_heat_map", "outcome_boundary"):
-        draw = getattr(plotting, name)
+        draw = getattr(plot, name)
         monkeypatch.setattr(
-            plotting, name, lambda *args, draw=draw, **more: drawn.append(draw(*args, **more))
+            plot, name, lambda *args, draw=draw, **more: drawn.append(draw(*args, **more))
         )
     output = tmp_path / "new" / "picture.png"
     result = command(results, "-o", output, "--kind", kind)
@@ -53,7 +53,7 @@ def test_a_picture_of_each_kind(results, tmp_path, monkeypatch, kind):
 def test_columns_have_any_name(results, tmp_path, monkeypatch, recwarn, name):
     """A dollar begins no mathematics, and letters that no font has are not told of."""
     table, picture = read_results(results).rename(columns={"margin_N": name}), tmp_path / "x.png"
-    monkeypatch.setattr(plotting, "read_results", lambda _: table)
+    monkeypatch.setattr(plot, "read_results", lambda _: table)
     result = command(results, "-o", picture, "--value", name)
     assert (result.exit_code, result.stdout) == (0, f"wrote {picture}\n")
     assert not [str(one.message) for one in recwarn]

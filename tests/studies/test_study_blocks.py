@@ -10,8 +10,8 @@ from study_tools import HEIGHT, PAPER, SLOPE, Here, data, study
 from graspless_pin import compiled, load_scene
 from graspless_pin.algorithms.loaded import LoadedOptima
 from graspless_pin.errors import SceneError
-from graspless_pin.scene import loads
-from graspless_pin.scene.loads import jointed_contacts
+from graspless_pin.scene import problem_data
+from graspless_pin.scene.problem_data import jointed_contacts
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.state_findings import ALL_CHECKS
 from graspless_pin.studies import Study, run_study, sample_evaluation
@@ -267,4 +267,4 @@ def test_contacts_and_joints_read_nothing_of_what_only_bears_on_them(file):
     read.clear()
     jointed_contacts(watched)
     assert {"object", "supports", "hand"} <= read
-    assert not read & loads._BEARING
+    assert not read & problem_data._BEARING

@@ -7,13 +7,13 @@ import typer
 from study_tools import FRICTION, ROOT, Here, data, study_file
 from typer.testing import CliRunner
 
-from graspless_pin.cli import studying
+from graspless_pin.cli import study
 from graspless_pin.errors import StudyError
 from graspless_pin.studies import load_study, read_results, run_study
 from graspless_pin.studies.run import check_study
 
 APP = typer.Typer()
-APP.command()(studying.study)
+APP.command()(study.study)
 EXAMPLES = sorted((ROOT / "examples" / "studies").glob("*.yaml"))
 
 
@@ -129,7 +129,7 @@ def test_interrupted(tmp_path, monkeypatch):
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(studying, "compute_study", interrupted)
+    monkeypatch.setattr(study, "compute_study", interrupted)
     file = study_file(tmp_path, data({"friction": FRICTION}))
     result = command(file, "-o", tmp_path / "out.csv")
     assert result.exit_code == 130

@@ -10,7 +10,7 @@ from study_tools import CUBOID, HEIGHT, PAPER, SLOPE, study, study_file
 from graspless_pin import load_scene
 from graspless_pin.errors import SceneError, StudyError
 from graspless_pin.geometry.bodies.shapes import Box
-from graspless_pin.scene import load, touching
+from graspless_pin.scene import contact_arrays, load
 from graspless_pin.studies import Study, load_study
 from graspless_pin.studies.sample_parts import SampleParts
 
@@ -225,7 +225,7 @@ def test_parts_that_are_kept_change_nothing():
 def test_only_what_a_variable_touches_is_made_again(monkeypatch, keys, geometry, hands):
     """Contacts on the hand and on supports are looked for once, or once for each pose."""
     calls = {"contact_arrays": 0, "assembled_mounts": 0}
-    for module, name in ((touching, "contact_arrays"), (load, "assembled_mounts")):
+    for module, name in ((contact_arrays, "contact_arrays"), (load, "assembled_mounts")):
         monkeypatch.setattr(module, name, counted(calls, name, getattr(module, name)))
     path = str(PAPER.parent / "allegro_box_on_slope.yaml")
     vary = {key: ANYTHING[key] for key in keys if "values" in ANYTHING[key]}

@@ -9,8 +9,8 @@ from verified_documents import SCALES, changed, documented, scaled
 
 from graspless_pin import QuasistaticProblem, maximize_margin, minimize_torque
 from graspless_pin.report.verify import verify_document
-from graspless_pin.report.verify.figures import Forces, Problem
 from graspless_pin.report.verify.forces import force_checks, residual
+from graspless_pin.report.verify.problem import Forces, Problem
 from graspless_pin.report.verify.reading import read_forces, read_problem
 
 ONE = np.eye(6)

@@ -25,7 +25,7 @@ from websockets.typing import Origin, Subprotocol
 from graspless_pin.errors import CrashError, GrasplessPinError, SceneError
 from graspless_pin.scene import load_scene
 from graspless_pin.viewer import Viewer, changed_scene, scene_process, view
-from graspless_pin.viewer.gate import MOST_BYTES, Gate, number_between
+from graspless_pin.viewer.auth import MOST_BYTES, Gate, number_between
 
 SCENE = Path(__file__).resolve().parents[2] / "examples" / "paper" / "cuboid_at_rest.yaml"
 PATIENCE = 300.0

@@ -25,9 +25,9 @@ from graspless_pin.algorithms.search import (
     finished,
 )
 from graspless_pin.modes.enumeration import sign_pairs
+from graspless_pin.modes.feasibility import Conflict, Requirement
 from graspless_pin.modes.propagation import Decisions
 from graspless_pin.modes.rules import SignRule, SlidingMode, StaticFriction
-from graspless_pin.modes.verdicts import Conflict, Requirement
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solution import Status
 from graspless_pin.solvers import Answer, Outcome

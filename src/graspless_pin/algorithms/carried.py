@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.algorithms.options import SolveOptions
+from graspless_pin.caching import Derived
 from graspless_pin.compiled import cold_optima, optimum_starts
-from graspless_pin.derived import Derived
 from graspless_pin.modes.kinematics import THRESHOLD
-from graspless_pin.modes.nearest_motions import CLEARLY, GUESSES, judged_by
 from graspless_pin.modes.rules import Rules, SlidingMode
+from graspless_pin.modes.witness_heuristics import CLEARLY, GUESSES, judged_by
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.joint_units import JointUnit

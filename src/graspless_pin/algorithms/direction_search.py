@@ -20,7 +20,6 @@ from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.mode_oracle import NO_FRICTION
 from graspless_pin.algorithms.search import SearchResult, SearchState, finished
 from graspless_pin.errors import ArgumentError
-from graspless_pin.modes.nearest_motions import CLEARLY, RANK_TOLERANCE
 from graspless_pin.modes.rules import SlidingMode, SlidingRule
 from graspless_pin.modes.sectors import (
     WIDEST,
@@ -30,6 +29,7 @@ from graspless_pin.modes.sectors import (
     Sectors,
     other_directions,
 )
+from graspless_pin.modes.witness_heuristics import CLEARLY, RANK_TOLERANCE
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solution import Status
 from graspless_pin.solvers import PRIMAL_TOLERANCE, Answer, Outcome

@@ -22,8 +22,8 @@ from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.search import SearchState
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.errors import UndecidedMotionError
+from graspless_pin.modes.feasibility import Conflict
 from graspless_pin.modes.rules import Rules, SignRule, SlidingRule, StaticFriction
-from graspless_pin.modes.verdicts import Conflict
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.joint_units import JointUnit, units_text

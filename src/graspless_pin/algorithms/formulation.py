@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from graspless_pin.caching import Derived
 from graspless_pin.compiled import contact_frames
-from graspless_pin.derived import Derived
 from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.kinematics import VirtualKinematics, kinematics_of
 from graspless_pin.modes.rules import SlidingMode

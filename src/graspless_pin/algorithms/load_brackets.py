@@ -9,7 +9,7 @@ import numpy as np
 from graspless_pin.algorithms.limits import Limits
 from graspless_pin.brief import Brief
 from graspless_pin.errors import ArgumentError
-from graspless_pin.holding.load_spans import LoadLine, Unproven
+from graspless_pin.holding.load_intervals import LoadLine, Unproven
 from graspless_pin.holding.options import COARSEST_RESOLUTION, FINEST_RESOLUTION
 from graspless_pin.holding.stability import stability
 from graspless_pin.holding.verdict import LastRest, SpanProof, Stability, StabilityVerdict

@@ -9,9 +9,9 @@ import numpy as np
 
 from graspless_pin.algorithms.formulation import Formulation
 from graspless_pin.modes.enumeration import mode_of, requirements_of, sign_pairs
-from graspless_pin.modes.nearest_motions import CLEARLY
+from graspless_pin.modes.feasibility import Conflict, Requirement, Witness
 from graspless_pin.modes.rules import Rules, SignRule, SlidingMode, SlidingRule, StaticFriction
-from graspless_pin.modes.verdicts import Conflict, Requirement, Witness
+from graspless_pin.modes.witness_heuristics import CLEARLY
 from graspless_pin.problem.checks import FloatArray
 
 NO_FRICTION = 1e-8

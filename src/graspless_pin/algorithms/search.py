@@ -9,9 +9,9 @@ import numpy as np
 
 from graspless_pin.algorithms.formulation import Formulation
 from graspless_pin.algorithms.mode_oracle import ModeOracle
+from graspless_pin.modes.feasibility import Conflict, Requirement
 from graspless_pin.modes.propagation import Propagation
 from graspless_pin.modes.rules import Rules, SlidingMode
-from graspless_pin.modes.verdicts import Conflict, Requirement
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solution import Status
 from graspless_pin.solvers import PRIMAL_TOLERANCE, Answer, Outcome

@@ -13,15 +13,15 @@ import numpy as np
 
 from graspless_pin.algorithms.formulation import Formulation, formulate
 from graspless_pin.algorithms.mode_oracle import NO_FRICTION
-from graspless_pin.algorithms.mode_parts import ModePart, SignItem
+from graspless_pin.algorithms.mode_sets import ModePart, SignItem
 from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.modes.enumeration import requirements_of
+from graspless_pin.modes.feasibility import Conflict, Requirement
 from graspless_pin.modes.kinematics import Witness
 from graspless_pin.modes.rules import Rules, SignRule, StaticFriction
-from graspless_pin.modes.verdicts import Conflict, Requirement
 from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.programs.dual_refinement import certain_bound, sharpened
 from graspless_pin.programs.program import Program
-from graspless_pin.programs.sharpening import certain_bound, sharpened
 from graspless_pin.solution import UNDECIDED, Status, TorqueSolution
 from graspless_pin.solution.proof import (
     BoundLeaf,

@@ -26,7 +26,7 @@ from graspless_pin.algorithms.search import (
 )
 from graspless_pin.algorithms.searching import search_modes
 from graspless_pin.algorithms.solve import as_stable, solution_of, solve_problem
-from graspless_pin.algorithms.threshold import threshold_optima
+from graspless_pin.algorithms.threshold_sensitivity import threshold_optima
 from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.modes.rules import SlidingMode, SlidingRule, candidate_contacts
 from graspless_pin.problem import QuasistaticProblem

@@ -24,7 +24,7 @@ class _Command(NamedTuple):
 
 _COMMANDS = {
     "solve": _Command(
-        "solving.solve_scene",
+        "solve.solve_scene",
         "Solve a scene: which joint torques, how robust, and does it hold.",
         (
             "graspless-pin solve scene.yaml",
@@ -33,17 +33,17 @@ _COMMANDS = {
         ),
     ),
     "robustness": _Command(
-        "bearing.robustness_scene",
+        "robustness.robustness_scene",
         "Tell how much a scene's rest bears; where it may fail, what would make it hold.",
         ("graspless-pin robustness scene.yaml",),
     ),
     "verify": _Command(
-        "verifying.verify",
+        "verify.verify",
         "Check solutions from their JSON with numpy alone: each figure, and the whole proof.",
         ("graspless-pin verify solution.json", "graspless-pin verify proofs/*.json"),
     ),
     "report": _Command(
-        "showing.report",
+        "report.report",
         "Write a solution as one HTML page that fetches nothing: 3-D view, torques, proof.",
         (
             "graspless-pin report scene.yaml -o report.html",
@@ -51,12 +51,12 @@ _COMMANDS = {
         ),
     ),
     "view": _Command(
-        "showing.view_scene",
+        "view.view_scene",
         "Show a scene on an interactive page until it is interrupted (Ctrl-C).",
         ("graspless-pin view scene.yaml",),
     ),
     "simulate": _Command(
-        "simulating.simulate_scene",
+        "simulate.simulate_scene",
         "Simulate a scene's rest with MuJoCo: does the object stay under constant torques?",
         (
             "graspless-pin simulate scene.yaml",
@@ -64,12 +64,12 @@ _COMMANDS = {
         ),
     ),
     "study": _Command(
-        "studying.study",
+        "study.study",
         "Compute a study, or go on with one that was interrupted or killed.",
         ("graspless-pin study study.yaml -o results.parquet",),
     ),
     "plot": _Command(
-        "plotting.plot",
+        "plot.plot",
         "Draw the results of a study: a line, a map, or the boundary of what is found.",
         (
             "graspless-pin plot results.parquet -o margin.png",
@@ -87,7 +87,7 @@ _COMMANDS = {
         ("graspless-pin inspect my_hand.urdf",),
     ),
     "new": _Command(
-        "starting.new",
+        "new.new",
         "Write a first scene of a robot and an object, complete and commented.",
         (
             "graspless-pin new hand.urdf box:0.06,0.04,0.06 --effort 0.5 -o scene.yaml",
@@ -95,7 +95,7 @@ _COMMANDS = {
         ),
     ),
     "place": _Command(
-        "placing.place",
+        "place.place",
         "Find where the hand holds the object, and write that scene.",
         (
             "graspless-pin place scene.yaml -o placed.yaml",
@@ -116,7 +116,7 @@ _COMMANDS = {
         ("graspless-pin settle scene.yaml -o settled.yaml",),
     ),
     "example": _Command(
-        "examples.example",
+        "example.example",
         "Copy an example scene or study with its files to the current folder, or list all.",
         ("graspless-pin example", "graspless-pin example allegro_box_on_slope"),
     ),

@@ -10,8 +10,8 @@ import typer
 
 from graspless_pin.cli.outcome import ExitCode, loaded_scene, plain_errors
 from graspless_pin.findings import tell
+from graspless_pin.progress import waiting_for
 from graspless_pin.scene import Scene, close_fingers, settle
-from graspless_pin.waiting import waiting_for
 
 _Source = Annotated[Path, typer.Argument(help="Scene file (YAML).")]
 _Output = Annotated[

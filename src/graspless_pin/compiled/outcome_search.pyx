@@ -193,7 +193,7 @@ def swept(
     rows, pushes, friction, commanded, points, forces, motions, int sweeps, int look,
     double still, double settled, double diverged, double tiny,
 ):
-    """Relax contact after contact, all starts side by side, see `holding.moving`.
+    """Relax contact after contact, all starts side by side, see `holding.unstable_motion`.
 
     Args:
         rows: (M, 3, n) scaled by the steps.

@@ -20,7 +20,7 @@ cpdef enum:
     PENETRATES = 4
 
 cdef double _RIGIDITY = 1e-6  # as in `poses`
-cdef double _LARGEST_LENGTH = 1e12  # as in `magnitudes`
+cdef double _LARGEST_LENGTH = 1e12  # as in `bounds`
 
 
 def placed(T_world_joint, joints, T_joint_shape):

@@ -8,9 +8,9 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspless_pin.bounds import LARGEST_LENGTH
 from graspless_pin.compiled import rigid_bodies
 from graspless_pin.errors import ArgumentError
-from graspless_pin.magnitudes import LARGEST_LENGTH
 from graspless_pin.problem.checks import all_finite
 
 RIGIDITY_TOLERANCE = 1e-6

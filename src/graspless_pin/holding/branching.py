@@ -16,8 +16,8 @@ from scipy.linalg import null_space
 from graspless_pin.holding.bounds import RANK, States, closing_tolerance, fixed_rows, kinematic_dual
 from graspless_pin.holding.dynamics import Dynamics
 from graspless_pin.holding.least_squares import nonnegative_squares
-from graspless_pin.holding.moving import coulomb_gaps, polish
 from graspless_pin.holding.relaxation import Relaxation, Relaxed
+from graspless_pin.holding.unstable_motion import coulomb_gaps, polish
 from graspless_pin.holding.verdict import ContactState, DualBound, OutcomeSet, SlipRange
 from graspless_pin.problem.checks import FloatArray
 

@@ -17,8 +17,8 @@ from graspless_pin.holding.dynamics import (
     free_friction,
     generalized_load,
 )
+from graspless_pin.holding.equilibrium import BALANCE_TOLERANCE, Balance, least_residual, pushed
 from graspless_pin.holding.relaxation import FORCE_LIMIT, Relaxation
-from graspless_pin.holding.rest import BALANCE_TOLERANCE, Balance, least_residual, pushed
 from graspless_pin.holding.verdict import LoadProof
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray

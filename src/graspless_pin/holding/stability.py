@@ -23,6 +23,7 @@ from graspless_pin.holding.certificate import (
     proven_loads,
     proves_unrest,
 )
+from graspless_pin.holding.declared_motion import other_motion
 from graspless_pin.holding.dynamics import (
     Dynamics,
     free_friction,
@@ -30,15 +31,8 @@ from graspless_pin.holding.dynamics import (
     scaled_dynamics,
     world_forces,
 )
+from graspless_pin.holding.equilibrium import BALANCE_TOLERANCE, least_residual
 from graspless_pin.holding.free_motions import free_motions, rolling_without_scene
-from graspless_pin.holding.kept_motion import other_motion
-from graspless_pin.holding.moving import (
-    find_motion,
-    found_motions,
-    is_outcome,
-    outcome_record,
-    polish,
-)
 from graspless_pin.holding.options import (
     BRIEF_NODE_LIMIT,
     COARSEST_RESOLUTION,
@@ -46,7 +40,13 @@ from graspless_pin.holding.options import (
     NODE_LIMIT,
 )
 from graspless_pin.holding.relaxation import FORCE_LIMIT, Relaxation
-from graspless_pin.holding.rest import BALANCE_TOLERANCE, least_residual
+from graspless_pin.holding.unstable_motion import (
+    find_motion,
+    found_motions,
+    is_outcome,
+    outcome_record,
+    polish,
+)
 from graspless_pin.holding.verdict import (
     ContactState,
     DynamicOutcome,

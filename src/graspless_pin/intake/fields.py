@@ -7,7 +7,7 @@ from typing import Annotated, Any, TypeVar
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 from pydantic_core import PydanticCustomError
 
-from graspless_pin.magnitudes import (
+from graspless_pin.bounds import (
     DEEPEST_HALVINGS,
     LARGEST,
     LARGEST_FRICTION,

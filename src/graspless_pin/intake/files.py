@@ -12,7 +12,7 @@ from pathlib import Path
 
 from graspless_pin.errors import GrasplessPinError, TextError
 from graspless_pin.intake.recognition import encoding_in_words, kind_of_file, other_kind
-from graspless_pin.spelling import nearest_name
+from graspless_pin.suggestions import nearest_name
 
 _MIB = 1 << 20
 _MOST_NAMES = 1000

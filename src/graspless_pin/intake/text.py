@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from graspless_pin.magnitudes import LONGEST_NAME
+from graspless_pin.bounds import LONGEST_NAME
 
 _BEGINNING = 30  # characters of a name that a message shows
 _UNPRINTABLE = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")

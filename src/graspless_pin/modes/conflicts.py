@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.modes.fastest_sliding import TAKES_PART, length, signed_rows
+from graspless_pin.modes.feasibility import Conflict
 from graspless_pin.modes.rules import SignRule
-from graspless_pin.modes.verdicts import Conflict
 from graspless_pin.problem.checks import FloatArray, all_finite, read_only
 
 

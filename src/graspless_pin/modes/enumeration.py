@@ -9,6 +9,7 @@ from itertools import product
 import numpy as np
 
 from graspless_pin.errors import OverrunError
+from graspless_pin.modes.feasibility import Requirement
 from graspless_pin.modes.kinematics import VirtualKinematics
 from graspless_pin.modes.rules import (
     Rules,
@@ -17,7 +18,6 @@ from graspless_pin.modes.rules import (
     StaticFriction,
     candidate_contacts,
 )
-from graspless_pin.modes.verdicts import Requirement
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import real_number, whole_number
 

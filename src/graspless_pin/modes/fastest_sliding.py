@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.errors import UndecidedMotionError
-from graspless_pin.modes.nearest_motions import CLEARLY, RANK_TOLERANCE
 from graspless_pin.modes.rules import SignRule
+from graspless_pin.modes.witness_heuristics import CLEARLY, RANK_TOLERANCE
 from graspless_pin.problem.checks import FloatArray, all_finite, read_only
 
 TAKES_PART = 1e-9

@@ -12,18 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr, solve_triangular
 
+from graspless_pin.caching import Bounded
 from graspless_pin.compiled import virtual_motions
-from graspless_pin.derived import Bounded
 from graspless_pin.modes.conflicts import conflict_of
 from graspless_pin.modes.fastest_sliding import Sliding, fastest_sliding, length, signed_rows
-from graspless_pin.modes.nearest_motions import (
+from graspless_pin.modes.feasibility import Conflict, Requirement, Witness
+from graspless_pin.modes.rules import SignRule
+from graspless_pin.modes.witness_heuristics import (
     CLEARLY,
     MOST_KEPT,
     RANK_TOLERANCE,
     NearestMotions,
 )
-from graspless_pin.modes.rules import SignRule
-from graspless_pin.modes.verdicts import Conflict, Requirement, Witness
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.contact_map import contact_map

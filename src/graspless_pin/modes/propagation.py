@@ -9,10 +9,10 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.derived import Bounded
+from graspless_pin.caching import Bounded
+from graspless_pin.modes.feasibility import Requirement
 from graspless_pin.modes.kinematics import VirtualKinematics
 from graspless_pin.modes.rules import Rules, SignRule, SlidingRule
-from graspless_pin.modes.verdicts import Requirement
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 

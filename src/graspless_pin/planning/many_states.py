@@ -13,8 +13,8 @@ from uuid import uuid4
 import numpy as np
 from numpy.typing import NDArray
 
+from graspless_pin.caching import Derived
 from graspless_pin.child_processes import kept_processes, usable_cores
-from graspless_pin.derived import Derived
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.poses import RIGIDITY_TOLERANCE, as_pose
 from graspless_pin.planning.state_solver import StateSolver

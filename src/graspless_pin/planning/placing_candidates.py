@@ -40,7 +40,7 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.contact_map import contact_map
 from graspless_pin.scene import Scene
-from graspless_pin.scene.moved import displaced_hand
+from graspless_pin.scene.perturbation import displaced_hand
 from graspless_pin.scene.state_findings import hand_overlaps
 from graspless_pin.solution import UNDECIDED, Status
 

@@ -19,7 +19,7 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.scene import Scene
-from graspless_pin.scene.plain_problems import PlainProblems, PlainStates
+from graspless_pin.scene.batch_states import PlainProblems, PlainStates
 from graspless_pin.scene.scene_stability import unknown_of
 from graspless_pin.scene.state_findings import ALL_CHECKS, StateChecks, state_findings
 from graspless_pin.solution import UNDECIDED, TorqueSolution

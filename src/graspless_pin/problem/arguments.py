@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspless_pin.errors import ArgumentError
-from graspless_pin.intake.text import fault_of_name
-from graspless_pin.magnitudes import (
+from graspless_pin.bounds import (
     LARGEST_FRICTION,
     LARGEST_LOAD_OVER_LIMIT,
     MOST_CONE_EDGES,
     SMALLEST,
     SMALLEST_LOAD,
 )
+from graspless_pin.errors import ArgumentError
+from graspless_pin.intake.text import fault_of_name
 from graspless_pin.problem.checks import (
     FloatArray,
     all_within,

@@ -12,10 +12,10 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspless_pin.bounds import LARGEST, LARGEST_REGULARIZATION
 from graspless_pin.compiled import contact_frames, small_arrays
 from graspless_pin.errors import ArgumentError
-from graspless_pin.magnitudes import LARGEST, LARGEST_REGULARIZATION
-from graspless_pin.spelling import nearest_name
+from graspless_pin.suggestions import nearest_name
 
 _LARGEST_OF = {"regularization": LARGEST_REGULARIZATION}
 

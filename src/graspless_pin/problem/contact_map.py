@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from graspless_pin.caching import Derived
 from graspless_pin.compiled import contact_frames
-from graspless_pin.derived import Derived
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.quasistatic import QuasistaticProblem
 

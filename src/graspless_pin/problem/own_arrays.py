@@ -7,8 +7,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from graspless_pin.bounds import LARGEST, LARGEST_LOAD_OVER_LIMIT, SMALLEST
 from graspless_pin.compiled import small_arrays
-from graspless_pin.magnitudes import LARGEST, LARGEST_LOAD_OVER_LIMIT, SMALLEST
 from graspless_pin.problem.arguments import is_too_small
 from graspless_pin.problem.checks import (
     FloatArray,

@@ -43,7 +43,7 @@ from graspless_pin.problem.scales import (
     scales_of,
     strictness_of,
 )
-from graspless_pin.spelling import what_to_pass
+from graspless_pin.suggestions import what_to_pass
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)

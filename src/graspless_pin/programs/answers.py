@@ -15,7 +15,7 @@ from enum import Enum
 import numpy as np
 
 from graspless_pin.problem.checks import FloatArray, all_within
-from graspless_pin.programs.polish import polished
+from graspless_pin.programs.active_set_polish import polished
 from graspless_pin.programs.program import FARTHEST, Program
 from graspless_pin.programs.reductions import bearable, near_multipliers, opened, shrunk
 

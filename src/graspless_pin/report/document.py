@@ -17,7 +17,7 @@ import numpy as np
 
 from graspless_pin.algorithms.guaranteed_disturbance import GuaranteedDisturbance
 from graspless_pin.algorithms.solution_proof import written_multipliers
-from graspless_pin.drafts import draft_of
+from graspless_pin.atomic_write import draft_of
 from graspless_pin.errors import SceneError
 from graspless_pin.findings import plain_findings
 from graspless_pin.holding.verdict import StabilityVerdict

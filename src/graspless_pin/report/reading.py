@@ -16,6 +16,12 @@ from typing import Any
 
 import numpy as np
 
+from graspless_pin.bounds import (
+    LARGEST_STATED,
+    MOST_COEFFICIENTS,
+    MOST_CONE_EDGES,
+    MOST_CONTACTS,
+)
 from graspless_pin.errors import ArgumentError, GrasplessPinError, SceneError, TextError
 from graspless_pin.findings import Finding, FindingCode
 from graspless_pin.intake.files import FileKind, read_text, refuse_other_kind
@@ -23,12 +29,6 @@ from graspless_pin.intake.json_text import parse_json
 from graspless_pin.intake.recognition import kind_of_data
 from graspless_pin.intake.text import fault_of_name
 from graspless_pin.intake.yaml_text import parse_yaml
-from graspless_pin.magnitudes import (
-    LARGEST_STATED,
-    MOST_COEFFICIENTS,
-    MOST_CONE_EDGES,
-    MOST_CONTACTS,
-)
 from graspless_pin.modes.rules import Rules, SlidingMode
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only, real_number
@@ -184,7 +184,7 @@ def read_solution(document: dict[str, Any]) -> TorqueSolution:
 
     Raises:
         ArgumentError: If it is no such document, or has too many contacts, joints or coefficients,
-            too long a name or too large a number (`graspless_pin.magnitudes`).
+            too long a name or too large a number (`graspless_pin.bounds`).
 
     Examples:
         >>> from graspless_pin import load_scene

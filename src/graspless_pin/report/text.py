@@ -10,7 +10,7 @@ from graspless_pin.findings import Severity
 from graspless_pin.geometry.contact.contact_points import BodyKind
 from graspless_pin.scene import Scene
 from graspless_pin.solution import Status, TorqueSolution
-from graspless_pin.solution.nearest_limits import joint_limit_words, margin_limit_words
+from graspless_pin.solution.active_limits import joint_limit_words, margin_limit_words
 from graspless_pin.solution.tables import COLUMNS, figure, headed
 
 

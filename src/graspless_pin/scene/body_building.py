@@ -35,7 +35,7 @@ from graspless_pin.scene.body_schema import (
     SupportEntry,
     TwistEntry,
 )
-from graspless_pin.scene.stages import SceneParts
+from graspless_pin.scene.build_cache import SceneParts
 from graspless_pin.scene.yaml_source import Location, YamlSource, key_text
 
 _Body = TypeVar("_Body", ManipulatedObject, Support)

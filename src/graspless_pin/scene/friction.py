@@ -11,7 +11,7 @@ from graspless_pin.geometry.bodies.materials import Materials
 from graspless_pin.geometry.bodies.object_and_supports import Support
 from graspless_pin.geometry.contact.contact_points import ContactArrays
 from graspless_pin.problem.checks import FloatArray, read_only
-from graspless_pin.spelling import names_in_words
+from graspless_pin.suggestions import names_in_words
 
 _GROUPS = ("default", "hand", "supports")
 

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydantic import BaseModel
 
+from graspless_pin.bounds import LARGEST_LOAD_OVER_LIMIT, LONGEST_NAME, SMALLEST_LOAD
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.findings import Finding, Severity, heard, tell
 from graspless_pin.geometry.bodies.materials import Materials
@@ -27,17 +28,16 @@ from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.robots.description import LinkMeshes, RobotDescription
 from graspless_pin.geometry.robots.files import describe_urdf, find_robot
-from graspless_pin.magnitudes import LARGEST_LOAD_OVER_LIMIT, LONGEST_NAME, SMALLEST_LOAD
 from graspless_pin.scene.body_building import build_object, build_pose, build_support, twist_of
+from graspless_pin.scene.build_cache import Last, SceneParts
 from graspless_pin.scene.entry_findings import entry_findings
 from graspless_pin.scene.friction import friction_by_name
 from graspless_pin.scene.hand_schema import HandEntry, MountEntry
 from graspless_pin.scene.motion_and_contacts import GivenContact, HandMotion, Motion
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_schema import MotionEntry, SceneEntry
-from graspless_pin.scene.stages import Last, SceneParts
 from graspless_pin.scene.yaml_source import Location, YamlSource, key_text
-from graspless_pin.spelling import names_in_words, what_to_pass
+from graspless_pin.suggestions import names_in_words, what_to_pass
 
 _ANYWHERE = {"base_pose"}
 _NOT_OF_THE_MOUNTS = {

@@ -29,7 +29,7 @@ from graspless_pin.geometry.robots.files import find_robot
 from graspless_pin.intake.yaml_edit import flow_of, yaml_of
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.saving import paths_beside
-from graspless_pin.scene.stated import plain, stated_robot, stated_rotation, stated_shape
+from graspless_pin.scene.serialization import plain, stated_robot, stated_rotation, stated_shape
 from graspless_pin.scene.unlikely_units import unit_findings
 
 SCHEMA_FILE = "scene.schema.json"

@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from graspless_pin.drafts import draft_of
+from graspless_pin.atomic_write import draft_of
 from graspless_pin.errors import GrasplessPinWarning, SceneError
 from graspless_pin.findings import heard
 from graspless_pin.geometry.hand.model import Hand
@@ -21,10 +21,10 @@ from graspless_pin.intake.yaml_edit import edited_yaml, same_data, yaml_of
 from graspless_pin.intake.yaml_text import parse_yaml
 from graspless_pin.scene.degrees import merged_angles, parted_angles
 from graspless_pin.scene.load import build_scene
-from graspless_pin.scene.messages import validated
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_schema import SceneEntry
-from graspless_pin.scene.stated import described, stated_hand, stated_rotation, stated_scene
+from graspless_pin.scene.serialization import described, stated_hand, stated_rotation, stated_scene
+from graspless_pin.scene.validation_errors import validated
 from graspless_pin.scene.yaml_source import SCENE, Location, YamlSource, key_text
 
 _SAME = 1e-11

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.torque import objective_and_options
-from graspless_pin.derived import Latest
+from graspless_pin.caching import Latest
 from graspless_pin.errors import ArgumentError, SceneError, SolverUnavailableError
 from graspless_pin.findings import Finding
 from graspless_pin.geometry.bodies.materials import Materials
@@ -31,17 +31,17 @@ from graspless_pin.problem.checks import FloatArray, real_number
 from graspless_pin.problem.derived_inertias import with_derived_inertias
 from graspless_pin.problem.own_arrays import problem_of_own_arrays
 from graspless_pin.programs.objectives import Algorithm, Objective
+from graspless_pin.scene.contact_arrays import contacts_after_motion, label_of, touching_of
 from graspless_pin.scene.joints import inertia_of_columns
-from graspless_pin.scene.loads import jointed_contacts, loads_of
-from graspless_pin.scene.messages import checked_key
 from graspless_pin.scene.motion_and_contacts import GivenContact, Motion, SceneContacts
+from graspless_pin.scene.problem_data import jointed_contacts, loads_of
 from graspless_pin.scene.scene_findings import findings_of
 from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.scene.scene_screen import scene_line, scene_screen
 from graspless_pin.scene.scene_stability import unknown_of, verdict_of
-from graspless_pin.scene.touching import contacts_after_motion, label_of, touching_of
+from graspless_pin.scene.validation_errors import checked_key
 from graspless_pin.solution import TorqueSolution
-from graspless_pin.spelling import names_in_words
+from graspless_pin.suggestions import names_in_words
 
 _Check = Callable[[str, Any], Any]
 

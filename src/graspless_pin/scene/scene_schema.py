@@ -13,6 +13,7 @@ from pydantic import (
     Field,
 )
 
+from graspless_pin.bounds import MOST_CONE_EDGES
 from graspless_pin.holding.options import NODE_LIMIT
 from graspless_pin.intake.fields import (
     ByName,
@@ -29,7 +30,6 @@ from graspless_pin.intake.fields import (
     Regularization,
     no_truth_value,
 )
-from graspless_pin.magnitudes import MOST_CONE_EDGES
 from graspless_pin.scene.body_schema import Direction, ObjectEntry, SupportEntry, TwistEntry, Vector
 from graspless_pin.scene.hand_schema import HandEntry
 

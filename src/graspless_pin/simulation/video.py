@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from graspless_pin.atomic_write import draft_of
 from graspless_pin.child_process import ChildProcess
-from graspless_pin.drafts import draft_of
 from graspless_pin.errors import GrasplessPinError, SceneError
 from graspless_pin.findings import Finding, FindingCode, tell
 from graspless_pin.problem.checks import FloatArray

@@ -34,7 +34,7 @@ from graspless_pin.solution.tables import (
     paragraph,
     torque_size,
 )
-from graspless_pin.spelling import what_to_pass
+from graspless_pin.suggestions import what_to_pass
 
 _Value = TypeVar("_Value")
 

@@ -18,7 +18,7 @@ from graspless_pin.programs.answers import (
 from graspless_pin.programs.program import Program
 from graspless_pin.solvers.conic_backends import by_clarabel, by_cuts
 from graspless_pin.solvers.piqp_engines import by_piqp
-from graspless_pin.spelling import nearest_name
+from graspless_pin.suggestions import nearest_name
 
 ANY_SOLVER = "auto"
 """PIQP for linear and quadratic programs, Clarabel for second-order ones."""

@@ -22,8 +22,8 @@ from typing import IO, Any, TypeVar
 
 import portalocker
 
+from graspless_pin.bounds import MOST_SAMPLES
 from graspless_pin.errors import StudyError
-from graspless_pin.magnitudes import MOST_SAMPLES
 from graspless_pin.studies.rows import Row
 
 _SYNC_EVERY = 2.0

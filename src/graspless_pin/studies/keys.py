@@ -15,7 +15,7 @@ from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.body_building import stated_turn
 from graspless_pin.scene.degrees import IN_DEGREES
 from graspless_pin.scene.yaml_source import Location
-from graspless_pin.spelling import names_in_words
+from graspless_pin.suggestions import names_in_words
 
 Tree = dict[str, Any]
 """A scene file's content as plain data."""

@@ -15,8 +15,8 @@ from math import prod
 import numpy as np
 from numpy.typing import NDArray
 
+from graspless_pin.bounds import MOST_SAMPLES
 from graspless_pin.errors import GrasplessPinError
-from graspless_pin.magnitudes import MOST_SAMPLES
 from graspless_pin.studies.sample_parts import Sample
 from graspless_pin.studies.samples import Samples, grid_size
 from graspless_pin.studies.study_schema import SamplingEntry

@@ -27,12 +27,12 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from graspless_pin.atomic_write import remove_stale_drafts
 from graspless_pin.child_processes import usable_cores
-from graspless_pin.drafts import remove_stale_drafts
 from graspless_pin.errors import GrasplessPinError, SceneError, StudyError
 from graspless_pin.problem.checks import whole_number
-from graspless_pin.scene.messages import validated
 from graspless_pin.scene.scene_schema import SceneEntry
+from graspless_pin.scene.validation_errors import validated
 from graspless_pin.solvers import check_solver
 from graspless_pin.studies.dispatch import Dispatch
 from graspless_pin.studies.executors import Workforce, given_executor, local_processes

@@ -17,7 +17,12 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.cones import ConeModel
 from graspless_pin.programs.objectives import Objective
-from graspless_pin.scene.loads import JointedContacts, jointed_contacts, loads_of, renewed_row
+from graspless_pin.scene.problem_data import (
+    JointedContacts,
+    jointed_contacts,
+    loads_of,
+    renewed_row,
+)
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.state_findings import StateChecks, state_findings
 from graspless_pin.solution import Status

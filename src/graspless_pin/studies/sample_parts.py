@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from graspless_pin.scene.build_cache import SceneParts
 from graspless_pin.scene.load import FIELDS_BY_KEY
-from graspless_pin.scene.messages import is_alike
 from graspless_pin.scene.scene import Scene
-from graspless_pin.scene.stages import SceneParts
+from graspless_pin.scene.validation_errors import is_alike
 from graspless_pin.studies.keys import MOVABLE, Tree, copied, movable_part, with_part
 from graspless_pin.studies.variables import Variable
 

@@ -11,8 +11,8 @@ from typing import Any, overload
 
 import numpy as np
 
+from graspless_pin.bounds import MOST_SAMPLES
 from graspless_pin.errors import GrasplessPinError, StudyError
-from graspless_pin.magnitudes import MOST_SAMPLES
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.studies.sample_parts import Sample
 from graspless_pin.studies.study_schema import SamplingEntry

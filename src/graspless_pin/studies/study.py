@@ -14,9 +14,9 @@ from graspless_pin.intake.files import FileKind, is_file, read_bytes
 from graspless_pin.scene.degrees import in_radians
 from graspless_pin.scene.entry_findings import materials_in_words, other_materials
 from graspless_pin.scene.load import build_scene
-from graspless_pin.scene.messages import validated
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_schema import SceneEntry
+from graspless_pin.scene.validation_errors import validated
 from graspless_pin.scene.yaml_source import Location, YamlSource, key_text
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.studies.keys import Tree, copied

@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from graspless_pin.drafts import draft_of
+from graspless_pin.atomic_write import draft_of
 from graspless_pin.errors import StudyError
 from graspless_pin.studies.journal import Journal
 from graspless_pin.studies.rows import FINDINGS, LARGEST_TORQUE

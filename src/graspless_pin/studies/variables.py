@@ -11,9 +11,9 @@ import numpy as np
 from graspless_pin.errors import GrasplessPinError, StudyError
 from graspless_pin.scene.units import ANY, UNITS, Unit, kinds_of, si_unit
 from graspless_pin.scene.yaml_source import Location
-from graspless_pin.spelling import names_in_words
 from graspless_pin.studies.keys import Tree, check_bodies, move, place_key, put, turn
 from graspless_pin.studies.study_schema import VariableEntry
+from graspless_pin.suggestions import names_in_words
 
 
 @dataclass(frozen=True, eq=False)

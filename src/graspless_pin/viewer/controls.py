@@ -16,8 +16,8 @@ from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene import Scene
 from graspless_pin.scene.friction import FrictionTable
-from graspless_pin.scene.moved import displaced_hand
-from graspless_pin.spelling import names_in_words
+from graspless_pin.scene.perturbation import displaced_hand
+from graspless_pin.suggestions import names_in_words
 
 _FRICTION = "friction/"
 OBJECT_PLACE, HAND_PLACE = "object/", "hand/"

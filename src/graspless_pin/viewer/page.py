@@ -20,6 +20,8 @@ from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import CrashError, GrasplessPinError
 from graspless_pin.scene import Scene
+from graspless_pin.viewer.auth import Gate, gated, is_switch, one_of
+from graspless_pin.viewer.control_panel import Desk
 from graspless_pin.viewer.controls import (
     ALONG,
     HAND_PLACE,
@@ -28,9 +30,7 @@ from graspless_pin.viewer.controls import (
     placed_values,
     support_frame,
 )
-from graspless_pin.viewer.desk import Desk
 from graspless_pin.viewer.entry import SCHEMES, check_address
-from graspless_pin.viewer.gate import Gate, gated, is_switch, one_of
 from graspless_pin.viewer.panels import (
     contacts_html,
     headline_html,
@@ -50,7 +50,7 @@ from graspless_pin.viewer.scene_process import (
     initial_settings,
     words_of,
 )
-from graspless_pin.viewer.stage import NUMBERS, Stage
+from graspless_pin.viewer.scene_view import NUMBERS, Stage
 from graspless_pin.visualization import Role
 from graspless_pin.visualization.drawing import object_radius
 from graspless_pin.visualization.picture import HIDDEN_AT_FIRST

@@ -6,8 +6,8 @@ import threading
 from collections.abc import Mapping
 from typing import Any
 
-from graspless_pin.viewer.gate import Gate, is_switch, number_between, one_of
-from graspless_pin.viewer.stage import Stage
+from graspless_pin.viewer.auth import Gate, is_switch, number_between, one_of
+from graspless_pin.viewer.scene_view import Stage
 from graspless_pin.visualization import Picture
 from graspless_pin.visualization.motion import MovingPicture
 

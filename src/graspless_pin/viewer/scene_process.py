@@ -28,7 +28,7 @@ from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
 from graspless_pin.scene.scene_stability import solution_verdict
 from graspless_pin.solution import TorqueSolution
-from graspless_pin.solution.nearest_limits import joint_limit_words, margin_limit_words
+from graspless_pin.solution.active_limits import joint_limit_words, margin_limit_words
 from graspless_pin.viewer.controls import changed_scene
 from graspless_pin.visualization import Picture, draw_scene
 from graspless_pin.visualization.drawing import draw_bodies

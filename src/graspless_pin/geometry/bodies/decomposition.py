@@ -24,8 +24,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graspless_pin.atomic_write import draft_of
+from graspless_pin.bounds import LONGEST_TIME
 from graspless_pin.child_process import ChildProcess
-from graspless_pin.drafts import draft_of
 from graspless_pin.errors import (
     ArgumentError,
     CrashError,
@@ -36,9 +37,8 @@ from graspless_pin.findings import Finding, FindingCode, tell
 from graspless_pin.geometry.bodies.coacd_call import ITERATIONS, SEED, run_coacd
 from graspless_pin.geometry.bodies.dense_hulls import hull_corners, simplified_for_cutting
 from graspless_pin.geometry.bodies.polytopes import hull_of
-from graspless_pin.magnitudes import LONGEST_TIME
 from graspless_pin.problem.checks import FloatArray, read_only
-from graspless_pin.waiting import waiting_for
+from graspless_pin.progress import waiting_for
 
 if TYPE_CHECKING:
     import trimesh

@@ -11,7 +11,7 @@ from types import MappingProxyType
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.pickling import PickledByFields
-from graspless_pin.spelling import names_in_words
+from graspless_pin.suggestions import names_in_words
 
 Pair = frozenset[str]
 _NEAR = 0.8

@@ -14,10 +14,10 @@ import numpy as np
 import trimesh
 from trimesh.resolvers import Resolver
 
+from graspless_pin.bounds import LARGEST_LENGTH, SMALLEST_LENGTH
 from graspless_pin.errors import MeshError, TextError
 from graspless_pin.intake.files import FileKind, is_file, read_bytes
 from graspless_pin.intake.xml_text import parse_xml
-from graspless_pin.magnitudes import LARGEST_LENGTH, SMALLEST_LENGTH
 
 MESH_FORMATS = (".stl", ".obj", ".dae", ".glb", ".gltf", ".ply", ".off")
 _IN_PART = ("failed to populate", "placeholder zeros")  # what trimesh logs and goes on with

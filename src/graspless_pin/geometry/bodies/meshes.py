@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from graspless_pin.bounds import LARGEST_LENGTH, SMALLEST_LENGTH
 from graspless_pin.errors import MeshError
 from graspless_pin.findings import Finding, FindingCode, tell
 from graspless_pin.geometry.bodies.dense_hulls import hull_corners
-from graspless_pin.magnitudes import LARGEST_LENGTH, SMALLEST_LENGTH
 from graspless_pin.problem.checks import FloatArray
 
 if TYPE_CHECKING:

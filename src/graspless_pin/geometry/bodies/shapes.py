@@ -11,6 +11,7 @@ import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspless_pin.bounds import LARGEST_LENGTH, SMALLEST_LENGTH
 from graspless_pin.errors import ArgumentError, MeshError
 from graspless_pin.findings import Finding, FindingCode, heard, tell
 from graspless_pin.geometry.bodies.decomposition import (
@@ -20,7 +21,6 @@ from graspless_pin.geometry.bodies.decomposition import (
     convex_pieces,
 )
 from graspless_pin.geometry.bodies.meshes import file_state, hull_points, scaled_mesh
-from graspless_pin.magnitudes import LARGEST_LENGTH, SMALLEST_LENGTH
 
 _RANGE = f"from {SMALLEST_LENGTH:g} to {LARGEST_LENGTH:g} m"
 _THINNEST = 1e-6

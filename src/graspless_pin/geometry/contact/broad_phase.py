@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from graspless_pin.caching import Derived
 from graspless_pin.compiled import contact_search
-from graspless_pin.derived import Derived
 from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, PlacedBodies
 from graspless_pin.geometry.contact.convex_sets import (
     ConvexSet,

@@ -22,7 +22,7 @@ from typing import Any
 import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
 
-from graspless_pin.derived import Derived
+from graspless_pin.caching import Derived
 from graspless_pin.errors import MeshError, SceneError
 from graspless_pin.geometry.bodies.polytopes import PARALLEL_ANGLE, Polytope, box_of, hull_of
 from graspless_pin.problem.checks import FloatArray

@@ -10,7 +10,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspless_pin.derived import Derived
+from graspless_pin.caching import Derived
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import Finding
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies

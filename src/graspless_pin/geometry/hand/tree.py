@@ -32,7 +32,7 @@ from graspless_pin.geometry.hand.work_space import Kinematics, WorkSpace, joint_
 from graspless_pin.geometry.pickling import Record
 from graspless_pin.geometry.robots.description import JointCoupling
 from graspless_pin.problem.checks import FloatArray, read_only
-from graspless_pin.spelling import names_in_words
+from graspless_pin.suggestions import names_in_words
 
 
 @dataclass(frozen=True, eq=False, repr=False)

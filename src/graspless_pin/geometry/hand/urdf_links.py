@@ -7,10 +7,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from graspless_pin.bounds import LARGEST_LENGTH
 from graspless_pin.errors import MeshError, RobotError
 from graspless_pin.findings import Finding, FindingCode, tell
 from graspless_pin.intake.files import is_file
-from graspless_pin.magnitudes import LARGEST_LENGTH
 
 _DIMENSIONS = {
     "box": (("size", 3),),

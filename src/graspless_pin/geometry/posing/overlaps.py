@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from graspless_pin.caching import Derived
 from graspless_pin.compiled import body_pairs
-from graspless_pin.derived import Derived
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
 from graspless_pin.geometry.bodies.object_and_supports import Support

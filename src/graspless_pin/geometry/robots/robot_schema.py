@@ -32,7 +32,7 @@ from graspless_pin.intake.fields import (
 from graspless_pin.intake.files import FileKind, errors_of_text, read_text, refuse_other_kind
 from graspless_pin.intake.recognition import kind_of_data
 from graspless_pin.intake.yaml_text import parse_yaml
-from graspless_pin.spelling import names_in_words
+from graspless_pin.suggestions import names_in_words
 
 Convex = Literal["hull", "decompose"]
 MaxPieces = Annotated[

@@ -33,7 +33,7 @@ from graspless_pin.report.html.sections import (
 from graspless_pin.report.html.view import view_context
 from graspless_pin.report.verdict_data import read_motion
 from graspless_pin.solution import Status, TorqueSolution
-from graspless_pin.solution.nearest_limits import joint_limit_words, margin_limit_words
+from graspless_pin.solution.active_limits import joint_limit_words, margin_limit_words
 from graspless_pin.solution.tables import shown, torque_size
 from graspless_pin.visualization import DARK, LIGHT
 

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.report.verify import tolerances
-from graspless_pin.report.verify.figures import Problem
 from graspless_pin.report.verify.multipliers import StatedMultipliers
 from graspless_pin.report.verify.own_objective import OwnObjective
+from graspless_pin.report.verify.problem import Problem
 
 _PASSES = 3
 

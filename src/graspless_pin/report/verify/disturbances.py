@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.report.verify import tolerances
-from graspless_pin.report.verify.figures import Problem
 from graspless_pin.report.verify.outcome import Check, holds, within
+from graspless_pin.report.verify.problem import Problem
 from graspless_pin.report.verify.rest import resolution_of, verdict_checks
 from graspless_pin.report.verify.rest_load import LARGEST_FORCE, RestLoad, read_load
 from graspless_pin.report.verify.rest_proof import certificate, force_limit, stated_loads, tree

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.report.verify import tolerances
-from graspless_pin.report.verify.figures import Forces, Problem
 from graspless_pin.report.verify.outcome import Check, agrees, given, holds, within
+from graspless_pin.report.verify.problem import Forces, Problem
 from graspless_pin.report.verify.values import array, entry, number, word
 
 

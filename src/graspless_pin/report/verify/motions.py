@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from graspless_pin.report.verify import tolerances
-from graspless_pin.report.verify.figures import Problem
 from graspless_pin.report.verify.outcome import Check, holds
+from graspless_pin.report.verify.problem import Problem
 from graspless_pin.report.verify.states import State
 from graspless_pin.report.verify.values import items, number, whole
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.report.verify import tolerances
-from graspless_pin.report.verify.figures import Problem
+from graspless_pin.report.verify.problem import Problem
 from graspless_pin.report.verify.values import array, entry, items, number, whole
 
 _SIZED = ("normal_upper", "normal_lower", "torque_upper", "torque_lower", "share_upper",

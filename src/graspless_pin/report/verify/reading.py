@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from graspless_pin.report.verify.figures import Forces, Problem
 from graspless_pin.report.verify.own_objective import read_own_objective
+from graspless_pin.report.verify.problem import Forces, Problem
 from graspless_pin.report.verify.values import (
     MOST,
     array,

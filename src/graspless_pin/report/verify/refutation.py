@@ -8,8 +8,8 @@ import numpy as np
 
 from graspless_pin.report.verify import tolerances
 from graspless_pin.report.verify.bounds import proven_bound, violation
-from graspless_pin.report.verify.figures import IN_MODE, INFEASIBLE, Problem
 from graspless_pin.report.verify.multipliers import stated_multipliers
+from graspless_pin.report.verify.problem import IN_MODE, INFEASIBLE, Problem
 from graspless_pin.report.verify.reading import read_mode, read_problem
 from graspless_pin.report.verify.states import State
 from graspless_pin.report.verify.values import entry

@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.report.verify import tolerances
-from graspless_pin.report.verify.figures import Problem
 from graspless_pin.report.verify.outcome import Check, agrees, given, holds, within
+from graspless_pin.report.verify.problem import Problem
 from graspless_pin.report.verify.rest_bounds import (
     Kind,
     KnownStates,

@@ -20,7 +20,7 @@ from enum import StrEnum
 import numpy as np
 
 from graspless_pin.report.verify import tolerances
-from graspless_pin.report.verify.figures import Problem
+from graspless_pin.report.verify.problem import Problem
 
 _LONG = np.longdouble
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.report.verify import tolerances
-from graspless_pin.report.verify.figures import Problem
+from graspless_pin.report.verify.problem import Problem
 from graspless_pin.report.verify.rest_bounds import (
     RestDynamics,
     commanded_contacts,

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from graspless_pin.report.verify.figures import Problem
+from graspless_pin.report.verify.problem import Problem
 
 _SIGNS = (-1, 0, 1)
 

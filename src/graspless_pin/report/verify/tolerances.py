@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from graspless_pin.report.verify.figures import Problem
+    from graspless_pin.report.verify.problem import Problem
 
 LONGEST_REACH = 1e8
 """Bounds need to be proven for normal forces up to so many loads."""

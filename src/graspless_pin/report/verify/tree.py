@@ -16,9 +16,9 @@ from graspless_pin.report.verify.bounds import (
     proven_bound,
     violation,
 )
-from graspless_pin.report.verify.figures import Problem
 from graspless_pin.report.verify.motions import Projection, excludes, read_combination
 from graspless_pin.report.verify.multipliers import stated_multipliers
+from graspless_pin.report.verify.problem import Problem
 from graspless_pin.report.verify.states import State
 from graspless_pin.report.verify.values import entry, items, truth, whole, word
 

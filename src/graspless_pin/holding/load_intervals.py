@@ -27,9 +27,9 @@ from graspless_pin.holding.dynamics import (
     spread_towards,
     world_forces,
 )
-from graspless_pin.holding.moving import find_motion
+from graspless_pin.holding.equilibrium import BALANCE_TOLERANCE, least_residual
 from graspless_pin.holding.relaxation import FORCE_LIMIT, Relaxation
-from graspless_pin.holding.rest import BALANCE_TOLERANCE, least_residual
+from graspless_pin.holding.unstable_motion import find_motion
 from graspless_pin.holding.verdict import LastRest, LoadProof, RestProof, SpanProof
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only

@@ -17,11 +17,11 @@ from graspless_pin.holding.options import BRIEF_NODE_LIMIT, NODE_LIMIT
 from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.modes.rules import SignRule, SlidingRule, StaticFriction
 from graspless_pin.programs.objectives import Algorithm
+from graspless_pin.progress import waiting_for
 from graspless_pin.report import scene_solution_text
 from graspless_pin.scene import Scene
 from graspless_pin.scene.scene_stability import solution_verdict
 from graspless_pin.solution import TorqueSolution
-from graspless_pin.waiting import waiting_for
 
 _RANGE_NODES = 100
 """Nodes of each search for the margin at worst, on a slow machine, too."""

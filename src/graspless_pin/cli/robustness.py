@@ -18,10 +18,10 @@ from graspless_pin.holding.verdict import Stability
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.problem.cones import ConeModel
 from graspless_pin.programs.objectives import Algorithm
+from graspless_pin.progress import waiting_for
 from graspless_pin.scene import Scene
 from graspless_pin.scene.scene_stability import known_of_scene, unknown_of
 from graspless_pin.solution import TorqueSolution
-from graspless_pin.waiting import waiting_for
 
 _TOUCHING = 1e-9  # m; what is no farther apart touches
 _RANGES_TIME = 10.0  # s; by then most free rays are found

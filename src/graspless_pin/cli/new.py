@@ -11,8 +11,8 @@ from typing import Annotated
 
 import typer
 
+from graspless_pin.atomic_write import draft_of
 from graspless_pin.cli.outcome import echo_note, plain_errors
-from graspless_pin.drafts import draft_of
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.shapes import (
     Box,
@@ -23,10 +23,10 @@ from graspless_pin.geometry.bodies.shapes import (
     Shape,
     Sphere,
 )
+from graspless_pin.progress import waiting_for
 from graspless_pin.scene import scene_json_schema
 from graspless_pin.scene.new_scene import SCHEMA_FILE, NewScene, NewSceneText, new_scene_text
 from graspless_pin.scene.saving import write_scene_file
-from graspless_pin.waiting import waiting_for
 
 _PRIMITIVES: dict[str, tuple[str, Callable[..., Shape]]] = {
     "box": ("X,Y,Z", lambda x, y, z: Box((x, y, z))),

@@ -29,7 +29,7 @@ from graspless_pin.holding.bounds import States, least_along
 from graspless_pin.holding.branching import NEAR, slip_range, split
 from graspless_pin.holding.cuts import arc_rows, around, cone_planes, cone_tangents
 from graspless_pin.holding.dynamics import Dynamics
-from graspless_pin.holding.moving import coulomb_gaps, polish
+from graspless_pin.holding.unstable_motion import coulomb_gaps, polish
 from graspless_pin.holding.verdict import ContactState, DualBound, OutcomeSet
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solvers.simplex import Simplex, SimplexAnswer

@@ -22,6 +22,7 @@ from graspless_pin.holding.stability import stability
 from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.programs.objectives import Algorithm
+from graspless_pin.progress import waiting_for
 from graspless_pin.report.document import write_text
 from graspless_pin.report.html.time_lapse import time_lapse, time_lapse_html
 from graspless_pin.report.provenance import same_problem
@@ -30,7 +31,6 @@ from graspless_pin.scene import Scene
 from graspless_pin.scene.scene_stability import hand_support_contacts
 from graspless_pin.simulation import LoadingProtocol, SimulatedOutcome, Simulation, simulate
 from graspless_pin.simulation.video import write_video
-from graspless_pin.waiting import waiting_for
 
 _RANGES_TIME = 10.0  # s; by then most ranges are proven
 

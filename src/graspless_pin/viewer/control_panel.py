@@ -9,8 +9,8 @@ from typing import Any
 
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
+from graspless_pin.viewer.auth import Gate, is_switch, number_between, one_of
 from graspless_pin.viewer.controls import ALONG, HAND_PLACE, OBJECT_PLACE, Control, controls_of
-from graspless_pin.viewer.gate import Gate, is_switch, number_between, one_of
 from graspless_pin.viewer.scene_process import Settings
 
 _ALGORITHMS = {

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.programs.polish import without_cancelling
+from graspless_pin.programs.active_set_polish import without_cancelling
 from graspless_pin.programs.program import Program
 
 _PART = 1e-12

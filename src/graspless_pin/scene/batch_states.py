@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from graspless_pin.caching import Bounded
 from graspless_pin.compiled import hand_states
-from graspless_pin.derived import Bounded
 from graspless_pin.geometry.bodies.collision import PlacedBodies
 from graspless_pin.geometry.contact.broad_phase import solids_of
 from graspless_pin.geometry.hand.posed_links import joints_of

@@ -13,6 +13,7 @@ import numpy as np
 from graspless_pin.errors import SceneError
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.cones import projected_tangents
+from graspless_pin.scene.contact_arrays import contacts_after_motion, label_of, touching_of
 from graspless_pin.scene.friction import FrictionTable
 from graspless_pin.scene.joints import (
     ControlledJoints,
@@ -21,7 +22,6 @@ from graspless_pin.scene.joints import (
     weight_torques,
 )
 from graspless_pin.scene.motion_and_contacts import SceneContacts
-from graspless_pin.scene.touching import contacts_after_motion, label_of, touching_of
 
 if TYPE_CHECKING:
     from graspless_pin.scene.scene import Scene

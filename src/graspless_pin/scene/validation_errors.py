@@ -13,7 +13,7 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 from graspless_pin.errors import ArgumentError
 from graspless_pin.scene.units import si_advice
 from graspless_pin.scene.yaml_source import Location, YamlSource, key_text
-from graspless_pin.spelling import names_in_words, nearest_name
+from graspless_pin.suggestions import names_in_words, nearest_name
 
 _MOST_EXAMINED = 60
 _MOST_TOLD = 5

@@ -1,8 +1,7 @@
-"""``graspless-pin report`` and ``view``: a solution as a page, a scene as an interactive one."""
+"""``graspless-pin report``: a solution as a page."""
 
 from __future__ import annotations
 
-from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -16,22 +15,20 @@ from graspless_pin.cli.outcome import (
     loaded_scene,
     plain_errors,
 )
-from graspless_pin.cli.simulating import simulated_words
-from graspless_pin.cli.solving import told
+from graspless_pin.cli.simulate import simulated_words
+from graspless_pin.cli.solve import told
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.findings import tell
 from graspless_pin.holding.options import BRIEF_NODE_LIMIT
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.problem.cones import ConeModel
+from graspless_pin.progress import waiting_for
 from graspless_pin.report.document import write_text
 from graspless_pin.report.html import Case, case_of_document, case_of_scene, report_html
 from graspless_pin.report.html.time_lapse import TimeLapse, time_lapse
 from graspless_pin.report.reading import read_document
 from graspless_pin.simulation import simulate
 from graspless_pin.solution import TorqueSolution
-from graspless_pin.viewer.page import DEFAULT_PORT
-from graspless_pin.viewer.page import view as show
-from graspless_pin.waiting import waiting_for
 
 
 def report(
@@ -150,22 +147,3 @@ def _lapse(case: Case) -> TimeLapse | None:
         raise ArgumentError("--simulate", f"needs the scene. {case.missing}")
     found = simulate(case.scene, case.solution.torques)
     return time_lapse(case.scene, found, simulated_words(case.scene, found))
-
-
-def view_scene(
-    scene: Annotated[Path, typer.Argument(help="Scene file (YAML).")],
-    host: Annotated[
-        str, typer.Option(help="Address to listen at; the default is this machine only.")
-    ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="Port, or the next free one above it.")] = DEFAULT_PORT,
-    no_open: Annotated[bool, typer.Option("--no-open", help="Do not open a browser.")] = False,
-) -> None:
-    """Show a scene on an interactive page until it is interrupted (Ctrl-C)."""
-    with plain_errors():
-        loaded = loaded_scene(scene)
-        echo_findings(loaded.findings)
-        viewer = show(loaded, host=host, port=port, open_browser=not no_open)
-    with suppress(KeyboardInterrupt):
-        typer.echo(f"{viewer.url} (Ctrl-C ends it)")
-        viewer.wait()
-    viewer.stop()

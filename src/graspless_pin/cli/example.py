@@ -13,7 +13,7 @@ import typer
 from graspless_pin.cli.outcome import plain_errors
 from graspless_pin.errors import ArgumentError
 from graspless_pin.intake.yaml_text import parse_yaml
-from graspless_pin.spelling import names_in_words
+from graspless_pin.suggestions import names_in_words
 
 _PACKAGE = Path(__file__).resolve().parents[1] / "examples"
 _SOURCE = Path(__file__).resolve().parents[3] / "examples"

@@ -12,9 +12,9 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import tell
 from graspless_pin.holding.options import BRIEF_NODE_LIMIT
 from graspless_pin.planning import place_hand
+from graspless_pin.progress import waiting_for
 from graspless_pin.scene.saving import scene_text, write_scene_file
 from graspless_pin.scene.unlikely_units import unit_findings
-from graspless_pin.waiting import waiting_for
 
 
 def place(

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import get_lapack_funcs
 
+from graspless_pin.caching import Bounded
 from graspless_pin.compiled import virtual_motions
-from graspless_pin.derived import Bounded
 from graspless_pin.problem.checks import FloatArray
 
 # Rows are scaled to unit size, so this is the largest relative velocity that counts as zero: it

@@ -11,12 +11,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, TypeVar
 
-from graspless_pin.derived import Latest
+from graspless_pin.caching import Latest
 from graspless_pin.findings import heard, tell
 from graspless_pin.geometry.hand.assembly import AssembledMounts
 from graspless_pin.geometry.robots.description import RobotDescription
-from graspless_pin.scene.messages import validated, with_known
 from graspless_pin.scene.scene_schema import SceneEntry
+from graspless_pin.scene.validation_errors import validated, with_known
 from graspless_pin.scene.yaml_source import YamlSource
 
 _MOST_HANDS = 16

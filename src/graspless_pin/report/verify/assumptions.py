@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.report.verify.bounds import own_box
-from graspless_pin.report.verify.figures import Problem
 from graspless_pin.report.verify.outcome import Check, given
+from graspless_pin.report.verify.problem import Problem
 from graspless_pin.report.verify.values import array, entry, number, short_text
 
 

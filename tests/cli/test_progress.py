@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from graspless_pin import waiting
+from graspless_pin import progress
 
 SCRIPT = """
 import time
@@ -48,6 +48,6 @@ def test_what_is_quick_is_not_said() -> None:
 
 
 def test_nothing_is_said_where_nobody_looks(capsys: pytest.CaptureFixture[str]) -> None:
-    with waiting.waiting_for("doing the work"):
+    with progress.waiting_for("doing the work"):
         time.sleep(0.01)
     assert capsys.readouterr().err == ""

@@ -12,8 +12,8 @@ from graspless_pin.algorithms.search import SearchResult
 from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.modes.enumeration import requirements_of
 from graspless_pin.modes.kinematics import VirtualKinematics
-from graspless_pin.modes.nearest_motions import CLEARLY
 from graspless_pin.modes.rules import StaticFriction
+from graspless_pin.modes.witness_heuristics import CLEARLY
 
 FACTORS = (0.1, 10.0)
 """The thresholds that an optimum is compared for, over the rule's own."""

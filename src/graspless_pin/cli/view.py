@@ -1,0 +1,36 @@
+"""``graspless-pin view``: a scene as an interactive page."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from graspless_pin.cli.outcome import (
+    echo_findings,
+    loaded_scene,
+    plain_errors,
+)
+from graspless_pin.viewer.page import DEFAULT_PORT
+from graspless_pin.viewer.page import view as show
+
+
+def view_scene(
+    scene: Annotated[Path, typer.Argument(help="Scene file (YAML).")],
+    host: Annotated[
+        str, typer.Option(help="Address to listen at; the default is this machine only.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="Port, or the next free one above it.")] = DEFAULT_PORT,
+    no_open: Annotated[bool, typer.Option("--no-open", help="Do not open a browser.")] = False,
+) -> None:
+    """Show a scene on an interactive page until it is interrupted (Ctrl-C)."""
+    with plain_errors():
+        loaded = loaded_scene(scene)
+        echo_findings(loaded.findings)
+        viewer = show(loaded, host=host, port=port, open_browser=not no_open)
+    with suppress(KeyboardInterrupt):
+        typer.echo(f"{viewer.url} (Ctrl-C ends it)")
+        viewer.wait()
+    viewer.stop()
