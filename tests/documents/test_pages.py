@@ -37,7 +37,7 @@ def a_fresh_clone(tmp_path, monkeypatch):
     monkeypatch.setenv("COLUMNS", "120")
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_page_does_as_it_says(page):
     """Blocks run in the order of reading; a later one may use what an earlier one has made."""
     names = {"__name__": "__main__"}
@@ -54,7 +54,7 @@ def test_page_does_as_it_says(page):
             check_keys(block)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_named_paths_exist(page):
     for name in PATH.findall(prose_of(page)):
         assert (ROOT / name).exists(), name

@@ -145,7 +145,7 @@ def formulas(file: Path) -> list[str]:
 def test_formulas_are_set(site):
     """As MathML, with no TeX left over."""
     count = 0
-    for file in sorted((ROOT / "docs").glob("*.md")):
+    for file in sorted((ROOT / "docs").rglob("*.md")):
         for formula in formulas(file):
             count += 1
             text = re.sub(r"<[^>]+>", "", convert(formula))

@@ -2,7 +2,7 @@
 
 Pinocchio gets the text only after this module has checked it: its own parser reports mistakes on
 standard error only, drops malformed shapes and fails on relative mesh paths. Why no other parser
-stands before the checks: see docs/architecture.md.
+stands before the checks: see docs/evidence/urdf.md.
 
 Which links may be in each other, as the SRDF that stands beside a URDF says.
 
