@@ -95,14 +95,14 @@ def test_an_exception_that_is_none_of_ours_is_one_line_that_asks_for_a_report(er
     done = faulty(error)
     assert (done.returncode, done.stdout) == (70, "")
     (line,) = done.stderr.splitlines()
-    assert line.startswith("error: internal error in solving.py, line ") and words in line
+    assert line.startswith("error: internal error in solve.py, line ") and words in line
     assert "please report it with this command" in line and "graspless-pin --version" in line
 
 
 def test_the_traceback_is_there_for_those_who_ask():
     done = faulty("ValueError('ours')", GRASPLESS_PIN_TRACEBACK="1")
     assert done.returncode == 70 and done.stderr.startswith("Traceback")
-    assert done.stderr.splitlines()[-1].startswith("error: internal error in solving.py, line ")
+    assert done.stderr.splitlines()[-1].startswith("error: internal error in solve.py, line ")
 
 
 def test_errors_on_purpose_keep_their_exit_code():

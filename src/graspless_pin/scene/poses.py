@@ -60,7 +60,7 @@ def close_fingers(
         scene: A scene with a hand.
         fingers: Fingers to close; None closes all.
         wrap: Whether a finger goes on with the joints beyond a link that touches.
-        rates: Rate by joint: see `graspless_pin.geometry.posing.closing.close_fingers`.
+        rates: Rate by joint: see `graspless_pin.geometry.posing.closing.close_hand`.
 
     Raises:
         SceneError: If the scene has no hand, or a finger starts inside the object.
