@@ -10,6 +10,7 @@ MADE_OF := pyproject.toml constraints.txt hatch_build.py $(wildcard src/grasples
 export PIP_CONSTRAINT := constraints.txt
 export PIP_BUILD_CONSTRAINT := $(PIP_CONSTRAINT)
 
+TESTS ?= tests
 SCALES ?= --count 2000 --jobs 2
 ROUND_CONES ?= --count 300
 OUTCOMES ?= --few 300 --four 30
@@ -43,7 +44,7 @@ run: $(RUN_STAMP)
 
 test: install
 	bash tests/browser/install_chromium.sh
-	$(BIN)/python -m pytest --numprocesses auto
+	$(BIN)/python -m pytest --numprocesses auto $(TESTS)
 
 # A wheel of this platform, and its tests where nothing can be compiled.
 wheel: install
