@@ -11,6 +11,8 @@ export PIP_CONSTRAINT := constraints.txt
 export PIP_BUILD_CONSTRAINT := $(PIP_CONSTRAINT)
 
 TESTS ?= tests
+# One more than there are cores: every fifth second, a test waits for a browser or another process.
+WORKERS ?= $(shell python3 -c 'import os; print(1 + (os.cpu_count() or 1))')
 SCALES ?= --count 2000 --jobs 2
 ROUND_CONES ?= --count 300
 OUTCOMES ?= --few 300 --four 30
@@ -44,7 +46,7 @@ run: $(RUN_STAMP)
 
 test: install
 	bash tests/browser/install_chromium.sh
-	$(BIN)/python -m pytest --numprocesses auto $(TESTS)
+	$(BIN)/python -m pytest --numprocesses $(WORKERS) $(TESTS)
 
 # A wheel of this platform, and its tests where nothing can be compiled.
 wheel: install

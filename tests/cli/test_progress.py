@@ -12,9 +12,9 @@ from graspless_pin import progress
 
 SCRIPT = """
 import time
-from graspless_pin import waiting
-waiting._PATIENCE = {patience}
-with waiting.waiting_for("doing the work"), waiting.waiting_for("its [half]"):
+from graspless_pin import progress
+progress._PATIENCE = {patience}
+with progress.waiting_for("doing the work"), progress.waiting_for("its [half]"):
     time.sleep({work})
 print("done")
 """
