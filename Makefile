@@ -12,7 +12,7 @@ export PIP_BUILD_CONSTRAINT := $(PIP_CONSTRAINT)
 
 TESTS ?= tests
 # One more than there are cores: every fifth second, a test waits for a browser or another process.
-WORKERS ?= $(shell python3 -c 'import os; print(1 + (os.cpu_count() or 1))')
+WORKERS ?= $(shell $(PYTHON) -c 'import os; print(1 + (os.cpu_count() or 1))')
 SCALES ?= --count 2000 --jobs 2
 ROUND_CONES ?= --count 300
 OUTCOMES ?= --few 300 --four 30
