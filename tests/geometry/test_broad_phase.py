@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, PlacedBodies
-from graspless_pin.geometry.bodies.shapes import convex_geometry
+from graspless_pin.geometry.bodies.shape import convex_geometry
 from graspless_pin.geometry.contact.broad_phase import near_pairs
 
 SHAPES = (

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from graspless_pin.errors import StateError
 from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, PlacedBodies
 from graspless_pin.geometry.bodies.polytopes import Polytope, hull_of
-from graspless_pin.geometry.bodies.shapes import convex_geometry
+from graspless_pin.geometry.bodies.shape import convex_geometry
 from graspless_pin.geometry.contact import finding
 from graspless_pin.geometry.contact.broad_phase import near_solids, solids_of
 from graspless_pin.geometry.contact.closed_form_contacts import ContactLimits, near_and_closed_form

@@ -17,7 +17,6 @@ from graspless_pin.geometry.bodies.shapes import (
     HalfSpace,
     Shape,
     Sphere,
-    coal_geometry,
 )
 from graspless_pin.geometry.contact.finding import BodyKind, find_contacts
 from graspless_pin.geometry.poses import pose_matrix
@@ -27,7 +26,7 @@ SLOPE = (0.0, math.pi / 4, 0.0)  # turns z into (q, 0, q)
 
 
 def body(name: str, shape: Shape, T: np.ndarray) -> CollisionBody:
-    return CollisionBody(name, coal_geometry(shape), T)
+    return CollisionBody(name, shape.pieces()[0], T)
 
 
 def at(x: float, y: float, z: float, rpy: tuple[float, float, float] | None = None) -> np.ndarray:

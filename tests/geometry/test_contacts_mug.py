@@ -11,7 +11,7 @@ from mugs import BOTTOM, HANDLE, HEIGHT, RADIUS, SIDES, WALL, cut_mug, rim
 from scipy.spatial.transform import Rotation
 
 from graspless_pin.geometry.bodies.collision import CollisionBody
-from graspless_pin.geometry.bodies.shapes import coal_geometries, convex_geometry
+from graspless_pin.geometry.bodies.shape import convex_geometry
 from graspless_pin.geometry.contact.finding import find_contacts
 
 GROUNDS = {
@@ -36,7 +36,7 @@ GROUNDS = {
 def mug(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Any, ...]]:
     """The pieces of the mug."""
     with cut_mug(tmp_path_factory) as shape:
-        yield coal_geometries(shape)
+        yield shape.pieces()
 
 
 def place(position: object, rotation: Rotation | None = None) -> np.ndarray:

@@ -15,7 +15,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from graspless_pin.geometry.bodies.collision import CollisionBody
-from graspless_pin.geometry.bodies.shapes import convex_geometry
+from graspless_pin.geometry.bodies.shape import convex_geometry
 from graspless_pin.geometry.contact.distances import separation
 from graspless_pin.geometry.contact.finding import ContactPoint, find_contacts
 from graspless_pin.geometry.contact.polygons import Polygon, planar_hull, reduce_polygon

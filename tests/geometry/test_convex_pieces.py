@@ -13,7 +13,7 @@ from graspless_pin.child_process import ChildProcess
 from graspless_pin.errors import ArgumentError, GrasplessPinWarning, MeshError
 from graspless_pin.geometry.bodies import decomposition
 from graspless_pin.geometry.bodies.decomposition import Cut, convex_pieces
-from graspless_pin.geometry.bodies.shapes import MeshShape, coal_geometries, coal_geometry
+from graspless_pin.geometry.bodies.shapes import MeshShape
 
 
 @pytest.fixture(autouse=True)
@@ -250,17 +250,17 @@ def test_slow_work_shows_that_it_goes_on(
 def test_a_mesh_shape_is_its_hull_or_its_pieces(tmp_path: Path) -> None:
     ell(1000.0).export(tmp_path / "ell.stl")
     hull = MeshShape(tmp_path / "ell.stl", 0.001)
-    assert len(coal_geometries(hull)) == 1
-    assert len(coal_geometries(MeshShape(tmp_path / "ell.stl", 0.001, "decompose"))) == 2
-    assert len(coal_geometry(hull).points()) == 10
+    assert len(hull.pieces()) == 1
+    assert len(MeshShape(tmp_path / "ell.stl", 0.001, "decompose").pieces()) == 2
+    assert len(hull.pieces()[0].points()) == 10
 
 
 def test_a_changed_file_is_read_again(tmp_path: Path) -> None:
     path = tmp_path / "part.ply"
     ell().export(path)
-    assert len(coal_geometries(MeshShape(path, 1.0, "decompose"))) == 2
+    assert len(MeshShape(path, 1.0, "decompose").pieces()) == 2
     trimesh.creation.box([0.1] * 3).export(path)
-    assert len(coal_geometries(MeshShape(path, 1.0, "decompose"))) == 1
+    assert len(MeshShape(path, 1.0, "decompose").pieces()) == 1
 
 
 def test_the_choice_is_checked() -> None:

@@ -14,11 +14,9 @@ import trimesh
 from graspless_pin import Hand
 from graspless_pin.errors import MeshError
 from graspless_pin.findings import FindingCode, heard
-from graspless_pin.geometry.bodies.mass_properties import filling
 from graspless_pin.geometry.bodies.mesh_files import parse_mesh
 from graspless_pin.geometry.bodies.meshes import hull_points
 from graspless_pin.geometry.bodies.shapes import MeshShape
-from graspless_pin.geometry.bodies.triangles import shape_triangles
 from graspless_pin.geometry.hand.visuals import hand_triangles
 from graspless_pin.geometry.inspection.audit import audit_urdf
 
@@ -74,7 +72,7 @@ def test_an_object_is_the_same_whatever_the_frame(
     turned = up in ("Y_UP", "X_UP")
     assert [one.code for one in told] == [FindingCode.MESH_AXES] * turned
     with heard():
-        drawn, filled = shape_triangles(shape), filling(shape)
+        drawn, filled = shape.surface(), shape.filling()
     np.testing.assert_allclose(in_order(drawn.vertices), expected, atol=1e-12)
     np.testing.assert_allclose(filled.centroid, 2.0 * CORNERS.mean(axis=0), atol=1e-12)
     assert filled.volume == pytest.approx(8.0 * 0.1 * 0.2 * 0.3 / 6.0)

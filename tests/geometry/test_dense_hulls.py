@@ -18,8 +18,7 @@ from graspless_pin.geometry.bodies.dense_hulls import (
     HULL_TOLERANCE,
     hull_corners,
 )
-from graspless_pin.geometry.bodies.mass_properties import filling
-from graspless_pin.geometry.bodies.shapes import MeshShape, coal_geometries, coal_geometry
+from graspless_pin.geometry.bodies.shapes import MeshShape
 
 
 def standing_out(vertices: np.ndarray, corners: np.ndarray) -> float:
@@ -82,7 +81,7 @@ def test_a_dense_mesh_is_cut_with_fewer_triangles_and_says_how_far_they_are_off(
     assert solid.volume == pytest.approx(mesh.volume, rel=2e-3)
     mesh.export(tmp_path / "ring.ply")
     with heard() as told:  # nothing of the hull, which stands for nothing
-        coal_geometries(MeshShape(tmp_path / "ring.ply", convex="decompose"))
+        MeshShape(tmp_path / "ring.ply", convex="decompose").pieces()
     assert [one.code for one in told] == [FindingCode.SIMPLIFIED_HULL]
     assert "10000 stand for it where it is cut" in told[0].message
     near = trimesh.proximity.closest_point_naive(solid, mesh.vertices[::200])[1]
@@ -94,8 +93,8 @@ def test_objects_and_links_say_so_and_masses_are_of_the_whole_mesh(tmp_path: Pat
     egg(6).export(tmp_path / "egg.stl")
     shape = MeshShape(tmp_path / "egg.stl")
     with heard() as of_object:
-        geometry = coal_geometry(shape)
-        filled = filling(shape)
+        geometry = shape.pieces()[0]
+        filled = shape.filling()
     assert {one.code for one in of_object} == {FindingCode.SIMPLIFIED_HULL}
     volume = 4.0 / 3.0 * np.pi * 0.05 * 0.04 * 0.03
     assert filled.volume == pytest.approx(volume, rel=2e-4)

@@ -8,7 +8,6 @@ import pytest
 import trimesh
 
 from graspless_pin.errors import ArgumentError, GrasplessPinWarning, MeshError
-from graspless_pin.geometry.bodies.mass_properties import filling, mass_properties
 from graspless_pin.geometry.bodies.shapes import (
     Box,
     Capsule,
@@ -54,7 +53,7 @@ def test_filling_agree_with_a_count_of_points(shape: Shape) -> None:
     steps = 0.5 * (steps[1:] + steps[:-1])
     points = np.array(np.meshgrid(steps, steps, steps)).reshape(3, -1).T
     within = points[inside(shape, points)]
-    volume, centroid, _ = filling(shape)
+    volume, centroid, _ = shape.filling()
     assert volume == pytest.approx(len(within) * 0.008**3, rel=0.03)
     assert np.allclose(centroid, within.mean(axis=0), atol=5e-3)
 
@@ -67,7 +66,7 @@ def test_the_inertia_agrees_with_a_sum_over_points(shape: Shape) -> None:
     within = points[inside(shape, points)]
     arms = within - within.mean(axis=0)
     second = arms.T @ arms / len(arms)
-    found = mass_properties(shape, mass=3.0).inertia
+    found = shape.mass_properties(mass=3.0).inertia
     assert np.allclose(found, 3.0 * (np.trace(second) * np.eye(3) - second), rtol=0.02, atol=1e-6)
     assert not found.flags.writeable
 
@@ -90,7 +89,7 @@ def test_a_mesh_counts_with_its_own_volume_not_its_hulls(
 ) -> None:
     for convex in ("hull", "decompose"):
         shape = MeshShape(ell(tmp_path, name, inverted=inverted), 0.001, convex)
-        found = mass_properties(shape, density=1000.0)
+        found = shape.mass_properties(density=1000.0)
         assert found.mass == pytest.approx(0.007)
         # 4 parts at (20, 5, 5) and 3 at (5, 5, 25) millimetres.
         assert np.allclose(found.center_of_mass, [95 / 7e3, 5e-3, 95 / 7e3], atol=1e-7)
@@ -104,13 +103,13 @@ def test_a_mesh_counts_with_its_own_volume_not_its_hulls(
 
 
 def test_a_mesh_scaled_along_each_axis_is_scaled_in_volume_and_centre(tmp_path: Path) -> None:
-    found = mass_properties(MeshShape(ell(tmp_path), (0.001, 0.002, 0.003)), density=1000.0)
+    found = MeshShape(ell(tmp_path), (0.001, 0.002, 0.003)).mass_properties(density=1000.0)
     assert found.mass == pytest.approx(0.042)
     assert np.allclose(found.center_of_mass, [95 / 7e3, 10e-3, 285 / 7e3], atol=1e-7)
 
 
 def test_a_given_mass_stays_as_it_is() -> None:
-    found = mass_properties(Cone(0.1, 0.4), mass=2.5)
+    found = Cone(0.1, 0.4).mass_properties(mass=2.5)
     assert found.mass == 2.5
     assert np.allclose(found.center_of_mass, [0, 0, -0.1])
 
@@ -120,7 +119,7 @@ def test_an_open_mesh_counts_with_its_hull_and_says_so(tmp_path: Path) -> None:
     mesh.update_faces(np.arange(len(mesh.faces)) > 0)
     mesh.export(tmp_path / "open.ply")
     with pytest.warns(GrasplessPinWarning, match=r"open.ply' is not watertight: volume and centre"):
-        volume, centroid, _ = filling(MeshShape(tmp_path / "open.ply"))
+        volume, centroid, _ = MeshShape(tmp_path / "open.ply").filling()
     assert volume == pytest.approx(0.002)
     assert np.allclose(centroid, [0.05, 0.05, 0.1])
 
@@ -131,20 +130,20 @@ def test_parts_that_fill_the_same_space_twice_are_noticed(tmp_path: Path) -> Non
     )
     twice.export(tmp_path / "twice.ply")
     with pytest.warns(GrasplessPinWarning, match="has parts that lie in each other"):
-        volume, _, _ = filling(MeshShape(tmp_path / "twice.ply"))
+        volume, _, _ = MeshShape(tmp_path / "twice.ply").filling()
     assert volume == pytest.approx(0.001)
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
 def test_mass_and_density_are_positive(value: float) -> None:
     with pytest.raises(ArgumentError, match="mass: needs a positive number of kg"):
-        mass_properties(Sphere(0.1), mass=value)
+        Sphere(0.1).mass_properties(mass=value)
     with pytest.raises(ArgumentError, match=r"density: needs a positive number of kg/m\^3"):
-        mass_properties(Sphere(0.1), density=value)
+        Sphere(0.1).mass_properties(density=value)
 
 
 def test_what_has_no_volume_has_no_mass(tmp_path: Path) -> None:
     with pytest.raises(ArgumentError, match="a half-space has no mass"):
-        mass_properties(HalfSpace(), mass=1.0)
+        HalfSpace().mass_properties(mass=1.0)
     with pytest.raises(MeshError, match="does not exist"):
-        mass_properties(MeshShape(tmp_path / "none.stl"), mass=1.0)
+        MeshShape(tmp_path / "none.stl").mass_properties(mass=1.0)

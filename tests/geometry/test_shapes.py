@@ -18,7 +18,6 @@ from graspless_pin.geometry.bodies.shapes import (
     MeshShape,
     Shape,
     Sphere,
-    coal_geometry,
     convex_geometry,
 )
 
@@ -36,14 +35,14 @@ from graspless_pin.geometry.bodies.shapes import (
 def test_the_coal_geometry_has_the_extent_of_the_shape(
     shape: Shape, extent: tuple[float, float, float]
 ) -> None:
-    geometry = coal_geometry(shape)
+    geometry = shape.pieces()[0]
     geometry.computeLocalAABB()
     box = geometry.aabb_local
     assert np.allclose([box.width(), box.height(), box.depth()], extent, atol=1e-9)
 
 
 def test_a_half_space_is_solid_below_z() -> None:
-    geometry = coal_geometry(HalfSpace())
+    geometry = HalfSpace().pieces()[0]
     assert np.array_equal(geometry.n, [0, 0, 1])
     assert geometry.d == 0
 
@@ -90,7 +89,7 @@ def test_a_mesh_becomes_its_scaled_hull(tmp_path: Path, suffix: str) -> None:
     if suffix == "dae":  # trimesh writes Y_UP, whatever is up
         path.write_text(path.read_text().replace("Y_UP", "Z_UP"))
     shape = MeshShape(path, 0.001)
-    hull = coal_geometry(shape)
+    hull = shape.pieces()[0]
     assert isinstance(hull, coal.Convex)
     outline = ((0, 0), (0.2, 0), (0.2, 0.05), (0.05, 0.2), (0, 0.2))
     expected = {(x, y, z) for x, z in outline for y in (0, 0.1)}
@@ -100,7 +99,7 @@ def test_a_mesh_becomes_its_scaled_hull(tmp_path: Path, suffix: str) -> None:
 def test_a_mesh_can_be_scaled_along_each_axis(tmp_path: Path) -> None:
     trimesh.creation.box(extents=[1, 1, 1]).export(tmp_path / "cube.stl")
     shape = MeshShape(tmp_path / "cube.stl", (0.1, 0.2, 0.3))
-    corners = np.array(coal_geometry(shape).points())
+    corners = np.array(shape.pieces()[0].points())
     assert np.allclose(np.ptp(corners, axis=0), [0.1, 0.2, 0.3])
 
 
@@ -111,7 +110,7 @@ def test_a_mesh_of_unlikely_size_gets_a_warning_with_its_scale(
     path = tmp_path / "cube.stl"
     trimesh.creation.box(extents=[edge] * 3).export(path)
     with pytest.warns(GrasplessPinWarning, match=rf"cube.stl' with scale {scale} is .* m large"):
-        coal_geometry(MeshShape(path, scale))
+        MeshShape(path, scale).pieces()[0]
 
 
 @pytest.mark.parametrize("scale", [1e-9, 1e-7, 1e-4, 1.0, 1e9, 1e10, 1e12])
@@ -125,7 +124,7 @@ def test_corners_of_a_mesh_of_any_size_stay_apart(tmp_path: Path, scale: float) 
 @pytest.mark.parametrize("sections", [250, 300])
 def test_a_mesh_may_have_a_flat_face_of_hundreds_of_corners(tmp_path: Path, sections: int) -> None:
     trimesh.creation.cylinder(0.05, 0.1, sections=sections).export(tmp_path / "drum.ply")
-    points = np.array(coal_geometry(MeshShape(tmp_path / "drum.ply")).points())
+    points = np.array(MeshShape(tmp_path / "drum.ply").pieces()[0].points())
     assert len(points) == 2 * sections
     assert np.allclose(np.hypot(points[:, 0], points[:, 1]), 0.05, atol=1e-7)
     assert np.allclose(np.abs(points[:, 2]), 0.05, atol=1e-7)
@@ -133,7 +132,7 @@ def test_a_mesh_may_have_a_flat_face_of_hundreds_of_corners(tmp_path: Path, sect
 
 def test_a_missing_mesh_is_named() -> None:
     with pytest.raises(MeshError, match=r"mesh file 'no/such.stl' does not exist; check the path"):
-        coal_geometry(MeshShape(Path("no/such.stl")))
+        MeshShape(Path("no/such.stl")).pieces()[0]
 
 
 @pytest.mark.parametrize("suffix", ["stl", "obj", "ply", "glb", "off", "dae"])
@@ -141,28 +140,28 @@ def test_an_unreadable_mesh_is_named(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"broken.{suffix}"
     path.write_bytes(b"this is no mesh")
     with pytest.raises(MeshError, match=f"broken.{suffix}"):
-        coal_geometry(MeshShape(path))
+        MeshShape(path).pieces()[0]
 
 
 def test_an_unknown_format_is_refused_with_the_known_ones(tmp_path: Path) -> None:
     path = tmp_path / "part.step"
     path.write_text("ISO-10303-21;")
     with pytest.raises(MeshError, match=r"unknown ending '.step'; use one of .stl, .obj"):
-        coal_geometry(MeshShape(path))
+        MeshShape(path).pieces()[0]
 
 
 def test_a_flat_mesh_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "sheet.obj"
     path.write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 1 3 4\n")
     with pytest.raises(MeshError, match=r"sheet.obj' encloses no volume"):
-        coal_geometry(MeshShape(path))
+        MeshShape(path).pieces()[0]
 
 
 def test_xml_entities_in_a_mesh_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "part.dae"
     path.write_text('<?xml version="1.0"?><!DOCTYPE x [<!ENTITY e SYSTEM "other.txt">]><x>&e;</x>')
     with pytest.raises(MeshError, match="declares XML entities"):
-        coal_geometry(MeshShape(path))
+        MeshShape(path).pieces()[0]
 
 
 @pytest.mark.parametrize("tilted", [False, True])

@@ -28,7 +28,7 @@ from scipy.optimize import linprog
 
 from graspless_pin import load_scene
 from graspless_pin.findings import heard
-from graspless_pin.geometry.bodies.triangles import geometry_triangles
+from graspless_pin.geometry.bodies.shapes import shape_of
 
 ICUB = "share/iCub/robots/left_hand_mk3/model.urdf"
 PR2 = "pybullet_data/pr2_gripper.urdf"
@@ -202,7 +202,7 @@ def _cpu_seconds() -> float:
 
 def _corners(body) -> np.ndarray:
     T = np.asarray(body.T_world_geometry)
-    return geometry_triangles(body.geometry).vertices @ T[:3, :3].T + T[:3, 3]
+    return shape_of(body.geometry).surface().vertices @ T[:3, :3].T + T[:3, 3]
 
 
 def main() -> None:

@@ -12,7 +12,7 @@ from graspless_pin import load_scene
 from graspless_pin.errors import SceneError
 from graspless_pin.geometry.bodies.collision import CollisionBody
 from graspless_pin.geometry.bodies.meshes import scaled_mesh
-from graspless_pin.geometry.bodies.shapes import MeshShape, Sphere, coal_geometry
+from graspless_pin.geometry.bodies.shapes import MeshShape, Sphere
 from graspless_pin.geometry.contact.finding import BodyKind, find_contacts
 from graspless_pin.geometry.poses import pose_matrix
 from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
@@ -198,7 +198,7 @@ def test_the_mugs_hollow_and_handle_are_open():
     assert isinstance(mug.shape, MeshShape)
     for position in ((0.0, 0.0, 0.05), (0.0, 0.05, 0.0475)):
         T = mug.T_world_object @ pose_matrix(position)
-        tip = [CollisionBody("tip", coal_geometry(Sphere(0.008)), T)]
+        tip = [CollisionBody("tip", Sphere(0.008).pieces()[0], T)]
         assert find_contacts(mug.collision_bodies(), tip, []) == ()
         hull = replace(mug, shape=replace(mug.shape, convex="hull"))
         with pytest.raises(SceneError, match="'tip' and object 'mug' overlap"):

@@ -8,20 +8,26 @@ from typing import Annotated, Any
 import pytest
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
+from graspless_pin.geometry.bodies.shapes import SHAPES
 from graspless_pin.geometry.robots import robot_schema
 from graspless_pin.scene import body_schema, hand_schema, scene_schema
 from graspless_pin.studies import study_schema
 
 
-def fields_of(module: ModuleType) -> Iterator[Any]:
-    """Every field of the models that a module defines, with its type and its checks."""
-    for name, model in inspect.getmembers(module, inspect.isclass):
+def models_of(module: ModuleType) -> Iterator[type[BaseModel]]:
+    """The models that a module defines."""
+    for _, model in inspect.getmembers(module, inspect.isclass):
         if issubclass(model, BaseModel) and model.__module__ == module.__name__:
-            for key, field in model.model_fields.items():
-                kind: Any = field.annotation
-                for check in field.metadata:
-                    kind = Annotated[kind, check]
-                yield pytest.param(TypeAdapter(kind), id=f"{name}.{key}")
+            yield model
+
+
+def fields_of(model: type[BaseModel]) -> Iterator[Any]:
+    """Every field of a model, with its type and its checks."""
+    for key, field in model.model_fields.items():
+        kind: Any = field.annotation
+        for check in field.metadata:
+            kind = Annotated[kind, check]
+        yield pytest.param(TypeAdapter(kind), id=f"{model.__name__}.{key}")
 
 
 def truths(node: dict[str, Any]) -> Iterator[Any]:
@@ -41,10 +47,12 @@ def truths(node: dict[str, Any]) -> Iterator[Any]:
             yield from ({"name": value} for value in truths(node["additionalProperties"]))
 
 
+MODULES = (body_schema, hand_schema, scene_schema, study_schema, robot_schema)
+MODELS = [model for module in MODULES for model in models_of(module)]
 NUMBERS = [
     field
-    for module in (body_schema, hand_schema, scene_schema, study_schema, robot_schema)
-    for field in fields_of(module)
+    for model in (*MODELS, *(shape.entry() for shape in SHAPES.values()))
+    for field in fields_of(model)
     if list(truths(field.values[0].json_schema()))
 ]
 

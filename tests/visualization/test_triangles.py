@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.bodies.mass_properties import mass_properties
 from graspless_pin.geometry.bodies.shapes import (
     Box,
     Capsule,
@@ -20,12 +19,10 @@ from graspless_pin.geometry.bodies.shapes import (
     MeshShape,
     Shape,
     Sphere,
-    coal_geometry,
+    shape_of,
 )
 from graspless_pin.geometry.bodies.triangles import (
     Triangles,
-    geometry_triangles,
-    shape_triangles,
     simplified,
     slab_triangles,
 )
@@ -49,10 +46,10 @@ def solid(surface: Triangles) -> trimesh.Trimesh:
 def check(surface: Triangles, shape: Shape) -> None:
     mesh = solid(surface)
     assert mesh.is_watertight
-    filled = mass_properties(shape, density=1.0)
+    filled = shape.mass_properties(density=1.0)
     # Inscribed in circles of 32 corners, whose area is 0.994 of the circle's.
     assert 0.97 * filled.mass < mesh.volume < (1.0 + 1e-9) * filled.mass
-    geometry = coal_geometry(shape)
+    geometry = shape.pieces()[0]
     geometry.computeLocalAABB()
     size = np.array(geometry.aabb_local.max_ - geometry.aabb_local.min_)
     assert mesh.center_mass == pytest.approx(filled.center_of_mass, abs=1e-2 * size.max())
@@ -62,35 +59,35 @@ def check(surface: Triangles, shape: Shape) -> None:
 @given(shapes)
 @settings(max_examples=40)
 def test_a_surface_is_closed_outward_and_fills_its_shape(shape):
-    check(shape_triangles(shape), shape)
+    check(shape.surface(), shape)
 
 
 @given(shapes)
 @settings(max_examples=40)
 def test_what_contact_detection_sees_is_drawn_the_same(shape):
-    seen = geometry_triangles(coal_geometry(shape))
+    seen = shape_of(shape.pieces()[0]).surface()
     check(seen, shape)
-    drawn = shape_triangles(shape)
+    drawn = shape.surface()
     assert seen.vertices.min(axis=0) == pytest.approx(drawn.vertices.min(axis=0), abs=1e-12)
     assert seen.vertices.max(axis=0) == pytest.approx(drawn.vertices.max(axis=0), abs=1e-12)
 
 
 def test_a_convex_hull_is_drawn_by_its_corners():
     mug = MeshShape(MUG)
-    hull = geometry_triangles(coal_geometry(mug))
+    hull = shape_of(mug.pieces()[0]).surface()
     assert solid(hull).is_watertight
     assert solid(hull).volume == pytest.approx(trimesh.load_mesh(MUG).convex_hull.volume, rel=1e-6)
 
 
 def test_a_mesh_is_drawn_as_it_is_with_its_hollows():
-    drawn = shape_triangles(MeshShape(MUG, scale=2.0))
+    drawn = MeshShape(MUG, scale=2.0).surface()
     file = trimesh.load_mesh(MUG)
     assert solid(drawn).volume == pytest.approx(8.0 * file.volume, rel=1e-6)
     assert len(drawn.faces) == len(file.faces)
 
 
 def test_a_mesh_is_simplified_to_the_given_size():
-    fine = shape_triangles(Sphere(0.5))
+    fine = Sphere(0.5).surface()
     coarse = simplified(fine, 300)
     assert 100 <= len(coarse.faces) <= 300
     assert np.linalg.norm(coarse.vertices, axis=1) == pytest.approx(0.5, abs=0.05)
@@ -104,16 +101,15 @@ def test_a_half_space_is_a_slab_below_its_plane():
     assert slab.vertices.min(axis=0) == pytest.approx([0.5, -2.5, -0.1])
     assert slab.vertices.max(axis=0) == pytest.approx([1.5, -1.5, 0.0])
     with pytest.raises(ArgumentError, match="slab_triangles"):
-        shape_triangles(HalfSpace())
-    with pytest.raises(ArgumentError, match="Halfspace"):
-        geometry_triangles(coal_geometry(HalfSpace()))
+        HalfSpace().surface()
+    assert shape_of(HalfSpace().pieces()[0]) == HalfSpace()
 
 
 def test_a_surface_moves_with_its_pose():
     turn = np.eye(4)
     turn[:2, :2] = [[0.0, -1.0], [1.0, 0.0]]
     turn[:3, 3] = [1.0, 2.0, 3.0]
-    moved = shape_triangles(Box((0.2, 0.4, 0.6))).moved(turn)
+    moved = Box((0.2, 0.4, 0.6)).surface().moved(turn)
     assert moved.vertices.min(axis=0) == pytest.approx([0.8, 1.9, 2.7])
     assert solid(moved).volume == pytest.approx(0.2 * 0.4 * 0.6)
     with pytest.raises(ValueError, match="read-only"):

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable
+from dataclasses import fields
+from itertools import islice
 from pathlib import Path
 from typing import Annotated
 
@@ -14,27 +15,20 @@ import typer
 from graspless_pin.atomic_write import draft_of
 from graspless_pin.cli.outcome import echo_note, plain_errors
 from graspless_pin.errors import ArgumentError
-from graspless_pin.geometry.bodies.shapes import (
-    Box,
-    Capsule,
-    Cone,
-    Cylinder,
-    MeshShape,
-    Shape,
-    Sphere,
-)
+from graspless_pin.geometry.bodies.shapes import SHAPES, MeshShape, Shape
 from graspless_pin.progress import waiting_for
 from graspless_pin.scene import scene_json_schema
 from graspless_pin.scene.new_scene import SCHEMA_FILE, NewScene, NewSceneText, new_scene_text
 from graspless_pin.scene.saving import write_scene_file
 
-_PRIMITIVES: dict[str, tuple[str, Callable[..., Shape]]] = {
-    "box": ("X,Y,Z", lambda x, y, z: Box((x, y, z))),
-    "sphere": ("RADIUS", Sphere),
-    "cylinder": ("RADIUS,LENGTH", Cylinder),
-    "capsule": ("RADIUS,LENGTH", Capsule),
-    "cone": ("RADIUS,LENGTH", Cone),
+_PRIMITIVES = {
+    kind: ",".join(
+        "X,Y,Z" if shape.lengths().get(key.name) == 3 else key.name.upper() for key in fields(shape)
+    )
+    for kind, shape in SHAPES.items()
+    if shape.lengths()
 }
+_LENGTHS = ", ".join(f"{kind}:{names}" for kind, names in _PRIMITIVES.items())
 _STEEPEST = 80.0  # degrees
 _UNITS = {"deg": 1.0, "°": 1.0, "rad": 180.0 / math.pi}
 
@@ -50,8 +44,7 @@ def new(
         str,
         typer.Argument(
             metavar="OBJECT",
-            help="A mesh file (STL, OBJ, DAE, PLY, glTF), or lengths in metres: box:X,Y,Z, "
-            "sphere:RADIUS, cylinder:RADIUS,LENGTH, capsule:RADIUS,LENGTH, cone:RADIUS,LENGTH.",
+            help=f"A mesh file (STL, OBJ, DAE, PLY, glTF), or lengths in metres: {_LENGTHS}.",
         ),
     ],
     output: Annotated[
@@ -162,16 +155,17 @@ def _shape(text: str, scale: float, *, decompose: bool) -> Shape:
     """Return the shape that an argument names."""
     kind, colon, rest = text.partition(":")
     if colon and kind in _PRIMITIVES:
-        names, make = _PRIMITIVES[kind]
+        names = _PRIMITIVES[kind]
         lengths = [_number("OBJECT", length) for length in rest.split(",")]
         if len(lengths) != len(names.split(",")):
             raise ArgumentError("OBJECT", f"found {text!r}; needs {kind}:{names}, in metres")
         if scale != 1.0 or decompose:
             raise ArgumentError("OBJECT", f"--scale and --decompose go with a mesh, not a {kind}")
-        return make(*lengths)
+        make, left = SHAPES[kind], iter(lengths)
+        counts = (make.lengths().get(key.name, 1) for key in fields(make))
+        return make(*(next(left) if one == 1 else tuple(islice(left, one)) for one in counts))
     if not Path(text).suffix:
-        known = ", ".join(f"{one}:{names}" for one, (names, _) in _PRIMITIVES.items())
-        raise ArgumentError("OBJECT", f"found {text!r}; needs a mesh file or one of {known}")
+        raise ArgumentError("OBJECT", f"found {text!r}; needs a mesh file or one of {_LENGTHS}")
     return MeshShape(Path(text), scale, convex="decompose" if decompose else "hull")
 
 

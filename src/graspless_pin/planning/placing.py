@@ -23,7 +23,6 @@ from graspless_pin.errors import (
     internal_error,
 )
 from graspless_pin.findings import heard
-from graspless_pin.geometry.bodies.triangles import shape_triangles
 from graspless_pin.geometry.posing.opposing import fingers_that_close
 from graspless_pin.holding.options import BRIEF_NODE_LIMIT
 from graspless_pin.holding.verdict import Stability, StabilityVerdict
@@ -185,7 +184,7 @@ def _plan(
     required = scene.solve_options.get("margin", 0.1) if margin is None else margin
     rng = np.random.default_rng(whole_number("seed", seed, 0))
     resting = _at_rest(scene)
-    surface = shape_triangles(resting.object.shape).moved(resting.object.T_world_object)
+    surface = resting.object.shape.surface().moved(resting.object.T_world_object)
     corners = surface.vertices[surface.faces]
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     sizes = np.linalg.norm(areas, axis=1)

@@ -9,29 +9,13 @@ import numpy as np
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
-from graspless_pin.geometry.bodies.shapes import (
-    Box,
-    Capsule,
-    Cone,
-    Cylinder,
-    HalfSpace,
-    MeshShape,
-    Shape,
-    Sphere,
-    coal_geometries,
-)
+from graspless_pin.geometry.bodies.shapes import SHAPES, Shape
 from graspless_pin.geometry.poses import pose_matrix
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.body_schema import (
     ROTATION_FORMS,
-    BoxEntry,
-    CapsuleEntry,
-    ConeEntry,
-    CylinderEntry,
-    MeshEntry,
     ObjectEntry,
     PoseEntry,
-    SphereEntry,
     SupportEntry,
     TwistEntry,
 )
@@ -106,8 +90,8 @@ def _shape_at(file: YamlSource, parts: SceneParts, where: Location, entry: Any) 
     """Return the shape at a location of a scene file, which can be made of convex pieces."""
 
     def made() -> Shape:
-        shape = file.at(where, lambda: _shape(file, entry))
-        file.at(where, lambda: coal_geometries(shape), ("path",))
+        shape = file.at(where, lambda: SHAPES[entry.type].from_entry(entry, file.file))
+        file.at(where, lambda: shape.pieces(), ("path",))
         return shape
 
     return parts.stage(key_text(where), (entry,), made)
@@ -141,31 +125,6 @@ def stated_turn(pose: Mapping[str, Any]) -> tuple[str, Any]:
     """Return in which form a pose says how it is turned, and what `pose_matrix` takes of that."""
     form = next((name for name in ROTATION_FORMS if pose.get(name) is not None), "rpy")
     return form, np.radians(pose[form]) if form == "rpy_deg" else pose.get(form)
-
-
-def _shape(file: YamlSource, entry: Any) -> Shape:
-    match entry:
-        case BoxEntry():
-            return Box(entry.size)
-        case SphereEntry():
-            return Sphere(entry.radius)
-        case CylinderEntry():
-            return Cylinder(entry.radius, entry.length)
-        case CapsuleEntry():
-            return Capsule(entry.radius, entry.length)
-        case ConeEntry():
-            return Cone(entry.radius, entry.length)
-        case MeshEntry():
-            return MeshShape(
-                file.file(entry.path),
-                entry.scale,
-                convex=entry.convex,
-                concavity=entry.concavity,
-                decompose_time_limit=entry.decompose_time_limit,
-                max_pieces=entry.max_pieces,
-            )
-        case _:
-            return HalfSpace()
 
 
 def twist_of(entry: TwistEntry) -> FloatArray:

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Iterable
+from typing import Annotated, Union
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, Field, GetPydanticSchema, model_validator
 
-from graspless_pin.geometry.robots.robot_schema import Convex, MaxPieces
+from graspless_pin.geometry.bodies.shapes import SHAPES, HalfSpace, Shape
 from graspless_pin.intake.fields import (
     Entry,
-    FilePath,
     Finite,
     Friction,
-    Length,
     Name,
     Positive,
-    Seconds,
-    no_truth_value,
 )
 
 
@@ -29,19 +26,6 @@ def _not_zero(vector: tuple[float, float, float]) -> tuple[float, float, float]:
 Vector = tuple[Finite, Finite, Finite]
 Moments = tuple[Positive, Positive, Positive]
 Direction = Annotated[Vector, AfterValidator(_not_zero)]
-DecomposeTimeLimit = Annotated[
-    Seconds, Field(description="[s] time that the cut of each mesh may take")
-]
-Concavity = Annotated[
-    float,
-    Field(
-        ge=0.01,
-        le=1.0,
-        description="[1] coarseness of the cut into convex pieces: smaller is finer",
-    ),
-    BeforeValidator(no_truth_value),
-]
-
 
 ROTATION_FORMS = ("rpy", "rpy_deg", "quaternion", "matrix")
 """Keys of a pose that say how it is turned, one of which may stand."""
@@ -71,77 +55,13 @@ class PoseEntry(Entry):
         return self
 
 
-class BoxEntry(Entry):
-    """A box with full edge lengths."""
-
-    type: Literal["box"] = Field(description="says that it is a box")
-    size: tuple[Length, Length, Length] = Field(description="[m] full edge lengths along x, y, z")
+def _one_of(shapes: Iterable[type[Shape]]) -> GetPydanticSchema:
+    several = Annotated[Union[*(one.entry() for one in shapes)], Field(discriminator="type")]
+    return GetPydanticSchema(lambda _, handler: handler(several))
 
 
-class SphereEntry(Entry):
-    """A sphere."""
-
-    type: Literal["sphere"] = Field(description="says that it is a sphere")
-    radius: Length = Field(description="[m] from the origin of its frame")
-
-
-class CylinderEntry(Entry):
-    """A cylinder along z, its full height."""
-
-    type: Literal["cylinder"] = Field(description="says that it is a cylinder")
-    radius: Length = Field(description="[m] about z")
-    length: Length = Field(description="[m] full height, half of it on each side of the origin")
-
-
-class CapsuleEntry(Entry):
-    """A capsule along z; the length is the cylinder's without its ends."""
-
-    type: Literal["capsule"] = Field(description="says that it is a capsule")
-    radius: Length = Field(description="[m] of the cylinder and of its round ends")
-    length: Length = Field(description="[m] of the cylinder, without its ends")
-
-
-class ConeEntry(Entry):
-    """A cone, tip up along z."""
-
-    type: Literal["cone"] = Field(description="says that it is a cone")
-    radius: Length = Field(description="[m] of the base")
-    length: Length = Field(description="[m] from the base to the tip, the origin in its middle")
-
-
-class MeshEntry(Entry):
-    """A mesh file, as its convex hull or cut into convex pieces; relative to the scene file."""
-
-    type: Literal["mesh"] = Field(description="says that it is a mesh")
-    path: FilePath = Field(description="STL, OBJ, DAE or PLY file")
-    scale: Length | tuple[Length, Length, Length] = Field(
-        default=1.0,
-        description="[m] length of one unit of the file: 0.001 for millimetres; a DAE that states "
-        "its unit is in metres already, and its axis that is up becomes z",
-    )
-    convex: Convex = Field(
-        default="hull",
-        description="hull: its convex hull; decompose: convex pieces of a non-convex mesh, cached",
-    )
-    concavity: Concavity = 0.02
-    decompose_time_limit: DecomposeTimeLimit = 60.0
-    max_pieces: MaxPieces | None = None
-
-
-class HalfSpaceEntry(Entry):
-    """Everything at z <= 0 of its frame: a floor, table or slope."""
-
-    type: Literal["half_space"] = Field(description="says that it is a half-space")
-
-
-SolidEntry = Annotated[
-    BoxEntry | SphereEntry | CylinderEntry | CapsuleEntry | ConeEntry | MeshEntry,
-    Field(discriminator="type"),
-]
-ShapeEntry = Annotated[
-    BoxEntry | SphereEntry | CylinderEntry | CapsuleEntry | ConeEntry | MeshEntry | HalfSpaceEntry,
-    Field(discriminator="type"),
-]
+SolidEntry = Annotated[Entry, _one_of(one for one in SHAPES.values() if one is not HalfSpace)]
+ShapeEntry = Annotated[Entry, _one_of(SHAPES.values())]
 
 
 class ObjectEntry(Entry):

@@ -6,7 +6,13 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from graspless_pin.geometry.robots.robot_schema import Convex, FingerEntry, MaxPieces
+from graspless_pin.geometry.bodies.decomposition import (
+    Concavity,
+    Convex,
+    DecomposeTimeLimit,
+    MaxPieces,
+)
+from graspless_pin.geometry.robots.robot_schema import FingerEntry
 from graspless_pin.intake.fields import (
     ByName,
     Entry,
@@ -18,7 +24,7 @@ from graspless_pin.intake.fields import (
     Positive,
     Signed,
 )
-from graspless_pin.scene.body_schema import Concavity, DecomposeTimeLimit, PoseEntry
+from graspless_pin.scene.body_schema import PoseEntry
 from graspless_pin.scene.degrees import merged_angles
 
 LinkConvex = Annotated[

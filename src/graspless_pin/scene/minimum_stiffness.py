@@ -21,7 +21,6 @@ from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import ArgumentError, GrasplessPinError, SceneError
 from graspless_pin.findings import heard
-from graspless_pin.geometry.bodies.shapes import Capsule, Cylinder, Sphere
 from graspless_pin.geometry.contact.convex_sets import is_hull
 from graspless_pin.holding.free_motions import NEGLIGIBLE, motion_units
 from graspless_pin.holding.verdict import SmallMotions
@@ -208,7 +207,7 @@ def _moving_words(scene: Scene, problem: QuasistaticProblem, motion: FloatArray)
         return "the fingers buckle"
     if angular < _PART * linear:
         return "the object shifts"
-    if isinstance(scene.object.shape, Sphere | Cylinder | Capsule) and linear > _PART * angular:
+    if scene.object.shape.rolls and linear > _PART * angular:
         return "the object rolls"
     axis, load = motion[3:6], problem.external_wrench[:3]
     along = abs(float(axis @ load)) / float(np.linalg.norm(axis) * max(np.linalg.norm(load), _TINY))

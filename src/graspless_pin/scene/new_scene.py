@@ -29,7 +29,7 @@ from graspless_pin.geometry.robots.files import find_robot
 from graspless_pin.intake.yaml_edit import flow_of, yaml_of
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene.saving import paths_beside
-from graspless_pin.scene.serialization import plain, stated_robot, stated_rotation, stated_shape
+from graspless_pin.scene.serialization import plain, stated_robot, stated_rotation
 from graspless_pin.scene.unlikely_units import unit_findings
 
 SCHEMA_FILE = "scene.schema.json"
@@ -138,7 +138,7 @@ def new_scene_text(new: NewScene, target: Path) -> NewSceneText:
         q=_positions(hand),
         efforts=efforts,
         object=flow_of(lying.name),
-        shape=_shape(stated_shape(lying.shape, path_text)),
+        shape=_shape(lying.shape.stated(path_text)),
         mass=_mass(new),
         pose=_pose(lying.T_world_object[:3, 3], lying.T_world_object[:3, :3], 7),
         support=support.name,

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from graspless_pin.errors import GrasplessPinError
-from graspless_pin.geometry.bodies.shapes import MeshShape
+from graspless_pin.geometry.bodies.shapes import Shape
 from graspless_pin.problem.checks import FloatArray
 
 if TYPE_CHECKING:
@@ -75,13 +76,13 @@ def _contacts(scene: Scene) -> str:
     return f"{len(touching.bodies)}, {sliding} sliding: {each}{more}"
 
 
-def _shape(shape: object) -> str:
-    name = type(shape).__name__
-    words = {"HalfSpace": "half-space", "MeshShape": "mesh"}.get(name, name.lower())
-    sizes = [getattr(shape, item) for item in ("size", "radius", "length") if hasattr(shape, item)]
-    figures = [f"{value:g}" for value in np.hstack([*sizes, []]).tolist()]
-    file = f" {shape.path.name}" if isinstance(shape, MeshShape) else ""
-    return f"{words}{file} {' x '.join(figures)} m" if figures else f"{words}{file}"
+def _shape(shape: Shape) -> str:
+    figures = [
+        f"{value:g}" for key in shape.lengths() for value in np.atleast_1d(getattr(shape, key))
+    ]
+    files = [f" {value.name}" for value in vars(shape).values() if isinstance(value, Path)]
+    words = "".join([shape.kind.replace("_", "-"), *files])
+    return f"{words} {' x '.join(figures)} m" if figures else words
 
 
 def _point(values: FloatArray) -> str:

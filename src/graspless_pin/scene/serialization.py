@@ -14,16 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
-from graspless_pin.geometry.bodies.shapes import (
-    Box,
-    Capsule,
-    Cone,
-    Cylinder,
-    HalfSpace,
-    MeshShape,
-    Shape,
-    Sphere,
-)
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.poses import pose_matrix, roll_pitch_yaw
@@ -37,10 +27,6 @@ from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_schema import SolveEntry
 
 _SAME_ROTATION = 1e-12
-_TYPES: dict[type, str] = {
-    Box: "box", Sphere: "sphere", Cylinder: "cylinder", Capsule: "capsule", Cone: "cone",
-    HalfSpace: "half_space", MeshShape: "mesh",
-}  # fmt: skip
 _AS_THEY_ARE = (
     "max_normal_force", "cone_edges", "cone", "contact_tolerance", "max_penetration",
     "points_per_patch",
@@ -192,7 +178,7 @@ def stated_robot(robot: RobotDescription, path_text: Callable[[Path], str]) -> d
 def _object(made: ManipulatedObject, path_text: Callable[[Path], str]) -> dict[str, Any]:
     return {
         "name": made.name,
-        "shape": stated_shape(made.shape, path_text),
+        "shape": made.shape.stated(path_text),
         "mass": made.mass,
         "center_of_mass": made.center_of_mass,
         "inertia": made.inertia,
@@ -204,20 +190,12 @@ def _object(made: ManipulatedObject, path_text: Callable[[Path], str]) -> dict[s
 def _support(support: Support, path_text: Callable[[Path], str]) -> dict[str, Any]:
     return {
         "name": support.name,
-        "shape": stated_shape(support.shape, path_text),
+        "shape": support.shape.stated(path_text),
         "pose": _pose(support.T_world_support),
         "friction": support.friction,
         "velocity": _twist(support.velocity),
         "material": support.material,
     }
-
-
-def stated_shape(shape: Shape, path_text: Callable[[Path], str]) -> dict[str, Any]:
-    """Return what a scene file says of a shape: see `stated_scene`."""
-    stated = {"type": _TYPES[type(shape)], **vars(shape)}
-    if isinstance(shape, MeshShape):
-        stated["path"] = path_text(shape.path)
-    return stated
 
 
 def _materials(scene: Scene) -> dict[str, dict[str, float]]:

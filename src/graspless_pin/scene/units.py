@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from graspless_pin.geometry.bodies.shapes import SHAPES
 from graspless_pin.scene.yaml_source import Location
 
 ANY = ""
@@ -58,11 +59,8 @@ UNITS = {
 
 _SI = {unit.kind: unit for unit in reversed(UNITS.values()) if unit.factor == 1.0}
 
-_KINDS = {
+_KINDS = {key: ("length",) for shape in SHAPES.values() for key in shape.lengths()} | {
     "position": ("length",),
-    "size": ("length",),
-    "radius": ("length",),
-    "length": ("length",),
     "center_of_mass": ("length",),
     "contact_tolerance": ("length",),
     "rpy": ("angle",),

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from graspless_pin.findings import Finding, FindingCode
-from graspless_pin.geometry.bodies.mass_properties import filling
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject
 from graspless_pin.geometry.contact.broad_phase import solids_of
 from graspless_pin.problem.checks import FloatArray
@@ -25,7 +24,7 @@ def unit_findings(made: ManipulatedObject, *, beside_hand: bool) -> Iterator[Fin
     """
     low, high = box_around(made)
     size = high - low
-    density = made.mass / filling(made.shape).volume
+    density = made.mass / made.shape.filling().volume
     if beside_hand and size.max() > _LARGEST:
         yield Finding(
             FindingCode.UNLIKELY_SIZE,

@@ -10,9 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from graspless_pin.geometry import Box, Capsule, Cylinder, HalfSpace, Sphere
-from graspless_pin.geometry.bodies.shapes import Shape, shape_of
-from graspless_pin.geometry.bodies.triangles import shape_triangles
+from graspless_pin.geometry.bodies.shapes import shape_of
 from graspless_pin.problem.checks import FloatArray
 
 
@@ -65,15 +63,21 @@ class Mjcf:
         Args:
             body: The body's element.
             name: Name of the shape.
-            geometry: A `HalfSpace`, or what collision bodies are made of.
+            geometry: What collision bodies are made of.
             T_body_shape: (4, 4) pose in the body's frame, m.
             surface: How it meets others.
         """
+        form = shape_of(geometry).mjcf_geom()
+        if "vertex" in form:
+            self._meshes += 1
+            form["mesh"] = f"hull_{self._meshes}"
+            corners = form.pop("vertex").ravel().tolist()
+            add(self.section("asset"), "mesh", name=form["mesh"], vertex=corners)
         add(
             body,
             "geom",
             name=name,
-            **self._form(HalfSpace() if isinstance(geometry, HalfSpace) else shape_of(geometry)),
+            **form,
             **_pose(T_body_shape),
             friction=[surface.friction, 0.0, 0.0],
             condim=3 if surface.friction > 0.0 else 1,
@@ -86,29 +90,6 @@ class Mjcf:
         """Return the document."""
         ET.indent(self.root)
         return ET.tostring(self.root, encoding="unicode") + "\n"
-
-    def _form(self, shape: Shape | FloatArray) -> dict[str, object]:
-        match shape:
-            case Box(size):
-                return {"type": "box", "size": [0.5 * length for length in size]}
-            case Sphere(radius):
-                return {"type": "sphere", "size": [radius]}
-            case Cylinder(radius, length):
-                return {"type": "cylinder", "size": [radius, 0.5 * length]}
-            case Capsule(radius, length):
-                return {"type": "capsule", "size": [radius, 0.5 * length]}
-            case HalfSpace():
-                return {"type": "plane", "size": [0.0, 0.0, 1.0]}
-            case np.ndarray():
-                return self._mesh(shape)
-        return self._mesh(shape_triangles(shape).vertices)
-
-    def _mesh(self, corners: FloatArray) -> dict[str, object]:
-        """Add the convex hull of (V, 3) corners to the assets."""
-        self._meshes += 1
-        name = f"hull_{self._meshes}"
-        add(self.section("asset"), "mesh", name=name, vertex=corners.ravel().tolist())
-        return {"type": "mesh", "mesh": name}
 
 
 def add(parent: ET.Element, tag: str, **attributes: object) -> ET.Element:

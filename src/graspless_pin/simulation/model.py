@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.errors import SceneError
-from graspless_pin.geometry import BodyKind, HalfSpace, unwanted_overlaps
+from graspless_pin.geometry import BodyKind, unwanted_overlaps
 from graspless_pin.geometry.hand.jointed_bodies import JointedBody, jointed_bodies
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.pickling import Record
@@ -295,10 +295,8 @@ def _write_supports(
     for support in scene.supports:
         name = f"support/{support.name}"
         body = document.body(document.section("worldbody"), name, support.T_world_support)
-        half_space = isinstance(support.shape, HalfSpace)
-        pieces = (support.shape,) if half_space else support.geometries
         surface = Surface(friction("supports", support.name), 1, _SUPPORT, _MEETS_BOTH)
-        for number, piece in enumerate(pieces):
+        for number, piece in enumerate(support.geometries):
             document.shape(body, f"{name}/{number}", piece, np.eye(4), surface)
             yield f"{name}/{number}", support.name
 

@@ -10,7 +10,7 @@ import numpy as np
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.object_and_supports import Support
 from graspless_pin.geometry.bodies.shapes import HalfSpace
-from graspless_pin.geometry.bodies.triangles import Triangles, shape_triangles, slab_triangles
+from graspless_pin.geometry.bodies.triangles import Triangles, slab_triangles
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.visuals import hand_triangles
 from graspless_pin.problem.checks import FloatArray, read_only
@@ -84,7 +84,7 @@ def draw_bodies(scene: Scene, *, max_faces: int = 1500) -> Picture:
     Raises:
         MeshError: A mesh file is missing or unreadable.
     """
-    body = shape_triangles(scene.object.shape, max_faces=max_faces)
+    body = scene.object.shape.surface(max_faces)
     body = body.moved(scene.object.T_world_object)
     middle, size = _enclosing(body.vertices)
     hand = [] if scene.hand is None else _hand(scene.hand, max_faces)
@@ -195,7 +195,7 @@ def _support(
         surface = slab_triangles(local[:2], _SLAB_WIDTH * size, _SLAB_THICKNESS * size)
         opacity = 1.0 if T[:3, 2] @ view_from > -_FACING else _WALL_OPACITY
     else:
-        surface = shape_triangles(support.shape, max_faces=max_faces)
+        surface = support.shape.surface(max_faces)
     return _mesh(f"support/{support.name}", Role.SUPPORT, surface.moved(T), opacity)
 
 

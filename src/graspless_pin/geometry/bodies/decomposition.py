@@ -19,10 +19,11 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field
 
 from graspless_pin.atomic_write import draft_of
 from graspless_pin.bounds import LONGEST_TIME
@@ -37,6 +38,7 @@ from graspless_pin.findings import Finding, FindingCode, tell
 from graspless_pin.geometry.bodies.coacd_call import ITERATIONS, SEED, run_coacd
 from graspless_pin.geometry.bodies.dense_hulls import hull_corners, simplified_for_cutting
 from graspless_pin.geometry.bodies.polytopes import hull_of
+from graspless_pin.intake.fields import Seconds, no_truth_value
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.progress import waiting_for
 
@@ -51,6 +53,25 @@ DEFAULT_TIME_LIMIT = 60.0
 
 MOST_PIECES = 1000
 """More convex pieces than any mesh needs."""
+
+Convex = Literal["hull", "decompose"]
+Concavity = Annotated[
+    float,
+    Field(
+        ge=0.01,
+        le=1.0,
+        description="[1] coarseness of the cut into convex pieces: smaller is finer",
+    ),
+    BeforeValidator(no_truth_value),
+]
+DecomposeTimeLimit = Annotated[
+    Seconds, Field(description="[s] time that the cut of each mesh may take")
+]
+MaxPieces = Annotated[
+    int,
+    Field(ge=1, le=MOST_PIECES, description="most convex pieces of each mesh; default: no limit"),
+    BeforeValidator(no_truth_value),
+]
 
 _CONVEX = 1.0 - 1e-6  # share of its hull that a mesh fills if it is convex
 _UNREADABLE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error)

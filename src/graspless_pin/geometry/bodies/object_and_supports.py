@@ -14,12 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 from graspless_pin.brief import Brief
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, PlacedBodies
-from graspless_pin.geometry.bodies.mass_properties import checked_body_inertia, mass_properties
-from graspless_pin.geometry.bodies.shapes import HalfSpace, Shape, coal_geometries
+from graspless_pin.geometry.bodies.shapes import HalfSpace, Shape
 from graspless_pin.geometry.pickling import PickledByFields
 from graspless_pin.geometry.poses import as_pose, transformed
 from graspless_pin.intake.text import fault_of_name
-from graspless_pin.problem.checks import read_only
+from graspless_pin.problem.checks import checked_inertia, read_only
 
 
 class _PlacedShape(PickledByFields, ABC):
@@ -37,15 +36,15 @@ class _PlacedShape(PickledByFields, ABC):
         """The coal geometries of the shape's convex pieces, made at first use.
 
         Raises:
-            MeshError: See `coal_geometries`.
+            MeshError: See `Shape.pieces`.
         """
-        return coal_geometries(self.shape)
+        return self.shape.pieces()
 
     def collision_bodies(self) -> tuple[CollisionBody, ...]:
         """Return the body as contact detection takes it: its convex pieces, all of its name.
 
         Raises:
-            MeshError: See `coal_geometries`.
+            MeshError: See `Shape.pieces`.
         """
         return tuple(self.placed_bodies)
 
@@ -54,7 +53,7 @@ class _PlacedShape(PickledByFields, ABC):
         """Names and geometries of its convex pieces, which do not change with its pose.
 
         Raises:
-            MeshError: See `coal_geometries`.
+            MeshError: See `Shape.pieces`.
         """
         return BodyShapes((self.name,) * len(self.geometries), self.geometries)
 
@@ -63,7 +62,7 @@ class _PlacedShape(PickledByFields, ABC):
         """What `collision_bodies` returns, each made only when it is asked for.
 
         Raises:
-            MeshError: See `coal_geometries`.
+            MeshError: See `Shape.pieces`.
         """
         return PlacedBodies.at_one_pose(self.shapes, self._pose())
 
@@ -127,7 +126,7 @@ class ManipulatedObject(Brief, _PlacedShape):
             raise ArgumentError("shape", f"object '{name}' cannot be a half-space")
         filled = None
         if mass is None or density is not None or center_of_mass is None:
-            filled = mass_properties(shape, mass=mass, density=density)
+            filled = shape.mass_properties(mass=mass, density=density)
             mass = filled.mass
             center_of_mass = filled.center_of_mass if center_of_mass is None else center_of_mass
         made = cls(
@@ -161,14 +160,14 @@ class ManipulatedObject(Brief, _PlacedShape):
         object.__setattr__(self, "center_of_mass", _vector("center_of_mass", self.center_of_mass))
         object.__setattr__(self, "T_world_object", as_pose("T_world_object", self.T_world_object))
         if self.inertia is not None:
-            object.__setattr__(self, "inertia", checked_body_inertia(self.inertia))
+            object.__setattr__(self, "inertia", _checked_inertia(self.inertia))
 
     def with_pose(self, T_world_object: ArrayLike) -> ManipulatedObject:
         """Return this object at another pose, with the same geometries: the quick way to move it.
 
         Raises:
             ArgumentError: If the pose is not rigid.
-            MeshError: See `coal_geometries`.
+            MeshError: See `Shape.pieces`.
         """
         pose = as_pose("T_world_object", T_world_object)
         moved = object.__new__(type(self))
@@ -194,7 +193,7 @@ class ManipulatedObject(Brief, _PlacedShape):
         """
         if self.inertia is not None:
             return self.inertia
-        return mass_properties(self.shape, mass=self.mass).inertia
+        return self.shape.mass_properties(mass=self.mass).inertia
 
     def spatial_inertia(self) -> NDArray[np.float64]:
         """Return the (6, 6) inertia about the centre of mass for [linear; angular], world axes.
@@ -286,3 +285,27 @@ def _vector(name: str, values: ArrayLike, count: int = 3) -> NDArray[np.float64]
         raise ArgumentError(name, f"needs {words} finite numbers, got {vector.tolist()}")
     vector.setflags(write=False)
     return vector
+
+
+def _checked_inertia(inertia: ArrayLike) -> NDArray[np.float64]:
+    """Return the (3, 3) inertia of a rigid body about its centre of mass, kg m^2, read-only.
+
+    Args:
+        inertia: (3, 3), or (3,) its diagonal.
+
+    Raises:
+        ArgumentError: It is not symmetric and positive definite, or one principal moment exceeds
+            the two others together.
+    """
+    given = np.asarray(inertia)
+    matrix = checked_inertia(
+        "inertia", np.diag(given) if given.shape == (3,) else given, 3, definite=True
+    )
+    low, middle, high = np.linalg.eigvalsh(matrix).tolist()
+    if high > (low + middle) * (1.0 + 1e-9):
+        raise ArgumentError(
+            "inertia",
+            f"has the principal moments {low:g}, {middle:g} and {high:g} kg m^2; none may "
+            "be larger than the two others together",
+        )
+    return matrix

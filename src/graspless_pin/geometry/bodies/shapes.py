@@ -1,35 +1,60 @@
-"""Shapes of objects and supports, and their coal geometries. Lengths in metres, axes as in URDF."""
+"""The shapes of objects and supports, and the list of them. Metres, axes as in URDF."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Annotated, Any, cast
 
 import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
 
-from graspless_pin.bounds import LARGEST_LENGTH, SMALLEST_LENGTH
-from graspless_pin.errors import ArgumentError, MeshError
+from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import Finding, FindingCode, heard, tell
 from graspless_pin.geometry.bodies.decomposition import (
     DEFAULT_CONCAVITY,
     DEFAULT_TIME_LIMIT,
+    Concavity,
+    Convex,
     Cut,
+    DecomposeTimeLimit,
+    MaxPieces,
     convex_pieces,
 )
+from graspless_pin.geometry.bodies.dense_hulls import DENSE_MESH, HULL_TOLERANCE
 from graspless_pin.geometry.bodies.meshes import file_state, hull_points, scaled_mesh
+from graspless_pin.geometry.bodies.shape import (
+    Filling,
+    Hull,
+    Lengths,
+    Shape,
+    ShapeFile,
+    check_length,
+    convex_geometry,
+    three_lengths,
+)
+from graspless_pin.geometry.bodies.triangles import (
+    MOST_FACES,
+    Triangles,
+    file_triangles,
+    unit_surface,
+)
+from graspless_pin.intake.fields import Length
 
-_RANGE = f"from {SMALLEST_LENGTH:g} to {LARGEST_LENGTH:g} m"
-_THINNEST = 1e-6
-"""Thickness of a hull over its width; coal crashes from about 1e-7 on."""
+_SECTIONS = 32  # of a circle
+_CAPSULE_SECTIONS = (16, 32)
+_SPHERE_SUBDIVISIONS = 3  # 1280 triangles
 
 
 @dataclass(frozen=True)
-class Box:
-    """A box about its frame's origin.
+class Box(Shape):
+    """A box with full edge lengths.
+
+    It stands about its frame's origin.
 
     Attributes:
         size: Full edge lengths along x, y, z, m.
@@ -40,99 +65,169 @@ class Box:
         Box(size=(0.06, 0.04, 0.02))
     """
 
-    size: tuple[float, float, float]
+    kind = "box"
+    coal_type = coal.Box
+    size: Annotated[Lengths, Field(description="[m] full edge lengths along x, y, z")]
 
-    def __post_init__(self) -> None:
-        """Check the size.
+    def filling(self) -> Filling:
+        """Return volume, centroid and inertia per mass."""
+        return Filling.symmetric(math.prod(self.size), np.square(self.size) / 12.0)
 
-        Raises:
-            ArgumentError: It is not three positive numbers.
-        """
-        object.__setattr__(self, "size", _lengths("size", self.size))
+    def surface(self, max_faces: int = MOST_FACES) -> Triangles:
+        """Return the surface."""
+        return unit_surface("box", self.size)
+
+    def mjcf_geom(self) -> dict[str, Any]:
+        """Return the attributes of MJCF."""
+        return {"type": "box", "size": [0.5 * length for length in self.size]}
 
 
 @dataclass(frozen=True)
-class Sphere:
-    """A sphere about its frame's origin. See the example of `Box`.
+class Sphere(Shape):
+    """A sphere.
+
+    It stands about its frame's origin. See the example of `Box`.
 
     Attributes:
         radius: m.
     """
 
-    radius: float
+    kind = "sphere"
+    rolls = True
+    coal_type = coal.Sphere
+    radius: Annotated[Length, Field(description="[m] from the origin of its frame")]
 
-    def __post_init__(self) -> None:
-        """Check the radius.
+    def filling(self) -> Filling:
+        """Return volume, centroid and inertia per mass."""
+        return Filling.symmetric(
+            4.0 / 3.0 * math.pi * self.radius**3, np.full(3, self.radius**2 / 5.0)
+        )
 
-        Raises:
-            ArgumentError: It is not a positive number.
-        """
-        _check_positive("radius", self.radius)
+    def surface(self, max_faces: int = MOST_FACES) -> Triangles:
+        """Return the surface."""
+        return unit_surface("icosphere", self.radius, _SPHERE_SUBDIVISIONS)
 
-
-@dataclass(frozen=True)
-class _Axial:
-    radius: float
-    length: float
-
-    def __post_init__(self) -> None:
-        """Check the lengths.
-
-        Raises:
-            ArgumentError: One is not a positive number.
-        """
-        _check_positive("radius", self.radius)
-        _check_positive("length", self.length)
+    def mjcf_geom(self) -> dict[str, Any]:
+        """Return the attributes of MJCF."""
+        return {"type": "sphere", "size": [self.radius]}
 
 
 @dataclass(frozen=True)
-class Cylinder(_Axial):
-    """A cylinder along z, centred at its frame's origin. See the example of `Box`.
+class Cylinder(Shape):
+    """A cylinder along z, its full height.
+
+    It is centred at its frame's origin. See the example of `Box`.
 
     Attributes:
         radius: m.
         length: Full height, m.
     """
 
+    kind = "cylinder"
+    rolls = True
+    coal_type = coal.Cylinder
+    radius: Annotated[Length, Field(description="[m] about z")]
+    length: Annotated[
+        Length, Field(description="[m] full height, half of it on each side of the origin")
+    ]
+
+    def filling(self) -> Filling:
+        """Return volume, centroid and inertia per mass."""
+        return Filling.symmetric(
+            math.pi * self.radius**2 * self.length,
+            np.array([self.radius**2 / 4.0, self.radius**2 / 4.0, self.length**2 / 12.0]),
+        )
+
+    def surface(self, max_faces: int = MOST_FACES) -> Triangles:
+        """Return the surface."""
+        return unit_surface(
+            "cylinder", (self.radius, self.radius, self.length), 1.0, 1.0, sections=_SECTIONS
+        )
+
+    def mjcf_geom(self) -> dict[str, Any]:
+        """Return the attributes of MJCF."""
+        return {"type": "cylinder", "size": [self.radius, 0.5 * self.length]}
+
 
 @dataclass(frozen=True)
-class Capsule(_Axial):
-    """A cylinder along z with half spheres at both ends, centred at its frame's origin.
+class Capsule(Shape):
+    """A capsule along z; the length is the cylinder's without its ends.
 
-    See the example of `Box`.
+    It is centred at its frame's origin, and its ends are half spheres. See the example of `Box`.
 
     Attributes:
         radius: m.
         length: Height of the cylinder without its ends, m.
     """
 
+    kind = "capsule"
+    rolls = True
+    coal_type = coal.Capsule
+    radius: Annotated[Length, Field(description="[m] of the cylinder and of its round ends")]
+    length: Annotated[Length, Field(description="[m] of the cylinder, without its ends")]
+
+    def filling(self) -> Filling:
+        """Return volume, centroid and inertia per mass."""
+        radius, length = self.radius, self.length
+        volume = math.pi * radius**2 * (length + 4.0 / 3.0 * radius)
+        ends = 4.0 * radius / (3.0 * length + 4.0 * radius)  # their share of the volume
+        across = radius**2 * ((1.0 - ends) / 4.0 + ends / 5.0)
+        beyond = length**2 / 4.0 + 3.0 / 8.0 * length * radius + radius**2 / 5.0
+        along = (1.0 - ends) * length**2 / 12.0 + ends * beyond
+        return Filling.symmetric(volume, np.array([across, across, along]))
+
+    def surface(self, max_faces: int = MOST_FACES) -> Triangles:
+        """Return the surface."""
+        return unit_surface(
+            "capsule", self.radius, self.length / self.radius, 1.0, count=_CAPSULE_SECTIONS
+        )
+
+    def mjcf_geom(self) -> dict[str, Any]:
+        """Return the attributes of MJCF."""
+        return {"type": "capsule", "size": [self.radius, 0.5 * self.length]}
+
 
 @dataclass(frozen=True)
-class Cone(_Axial):
-    """A cone with its tip at z = +length/2 and its base at z = -length/2.
+class Cone(Shape):
+    """A cone, tip up along z.
 
-    See the example of `Box`.
+    Its tip is at z = +length/2 and its base at z = -length/2. See the example of `Box`.
 
     Attributes:
         radius: Radius of the base, m.
         length: Full height, m.
     """
 
+    kind = "cone"
+    coal_type = coal.Cone
+    radius: Annotated[Length, Field(description="[m] of the base")]
+    length: Annotated[
+        Length, Field(description="[m] from the base to the tip, the origin in its middle")
+    ]
+
+    def filling(self) -> Filling:
+        """Return volume, centroid and inertia per mass."""
+        return Filling.symmetric(
+            math.pi * self.radius**2 * self.length / 3.0,
+            np.array([self.radius**2, self.radius**2, self.length**2 / 4.0]) * 3.0 / 20.0,
+            -0.25 * self.length,
+        )
+
+    def surface(self, max_faces: int = MOST_FACES) -> Triangles:
+        """Return the surface."""
+        factors = self.radius, self.radius, self.length
+        return unit_surface("cone", factors, 1.0, 1.0, sections=_SECTIONS, lowered=0.5)
+
 
 @dataclass(frozen=True)
-class HalfSpace:
-    """Everything at z <= 0 of its frame; the outward normal is +z. See the example of `Box`."""
+class MeshShape(Shape):
+    """A mesh file, as its convex hull or cut into convex pieces; relative to the scene file.
 
-
-@dataclass(frozen=True)
-class MeshShape:
-    """A mesh file, in the file's own coordinates, made convex in one of two ways.
-
-    See the example of `Box`.
+    In Python the path is relative to the working folder. See the example of `Box`.
 
     Attributes:
-        path: STL, OBJ, DAE, GLB, glTF, PLY or OFF file. A DAE is in the unit that it states, and
-            the axis that it says is up becomes z.
+        path: STL, OBJ, DAE, GLB, glTF, PLY or OFF file, in its own coordinates. A DAE is in the
+            unit that it states, and the axis that it says is up becomes z.
         scale: Metres per unit of the file, or of what a DAE states; one number, or three along x,
             y, z.
         convex: ``hull`` fills all hollows; ``decompose`` cuts the mesh into convex pieces, which
@@ -143,12 +238,25 @@ class MeshShape:
         max_pieces: Most convex pieces; None: as many as the concavity takes.
     """
 
-    path: Path
-    scale: float | tuple[float, float, float] = 1.0
-    convex: Literal["hull", "decompose"] = "hull"
-    concavity: float = DEFAULT_CONCAVITY
-    decompose_time_limit: float = DEFAULT_TIME_LIMIT
-    max_pieces: int | None = None
+    kind = "mesh"
+    path: Annotated[ShapeFile, Field(description="STL, OBJ, DAE or PLY file")]
+    scale: Annotated[
+        Length | Lengths,
+        Field(
+            description="[m] length of one unit of the file: 0.001 for millimetres; a DAE that "
+            "states its unit is in metres already, and its axis that is up becomes z"
+        ),
+    ] = 1.0
+    convex: Annotated[
+        Convex,
+        Field(
+            description="hull: its convex hull; decompose: convex pieces of a non-convex mesh, "
+            "cached"
+        ),
+    ] = "hull"
+    concavity: Concavity = DEFAULT_CONCAVITY
+    decompose_time_limit: DecomposeTimeLimit = DEFAULT_TIME_LIMIT
+    max_pieces: MaxPieces | None = None
 
     def __post_init__(self) -> None:
         """Check the numbers; the file is read when its geometry is asked for.
@@ -159,9 +267,9 @@ class MeshShape:
         """
         object.__setattr__(self, "path", Path(self.path))
         if np.ndim(self.scale) == 0:
-            _check_positive("scale", cast("float", self.scale))
+            check_length("scale", cast("float", self.scale))
         else:
-            object.__setattr__(self, "scale", _lengths("scale", self.scale))
+            object.__setattr__(self, "scale", three_lengths("scale", self.scale))
         if self.convex not in ("hull", "decompose"):
             raise ArgumentError("convex", f"needs 'hull' or 'decompose', got {self.convex!r}")
         self.cut()
@@ -170,80 +278,101 @@ class MeshShape:
         """Return how the mesh is cut into convex pieces, if it is."""
         return Cut(self.concavity, self.decompose_time_limit, self.max_pieces)
 
+    def pieces(self) -> tuple[Any, ...]:
+        """Make the coal geometry of the hull, or of all pieces."""
+        if self.convex == "hull":
+            points = hull_points(self.path, self.scale)
+            return (convex_geometry(points, f"mesh file '{self.path}'"),)
+        with heard() as said:
+            hull_points(self.path, self.scale)
+        tell(*(one for one in said if one.code is not FindingCode.SIMPLIFIED_HULL))  # pieces stand
+        pieces, found = _decomposed(self, file_state(self.path))
+        tell(*found)
+        return pieces
 
-Shape = Box | Sphere | Cylinder | Capsule | Cone | HalfSpace | MeshShape
+    def filling(self) -> Filling:
+        """Return what the mesh encloses; of an open one, its hull."""
+        import trimesh
 
-
-def coal_geometry(shape: Shape) -> Any:
-    """Make the coal geometry of a shape that is one convex piece; of a mesh, of its convex hull.
-
-    Raises:
-        MeshError: The mesh file is missing, unreadable or encloses no volume.
-
-    Warns:
-        GrasplessPinWarning: The mesh is larger than 5 m or smaller than 1 mm.
-    """
-    match shape:
-        case Box(size):
-            return coal.Box(*size)
-        case Sphere(radius):
-            return coal.Sphere(radius)
-        case Cylinder(radius, length):
-            return coal.Cylinder(radius, length)
-        case Capsule(radius, length):
-            return coal.Capsule(radius, length)
-        case Cone(radius, length):
-            return coal.Cone(radius, length)
-        case HalfSpace():
-            return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
-        case MeshShape():
-            return convex_geometry(
-                hull_points(shape.path, shape.scale), f"mesh file '{shape.path}'"
+        hull = trimesh.convex.convex_hull(hull_points(self.path, self.scale))
+        mesh = scaled_mesh(self.path, self.scale)
+        if mesh.is_watertight and mesh.is_winding_consistent and mesh.volume != 0.0:
+            left_out = (
+                HULL_TOLERANCE * hull.scale * hull.area if len(mesh.vertices) > DENSE_MESH else 0.0
             )
+            if abs(float(mesh.volume)) <= float(hull.volume) * (1.0 + 1e-9) + left_out:
+                return Filling.of_mesh(mesh)
+            problem = "has parts that lie in each other"
+        else:
+            problem = "is not watertight"
+        tell(
+            Finding(
+                FindingCode.OPEN_MESH,
+                str(self.path),
+                f"mesh '{self.path}' {problem}: volume and centre of mass, and the inertia, are "
+                "those of its convex hull",
+                "repair the mesh, or give mass, centre of mass and inertia",
+                ("object", "shape"),
+            )
+        )
+        return Filling.of_mesh(hull)
+
+    def surface(self, max_faces: int = MOST_FACES) -> Triangles:
+        """Return the file as it is, whatever convex pieces stand for it in contact detection."""
+        hull_points(self.path, self.scale)  # says what is wrong with the file
+        return file_triangles(self.path, self.scale, max_faces)
 
 
-def coal_geometries(shape: Shape) -> tuple[Any, ...]:
-    """Make the coal geometries of all convex pieces of a shape.
+@dataclass(frozen=True)
+class HalfSpace(Shape):
+    """Everything at z <= 0 of its frame: a floor, table or slope.
 
-    A shape is one piece unless it is a mesh that is to be decomposed.
+    The outward normal is +z. See the example of `Box`.
+    """
+
+    kind = "half_space"
+    coal_type = coal.Halfspace
+
+    def pieces(self) -> tuple[Any, ...]:
+        """Make the coal geometry."""
+        return (coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0),)
+
+    def filling(self) -> Filling:
+        """Refuse: it encloses no volume."""
+        raise ArgumentError("shape", "a half-space has no mass; use a bounded shape")
+
+    def surface(self, max_faces: int = MOST_FACES) -> Triangles:
+        """Refuse: it has no end."""
+        raise ArgumentError("shape", "a half-space has no end; draw it with slab_triangles")
+
+    def mjcf_geom(self) -> dict[str, Any]:
+        """Return the attributes of MJCF."""
+        return {"type": "plane", "size": [0.0, 0.0, 1.0]}
+
+
+SHAPES: dict[str, type[Shape]] = {
+    shape.kind: shape for shape in (Box, Sphere, Cylinder, Capsule, Cone, MeshShape, HalfSpace)
+}
+"""All shapes by the ``type`` that scene files give them: a new one is added to this list."""
+
+_OF_COAL: dict[str, Callable[[Any], Any]] = {
+    "size": lambda box: 2.0 * np.array(box.halfSide),
+    "radius": lambda ball: ball.radius,
+    "length": lambda axial: 2.0 * axial.halfLength,
+}
+
+
+def shape_of(geometry: Any) -> Shape:
+    """Return the shape of a coal geometry, a primitive or a convex hull.
 
     Raises:
-        MeshError: The mesh file is missing, unreadable or encloses no volume.
-
-    Warns:
-        GrasplessPinWarning: The mesh is larger than 5 m or smaller than 1 mm, or one that is cut is
-            not watertight, or its pieces cannot be kept on disk.
+        ArgumentError: It is neither a primitive nor a convex hull.
     """
-    if not isinstance(shape, MeshShape) or shape.convex == "hull":
-        return (coal_geometry(shape),)
-    with heard() as said:
-        hull_points(shape.path, shape.scale)
-    tell(*(one for one in said if one.code is not FindingCode.SIMPLIFIED_HULL))  # pieces stand here
-    pieces, found = _decomposed(shape, file_state(shape.path))
-    tell(*found)
-    return pieces
-
-
-def shape_of(geometry: Any) -> Shape | NDArray[np.float64]:
-    """Return the shape of a coal geometry; of a convex hull, its corners (V, 3).
-
-    Raises:
-        ArgumentError: It is neither a bounded primitive nor a convex hull.
-    """
-    match geometry:
-        case coal.Box():
-            x, y, z = (2.0 * np.array(geometry.halfSide)).tolist()
-            return Box((x, y, z))
-        case coal.Sphere():
-            return Sphere(geometry.radius)
-        case coal.Capsule():
-            return Capsule(geometry.radius, 2.0 * geometry.halfLength)
-        case coal.Cylinder():
-            return Cylinder(geometry.radius, 2.0 * geometry.halfLength)
-        case coal.Cone():
-            return Cone(geometry.radius, 2.0 * geometry.halfLength)
-        case coal.ConvexBase():
-            return np.array(geometry.points())
+    for kind in SHAPES.values():
+        if isinstance(geometry, kind.coal_type):
+            return kind(*(_OF_COAL[key](geometry) for key in kind.lengths()))
+    if isinstance(geometry, coal.ConvexBase):
+        return Hull(np.array(geometry.points()))
     raise ArgumentError(
         "geometry", f"needs a bounded primitive or a convex hull, got {type(geometry).__name__}"
     )
@@ -259,67 +388,3 @@ def _decomposed(
     with heard() as found:
         pieces = convex_pieces(mesh, label, shape.cut())
     return tuple(convex_geometry(piece, label) for piece in pieces), tuple(found)
-
-
-def convex_geometry(points: NDArray[np.float64], label: str = "the mesh") -> Any:
-    """Make the coal geometry of the convex hull of points that are not all in one plane.
-
-    Args:
-        points: (V, 3), m.
-        label: What messages call them.
-
-    Raises:
-        MeshError: coal cannot use their hull, or would crash over it since it is next to flat.
-    """
-    _check_thickness(points, label)
-    corners: Any = coal.StdVec_Vec3s()
-    for point in points:
-        corners.append(point)
-    error: Exception | None = None
-    # A flat face of hundreds of corners is one fan of triangles with "Qt", of which coal refuses
-    # the hub; joggling ("QJ") splits the face otherwise and leaves the corners where they are.
-    for option in ("Qt", "QJ"):
-        try:
-            return coal.Convex.convexHull(corners, True, option)  # noqa: FBT003 - keep triangles
-        except (RuntimeError, ValueError) as failure:
-            error = failure
-    raise MeshError(f"{label} has no usable convex hull; simplify it ({error})") from error
-
-
-def _check_thickness(points: NDArray[np.float64], label: str) -> None:
-    """Refuse what is so thin that coal ends the process over it.
-
-    Raises:
-        MeshError: If it is.
-    """
-    centered = points - points.mean(axis=0)
-    across = np.linalg.svd(centered, full_matrices=False)[2]
-    size = float(np.ptp(centered, axis=0).max())
-    thickness = float(np.ptp(centered @ across[-1]))
-    if thickness < _THINNEST * size:
-        raise MeshError(
-            f"{label} is next to flat: {thickness:.3g} m thick and {size:.3g} m wide; give it a "
-            f"thickness of at least {_THINNEST:g} of its width"
-        )
-
-
-def _check_positive(name: str, value: float) -> None:
-    if not isinstance(value, (int, float, np.floating)) or isinstance(value, bool):
-        raise ArgumentError(name, f"needs a positive number, got {value!r}")
-    if not SMALLEST_LENGTH <= value <= LARGEST_LENGTH:
-        raise ArgumentError(name, f"needs a positive number {_RANGE}, got {value!r}")
-
-
-def _lengths(name: str, values: ArrayLike) -> tuple[float, float, float]:
-    try:
-        array = np.array(values, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise ArgumentError(name, f"needs three positive numbers, got {values!r}") from error
-    if (
-        array.shape != (3,)
-        or not (array >= SMALLEST_LENGTH).all()
-        or not (array <= LARGEST_LENGTH).all()
-    ):
-        raise ArgumentError(name, f"needs three positive numbers {_RANGE}, got {array.tolist()}")
-    x, y, z = array.tolist()
-    return x, y, z

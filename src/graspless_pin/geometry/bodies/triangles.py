@@ -10,28 +10,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.dense_hulls import with_fewer_triangles
-from graspless_pin.geometry.bodies.meshes import MeshScale, file_state, hull_points, scaled_mesh
-from graspless_pin.geometry.bodies.shapes import (
-    Box,
-    Capsule,
-    Cone,
-    Cylinder,
-    HalfSpace,
-    MeshShape,
-    Shape,
-    Sphere,
-    shape_of,
-)
+from graspless_pin.geometry.bodies.meshes import MeshScale, file_state, scaled_mesh
 
 if TYPE_CHECKING:
     import trimesh
 
-_SECTIONS = 32  # of a circle
-_CAPSULE_SECTIONS = (16, 32)
-_SPHERE_SUBDIVISIONS = 3  # 1280 triangles
 _REMEMBERED = 256
+
+MOST_FACES = 4000
+"""Of a surface that is drawn, if nothing else is said."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,43 +47,11 @@ class Triangles:
         return Triangles(self.vertices @ pose[:3, :3].T + pose[:3, 3], self.faces)
 
 
-def shape_triangles(shape: Shape, *, max_faces: int = 4000) -> Triangles:
-    """Return the surface of a bounded shape, in its own frame.
+def hull_triangles(points: NDArray[np.float64]) -> Triangles:
+    """Return the surface of the convex hull of points (V, 3), m."""
+    import trimesh
 
-    A mesh file is drawn as it is, whatever convex pieces stand for it in contact detection.
-
-    Args:
-        shape: Any shape but a half-space, see `slab_triangles`.
-        max_faces: A mesh with more triangles is simplified, see `simplified`.
-
-    Raises:
-        ArgumentError: The shape is a half-space.
-        MeshError: The mesh file is missing, unreadable or encloses no volume.
-
-    Warns:
-        MeshScaleWarning: The mesh is larger than 5 m or smaller than 1 mm.
-    """
-    if isinstance(shape, MeshShape):
-        hull_points(shape.path, shape.scale)  # says what is wrong with the file
-        return file_triangles(shape.path, shape.scale, max_faces)
-    return _primitive_triangles(shape)
-
-
-def geometry_triangles(geometry: Any) -> Triangles:
-    """Return the surface of a coal geometry, in its own frame.
-
-    Args:
-        geometry: What collision bodies are made of: a primitive or a convex hull.
-
-    Raises:
-        ArgumentError: It is anything else.
-    """
-    shape = shape_of(geometry)
-    if isinstance(shape, np.ndarray):
-        import trimesh
-
-        return _of(trimesh.convex.convex_hull(shape))
-    return _primitive_triangles(shape)
+    return _of(trimesh.convex.convex_hull(points))
 
 
 def slab_triangles(center: ArrayLike, half_width: float, thickness: float) -> Triangles:
@@ -107,7 +63,7 @@ def slab_triangles(center: ArrayLike, half_width: float, thickness: float) -> Tr
         thickness: How far the slab goes down, m.
     """
     x, y = np.asarray(center, dtype=float).tolist()
-    slab = _primitive_triangles(Box((2.0 * half_width, 2.0 * half_width, thickness)))
+    slab = unit_surface("box", (2.0 * half_width, 2.0 * half_width, thickness))
     return Triangles(slab.vertices + np.array([x, y, -0.5 * thickness]), slab.faces)
 
 
@@ -122,29 +78,27 @@ def simplified(triangles: Triangles, max_faces: int) -> Triangles:
 
 
 @lru_cache(maxsize=_REMEMBERED)
-def _primitive_triangles(shape: Shape) -> Triangles:
-    """Make a primitive at unit size first: trimesh drops triangles that it finds too small."""
+def unit_surface(
+    name: str,
+    factors: float | tuple[float, ...],
+    *sizes: float,
+    lowered: float = 0.0,
+    **options: Any,
+) -> Triangles:
+    """Make a primitive at unit size first: trimesh drops triangles that it finds too small.
+
+    Args:
+        name: Of a function of `trimesh.creation`.
+        factors: What its vertices are scaled by, one number or three along x, y, z, m.
+        sizes: What the function takes.
+        lowered: How far the vertices are moved down before they are scaled.
+        options: What else the function takes.
+    """
     import trimesh
 
-    match shape:
-        case Box(size):
-            return _scaled(trimesh.creation.box(), size)
-        case Sphere(radius):
-            return _scaled(trimesh.creation.icosphere(_SPHERE_SUBDIVISIONS), radius)
-        case Cylinder(radius, length):
-            unit = trimesh.creation.cylinder(1.0, 1.0, sections=_SECTIONS)
-            return _scaled(unit, (radius, radius, length))
-        case Capsule(radius, length):
-            unit = trimesh.creation.capsule(length / radius, 1.0, count=_CAPSULE_SECTIONS)
-            return _scaled(unit, radius)
-        case Cone(radius, length):
-            unit = trimesh.creation.cone(1.0, 1.0, sections=_SECTIONS)
-            unit.apply_translation((0.0, 0.0, -0.5))
-            return _scaled(unit, (radius, radius, length))
-        case HalfSpace():
-            raise ArgumentError("shape", "a half-space has no end; draw it with slab_triangles")
-        case MeshShape():
-            raise ArgumentError("shape", "a mesh is no primitive")
+    unit = getattr(trimesh.creation, name)(*sizes, **options)
+    unit.apply_translation((0.0, 0.0, -lowered))
+    return Triangles(np.array(unit.vertices) * np.asarray(factors), np.array(unit.faces))
 
 
 def file_triangles(
@@ -169,10 +123,6 @@ def _file_triangles(
     path: Path, scale: MeshScale, max_faces: int, upright: bool, _state: tuple[str, int, int]
 ) -> Triangles:
     return simplified(_of(scaled_mesh(path, scale, upright=upright)), max_faces)
-
-
-def _scaled(mesh: trimesh.Trimesh, factors: ArrayLike) -> Triangles:
-    return Triangles(np.array(mesh.vertices) * np.asarray(factors), np.array(mesh.faces))
 
 
 def _of(mesh: trimesh.Trimesh) -> Triangles:

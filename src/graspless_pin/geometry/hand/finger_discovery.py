@@ -236,9 +236,9 @@ def _finger_names(tree: KinematicTree, joints: Sequence[Sequence[str]], prefix: 
 def _corners(item: LinkGeometry) -> FloatArray:
     """Return (V, 3) vertices of a shape in the frame of the joint that carries it, m."""
     # Loaded here: only a gripper with a fixed jaw needs triangles, and trimesh with them.
-    from graspless_pin.geometry.bodies.triangles import geometry_triangles
+    from graspless_pin.geometry.bodies.shapes import shape_of
 
-    return _moved(item.T_joint_geometry, geometry_triangles(item.shape).vertices)
+    return _moved(item.T_joint_geometry, shape_of(item.shape).surface().vertices)
 
 
 def _moved(T: FloatArray, points: FloatArray) -> FloatArray:

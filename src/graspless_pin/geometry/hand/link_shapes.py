@@ -19,7 +19,7 @@ from graspless_pin.geometry.bodies.decomposition import (
 )
 from graspless_pin.geometry.bodies.dense_hulls import DENSE_MESH, hull_corners
 from graspless_pin.geometry.bodies.meshes import scaled_mesh, warn_of_scale
-from graspless_pin.geometry.bodies.shapes import convex_geometry
+from graspless_pin.geometry.bodies.shape import convex_geometry
 from graspless_pin.geometry.hand.urdf_links import LinkMesh
 from graspless_pin.geometry.pickling import Record
 

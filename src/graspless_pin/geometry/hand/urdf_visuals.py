@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.errors import ArgumentError, RobotError
-from graspless_pin.geometry.bodies.shapes import Box, Capsule, Cylinder, Shape, Sphere
+from graspless_pin.geometry.bodies.shapes import SHAPES, Shape
 from graspless_pin.geometry.hand.urdf_links import find_mesh, numbers
 from graspless_pin.geometry.poses import pose_matrix
+
+_PRIMITIVES = ("box", "sphere", "cylinder", "capsule")  # of a URDF
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,17 +101,10 @@ def _read(path: Path, link: str, visual: ET.Element, package_dirs: Sequence[Path
 
 
 def _primitive(where: str, element: ET.Element) -> Shape:
-    def size(key: str) -> float:
-        return numbers(where, key, element.get(key, ""), 1)[0]
-
-    match element.tag:
-        case "box":
-            x, y, z = numbers(where, "size", element.get("size", ""), 3)
-            return Box((x, y, z))
-        case "sphere":
-            return Sphere(size("radius"))
-        case "cylinder":
-            return Cylinder(size("radius"), size("length"))
-        case "capsule":
-            return Capsule(size("radius"), size("length"))
-    raise RobotError(f"{where} has the unknown shape <{element.tag}>")
+    if element.tag not in _PRIMITIVES:
+        raise RobotError(f"{where} has the unknown shape <{element.tag}>")
+    shape = SHAPES[element.tag]
+    sizes = (
+        numbers(where, key, element.get(key, ""), count) for key, count in shape.lengths().items()
+    )
+    return shape(*(size[0] if len(size) == 1 else size for size in sizes))

@@ -6,13 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from graspless_pin.errors import MeshError
-from graspless_pin.geometry.bodies.triangles import (
-    Triangles,
-    file_triangles,
-    geometry_triangles,
-    shape_triangles,
-    simplified,
-)
+from graspless_pin.geometry.bodies.shapes import shape_of
+from graspless_pin.geometry.bodies.triangles import Triangles, file_triangles, simplified
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.urdf_visuals import LinkVisual
 
@@ -41,7 +36,7 @@ def hand_triangles(hand: Hand, *, max_faces: int = 1500) -> Iterator[tuple[str, 
         yield from ((link, surface.moved(T)) for surface in surfaces)
     for body in hand.collision_bodies():
         if body.name not in drawn:
-            triangles = simplified(geometry_triangles(body.geometry), max_faces)
+            triangles = simplified(shape_of(body.geometry).surface(), max_faces)
             yield body.name, triangles.moved(body.T_world_geometry)
 
 
@@ -50,5 +45,5 @@ def _visual_triangles(visual: LinkVisual, max_faces: int) -> Triangles:
     if isinstance(visual.shape, Path):
         surface = file_triangles(visual.shape, visual.scale, max_faces, upright=False)
     else:
-        surface = shape_triangles(visual.shape)
+        surface = visual.shape.surface()
     return surface.moved(visual.T_link_visual)

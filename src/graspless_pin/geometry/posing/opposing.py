@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import CollisionBody
-from graspless_pin.geometry.bodies.triangles import geometry_triangles
+from graspless_pin.geometry.bodies.shapes import shape_of
 from graspless_pin.geometry.contact.distances import Separation, bounded_set, nearest_separation
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.tree import LinkGeometry
@@ -292,7 +292,7 @@ def _on_fixed_jaw(
 
 def _corners(body: CollisionBody) -> FloatArray:
     T = body.T_world_geometry
-    return geometry_triangles(body.geometry).vertices @ T[:3, :3].T + T[:3, 3]
+    return shape_of(body.geometry).surface().vertices @ T[:3, :3].T + T[:3, 3]
 
 
 def _met(

@@ -35,7 +35,7 @@ def lying_object(target: ManipulatedObject, support: Support) -> ManipulatedObje
         The object, up to a micrometre from touching.
 
     Raises:
-        MeshError: See `coal_geometries`.
+        MeshError: See `Shape.pieces`.
     """
     T = np.array(support.T_world_support)
     normal = T[:3, 2].copy()

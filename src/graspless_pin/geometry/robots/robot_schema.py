@@ -5,15 +5,18 @@ from __future__ import annotations
 import reprlib
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
-from pydantic import BeforeValidator, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from graspless_pin.errors import RobotError
 from graspless_pin.geometry.bodies.decomposition import (
     DEFAULT_CONCAVITY,
     DEFAULT_TIME_LIMIT,
-    MOST_PIECES,
+    Concavity,
+    Convex,
+    DecomposeTimeLimit,
+    MaxPieces,
 )
 from graspless_pin.geometry.robots.description import FingerSpec, JointCoupling
 from graspless_pin.intake.fields import (
@@ -24,22 +27,13 @@ from graspless_pin.intake.fields import (
     Finite,
     Many,
     Name,
-    Number,
-    Seconds,
     Signed,
-    no_truth_value,
 )
 from graspless_pin.intake.files import FileKind, errors_of_text, read_text, refuse_other_kind
 from graspless_pin.intake.recognition import kind_of_data
 from graspless_pin.intake.yaml_text import parse_yaml
 from graspless_pin.suggestions import names_in_words
 
-Convex = Literal["hull", "decompose"]
-MaxPieces = Annotated[
-    int,
-    Field(ge=1, le=MOST_PIECES, description="most convex pieces of each mesh; default: no limit"),
-    BeforeValidator(no_truth_value),
-]
 Source = Annotated[str, Field(max_length=2000)]
 
 
@@ -153,15 +147,8 @@ class RobotFile(Entry):
     convex: Convex | ByName[Convex] = Field(
         default="hull", description="how collision meshes are made convex, for all or by link"
     )
-    concavity: Number = Field(
-        default=DEFAULT_CONCAVITY,
-        ge=0.01,
-        le=1.0,
-        description="[1] coarseness of the cut into convex pieces: smaller is finer",
-    )
-    decompose_time_limit: Seconds = Field(
-        default=DEFAULT_TIME_LIMIT, description="[s] time that the cut of each mesh may take"
-    )
+    concavity: Concavity = DEFAULT_CONCAVITY
+    decompose_time_limit: DecomposeTimeLimit = DEFAULT_TIME_LIMIT
     max_pieces: MaxPieces | None = None
 
     @model_validator(mode="after")

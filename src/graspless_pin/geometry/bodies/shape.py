@@ -1,0 +1,377 @@
+"""What a shape is: its keys in a scene file, collision geometry, filling, surface and MJCF form."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import MISSING, dataclass, fields
+from functools import cache
+from pathlib import Path
+from typing import (
+    Annotated,
+    Any,
+    ClassVar,
+    Literal,
+    NamedTuple,
+    Self,
+    get_origin,
+    get_type_hints,
+)
+
+import coal  # pyright: ignore[reportMissingImports]
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import Field, GetPydanticSchema, create_model
+
+from graspless_pin.bounds import LARGEST_LENGTH, SMALLEST_LENGTH
+from graspless_pin.errors import ArgumentError, MeshError
+from graspless_pin.geometry.bodies.triangles import MOST_FACES, Triangles, hull_triangles
+from graspless_pin.intake.fields import Entry, FilePath, Length
+from graspless_pin.problem.checks import FloatArray, read_only
+
+Lengths = tuple[Length, Length, Length]
+"""Three along x, y, z that are not zero."""
+
+ShapeFile = Annotated[Path, GetPydanticSchema(lambda _, handler: handler(FilePath))]
+"""A file that a shape is made of: a text in the scene file, relative to it."""
+
+_LENGTHS: dict[Any, int] = {float: 1, tuple: 3}
+
+_RANGE = f"from {SMALLEST_LENGTH:g} to {LARGEST_LENGTH:g} m"
+_THINNEST = 1e-6
+"""Thickness of a hull over its width; coal crashes from about 1e-7 on."""
+
+
+class Filling(NamedTuple):
+    """What a shape encloses.
+
+    Attributes:
+        volume: m^3.
+        centroid: (3,) read-only, in the shape's frame, m.
+        gyration: (3, 3) read-only inertia per mass about the centroid, the shape's axes, m^2.
+    """
+
+    volume: float
+    centroid: FloatArray
+    gyration: FloatArray
+
+    @classmethod
+    def symmetric(cls, volume: float, squares: FloatArray, height: float = 0.0) -> Filling:
+        """Return that of a shape whose products of inertia are zero.
+
+        Args:
+            volume: m^3.
+            squares: (3,) mean squares of x, y, z about the centroid, m^2.
+            height: z of the centroid, which is on the z axis, m.
+        """
+        centroid, gyration = np.array([0.0, 0.0, height]), np.diag(squares.sum() - squares)
+        return cls(volume, read_only(centroid), read_only(gyration))
+
+    @classmethod
+    def of_mesh(cls, mesh: Any) -> Filling:
+        """Return that of a closed surface; turned inside out, it encloses the same."""
+        volume, gyration = float(mesh.volume), np.array(mesh.moment_inertia, dtype=float)
+        gyration = 0.5 * (gyration + gyration.T) / volume
+        return cls(abs(volume), read_only(np.array(mesh.center_mass)), read_only(gyration))
+
+
+@dataclass(frozen=True, eq=False)
+class MassProperties:
+    """Mass of a rigid body and how it is spread.
+
+    Attributes:
+        mass: kg.
+        center_of_mass: (3,) read-only, in the shape's frame, m.
+        inertia: (3, 3) read-only, about the centre of mass, the shape's axes, kg m^2.
+    """
+
+    mass: float
+    center_of_mass: FloatArray
+    inertia: FloatArray
+
+
+@dataclass(frozen=True)
+class Shape(ABC):
+    """A shape: a frozen dataclass whose fields are the keys of a scene file, in metres.
+
+    Each field is annotated with its schema: a type of `intake.fields` and a pydantic ``Field`` with
+    the description. The first line of the class's docstring describes the shape there. Fields of
+    the types `Length` and `Lengths` are checked when a shape is made. `shapes.SHAPES` lists the
+    classes.
+
+    Attributes:
+        kind: The ``type`` of the shape in scene files.
+        rolls: Whether it can roll on a plane.
+        coal_type: The coal geometry that is made for this shape alone, if there is one.
+    """
+
+    kind: ClassVar[str]
+    rolls: ClassVar[bool] = False
+    coal_type: ClassVar[Any] = ()
+
+    def __post_init__(self) -> None:
+        """Check the lengths.
+
+        Raises:
+            ArgumentError: One is not a positive number.
+        """
+        for name, count in self.lengths().items():
+            check = check_length if count == 1 else three_lengths
+            object.__setattr__(self, name, check(name, getattr(self, name)))
+
+    def pieces(self) -> tuple[Any, ...]:
+        """Make the coal geometries of its convex pieces: one of `coal_type`, of its lengths.
+
+        Raises:
+            MeshError: The mesh file is missing, unreadable or encloses no volume.
+
+        Warns:
+            GrasplessPinWarning: The mesh is larger than 5 m or smaller than 1 mm, or one that is
+                cut is not watertight, or its pieces cannot be kept on disk.
+        """
+        return (
+            self.coal_type(*np.hstack([getattr(self, key) for key in self.lengths()]).tolist()),
+        )
+
+    @abstractmethod
+    def filling(self) -> Filling:
+        """Return volume, centroid and inertia per mass.
+
+        Raises:
+            ArgumentError: The shape is a half-space.
+            MeshError: The mesh file is missing, unreadable or encloses no volume.
+
+        Warns:
+            GrasplessPinWarning: A mesh is not watertight; its convex hull counts instead.
+        """
+
+    def mass_properties(
+        self, *, mass: float | None = None, density: float | None = None
+    ) -> MassProperties:
+        """Return mass, centre of mass and inertia of the shape filled evenly.
+
+        Args:
+            mass: kg; or
+            density: kg/m^3.
+
+        Returns:
+            The given mass, or density times volume, and how it is spread about its centroid.
+
+        Raises:
+            ArgumentError: Not exactly one of mass and density is given, it is not positive, or the
+                shape is a half-space.
+            MeshError: The mesh file is missing, unreadable or encloses no volume.
+
+        Warns:
+            GrasplessPinWarning: See `filling`.
+        """
+        if (mass is None) == (density is None):
+            found = "neither" if mass is None else "both"
+            raise ArgumentError("mass", f"needs either a mass in kg or a density, found {found}")
+        name, value, unit = (
+            ("mass", mass, "kg") if density is None else ("density", density, "kg/m^3")
+        )
+        if value is None or not (math.isfinite(value) and value > 0.0):
+            raise ArgumentError(name, f"needs a positive number of {unit}, got {value!r}")
+        filled = self.filling()
+        total = value if density is None else density * filled.volume
+        return MassProperties(total, filled.centroid, read_only(total * filled.gyration))
+
+    @abstractmethod
+    def surface(self, max_faces: int = MOST_FACES) -> Triangles:
+        """Return the surface in the shape's own frame, for drawing it.
+
+        Args:
+            max_faces: A mesh file with more triangles is simplified, see `simplified`.
+
+        Raises:
+            ArgumentError: The shape is a half-space; see `slab_triangles`.
+            MeshError: The mesh file is missing, unreadable or encloses no volume.
+
+        Warns:
+            MeshScaleWarning: The mesh is larger than 5 m or smaller than 1 mm.
+        """
+
+    def mjcf_geom(self) -> dict[str, Any]:
+        """Return the attributes of its MJCF ``geom``, or as ``vertex`` the corners of a mesh."""
+        return {"type": "mesh", "vertex": self.surface().vertices}
+
+    @classmethod
+    @cache
+    def entry(cls) -> type[Entry]:
+        """Return the schema of its mapping in a scene file; a path is a text there."""
+        hints = get_type_hints(cls, include_extras=True)
+        says = f"says that it is a {cls.kind.replace('_', '-')}"
+        keys: Any = {"type": (Literal[cls.kind], Field(description=says))} | {
+            one.name: (hints[one.name], ... if one.default is MISSING else one.default)
+            for one in fields(cls)
+        }
+        return create_model(
+            f"{cls.kind.title().replace('_', '')}Entry",
+            __base__=Entry,
+            __doc__=(inspect.getdoc(cls) or "").partition("\n")[0],
+            __module__=cls.__module__,
+            **keys,
+        )
+
+    @classmethod
+    @cache
+    def lengths(cls) -> dict[str, int]:
+        """Return which keys are lengths that are not zero, and whether it is one or three."""
+        return {
+            name: _LENGTHS[kind]
+            for name, field in cls.entry().model_fields.items()
+            if (kind := get_origin(field.annotation) or field.annotation) in _LENGTHS
+            and (field.description or "").startswith("[m]")
+        }
+
+    @classmethod
+    def from_entry(cls, entry: Entry, found: Callable[[str], Path]) -> Self:
+        """Return the shape of a checked mapping of a scene file.
+
+        Args:
+            entry: Of the type that `entry` returns.
+            found: Returns the file that a path of the scene file names.
+
+        Raises:
+            ArgumentError: Its numbers do not do together.
+        """
+        hints = get_type_hints(cls)
+        values = {one.name: getattr(entry, one.name) for one in fields(cls)}
+        return cls(
+            **{name: found(one) if hints[name] is Path else one for name, one in values.items()}
+        )
+
+    def stated(self, path_text: Callable[[Path], str]) -> dict[str, Any]:
+        """Return what a scene file says of it.
+
+        Args:
+            path_text: Returns how the file names another file.
+        """
+        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        return {"type": self.kind} | {
+            name: path_text(value) if isinstance(value, Path) else value
+            for name, value in values.items()
+        }
+
+
+class Polyhedron(Shape):
+    """A convex shape that is the hull of corners, which are all that a subclass has to tell."""
+
+    @abstractmethod
+    def corners(self) -> FloatArray:
+        """Return them: (V, 3) in the shape's own frame, m, not all in one plane."""
+
+    def pieces(self) -> tuple[Any, ...]:
+        """Make the coal geometry of the hull."""
+        return (convex_geometry(self.corners(), f"the {self.kind}"),)
+
+    def filling(self) -> Filling:
+        """Return volume, centroid and inertia per mass."""
+        import trimesh
+
+        return Filling.of_mesh(trimesh.convex.convex_hull(self.corners()))
+
+    def surface(self, max_faces: int = MOST_FACES) -> Triangles:
+        """Return the surface of the hull."""
+        return hull_triangles(self.corners())
+
+    def mjcf_geom(self) -> dict[str, Any]:
+        """Return its corners for a mesh of MJCF."""
+        return {"type": "mesh", "vertex": self.corners()}
+
+
+@dataclass(frozen=True, eq=False)
+class Hull(Polyhedron):
+    """The convex hull of points, as a link's collision mesh or a piece of an object is one.
+
+    Attributes:
+        points: (V, 3), m.
+    """
+
+    kind = "hull"
+    points: FloatArray
+
+    def __post_init__(self) -> None:
+        """Take the points as they are."""
+
+    def corners(self) -> FloatArray:
+        """Return the points."""
+        return self.points
+
+
+def convex_geometry(points: NDArray[np.float64], label: str = "the mesh") -> Any:
+    """Make the coal geometry of the convex hull of points that are not all in one plane.
+
+    Args:
+        points: (V, 3), m.
+        label: What messages call them.
+
+    Raises:
+        MeshError: coal cannot use their hull, or would crash over it since it is next to flat.
+    """
+    _check_thickness(points, label)
+    corners: Any = coal.StdVec_Vec3s()
+    for point in points:
+        corners.append(point)
+    error: Exception | None = None
+    # A flat face of hundreds of corners is one fan of triangles with "Qt", of which coal refuses
+    # the hub; joggling ("QJ") splits the face otherwise and leaves the corners where they are.
+    for option in ("Qt", "QJ"):
+        try:
+            return coal.Convex.convexHull(corners, True, option)  # noqa: FBT003 - keep triangles
+        except (RuntimeError, ValueError) as failure:
+            error = failure
+    raise MeshError(f"{label} has no usable convex hull; simplify it ({error})") from error
+
+
+def _check_thickness(points: NDArray[np.float64], label: str) -> None:
+    """Refuse what is so thin that coal ends the process over it.
+
+    Raises:
+        MeshError: If it is.
+    """
+    centered = points - points.mean(axis=0)
+    across = np.linalg.svd(centered, full_matrices=False)[2]
+    size = float(np.ptp(centered, axis=0).max())
+    thickness = float(np.ptp(centered @ across[-1]))
+    if thickness < _THINNEST * size:
+        raise MeshError(
+            f"{label} is next to flat: {thickness:.3g} m thick and {size:.3g} m wide; give it a "
+            f"thickness of at least {_THINNEST:g} of its width"
+        )
+
+
+def check_length(name: str, value: float) -> float:
+    """Return a length.
+
+    Raises:
+        ArgumentError: It is not a positive number.
+    """
+    if not isinstance(value, (int, float, np.floating)) or isinstance(value, bool):
+        raise ArgumentError(name, f"needs a positive number, got {value!r}")
+    if not SMALLEST_LENGTH <= value <= LARGEST_LENGTH:
+        raise ArgumentError(name, f"needs a positive number {_RANGE}, got {value!r}")
+    return value
+
+
+def three_lengths(name: str, values: ArrayLike) -> tuple[float, float, float]:
+    """Return three lengths along x, y, z.
+
+    Raises:
+        ArgumentError: They are not three positive numbers.
+    """
+    try:
+        array = np.array(values, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise ArgumentError(name, f"needs three positive numbers, got {values!r}") from error
+    if (
+        array.shape != (3,)
+        or not (array >= SMALLEST_LENGTH).all()
+        or not (array <= LARGEST_LENGTH).all()
+    ):
+        raise ArgumentError(name, f"needs three positive numbers {_RANGE}, got {array.tolist()}")
+    x, y, z = array.tolist()
+    return x, y, z
