@@ -142,7 +142,9 @@ def imported(code: str) -> set[str]:
 
 
 def code_for_readers() -> list[tuple[str, str]]:
-    blocks = [block for page in PAGES for block in blocks_of(page) if block.kind == "python"]
+    # CONTRIBUTING has a module of the package itself.
+    pages = [page for page in PAGES if page.name != "CONTRIBUTING.md"]
+    blocks = [block for page in pages for block in blocks_of(page) if block.kind == "python"]
     scripts = sorted((ROOT / "examples").rglob("*.py"))
     found = [(block.place, block.text) for block in blocks]
     found += [(file.name, file.read_text(encoding="utf-8")) for file in scripts]

@@ -8,6 +8,7 @@ import pytest
 import trimesh
 
 from graspless_pin.errors import ArgumentError, GrasplessPinWarning, MeshError
+from graspless_pin.geometry import ManipulatedObject
 from graspless_pin.geometry.bodies.shapes import (
     Box,
     Capsule,
@@ -26,6 +27,10 @@ SHAPES: list[Shape] = [
     Capsule(0.1, 0.5),
     Cone(0.1, 0.5),
 ]
+
+
+def made_of(shape: Shape, **given: float) -> ManipulatedObject:
+    return ManipulatedObject.from_shape("object", shape, np.eye(4), **given)
 
 
 def inside(shape: Shape, points: np.ndarray) -> np.ndarray:
@@ -66,7 +71,7 @@ def test_the_inertia_agrees_with_a_sum_over_points(shape: Shape) -> None:
     within = points[inside(shape, points)]
     arms = within - within.mean(axis=0)
     second = arms.T @ arms / len(arms)
-    found = shape.mass_properties(mass=3.0).inertia
+    found = made_of(shape, mass=3.0).own_inertia
     assert np.allclose(found, 3.0 * (np.trace(second) * np.eye(3) - second), rtol=0.02, atol=1e-6)
     assert not found.flags.writeable
 
@@ -89,7 +94,7 @@ def test_a_mesh_counts_with_its_own_volume_not_its_hulls(
 ) -> None:
     for convex in ("hull", "decompose"):
         shape = MeshShape(ell(tmp_path, name, inverted=inverted), 0.001, convex)
-        found = shape.mass_properties(density=1000.0)
+        found = made_of(shape, density=1000.0)
         assert found.mass == pytest.approx(0.007)
         # 4 parts at (20, 5, 5) and 3 at (5, 5, 25) millimetres.
         assert np.allclose(found.center_of_mass, [95 / 7e3, 5e-3, 95 / 7e3], atol=1e-7)
@@ -99,17 +104,17 @@ def test_a_mesh_counts_with_its_own_volume_not_its_hulls(
         tall = 3.0 * np.diag([1000.0, 1000.0, 200.0]) / 12.0
         apart = np.array([15.0, 0.0, -20.0])
         reduced = 12.0 / 7.0 * (apart @ apart * np.eye(3) - np.outer(apart, apart))
-        assert np.allclose(found.inertia, 1e-9 * (flat + tall + reduced), rtol=1e-6, atol=1e-13)
+        assert np.allclose(found.own_inertia, 1e-9 * (flat + tall + reduced), rtol=1e-6, atol=1e-13)
 
 
 def test_a_mesh_scaled_along_each_axis_is_scaled_in_volume_and_centre(tmp_path: Path) -> None:
-    found = MeshShape(ell(tmp_path), (0.001, 0.002, 0.003)).mass_properties(density=1000.0)
+    found = made_of(MeshShape(ell(tmp_path), (0.001, 0.002, 0.003)), density=1000.0)
     assert found.mass == pytest.approx(0.042)
     assert np.allclose(found.center_of_mass, [95 / 7e3, 10e-3, 285 / 7e3], atol=1e-7)
 
 
 def test_a_given_mass_stays_as_it_is() -> None:
-    found = Cone(0.1, 0.4).mass_properties(mass=2.5)
+    found = made_of(Cone(0.1, 0.4), mass=2.5)
     assert found.mass == 2.5
     assert np.allclose(found.center_of_mass, [0, 0, -0.1])
 
@@ -137,13 +142,22 @@ def test_parts_that_fill_the_same_space_twice_are_noticed(tmp_path: Path) -> Non
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
 def test_mass_and_density_are_positive(value: float) -> None:
     with pytest.raises(ArgumentError, match="mass: needs a positive number of kg"):
-        Sphere(0.1).mass_properties(mass=value)
+        made_of(Sphere(0.1), mass=value)
     with pytest.raises(ArgumentError, match=r"density: needs a positive number of kg/m\^3"):
-        Sphere(0.1).mass_properties(density=value)
+        made_of(Sphere(0.1), density=value)
+
+
+def test_either_a_mass_or_a_density_is_given() -> None:
+    with pytest.raises(
+        ArgumentError, match="needs either a mass in kg or a density, found neither"
+    ):
+        made_of(Sphere(0.1))
+    with pytest.raises(ArgumentError, match="either a mass in kg or a density, found both"):
+        made_of(Sphere(0.1), mass=1.0, density=1.0)
 
 
 def test_what_has_no_volume_has_no_mass(tmp_path: Path) -> None:
     with pytest.raises(ArgumentError, match="a half-space has no mass"):
-        HalfSpace().mass_properties(mass=1.0)
+        HalfSpace().filling()
     with pytest.raises(MeshError, match="does not exist"):
-        MeshShape(tmp_path / "none.stl").mass_properties(mass=1.0)
+        made_of(MeshShape(tmp_path / "none.stl"), mass=1.0)

@@ -46,13 +46,13 @@ def solid(surface: Triangles) -> trimesh.Trimesh:
 def check(surface: Triangles, shape: Shape) -> None:
     mesh = solid(surface)
     assert mesh.is_watertight
-    filled = shape.mass_properties(density=1.0)
+    filled = shape.filling()
     # Inscribed in circles of 32 corners, whose area is 0.994 of the circle's.
-    assert 0.97 * filled.mass < mesh.volume < (1.0 + 1e-9) * filled.mass
+    assert 0.97 * filled.volume < mesh.volume < (1.0 + 1e-9) * filled.volume
     geometry = shape.pieces()[0]
     geometry.computeLocalAABB()
     size = np.array(geometry.aabb_local.max_ - geometry.aabb_local.min_)
-    assert mesh.center_mass == pytest.approx(filled.center_of_mass, abs=1e-2 * size.max())
+    assert mesh.center_mass == pytest.approx(filled.centroid, abs=1e-2 * size.max())
     assert np.ptp(surface.vertices, axis=0) == pytest.approx(size, rel=1e-2)
 
 

@@ -71,8 +71,8 @@ class Mjcf:
         if "vertex" in form:
             self._meshes += 1
             form["mesh"] = f"hull_{self._meshes}"
-            corners = form.pop("vertex").ravel().tolist()
-            add(self.section("asset"), "mesh", name=form["mesh"], vertex=corners)
+            vertex = form.pop("vertex").ravel().tolist()
+            add(self.section("asset"), "mesh", name=form["mesh"], vertex=vertex)
         add(
             body,
             "geom",

@@ -126,9 +126,10 @@ class ManipulatedObject(Brief, _PlacedShape):
             raise ArgumentError("shape", f"object '{name}' cannot be a half-space")
         filled = None
         if mass is None or density is not None or center_of_mass is None:
-            filled = shape.mass_properties(mass=mass, density=density)
-            mass = filled.mass
-            center_of_mass = filled.center_of_mass if center_of_mass is None else center_of_mass
+            given = _mass_or_density(mass, density)
+            filled = shape.filling()
+            mass = given if density is None else given * filled.volume
+            center_of_mass = filled.centroid if center_of_mass is None else center_of_mass
         made = cls(
             name,
             shape,
@@ -139,7 +140,7 @@ class ManipulatedObject(Brief, _PlacedShape):
             None if inertia is None else np.asarray(inertia),
         )
         if filled is not None and inertia is None:
-            vars(made)["own_inertia"] = filled.inertia
+            vars(made)["own_inertia"] = read_only(made.mass * filled.gyration)
         return made
 
     def __post_init__(self) -> None:
@@ -193,7 +194,7 @@ class ManipulatedObject(Brief, _PlacedShape):
         """
         if self.inertia is not None:
             return self.inertia
-        return self.shape.mass_properties(mass=self.mass).inertia
+        return read_only(self.mass * self.shape.filling().gyration)
 
     def spatial_inertia(self) -> NDArray[np.float64]:
         """Return the (6, 6) inertia about the centre of mass for [linear; angular], world axes.
@@ -285,6 +286,21 @@ def _vector(name: str, values: ArrayLike, count: int = 3) -> NDArray[np.float64]
         raise ArgumentError(name, f"needs {words} finite numbers, got {vector.tolist()}")
     vector.setflags(write=False)
     return vector
+
+
+def _mass_or_density(mass: float | None, density: float | None) -> float:
+    """Return the one of both that is given.
+
+    Raises:
+        ArgumentError: It is not positive, or not exactly one is given.
+    """
+    name, value, unit = ("mass", mass, "kg") if density is None else ("density", density, "kg/m^3")
+    if value is None or None not in (mass, density):
+        found = "neither" if value is None else "both"
+        raise ArgumentError("mass", f"needs either a mass in kg or a density, found {found}")
+    if not (math.isfinite(value) and value > 0.0):
+        raise ArgumentError(name, f"needs a positive number of {unit}, got {value!r}")
+    return value
 
 
 def _checked_inertia(inertia: ArrayLike) -> NDArray[np.float64]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass, fields
@@ -27,7 +26,7 @@ from pydantic import Field, GetPydanticSchema, create_model
 
 from graspless_pin.bounds import LARGEST_LENGTH, SMALLEST_LENGTH
 from graspless_pin.errors import ArgumentError, MeshError
-from graspless_pin.geometry.bodies.triangles import MOST_FACES, Triangles, hull_triangles
+from graspless_pin.geometry.bodies.triangles import MOST_FACES, Triangles
 from graspless_pin.intake.fields import Entry, FilePath, Length
 from graspless_pin.problem.checks import FloatArray, read_only
 
@@ -77,21 +76,6 @@ class Filling(NamedTuple):
         return cls(abs(volume), read_only(np.array(mesh.center_mass)), read_only(gyration))
 
 
-@dataclass(frozen=True, eq=False)
-class MassProperties:
-    """Mass of a rigid body and how it is spread.
-
-    Attributes:
-        mass: kg.
-        center_of_mass: (3,) read-only, in the shape's frame, m.
-        inertia: (3, 3) read-only, about the centre of mass, the shape's axes, kg m^2.
-    """
-
-    mass: float
-    center_of_mass: FloatArray
-    inertia: FloatArray
-
-
 @dataclass(frozen=True)
 class Shape(ABC):
     """A shape: a frozen dataclass whose fields are the keys of a scene file, in metres.
@@ -118,8 +102,8 @@ class Shape(ABC):
             ArgumentError: One is not a positive number.
         """
         for name, count in self.lengths().items():
-            check = check_length if count == 1 else three_lengths
-            object.__setattr__(self, name, check(name, getattr(self, name)))
+            value = getattr(self, name)
+            object.__setattr__(self, name, checked_lengths(name, value, count))
 
     def pieces(self) -> tuple[Any, ...]:
         """Make the coal geometries of its convex pieces: one of `coal_type`, of its lengths.
@@ -146,38 +130,6 @@ class Shape(ABC):
         Warns:
             GrasplessPinWarning: A mesh is not watertight; its convex hull counts instead.
         """
-
-    def mass_properties(
-        self, *, mass: float | None = None, density: float | None = None
-    ) -> MassProperties:
-        """Return mass, centre of mass and inertia of the shape filled evenly.
-
-        Args:
-            mass: kg; or
-            density: kg/m^3.
-
-        Returns:
-            The given mass, or density times volume, and how it is spread about its centroid.
-
-        Raises:
-            ArgumentError: Not exactly one of mass and density is given, it is not positive, or the
-                shape is a half-space.
-            MeshError: The mesh file is missing, unreadable or encloses no volume.
-
-        Warns:
-            GrasplessPinWarning: See `filling`.
-        """
-        if (mass is None) == (density is None):
-            found = "neither" if mass is None else "both"
-            raise ArgumentError("mass", f"needs either a mass in kg or a density, found {found}")
-        name, value, unit = (
-            ("mass", mass, "kg") if density is None else ("density", density, "kg/m^3")
-        )
-        if value is None or not (math.isfinite(value) and value > 0.0):
-            raise ArgumentError(name, f"needs a positive number of {unit}, got {value!r}")
-        filled = self.filling()
-        total = value if density is None else density * filled.volume
-        return MassProperties(total, filled.centroid, read_only(total * filled.gyration))
 
     @abstractmethod
     def surface(self, max_faces: int = MOST_FACES) -> Triangles:
@@ -258,29 +210,32 @@ class Shape(ABC):
 
 
 class Polyhedron(Shape):
-    """A convex shape that is the hull of corners, which are all that a subclass has to tell."""
+    """The convex hull of vertices, which are all that a subclass has to tell."""
 
     @abstractmethod
-    def corners(self) -> FloatArray:
+    def vertices(self) -> FloatArray:
         """Return them: (V, 3) in the shape's own frame, m, not all in one plane."""
 
     def pieces(self) -> tuple[Any, ...]:
         """Make the coal geometry of the hull."""
-        return (convex_geometry(self.corners(), f"the {self.kind}"),)
+        return (convex_geometry(self.vertices(), f"the {self.kind}"),)
 
     def filling(self) -> Filling:
         """Return volume, centroid and inertia per mass."""
         import trimesh
 
-        return Filling.of_mesh(trimesh.convex.convex_hull(self.corners()))
+        return Filling.of_mesh(trimesh.convex.convex_hull(self.vertices()))
 
     def surface(self, max_faces: int = MOST_FACES) -> Triangles:
         """Return the surface of the hull."""
-        return hull_triangles(self.corners())
+        import trimesh
+
+        hull = trimesh.convex.convex_hull(self.vertices())
+        return Triangles(hull.vertices, hull.faces)
 
     def mjcf_geom(self) -> dict[str, Any]:
-        """Return its corners for a mesh of MJCF."""
-        return {"type": "mesh", "vertex": self.corners()}
+        """Return its vertices for a mesh of MJCF."""
+        return {"type": "mesh", "vertex": self.vertices()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,7 +252,7 @@ class Hull(Polyhedron):
     def __post_init__(self) -> None:
         """Take the points as they are."""
 
-    def corners(self) -> FloatArray:
+    def vertices(self) -> FloatArray:
         """Return the points."""
         return self.points
 
@@ -344,12 +299,14 @@ def _check_thickness(points: NDArray[np.float64], label: str) -> None:
         )
 
 
-def check_length(name: str, value: float) -> float:
-    """Return a length.
+def checked_lengths(name: str, value: Any, count: int) -> Any:
+    """Return one length, or three along x, y, z as a tuple.
 
     Raises:
-        ArgumentError: It is not a positive number.
+        ArgumentError: It is not a positive number, or they are not three.
     """
+    if count == 3:
+        return _three_lengths(name, value)
     if not isinstance(value, (int, float, np.floating)) or isinstance(value, bool):
         raise ArgumentError(name, f"needs a positive number, got {value!r}")
     if not SMALLEST_LENGTH <= value <= LARGEST_LENGTH:
@@ -357,12 +314,7 @@ def check_length(name: str, value: float) -> float:
     return value
 
 
-def three_lengths(name: str, values: ArrayLike) -> tuple[float, float, float]:
-    """Return three lengths along x, y, z.
-
-    Raises:
-        ArgumentError: They are not three positive numbers.
-    """
+def _three_lengths(name: str, values: ArrayLike) -> tuple[float, ...]:
     try:
         array = np.array(values, dtype=float)
     except (TypeError, ValueError) as error:
@@ -373,5 +325,4 @@ def three_lengths(name: str, values: ArrayLike) -> tuple[float, float, float]:
         or not (array <= LARGEST_LENGTH).all()
     ):
         raise ArgumentError(name, f"needs three positive numbers {_RANGE}, got {array.tolist()}")
-    x, y, z = array.tolist()
-    return x, y, z
+    return tuple(array.tolist())

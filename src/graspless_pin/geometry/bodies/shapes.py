@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Annotated, Any
 
 import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
@@ -33,9 +33,8 @@ from graspless_pin.geometry.bodies.shape import (
     Lengths,
     Shape,
     ShapeFile,
-    check_length,
+    checked_lengths,
     convex_geometry,
-    three_lengths,
 )
 from graspless_pin.geometry.bodies.triangles import (
     MOST_FACES,
@@ -266,10 +265,8 @@ class MeshShape(Shape):
                 parts is unknown or out of range.
         """
         object.__setattr__(self, "path", Path(self.path))
-        if np.ndim(self.scale) == 0:
-            check_length("scale", cast("float", self.scale))
-        else:
-            object.__setattr__(self, "scale", three_lengths("scale", self.scale))
+        count = 1 if np.ndim(self.scale) == 0 else 3
+        object.__setattr__(self, "scale", checked_lengths("scale", self.scale, count))
         if self.convex not in ("hull", "decompose"):
             raise ArgumentError("convex", f"needs 'hull' or 'decompose', got {self.convex!r}")
         self.cut()

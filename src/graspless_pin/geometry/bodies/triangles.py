@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.geometry.bodies.dense_hulls import with_fewer_triangles
 from graspless_pin.geometry.bodies.meshes import MeshScale, file_state, scaled_mesh
-
-if TYPE_CHECKING:
-    import trimesh
 
 _REMEMBERED = 256
 
@@ -45,13 +42,6 @@ class Triangles:
         """Return the surface at a (4, 4) pose."""
         pose = np.asarray(T, dtype=float)
         return Triangles(self.vertices @ pose[:3, :3].T + pose[:3, 3], self.faces)
-
-
-def hull_triangles(points: NDArray[np.float64]) -> Triangles:
-    """Return the surface of the convex hull of points (V, 3), m."""
-    import trimesh
-
-    return _of(trimesh.convex.convex_hull(points))
 
 
 def slab_triangles(center: ArrayLike, half_width: float, thickness: float) -> Triangles:
@@ -98,7 +88,7 @@ def unit_surface(
 
     unit = getattr(trimesh.creation, name)(*sizes, **options)
     unit.apply_translation((0.0, 0.0, -lowered))
-    return Triangles(np.array(unit.vertices) * np.asarray(factors), np.array(unit.faces))
+    return Triangles(np.array(unit.vertices) * np.asarray(factors), unit.faces)
 
 
 def file_triangles(
@@ -122,8 +112,5 @@ def file_triangles(
 def _file_triangles(
     path: Path, scale: MeshScale, max_faces: int, upright: bool, _state: tuple[str, int, int]
 ) -> Triangles:
-    return simplified(_of(scaled_mesh(path, scale, upright=upright)), max_faces)
-
-
-def _of(mesh: trimesh.Trimesh) -> Triangles:
-    return Triangles(np.array(mesh.vertices), np.array(mesh.faces))
+    mesh = scaled_mesh(path, scale, upright=upright)
+    return simplified(Triangles(mesh.vertices, mesh.faces), max_faces)
