@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,7 +30,7 @@ SHAPES: list[Shape] = [
 ]
 
 
-def made_of(shape: Shape, **given: float) -> ManipulatedObject:
+def made_of(shape: Shape, **given: Any) -> ManipulatedObject:
     return ManipulatedObject.from_shape("object", shape, np.eye(4), **given)
 
 
