@@ -13,7 +13,7 @@ from graspless_pin.algorithms import explanation as explanation_module
 from graspless_pin.algorithms.explanation import Suggestion, explain
 from graspless_pin.errors import ArgumentError
 
-MARGIN, HELP = "the required margin", "an outside help in the balance"
+MARGIN, HELP = "the required margin", "an extra external wrench"
 FRICTION, NORMAL = "all friction coefficients", "every normal-force limit"
 CASES = {
     "margin": (lambda: minimize_torque(scene("rest"), 20.0), [MARGIN, FRICTION]),

@@ -89,7 +89,7 @@ MISTAKES = [
            "it is 1.01 mm from object 'box', more than contact_tolerance (1 mm)",
            "graspless-pin settle", 1),
     _scene("fingertip four millimetres short", POSE, "position: [-0.1, -0.104, 0.0]",
-           "'tip' does not count: it is 4 mm from object 'box'",
+           "'tip' is 4 mm from object 'box', so it is not a contact",
            "graspless-pin close", 4),
     _scene("object almost five millimetres in the table", FLOOR,
            "pose: {position: [0, 0, -0.0951]}", "overlap by 4.9 mm", "move them apart", 0),
@@ -125,7 +125,7 @@ MISTAKES = [
     _scene("negative friction", FRICTION, "friction: -0.3", ":2: friction: found -0.3", ">= 0"),
     # Names and keys
     _scene("misspelt key", FRICTION, f"{FRICTION}\nsupport: []",
-           "support: is no key that can stand here", "did you mean 'supports'?"),
+           "support: unknown key", "did you mean 'supports'?"),
     _scene("misspelt shape", "type: box", "type: bx", "'type': 'bx'", "did you mean 'box'?"),
     _scene("misspelt joint", "hinge: 0.0", "hing: 0.0", "unknown joint 'hing'",
            "did you mean 'hinge'?"),

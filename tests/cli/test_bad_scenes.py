@@ -17,17 +17,17 @@ CASES = {
     "unknown key": (
         FRICTION,
         "friction: 0.3\nfrction: 0.4",
-        ":3: frction: is no key that can stand here; did you mean 'friction'? known: cone,",
+        ":3: frction: unknown key; did you mean 'friction'? known: cone,",
     ),
     "unknown inner key": (
         "mass: 1.0",
         "mass: 1.0\n  weight: 3",
-        ":11: object.weight: is no key that can stand here; known: center_of_mass, density,",
+        ":11: object.weight: unknown key; known: center_of_mass, density,",
     ),
     "key of another shape": (
         SIZE,
         SIZE + ", radius: 1",
-        ":9: object.shape.radius: is no key that can stand here; known: size, type",
+        ":9: object.shape.radius: unknown key; known: size, type",
     ),
     "missing key": (
         "  mass: 1.0\n",

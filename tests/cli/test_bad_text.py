@@ -31,11 +31,11 @@ TEXTS = {
     ),
     "duplicate key": (
         spoilt("  mass: 1.0\n", "  mass: 1.0\n  mass: 2.0\n").encode(),
-        ":11: object.mass: stands twice, first on line 10; keep one",
+        ":11: object.mass: duplicate key, first on line 10; keep one",
     ),
     "duplicate key in a list": (
         spoilt("- name: floor\n", "- name: floor\n    name: wall\n").encode(),
-        ":14: supports.0.name: stands twice, first on line 13; keep one",
+        ":14: supports.0.name: duplicate key, first on line 13; keep one",
     ),
 }
 

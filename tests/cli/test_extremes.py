@@ -115,7 +115,7 @@ CASES = {
     "unknown keys": (
         FRICTION,
         "friction: 0.3\n" + "".join(f"key_{i}: 1\n" for i in range(20_000)),
-        "3: key_0: is no key that can stand here",
+        "3: key_0: unknown key",
     ),
     "entries": (
         FRICTION,

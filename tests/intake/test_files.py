@@ -206,7 +206,7 @@ TEXTS = {
     "depth of blocks": ("".join(i * " " + "- \n" for i in range(1000)), "is nested too deeply"),
     "depth on one line": (3000 * "- ", "is nested too deeply"),
     "depth of keys": (3000 * "? ", "is nested too deeply"),
-    "a key twice": ("name: a\nurdf: b\nname: c\n", ":3: name: stands twice, first on line 1"),
+    "a key twice": ("name: a\nurdf: b\nname: c\n", ":3: name: duplicate key, first on line 1"),
     "a tag": ("name: !!python/object/apply:os.getcwd []\n", ":1: is not plain YAML: column 7"),
     "half a character": ('name: "\\ud800"\n', ":1: name: has the character U\\+D800"),
     "control": ('name: "\\e[2J"\n', ":1: name: has the character U\\+001B"),

@@ -12,7 +12,7 @@ from graspless_pin import Scene, Status, TorqueSolution, contact_force_bounds, l
 from graspless_pin.report import scene_solution_text
 
 ROOT = Path(__file__).resolve().parents[2]
-RULE = "over the forces that the virtual-sliding rule admits."
+RULE = "over all contact forces that virtual sliding admits."
 WEAK = 4.0  # N: a limit of normal forces that corners of the box may exceed
 
 
@@ -40,7 +40,8 @@ def answer(case: str) -> tuple[Scene, TorqueSolution]:
         (
             "walls",
             Status.OPTIMAL,
-            "At worst, these torques leave no margin: a contact may be pressed with any force.",
+            "At worst, these torques leave no margin: contact forces are unbounded (jamming is "
+            "possible).",
         ),
         (
             "corners",

@@ -32,12 +32,12 @@ LOADING = {
     "unknown key": (
         "sampling:",
         "samping:",
-        ":6: samping: is no key that can stand here; did you mean 'sampling'? known: compute,",
+        ":6: samping: unknown key; did you mean 'sampling'? known: compute,",
     ),
     "unknown key of a variable": (
         "steps: 3",
         "step: 3",
-        ":3: vary['friction.default'].step: is no key that can stand here; did you mean 'steps'?",
+        ":3: vary['friction.default'].step: unknown key; did you mean 'steps'?",
     ),
     "empty range": (
         "from: 0.2, to: 0.6",
@@ -192,8 +192,7 @@ CHECKING = {
     "unknown scene key": (
         "friction.default",
         "object.mas",
-        ":3: vary['object.mas']: at 0.2: {scene}:24: object.mas: is no key that can stand here; "
-        "did you mean 'mass'?",
+        ":3: vary['object.mas']: at 0.2: {scene}:24: object.mas: unknown key; did you mean 'mass'?",
     ),
     "value out of bounds": (
         "from: 0.2",

@@ -45,7 +45,7 @@ def helped(problem: QuasistaticProblem, forces: FloatArray) -> tuple[str, Quasis
     changed = problem.with_changes(external_wrench=problem.external_wrench + help_)
     force, moment = np.round(help_[:3], 4) + 0.0, np.round(help_[3:], 5) + 0.0
     text = (
-        f"an outside help in the balance: force {force.tolist()} N and moment "
+        f"an extra external wrench: force {force.tolist()} N and moment "
         f"{moment.tolist()} N m on the object"
     )
     return text, changed
@@ -194,7 +194,7 @@ def explain(
     """Explain why a solution was not found.
 
     Where the force balance itself fails, each kind of limit is relaxed alone (one joint's torque,
-    all torques, normal forces, friction, the required margin, an outside help in the balance) by
+    all torques, normal forces, friction, the required margin, an extra external wrench) by
     the smallest amount that makes some feasible mode work. Where only the virtual-sliding rule
     fails, the contacts in conflict are named and the weaker rules are tried; under ``direction``
     that and the required margin are all. Where no change is enough by itself, it is tried along
@@ -339,7 +339,7 @@ def _reliefs(solution: TorqueSolution, tries: Tries) -> Iterator[Suggestion]:
 
 
 def _everything(solution: TorqueSolution, tries: Tries) -> Iterator[Suggestion]:
-    """All limits widened and an outside help in the balance, at once."""
+    """All limits widened and an extra external wrench, at once."""
     problem = solution.problem
     relief = _relief(solution, tries, joint=-1, normal=True, wrench=True)
     if relief is None:

@@ -70,7 +70,7 @@ class Robustness(Brief):
             )
         if self.without:
             listed = ", ".join(str(contact) for contact in self.relies_on) or "none"
-            lines.append(f"relies on contacts: {listed}")
+            lines.append(f"contacts that must not be lost: {listed}")
         if not self.complete:
             lines.append("the time limit ended the search: more time may tell more")
         return "\n".join(lines)
@@ -89,8 +89,8 @@ def _error(less: LoadBracket, more: LoadBracket, scale: float, unit: str) -> str
         f"{sign}{scale * one.guaranteed:.3g}" if one.reached else f"{sign}(not reached)"
         for sign, one in (("-", less), ("+", more))
     ]
-    said = f"bears {' to '.join(ends)} {unit}, "
-    return said + (f"fails at {' and '.join(fails)} {unit}" if fails else "no failure was found")
+    said = f"tolerates {' to '.join(ends)} {unit}"
+    return f"{said}, fails at {' and '.join(fails)} {unit}" if fails else f"{said} (end of search)"
 
 
 def robustness(

@@ -34,7 +34,7 @@ _COMMANDS = {
     ),
     "robustness": _Command(
         "robustness.robustness_scene",
-        "Tell how much a scene's rest bears; where it may fail, what would make it hold.",
+        "Report which disturbances the object withstands; where it may fail, what would help.",
         ("graspless-pin robustness scene.yaml",),
     ),
     "verify": _Command(

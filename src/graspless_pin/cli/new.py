@@ -95,7 +95,7 @@ def new(
     """Write a first scene of a robot and an object, complete and commented.
 
     The object rests on the support; the hand stands clear of it: graspless-pin place puts it there.
-    Effort limits that the robot's files do not tell are left open, unless --effort gives them.
+    Effort limits that are missing from the robot's files stay unset, unless --effort gives them.
     """
     with plain_errors():
         shape = _shape(obj, scale, decompose=decompose)

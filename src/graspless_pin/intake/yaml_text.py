@@ -126,7 +126,7 @@ def _index(
             inner = (*location, name)
             if inner in lines:
                 raise TextError(
-                    f"{'.'.join(map(str, inner))}: stands twice, first on line {lines[inner]}; "
+                    f"{'.'.join(map(str, inner))}: duplicate key, first on line {lines[inner]}; "
                     "keep one",
                     key.start_mark.line + 1,
                 )

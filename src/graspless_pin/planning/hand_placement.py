@@ -154,7 +154,7 @@ _ADVICE = {
     PlacingFault.OBJECT_IN_THE_WAY: f"nowhere is the open hand clear of the object; {_LARGER}",
     PlacingFault.TOUCHES_NOTHING: f"no finger reaches the object; {_LARGER}",
     PlacingFault.HAND_ON_SUPPORT: f"each closed hand touches a support; {_OTHERS}",
-    PlacingFault.HAND_THROUGH_ITSELF: f"each closed hand is in itself; {_OTHERS}",
+    PlacingFault.HAND_THROUGH_ITSELF: f"each closed hand collides with itself; {_OTHERS}",
     PlacingFault.ONE_FINGER_ONLY: f"never do two fingers touch the object; {_LARGER}",
     PlacingFault.UNUSABLE_CONTACTS: "put the hand there with close_fingers to see what is wrong",
     PlacingFault.NOTHING_OPPOSES: "no two links squeeze the object between them; aim='press' "

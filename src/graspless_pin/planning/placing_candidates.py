@@ -76,7 +76,7 @@ class PlacingFault(StrEnum):
     OBJECT_IN_THE_WAY = "object-in-the-way", "the object is in the way of the open hand"
     TOUCHES_NOTHING = "touches-nothing", "the fingers close without touching the object"
     HAND_ON_SUPPORT = "hand-on-support", "the closed hand touches a support"
-    HAND_THROUGH_ITSELF = "hand-through-itself", "the closed hand is in itself"
+    HAND_THROUGH_ITSELF = "hand-through-itself", "the closed hand collides with itself"
     ONE_FINGER_ONLY = "one-finger-only", "one finger alone touches the object"
     UNUSABLE_CONTACTS = "unusable-contacts", "the contacts cannot be used"
     NOTHING_OPPOSES = "nothing-opposes", "no two links squeeze the object between them"

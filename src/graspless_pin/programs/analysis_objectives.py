@@ -206,7 +206,7 @@ class Elastic(Objective):
     """The smallest change s >= 0 of some limits that makes a required margin feasible.
 
     It is given to one joint's limits (in its joint scale) or to all joints' (in the torque scale),
-    to all normal-force limits (in F), and as an outside help in the balance (in F, the largest
+    to all normal-force limits (in F), and as an extra external wrench (in F, the largest
     component of a wrench with moments over the length scale).
 
     Attributes:

@@ -65,7 +65,8 @@ def _worst_margin(bounds: ContactForceBounds, solution: TorqueSolution) -> str:
     if not bounds.found:
         return "The margin that these torques leave at worst was not found in time."
     if bounds.smallest_margin == -inf:
-        return "At worst, these torques leave no margin: a contact may be pressed with any force."
+        why = "contact forces are unbounded (jamming is possible)"
+        return f"At worst, these torques leave no margin: {why}."
     least = figure(bounds.smallest_margin, solution.problem.scales.force)
     proven = bounds.status is Status.OPTIMAL
     unproven = "" if proven else " or less (not proven)"

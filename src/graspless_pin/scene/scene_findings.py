@@ -224,8 +224,8 @@ def _missed(scene: Scene, touching: set[str]) -> Iterator[Finding]:
             yield Finding(
                 FindingCode.SUPPORT_MISSED,
                 support.name,
-                f"support '{support.name}' does not count: it is {_length(gap)} from object "
-                f"'{scene.object.name}', more than contact_tolerance ({_length(tolerance)})",
+                f"support '{support.name}' is {_length(gap)} from object '{scene.object.name}', so "
+                f"it is not a contact (contact_tolerance: {_length(tolerance)})",
                 "settle the object (graspless-pin settle), correct the pose, or raise "
                 "contact_tolerance",
                 ("supports", index, "pose"),
@@ -247,8 +247,8 @@ def _missed(scene: Scene, touching: set[str]) -> Iterator[Finding]:
             yield Finding(
                 FindingCode.FINGER_MISSED,
                 finger,
-                f"'{link}' does not count: it is {_length(gap)} from object "
-                f"'{scene.object.name}', more than contact_tolerance ({_length(tolerance)})",
+                f"'{link}' is {_length(gap)} from object '{scene.object.name}', so it is not a "
+                f"contact (contact_tolerance: {_length(tolerance)})",
                 "close the finger (graspless-pin close), correct q, or raise contact_tolerance",
                 ("hand", "q"),
             )

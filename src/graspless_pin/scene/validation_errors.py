@@ -167,7 +167,7 @@ def _mistake(schema: Node, data: Any, location: Location, item: Any) -> str:
         known = sorted(
             {key for node in _nodes_at(schema, data, location[:-1]) for key in _keys(node)}
         )
-        return f"is no key that can stand here; {names_in_words(str(location[-1]), known)}"
+        return f"unknown key; {names_in_words(str(location[-1]), known)}"
     if parts[-1] == "[key]":
         found = reprlib.repr(item["input"])
         if isinstance(item["input"], str):

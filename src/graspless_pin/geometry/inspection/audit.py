@@ -272,7 +272,7 @@ def _unreadable(robot: RobotDescription, error: Exception) -> Finding:
         FindingCode.UNREADABLE,
         str(robot.urdf_path),
         str(error),
-        "correct this first: the robot cannot be loaded before",
+        "fix this first: the robot cannot be loaded until then",
     )
 
 

@@ -193,9 +193,7 @@ def _robot_file(file: Path, text: str) -> RobotFile:
         key = ".".join(str(part) for part in first["loc"]) or "file"
         if first["type"] == "extra_forbidden":
             words = names_in_words(str(first["loc"][-1]), RobotFile.model_fields)
-            raise RobotError(
-                f"{file}: {key}: is no key that can stand here (found {found}); {words}"
-            ) from error
+            raise RobotError(f"{file}: {key}: unknown key (found {found}); {words}") from error
         raise RobotError(
             f"{file}: {key}: {first['msg']} (found {reprlib.repr(first['input'])})"
         ) from error
