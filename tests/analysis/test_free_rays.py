@@ -224,6 +224,6 @@ def test_who_may_squeeze_with_any_force_is_said_in_words():
     )
     assert pyramids.covers == "over all forces of rest (32 edges)"
     ruled = contact_force_bounds(problem, [])
-    assert ruled.covers == "over all contact forces that virtual sliding admits"
+    assert ruled.covers == "over all admissible contact forces"
     hung = problem.with_changes(external_wrench=[0.0, 0.0, 9.81, 0.0, 0.0, 0.0], friction=0.0)
     assert contact_force_bounds(hung, []).squeeze_words() == ""

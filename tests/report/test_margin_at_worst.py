@@ -12,7 +12,7 @@ from graspless_pin import Scene, Status, TorqueSolution, contact_force_bounds, l
 from graspless_pin.report import scene_solution_text
 
 ROOT = Path(__file__).resolve().parents[2]
-RULE = "over all contact forces that virtual sliding admits."
+RULE = "over all admissible contact forces."
 WEAK = 4.0  # N: a limit of normal forces that corners of the box may exceed
 
 

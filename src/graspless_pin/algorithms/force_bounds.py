@@ -77,7 +77,7 @@ class ContactForceBounds(Brief):
     def covers(self) -> str:
         """Over which forces the ranges go, in words."""
         if self.rules.static_friction is not StaticFriction.COULOMB:
-            return "over all contact forces that virtual sliding admits"
+            return "over all admissible contact forces"
         cones = "Coulomb's law" if self.problem.is_round else f"{self.problem.cone_edges} edges"
         return f"over all forces of rest ({cones})"
 
