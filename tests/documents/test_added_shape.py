@@ -104,6 +104,18 @@ def scene_of(folder: Path, name: str, shape: dict[str, Any], turn: float) -> Pat
     return file
 
 
+def on_a_block(file: Path, shape: dict[str, Any], turn: float) -> Path:
+    """The same scene on a block of 0.6 x 0.6 x 0.1 m, the top of which is the slope."""
+    scene = yaml.safe_load(file.read_text())
+    R = Rotation.from_euler("y", 45.0, degrees=True) * Rotation.from_euler("z", turn, degrees=True)
+    (slope,) = scene["supports"]
+    middle = np.array(slope["pose"]["position"]) - 0.05 * R.as_matrix()[:, 2]
+    pose = {"position": middle.tolist(), "matrix": R.as_matrix().tolist()}
+    scene["supports"] = [{"name": "slope", "shape": shape, "pose": pose}]
+    file.write_text(yaml.safe_dump(scene))
+    return file
+
+
 def shown(package: Path, file: Path) -> dict[str, Any]:
     result = run(package, "-c", SHOWN, str(file))
     assert result.returncode == 0, result.stderr
@@ -162,6 +174,15 @@ def test_a_square_prism_touches_weighs_and_holds_like_a_box(squares):
         assert prism["drawn"] == other["drawn"]
     assert len(prism["contacts"]) == 6
     assert prism["margin"] > 0.1
+
+
+def test_it_may_be_a_support(package, squares, tmp_path):
+    shape = {"type": "prism", "corners": 4, "radius": 0.3 * 2.0**0.5, "height": 0.1}
+    cube = {"type": "box", "size": [0.2, 0.2, HEIGHT]}
+    found = shown(package, on_a_block(scene_of(tmp_path, "block", cube, 0.0), shape, 45.0))
+    _, box, _ = squares
+    assert in_order(found["contacts"]) == pytest.approx(in_order(box["contacts"]), abs=1e-7)
+    assert found["margin"] == pytest.approx(box["margin"], rel=1e-6)
 
 
 def test_its_mjcf_is_a_mesh_of_its_corners(squares):

@@ -56,7 +56,7 @@ class Box(Shape):
     It stands about its frame's origin.
 
     Attributes:
-        size: Full edge lengths along x, y, z, m.
+        size (tuple[float, float, float]): Full edge lengths along x, y, z, m.
 
     Examples:
         >>> from graspless_pin.geometry import Box
@@ -88,7 +88,7 @@ class Sphere(Shape):
     It stands about its frame's origin. See the example of `Box`.
 
     Attributes:
-        radius: m.
+        radius (float): m.
     """
 
     kind = "sphere"
@@ -118,8 +118,8 @@ class Cylinder(Shape):
     It is centred at its frame's origin. See the example of `Box`.
 
     Attributes:
-        radius: m.
-        length: Full height, m.
+        radius (float): m.
+        length (float): Full height, m.
     """
 
     kind = "cylinder"
@@ -155,8 +155,8 @@ class Capsule(Shape):
     It is centred at its frame's origin, and its ends are half spheres. See the example of `Box`.
 
     Attributes:
-        radius: m.
-        length: Height of the cylinder without its ends, m.
+        radius (float): m.
+        length (float): Height of the cylinder without its ends, m.
     """
 
     kind = "capsule"
@@ -193,8 +193,8 @@ class Cone(Shape):
     Its tip is at z = +length/2 and its base at z = -length/2. See the example of `Box`.
 
     Attributes:
-        radius: Radius of the base, m.
-        length: Full height, m.
+        radius (float): Radius of the base, m.
+        length (float): Full height, m.
     """
 
     kind = "cone"
@@ -225,16 +225,16 @@ class MeshShape(Shape):
     In Python the path is relative to the working folder. See the example of `Box`.
 
     Attributes:
-        path: STL, OBJ, DAE, GLB, glTF, PLY or OFF file, in its own coordinates. A DAE is in the
-            unit that it states, and the axis that it says is up becomes z.
-        scale: Metres per unit of the file, or of what a DAE states; one number, or three along x,
-            y, z.
-        convex: ``hull`` fills all hollows; ``decompose`` cuts the mesh into convex pieces, which
-            keeps them (see `decomposition`).
-        concavity: For ``decompose``: deepest hollow that is filled all the same, as a share of half
-            the largest extent, 0.01 to 1.
-        decompose_time_limit: Seconds that the cut may take, at most 1e6.
-        max_pieces: Most convex pieces; None: as many as the concavity takes.
+        path (Path): STL, OBJ, DAE, GLB, glTF, PLY or OFF file, in its own coordinates. A DAE is in
+            the unit that it states, and the axis that it says is up becomes z.
+        scale (float | tuple[float, float, float]): Metres per unit of the file, or of what a DAE
+            states; one number, or three along x, y, z.
+        convex (str): ``hull`` fills all hollows; ``decompose`` cuts the mesh into convex pieces,
+            which keeps them (see `decomposition`).
+        concavity (float): For ``decompose``: deepest hollow that is filled all the same, as a share
+            of half the largest extent, 0.01 to 1.
+        decompose_time_limit (float): Seconds that the cut may take, at most 1e6.
+        max_pieces (int | None): Most convex pieces; None: as many as the concavity takes.
     """
 
     kind = "mesh"
@@ -361,6 +361,8 @@ _OF_COAL: dict[str, Callable[[Any], Any]] = {
 
 def shape_of(geometry: Any) -> Shape:
     """Return the shape of a coal geometry, a primitive or a convex hull.
+
+    All half-spaces are taken for `HalfSpace`: nothing else makes one.
 
     Raises:
         ArgumentError: It is neither a primitive nor a convex hull.

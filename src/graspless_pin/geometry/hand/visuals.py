@@ -42,8 +42,9 @@ def hand_triangles(hand: Hand, *, max_faces: int = 1500) -> Iterator[tuple[str, 
 
 def _visual_triangles(visual: LinkVisual, max_faces: int) -> Triangles:
     """Return the triangles of one visual shape in its link's frame."""
-    if isinstance(visual.shape, Path):
-        surface = file_triangles(visual.shape, visual.scale, max_faces, upright=False)
-    else:
-        surface = visual.shape.surface()
+    surface = (
+        file_triangles(visual.shape, visual.scale, max_faces, upright=False)
+        if isinstance(visual.shape, Path)
+        else visual.shape.surface()
+    )
     return surface.moved(visual.T_link_visual)
