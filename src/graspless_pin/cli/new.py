@@ -162,8 +162,12 @@ def _shape(text: str, scale: float, *, decompose: bool) -> Shape:
         if scale != 1.0 or decompose:
             raise ArgumentError("OBJECT", f"--scale and --decompose go with a mesh, not a {kind}")
         make, left = SHAPES[kind], iter(lengths)
-        counts = (make.lengths().get(key.name, 1) for key in fields(make))
-        return make(*(next(left) if one == 1 else tuple(islice(left, one)) for one in counts))
+        return make(
+            *(
+                tuple(islice(left, 3)) if make.lengths().get(key.name) == 3 else next(left)
+                for key in fields(make)
+            )
+        )
     if not Path(text).suffix:
         raise ArgumentError("OBJECT", f"found {text!r}; needs a mesh file or one of {_LENGTHS}")
     return MeshShape(Path(text), scale, convex="decompose" if decompose else "hull")

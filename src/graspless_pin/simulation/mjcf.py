@@ -71,8 +71,12 @@ class Mjcf:
         if "vertex" in form:
             self._meshes += 1
             form["mesh"] = f"hull_{self._meshes}"
-            vertex = form.pop("vertex").ravel().tolist()
-            add(self.section("asset"), "mesh", name=form["mesh"], vertex=vertex)
+            add(
+                self.section("asset"),
+                "mesh",
+                name=form["mesh"],
+                vertex=form.pop("vertex").ravel(),
+            )
         add(
             body,
             "geom",

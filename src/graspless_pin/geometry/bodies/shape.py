@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, asdict, dataclass, fields
 from functools import cache
 from pathlib import Path
 from typing import (
@@ -191,9 +191,8 @@ class Shape(ABC):
             ArgumentError: Its numbers do not do together.
         """
         hints = get_type_hints(cls)
-        values = {one.name: getattr(entry, one.name) for one in fields(cls)}
         return cls(
-            **{name: found(one) if hints[name] is Path else one for name, one in values.items()}
+            **{key: found(one) if hints[key] is Path else one for key, one in entry if key in hints}
         )
 
     def stated(self, path_text: Callable[[Path], str]) -> dict[str, Any]:
@@ -202,10 +201,9 @@ class Shape(ABC):
         Args:
             path_text: Returns how the file names another file.
         """
-        values = {one.name: getattr(self, one.name) for one in fields(self)}
         return {"type": self.kind} | {
-            name: path_text(value) if isinstance(value, Path) else value
-            for name, value in values.items()
+            key: path_text(one) if isinstance(one, Path) else one
+            for key, one in asdict(self).items()
         }
 
 

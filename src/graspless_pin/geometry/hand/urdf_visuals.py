@@ -16,8 +16,6 @@ from graspless_pin.geometry.bodies.shapes import SHAPES, Shape
 from graspless_pin.geometry.hand.urdf_links import find_mesh, numbers
 from graspless_pin.geometry.poses import pose_matrix
 
-_PRIMITIVES = ("box", "sphere", "cylinder", "capsule")  # of a URDF
-
 
 @dataclass(frozen=True, eq=False)
 class LinkVisual:
@@ -101,7 +99,7 @@ def _read(path: Path, link: str, visual: ET.Element, package_dirs: Sequence[Path
 
 
 def _primitive(where: str, element: ET.Element) -> Shape:
-    if element.tag not in _PRIMITIVES:
+    if element.tag not in ("box", "sphere", "cylinder", "capsule"):
         raise RobotError(f"{where} has the unknown shape <{element.tag}>")
     shape = SHAPES[element.tag]
     sizes = (
