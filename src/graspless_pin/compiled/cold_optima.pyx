@@ -24,9 +24,9 @@ import numpy as np
 cnp.import_array()
 
 cdef int _MOST_STEPS = 40
-cdef double _CLOSE = 1e-13  # slacks times multipliers, scaled: active rows can be told apart
-cdef double _BACK = 0.995  # share of the way to the nearest side
-cdef double _RUBS = 1e-6  # friction over the load: the check shows whether less was none
+cdef double _COMPLEMENTARY = 1e-13  # mean of slacks times multipliers, scaled: strict by then
+cdef double _TO_BOUNDARY = 0.995  # share of the step to the nearest bound
+cdef double _FRICTION = 1e-6  # over the load: the check shows whether less was none
 cdef double _RIDGE = 1e-14
 
 
@@ -45,18 +45,18 @@ cdef class ColdCarrier(Carrier):
         cdef Py_ssize_t n1 = self.n + 1, N = 6 + 3 * self.L + self.s + n1
         self.guesses, self.judged_by = guesses, judged_by
         self.rows = self.room((6 + 3 * self.L) * n1)
-        self.ends, self.slack, self.z = self.room(2 * N), self.room(2 * N), self.room(2 * N)
+        self.side_bounds, self.slack, self.z = self.room(2 * N), self.room(2 * N), self.room(2 * N)
         self.ds, self.dz = self.room(2 * N), self.room(2 * N)
-        self.apart, self.target = self.room(2 * N), self.room(2 * N)
+        self.primal_residual, self.target = self.room(2 * N), self.room(2 * N)
         self.at, self.y, self.dy, self.dx = self.room(N), self.room(6), self.room(6), self.room(n1)
         self.q, self.H = self.room(n1), self.room(n1 * n1)
-        self.back, self.schur = self.room(6 * n1), self.room(36)
+        self.solved_balance, self.schur = self.room(6 * n1), self.room(36)
         # Sides that there are, two to a row, the upper one first; slacks and multipliers likewise.
-        self.count, self.sided = 0, self.numbers(no_numbers(2 * N))
+        self.count, self.one_sided = 0, self.numbers(no_numbers(2 * N))
         self.chosen, self.wanted = self.numbers(no_numbers(self.M)), self.room(2 * self.M)
         self.slide, self.guessed = self.room(2 * self.M), self.room(witness_room(self.M, self.W))
 
-    cdef void levels_at(self, const double* x, double* level) noexcept:
+    cdef void row_values_at(self, const double* x, double* level) noexcept:
         """Put the values of all rows, and after them the variables, into a place."""
         cdef Py_ssize_t n1 = self.n + 1, D = 6 + self.p, i, k, e
         for i in range(D):
@@ -69,7 +69,7 @@ cdef class ColdCarrier(Carrier):
             level[self.T + k] = inner(self.rows + n1 * (D + k), x, n1)
         memcpy(level + self.R, x, n1 * sizeof(double))
 
-    cdef void add_rows(self, const double* w, double* slope) noexcept:
+    cdef void add_weighted_rows(self, const double* w, double* slope) noexcept:
         """Add rows, and after them the variables, times weights to a slope."""
         cdef Py_ssize_t n1 = self.n + 1, D = 6 + self.p, i, j, k, e
         for i in range(D + self.L):
@@ -83,8 +83,8 @@ cdef class ColdCarrier(Carrier):
         for j in range(n1):
             slope[j] += w[self.R + j]
 
-    cdef bint weighed(self) noexcept:
-        """Factor the weighed products of all rows with inequalities, and those with the balance."""
+    cdef bint factor_normal_equations(self) noexcept:
+        """Factor the normal equations, A^T (Z/S) A, and the Schur complement of the balance."""
         cdef Py_ssize_t n1 = self.n + 1, D = 6 + self.p, i, j, k, e, f
         cdef double* H = self.H
         cdef const double* row
@@ -92,7 +92,7 @@ cdef class ColdCarrier(Carrier):
         memset(H, 0, n1 * n1 * sizeof(double))
         memset(self.at, 0, (self.R + n1) * sizeof(double))
         for i in range(self.count):
-            k = self.sided[i]
+            k = self.one_sided[i]
             self.at[k // 2] += self.z[k] / self.slack[k]
         for i in range(6, D + self.L):
             d, row = self.at[i if i < D else self.T + i - D], self.rows + n1 * i
@@ -117,59 +117,62 @@ cdef class ColdCarrier(Carrier):
             return False
         trace = 0.0
         for i in range(6):
-            memcpy(self.back + n1 * i, self.rows + n1 * i, n1 * sizeof(double))
-            solve_factored(H, n1, self.back + n1 * i)
+            memcpy(self.solved_balance + n1 * i, self.rows + n1 * i, n1 * sizeof(double))
+            solve_factored(H, n1, self.solved_balance + n1 * i)
         for i in range(6):
             for j in range(i + 1):
-                self.schur[6 * i + j] = inner(self.rows + n1 * i, self.back + n1 * j, n1)
+                self.schur[6 * i + j] = inner(self.rows + n1 * i, self.solved_balance + n1 * j, n1)
             trace += self.schur[7 * i]
         for i in range(6):
             self.schur[7 * i] += _RIDGE * trace
         return factor(self.schur, 6)
 
     cdef void step(self) noexcept:
-        """Find the step to the targets of slacks times multipliers."""
+        """Solve the KKT system for the step to the targets of slacks times multipliers."""
         cdef Py_ssize_t n1 = self.n + 1, N = self.R + n1, i, j, k
         cdef double d
         cdef double* w = self.at
         memset(w, 0, N * sizeof(double))
         for i in range(self.count):
-            k = self.sided[i]
-            d = (self.target[k] + self.z[k] * self.apart[k]) / self.slack[k]
+            k = self.one_sided[i]
+            d = (self.target[k] + self.z[k] * self.primal_residual[k]) / self.slack[k]
             w[k // 2] += -d if k % 2 else d
         memset(self.dx, 0, n1 * sizeof(double))
-        self.add_rows(w, self.dx)
+        self.add_weighted_rows(w, self.dx)
         for j in range(n1):
             self.dx[j] = -self.q[j] - self.dx[j]
         solve_factored(self.H, n1, self.dx)
         for i in range(6):
-            self.dy[i] = inner(self.rows + n1 * i, self.dx, n1) + self.apart[2 * i]
+            self.dy[i] = inner(self.rows + n1 * i, self.dx, n1) + self.primal_residual[2 * i]
         solve_factored(self.schur, 6, self.dy)
         for i in range(6):
             for j in range(n1):
-                self.dx[j] -= self.dy[i] * self.back[n1 * i + j]
-        self.levels_at(self.dx, self.at)
+                self.dx[j] -= self.dy[i] * self.solved_balance[n1 * i + j]
+        self.row_values_at(self.dx, self.at)
         for i in range(self.count):
-            k = self.sided[i]
+            k = self.one_sided[i]
             d = self.at[k // 2]
-            self.ds[k] = (d if k % 2 else -d) - self.apart[k]
+            self.ds[k] = (d if k % 2 else -d) - self.primal_residual[k]
             self.dz[k] = (self.target[k] - self.z[k] * self.ds[k]) / self.slack[k]
 
-    cdef double reached(self, const double* values, const double* steps) noexcept:
-        """The share of a step that keeps values positive."""
+    cdef double step_length(self, const double* values, const double* steps) noexcept:
+        """Ratio test: the share of a step that keeps values positive."""
         cdef Py_ssize_t i, k
         cdef double share = 1.0
         for i in range(self.count):
-            k = self.sided[i]
-            if share * steps[k] < -_BACK * values[k]:
-                share = -_BACK * values[k] / steps[k]
+            k = self.one_sided[i]
+            if share * steps[k] < -_TO_BOUNDARY * values[k]:
+                share = -_TO_BOUNDARY * values[k] / steps[k]
         return share
 
     cdef bint solved(self) noexcept:
-        """Find an optimum by interior points."""
+        """Find an optimum by the predictor-corrector method; whether it converged.
+
+        mu is the mean complementarity product, sigma its share that the corrector aims at.
+        """
         cdef Py_ssize_t n1 = self.n + 1, N = self.R + n1, W = self.W, D = 6 + self.p, c, i, j, k
         cdef Py_ssize_t _
-        cdef double factor_of, primal, dual, mean, aimed, far, near, total
+        cdef double factor_of, primal, dual, mu, center, gap, primal_step, dual_step, total
         memset(self.rows, 0, (D + self.L) * n1 * sizeof(double))
         for i in range(D + self.L):
             j, factor_of = i, 1.0
@@ -183,71 +186,78 @@ cdef class ColdCarrier(Carrier):
         memset(self.x, 0, n1 * sizeof(double))
         memset(self.y, 0, 6 * sizeof(double))
         self.x[n1 - 1] = -1.0 if self.kind == MARGIN else 1.0
-        self.levels_at(self.x, self.at)
+        self.row_values_at(self.x, self.at)
         self.count = 0
         for i in range(N):
             for k in range(2 * i, 2 * i + 2):
-                self.ends[k] = self.side(i, k == 2 * i)
-                if i >= 6 and isfinite(self.ends[k]):
-                    far = self.ends[k] - self.at[i] if k == 2 * i else self.at[i] - self.ends[k]
-                    self.slack[k] = max(far, 1.0)
+                self.side_bounds[k] = self.side(i, k == 2 * i)
+                if i >= 6 and isfinite(self.side_bounds[k]):
+                    gap = self.side_bounds[k] - self.at[i]
+                    if k % 2:
+                        gap = -gap
+                    self.slack[k] = max(gap, 1.0)
                     self.z[k] = 1.0 / self.slack[k]
-                    self.sided[self.count] = k
+                    self.one_sided[self.count] = k
                     self.count += 1
         for _ in range(_MOST_STEPS):
-            self.levels_at(self.x, self.at)
-            primal, dual, mean = 0.0, 0.0, 0.0
-            memset(self.apart, 0, 12 * sizeof(double))
+            self.row_values_at(self.x, self.at)
+            primal, dual, mu = 0.0, 0.0, 0.0
+            memset(self.primal_residual, 0, 12 * sizeof(double))
             for i in range(6):
-                self.apart[2 * i] = self.at[i] - self.ends[2 * i]
-                primal = max(primal, fabs(self.apart[2 * i]))
+                self.primal_residual[2 * i] = self.at[i] - self.side_bounds[2 * i]
+                primal = max(primal, fabs(self.primal_residual[2 * i]))
                 self.at[i] = self.y[i]
             for i in range(self.count):
-                k = self.sided[i]
-                far = self.at[k // 2] - self.ends[k]
-                self.apart[k] = (-far if k % 2 else far) + self.slack[k]
-                near = self.slack[k] * self.z[k]
-                mean += near
-                self.target[k] = -near
-                primal = max(primal, fabs(self.apart[k]))
+                k = self.one_sided[i]
+                gap = self.at[k // 2] - self.side_bounds[k]
+                self.primal_residual[k] = (-gap if k % 2 else gap) + self.slack[k]
+                self.target[k] = -self.slack[k] * self.z[k]
+                mu -= self.target[k]
+                primal = max(primal, fabs(self.primal_residual[k]))
             memset(self.at + 6, 0, (N - 6) * sizeof(double))
             for i in range(self.count):
-                k = self.sided[i]
+                k = self.one_sided[i]
                 self.at[k // 2] += -self.z[k] if k % 2 else self.z[k]
-            mean /= max(self.count, 1)
+            mu /= max(self.count, 1)
             memset(self.q, 0, n1 * sizeof(double))
             self.q[n1 - 1] = -1.0 if self.kind == MARGIN else 1.0
-            self.add_rows(self.at, self.q)
+            self.add_weighted_rows(self.at, self.q)
             for j in range(n1):
                 dual = max(dual, fabs(self.q[j]))
-            total = primal + dual + mean
+            total = primal + dual + mu
             if not isfinite(total):
                 return False
-            if mean <= _CLOSE:
+            if mu <= _COMPLEMENTARY:
                 # The proof tells whether that will do; further steps only lose digits.
                 return primal <= 1e-6 and dual <= 1e-6
-            if not self.weighed():
+            if not self.factor_normal_equations():
                 return False
+            # Predictor: the affine step towards products of zero.
             self.step()
-            far, near = self.reached(self.slack, self.ds), self.reached(self.z, self.dz)
-            aimed = 0.0
+            primal_step = self.step_length(self.slack, self.ds)
+            dual_step = self.step_length(self.z, self.dz)
+            center = 0.0
             for i in range(self.count):
-                k = self.sided[i]
-                aimed += (self.slack[k] + far * self.ds[k]) * (self.z[k] + near * self.dz[k])
-            aimed = (aimed / max(self.count, 1) / mean) ** 3 * mean
+                k = self.one_sided[i]
+                center += (self.slack[k] + primal_step * self.ds[k]) * (
+                    self.z[k] + dual_step * self.dz[k]
+                )
+            # Corrector: products of sigma mu, less what the predictor's second order adds.
+            center = (center / max(self.count, 1) / mu) ** 3 * mu
             for i in range(self.count):
-                k = self.sided[i]
-                self.target[k] += aimed - self.ds[k] * self.dz[k]
+                k = self.one_sided[i]
+                self.target[k] += center - self.ds[k] * self.dz[k]
             self.step()
-            far, near = self.reached(self.slack, self.ds), self.reached(self.z, self.dz)
+            primal_step = self.step_length(self.slack, self.ds)
+            dual_step = self.step_length(self.z, self.dz)
             for j in range(n1):
-                self.x[j] += far * self.dx[j]
+                self.x[j] += primal_step * self.dx[j]
             for i in range(6):
-                self.y[i] += near * self.dy[i]
+                self.y[i] += dual_step * self.dy[i]
             for i in range(self.count):
-                k = self.sided[i]
-                self.slack[k] += far * self.ds[k]
-                self.z[k] += near * self.dz[k]
+                k = self.one_sided[i]
+                self.slack[k] += primal_step * self.ds[k]
+                self.z[k] += dual_step * self.dz[k]
         return False
 
     cdef Start begun(self):
@@ -267,7 +277,7 @@ cdef class ColdCarrier(Carrier):
         cdef cnp.ndarray signs = empty(M, 2)
         memset(data(signs), 0, 2 * M * sizeof(double))
         for c in range(self.n):
-            if self.axes[c] % 3 and fabs(self.x[c]) > _RUBS:
+            if self.axes[c] % 3 and fabs(self.x[c]) > _FRICTION:
                 data(signs)[2 * (self.axes[c] // 3) + self.axes[c] % 3 - 1] = (
                     -1.0 if self.x[c] > 0.0 else 1.0
                 )
@@ -290,7 +300,7 @@ cdef class ColdCarrier(Carrier):
             memcpy(data(signs) + 2 * self.chosen[i], self.slide + 2 * i, 2 * sizeof(double))
         rows, bounds, upper, weights = list(range(6)), [], [True] * 6, _copied(self.y, 6).tolist()
         for i in range(self.count):
-            k = self.sided[i]
+            k = self.one_sided[i]
             if self.z[k] > self.slack[k]:
                 if k // 2 < self.R:
                     rows.append(k // 2)
