@@ -1,11 +1,13 @@
 """Best-first branch and bound over contacts, driven by kinematic conflicts.
 
-A node is the relaxation with some friction components restricted to one sign, or to zero. If no
-feasible mode admits the friction of its optimum, the kinematics name a conflict: items "contact l
-virtually slides with sign s along t_m" and "contact l is selected" that exclude each other. At
-least one of them must give way, so the children flip the sign of one component of the friction in
-the conflict, or take the friction from one contact in it. Contacts that take part in no conflict
-are never branched on.
+Branch and bound as of Land and Doig (Econometrica 28(3), 1960). The conflicts play the part of
+combinatorial Benders cuts (Codato and Fischetti, Oper. Res. 54(4), 2006): an infeasible set of
+kinematic conditions tells which decisions cannot stand together. A node is the relaxation with some
+friction components restricted to one sign, or to zero. If no feasible mode admits the friction of
+its optimum, the kinematics name a conflict: items "contact l virtually slides with sign s along
+t_m" and "contact l is selected" that exclude each other. At least one of them must give way, so the
+children flip the sign of one component of the friction in the conflict, or take the friction from
+one contact in it. Contacts that take part in no conflict are never branched on.
 """
 
 from __future__ import annotations

@@ -211,12 +211,12 @@ def prepared_starts(
     likeness, prepared = likeness_of(problem), []
     for start in starts:
         known = _STARTS.of(start)
-        own, near = known[0]
+        own, active = known[0]
         if own is not loops:
             fits = start.likeness is not None and start.likeness.has_rows_of(likeness)
-            near = _start(loops, start) if fits else None
-            known[0] = loops, near
-        prepared.append(near)
+            active = _start(loops, start) if fits else None
+            known[0] = loops, active
+        prepared.append(active)
     return prepared
 
 
@@ -227,13 +227,14 @@ _STARTS: Derived[WarmStart, list[Any]] = Derived(lambda _: [(None, None)], most=
 
 
 def _start(loops: Any, start: WarmStart) -> Any:
-    near, mode, motion = start.relaxation, start.mode, start.motion
-    if near is None or mode is None or motion is None:
+    active, mode, motion = start.relaxation, start.mode, start.motion
+    if active is None or mode is None or motion is None:
         return None
-    if len(near.x) != loops.n + 1 or len(motion) != 6 + loops.L:
+    if len(active.x) != loops.n + 1 or len(motion) != 6 + loops.L:
         return None
     return optimum_starts.Start(
-        loops, near.rows, near.at_bounds, near.upper, near.x, near.weights, sum(near.sizes),
+        loops, active.rows, active.at_bounds, active.upper, active.x, active.weights,
+        sum(active.sizes),
         mode.signs, mode.contacts, mode.own_signs.ravel(), motion, judged_by(CLEARLY * THRESHOLD),
     )  # fmt: skip
 

@@ -233,7 +233,7 @@ class ForceExtremes:
         # Three searches take turns with ever more nodes. The rays of all modes alone tell soonest
         # that there is none; the modes of rays and of far forces mostly have the other too; forces
         # beside rays have the last word.
-        far = _with_costs(self.set, c)
+        priced = _with_costs(self.set, c)
         beside = ForceBesideRay(self.set.objective)
         pair = formulated(self.problem, beside, layers=(0, self.rows.size))
         pair = _with_costs(pair, np.concatenate([np.zeros(len(c)), c]))
@@ -246,7 +246,7 @@ class ForceExtremes:
                 return self._keep(ray)
             if ray is None and over:
                 return False
-            force, _ = self._try(far, limit)
+            force, _ = self._try(priced, limit)
             if force is not None and self._in_mode(alone, force) < -_IS_RAY:
                 return self._keep(force)
             both, over = self._try(pair, limit)
@@ -273,8 +273,8 @@ class ForceExtremes:
 
     def _has_rays(self) -> bool:
         """Whether the force set without modes is unbounded."""
-        far = _with_costs(self.rays, -self.rows.normal.sum(axis=0))
-        answer = solve(far.program, self.solver)
+        priced = _with_costs(self.rays, -self.rows.normal.sum(axis=0))
+        answer = solve(priced.program, self.solver)
         return answer.outcome is not Outcome.SOLVED or answer.value < -_IS_RAY
 
     def _search(

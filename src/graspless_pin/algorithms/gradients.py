@@ -1,9 +1,9 @@
 """Gradients of the optimum of Algorithm 1 or 2 by everything that the problem is made of.
 
-The derivative of an optimum is that of its Lagrangian at fixed forces, multipliers and mode. With
-the multipliers y of the balance and kappa of the joints' torques, a change df of one contact's
-force costs c^T df, c = W^T y + J kappa; so whatever turns or moves a contact counts by what it does
-to its force.
+The derivative of an optimum is that of its Lagrangian at fixed forces, multipliers and mode (the
+envelope theorem). With the multipliers y of the balance and kappa of the joints' torques, a change
+df of one contact's force costs c^T df, c = W^T y + J kappa; so whatever turns or moves a contact
+counts by what it does to its force.
 """
 
 from __future__ import annotations

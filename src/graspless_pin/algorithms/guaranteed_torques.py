@@ -5,7 +5,7 @@ the load with less of the supports' friction rely on the fingers, whose loads th
 first guesses are optima with that friction reduced. A guess that fails comes with a motion a, and
 every outcome a has a^T M a = g(tau).a - sum mu f_n |u_t|. So the next torques are looked for where
 load and torques do less work along all motions met than the friction that they met: a half-space
-of torques for each. Only the verdict guarantees.
+of torques for each, as in counterexample-guided synthesis. Only the verdict guarantees.
 """
 
 from __future__ import annotations

@@ -1,10 +1,11 @@
 """How much torque each margin costs: the whole trade-off between Algorithms 1 and 2.
 
-t*(e0), the optimum of Algorithm 2, is for e0 from zero to Algorithm 1's margin the smallest of the
-curves of single modes. A mode's curve is the boundary of a polyhedron's shadow: convex, piecewise
-linear, rising, and it ends where the mode can keep no larger margin. Their lower envelope is
-piecewise linear too, but it is neither convex nor continuous: modes take turns at kinks, and where
-a mode ends it may jump up. `curve_search` finds it.
+Parametric linear programming over all modes. t*(e0), the optimum of Algorithm 2, is for e0 from
+zero to Algorithm 1's margin the smallest of the curves of single modes. A mode's curve is the
+boundary of a polyhedron's shadow: convex, piecewise linear, rising, and it ends where the mode can
+keep no larger margin. Their lower envelope is piecewise linear too, but it is neither convex nor
+continuous: modes take turns at kinks, and where a mode ends it may jump up. `curve_search` finds
+it.
 
 The lower envelope of all modes' curves of torque over margin, found piece by piece.
 

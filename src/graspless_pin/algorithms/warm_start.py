@@ -170,18 +170,18 @@ class _WarmState(SearchState):
         return self.relaxed(answer)
 
     def solve_near(
-        self, lb: FloatArray, ub: FloatArray, near: ActiveSet | None
+        self, lb: FloatArray, ub: FloatArray, active: ActiveSet | None
     ) -> tuple[Answer, ActiveSet | None]:
         """Solve the program under bounds, by a solver only where an optimum nearby does not tell.
 
         Args:
             lb: (n,) lower bounds.
             ub: (n,) upper bounds.
-            near: ActiveSet of a similar problem under bounds of the same kind.
+            active: ActiveSet of a similar problem under bounds of the same kind.
         """
         cutoff = min(self.best_value, self.formulation.cutoff)
         program = self.formulation.bounded(lb, ub, cutoff)
-        known = None if near is None else solved_on(program, near, cutoff)
+        known = None if active is None else solved_on(program, active, cutoff)
         if known is not None:
             self.force_programs += 1
             return known

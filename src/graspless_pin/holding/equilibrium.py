@@ -1,7 +1,8 @@
 """Whether rest is an outcome, and with how little friction: one linear program each.
 
 Forces of rest balance the load and the torques inside round cones: mostly inside polygons in these.
-Else cones are approached by tangent planes where the last answer left them.
+Else cones are approached by tangent planes where the last answer left them (Kelley's cutting
+planes).
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """The optimum of one program, carried over to another of slightly different numbers.
 
-Where the same constraints are active in both, the second optimum follows from the first by two
-linear systems with one matrix: the active rows E x = e, and E^T w = -c for their multipliers. Of
+A warm start by the active set: where the same constraints are active in both, the second optimum
+follows from the first by the KKT conditions, two linear systems with one matrix: the active rows
+E x = e, and E^T w = -c for their multipliers. Of
 all solutions those nearest to the first optimum are taken, so that forces which are not unique
 change as little as they can. Nothing is presumed: what comes out is an answer like a solver's, to
 be checked like one, and where other constraints have become active it fails that check.

@@ -1,8 +1,9 @@
 """A solver's answer brought to rounding: the system of what is active at it, solved again.
 
 Interior points end some 1e-10 away from optimality. Where a limit is far above the load, that
-slack times the limit is more than a proof may leave. The active constraints E x = e and the slope
-P x + c + E^T w = 0 are linear: their solution nearest to the answer leaves rounding only.
+slack times the limit is more than a proof may leave. The KKT conditions on the active set,
+E x = e and P x + c + E^T w = 0, are linear: their solution nearest to the answer leaves rounding
+only. OSQP calls this solution polishing (Stellato et al., Math. Prog. Comp. 12, 2020, Sec. 5.2).
 """
 
 from __future__ import annotations

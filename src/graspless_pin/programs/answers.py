@@ -1,9 +1,11 @@
 """What is proven of a program: answers that were checked, whoever gave them.
 
 No solver's status is believed. An answer counts when it meets the constraints and its own
-multipliers prove it optimal; infeasibility counts when multipliers prove it.
+multipliers prove it optimal, by the dual bound over the box of the variables; infeasibility counts
+when multipliers prove it: a Farkas certificate.
 
-The elastic program: the smallest common violation of all rows, and its proof.
+Where no solver gives one, the elastic program does: the smallest common violation of all rows. If
+that is positive, its multipliers are a Farkas certificate.
 """
 
 from __future__ import annotations

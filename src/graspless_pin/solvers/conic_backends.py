@@ -1,4 +1,7 @@
-"""Second-order programs: Clarabel's own, and any solver of linear programs by tangent cuts."""
+"""Second-order programs: Clarabel's own, and any solver of linear programs by tangent cuts.
+
+Cuts where the last answer left the cones are Kelley's cutting planes (J. SIAM 8(4), 1960).
+"""
 
 from __future__ import annotations
 
