@@ -369,7 +369,7 @@ def test_the_scene_itself_is_right(tmp_path):
 def test_several_mistakes_are_all_named(tmp_path):
     text = spoilt("mass: 1.0", "mass: -1", spoilt(FRICTION, "frction: 0.3"))
     result = solve_text(tmp_path, text)
-    assert_refused(result, ":2: frction: is no key")
+    assert_refused(result, ":2: frction: unknown key")
     for message in (":10: object.mass: found -1", ":1: friction: is missing"):
         assert message in result.stderr
     assert len(result.stderr.strip().splitlines()) == 3

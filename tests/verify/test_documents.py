@@ -164,7 +164,7 @@ def test_a_proof_that_is_withdrawn_is_not_proven(made):
 
 
 def test_too_many_leaves_are_said_and_not_proven(monkeypatch):
-    page = Path(__file__).parents[2] / "docs" / "documents.md"
+    page = Path(__file__).parents[2] / "docs" / "document_format.md"
     assert (
         f"A proof of more than {solution_proof.MOST_LEAVES} leaves is not written"
         in page.read_text()
