@@ -165,7 +165,7 @@ MISTAKES = tuple(
          "1.0 if self.x[c] > 0.0 else -1.0"),
         (COLD, "self.rows[n1 * i + n1 - 1] = -self.level[i - 6]",
          "self.rows[n1 * i + n1 - 1] = 0.0"),
-        (COLD, "share = -_BACK * values[k] / steps[k]", "pass"),
+        (COLD, "share = -_TO_BOUNDARY * values[k] / steps[k]", "pass"),
         (COLD, "self.q[n1 - 1] = -1.0 if self.kind == MARGIN else 1.0",
          "self.q[n1 - 1] = -1.0"),
         (LOADED, "if axis else -slope", "if axis else slope"),

@@ -7,7 +7,9 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
+from functools import lru_cache
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 # Before anything loads numpy: several test processes share the cores, and matrices are small.
@@ -35,11 +37,20 @@ settings.load_profile("without deadlines")
 
 def leave_out_loops(patch: pytest.MonkeyPatch) -> None:
     """Make all modules loaded so far go without the compiled loops."""
-    for name, module in list(sys.modules.items()):
-        if name.startswith("graspless_pin.") and module is not compiled:
-            for loops in compiled.__all__:
-                if getattr(module, loops, None) is not None:
-                    patch.setattr(module, loops, None)
+    for module, loops in _users_of_loops(len(sys.modules)):
+        patch.setattr(module, loops, None)
+
+
+@lru_cache(maxsize=1)
+def _users_of_loops(_: int) -> list[tuple[ModuleType, str]]:
+    """Modules and the loops that they use, looked for again when more modules are loaded."""
+    return [
+        (module, loops)
+        for name, module in list(sys.modules.items())
+        if name.startswith("graspless_pin.") and module is not compiled
+        for loops in compiled.__all__
+        if loops in vars(module)
+    ]
 
 
 def _outcome(call: Callable[[], Any]) -> Any:
