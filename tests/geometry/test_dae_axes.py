@@ -111,7 +111,8 @@ def test_a_unit_that_is_none_is_refused(tmp_path: Path) -> None:
 def test_a_coordinate_beyond_all_whole_numbers_is_read_without_a_word(tmp_path):
     text: Any = trimesh.creation.box((1.0, 1.0, 1.0)).export(file_type="dae")
     path = tmp_path / "far.dae"
-    head, tag, numbers = text.partition(b"<float_array")  # the time of day before it has digits, too
+    # The time of day, before the numbers, may have these digits, too.
+    head, tag, numbers = text.partition(b"<float_array")
     path.write_bytes(head + tag + numbers.replace(b"0.5", b"1e19", 1))
     assert np.abs(parse_mesh(path, upright=False).vertices).max() == pytest.approx(1e19)
 
