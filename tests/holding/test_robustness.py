@@ -42,7 +42,7 @@ def test_the_rest_relies_on_the_finger_alone(commanded: Robustness) -> None:
         assert verdict is not None
         assert verdict.problem.contact_count == 4
         assert (verdict.status is Stability.STRONG) == (contact not in commanded.relies_on)
-    assert "contacts that must not be lost:" in str(commanded)
+    assert "contacts without which rest is not proven:" in str(commanded)
     assert "joint_1: tolerates -" in str(commanded)
 
 
@@ -120,5 +120,5 @@ def test_the_command_line_lists_the_gaps_of_what_is_relied_on(tmp_path: Path) ->
     file.write_text(LINES.replace("position: [0, 0, 0]", "position: [0, 0, 2.0e-4]"))
     result = run("robustness", file, "--nodes", "5")
     assert result.exit_code == 0, result.output
-    assert "contacts that must not be lost" in result.output
+    assert "contacts without which rest is not proven" in result.output
     assert "has to close its gap of 0.2 mm" in result.output

@@ -70,7 +70,7 @@ class Robustness(Brief):
             )
         if self.without:
             listed = ", ".join(str(contact) for contact in self.relies_on) or "none"
-            lines.append(f"contacts that must not be lost: {listed}")
+            lines.append(f"contacts without which rest is not proven: {listed}")
         if not self.complete:
             lines.append("the time limit ended the search: more time may tell more")
         return "\n".join(lines)

@@ -34,7 +34,7 @@ _COMMANDS = {
     ),
     "robustness": _Command(
         "robustness.robustness_scene",
-        "Report which disturbances the object withstands; where it may fail, what would help.",
+        "Report which torque errors and lost contacts rest survives, or what would help.",
         ("graspless-pin robustness scene.yaml",),
     ),
     "verify": _Command(

@@ -41,7 +41,7 @@ def robustness_scene(
         typer.Option(min=0.0, help="Most seconds of the search; what is proven by then is told."),
     ] = None,
 ) -> None:
-    """Report which disturbances the object withstands; where it may fail, what would help.
+    """Report which torque errors and lost contacts rest survives, or what would help.
 
     Exit code 0: rest is the only outcome; 1: it is not, or not proven, or there are no torques;
     2: bad input.

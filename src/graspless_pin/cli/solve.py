@@ -44,12 +44,16 @@ def solve_scene(
         SignRule | None, typer.Option(help="Rule on virtual-sliding signs.")
     ] = None,
     sliding_rule: Annotated[
-        SlidingRule | None, typer.Option(help="Whether sliding contacts are constrained.")
+        SlidingRule | None,
+        typer.Option(help="Whether sliding contacts need a virtual sliding, too."),
     ] = None,
     static_friction: Annotated[
         StaticFriction | None, typer.Option(help="coulomb drops the virtual-sliding rule.")
     ] = None,
-    scale: Annotated[TorqueScale | None, typer.Option(help="What Algorithm 2 minimises.")] = None,
+    scale: Annotated[
+        TorqueScale | None,
+        typer.Option(help="absolute: largest |torque|; limits: largest share of a joint's limit."),
+    ] = None,
     solver: Annotated[str | None, typer.Option(help="piqp, proxqp, highs, clarabel, ...")] = None,
     regularization: Annotated[
         float | None, typer.Option(help="Epsilon of the regularised program.")
@@ -67,7 +71,7 @@ def solve_scene(
     verdict_nodes: Annotated[
         int | None,
         typer.Option(
-            help=f"Sets of outcomes that a verdict may look at; default: {BRIEF_NODE_LIMIT}, and "
+            help=f"Node limit of the stability proof; default: {BRIEF_NODE_LIMIT}, and "
             f"{NODE_LIMIT} for --stability strong."
         ),
     ] = None,

@@ -23,7 +23,7 @@ from graspless_pin.programs.forces import ForceCoordinates
 from graspless_pin.programs.program import FARTHEST
 
 _ORDINARY = 1e6
-"""Figures up to this need no look at their largest."""
+"""Figures from 0 up to this are in order; others are checked by `real_number`."""
 
 
 class Algorithm(StrEnum):
@@ -63,7 +63,7 @@ class Objective(ABC):
         """Add the columns, blocks and costs of the objective to a program on the forces."""
 
     def unit(self, problem: QuasistaticProblem, coordinates: ForceCoordinates) -> float:
-        """Return what one of the program's value is in the objective's own unit; positive."""
+        """Return the factor from the scaled program's value to the objective's unit; positive."""
         return 1.0
 
     @property

@@ -47,7 +47,7 @@ class Program:
         lb: (n,) lower bounds to be imposed, -inf where there is none.
         ub: (n,) upper bounds to be imposed, inf where there is none.
         box: (2, n) finite bounds that are implied by the constraints: for proofs, not imposed.
-        whole_box: (2, n) where those of `box` hold of the nearer solutions only, bounds of all.
+        whole_box: (2, n) wider, of all solutions, where `box` holds of the nearer ones only.
         cone_count: How many second-order cones there are.
         blocks: What its rows mean, in their order; empty: not told.
         bounded_blocks: What its columns with bounds mean.

@@ -110,7 +110,7 @@ class TorqueSolution:
         """
         if self.found or self._explanation is not None:
             return self._explanation or ""
-        return str(_from_above("explanation", "explained_briefly")(self))
+        return str(_from_algorithms("explanation", "explained_briefly")(self))
 
     @property
     def algorithm(self) -> Algorithm | None:
@@ -133,7 +133,7 @@ class TorqueSolution:
 
         Completed when first asked for: see `proof_of` for what that takes.
         """
-        return _from_above("solution_proof", "proof_of")(self)
+        return _from_algorithms("solution_proof", "proof_of")(self)
 
     @cached_property
     def motion(self) -> FloatArray | None:
@@ -142,7 +142,7 @@ class TorqueSolution:
         None where none is asked for, or there is none. Found when first asked for, if the search
         kept none.
         """
-        return _from_above("solution_proof", "motion_of")(self)
+        return _from_algorithms("solution_proof", "motion_of")(self)
 
     @cached_property
     def value(self) -> float:
@@ -330,6 +330,6 @@ def checked_solution(solution: object) -> TorqueSolution:
     return solution
 
 
-def _from_above(module: str, name: str) -> Any:
-    """Return a function of `algorithms`, which stands above and is loaded when it is needed."""
+def _from_algorithms(module: str, name: str) -> Any:
+    """Return a function of `algorithms`: that imports this package, so it is loaded late."""
     return getattr(import_module(f"graspless_pin.algorithms.{module}"), name)
