@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from axe_playwright_python.sync_playwright import Axe
+from accessibility import serious_violations
 from numpy.typing import NDArray
 from PIL import Image
 from playwright.sync_api import Page, expect
@@ -300,13 +300,7 @@ def test_the_wheel_scrolls_the_page_until_the_view_is_used(opened: Opened):
 )
 def test_it_is_accessible(opened: Opened, name: str, dark: bool):
     page = opened(name, dark=dark)
-    found = Axe().run(page).response["violations"]
-    serious = [
-        (item["id"], item["nodes"][0]["html"])
-        for item in found
-        if item["impact"] in ("serious", "critical")
-    ]
-    assert serious == []
+    assert serious_violations(page) == []
 
 
 @pytest.mark.parametrize("name", ["allegro", "infeasible", "arrays", "long names"])

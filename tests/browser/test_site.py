@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
-from axe_playwright_python.sync_playwright import Axe
+from accessibility import serious_violations
 from playwright.sync_api import Page
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
@@ -84,13 +84,7 @@ def test_pages_are_accessible_and_show_their_pictures(page: Page, site: Path, sc
     for name in LOOKED_AT:
         page.goto((site / name / "index.html").as_uri())
         assert page.evaluate("document.documentElement.scrollWidth") <= 390, name
-        found = Axe().run(page).response["violations"]
-        serious = [
-            (item["id"], item["nodes"][0]["html"])
-            for item in found
-            if item["impact"] in ("serious", "critical")
-        ]
-        assert serious == [], name
+        assert serious_violations(page) == [], name
         shown = page.locator(".md-content img").evaluate_all(
             "items => items.filter((item) => getComputedStyle(item).display !== 'none')"
             ".map((item) => [item.getAttribute('src'), item.naturalWidth])"

@@ -16,7 +16,7 @@ from urllib.parse import urlsplit
 import numpy as np
 import pytest
 import viser
-from axe_playwright_python.sync_playwright import Axe
+from accessibility import serious_violations
 from PIL import Image
 from playwright.sync_api import Locator, Page, expect
 
@@ -375,13 +375,7 @@ def test_a_phone_shows_the_margin_and_reaches_the_controls(page, viewers, allegr
         box = panel.bounding_box()
         assert box is not None
         assert box["height"] <= 0.61 * high
-    found = Axe().run(page).response["violations"]
-    serious = [
-        (item["id"], item["nodes"][0]["html"])
-        for item in found
-        if item["impact"] in ("serious", "critical")
-    ]
-    assert serious == []
+    assert serious_violations(page) == []
 
 
 KNOCK = """(url) => new Promise((resolve) => {

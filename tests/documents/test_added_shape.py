@@ -46,7 +46,7 @@ print(json.dumps({
     "contacts": np.hstack([problem.positions, problem.normals]).tolist(),
     "margin": solution.margin,
     "margin_again": maximize_margin(again.problem()).margin,
-    "torque": float(abs(minimize_torque(problem, 0.1).torques).sum()),
+    "torque": minimize_torque(problem, 0.1).max_torque,
     "xml": model.xml,
     "drawn": len(draw_bodies(scene).meshes),
     "unit": kinds_of(("object", "shape", "height")),

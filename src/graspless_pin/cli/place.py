@@ -70,7 +70,7 @@ def place(
     ] = 60.0,
     verdict_nodes: Annotated[
         int,
-        typer.Option(min=0, help="Sets of outcomes that each verdict may look at; 0: no verdicts."),
+        typer.Option(min=0, help="Most nodes (sets of outcomes) of a verdict; 0: no verdicts."),
     ] = BRIEF_NODE_LIMIT,
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes on this machine; default: all cores.")

@@ -63,7 +63,7 @@ def report(
         ),
     ] = 60.0,
     verdict_nodes: Annotated[
-        int, typer.Option(help="Sets of outcomes that the verdict may look at.")
+        int, typer.Option(help="Most nodes (sets of outcomes) of the verdict.")
     ] = BRIEF_NODE_LIMIT,
     no_verdict: Annotated[
         bool, typer.Option("--no-verdict", help="Do not ask whether the object stays.")

@@ -34,7 +34,7 @@ def robustness_scene(
         typer.Option(help="Whose torques: margin (Algorithm 1) or torque (2)."),
     ] = None,
     nodes: Annotated[
-        int, typer.Option(min=0, help="Sets of outcomes that each proof may look at.")
+        int, typer.Option(min=0, help="Most nodes (sets of outcomes) of each proof.")
     ] = 300,
     time_limit: Annotated[
         float | None,

@@ -71,7 +71,7 @@ def solve_scene(
     verdict_nodes: Annotated[
         int | None,
         typer.Option(
-            help=f"Node limit of the stability proof; default: {BRIEF_NODE_LIMIT}, and "
+            help=f"Most nodes (sets of outcomes) of a verdict; default: {BRIEF_NODE_LIMIT}, and "
             f"{NODE_LIMIT} for --stability strong."
         ),
     ] = None,

@@ -15,7 +15,7 @@ from typing import (
     Literal,
     NamedTuple,
     Self,
-    get_origin,
+    get_args,
     get_type_hints,
 )
 
@@ -36,8 +36,7 @@ Lengths = tuple[Length, Length, Length]
 ShapeFile = Annotated[Path, GetPydanticSchema(lambda _, handler: handler(FilePath))]
 """A file that a shape is made of: a text in the scene file, relative to it."""
 
-_LENGTHS: dict[Any, int] = {float: 1, tuple: 3}
-
+_OF_A_LENGTH = get_args(Length)[1]  # its bounds: the types of other numbers have others
 _RANGE = f"from {SMALLEST_LENGTH:g} to {LARGEST_LENGTH:g} m"
 _THINNEST = 1e-6
 """Thickness of a hull over its width; coal crashes from about 1e-7 on."""
@@ -171,12 +170,13 @@ class Shape(ABC):
     @classmethod
     @cache
     def lengths(cls) -> dict[str, int]:
-        """Return which keys are lengths that are not zero, and whether it is one or three."""
+        """Return which keys are of the types `Length` and `Lengths`, with 1 and 3 for these."""
+        hints = get_type_hints(cls, include_extras=True)
+        kinds = {one.name: get_args(hints[one.name]) for one in fields(cls)}
         return {
-            name: _LENGTHS[kind]
-            for name, field in cls.entry().model_fields.items()
-            if (kind := get_origin(field.annotation) or field.annotation) in _LENGTHS
-            and (field.description or "").startswith("[m]")
+            name: 3 if kind[0] == Lengths else 1
+            for name, kind in kinds.items()
+            if kind and (kind[0] == Lengths or kind[1] is _OF_A_LENGTH)
         }
 
     @classmethod
