@@ -252,6 +252,43 @@ def test_handles_move_the_object_within_its_range(viewer):
         settled(viewer)
 
 
+def test_an_answer_that_comes_late_does_not_take_a_drag_back(viewer, monkeypatch):
+    """The answer to an earlier step is shown just when the handle is let go."""
+    gizmos, change = viewer._gizmos, viewer._desk.change
+    handle, moves = gizmos._handles["object/"], []
+
+    class Overtaken:
+        position = property(lambda _: handle.position)
+
+        @property
+        def wxyz(self) -> Any:
+            gizmos.place({})
+            return handle.wxyz
+
+        def __setattr__(self, name: str, value: Any) -> None:
+            setattr(handle, name, value)
+
+    def record(values: Any) -> None:
+        moves.append(values)
+        change(values)
+
+    monkeypatch.setitem(gizmos._handles, "object/", Overtaken())
+    monkeypatch.setattr(viewer._desk, "change", record)
+    start = viewer.scene.object.center_of_mass_world
+    with connected(viewer) as page:
+        send(page, CAMERA)
+        for message in (
+            {"type": "TransformControlsDragStartMessage", "name": GIZMO["name"], "owner": ""},
+            {**GIZMO, "position": np.add(start, [0.004, 0.0, 0.0]).tolist()},
+            {"type": "TransformControlsDragEndMessage", "name": GIZMO["name"], "owner": ""},
+        ):
+            send(page, message)
+        wait_until(lambda: len(moves) == 2)
+        assert moves[0] == moves[1] and moves[0]["object/x"] == 4.0
+        send(page, update(control(viewer, "steps")._impl.uuid, "As loaded"))
+        settled(viewer)
+
+
 def test_a_reader_who_likes_the_dark_gets_it(viewer):
     _, _, token = place(viewer)
     code, page = status(viewer, f"/{token}/", {})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -52,6 +53,7 @@ class Desk:
         self._gui, self._gate = server.gui, gate
         self._changed, self._handles = changed, handles
         self._steps, self._at, self._quiet = [settings], 0, False
+        self._lock = threading.RLock()  # controls, handles and steps are moved from several threads
         self._controls = {control.key: control for control in controls_of(scene)}
         steps = self._gui.add_button_group("steps", _STEPS)
         gate.admit(steps, one_of(_STEPS))
@@ -75,40 +77,45 @@ class Desk:
 
     def change(self, values: Mapping[str, float]) -> None:
         """Set some controls, as somebody at the page would."""
-        self.apply(replace(self.settings, values={**self.settings.values, **values}))
+        with self._lock:
+            self.apply(replace(self.settings, values={**self.settings.values, **values}))
 
     def apply(self, settings: Settings) -> None:
         """Set all controls, and say so."""
-        self._show(settings)
-        self._set(**vars(settings))
+        with self._lock:
+            self._show(settings)
+            self._set(**vars(settings))
 
     def remember(self) -> None:
         """Make what is set now a step that can be undone."""
-        if self.settings != self._steps[self._at]:
-            self._steps[self._at + 1 :] = [self.settings]
-            self._at += 1
+        with self._lock:
+            if self.settings != self._steps[self._at]:
+                self._steps[self._at + 1 :] = [self.settings]
+                self._at += 1
 
     def _go(self, step: str) -> None:
-        if step == "As loaded":
-            self.apply(self._steps[0])
-            return
-        self.remember()
-        self._at += 1 if step == "Redo" else -1
-        self._at = min(max(self._at, 0), len(self._steps) - 1)
-        self.apply(self._steps[self._at])
+        with self._lock:
+            if step == "As loaded":
+                self.apply(self._steps[0])
+                return
+            self.remember()
+            self._at += 1 if step == "Redo" else -1
+            self._at = min(max(self._at, 0), len(self._steps) - 1)
+            self.apply(self._steps[self._at])
 
     def _set(self, **changes: Any) -> None:
-        if self._quiet:
-            return
-        settings = replace(self.settings, **changes)
-        moved = {
-            key: value
-            for key, value in settings.values.items()
-            if value != self._controls[key].initial
-        }
-        self.settings = replace(settings, values=moved)
-        self._margin.disabled = settings.algorithm is Algorithm.MARGIN
-        self._changed(self.settings)
+        with self._lock:
+            if self._quiet:
+                return
+            settings = replace(self.settings, **changes)
+            moved = {
+                key: value
+                for key, value in settings.values.items()
+                if value != self._controls[key].initial
+            }
+            self.settings = replace(settings, values=moved)
+            self._margin.disabled = settings.algorithm is Algorithm.MARGIN
+            self._changed(self.settings)
 
     def _show(self, settings: Settings) -> None:
         """Set the controls without saying so."""
@@ -146,7 +153,9 @@ class Desk:
                 control.label, control.low, control.high, control.step, control.initial
             )
             self._gate.admit(made, number_between(control.low, control.high))
-        made.on_update(
-            lambda _: self._set(values={**self.settings.values, control.key: float(made.value)})
-        )
+        made.on_update(lambda _: self._set_value(control.key, float(made.value)))
         return made
+
+    def _set_value(self, key: str, value: float) -> None:
+        with self._lock:
+            self._set(values={**self.settings.values, key: value})

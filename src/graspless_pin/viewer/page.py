@@ -91,7 +91,7 @@ class Gizmos:
                 visible=False, position=self._centers[group],
             )  # fmt: skip
             gate.admit_gizmo(handle)
-            handle.on_update(lambda event, group=group: self._dragged_to(group, event, moved))
+            handle.on_update(self._follower(group, moved))
             self._handles[group] = handle
 
     def show(self, group: str, visible: bool) -> None:
@@ -113,17 +113,24 @@ class Gizmos:
     def _axes(self, group: str) -> Any:
         return self._frame if group == OBJECT_PLACE else np.eye(3)
 
-    def _dragged_to(self, group: str, event: Any, moved: Callable[..., None]) -> None:
-        if event.phase == "start":
-            self._dragged.add(group)
-            return
-        if event.phase == "end":
-            self._dragged.discard(group)
-        handle = self._handles[group]
-        R = Rotation.from_quat(np.asarray(handle.wxyz, dtype=float), scalar_first=True)
-        turn = R * Rotation.from_matrix(self._axes(group)).inv()
-        shift = np.asarray(handle.position, dtype=float) - self._centers[group]
-        moved(placed_values(group, shift, turn.as_rotvec()))
+    def _follower(self, group: str, moved: Callable[..., None]) -> Callable[[Any], Any]:
+        """Return what follows a handle that is dragged."""
+
+        # viser awaits coroutines one after the other, in the order of the messages; functions it
+        # runs in threads, where the end of a drag can come before its last step.
+        async def follow(event: Any) -> None:
+            if event.phase == "start":
+                self._dragged.add(group)
+                return
+            handle = self._handles[group]
+            R = Rotation.from_quat(np.asarray(handle.wxyz, dtype=float), scalar_first=True)
+            turn = R * Rotation.from_matrix(self._axes(group)).inv()
+            shift = np.asarray(handle.position, dtype=float) - self._centers[group]
+            if event.phase == "end":  # not before the pose is read: `place` would take it back
+                self._dragged.discard(group)
+            moved(placed_values(group, shift, turn.as_rotvec()))
+
+        return follow
 
 
 DEFAULT_PORT = 8080
