@@ -144,12 +144,12 @@ def test_the_children_of_a_node_share_no_mode_and_lose_none(seed):
     problem = random_problem(seed, 4)
     state = state_of(problem)
     program = state.formulation.program
-    root = _Node(program.lb, program.ub, {}, Decisions.none(4), 0)
+    root = _Node(program.lb, program.ub, {}, Decisions.none(4))
     node = root
     if seed % 2:
         chosen = Decisions.none(4).sign(int(rng.integers(4)), 1, int(rng.choice((-1, 1))))
         assert chosen is not None
-        node = _Node(program.lb, program.ub, {}, chosen, 0)
+        node = _Node(program.lb, program.ub, {}, chosen)
     contacts = rng.permutation(4)
     count = int(rng.integers(1, 4))
     items = [(int(c), int(k)) for c in contacts[:count] for k in range(2) if k == 0 or c % 2]
@@ -176,7 +176,7 @@ def test_what_can_only_be_flipped_is_flipped_first_and_frictionless_contacts_hav
     program = state.formulation.program
     chosen = Decisions.none(4).select(2)
     assert chosen is not None
-    node = _Node(program.lb, program.ub, {}, chosen, 0)
+    node = _Node(program.lb, program.ub, {}, chosen)
     x = np.zeros(len(program.c))
     x[state.formulation.friction_columns(0)] = 5.0
     signs = ((0, 0, 1), (1, 0, 1), (2, 1, -1), (3, 1, -1))

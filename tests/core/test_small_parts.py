@@ -45,12 +45,11 @@ def test_friction_of_opposite_signs_splits_a_node_by_the_way_of_sliding(monkeypa
     monkeypatch.setattr(searching, "_guess", lambda *_: None)
     monkeypatch.setattr(ModeOracle, "mode_for", lambda *_: Opposition(3, 1))
     program = one.formulation.program
-    root = _Node(program.lb, program.ub, {}, Decisions.none(6), 4)
+    root = _Node(program.lb, program.ub, {}, Decisions.none(6))
     children = _children(one, root, answer)
     assert children is not None
     assert [child.decisions.signs[3, 1] for child in children] == [1, -1]
     assert [np.count_nonzero(child.decisions.signs) for child in children] == [1, 1]
-    assert [child.depth for child in children] == [5, 5]
 
 
 def test_two_sets_of_forces_oppose_each_other_where_one_component_differs_in_sign():
@@ -201,12 +200,11 @@ def test_joints_without_any_lever_count_the_load_at_the_scenes_length(form):
 def test_a_contact_is_decided_by_one_child_for_each_of_its_modes(rule, pairs):
     one = SearchState(formulate(scene("rest"), Margin()), Rules.parse(rule), "piqp")
     answer, program = one.relax(), one.formulation.program
-    children = _deciding(one, _Node(program.lb, program.ub, {}, Decisions.none(6), 4), answer)
+    children = _deciding(one, _Node(program.lb, program.ub, {}, Decisions.none(6)), answer)
     assert children is not None
     (contact,) = {contact for child in children for contact in child.decided}
     forces = np.abs(answer.x[one.formulation.coordinates.layout.tangent]).sum(axis=1)
     assert forces[contact] == forces.max()
-    assert [child.depth for child in children] == [5] * len(children)
     released, *others = children
     assert released.decisions.released[contact] and not released.decided
     assert all(child.decisions.selected[contact] for child in others)
@@ -218,7 +216,7 @@ def test_a_contact_is_decided_by_one_child_for_each_of_its_modes(rule, pairs):
 def test_friction_vanishes_along_a_tangent_that_an_exact_mode_does_not_slide_along():
     one = SearchState(formulate(scene("rest"), Margin()), Rules.parse("exact"), "piqp")
     answer, program = one.relax(), one.formulation.program
-    children = _deciding(one, _Node(program.lb, program.ub, {}, Decisions.none(6), 4), answer)
+    children = _deciding(one, _Node(program.lb, program.ub, {}, Decisions.none(6)), answer)
     assert children is not None
     seen = set()
     for child in children[1:]:

@@ -12,7 +12,7 @@ one contact in it. Contacts that take part in no conflict are never branched on.
 
 from __future__ import annotations
 
-import heapq
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -33,6 +33,7 @@ from graspless_pin.modes.rules import SignRule, SlidingMode, StaticFriction
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solution import Status
 from graspless_pin.solvers import Answer, Outcome
+from graspless_pin.tree_search import TreeSearch
 
 _GUESS_EVERY = 8
 """A mode is guessed at the first conflict and at each so many after it."""
@@ -49,14 +50,18 @@ class _Node(NamedTuple):
         ub: (n,) upper bounds.
         decided: Sign pairs fixed so far.
         decisions: Contacts selected and released, and signs.
-        depth: How many branches led here.
     """
 
     lb: FloatArray
     ub: FloatArray
     decided: dict[int, SignPair]
     decisions: Decisions
-    depth: int
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """What tells it from other nodes."""
+        decided = tuple(sorted(self.decided.items()))
+        return self.lb.tobytes(), self.ub.tobytes(), decided, self.decisions.key
 
 
 def branch_and_bound(state: SearchState, limits: Limits = NO_LIMITS) -> SearchResult:
@@ -72,15 +77,14 @@ def branch_and_bound(state: SearchState, limits: Limits = NO_LIMITS) -> SearchRe
         failed = answer.outcome is Outcome.FAILED
         return SearchResult(Status.UNVERIFIED if failed else Status.INFEASIBLE_FORCES, state)
     program = state.formulation.program
-    queue = _Queue()
     count = state.formulation.problem.contact_count
-    root = _Node(program.lb, program.ub, {}, Decisions.none(count), 0)
+    root = _Node(program.lb, program.ub, {}, Decisions.none(count))
     children = None if state.closed(answer.bound) else _children(state, root, answer)
     # The lowest bound of the nodes that were left without being split: no optimum lies below it.
     left = answer.bound if children is None else np.inf
-    queue.add(answer.bound, children or [])
-    while queue.nodes:
-        bound, _, _, node = heapq.heappop(queue.nodes)
+    seen: set[tuple[object, ...]] = set()
+    search = TreeSearch(_unseen(children, seen), answer.bound)
+    for bound, node in search:
         state.raise_bound(min(bound, left))
         if state.closed(bound):
             return finished(state)
@@ -100,35 +104,17 @@ def branch_and_bound(state: SearchState, limits: Limits = NO_LIMITS) -> SearchRe
         children = _children(state, node, answer)
         if children is None:
             left = min(left, answer.bound)
-        queue.add(_level(bound, answer.bound), children or [])
+        search.add(_unseen(children, seen), _level(bound, answer.bound))
     state.raise_bound(left)
     return finished(state)
 
 
-class _Queue:
-    """Nodes to be solved, none of them twice.
-
-    Attributes:
-        nodes: A heap: best bound first; among equals the deepest, then the youngest, which dives
-            to an answer.
-    """
-
-    def __init__(self) -> None:
-        self.nodes: list[tuple[float, int, int, _Node]] = []
-        self._seen: set[tuple[object, ...]] = set()
-
-    def add(self, bound: float, children: list[_Node]) -> None:
-        """Add the children of a node with its bound."""
-        for child in children:
-            key = (
-                child.lb.tobytes(),
-                child.ub.tobytes(),
-                tuple(sorted(child.decided.items())),
-                child.decisions.key,
-            )
-            if key not in self._seen:
-                self._seen.add(key)
-                heapq.heappush(self.nodes, (bound, -child.depth, -len(self._seen), child))
+def _unseen(children: list[_Node] | None, seen: set[tuple[object, ...]]) -> Iterator[_Node]:
+    """Yield the children that were not met before, under other parents."""
+    for child in children or ():
+        if child.key not in seen:
+            seen.add(child.key)
+            yield child
 
 
 def _level(before: float, bound: float) -> float:
@@ -212,7 +198,7 @@ def _resolving(state: SearchState, node: _Node, conflict: Conflict, x: FloatArra
             break
         children.append(_presuming(rest, rest.decisions.release(contact)))
         rest = _presuming(rest, rest.decisions.select(contact))
-    return [child._replace(depth=node.depth + 1) for child in children if child is not None]
+    return [child for child in children if child is not None]
 
 
 def _friction(state: SearchState, x: FloatArray) -> FloatArray:
@@ -232,8 +218,7 @@ def _turned(
 ) -> _Node | None:
     """Return the child in which a contact, if selected, slides one way along a tangent."""
     if state.rules.sign is not SignRule.EXACT:
-        child = _presuming(node, node.decisions.sign(contact, component, sign))
-        return child and child._replace(depth=node.depth + 1)
+        return _presuming(node, node.decisions.sign(contact, component, sign))
     # There the sliding may be zero as well, which is no sign.
     return _signed(node, state.formulation.friction_columns(contact)[:, component], -sign)
 
@@ -257,7 +242,7 @@ def _drawn(state: SearchState, node: _Node) -> _Node | None:
         ub[columns[high]] = np.minimum(ub[columns[high]], 0.0)
         lb[columns[low]] = np.maximum(lb[columns[low]], 0.0)
     decided = {key: pair for key, pair in node.decided.items() if not decisions.released[key]}
-    return _Node(lb, ub, decided, decisions, node.depth)
+    return _Node(lb, ub, decided, decisions)
 
 
 def _signed(node: _Node, columns: NDArray[np.int_], sign: int) -> _Node:
@@ -267,7 +252,7 @@ def _signed(node: _Node, columns: NDArray[np.int_], sign: int) -> _Node:
         lb[columns] = np.maximum(lb[columns], 0.0)
     else:
         ub[columns] = np.minimum(ub[columns], 0.0)
-    return _Node(lb, ub, node.decided, node.decisions, node.depth + 1)
+    return _Node(lb, ub, node.decided, node.decisions)
 
 
 def _deciding(state: SearchState, node: _Node, answer: Answer) -> list[_Node] | None:
@@ -302,4 +287,4 @@ def _deciding(state: SearchState, node: _Node, answer: Answer) -> list[_Node] | 
                 for way in (1, -1):
                     child = _signed(child, columns[:, component], way)
             children.append(child._replace(decided={**node.decided, contact: pair}))
-    return [child._replace(depth=node.depth + 1) for child in children if child is not None]
+    return [child for child in children if child is not None]

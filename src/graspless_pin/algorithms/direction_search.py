@@ -11,7 +11,6 @@ at. All sectors lie about friction, so tangents play no part.
 
 from __future__ import annotations
 
-import heapq
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,6 +32,7 @@ from graspless_pin.modes.witness_heuristics import CLEARLY, RANK_TOLERANCE
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solution import Status
 from graspless_pin.solvers import PRIMAL_TOLERANCE, Answer, Outcome
+from graspless_pin.tree_search import TreeSearch
 
 _SMALL = 0.01
 """Optima below this share of the load are found to the gap of this size."""
@@ -52,12 +52,10 @@ class _Node:
     Attributes:
         sectors: Of the contacts that are presumed to virtually slide; None: any way.
         released: Contacts without friction.
-        depth: How many branches led here.
     """
 
     sectors: Sectors
     released: frozenset[int]
-    depth: int = 0
 
     def with_sector(self, contact: int, sector: Sector | None) -> _Node:
         """Return the part of it in which a contact slides in a sector."""
@@ -115,35 +113,33 @@ class _DirectionSearch:
 
     def run(self, answer: Answer, limits: Limits) -> SearchResult:
         """Search from the answer to the relaxation on."""
-        state, left, born = self.state, np.inf, 0
-        queue: list[tuple[float, int, int, _Node]] = []
-        bound, node = answer.bound, _Node(dict.fromkeys(self.always), frozenset())
-        while True:
-            if answer.outcome is Outcome.SOLVED and not self._closed(bound):
-                children = self._children(node, answer)
-            else:
-                children = None
-            if children is None:
-                left = min(left, bound)
-            for child in children or []:
-                born += 1
-                # Best bound first; among equals the deepest, then the youngest.
-                heapq.heappush(queue, (bound, -child.depth, -born, child))
-            while True:
-                if not queue:
-                    state.raise_bound(left)
-                    return finished(state)
-                bound, _, _, node = heapq.heappop(queue)
-                state.raise_bound(min(bound, left))
-                if self._closed(bound):
-                    return finished(state)
-                if limits.end(state.nodes):
-                    return finished(state, interrupted=True)
-                if not isinstance(self.motions.find(node.sectors), Exclusion):
-                    break
+        state, bound = self.state, answer.bound
+        children = self._split(_Node(dict.fromkeys(self.always), frozenset()), answer, bound)
+        search = TreeSearch(children or (), bound)
+        left = bound if children is None else np.inf
+        for before, node in search:
+            state.raise_bound(min(before, left))
+            if self._closed(before):
+                return finished(state)
+            if limits.end(state.nodes):
+                return finished(state, interrupted=True)
+            if isinstance(self.motions.find(node.sectors), Exclusion):
+                continue
             state.nodes += 1
             answer = self._solve(self._friction(node))
-            bound = max(bound, answer.bound)
+            bound = max(before, answer.bound)
+            children = self._split(node, answer, bound)
+            if children is None:
+                left = min(left, bound)
+            search.add(children or (), bound)
+        state.raise_bound(left)
+        return finished(state)
+
+    def _split(self, node: _Node, answer: Answer, bound: float) -> list[_Node] | None:
+        """Return the children of a node; None where it is closed, or cannot be split."""
+        if answer.outcome is not Outcome.SOLVED or self._closed(bound):
+            return None
+        return self._children(node, answer)
 
     def _closed(self, bound: float) -> bool:
         """Whether nothing at or above a bound beats the best answer by more than the gap."""
@@ -248,7 +244,7 @@ class _DirectionSearch:
         }
         # First what can only be turned, then the largest friction: those children are worst.
         order = sorted(size, key=lambda one: (one not in node.sectors, -size[one]))
-        children, rest = [], replace(node, depth=node.depth + 1)
+        children, rest = [], node
         for contact in order:
             own, part = node.sectors.get(contact), sectors.get(contact)
             if contact not in node.sectors:
@@ -269,8 +265,7 @@ class _DirectionSearch:
             along = problem.tangents[contact].T @ problem.sliding[contact]
             ahead = Sector(float(np.arctan2(along[1], along[0])), np.pi / 3.0)
             parts = (ahead, *other_directions(ahead))
-        deeper = replace(node, depth=node.depth + 1)
-        return [deeper.with_sector(contact, part) for part in parts]
+        return [node.with_sector(contact, part) for part in parts]
 
     def _try(self, motion: FloatArray, rubbing: dict[int, float]) -> None:
         """Keep the best answer whose friction opposes a motion, if it is better.

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from heapq import heapify, heappop, heappush
-from itertools import count
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +27,7 @@ from graspless_pin.programs.forces import force_rows
 from graspless_pin.programs.program import FARTHEST
 from graspless_pin.solution import Status
 from graspless_pin.solvers import Outcome, solve
+from graspless_pin.tree_search import TreeSearch
 
 _FARTHEST = 1e3
 """Bounded forces are looked for up to this multiple of the largest normal-force limit."""
@@ -144,18 +143,18 @@ class ForceExtremes:
         for end, bounds in zip((low, high), sure, strict=True):
             end[self.coordinates.normal] = bounds[:, 0]
             end[self.coordinates.tangent[cones]] = bounds[cones, 1:]
-        force, order = self.coordinates.force_scale, count()
+        force = self.coordinates.force_scale
         gap = _SECTOR_GAP * force
 
-        def entry(surface: _Surface, least: float) -> tuple[float, int, _Surface]:
+        def bound(surface: _Surface) -> float:
             distance = surface.distance
             at = np.where(distance > 0.0, low, np.where(distance < 0.0, high, 0.0))
-            return max(float(distance @ at) / force, least), next(order), surface
+            return float(distance @ at) / force
 
-        queue = [entry(surface, -np.inf) for surface in self._surfaces()]
-        heapify(queue)
-        while queue:
-            least, _, surface = heappop(queue)
+        search = TreeSearch[_Surface]()
+        for surface in self._surfaces():
+            search.add([surface], bound(surface))
+        for least, surface in search:
             if least >= margin - (0.0 if surface.sector is None else gap):
                 break
             nearest = self.largest(-surface.distance, above=-margin)
@@ -170,7 +169,8 @@ class ForceExtremes:
                 complete = complete and least >= margin - gap
                 continue
             for half in surface.sector.halves:
-                heappush(queue, entry(self._sector(surface.contact, half), least))
+                narrower = self._sector(surface.contact, half)
+                search.add([narrower], max(bound(narrower), least))
         return Extreme(margin, complete and bool(proven[:, 0].all()))
 
     def largest_margin(self) -> Extreme:

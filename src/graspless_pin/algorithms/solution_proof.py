@@ -34,6 +34,7 @@ from graspless_pin.solution.proof import (
     SolutionProof,
 )
 from graspless_pin.solvers import ANY_SOLVER, Answer, Outcome
+from graspless_pin.tree_search import TreeSearch
 
 MOST_LEAVES = 1000
 """Proofs with more leaves are not written."""
@@ -75,9 +76,8 @@ class ModeProver:
         if leaf is not None:
             return ModeProof((leaf,))
         nodes: list[ProofNode] = []
-        waiting, leaves = [root], 0
-        while waiting:
-            part = waiting.pop()
+        search, leaves = TreeSearch([root]), 0
+        for _, part in search:
             try:
                 node, children = self._node(part)
             except UndecidedMotionError as error:
@@ -88,7 +88,7 @@ class ModeProver:
             leaves += isinstance(node, BoundLeaf | KinematicLeaf)
             if leaves > MOST_LEAVES or len(nodes) > 2 * MOST_LEAVES:
                 return ModeProof((), f"its proof takes more than {MOST_LEAVES} leaves")
-            waiting += reversed(children)
+            search.add(reversed(children))
         return ModeProof(tuple(nodes))
 
     def _closes(self, bound: float) -> bool:

@@ -20,6 +20,7 @@ from graspless_pin.holding.relaxation import Relaxation, Relaxed
 from graspless_pin.holding.unstable_motion import coulomb_gaps, polish
 from graspless_pin.holding.verdict import ContactState, DualBound, OutcomeSet, SlipRange
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.tree_search import TreeSearch
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,11 +139,10 @@ def branch(dynamics: Dynamics, relaxation: Relaxation, is_over: Callable[[int], 
     root = _Node(-1, ContactState.FREE, States.unknown(dynamics.contact_count))
     goal = dynamics.load, np.zeros((dynamics.contact_count, 3))
     threshold = dynamics.resolution**2
-    open_nodes, nodes, given_up = [root], 0, 0
-    while open_nodes:
+    search, nodes, given_up = TreeSearch([root]), 0, 0
+    for _, node in search:
         if is_over(nodes):
-            return Branched(None, None, nodes, len(open_nodes) + given_up)
-        node = open_nodes.pop()
+            return Branched(None, None, nodes, 1 + len(search) + given_up)
         if not node.is_closed:
             node, is_covered = _closed(dynamics, node)
             if is_covered:
@@ -160,7 +160,7 @@ def branch(dynamics: Dynamics, relaxation: Relaxation, is_over: Callable[[int], 
                 continue
             motion = _near(dynamics, relaxed)
             if motion is not None:
-                return Branched(None, motion, nodes, len(open_nodes))
+                return Branched(None, motion, nodes, len(search))
             y, forces = relaxed.y, relaxed.forces
         contact, parts = split(dynamics, relaxation.loads, node.states, y, forces)
         was_closed = node.states.state[contact] is not ContactState.FREE
@@ -175,7 +175,7 @@ def branch(dynamics: Dynamics, relaxation: Relaxation, is_over: Callable[[int], 
         ]
         if not node.children:
             given_up += 1
-        open_nodes += reversed(node.children)
+        search.add(reversed(node.children))
     return Branched(None if given_up else root.finished(), None, nodes, given_up)
 
 

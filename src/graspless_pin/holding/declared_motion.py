@@ -33,6 +33,7 @@ from graspless_pin.holding.unstable_motion import coulomb_gaps, polish
 from graspless_pin.holding.verdict import ContactState, DualBound, OutcomeSet
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solvers.simplex import Simplex, SimplexAnswer
+from graspless_pin.tree_search import TreeSearch
 
 _DIRECTIONS = 8
 """Directions of the tangent planes of each cone."""
@@ -293,9 +294,11 @@ def other_motion(dynamics: Dynamics, force_limit: float, is_over: Callable[[int]
     programs, goals = KeptPrograms(dynamics), point_goals(dynamics)
     count = dynamics.contact_count
     root = _Node(-1, States.unknown(count), list(range(1, len(goals))))
-    waiting, given_up, nodes = [root], [], 0
-    while waiting and not is_over(nodes):
-        node = waiting.pop()
+    search, left, nodes = TreeSearch([root]), list[_Node](), 0
+    for _, node in search:
+        if is_over(nodes):
+            left += [node, *search.left()]
+            break
         nodes += 1
         point = _bounded(dynamics, programs, goals, node, force_limit)
         if point is None:
@@ -306,12 +309,11 @@ def other_motion(dynamics: Dynamics, force_limit: float, is_over: Callable[[int]
         if not parts or gaps <= NEAR * float(y @ y):
             motion = polish(dynamics, forces)
             if motion is not None:
-                return Kept(None, motion, (), nodes, len(waiting), programs.programs)
+                return Kept(None, motion, (), nodes, len(search), programs.programs)
         node.children = [_Node(contact, states, list(node.left)) for states in parts]
         if not parts:
-            given_up.append(node)
-        waiting += reversed(node.children)
-    left = [*given_up, *reversed(waiting)]
+            left.append(node)
+        search.add(reversed(node.children))
     tree = None if left else root.finished()
     resisting = left[0].states.state if left else ()
     return Kept(tree, None, resisting, nodes, len(left), programs.programs)

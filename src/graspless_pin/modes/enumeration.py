@@ -20,6 +20,7 @@ from graspless_pin.modes.rules import (
 )
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import real_number, whole_number
+from graspless_pin.tree_search import TreeSearch
 
 
 def enumerate_modes(
@@ -151,10 +152,9 @@ class _Listing:
         """Yield what every feasible mode asks of the virtual motion."""
         candidates = np.flatnonzero(candidate_contacts(self.problem, self.rules)).tolist()
         pairs = sign_pairs(self.rules.sign)
-        # Depth first with an explicit stack: (how many candidates are decided, their requirements).
-        stack: list[tuple[int, tuple[Requirement, ...]]] = [(0, ())]
-        while stack:
-            depth, requirements = stack.pop()
+        # A node: how many candidates are decided, and what is required of them.
+        search = TreeSearch[tuple[int, tuple[Requirement, ...]]]([(0, ())])
+        for _, (depth, requirements) in search:
             if depth == len(candidates):
                 yield requirements
                 continue
@@ -166,7 +166,7 @@ class _Listing:
                 extended = (*requirements, Requirement(contact, pair))
                 if self._is_feasible(extended):
                     children.append((depth + 1, extended))
-            stack.extend(reversed(children))
+            search.add(reversed(children))
 
     def extensible(self, requirements: tuple[Requirement, ...]) -> bool:
         """Return whether one more selected contact, or a sign in place of a zero, is feasible."""
