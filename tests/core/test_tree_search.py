@@ -11,6 +11,7 @@ from graspless_pin.tree_search import TreeSearch
 
 TREES = st.recursive(st.just([]), lambda trees: st.lists(trees, max_size=4), max_leaves=30)
 """A node is the list of its children."""
+Place = tuple[tuple[int, ...], list]
 
 
 def preorder(tree: list, path: tuple[int, ...] = ()) -> Iterator[tuple[int, ...]]:
@@ -21,7 +22,7 @@ def preorder(tree: list, path: tuple[int, ...] = ()) -> Iterator[tuple[int, ...]
 
 @given(tree=TREES, ends_after=st.integers(0, 40))
 def test_without_bounds_it_is_depth_first(tree, ends_after):
-    search, visited = TreeSearch([((), tree)]), []
+    search, visited = TreeSearch[Place]([((), tree)]), []
     for _, (path, node) in search:
         if len(visited) == ends_after:
             left = [path, *(one for one, _ in search.left())]
@@ -39,7 +40,7 @@ def test_without_bounds_it_is_depth_first(tree, ends_after):
 
 @given(tree=TREES, bounds=st.lists(st.integers(0, 3), min_size=40, max_size=40))
 def test_the_best_bound_comes_first_and_every_node_once(tree, bounds):
-    search, visited, last = TreeSearch([((), tree)], 0.0), [], 0.0
+    search, visited, last = TreeSearch[Place]([((), tree)], 0.0), [], 0.0
     rising = iter(bounds)
     for bound, (path, node) in search:
         assert bound >= last  # children prove at least what their parent does
