@@ -212,7 +212,7 @@ def test_who_may_squeeze_with_any_force_is_said_in_words():
         cone="round",
     )
     every = contact_force_bounds(problem, [], static_friction="coulomb")
-    assert every.covers == "over all forces of rest (Coulomb's law)"
+    assert every.covers == "over all forces of rest (round cones)"
     assert every.squeeze_words() == (
         "the supports may squeeze the object with any force: contacts 0 and 1"
     )
@@ -222,7 +222,7 @@ def test_who_may_squeeze_with_any_force_is_said_in_words():
     pyramids = contact_force_bounds(
         problem.with_changes(cone="edges"), [], static_friction="coulomb"
     )
-    assert pyramids.covers == "over all forces of rest (32 edges)"
+    assert pyramids.covers == "over all forces of rest (32 cone edges)"
     ruled = contact_force_bounds(problem, [])
     assert ruled.covers == "over all admissible contact forces"
     hung = problem.with_changes(external_wrench=[0.0, 0.0, 9.81, 0.0, 0.0, 0.0], friction=0.0)

@@ -1,10 +1,6 @@
 """CONTRIBUTING's walk-through "Add a shape", done to a copy of the package."""
 
 import json
-import os
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +8,12 @@ import numpy as np
 import pytest
 import trimesh
 import yaml
-from page_blocks import ROOT, blocks_of
+from package_copy import COMMAND, followed, run
+from page_blocks import ROOT
 from scipy.spatial.transform import Rotation
 
-CONTRIBUTING = ROOT / "CONTRIBUTING.md"
 BODIES = Path("src") / "graspless_pin" / "geometry" / "bodies"
 RADIUS, HEIGHT = 0.1 * np.sqrt(2.0), 0.2
-COMMAND = "from graspless_pin.cli.commands import app; app()"
 SHOWN = """
 import json, sys
 import numpy as np
@@ -58,34 +53,8 @@ print(json.dumps({
 def package(tmp_path_factory) -> Path:
     """A copy of the repository in which the walk-through was followed."""
     folder = tmp_path_factory.mktemp("package")
-    ignored = shutil.ignore_patterns("__pycache__")
-    shutil.copytree(ROOT / "src", folder / "src", ignore=ignored)
-    for name in ("robots", "examples"):
-        (folder / name).symlink_to(ROOT / name)
-    module, listed = [
-        block.text for block in blocks_of(CONTRIBUTING) if "Prism" in block.text and block.kind
-    ][:2]
-    (folder / BODIES / "prism.py").write_text(module, encoding="utf-8")
-    line, names = listed.splitlines()
-    names = names[names.index("(") :]
-    shapes = folder / BODIES / "shapes.py"
-    text = shapes.read_text(encoding="utf-8")
-    assert text.count(names.replace("Prism, ", "")) == 1
-    text = text.replace(names.replace("Prism, ", ""), names)
-    first = "from graspless_pin.geometry.bodies.shape import"
-    shapes.write_text(text.replace(first, f"{line}\n{first}", 1), encoding="utf-8")
-    return folder
-
-
-def run(package: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(  # noqa: S603 - our own interpreter and fixed programs
-        [sys.executable, *words],
-        cwd=package,
-        env={**os.environ, "PYTHONPATH": str(package / "src")},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    beside = "from graspless_pin.geometry.bodies.shape import"
+    return followed(folder, "Prism", BODIES / "prism.py", BODIES / "shapes.py", beside)
 
 
 def scene_of(folder: Path, name: str, shape: dict[str, Any], turn: float) -> Path:

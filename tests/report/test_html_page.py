@@ -60,10 +60,10 @@ def test_it_is_small(allegro):
 
 def test_it_says_which_cones_there_are(allegro, page: Element):
     scene, _, _ = allegro
-    assert "32 edges to each friction cone" in page.text
+    assert "32 cone edges" in page.text
     rounded = scene.with_changes(cone="round")
     text = read_html(report_html(case_of_scene(rounded, rounded.solve("margin")))).text
-    assert "round friction cones" in text and "edges to each" not in text
+    assert "round cones" in text and "cone edges" not in text
 
 
 def test_nothing_is_fetched(allegro, page: Element):

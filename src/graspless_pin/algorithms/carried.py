@@ -26,6 +26,7 @@ from graspless_pin.modes.rules import Rules, SlidingMode
 from graspless_pin.modes.witness_heuristics import CLEARLY, GUESSES, judged_by
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.cone_model import ConeModel
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.programs.active_set import CORRECTIONS, DAMPING, EXACT, ActiveSet
 from graspless_pin.programs.assembly import (
@@ -49,8 +50,8 @@ class WarmStart:
         in_mode: Likewise of the mode's own program.
         motion: A virtual motion behind the mode, scaled; None: not at hand.
         likeness: What the problem shares with those like it; None: the optimum cannot be carried
-            over by loops alone, as cones are round, or the mode's own program was needed or leaves
-            signs open.
+            over by loops alone, as cones are no regular pyramids, or the mode's own program was
+            needed or leaves signs open.
     """
 
     mode: SlidingMode | None = None
@@ -167,15 +168,16 @@ def carried_many(
 
 def _loops(problem: QuasistaticProblem, objective: Objective, options: SolveOptions) -> Any:
     """Return the loops for problems like one; None where more than the best case is asked for."""
-    if problem.is_round or not are_for(objective, options):
+    if not are_for(problem.cone_model, objective, options):
         return None
     return _carrier(likeness_of(problem), objective, problem.joint_units)
 
 
-def are_for(objective: Objective, options: SolveOptions) -> bool:
-    """Return whether loops find what is asked for, if cones are pyramids."""
+def are_for(cone: ConeModel, objective: Objective, options: SolveOptions) -> bool:
+    """Return whether loops find what is asked for."""
     return not (
         cold_optima is None
+        or not cone.regular
         or type(objective) not in PAPER_OBJECTIVES
         or objective.regularization > 0.0
         or options.strong

@@ -18,7 +18,7 @@ from graspless_pin.brief import Brief
 from graspless_pin.errors import OverrunError
 from graspless_pin.modes.enumeration import enumerate_modes
 from graspless_pin.modes.rules import Rules, SignRule, SlidingRule, StaticFriction
-from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.joint_units import units_text
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.solution import TorqueSolution
@@ -54,7 +54,8 @@ class RuleComparison(Brief):
             name = f"{rules.sign} + {rules.sliding}"
             if rules.static_friction is StaticFriction.COULOMB:
                 name = "coulomb"
-            cones = "round cones" if solution.problem.is_round and not problem.is_round else ""
+            own = solution.problem
+            cones = "" if own.cone == problem.cone else own.cone_model.words(own.cone_edges)
             if solution.found:
                 size = torque_size(problem, solution.torques)
                 figures = shown(solution.margin, force), shown(solution.max_torque, size)
@@ -75,7 +76,8 @@ def compare_rules(
     """Solve a problem under every pair of rules and plain Coulomb friction.
 
     How much the optimum moves tells how much of the answer hangs on the rule. That of
-    ``direction`` is of round cones, whatever the problem's are.
+    ``direction`` is of round cones, whatever pyramids the problem has; it is left out where the
+    cones are another model than Coulomb's law.
 
     Args:
         problem: Contacts, wrench, joints and limits.
@@ -97,6 +99,8 @@ def compare_rules(
     limits = Limits.of(how)
     readings = [Rules(sign, sliding) for sign, sliding in product(SignRule, SlidingRule)]
     readings.append(Rules(static_friction=StaticFriction.COULOMB))
+    if not checked_problem(problem).cone_model.is_coulomb:
+        readings = [rules for rules in readings if not rules.by_direction]
     found = {
         rules: solve_problem(problem, objective, limits.within(replace(how, rules=rules)))
         for rules in readings

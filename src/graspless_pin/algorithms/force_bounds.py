@@ -78,7 +78,7 @@ class ContactForceBounds(Brief):
         """Over which forces the ranges go, in words."""
         if self.rules.static_friction is not StaticFriction.COULOMB:
             return "over all admissible contact forces"
-        cones = "Coulomb's law" if self.problem.is_round else f"{self.problem.cone_edges} edges"
+        cones = self.problem.cone_model.words(self.problem.cone_edges)
         return f"over all forces of rest ({cones})"
 
     def squeeze_words(self, bodies: Sequence[str] | None = None) -> str:

@@ -20,7 +20,6 @@ from graspless_pin.brief import Brief
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
-from graspless_pin.problem.cones import face_directions, room_to_round
 from graspless_pin.programs.marginals import Marginals
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.solution import Status, TorqueSolution, checked_solution
@@ -211,7 +210,7 @@ def gradients_at(solution: TorqueSolution, at: OptimalPoint) -> Gradients:
 
 def _by_margin(problem: QuasistaticProblem, found: Marginals) -> FloatArray:
     """Return what a unit of margin costs at the friction cones."""
-    if not problem.is_round:
+    if not problem.cone_model.second_order:
         return found["faces"]
     return found["round_cones"][:, 0] * np.sqrt(1.0 + problem.friction**2)
 
@@ -219,12 +218,13 @@ def _by_margin(problem: QuasistaticProblem, found: Marginals) -> FloatArray:
 def _by_friction(problem: QuasistaticProblem, at: OptimalPoint, cost: FloatArray) -> FloatArray:
     """(M,) a wider cone moves its surface; kinetic friction grows against the sliding."""
     local = np.einsum("mij,mi->mj", problem.frames, at.forces)
-    wider = _wider_round_cones if problem.is_round else _wider_pyramids
+    wider = _wider_round_cones if problem.cone_model.second_order else _wider_faces
     by_cone = wider(problem, at.multipliers, local)
-    slide = problem.is_sliding
-    speed = np.linalg.norm(problem.sliding, axis=1)
-    unit = problem.sliding / np.where(slide, speed, 1.0)[:, None]
-    by_sliding = -local[:, 0] * np.einsum("mi,mi->m", cost, unit)
+    slide, normals, ones = problem.is_sliding, problem.normals, np.ones(problem.contact_count)
+    kinetic = problem.cone_model.kinetic_directions(
+        normals, problem.tangents, ones, problem.sliding, slide
+    )
+    by_sliding = local[:, 0] * np.einsum("mi,mi->m", cost, kinetic - normals)
     return np.where(slide, by_sliding, np.where(problem.has_cone, by_cone, 0.0))
 
 
@@ -233,15 +233,16 @@ def _wider_round_cones(
 ) -> FloatArray:
     """(M,) of |f_t| <= mu f_n - sqrt(1 + mu^2) e; where it is active e is the distance to it."""
     mu = problem.friction
-    turned = local[:, 0] - mu / np.sqrt(1.0 + mu**2) * room_to_round(local, mu)
+    room = problem.cone_model.room(local, mu, problem.cone_edges)
+    turned = local[:, 0] - mu / np.sqrt(1.0 + mu**2) * room
     return -found["round_cones"][:, 0] * turned
 
 
-def _wider_pyramids(problem: QuasistaticProblem, found: Marginals, local: FloatArray) -> FloatArray:
-    """(M,) of h^T f + e <= 0 with h = (-s, cos, sin) / sqrt(1 + s^2), s = mu cos(pi / r)."""
-    half = np.pi / problem.cone_edges
-    around = local[:, 1:] @ face_directions(problem.cone_edges)
-    slope = problem.friction * np.cos(half)
+def _wider_faces(problem: QuasistaticProblem, found: Marginals, local: FloatArray) -> FloatArray:
+    """(M,) of h^T f + e <= 0 with h = (-s, d) / sqrt(1 + s^2), s = mu times the side's distance."""
+    section = problem.cone_section
+    around = local[:, 1:] @ section.directions
+    slope = problem.friction[:, None] * section.distances
     length = np.sqrt(1.0 + slope**2)
-    turned = -local[:, :1] - (slope / length**2)[:, None] * (around - slope[:, None] * local[:, :1])
-    return np.cos(half) / length * np.einsum("mk,mk->m", found["faces"], turned)
+    turned = -local[:, :1] - slope / length**2 * (around - slope * local[:, :1])
+    return np.einsum("mk,mk->m", section.distances / length * found["faces"], turned)

@@ -84,10 +84,13 @@ def bracket_limits(
     """Check what every search for brackets is given, and return its limits: their time begins now.
 
     Raises:
-        ArgumentError: If it is no problem or one that slides, or an option is out of range.
+        ArgumentError: If it is no problem, one that slides or has no verdict, or an option is out
+            of range.
     """
     if checked_problem(problem).is_sliding.any():
         raise ArgumentError("problem", "slides; what certainly holds is known of rest alone")
+    if why := problem.cone_model.no_verdict:
+        raise ArgumentError("problem", f"leaves all of this {why}")
     if real_number("precision", precision, 1e-3) > _WIDEST:
         raise ArgumentError("precision", f"is {precision}; it must be at most {_WIDEST}")
     nodes = whole_number("node_limit", node_limit, 0)

@@ -21,7 +21,6 @@ from graspless_pin.modes.rules import (
     candidate_contacts,
 )
 from graspless_pin.problem import QuasistaticProblem, checked_problem
-from graspless_pin.problem.cones import ConeModel
 from graspless_pin.programs.forces import force_reach
 from graspless_pin.programs.objectives import Objective
 from graspless_pin.solution import Certificate, Evidence, Status, TorqueSolution
@@ -73,6 +72,7 @@ def as_stable(
     """
     if not options.strong:
         return best
+    unknown = unknown or best.problem.cone_model.no_verdict
     # Loaded here: the best case needs no verdict, and goes without its search and solver.
     from graspless_pin.algorithms.guaranteed_torques import guaranteed
 
@@ -94,6 +94,12 @@ def _best_case(
     if options.rules.by_direction:
         if mode is not None:
             options.rules.need_signs("the argument mode")
+        if not problem.cone_model.is_coulomb:
+            raise ArgumentError(
+                "sign_rule",
+                f"'direction' is about Coulomb's law, and the problem has the cone "
+                f"'{problem.cone}'; use another sign_rule",
+            )
         problem, gap = _ROUND.of(problem), options.direction_gap
     requirements = None if mode is None else _checked_mode(problem, options.rules, mode)
 
@@ -113,7 +119,7 @@ def _best_case(
 
 def _with_round_cones(problem: QuasistaticProblem) -> QuasistaticProblem:
     """Return the problem with round cones; a copy even so, as what is derived may not be itself."""
-    return problem.with_changes(cone=ConeModel.ROUND)
+    return problem.with_changes(cone="round")
 
 
 _ROUND = Derived(_with_round_cones)

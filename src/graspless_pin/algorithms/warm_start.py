@@ -199,7 +199,7 @@ class _WarmState(SearchState):
             self.without_mode or start.relaxation,
             self.in_mode or (start.in_mode if mode is start.mode else None),
             self.oracle.motion,
-            None if open_still or problem.is_round else likeness_of(problem),
+            likeness_of(problem) if problem.cone_model.regular and not open_still else None,
         )
 
 

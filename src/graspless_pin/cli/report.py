@@ -21,7 +21,6 @@ from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.findings import tell
 from graspless_pin.holding.options import BRIEF_NODE_LIMIT
 from graspless_pin.modes.rules import StaticFriction
-from graspless_pin.problem.cones import ConeModel
 from graspless_pin.progress import waiting_for
 from graspless_pin.report.document import write_text
 from graspless_pin.report.html import Case, case_of_document, case_of_scene, report_html
@@ -109,10 +108,10 @@ def _ranges(
         bounds = contact_force_bounds(
             problem, torques, time_limit=seconds, **solution.rules.options()
         )
-        if problem.is_sliding.any():  # kinetic friction has no cone
-            return bounds, None
+        if problem.is_sliding.any() or not problem.cone_model.is_coulomb:
+            return bounds, None  # kinetic friction has no cone, nor other laws a round one
         return bounds, contact_force_bounds(
-            problem.with_changes(cone=ConeModel.ROUND),
+            problem.with_changes(cone="round"),
             torques,
             time_limit=seconds,
             static_friction=StaticFriction.COULOMB,

@@ -16,7 +16,6 @@ from graspless_pin.cli.outcome import ExitCode, echo_findings, loaded_scene, pla
 from graspless_pin.findings import tell
 from graspless_pin.holding.verdict import Stability
 from graspless_pin.modes.rules import StaticFriction
-from graspless_pin.problem.cones import ConeModel
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.progress import waiting_for
 from graspless_pin.scene import Scene
@@ -87,7 +86,7 @@ def _changes(scene: Scene, solution: TorqueSolution, nodes: int, limits: Limits)
     problem = solution.problem
     with waiting_for("trying what would make it hold"):
         bounds = contact_force_bounds(
-            problem.with_changes(cone=ConeModel.ROUND),
+            problem.with_changes(cone="round"),
             solution.torques,
             static_friction=StaticFriction.COULOMB,
             time_limit=_RANGES_TIME if limits.left is None else min(_RANGES_TIME, limits.left),

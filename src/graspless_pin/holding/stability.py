@@ -258,6 +258,8 @@ def _asked(
 def _verdict(blank: StabilityVerdict, limits: _Limits) -> StabilityVerdict:
     """Ask the cheapest question first."""
     problem, torques = blank.problem, blank.torques
+    if why := problem.cone_model.no_verdict:
+        return replace(blank, message=why)
     try:
         dynamics, nothing_moves = _dynamics(blank)
     except np.linalg.LinAlgError:

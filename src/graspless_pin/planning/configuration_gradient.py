@@ -254,8 +254,8 @@ def configuration_gradient(
 
     Raises:
         NoSolutionError: If the state has no torques.
-        ArgumentError: If the scene has no hand, the evaluator a regularisation, or ``follows`` is
-            not known.
+        ArgumentError: If the scene has no hand, the evaluator a regularisation, contacts slide by
+            another law than Coulomb's, or ``follows`` is not known.
 
     Examples:
         >>> from graspless_pin import Evaluator, load_scene
@@ -271,6 +271,13 @@ def configuration_gradient(
         raise NoSolutionError(f"This state has no torques ({evaluation.reason}); nothing changes.")
     if scene.hand is None:
         raise ArgumentError("evaluation", "is of a scene without a hand: no joint can move")
+    problem = evaluation.solution.problem
+    if problem.is_sliding.any() and not problem.cone_model.is_coulomb:
+        raise ArgumentError(
+            "evaluation",
+            f"has contacts that slide with the cone {problem.cone!r}; how their friction turns "
+            "with the joints is known of Coulomb's law alone",
+        )
     data = optimum_gradients(evaluation.solution)
     columns = JointColumns(scene.hand)
     contacts = moving_contacts(scene, columns, way)

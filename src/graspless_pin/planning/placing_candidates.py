@@ -205,8 +205,7 @@ def squeezed(problem: QuasistaticProblem, bodies: Sequence[str]) -> bool:
         problem: Contacts with their friction; its load and joints do not count.
         bodies: M names of what touches.
     """
-    angles = 2.0 * np.pi * np.arange(_CONE_EDGES) / _CONE_EDGES
-    ways = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    ways = problem.cone_model.section(_CONE_EDGES).corners
     along = contact_map(problem)[:, :, :6]
     edges = along[:, None, 0] + problem.friction[:, None, None] * (ways @ along[:, 1:])
     wrenches = edges.reshape(-1, 6).T

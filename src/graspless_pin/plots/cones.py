@@ -22,6 +22,7 @@ _ROOM = 1.2
 _ROUND = 96
 _ARROW = 0.9
 _MOVES = 1e-9
+_NOTHING = np.zeros((0, 2))
 
 
 def friction_section(solution: TorqueSolution, contact: int, ax: Axes | None = None) -> Axes:
@@ -103,17 +104,33 @@ def section_corners(solution: TorqueSolution, contact: int, margin: float = 0.0)
         contact: Index of a contact that has a cone.
         margin: Distance that every side face keeps, N; no corners where it leaves nothing.
     """
-    problem = solution.problem
-    edges = _ROUND if problem.is_round else problem.cone_edges
-    half = 0.0 if problem.is_round else np.pi / edges
+    problem, model = solution.problem, solution.problem.cone_model
     normal = float(problem.normals[contact] @ solution.contact_forces[contact])
-    slope = float(problem.friction[contact]) * np.cos(half)
-    # A face at distance e: slope f_n - (outward tangential force) = e sqrt(1 + slope^2).
-    apothem = slope * normal - margin * np.sqrt(1.0 + slope**2)
-    if apothem <= 0.0:
-        return np.zeros((0, 2))
-    angles = 2.0 * np.pi * np.arange(edges) / edges
-    return apothem / np.cos(half) * np.column_stack([np.cos(angles), np.sin(angles)])
+    mu = float(problem.friction[contact])
+    if model.second_order:
+        radius = mu * normal - margin * np.sqrt(1.0 + mu**2)
+        return radius * model.section(_ROUND).corners if radius > 0.0 else _NOTHING
+    section = problem.cone_section
+    corners = mu * normal * section.corners if mu * normal > 0.0 else _NOTHING
+    if margin > 0.0:
+        slopes = mu * section.distances
+        # A face at distance e: slope f_n - (outward tangential force) = e sqrt(1 + slope^2).
+        most = slopes * normal - margin * np.sqrt(1.0 + slopes**2)
+        for direction, distance in zip(section.directions.T, most, strict=True):
+            corners = _cut(corners, direction, distance)
+    return corners
+
+
+def _cut(corners: FloatArray, direction: FloatArray, most: float) -> FloatArray:
+    """Return the corners of the part of a convex polygon that is no farther along a direction."""
+    kept = []
+    for first, second in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        before, after = direction @ first - most, direction @ second - most
+        if before <= 0.0:
+            kept.append(first)
+        if before * after < 0.0:
+            kept.append(first + before / (before - after) * (second - first))
+    return np.array(kept).reshape(-1, 2)
 
 
 def _draw_cone(axes: Axes, solution: TorqueSolution, contact: int, normal: float) -> None:
@@ -121,7 +138,7 @@ def _draw_cone(axes: Axes, solution: TorqueSolution, contact: int, normal: float
 
     problem = solution.problem
     mu = float(problem.friction[contact])
-    if mu * normal > 0.0:
+    if mu * normal > 0.0 and problem.cone_model.is_coulomb:
         axes.add_patch(
             Circle((0.0, 0.0), mu * normal, fill=False, linestyle="--", edgecolor=LIGHT.text,
                    linewidth=0.8, label=r"$\mu f_n$")

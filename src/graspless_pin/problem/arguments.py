@@ -21,7 +21,6 @@ from graspless_pin.problem.checks import (
     FloatArray,
     all_within,
     checked_inertia,
-    choice,
     finite_array,
     first_bad,
     per_item,
@@ -29,7 +28,7 @@ from graspless_pin.problem.checks import (
     unit_rows,
     whole_number,
 )
-from graspless_pin.problem.cones import ConeModel, default_tangents
+from graspless_pin.problem.cones import checked_cone, default_tangents
 from graspless_pin.problem.joint_units import checked_units
 
 AT_REST = 1e-12
@@ -98,7 +97,7 @@ def checked_arguments(
         "upper_torque": upper,
         "max_normal_force": force,
         "cone_edges": whole_number("cone_edges", cone_edges, 3, MOST_CONE_EDGES),
-        "cone": choice(ConeModel, "cone", cone),
+        "cone": checked_cone(cone),
         "joint_names": _checked_names(joint_names, count),
         "joint_units": checked_units(joint_units, count),
         "gravity_torques": gravity,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from enum import StrEnum
 from itertools import pairwise
@@ -223,13 +223,21 @@ def choice(options: type[_Choice], name: str, value: str) -> _Choice:
     Raises:
         ArgumentError: Naming the argument and the values it can have.
     """
-    try:
-        return options(value)
-    except ValueError:
-        known = ", ".join(repr(str(option)) for option in options)
-        near = nearest_name(value, options)
-        meant = "" if near is None else f"; did you mean {near!r}?"
-        raise ArgumentError(name, f"is {value!r:.100}; it must be one of {known}{meant}") from None
+    return options(one_of(tuple(options), name, value))
+
+
+def one_of(known: Collection[str], name: str, value: str) -> str:
+    """Return a value that is one of some texts.
+
+    Raises:
+        ArgumentError: Naming the argument and the values it can have.
+    """
+    if isinstance(value, str) and value in known:
+        return value
+    listed = ", ".join(repr(str(option)) for option in known)
+    near = nearest_name(value, known)
+    meant = "" if near is None else f"; did you mean {near!r}?"
+    raise ArgumentError(name, f"is {value!r:.100}; it must be one of {listed}{meant}")
 
 
 def checked_inertia(

@@ -1,27 +1,18 @@
-"""Tangents, friction-cone edges and faces of point contacts."""
+"""Tangents of point contacts, and the models of their friction cones."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from enum import StrEnum
 from functools import cache
 
 import numpy as np
 
 from graspless_pin.compiled import small_arrays
-from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.problem.checks import FloatArray, one_of, read_only
+from graspless_pin.problem.cone_model import ConeModel, Section
 
 _NEARLY_PARALLEL = 0.99
-
-
-class ConeModel(StrEnum):
-    """What a friction cone is."""
-
-    EDGES = "edges"
-    """A pyramid of `cone_edges` edges inside Coulomb's cone, eq. (4)."""
-    ROUND = "round"
-    """Coulomb's cone itself, |f_t| <= mu f_n."""
 
 
 def default_tangents(normals: FloatArray) -> FloatArray:
@@ -79,72 +70,66 @@ def _tangents(x: float, y: float, z: float, directions: list[list[float]]) -> li
     return [u, y * w - z * v, v, z * u - x * w, w, x * v - y * u]
 
 
-def cone_edges_local(friction: float, edges: int) -> FloatArray:
-    """Return the unit edges of a polyhedral friction cone in (n, t1, t2) coordinates, eq. (4).
+class Pyramid(ConeModel):
+    """The paper's pyramids: edge m lies on Coulomb's cone at the angle 2 pi m / r from t1."""
 
-    The cone is inscribed in the Coulomb cone: edge m lies on it at the angle 2 pi m / r from t1.
+    name, about = "edges", "pyramids of cone_edges edges"
+    is_coulomb = regular = True
 
-    Returns:
-        (3, r) columns c_m.
-    """
-    angles = 2.0 * np.pi * np.arange(edges) / edges
-    columns = np.stack([np.ones(edges), friction * np.cos(angles), friction * np.sin(angles)])
-    return columns / np.sqrt(1.0 + friction**2)
+    def corners(self, edges: int) -> FloatArray:
+        """Return points of the circle."""
+        angles = 2.0 * np.pi * np.arange(edges) / edges
+        return np.column_stack([np.cos(angles), np.sin(angles)])
 
+    def section(self, edges: int) -> Section:
+        """Return the regular polygon in the circle."""
+        return _regular_section(edges)
 
-def cone_faces_local(friction: float | FloatArray, edges: int) -> FloatArray:
-    """Return the unit outward side-face normals of that cone in (n, t1, t2) coordinates, eq. (38).
+    def words(self, edges: int) -> str:
+        """Return the number of edges."""
+        return f"{edges} cone edges"
 
-    Face m lies between the edges m and m + 1: a force f is inside when h_m^T f <= 0, and
-    -h_m^T f is its distance to the face, in newton.
-
-    Args:
-        friction: One coefficient, or (c,) of as many cones.
-        edges: Number r of edges.
-
-    Returns:
-        (3, r) columns h_m; (c, 3, r) for c cones.
-    """
-    slope = np.asarray(friction * np.cos(np.pi / edges))[..., None]
-    columns = np.empty((*slope.shape[:-1], 3, edges))
-    columns[..., 0, :] = -slope
-    columns[..., 1:, :] = face_directions(edges)
-    columns /= np.sqrt(1.0 + slope[..., None] ** 2)
-    return columns
+    def signature(self, edges: int) -> str:
+        """Return the number of edges."""
+        return str(edges)
 
 
-def room_to_faces(forces: FloatArray, friction: FloatArray, edges: int) -> FloatArray:
-    """Return the distance of forces to the nearest side face of their cones, min of -h_m^T f, N.
+class RoundCone(Pyramid):
+    """Coulomb's cone itself, |f_t| <= mu f_n; pyramids stand for it in `C`, `H` and pictures."""
 
-    Args:
-        forces: (c, 3) along n, t1, t2, N.
-        friction: (c,) coefficients.
-        edges: Number r of edges.
+    name, about = "round", "Coulomb's round cones"
+    second_order, regular = True, False
 
-    Returns:
-        (c,), negative outside.
-    """
-    slope = friction * math.cos(math.pi / edges)
-    outward = np.maximum.reduce(forces[:, 1:] @ face_directions(edges), axis=1)
-    return (slope * forces[:, 0] - outward) / np.sqrt(1.0 + slope**2)
+    def words(self, edges: int) -> str:
+        """Return that they are round."""
+        return f"{self.name} cones"
 
+    def signature(self, edges: int) -> str:
+        """Return the name: the edges of pictures do not count."""
+        return self.name
 
-def room_to_round(forces: FloatArray, friction: FloatArray) -> FloatArray:
-    """Return the distance of forces to the surface of their round cones, N.
-
-    Args:
-        forces: (c, 3) along n, t1, t2, N.
-        friction: (c,) coefficients.
-
-    Returns:
-        (c,) (mu f_n - |f_t|) / sqrt(1 + mu^2), negative outside.
-    """
-    rubbing = np.sqrt(np.einsum("ij,ij->i", forces[:, 1:], forces[:, 1:]))
-    return (friction * forces[:, 0] - rubbing) / np.sqrt(1.0 + friction**2)
+    def room(self, forces: FloatArray, friction: FloatArray, edges: int) -> FloatArray:
+        """Return (c,) (mu f_n - |f_t|) / sqrt(1 + mu^2), negative outside."""
+        rubbing = np.sqrt(np.einsum("ij,ij->i", forces[:, 1:], forces[:, 1:]))
+        return (friction * forces[:, 0] - rubbing) / np.sqrt(1.0 + friction**2)
 
 
 @cache
-def face_directions(edges: int) -> FloatArray:
-    """(2, r) directions of the side faces in the plane of t1 and t2."""
+def _regular_section(edges: int) -> Section:
     angles = 2.0 * np.pi * (np.arange(edges) + 0.5) / edges
-    return read_only(np.stack([np.cos(angles), np.sin(angles)]))
+    directions = read_only(np.stack([np.cos(angles), np.sin(angles)]))
+    corners = read_only(Pyramid().corners(edges))
+    return Section(corners, directions, read_only(np.full(edges, np.cos(np.pi / edges))))
+
+
+CONE_MODELS: dict[str, ConeModel] = {model.name: model for model in (Pyramid(), RoundCone())}
+"""All friction cone models by the name that ``cone`` gives: a new one is added to this list."""
+
+
+def checked_cone(cone: str) -> str:
+    """Return the name of a cone model.
+
+    Raises:
+        ArgumentError: If there is none of this name.
+    """
+    return one_of(CONE_MODELS, "cone", cone)

@@ -14,11 +14,10 @@ from graspless_pin.problem.checks import (
     FloatArray,
     all_true,
     all_within,
-    choice,
     make_read_only,
     read_only,
 )
-from graspless_pin.problem.cones import ConeModel
+from graspless_pin.problem.cones import checked_cone
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.problem.quasistatic import QuasistaticProblem
 
@@ -35,7 +34,7 @@ def problem_of_own_arrays(
     torque_limits: tuple[FloatArray, FloatArray],
     max_normal_force: float,
     cone_edges: int,
-    cone: str = ConeModel.EDGES,
+    cone: str = "edges",
     joint_names: tuple[str, ...],
     joint_units: tuple[JointUnit, ...],
     gravity_torques: FloatArray,
@@ -99,7 +98,7 @@ def problem_of_own_arrays(
         upper_torque=upper,
         max_normal_force=_constant(len(positions), max_normal_force),
         cone_edges=cone_edges,
-        cone=_cone(cone),
+        cone=checked_cone(cone),
         joint_names=joint_names,
         joint_units=joint_units,
         gravity_torques=gravity_torques,
@@ -124,11 +123,6 @@ def _are_possible(
         and all_true(friction >= 0.0)
         and all_true((lower <= upper) & (lower < np.inf) & (upper > -np.inf))
     )
-
-
-@lru_cache(maxsize=8)
-def _cone(name: str) -> ConeModel:
-    return choice(ConeModel, "cone", name)
 
 
 @lru_cache(maxsize=64)

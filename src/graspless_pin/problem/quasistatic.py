@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -20,22 +19,11 @@ from graspless_pin.problem.checks import (
     real_array,
     squared_lengths,
 )
-from graspless_pin.problem.cones import (
-    ConeModel,
-    cone_edges_local,
-    cone_faces_local,
-    face_directions,
-    room_to_faces,
-    room_to_round,
-)
+from graspless_pin.problem.cone_model import ConeModel, Section
+from graspless_pin.problem.cones import CONE_MODELS
 from graspless_pin.problem.derived_inertias import INERTIAS, derived, keep_inertias
 from graspless_pin.problem.joint_units import JointUnit
-from graspless_pin.problem.matrices import (
-    block_diagonal,
-    cone_blocks,
-    kinetic_directions,
-    wrench_map,
-)
+from graspless_pin.problem.matrices import block_diagonal, cone_blocks, wrench_map
 from graspless_pin.problem.scales import (
     LIMIT_TOLERANCE,
     Scales,
@@ -68,7 +56,8 @@ class QuasistaticProblem:
         upper_torque: (L,) largest motor torque.
         max_normal_force: (M,) f_n,max, N.
         cone_edges: Number r of edges of a friction cone.
-        cone: Whether forces stay in those pyramids, or in the round cones around them.
+        cone: Name of the model of friction cones: ``edges`` for those pyramids, ``round`` for the
+            round cones around them, or another of `problem.cones.CONE_MODELS`.
         joint_names: L names, the columns of `jacobian`.
         joint_units: L units of their torques.
         gravity_torques: (L,) torque g(q) that the motors bear besides the contacts: the motor's
@@ -97,7 +86,7 @@ class QuasistaticProblem:
     upper_torque: FloatArray
     max_normal_force: FloatArray
     cone_edges: int
-    cone: ConeModel
+    cone: str
     joint_names: tuple[str, ...]
     joint_units: tuple[JointUnit, ...]
     gravity_torques: FloatArray
@@ -117,7 +106,7 @@ class QuasistaticProblem:
         torque_limits: tuple[ArrayLike, ArrayLike] = (-10.0, 10.0),
         max_normal_force: ArrayLike = 50.0,
         cone_edges: int = 32,
-        cone: str = ConeModel.EDGES,
+        cone: str = "edges",
         joint_names: Sequence[str] | None = None,
         joint_units: Sequence[str] | None = None,
         gravity_torques: ArrayLike | None = None,
@@ -139,8 +128,8 @@ class QuasistaticProblem:
             torque_limits: (lower, upper), each scalar or (L,), N m; infinite means unlimited.
             max_normal_force: Scalar or (M,), > 0 and finite, N.
             cone_edges: Edges of each friction cone, >= 3; the first edge is along t1.
-            cone: ``edges``, or ``round`` for Coulomb's cone itself; then `cone_edges` counts in
-                `C`, `H` and pictures only.
+            cone: ``edges``, or ``round`` for Coulomb's cone itself, for which `cone_edges` counts
+                in `C`, `H` and pictures only; or the name of another model.
             joint_names: L distinct names; None: ``joint_1`` ... ``joint_L``.
             joint_units: L units, ``N m`` or ``N``, of the torques; None: N m.
             gravity_torques: (L,) N m; None: zeros.
@@ -169,7 +158,7 @@ class QuasistaticProblem:
         return (
             f"QuasistaticProblem({self.contact_count} contacts, {int(self.is_sliding.sum())} "
             f"sliding, {self.joint_count} joints, "
-            f"{'round cones' if self.is_round else f'{self.cone_edges} cone edges'})"
+            f"{self.cone_model.words(self.cone_edges)})"
         )
 
     def with_changes(self, **changes: Any) -> QuasistaticProblem:
@@ -206,9 +195,14 @@ class QuasistaticProblem:
         return self.jacobian.shape[1]
 
     @property
-    def is_round(self) -> bool:
-        """Whether the friction cones are round."""
-        return self.cone is ConeModel.ROUND
+    def cone_model(self) -> ConeModel:
+        """The model of the friction cones, which tells what they are."""
+        return CONE_MODELS[self.cone]
+
+    @property
+    def cone_section(self) -> Section:
+        """The cross-section that all cones have, times mu f_n; of round cones a picture of it."""
+        return self.cone_model.section(self.cone_edges)
 
     @cached_property
     def scales(self) -> Scales:
@@ -252,8 +246,16 @@ class QuasistaticProblem:
 
     @cached_property
     def kinetic_directions(self) -> FloatArray:
-        """(M, 3) force per newton of normal force where there is no cone, n - mu v/|v|; else 0."""
-        return kinetic_directions(self.normals, self.friction, self.sliding, ~self.has_cone)
+        """(M, 3) force per newton of normal force where there is no cone; else 0.
+
+        It is n - mu v/|v| for Coulomb's law.
+
+        Raises:
+            ArgumentError: If contacts slide and the cone model does not tell their friction.
+        """
+        return self.cone_model.kinetic_directions(
+            self.normals, self.tangents, self.friction, self.sliding, ~self.has_cone
+        )
 
     @cached_property
     def frames(self) -> FloatArray:
@@ -282,10 +284,10 @@ class QuasistaticProblem:
         A sliding or frictionless contact has one edge: the kinetic friction's direction
         n - mu v/|v| normalised, or n.
         """
-        edges = partial(cone_edges_local, edges=self.cone_edges)
         bare = self.kinetic_directions
         lengths = np.where(self.has_cone, 1.0, np.linalg.norm(bare, axis=1))
         bare = bare / lengths[:, None]
+        edges = self.cone_section.edges
         return cone_blocks(self.frames, self.friction, self.has_cone, edges, bare)
 
     @cached_property
@@ -297,7 +299,7 @@ class QuasistaticProblem:
         A sliding or frictionless contact has no side face: its one column is zero and `D_star`
         strikes its row.
         """
-        faces = partial(cone_faces_local, edges=self.cone_edges)
+        faces = self.cone_section.faces
         bare = np.zeros_like(self.normals)
         return cone_blocks(self.frames, self.friction, self.has_cone, faces, bare)
 
@@ -317,7 +319,7 @@ class QuasistaticProblem:
 
         A frictionless contact has no cone to keep a margin in and is struck like a sliding one.
         """
-        edges = np.where(self.has_cone, self.cone_edges, 1)
+        edges = np.where(self.has_cone, len(self.cone_section.corners), 1)
         return read_only(np.diag(np.repeat((~self.has_cone).astype(np.float64), edges)))
 
     def room_in_cones(self, forces: FloatArray) -> FloatArray:
@@ -330,10 +332,7 @@ class QuasistaticProblem:
             (M,), negative outside; inf where there is no cone.
         """
         local = (forces[:, None, :] @ self.frames)[:, 0]
-        if self.is_round:
-            room = room_to_round(local, self.friction)
-        else:
-            room = room_to_faces(local, self.friction, self.cone_edges)
+        room = self.cone_model.room(local, self.friction, self.cone_edges)
         return np.where(self.has_cone, room, np.inf)
 
     def margin_of(self, forces: ArrayLike) -> float:
@@ -346,10 +345,11 @@ class QuasistaticProblem:
             forces: (M, 3) contact forces on the object, N.
         """
         f = real_array("forces", forces, (self.contact_count, 3))
-        if contact_frames is not None and not self.is_round:
+        if contact_frames is not None and self.cone_model.regular:
+            section = self.cone_section
             return contact_frames.margin(
-                f, self.normals, self.tangents, self.friction * math.cos(math.pi / self.cone_edges),
-                self.has_cone, self.max_normal_force, face_directions(self.cone_edges),
+                f, self.normals, self.tangents, self.friction * section.distances[0],
+                self.has_cone, self.max_normal_force, section.directions,
             )  # fmt: skip
         normal = np.einsum("ij,ij->i", self.normals, f)
         sides = self.room_in_cones(f)

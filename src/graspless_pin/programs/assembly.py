@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -12,7 +11,7 @@ import numpy as np
 from graspless_pin.compiled import paper_programs
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
-from graspless_pin.problem.cones import face_directions
+from graspless_pin.problem.cone_model import Section
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.problem.scales import (
     LEAST_DIFFERENCE,
@@ -21,7 +20,7 @@ from graspless_pin.problem.scales import (
     MOST_STRICT,
 )
 from graspless_pin.programs.builder import ProgramBuilder
-from graspless_pin.programs.cones import edge_cones, reach_of
+from graspless_pin.programs.cones import face_rows, reach_of
 from graspless_pin.programs.forces import ForceCoordinates, force_coordinates, force_rows
 from graspless_pin.programs.layout import ForceLayout, layout_of
 from graspless_pin.programs.objectives import Margin, Objective, Torque, TorqueShare
@@ -71,7 +70,7 @@ class Likeness:
         reach: (2, n) see `cone_reach`.
         sides: (n + 1, s) transposed rows x + e of faces, n^T f + e and, without a cone, -n^T f + e.
         friction: (M,) coefficients.
-        edges: Of a cone.
+        section: Of their cones, a regular one.
     """
 
     layout: ForceLayout
@@ -79,7 +78,7 @@ class Likeness:
     reach: FloatArray
     sides: FloatArray
     friction: FloatArray
-    edges: int
+    section: Section
 
     def has_rows_of(self, other: Likeness) -> bool:
         """Whether the programs of both have the same rows, whatever the coefficients of friction.
@@ -104,20 +103,20 @@ def likeness_of(problem: QuasistaticProblem, friction: FloatArray | None = None)
     """
     rubbing = problem.friction if friction is None else friction
     mask, sliding = problem.has_cone.tobytes(), problem.is_sliding.tobytes()
-    return _likeness(mask, rubbing.tobytes(), sliding, problem.cone_edges)
+    return _likeness(mask, rubbing.tobytes(), sliding, problem.cone_section)
 
 
 @lru_cache(maxsize=256)
-def _likeness(mask: bytes, friction: bytes, _sliding: bytes, edges: int) -> Likeness:
+def _likeness(mask: bytes, friction: bytes, _sliding: bytes, section: Section) -> Likeness:
     layout = layout_of(mask)
-    cones = edge_cones(layout, np.frombuffer(friction)[layout.cones], edges)
+    cones = face_rows(layout, np.frombuffer(friction)[layout.cones], section)
     n, normal = layout.size, layout.picks
     parts = [cones.rows, normal, -normal[layout.bare]]
     sides = np.ones((sum(map(len, parts)), n + 1), order="F")
     sides[:, :-1] = np.concatenate(parts)
     return Likeness(
         layout, len(cones.rows), reach_of(mask, friction), read_only(sides.T),
-        read_only(np.frombuffer(friction)), edges,
+        read_only(np.frombuffer(friction)), section,
     )  # fmt: skip
 
 
@@ -136,8 +135,8 @@ def shared_arguments(
         "reach": likeness.reach,
         "has_cone": ~likeness.layout.bare,
         "friction": likeness.friction,
-        "slopes": likeness.friction * math.cos(math.pi / likeness.edges),
-        "directions": face_directions(likeness.edges),
+        "slopes": likeness.friction * likeness.section.distances[0],
+        "directions": likeness.section.directions,
         "least_lever": LEAST_LEVER,
         "rounding": LEAST_DIFFERENCE,
         "farthest": FARTHEST,

@@ -162,7 +162,7 @@ class ProgramBuilder:
     ) -> None:
         """Keep the forces a margin away from the surface of their cones (42).
 
-        Their block is ``faces`` (side faces of pyramids) or ``round_cones``.
+        Their block is ``faces`` (their side faces) or ``round_cones``.
 
         Args:
             margin: A column, or the margin over F.

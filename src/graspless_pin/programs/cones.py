@@ -1,12 +1,11 @@
 """What a friction cone is to a program: rows that keep forces a margin away from its surface.
 
-A cone model is one function, from the layout and the friction coefficients to its rows; problems
-whose contacts have the same cones share them, read-only.
+A model's section gives the side faces, and round cones have rows of their own; problems whose
+contacts have the same cones share them, read-only.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
-from graspless_pin.problem.cones import ConeModel, cone_faces_local
+from graspless_pin.problem.cone_model import ConeModel, Section
 from graspless_pin.programs.layout import ForceLayout, layout_of
 
 _FRAME = np.arange(3)
@@ -50,26 +49,26 @@ class ConeRows:
 def cone_rows(problem: QuasistaticProblem) -> ConeRows:
     """Return the rows of a problem's friction cones."""
     mask, friction = problem.has_cone.tobytes(), problem.friction.tobytes()
-    return _cone_rows(problem.cone, mask, friction, problem.cone_edges)
+    return _cone_rows(problem.cone_model, mask, friction, problem.cone_edges)
 
 
-def edge_cones(layout: ForceLayout, friction: FloatArray, edges: int) -> ConeRows:
-    """Return the side faces of pyramids with some edges, h_m^T f + e <= 0 (42).
+def face_rows(layout: ForceLayout, friction: FloatArray, section: Section) -> ConeRows:
+    """Return the side faces of cones, h_m^T f + e <= 0 (42).
 
     Args:
         layout: Where the force coordinates stand.
         friction: (c,) coefficients of the contacts with a cone.
-        edges: Number r of edges.
+        section: Of all cones.
     """
-    cones = layout.cones
+    cones, edges = layout.cones, len(section.corners)
     faces = np.zeros((len(cones), edges, layout.size))
     columns = layout.normal[cones, None] + _FRAME
-    faces[np.arange(len(cones))[:, None], :, columns] = cone_faces_local(friction, edges)
+    faces[np.arange(len(cones))[:, None], :, columns] = section.faces(friction)
     rows = np.asfortranarray(faces.reshape(-1, layout.size))
     return _rows("faces", rows, np.ones(len(rows)), layout, edges)
 
 
-def round_cones(layout: ForceLayout, friction: FloatArray, _edges: int) -> ConeRows:
+def round_cones(layout: ForceLayout, friction: FloatArray) -> ConeRows:
     """Return Coulomb's cones as second-order cones, |f_t| <= mu f_n - sqrt(1 + mu^2) e.
 
     Args:
@@ -85,12 +84,6 @@ def round_cones(layout: ForceLayout, friction: FloatArray, _edges: int) -> ConeR
     margin[:, 0] = np.sqrt(1.0 + friction**2)
     flat = np.asfortranarray(rows.reshape(-1, layout.size))
     return _rows("round_cones", flat, margin.ravel(), layout, 3, second_order=True)
-
-
-_MODELS: dict[ConeModel, Callable[[ForceLayout, FloatArray, int], ConeRows]] = {
-    ConeModel.EDGES: edge_cones,
-    ConeModel.ROUND: round_cones,
-}
 
 
 def _rows(
@@ -109,9 +102,12 @@ def _rows(
 
 
 @lru_cache(maxsize=_MOST_KEPT)
-def _cone_rows(cone: ConeModel, mask: bytes, friction: bytes, edges: int) -> ConeRows:
+def _cone_rows(model: ConeModel, mask: bytes, friction: bytes, edges: int) -> ConeRows:
     layout = layout_of(mask)
-    return _MODELS[cone](layout, np.frombuffer(friction)[layout.cones], edges)
+    coefficients = np.frombuffer(friction)[layout.cones]
+    if model.second_order:
+        return round_cones(layout, coefficients)
+    return face_rows(layout, coefficients, model.section(edges))
 
 
 @lru_cache(maxsize=_MOST_KEPT)

@@ -106,7 +106,7 @@ def force_coordinates(problem: QuasistaticProblem, margin: float = 0.0) -> Force
 
 def _directions(problem: QuasistaticProblem, layout: ForceLayout) -> FloatArray:
     """(M, 3, 3) see `ForceCoordinates`."""
-    if contact_frames is not None:
+    if contact_frames is not None and problem.cone_model.is_coulomb:
         return contact_frames.force_directions(
             problem.normals, problem.tangents, problem.friction, problem.sliding, problem.has_cone
         )

@@ -22,9 +22,10 @@ from graspless_pin.errors import SceneError
 from graspless_pin.findings import plain_findings
 from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.report.objective_data import objective_data
-from graspless_pin.report.proof_data import multipliers_data, proof_data
+from graspless_pin.report.proof_data import cone_data, multipliers_data, proof_data
 from graspless_pin.report.provenance import provenance
 from graspless_pin.report.verdict_data import disturbance_data, verdict_data
+from graspless_pin.report.verify.reading import KNOWN_CONES
 from graspless_pin.report.verify.refutation import proven_violation
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
@@ -93,12 +94,14 @@ def solution_document(
             "static_friction": str(solution.rules.static_friction),
         },
         "external_wrench": solution.problem.external_wrench,
-        "cone": str(solution.problem.cone),
+        "cone": solution.problem.cone,
         "cone_edges": solution.problem.cone_edges,
         "scales": {"force": coordinates.force_scale, "length": coordinates.length_scale},
         "object_inertia": solution.problem.object_inertia,
         "joint_inertia": solution.problem.joint_inertia,
     }
+    if solution.problem.cone not in KNOWN_CONES:
+        document["coulombs_law"] = solution.problem.cone_model.is_coulomb
     if solution.algorithm is None:
         document["objective"] = objective_data(solution)
     if scene is not None:
@@ -235,6 +238,7 @@ def _contacts(solution: TorqueSolution, scene: Scene | None) -> list[dict[str, A
             "signs": None if mode is None else mode.signs[index],
             "jacobian": problem.jacobian[3 * index : 3 * index + 3],
         }
+        entry |= cone_data(problem, index)
         if scene is not None:
             entry = {"bodies": [scene.contacts.bodies[index], scene.object.name], **entry}
         contacts.append(entry)

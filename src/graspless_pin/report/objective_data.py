@@ -117,13 +117,10 @@ def _check_blocks(solution: TorqueSolution, program: Program, blocks: dict[str, 
     names = Counter(block.name for block in program.blocks)
     twice = [name for name, count in names.items() if count > 1]
     bounded = "normal_upper" in blocks or any(b.name == "normal" for b in program.bounded_blocks)
-    if (
-        solution.problem.is_round
-        or twice
-        or not (bounded and {"balance", "faces"} <= blocks.keys())
-    ):
+    is_round = solution.problem.cone_model.second_order
+    if is_round or twice or not (bounded and {"balance", "faces"} <= blocks.keys()):
         why = "does not keep the balance, the cones and the limits of normal forces"
-        if solution.problem.is_round:
+        if is_round:
             why = "has round cones"
         elif twice:
             why = f"has two blocks of the name '{twice[0]}'"

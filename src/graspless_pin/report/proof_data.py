@@ -1,4 +1,4 @@
-"""Proofs and multipliers as plain data, in the units of the problem."""
+"""Cones, proofs and multipliers as plain data, in the units of the problem."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from graspless_pin.programs.assembly import scaled_program
 from graspless_pin.programs.marginals import scaled_weights
 from graspless_pin.programs.objectives import Objective
 from graspless_pin.report.objective_data import added_columns
+from graspless_pin.report.verify.reading import KNOWN_CONES
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.proof import (
     BoundLeaf,
@@ -71,6 +72,19 @@ def multipliers_data(solution: TorqueSolution, y: FloatArray, z: FloatArray) -> 
     return data
 
 
+def cone_data(problem: QuasistaticProblem, contact: int) -> dict[str, FloatArray]:
+    """Return the cone of a contact where its normal force is 1, along t1 and t2, by key.
+
+    Checkers know the paper's pyramids and Coulomb's cone by name; of other models they are told the
+    ``cone_corners``, (r, 2), and where there is no cone the ``kinetic_friction``, (2,).
+    """
+    if problem.cone in KNOWN_CONES:
+        return {}
+    if problem.has_cone[contact]:
+        return {"cone_corners": problem.friction[contact] * problem.cone_section.corners}
+    return {"kinetic_friction": problem.tangents[contact].T @ problem.kinetic_directions[contact]}
+
+
 def _sizes(solution: TorqueSolution) -> dict[str, int]:
     """Multipliers that documents of both algorithms have."""
     if solution.algorithm is None:
@@ -97,7 +111,7 @@ def read_multipliers(
     """
     _, program, unit = scaled_program(problem, objective)
     found = {name: as_numbers(values) for name, values in data.items() if name != "faces"}
-    if not problem.is_round:
+    if not problem.cone_model.second_order:
         found["faces"] = _faces(data["faces"], problem)
     weights = scaled_weights(program.blocks, found, unit)
     count = len(program.b)
@@ -106,7 +120,7 @@ def read_multipliers(
 
 def _faces(listed: list[Any], problem: QuasistaticProblem) -> FloatArray:
     """(M, r) multipliers of all faces."""
-    faces = np.zeros((problem.contact_count, problem.cone_edges))
+    faces = np.zeros((problem.contact_count, len(problem.cone_section.corners)))
     cones = np.flatnonzero(problem.has_cone).tolist()
     for contact, face, value in listed:
         faces[cones[cones.index(contact)], face] = as_number(value)

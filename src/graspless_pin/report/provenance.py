@@ -36,8 +36,7 @@ def file_sha256(path: Path) -> str | None:
 
 def problem_sha256(problem: QuasistaticProblem) -> str:
     """Return the hash of a problem's known arrays, as little-endian doubles, and of its cones."""
-    cone = "round" if problem.is_round else str(problem.cone_edges)
-    digest = hashlib.sha256(cone.encode())
+    digest = hashlib.sha256(_cones(problem).encode())
     for name in (*_ARRAYS, *INERTIAS):
         if getattr(problem, name) is None:
             continue
@@ -66,11 +65,14 @@ def provenance(problem: QuasistaticProblem, scene_file: Path | None) -> dict[str
     }
 
 
+def _cones(problem: QuasistaticProblem) -> str:
+    """Return what tells the cones of a problem from others."""
+    return problem.cone_model.signature(problem.cone_edges)
+
+
 def same_problem(first: QuasistaticProblem, second: QuasistaticProblem) -> bool:
     """Return whether two problems are the same but for rounding and inertias that one lacks."""
-    if first.cone is not second.cone or first.joint_names != second.joint_names:
-        return False
-    if first.cone_edges != second.cone_edges and not first.is_round:
+    if _cones(first) != _cones(second) or first.joint_names != second.joint_names:
         return False
     pairs = [(getattr(first, name), getattr(second, name)) for name in (*_ARRAYS, *INERTIAS)]
     known = [(a, b) for a, b in pairs if a is not None and b is not None]

@@ -36,10 +36,11 @@ from graspless_pin.problem.derived_inertias import with_derived_inertias
 from graspless_pin.programs.assembly import scaled_program
 from graspless_pin.programs.objectives import Algorithm, Margin, Objective, Torque, TorqueShare
 from graspless_pin.report.document import DOCUMENT_FORMAT
-from graspless_pin.report.proof_data import as_number, as_numbers, read_multipliers
+from graspless_pin.report.proof_data import as_number, as_numbers, cone_data, read_multipliers
 from graspless_pin.report.stated_objective import StatedObjective
 from graspless_pin.solution import FOUND, Certificate, Evidence, Guarantee, Status, TorqueSolution
 
+_SAME = 1e-9
 _ROUND_ROWS = 3
 """Rows of a round cone."""
 _OWN_ROWS = 3
@@ -79,7 +80,10 @@ def _coefficients(document: dict[str, Any], contacts: int, joints: int) -> int:
     """Return the rows times the columns of a document's program, or a little more."""
     edges, faces = document.get("cone_edges"), _ROUND_ROWS
     if isinstance(edges, int) and document.get("cone") != "round":
-        faces = min(edges, MOST_CONE_EDGES)
+        stated = [
+            len(_listed(contact, "cone_corners")) for contact in _listed(document, "contacts")
+        ]
+        faces = max([min(edges, MOST_CONE_EDGES), *stated])
     rows, columns = contacts * (faces + _OWN_ROWS) + 2 * joints + 6, 3 * contacts + 1
     own = document.get("objective")
     if isinstance(own, dict):
@@ -357,8 +361,21 @@ def _problem(document: dict[str, Any]) -> QuasistaticProblem:
         joint_units=[joint["unit"] for joint in joints],
         gravity_torques=as_numbers([joint["torque_gravity"] for joint in joints]),
     )
+    _check_cones(problem, contacts)
     # A URDF may state inertias that are none: solutions do not hang on them.
     return with_derived_inertias(problem, {name: lambda a=a: a for name, a in inertias.items()})
+
+
+def _check_cones(problem: QuasistaticProblem, contacts: list[dict[str, Any]]) -> None:
+    """Refuse a document whose cones are not those of the model of that name here."""
+    for index, contact in enumerate(contacts):
+        for key, own in cone_data(problem, index).items():
+            stated = as_numbers(contact[key])
+            if stated.shape != own.shape or not np.allclose(stated, own, rtol=0.0, atol=_SAME):
+                raise ArgumentError(
+                    "document",
+                    f"contacts[{index}].{key}: are not those of the cone {problem.cone!r} here",
+                )
 
 
 def _figure(figures: dict[str, Any], item: Field[Any]) -> Any:

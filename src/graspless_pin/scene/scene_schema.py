@@ -6,7 +6,7 @@ errors, so that a misspelt one is not silently ignored.
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import (
     BeforeValidator,
@@ -30,10 +30,12 @@ from graspless_pin.intake.fields import (
     Regularization,
     no_truth_value,
 )
+from graspless_pin.problem.cones import CONE_MODELS
 from graspless_pin.scene.body_schema import Direction, ObjectEntry, SupportEntry, TwistEntry, Vector
 from graspless_pin.scene.hand_schema import HandEntry
 
 ConeEdges = Annotated[int, Field(ge=3, le=MOST_CONE_EDGES), BeforeValidator(no_truth_value)]
+ConeName = str if TYPE_CHECKING else Literal[tuple(CONE_MODELS)]
 NodeLimit = Annotated[int, Field(ge=1), BeforeValidator(no_truth_value)]
 PatchPoints = Annotated[int, Field(ge=3, le=64), BeforeValidator(no_truth_value)]
 
@@ -138,8 +140,9 @@ class SceneEntry(Entry):
     cone_edges: ConeEdges = Field(
         default=32, description="edges of the pyramid that stands for each friction cone"
     )
-    cone: Literal["edges", "round"] = Field(
-        default="edges", description="pyramids of cone_edges edges, or Coulomb's round cones"
+    cone: ConeName = Field(
+        default="edges",
+        description="; ".join(f"{name}: {model.about}" for name, model in CONE_MODELS.items()),
     )
     contact_tolerance: Length = Field(
         default=1e-3, description="[m] largest gap at which two bodies touch"

@@ -13,6 +13,7 @@ from graspless_pin.geometry.contact.distances import separation
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.holding.options import StabilityKeywords
 from graspless_pin.holding.verdict import MovingPart, StabilityVerdict
+from graspless_pin.problem.cones import CONE_MODELS, checked_cone
 from graspless_pin.solution import TorqueSolution
 
 if TYPE_CHECKING:
@@ -127,6 +128,8 @@ def _fingers(hand: Hand) -> dict[str, str]:
 
 def unknown_of(scene: Scene) -> str:
     """Return why no verdict on torques of a scene can be had; empty: one can."""
+    if why := CONE_MODELS[checked_cone(scene.cone)].no_verdict:
+        return why
     touching = hand_support_contacts(scene)
     if not touching:
         return ""

@@ -203,8 +203,8 @@ def simulation_model(
 
     Raises:
         ArgumentError: If the torques have the wrong shape.
-        SceneError: If the scene declares a motion, has a body without a coefficient of friction,
-            or see `Scene.contacts`.
+        SceneError: If the scene declares a motion, has a body without a coefficient of friction or
+            another cone model than Coulomb's law, or see `Scene.contacts`.
 
     Examples:
         >>> from graspless_pin import load_scene
@@ -216,6 +216,12 @@ def simulation_model(
     """
     _check_at_rest(scene)
     problem = scene.problem()
+    if not problem.cone_model.is_coulomb:
+        where = scene.name if scene.path is None else scene.path
+        raise SceneError(
+            f"{where}: cone: is {problem.cone!r}, and the simulation has Coulomb's law; "
+            "use 'edges' or 'round'"
+        )
     given = finite_array("torques", torques, (problem.joint_count,))
     document = Mjcf(scene.name)
     _write_options(document, scene, contact_model)

@@ -57,7 +57,8 @@ def limiting_contacts(solution: TorqueSolution) -> dict[ContactLimit, list[int]]
     if solution.algorithm is Algorithm.MARGIN and solution.status is not Status.STRONG:
         found = solution.multipliers
         # The first of a round cone's multipliers is its force in the direction of the margin.
-        sides = found["round_cones"][:, 0] if problem.is_round else found["faces"].sum(axis=1)
+        second_order = problem.cone_model.second_order
+        sides = found["round_cones"][:, 0] if second_order else found["faces"].sum(axis=1)
         weights = near * np.column_stack([found["normal_lower"], found["normal_upper"], sides])
         if weights.any():
             near = weights >= _AS_MUCH * weights.max()

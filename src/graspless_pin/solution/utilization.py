@@ -34,13 +34,15 @@ def force_sizes(problem: QuasistaticProblem) -> FloatArray:
 def friction_use(problem: QuasistaticProblem, forces: FloatArray) -> FloatArray:
     """(M,) |tangential force| / (mu times normal force); NaN where there is no friction or load.
 
-    1 is the edge of the Coulomb cone; the polyhedral cone inside it ends a little earlier.
+    1 is the edge of the Coulomb cone; the polyhedral cone inside it ends a little earlier. Of
+    other laws it is the edge of the cone itself, where contacts that slide are.
     """
-    normal = np.einsum("ij,ij->i", problem.normals, forces)
-    tangential = forces - normal[:, None] * problem.normals
-    most = problem.friction * normal
+    local = np.einsum("mji,mj->mi", problem.frames, forces)
+    most, model = problem.friction * local[:, 0], problem.cone_model
     with np.errstate(divide="ignore", invalid="ignore"):
-        use = np.linalg.norm(tangential, axis=1) / most
+        use = model.friction_sizes(local[:, 1:], problem.cone_edges) / most
+    if not model.is_coulomb:
+        use[problem.is_sliding] = 1.0
     return np.where(most > 0.0, use, np.nan)
 
 

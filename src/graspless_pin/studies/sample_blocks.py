@@ -15,7 +15,7 @@ from graspless_pin.findings import Finding
 from graspless_pin.planning.warm_starts import WarmStarts
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.problem.cones import ConeModel
+from graspless_pin.problem.cones import CONE_MODELS
 from graspless_pin.programs.objectives import Objective
 from graspless_pin.scene.problem_data import (
     JointedContacts,
@@ -132,7 +132,7 @@ class SampleBlock:
             last is None or kind.state is not last.state or kind[1:] != last[1:]
         ):
             yield from self.rest()
-        if kind.cone == ConeModel.EDGES and are_for(kind.objective, kind.options):
+        if are_for(CONE_MODELS[kind.cone], kind.objective, kind.options):
             self._kind = kind
             self._run.append((number, scene, found, loads))
         else:

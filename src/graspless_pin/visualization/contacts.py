@@ -15,7 +15,6 @@ from graspless_pin.holding.verdict import ContactState, DynamicOutcome
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
-from graspless_pin.problem.cones import cone_edges_local
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.active_limits import ContactLimit, contact_rooms, limiting_contacts
 from graspless_pin.solution.tables import force_rounding, shown
@@ -253,13 +252,14 @@ def virtual_velocities(solution: TorqueSolution) -> FloatArray:
 
 def _cones(problem: QuasistaticProblem, points: FloatArray, height: float) -> Iterator[Mesh]:
     """Return the cones, of one height along the normal, with the problem's own edges if any."""
-    count = _ROUND if problem.is_round else problem.cone_edges
+    model = problem.cone_model
+    corners = model.section(_ROUND if model.second_order else problem.cone_edges).corners
     for index in np.flatnonzero(problem.has_cone).tolist():
-        local = cone_edges_local(float(problem.friction[index]), count)
         frame = np.column_stack([problem.normals[index], problem.tangents[index]])
+        local = np.column_stack([np.ones(len(corners)), problem.friction[index] * corners])
         # A steep cone keeps its slant height, or wide cones would hide everything.
-        stretch = height / max(local[0, 0], np.sqrt(0.5))
-        edges = stretch * (frame @ local).T
+        slant = float(np.hypot(1.0, problem.friction[index]))
+        edges = height / max(1.0, slant * np.sqrt(0.5)) * local @ frame.T
         if np.linalg.det(frame) < 0.0:  # edges run the other way round
             edges = edges[::-1]
         yield _mesh(Role.CONE, index, pyramid_surface(points[index], edges), _CONE_OPACITY)

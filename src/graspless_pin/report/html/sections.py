@@ -140,6 +140,7 @@ def friction_figures(solution: TorqueSolution) -> list[str]:
     """Return the friction of each contact in the cut of its cone, as SVGs."""
     problem = solution.problem
     figures, rounding = [], force_rounding(problem)
+    size = "radius" if problem.cone_model.is_coulomb else "up to"
     for contact in range(problem.contact_count):
         force = solution.contact_forces[contact]
         normal = float(problem.normals[contact] @ force)
@@ -151,7 +152,7 @@ def friction_figures(solution: TorqueSolution) -> list[str]:
         )
         alt = (
             f"Contact {contact}, {state}: friction ({first}, {second}) N along t1 and t2, in a "
-            f"cone of radius {radius} N."
+            f"cone of {size} {radius} N."
         )
         draw = partial(friction_section, solution, contact)
         figures.append(_inline_svg(f"friction-{contact}", alt, _SECTION_SIZE, draw))

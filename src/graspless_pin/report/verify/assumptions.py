@@ -23,6 +23,7 @@ def taken_as_given(problem: Problem, document: dict[str, Any]) -> list[Check]:
         given("units", _units(problem, document)),
         given("load", _load(problem, document)),
         given("limits", _limits(problem)),
+        *_of_cones(problem, document),
         *_of_objective(problem, document),
         given(
             "how it was found",
@@ -30,6 +31,16 @@ def taken_as_given(problem: Problem, document: dict[str, Any]) -> list[Check]:
             "with another threshold of motions",
         ),
     ]
+
+
+def _of_cones(problem: Problem, document: dict[str, Any]) -> list[Check]:
+    """Return what is taken as it stands of friction cones that are not known by name."""
+    if problem.corners is None:
+        return []
+    detail = f"their {problem.edges} corners, kinetic friction where contacts slide"
+    if problem.coulombs_law:
+        detail += ", and that they stand for Coulomb's law"
+    return [given(f"cones {short_text(document['cone'], 'cone')[:60]!r}", detail)]
 
 
 def _units(problem: Problem, document: dict[str, Any]) -> str:

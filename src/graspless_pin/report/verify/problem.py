@@ -46,6 +46,10 @@ class Problem:
         J: (M, 3, L) contact Jacobian.
         w: (6,) external wrench, N and N m.
         edges: Edges of each cone; 0: they are round.
+        corners: (M, r, 2) friction along t1 and t2 at the edges of cones that are neither round nor
+            the paper's pyramids, over the normal force; zeros without a cone.
+        kinetic: (M, 2) such friction where there is no cone.
+        coulombs_law: Whether that is what the cones stand for.
         lower: (L,) smallest torques.
         upper: (L,) largest torques.
         gravity: (L,) torques that the motors bear besides the contacts.
@@ -80,6 +84,9 @@ class Problem:
     constrained: bool
     coulomb: bool
     own: OwnObjective | None = None
+    corners: np.ndarray | None = None
+    kinetic: np.ndarray | None = None
+    coulombs_law: bool = True
 
     @property
     def count(self) -> int:
@@ -114,6 +121,8 @@ class Problem:
     @cached_property
     def directions(self) -> np.ndarray:
         """(M, 3) force per newton of normal force where there is no cone, n - mu v / |v|."""
+        if self.kinetic is not None:
+            return self.frames[:, 0] + np.einsum("lj,ljk->lk", self.kinetic, self.frames[:, 1:])
         speed = np.where(self.slides, np.linalg.norm(self.v, axis=1), 1.0)
         kinetic = np.where(self.slides, self.mu, 0.0)[:, None] * self.v / speed[:, None]
         return self.frames[:, 0] - kinetic
@@ -213,6 +222,8 @@ class Problem:
         """(r, 3) unit outward face normals in (n, t1, t2) coordinates; none of round cones."""
         if self.is_round:
             return np.zeros((0, 3))
+        if self.corners is not None:
+            return faces_between(self.corners[contact])
         angles = 2.0 * np.pi * (np.arange(self.edges) + 0.5) / self.edges
         slope = self.mu[contact] * np.cos(np.pi / self.edges)
         rows = np.column_stack([np.full(self.edges, -slope), np.cos(angles), np.sin(angles)])
@@ -232,6 +243,17 @@ class Problem:
             shares = np.where(up > 0.0, forces.torques / up, 0.0)
             shares = np.maximum(shares, np.where(down > 0.0, -forces.torques / down, 0.0))
         return curved + float(shares.max(initial=0.0))
+
+
+def faces_between(corners: np.ndarray) -> np.ndarray:
+    """(r, 3) unit outward face normals in (n, t1, t2) coordinates of a cone with these edges.
+
+    Args:
+        corners: (r, 2) friction at the edges over the normal force, counterclockwise.
+    """
+    x, y = (np.roll(corners, -1, axis=0) - corners).T
+    rows = np.column_stack([-(corners * np.column_stack([y, -x])).sum(axis=1), y, -x])
+    return rows / np.linalg.norm(rows, axis=1, keepdims=True)
 
 
 class Forces:

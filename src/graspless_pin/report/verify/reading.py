@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from graspless_pin.report.verify import tolerances
 from graspless_pin.report.verify.own_objective import read_own_objective
-from graspless_pin.report.verify.problem import Forces, Problem
+from graspless_pin.report.verify.problem import Forces, Problem, faces_between
 from graspless_pin.report.verify.values import (
     MOST,
     array,
@@ -21,6 +22,8 @@ from graspless_pin.report.verify.values import (
 )
 
 CHECKED_FORMAT = 2
+KNOWN_CONES = ("edges", "round")
+"""Models of friction cones that are known by name; of others a document states the corners."""
 
 
 def read_problem(document: dict[str, Any]) -> Problem:
@@ -33,8 +36,14 @@ def read_problem(document: dict[str, Any]) -> Problem:
     contacts = items(entry(document, "contacts", where), "contacts", 1, MOST)
     joints = items(entry(document, "joints", where), "joints", 0, MOST)
     edges = whole(entry(document, "cone_edges", where), "cone_edges", 3, MOST)
-    if word(document.get("cone", "edges"), "cone", ("edges", "round")) == "round":
+    cone, corners, kinetic = short_text(document.get("cone", "edges"), "cone"), None, None
+    law = True
+    if cone == "round":
         edges = 0
+    elif cone not in KNOWN_CONES:
+        law = truth(entry(document, "coulombs_law", where), "coulombs_law")
+        corners, kinetic = _read_cones(contacts, cone)
+        edges = corners.shape[1]
     rules = entry(document, "rules", where)
     algorithm, own = entry(document, "algorithm", where), None
     if algorithm is None:
@@ -85,7 +94,12 @@ def read_problem(document: dict[str, Any]) -> Problem:
         constrained=said["sliding_rule"] == "constrained",
         coulomb=said["static_friction"] == "coulomb",
         own=own,
+        corners=corners,
+        kinetic=kinetic,
+        coulombs_law=law,
     )
+    if corners is not None and kinetic is not None:
+        _check_cones(problem, [*zip(corners, kinetic, strict=True)])
     for name, wrong in {
         "friction must not be negative": problem.mu < 0.0,
         "max_normal_force must be positive": problem.limit <= 0.0,
@@ -100,6 +114,48 @@ def read_problem(document: dict[str, Any]) -> Problem:
     for index, joint in enumerate(joints):
         short_text(entry(joint, "name", f"joint {index}"), "a joint's name")
     return problem
+
+
+def _read_cones(contacts: list[Any], cone: str) -> tuple[np.ndarray, np.ndarray]:
+    """(M, r, 2) corners and (M, 2) kinetic friction that a document states of its cones."""
+    stated, kinetic = [], np.zeros((len(contacts), 2))
+    for index, contact in enumerate(contacts):
+        where = f"contact {index}"
+        if isinstance(contact, dict) and "kinetic_friction" in contact:
+            kinetic[index] = array(
+                contact["kinetic_friction"], (2,), f"kinetic_friction of {where}"
+            )
+            continue
+        own = entry(contact, "cone_corners", f"{where} with the cone {cone!r}, not known by name,")
+        stated.append((index, items(own, f"cone_corners of {where}", 3, MOST)))
+    count = len(stated[0][1]) if stated else 3
+    corners = np.zeros((len(contacts), count, 2))
+    for index, own in stated:
+        corners[index] = array(own, (count, 2), f"cone_corners of contact {index}")
+    return corners, kinetic
+
+
+def _check_cones(problem: Problem, cones: list[tuple[np.ndarray, np.ndarray]]) -> None:
+    """Refuse cones that are no convex ones around the normal, or beyond Coulomb's.
+
+    Raises:
+        ValueError: Naming the contact.
+    """
+    most = problem.mu * (1.0 + tolerances.SAME)
+    for index in range(problem.count):
+        where, corners, kinetic = f"contact {index}", *cones[index]
+        if not problem.cone[index]:
+            along = float(problem.frames[index, 1:] @ problem.v[index] @ kinetic)
+            if np.linalg.norm(kinetic) > most[index] or along > 0.0:
+                raise ValueError(f"kinetic_friction of {where} is too large, or along its sliding")
+            continue
+        with np.errstate(invalid="ignore"):  # of corners that are one
+            faces = faces_between(corners)
+        outside = np.column_stack([np.ones(len(corners)), corners]) @ faces.T
+        if not (faces[:, 0] < 0.0).all() or outside.max() > tolerances.SAME:
+            raise ValueError(f"cone_corners of {where} are no convex polygon around its normal")
+        if np.linalg.norm(corners, axis=1).max() > most[index]:
+            raise ValueError(f"cone_corners of {where} are beyond its coefficient of friction")
 
 
 def read_origin(document: dict[str, Any]) -> np.ndarray:

@@ -220,6 +220,9 @@ class _Verdict:
         if self.status == "undecided":
             return [*checks, holds("whether the object stays", passed=True,
                                    detail="left undecided: nothing is claimed")]  # fmt: skip
+        if not self.problem.coulombs_law:
+            why = "a verdict is about Coulomb's law, and the cones are others"
+            return [*checks, holds("whether the object stays", passed=False, detail=why)]
         if self.status == "none":
             return [*checks, self._no_rest(), *self._motion()]
         checks.append(self._rest())

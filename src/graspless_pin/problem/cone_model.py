@@ -1,0 +1,214 @@
+"""What a friction cone model is: the cross-section of its cones, and how its contacts slide.
+
+The cone of a contact has all forces whose friction (t1^T f, t2^T f) lies in mu f_n times the
+model's cross-section: a convex polygon around the normal, or the unit circle of Coulomb's cone.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cache
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graspless_pin.errors import ArgumentError
+from graspless_pin.problem.checks import FloatArray, finite_array, read_only
+from graspless_pin.problem.matrices import kinetic_directions
+
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """The cross-section of a friction cone where mu f_n is 1: a convex polygon around the normal.
+
+    Attributes:
+        corners: (r, 2) along t1 and t2, counterclockwise: where the cone's edges are.
+        directions: (2, r) unit outward normals of the sides; side m is between the corners m and
+            m + 1.
+        distances: (r,) of the sides from the normal.
+    """
+
+    corners: FloatArray
+    directions: FloatArray
+    distances: FloatArray
+
+    @classmethod
+    def of(cls, corners: ArrayLike) -> Section:
+        """Return the section with these corners, (r, 2).
+
+        Raises:
+            ArgumentError: If they are no convex polygon around the normal, counterclockwise, or one
+                is outside the unit circle: the coefficient is that of the direction with the most
+                friction.
+        """
+        points = finite_array("corners", corners, (None, 2))
+        sides = np.roll(points, -1, axis=0) - points
+        lengths = np.linalg.norm(sides, axis=1)
+        if len(points) < 3 or not lengths.all():
+            raise ArgumentError("corners", "are not three or more distinct ones")
+        directions = np.stack([sides[:, 1], -sides[:, 0]]) / lengths
+        distances = np.einsum("ij,ji->i", points, directions)
+        if distances.min() <= 0.0 or (points @ directions - distances).max() > _ROUNDING:
+            raise ArgumentError(
+                "corners", "must be those of a convex polygon around the normal, counterclockwise"
+            )
+        longest = float(np.linalg.norm(points, axis=1).max())
+        if longest > 1.0 + _ROUNDING:
+            raise ArgumentError(
+                "corners",
+                f"are up to {longest:.6g} from the normal; they must be within 1: the coefficient "
+                "of friction is that of the direction with the most friction",
+            )
+        return cls(points, read_only(directions), read_only(distances))
+
+    def edges(self, friction: float) -> FloatArray:
+        """Return the (3, r) unit edges of a cone in (n, t1, t2) coordinates, eq. (4)."""
+        columns = np.vstack([np.ones(len(self.corners)), friction * self.corners.T])
+        return columns / np.linalg.norm(columns, axis=0)
+
+    def faces(self, friction: float | FloatArray) -> FloatArray:
+        """Return the unit outward side-face normals in (n, t1, t2) coordinates, eq. (38).
+
+        A force f is inside when h_m^T f <= 0, and -h_m^T f is its distance to face m, in newton.
+
+        Args:
+            friction: One coefficient, or (c,) of as many cones.
+
+        Returns:
+            (3, r) columns h_m; (c, 3, r) for c cones.
+        """
+        slopes = np.asarray(friction)[..., None] * self.distances
+        columns = np.empty((*slopes.shape[:-1], 3, slopes.shape[-1]))
+        columns[..., 0, :] = -slopes
+        columns[..., 1:, :] = self.directions
+        columns /= np.sqrt(1.0 + slopes[..., None, :] ** 2)
+        return columns
+
+    def room(self, forces: FloatArray, friction: FloatArray) -> FloatArray:
+        """Return the distance of forces to the nearest face of their cones, min of -h_m^T f, N.
+
+        Args:
+            forces: (c, 3) along n, t1, t2, N.
+            friction: (c,) coefficients.
+
+        Returns:
+            (c,), negative outside.
+        """
+        slopes = friction[:, None] * self.distances
+        rooms = slopes * forces[:, :1] - forces[:, 1:] @ self.directions
+        return np.minimum.reduce(rooms / np.sqrt(1.0 + slopes**2), axis=1)
+
+
+class ConeModel(ABC):
+    """A friction cone model: `problem.cones.CONE_MODELS` lists all by name.
+
+    A model of flat faces is complete with a name, what it is, and the corners of its cross-section.
+    The other attributes and `kinetic_friction` are what more it may tell; where it does not, an
+    error or an undecided verdict says so.
+    """
+
+    name: ClassVar[str]
+    """What scene files and `QuasistaticProblem` call it."""
+    about: ClassVar[str]
+    """What it is, for the published schema."""
+    is_coulomb: ClassVar[bool] = False
+    """Whether it stands for Coulomb's law, friction of the same size in all directions."""
+    second_order: ClassVar[bool] = False
+    """Whether it is Coulomb's cone itself, and its section a picture of it."""
+    regular: ClassVar[bool] = False
+    """Whether it is the pyramid of Coulomb's law that compiled loops know."""
+
+    @abstractmethod
+    def corners(self, edges: int) -> ArrayLike:
+        """Return (r, 2) corners of the cross-section where mu f_n is 1, see `Section`.
+
+        Args:
+            edges: The problem's `cone_edges`.
+        """
+
+    def section(self, edges: int) -> Section:
+        """Return the cross-section, made once for a number of edges."""
+        return _section(self, edges)
+
+    def words(self, edges: int) -> str:
+        """Return what the cones are, for messages."""
+        return f"{self.name} cones of {len(self.section(edges).corners)} edges"
+
+    def signature(self, edges: int) -> str:
+        """Return what tells its cones from those of all others."""
+        return f"{self.name} {edges}"
+
+    @property
+    def no_verdict(self) -> str:
+        """Why no verdict on what really happens can be had; empty: one can."""
+        if self.is_coulomb:
+            return ""
+        return f"undecided: a verdict needs Coulomb's law, and the cone '{self.name}' is another"
+
+    def room(self, forces: FloatArray, friction: FloatArray, edges: int) -> FloatArray:
+        """Return the distance of forces to the surface of their cones, see `Section.room`."""
+        return self.section(edges).room(forces, friction)
+
+    def friction_sizes(self, friction: FloatArray, edges: int) -> FloatArray:
+        """Return (c,) sizes of friction (c, 2) along t1 and t2, N: mu f_n is the most there is."""
+        if self.is_coulomb:
+            return np.linalg.norm(friction, axis=1)
+        section = self.section(edges)
+        return np.maximum.reduce(friction @ section.directions / section.distances, axis=1)
+
+    def kinetic_friction(self, ways: FloatArray) -> FloatArray:
+        """Return kinetic friction where mu f_n is 1: the most that any friction takes of the power.
+
+        Args:
+            ways: (c, 2) unit directions along t1, t2 in which the object slides.
+
+        Returns:
+            (c, 2) along t1 and t2, opposite to the way for Coulomb's law.
+
+        Raises:
+            ArgumentError: If the model does not tell.
+        """
+        if self.is_coulomb:
+            return -ways
+        raise ArgumentError(
+            "cone",
+            f"is '{self.name}', which does not tell the kinetic friction of contacts that slide; "
+            "use another, or leave out the motion",
+        )
+
+    def kinetic_directions(
+        self,
+        normals: FloatArray,
+        tangents: FloatArray,
+        friction: FloatArray,
+        sliding: FloatArray,
+        bare: NDArray[np.bool_],
+    ) -> FloatArray:
+        """Return (M, 3) the force per newton of normal force where there is no cone, else zeros.
+
+        Args:
+            normals: (M, 3) unit normals.
+            tangents: (M, 3, 2) unit tangents.
+            friction: (M,) coefficients.
+            sliding: (M, 3) sliding velocities; n alone where they are zero.
+            bare: (M,) contacts without a cone.
+        """
+        if self.is_coulomb:
+            return kinetic_directions(normals, friction, sliding, bare)
+        directions = np.where(bare[:, None], normals, 0.0)
+        rubs = np.flatnonzero(bare & sliding.any(axis=1) & (friction > 0.0))
+        if len(rubs):
+            ways = np.einsum("mji,mj->mi", tangents[rubs], sliding[rubs])
+            ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+            along = friction[rubs, None] * self.kinetic_friction(ways)
+            directions[rubs] += np.einsum("mij,mj->mi", tangents[rubs], along)
+        return read_only(directions)
+
+
+@cache
+def _section(model: ConeModel, edges: int) -> Section:
+    return Section.of(model.corners(edges))

@@ -1,0 +1,246 @@
+"""CONTRIBUTING's walk-through "Add a friction model", done to a copy of the package."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from package_copy import COMMAND, followed, run
+from page_blocks import ROOT
+from scipy.optimize import linprog
+
+PROBLEM = Path("src") / "graspless_pin" / "problem"
+ALONG = 0.5
+SHOWN = """
+import json, sys
+import numpy as np
+from graspless_pin import load_scene, maximize_margin, minimize_torque
+from graspless_pin.report import read_solution, solution_document
+from graspless_pin.report.verify import verify_document
+
+scene = load_scene(sys.argv[1])
+again = load_scene(scene.save(sys.argv[1].replace(".yaml", "_saved.yaml")))
+problem = scene.problem()
+coulomb = maximize_margin(problem, static_friction="coulomb")
+found = {"repr": repr(problem), "same": again.cone == scene.cone, "solved": {}}
+for name, solution in {
+    "coulomb": coulomb,
+    "torque": minimize_torque(problem, 0.0, static_friction="coulomb"),
+    "margin": maximize_margin(problem),
+}.items():
+    document = solution_document(solution, scene)
+    found["solved"][name] = {
+        "found": solution.found,
+        "value": solution.value if solution.found else None,
+        "proven": verify_document(document).proven,
+        "again": read_solution(document).value if solution.found else None,
+    }
+forces = coulomb.contact_forces if coulomb.found else np.zeros_like(problem.positions)
+arrays = {
+    name: getattr(problem, name).tolist()
+    for name in ("positions", "normals", "tangents", "sliding", "friction", "jacobian",
+                 "external_wrench", "lower_torque", "upper_torque", "gravity_torques",
+                 "max_normal_force")
+}
+print(json.dumps(found | {"problem": arrays, "forces": forces.tolist()}))
+"""
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory) -> Path:
+    """A copy of the repository in which the walk-through was followed."""
+    folder = tmp_path_factory.mktemp("package")
+    beside = "_NEARLY_PARALLEL ="
+    return followed(folder, "Ribbed", PROBLEM / "ribbed.py", PROBLEM / "cones.py", beside)
+
+
+def scene_of(folder: Path, example: str, **changes: Any) -> Path:
+    """One of the paper's scenes with ribbed contacts and other changes; None: no such key."""
+    scene = yaml.safe_load((ROOT / "examples" / "paper" / example).read_text()) | changes
+    scene = {"cone": "ribbed", **{key: one for key, one in scene.items() if one is not None}}
+    file = folder / example
+    file.write_text(yaml.safe_dump(scene))
+    return file
+
+
+def shown(package: Path, file: Path) -> dict[str, Any]:
+    result = run(package, "-c", SHOWN, str(file))
+    assert result.returncode == 0, result.stderr
+    return json.loads(result.stdout)
+
+
+class Oracle:
+    """Linear programs on weights of the cones' edges, made of the arrays alone."""
+
+    def __init__(self, arrays: dict[str, Any], edges: int):
+        self.data = {name: np.array(one) for name, one in arrays.items()}
+        p, n, T = (self.data[name] for name in ("positions", "normals", "tangents"))
+        angles = 2.0 * np.pi * np.arange(edges) / edges
+        self.ellipse = np.array([ALONG * np.cos(angles), np.sin(angles)])
+        columns, self.owner = [], []
+        for contact, mu in enumerate(self.data["friction"]):
+            v = T[contact].T @ self.data["sliding"][contact]
+            ways = mu * self.ellipse
+            if v.any():
+                size = math.hypot(ALONG * v[0], v[1])
+                ways = -mu * np.array([[ALONG**2 * v[0]], [v[1]]]) / size
+            for way in ways.T:
+                force = np.zeros((len(p), 3))
+                force[contact] = n[contact] + T[contact] @ way
+                columns.append(force)
+                self.owner.append(contact)
+        forces = np.array(columns)
+        moments = np.cross(p, forces).sum(axis=1)
+        self.wrench = np.hstack([forces.sum(axis=1), moments]).T
+        self.torque = forces.reshape(len(forces), -1) @ self.data["jacobian"]
+        self.forces = forces
+
+    def least_torque(self) -> float:
+        """The least largest torque, without a margin."""
+        count, data = len(self.forces), self.data
+        shift = data["gravity_torques"][:, None]
+        picks = np.equal.outer(np.arange(len(data["friction"])), self.owner).astype(float)
+        rows = np.vstack([
+            np.hstack([self.torque.T, -np.ones_like(shift)]),
+            np.hstack([-self.torque.T, -np.ones_like(shift)]),
+            np.hstack([self.torque.T, 0.0 * shift]),
+            np.hstack([-self.torque.T, 0.0 * shift]),
+            np.hstack([picks, np.zeros((len(picks), 1))]),
+        ])  # fmt: skip
+        sides = np.concatenate([
+            -shift[:, 0], shift[:, 0], data["upper_torque"] - shift[:, 0],
+            shift[:, 0] - data["lower_torque"], data["max_normal_force"],
+        ])  # fmt: skip
+        balance = np.hstack([self.wrench, np.zeros((6, 1))])
+        cost = np.append(np.zeros(count), 1.0)
+        kept = np.isfinite(sides)
+        found = linprog(cost, rows[kept], sides[kept], balance, -data["external_wrench"])
+        assert found.status in (0, 2)
+        return float(found.fun) if found.status == 0 else np.nan
+
+
+@pytest.mark.parametrize(
+    ("example", "axis"),
+    [
+        ("cuboid_at_rest.yaml", [1.0, 0.0, 0.0]),
+        ("cuboid_at_rest.yaml", [0.0, 1.0, 0.0]),
+        ("cuboid_sliding_up.yaml", [1.0, 1.0, 0.0]),
+        ("sphere_on_slope.yaml", [0.0, 1.0, 0.0]),
+    ],
+)
+def test_the_new_model_is_solved_and_its_documents_are_proven(package, tmp_path, example, axis):
+    found = shown(package, scene_of(tmp_path, example, cone_edges=16, tangent_axes=[axis]))
+    assert found["repr"].endswith("joints, ribbed cones of 16 edges)")
+    assert found["same"]
+    for solved in found["solved"].values():
+        assert solved["proven"]
+        assert solved["again"] == pytest.approx(solved["value"], rel=1e-9)
+    least = Oracle(found["problem"], 16).least_torque()
+    torque = found["solved"]["torque"]
+    assert torque["found"] is not bool(np.isnan(least))
+    assert not torque["found"] or torque["value"] == pytest.approx(least, rel=1e-6)
+
+
+def test_friction_at_sliding_contacts_takes_the_most_power(package, tmp_path):
+    """Sliding at 45 degrees to the ribs: the friction turns away from the sliding."""
+    axes = [[1.0, 1.0, 0.0], [0.0, 1.0, 1.0]]
+    found = shown(package, scene_of(tmp_path, "cuboid_sliding_up.yaml", tangent_axes=axes))
+    data = {name: np.array(one) for name, one in found["problem"].items()}
+    slides = np.flatnonzero(np.linalg.norm(data["sliding"], axis=1) > 0.0)
+    assert found["solved"]["coulomb"]["found"] and len(slides)
+    turned = []
+    for contact in slides:
+        force, T, mu = (
+            found["forces"][contact],
+            data["tangents"][contact],
+            data["friction"][contact],
+        )
+        normal, friction = data["normals"][contact] @ force, T.T @ force
+        v = T.T @ data["sliding"][contact]
+        angles = np.linspace(0.0, 2.0 * np.pi, 100_001)
+        ellipse = mu * normal * np.array([ALONG * np.cos(angles), np.sin(angles)])
+        best = ellipse[:, np.argmin(v @ ellipse)]
+        assert friction == pytest.approx(best, abs=1e-3 * mu * normal)
+        turned.append(abs(friction[0] * v[1] - friction[1] * v[0]) / np.linalg.norm(v))
+    assert max(turned) > 0.1
+
+
+@pytest.mark.parametrize(
+    ("slope", "held"), [(20.0, (True, True)), (30.0, (True, False)), (40.0, (False, False))]
+)
+def test_a_block_slides_down_along_the_ribs_first(package, tmp_path, slope, held):
+    """By hand: it stays up to atan(mu) across the ribs, and up to atan(mu / 2) along them."""
+    turn, mu = math.radians(slope), 0.75
+    down = [math.cos(turn), 0.0, -math.sin(turn)]
+    pose = {"matrix": [[math.cos(turn), 0.0, math.sin(turn)], [0.0, 1.0, 0.0],
+                       [-math.sin(turn), 0.0, math.cos(turn)]]}  # fmt: skip
+    middle = [0.01 * math.sin(turn), 0.0, 0.01 * math.cos(turn)]
+    for axis, stays in zip([[0.0, 1.0, 0.0], down], held, strict=True):
+        scene = {
+            "object": {"name": "block", "mass": 1.0, "pose": {**pose, "position": middle},
+                       "shape": {"type": "box", "size": [0.1, 0.1, 0.02]}},
+            "supports": [{"name": "slope", "shape": {"type": "half_space"}, "pose": pose}],
+            "friction": mu, "cone": "ribbed", "tangent_axes": [axis],
+        }  # fmt: skip
+        file = tmp_path / "block.yaml"
+        file.write_text(yaml.safe_dump(scene))
+        assert shown(package, file)["solved"]["coulomb"]["found"] is stays
+
+
+def test_the_commands_know_it(package, tmp_path):
+    """Solve, verify and report a scene with it; the verdict is undecided and says why."""
+    file = scene_of(tmp_path, "cuboid_at_rest.yaml")
+    document, page = tmp_path / "solution.json", tmp_path / "page.html"
+    solved = run(package, "-c", COMMAND, "solve", str(file), "--json", str(document))
+    assert solved.returncode == 0, solved.stderr
+    assert "needs Coulomb's law, and the cone 'ribbed' is another" in solved.stdout
+    stated = json.loads(document.read_text())
+    assert stated["cone"] == "ribbed"
+    assert np.shape(stated["contacts"][0]["cone_corners"]) == (stated["cone_edges"], 2)
+    verified = run(package, "-c", COMMAND, "verify", str(document))
+    assert verified.returncode == 0, verified.stdout + verified.stderr
+    assert "cones 'ribbed'" in verified.stdout
+    for source in (file, document):
+        reported = run(package, "-c", COMMAND, "report", str(source), "-o", str(page))
+        assert reported.returncode == 0, reported.stderr
+        assert "ribbed cones of" in page.read_text()
+
+
+def test_a_checker_that_does_not_know_the_name_checks_the_document(package, tmp_path):
+    """That of the repository, which was not changed; reading the solution needs the model."""
+    from graspless_pin.errors import ArgumentError
+    from graspless_pin.report import read_document, read_solution
+    from graspless_pin.report.verify import verify_document
+
+    file, target = scene_of(tmp_path, "cuboid_at_rest.yaml"), tmp_path / "solution.json"
+    run(package, "-c", COMMAND, "solve", str(file), "--json", str(target))
+    document = read_document(target)
+    assert verify_document(document).proven
+    with pytest.raises(
+        ArgumentError, match="cone: is 'ribbed'; it must be one of 'edges', 'round'"
+    ):
+        read_solution(document)
+
+
+def test_the_schema_and_messages_know_it(package, tmp_path):
+    schema = json.loads(run(package, "-c", COMMAND, "schema").stdout)["properties"]["cone"]
+    assert schema["enum"] == ["edges", "round", "ribbed"]
+    assert "ribbed: pyramids of cone_edges edges with half of the friction" in schema["description"]
+    file = scene_of(tmp_path, "cuboid_at_rest.yaml", cone="ribed")
+    file.write_text(file.read_text().replace("cone: ribbed", "cone: ribed"))
+    result = run(package, "-c", COMMAND, "solve", str(file))
+    assert "did you mean 'ribbed'?" in result.stderr
+
+
+def test_what_needs_coulombs_law_refuses(package, tmp_path):
+    file = scene_of(tmp_path, "cuboid_at_rest.yaml")
+    direction = run(package, "-c", COMMAND, "solve", str(file), "--sign-rule", "direction")
+    assert "'direction' is about Coulomb's law" in direction.stderr
+    robust = run(package, "-c", COMMAND, "robustness", str(file))
+    assert robust.returncode == 1
+    assert "needs Coulomb's law" in robust.stdout
+    simulated = run(package, "-c", COMMAND, "simulate", str(file))
+    assert "cone: is 'ribbed', and the simulation has Coulomb's law" in simulated.stderr
