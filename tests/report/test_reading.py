@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from report_cases import ALLEGRO, AT_REST, SLIDING, pinched_block, solved, through_json
 
-from graspless_pin import maximize_margin, minimize_torque, optimum_gradients
+from graspless_pin import QuasistaticProblem, maximize_margin, minimize_torque, optimum_gradients
 from graspless_pin.algorithms.gradients import Gradients
 from graspless_pin.errors import ArgumentError
 from graspless_pin.report.document import solution_document
@@ -22,7 +22,16 @@ CASES = {
     "coulomb": lambda: solved(AT_REST, static_friction="coulomb"),
     "infeasible": lambda: solved(SLIDING, sliding_rule="constrained"),
     "arrays": lambda: (None, minimize_torque(pinched_block(), margin=0.2)),
+    "no joint": lambda: (None, maximize_margin(stool())),
 }
+
+
+def stool():
+    """Three feet on the ground, without a hand: the joints' inertia has no row."""
+    feet = [[0.1, 0.0, -0.05], [-0.1, 0.1, -0.05], [-0.1, -0.1, -0.05]]
+    inertias = {"object_inertia": np.eye(6), "joint_inertia": np.zeros((0, 0))}
+    weight = [0.0, 0.0, -4.9, 0.0, 0.0, 0.0]
+    return QuasistaticProblem(feet, [[0.0, 0.0, 1.0]] * 3, weight, friction=0.5, **inertias)
 
 
 @pytest.mark.parametrize("make", CASES.values(), ids=CASES)

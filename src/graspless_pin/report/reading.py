@@ -338,7 +338,8 @@ def _problem(document: dict[str, Any]) -> QuasistaticProblem:
     rows = 3 * len(contacts)
     sizes = {"object_inertia": 6, "joint_inertia": len(joints)}
     inertias = {
-        name: finite_array(name, document[name], (count, count))
+        # Of no joint JSON has one empty list, whatever the shape.
+        name: finite_array(name, document[name] or np.zeros((0, 0)), (count, count))
         for name, count in sizes.items()
         if document.get(name) is not None
     }
