@@ -22,14 +22,11 @@ from graspless_pin import (
     stability,
     what_would_hold,
 )
-from graspless_pin.algorithms.carried import are_for
-from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.verdict import Stability
 from graspless_pin.plots.cones import section_corners
 from graspless_pin.problem.cone_model import ConeModel, Section
 from graspless_pin.problem.cones import CONE_MODELS, Pyramid
-from graspless_pin.programs.objectives import Margin
 from graspless_pin.report import read_solution, solution_document
 from graspless_pin.report.verify import verify_document
 from graspless_pin.solution import Status
@@ -207,7 +204,6 @@ def test_edges_and_faces_belong_together():
 
 @pytest.mark.parametrize("number", range(4))
 def test_the_same_pyramids_by_another_name_have_the_same_optima(number):
-    """Compiled loops answer the one, and are not asked for the other."""
     for make in (scene, sliding_scene):
         known, other = (make(number, cone) for cone in ("edges", "same"))
         for first, second in zip(
@@ -217,7 +213,6 @@ def test_the_same_pyramids_by_another_name_have_the_same_optima(number):
         ):
             assert first.status is second.status
             assert not first.found or first.value == pytest.approx(second.value, rel=1e-6, abs=1e-7)
-    assert not are_for(Same(), Margin(), SolveOptions())
 
 
 @pytest.mark.parametrize("number", [1, 3, 5])

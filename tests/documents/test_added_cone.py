@@ -22,7 +22,8 @@ from graspless_pin.report import read_solution, solution_document
 from graspless_pin.report.verify import verify_document
 
 scene = load_scene(sys.argv[1])
-again = load_scene(scene.save(sys.argv[1].replace(".yaml", "_saved.yaml")))
+saved = scene.save(sys.argv[1].replace(".yaml", "_saved.yaml"), overwrite=True)
+again = load_scene(saved)
 problem = scene.problem()
 coulomb = maximize_margin(problem, static_friction="coulomb")
 found = {"repr": repr(problem), "same": again.cone == scene.cone, "solved": {}}
@@ -46,6 +47,36 @@ arrays = {
                  "max_normal_force")
 }
 print(json.dumps(found | {"problem": arrays, "forces": forces.tolist()}))
+"""
+MANY = """
+import json
+import numpy as np
+from graspless_pin import Evaluator, load_scene, run_study
+from graspless_pin.studies import Study
+
+scene = load_scene("examples/trihand_push_box.yaml").with_changes(cone="ribbed", cone_edges=12)
+evaluator = Evaluator(scene)
+start = np.array([scene.hand.q[name] for name in evaluator.joint_names])
+q = start + 1e-3 * np.random.default_rng(1).normal(size=(20, len(start)))
+many = evaluator.evaluate_many(q, workers=1)
+alone = [evaluator.evaluate(one) for one in q]
+table = run_study(Study.from_data({
+    "scene": "examples/paper/cuboid_at_rest.yaml",
+    "vary": {
+        "cone": {"values": ["edges", "ribbed", "round"]},
+        "friction.default": {"from": 0.3, "to": 0.6, "steps": 4},
+    },
+}), "study.csv", workers=1, progress=False)
+paper = load_scene("examples/paper/cuboid_at_rest.yaml")
+print(json.dumps({
+    "many": many.margins.tolist(),
+    "alone": [one.scene.solve("margin").margin for one in alone],
+    "study": table["margin_N"].tolist(),
+    "solved": [
+        paper.with_changes(cone=cone, friction={"default": mu}).solve("margin").margin
+        for cone, mu in zip(table["cone"], table["friction.default"], strict=True)
+    ],
+}))
 """
 
 
@@ -244,3 +275,15 @@ def test_what_needs_coulombs_law_refuses(package, tmp_path):
     assert "needs Coulomb's law" in robust.stdout
     simulated = run(package, "-c", COMMAND, "simulate", str(file))
     assert "cone: is 'ribbed', and the simulation has Coulomb's law" in simulated.stderr
+
+
+def test_the_evaluator_and_studies_solve_it_as_it_is(package):
+    """The compiled loops of both know the paper's pyramids alone."""
+    result = run(package, "-c", MANY)
+    assert result.returncode == 0, result.stderr
+    found = json.loads(result.stdout)
+    assert found["many"] == pytest.approx(found["alone"], rel=1e-6, nan_ok=True)
+    assert found["study"] == pytest.approx(found["solved"], rel=1e-6, nan_ok=True)
+    assert np.isfinite(found["many"]).sum() >= 10
+    pyramids, ribbed, _ = np.reshape(found["study"], (3, 4))
+    assert (ribbed < pyramids).all()
