@@ -152,10 +152,9 @@ def optimum_of_model(problem: QuasistaticProblem, *, margin: bool) -> float | No
 @pytest.mark.parametrize("number", range(8))
 def test_optima_are_those_of_a_linear_program(number, cone):
     problem = scene(number, cone)
-    how = {"static_friction": "coulomb"}
     for solution, margin in (
-        (maximize_margin(problem, **how), True),
-        (minimize_torque(problem, 0.0, **how), False),
+        (maximize_margin(problem, static_friction="coulomb"), True),
+        (minimize_torque(problem, 0.0, static_friction="coulomb"), False),
     ):
         model = optimum_of_model(problem, margin=margin)
         assert solution.found is (model is not None)

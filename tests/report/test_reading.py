@@ -29,9 +29,10 @@ CASES = {
 def stool():
     """Three feet on the ground, without a hand: the joints' inertia has no row."""
     feet = [[0.1, 0.0, -0.05], [-0.1, 0.1, -0.05], [-0.1, -0.1, -0.05]]
-    inertias = {"object_inertia": np.eye(6), "joint_inertia": np.zeros((0, 0))}
-    weight = [0.0, 0.0, -4.9, 0.0, 0.0, 0.0]
-    return QuasistaticProblem(feet, [[0.0, 0.0, 1.0]] * 3, weight, friction=0.5, **inertias)
+    return QuasistaticProblem(
+        feet, [[0.0, 0.0, 1.0]] * 3, [0.0, 0.0, -4.9, 0.0, 0.0, 0.0], friction=0.5,
+        object_inertia=np.eye(6), joint_inertia=np.zeros((0, 0)),
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("make", CASES.values(), ids=CASES)

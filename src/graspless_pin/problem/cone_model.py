@@ -161,7 +161,10 @@ class ConeModel(ABC):
         return np.maximum.reduce(friction @ section.directions / section.distances, axis=1)
 
     def kinetic_friction(self, ways: FloatArray) -> FloatArray:
-        """Return kinetic friction where mu f_n is 1: the most that any friction takes of the power.
+        """Return kinetic friction where mu f_n is 1.
+
+        By the principle of maximum dissipation it is the friction of the cone that takes the most
+        power from the sliding.
 
         Args:
             ways: (c, 2) unit directions along t1, t2 in which the object slides.

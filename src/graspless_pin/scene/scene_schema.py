@@ -35,7 +35,10 @@ from graspless_pin.scene.body_schema import Direction, ObjectEntry, SupportEntry
 from graspless_pin.scene.hand_schema import HandEntry
 
 ConeEdges = Annotated[int, Field(ge=3, le=MOST_CONE_EDGES), BeforeValidator(no_truth_value)]
-ConeName = str if TYPE_CHECKING else Literal[tuple(CONE_MODELS)]
+if TYPE_CHECKING:
+    ConeName = str
+else:
+    ConeName = Literal[tuple(CONE_MODELS)]
 NodeLimit = Annotated[int, Field(ge=1), BeforeValidator(no_truth_value)]
 PatchPoints = Annotated[int, Field(ge=3, le=64), BeforeValidator(no_truth_value)]
 
