@@ -158,7 +158,9 @@ def test_arrays_that_do_not_fit_are_refused(wrong):
 
 
 def test_loops_are_for_the_best_case_of_the_papers_programs():
-    assert are_for(Margin(), SolveOptions())
-    assert not are_for(Margin(regularization=1e-3), SolveOptions())
-    assert not are_for(Margin(), SolveOptions.parse(stability="strong"))
-    assert not are_for(Margin(), SolveOptions.parse(sign_rule="direction"))
+    pyramid, margin, usual = CONE_MODELS["edges"], Margin(), SolveOptions()
+    assert are_for(pyramid, margin, usual)
+    assert not are_for(CONE_MODELS["round"], margin, usual)
+    assert not are_for(pyramid, Margin(regularization=1e-3), usual)
+    assert not are_for(pyramid, margin, SolveOptions.parse(stability="strong"))
+    assert not are_for(pyramid, margin, SolveOptions.parse(sign_rule="direction"))

@@ -54,7 +54,8 @@ import numpy as np
 from graspless_pin import Evaluator, load_scene, run_study
 from graspless_pin.studies import Study
 
-scene = load_scene("examples/trihand_push_box.yaml").with_changes(cone="ribbed", cone_edges=12)
+scene = load_scene("examples/allegro_push_up_slope.yaml")
+scene = scene.with_changes(cone="ribbed", cone_edges=12, tangent_axes=[(1.0, 0.6, 0.3)])
 evaluator = Evaluator(scene)
 start = np.array([scene.hand.q[name] for name in evaluator.joint_names])
 q = start + 1e-3 * np.random.default_rng(1).normal(size=(20, len(start)))
@@ -278,7 +279,7 @@ def test_what_needs_coulombs_law_refuses(package, tmp_path):
 
 
 def test_the_evaluator_and_studies_solve_it_as_it_is(package):
-    """The compiled loops of both know the paper's pyramids alone."""
+    """The compiled loops of both know the paper's pyramids and Coulomb's law alone."""
     result = run(package, "-c", MANY)
     assert result.returncode == 0, result.stderr
     found = json.loads(result.stdout)
