@@ -13,6 +13,7 @@ from graspless_pin.algorithms.carried import are_for
 from graspless_pin.algorithms.loaded import LoadedOptima
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.warm_start import solve_from
+from graspless_pin.problem.cones import CONE_MODELS
 
 pytestmark = pytest.mark.skipif(compiled.loaded_states is None, reason="nothing was compiled")
 
