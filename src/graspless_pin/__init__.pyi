@@ -1,134 +1,82 @@
-from .algorithms.comparison import RuleComparison, compare_rules, solve_each_mode
-from .algorithms.disturbances import DisturbanceMargin, disturbance_margin
-from .algorithms.explanation import Explanation, Suggestion, explain
-from .algorithms.force_bounds import ContactForceBounds, contact_force_bounds
-from .algorithms.gradients import Gradients, OptimumGradients, optimum_gradients
-from .algorithms.guaranteed_disturbance import GuaranteedDisturbance, guaranteed_disturbance
-from .algorithms.margin_torque_curve import MarginTorqueCurve, margin_torque_curve
-from .algorithms.minimum_friction import MinimumFriction, minimum_friction
-from .algorithms.options import SolveOptions
-from .algorithms.robustness import Robustness, robustness
-from .algorithms.sensitivity import MarginSensitivity, margin_sensitivity
-from .algorithms.torque import maximize_margin, minimize_torque, optimize
-from .algorithms.what_would_hold import HoldingChange, HoldingChanges, what_would_hold
-from .errors import GrasplessPinError
-from .findings import Finding, FindingCode, Severity
-from .geometry.hand.model import Hand
-from .holding.free_motions import free_motions
-from .holding.stability import stability
-from .holding.verdict import (
-    ContactState,
-    DynamicOutcome,
-    RestProof,
-    Stability,
-    StabilityVerdict,
-)
-from .modes.enumeration import enumerate_modes
-from .modes.rules import Rules, SignRule, SlidingMode, SlidingRule, StaticFriction
-from .planning.evaluator import Evaluator
-from .planning.path import Waypoint, evaluate_path
-from .planning.placing import place_hand
-from .problem.fingers import ControlMode, FingerContacts, JointSpace, assemble_joint_space
-from .problem.joint_units import JointUnit
-from .problem.quasistatic import QuasistaticProblem
-from .problem.wrenches import force_first, moment_first
-from .programs.builder import ProgramBuilder
-from .programs.forces import ForceCoordinates, ForceRows
-from .programs.objectives import Margin, Objective, Torque, TorqueShare
-from .scene.load import load_scene
-from .scene.minimum_stiffness import MinimumStiffness, minimum_stiffness
-from .scene.poses import close_fingers, fingertip_contact, settle
-from .scene.scene import Scene
-from .solution.certificate import Certificate
-from .solution.guarantee import Guarantee
-from .solution.status import Status
-from .solution.torque_solution import TorqueSolution
-from .solvers.solving import available_solvers
-from .studies.results import read_results
-from .studies.run import run_study
-from .studies.study import load_study
-
-__all__ = [
-    "Certificate",
-    "ContactForceBounds",
-    "ContactState",
-    "ControlMode",
-    "DisturbanceMargin",
-    "DynamicOutcome",
-    "Evaluator",
-    "Explanation",
-    "Finding",
-    "FindingCode",
-    "FingerContacts",
-    "ForceCoordinates",
-    "ForceRows",
-    "Gradients",
-    "GrasplessPinError",
-    "Guarantee",
-    "GuaranteedDisturbance",
-    "Hand",
-    "HoldingChange",
-    "HoldingChanges",
-    "JointSpace",
-    "JointUnit",
-    "Margin",
-    "MarginSensitivity",
-    "MarginTorqueCurve",
-    "MinimumFriction",
-    "MinimumStiffness",
-    "Objective",
-    "OptimumGradients",
-    "ProgramBuilder",
-    "QuasistaticProblem",
-    "RestProof",
-    "Robustness",
-    "RuleComparison",
-    "Rules",
-    "Scene",
-    "Severity",
-    "SignRule",
-    "SlidingMode",
-    "SlidingRule",
-    "SolveOptions",
-    "Stability",
-    "StabilityVerdict",
-    "StaticFriction",
-    "Status",
-    "Suggestion",
-    "Torque",
-    "TorqueShare",
-    "TorqueSolution",
-    "Waypoint",
-    "assemble_joint_space",
-    "available_solvers",
-    "close_fingers",
-    "compare_rules",
-    "contact_force_bounds",
-    "disturbance_margin",
-    "enumerate_modes",
-    "evaluate_path",
-    "explain",
-    "fingertip_contact",
-    "force_first",
-    "free_motions",
-    "guaranteed_disturbance",
-    "load_scene",
-    "load_study",
-    "margin_sensitivity",
-    "margin_torque_curve",
-    "maximize_margin",
-    "minimize_torque",
-    "minimum_friction",
-    "minimum_stiffness",
-    "moment_first",
-    "optimize",
-    "optimum_gradients",
-    "place_hand",
-    "read_results",
-    "robustness",
-    "run_study",
-    "settle",
-    "solve_each_mode",
-    "stability",
-    "what_would_hold",
-]
+from .algorithms.comparison import RuleComparison as RuleComparison
+from .algorithms.comparison import compare_rules as compare_rules
+from .algorithms.comparison import solve_each_mode as solve_each_mode
+from .algorithms.disturbances import DisturbanceMargin as DisturbanceMargin
+from .algorithms.disturbances import disturbance_margin as disturbance_margin
+from .algorithms.explanation import Explanation as Explanation
+from .algorithms.explanation import Suggestion as Suggestion
+from .algorithms.explanation import explain as explain
+from .algorithms.force_bounds import ContactForceBounds as ContactForceBounds
+from .algorithms.force_bounds import contact_force_bounds as contact_force_bounds
+from .algorithms.gradients import Gradients as Gradients
+from .algorithms.gradients import OptimumGradients as OptimumGradients
+from .algorithms.gradients import optimum_gradients as optimum_gradients
+from .algorithms.guaranteed_disturbance import GuaranteedDisturbance as GuaranteedDisturbance
+from .algorithms.guaranteed_disturbance import guaranteed_disturbance as guaranteed_disturbance
+from .algorithms.margin_torque_curve import MarginTorqueCurve as MarginTorqueCurve
+from .algorithms.margin_torque_curve import margin_torque_curve as margin_torque_curve
+from .algorithms.minimum_friction import MinimumFriction as MinimumFriction
+from .algorithms.minimum_friction import minimum_friction as minimum_friction
+from .algorithms.options import SolveOptions as SolveOptions
+from .algorithms.robustness import Robustness as Robustness
+from .algorithms.robustness import robustness as robustness
+from .algorithms.sensitivity import MarginSensitivity as MarginSensitivity
+from .algorithms.sensitivity import margin_sensitivity as margin_sensitivity
+from .algorithms.torque import maximize_margin as maximize_margin
+from .algorithms.torque import minimize_torque as minimize_torque
+from .algorithms.torque import optimize as optimize
+from .algorithms.what_would_hold import HoldingChange as HoldingChange
+from .algorithms.what_would_hold import HoldingChanges as HoldingChanges
+from .algorithms.what_would_hold import what_would_hold as what_would_hold
+from .errors import GrasplessPinError as GrasplessPinError
+from .findings import Finding as Finding
+from .findings import FindingCode as FindingCode
+from .findings import Severity as Severity
+from .geometry.hand.model import Hand as Hand
+from .holding.free_motions import free_motions as free_motions
+from .holding.stability import stability as stability
+from .holding.verdict import ContactState as ContactState
+from .holding.verdict import DynamicOutcome as DynamicOutcome
+from .holding.verdict import RestProof as RestProof
+from .holding.verdict import Stability as Stability
+from .holding.verdict import StabilityVerdict as StabilityVerdict
+from .modes.enumeration import enumerate_modes as enumerate_modes
+from .modes.rules import Rules as Rules
+from .modes.rules import SignRule as SignRule
+from .modes.rules import SlidingMode as SlidingMode
+from .modes.rules import SlidingRule as SlidingRule
+from .modes.rules import StaticFriction as StaticFriction
+from .planning.evaluator import Evaluator as Evaluator
+from .planning.path import Waypoint as Waypoint
+from .planning.path import evaluate_path as evaluate_path
+from .planning.placing import place_hand as place_hand
+from .problem.fingers import ControlMode as ControlMode
+from .problem.fingers import FingerContacts as FingerContacts
+from .problem.fingers import JointSpace as JointSpace
+from .problem.fingers import assemble_joint_space as assemble_joint_space
+from .problem.joint_units import JointUnit as JointUnit
+from .problem.quasistatic import QuasistaticProblem as QuasistaticProblem
+from .problem.wrenches import force_first as force_first
+from .problem.wrenches import moment_first as moment_first
+from .programs.builder import ProgramBuilder as ProgramBuilder
+from .programs.forces import ForceCoordinates as ForceCoordinates
+from .programs.forces import ForceRows as ForceRows
+from .programs.objectives import Margin as Margin
+from .programs.objectives import Objective as Objective
+from .programs.objectives import Torque as Torque
+from .programs.objectives import TorqueShare as TorqueShare
+from .scene.load import load_scene as load_scene
+from .scene.minimum_stiffness import MinimumStiffness as MinimumStiffness
+from .scene.minimum_stiffness import minimum_stiffness as minimum_stiffness
+from .scene.poses import close_fingers as close_fingers
+from .scene.poses import fingertip_contact as fingertip_contact
+from .scene.poses import settle as settle
+from .scene.scene import Scene as Scene
+from .solution.certificate import Certificate as Certificate
+from .solution.guarantee import Guarantee as Guarantee
+from .solution.status import Status as Status
+from .solution.torque_solution import TorqueSolution as TorqueSolution
+from .solvers.solving import available_solvers as available_solvers
+from .studies.results import read_results as read_results
+from .studies.run import run_study as run_study
+from .studies.study import load_study as load_study

@@ -169,7 +169,7 @@ MISTAKES = [
     _command("misspelt solver", "solve scene.yaml --solver pipq", "'pipq' is not installed",
              "did you mean 'piqp'?"),
     _command("margin asked of Algorithm 1", "solve scene.yaml --margin 0.1",
-             "margin: is an option of Algorithm 2", "ask for the algorithm 'torque'"),
+             "margin: is an option of the algorithm 'torque'", "ask for it or leave it out"),
     # Python
     _python("object changed by its mass alone", "scene.with_changes(object={'mass': 2})",
             "object: found {'mass': 2}; needs a ManipulatedObject",
@@ -222,7 +222,7 @@ def said_of(mistake: Mistake) -> tuple[int, str]:
             return result.exit_code, result.stderr
         import graspless_pin
 
-        names = {name: getattr(graspless_pin, name) for name in graspless_pin.__all__}
+        names = {name: getattr(graspless_pin, name) for name in dir(graspless_pin)}
         names["scene"] = graspless_pin.load_scene("scene.yaml")
         try:
             exec(mistake.python, names)  # noqa: S102 - our own lines

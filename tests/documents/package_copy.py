@@ -12,6 +12,28 @@ from page_blocks import ROOT, blocks_of
 COMMAND = "from graspless_pin.cli.commands import app; app()"
 
 
+def copied(folder: Path) -> Path:
+    """Copy the package to a folder, with the examples and robots beside it."""
+    ignored = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(ROOT / "src", folder / "src", ignore=ignored)
+    for name in ("robots", "examples"):
+        (folder / name).symlink_to(ROOT / name)
+    return folder
+
+
+def walkthrough(word: str) -> list[str]:
+    """The blocks of CONTRIBUTING with a word in them: the new module, the lines for the list, ..."""
+    blocks = blocks_of(ROOT / "CONTRIBUTING.md")
+    return [block.text for block in blocks if word in block.text and block.kind]
+
+
+def inserted(file: Path, line: str, before: str) -> None:
+    """Write a line before the first one that begins with some text."""
+    text = file.read_text(encoding="utf-8")
+    at = text.index(f"\n{before}") + 1
+    file.write_text(f"{text[:at]}{line.rstrip()}\n{text[at:]}", encoding="utf-8")
+
+
 def followed(folder: Path, word: str, module: Path, listed: Path, beside: str) -> Path:
     """Copy the package, add the module of a walk-through, and change the list as it says.
 
@@ -22,15 +44,8 @@ def followed(folder: Path, word: str, module: Path, listed: Path, beside: str) -
         listed: The module with the list, of which its second block has an import and the list.
         beside: How the import begins before which the new one goes.
     """
-    ignored = shutil.ignore_patterns("__pycache__")
-    shutil.copytree(ROOT / "src", folder / "src", ignore=ignored)
-    for name in ("robots", "examples"):
-        (folder / name).symlink_to(ROOT / name)
-    blocks = [
-        block.text
-        for block in blocks_of(ROOT / "CONTRIBUTING.md")
-        if word in block.text and block.kind
-    ]
+    copied(folder)
+    blocks = walkthrough(word)
     (folder / module).write_text(blocks[0], encoding="utf-8")
     line, names = blocks[1].splitlines()
     names = names[names.index("(") :]
@@ -38,8 +53,8 @@ def followed(folder: Path, word: str, module: Path, listed: Path, beside: str) -
     text = (folder / listed).read_text(encoding="utf-8")
     assert before != names
     assert text.count(before) == 1
-    text = text.replace(before, names).replace(beside, f"{line}\n{beside}", 1)
-    (folder / listed).write_text(text, encoding="utf-8")
+    (folder / listed).write_text(text.replace(before, names), encoding="utf-8")
+    inserted(folder / listed, line, beside)
     return folder
 
 
@@ -48,8 +63,13 @@ def run(package: Path, *words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(  # noqa: S603 - our own interpreter and fixed programs
         [sys.executable, *words],
         cwd=package,
-        env={**os.environ, "PYTHONPATH": str(package / "src")},
+        env={**os.environ, "PYTHONPATH": str(package / "src"), "COLUMNS": "160"},
         capture_output=True,
         text=True,
         check=False,
     )
+
+
+def command(package: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    """Run ``graspless-pin`` of the copy."""
+    return run(package, "-c", COMMAND, *words)

@@ -25,6 +25,10 @@ def example(
     """Copy an example scene or study with its files to the current folder, or list all.
 
     Nothing that is there is replaced.
+
+    Examples:
+        graspless-pin example
+        graspless-pin example allegro_box_on_slope
     """
     with plain_errors():
         files = example_files()

@@ -13,7 +13,7 @@ from typing import Annotated
 import typer
 
 from graspless_pin.atomic_write import draft_of
-from graspless_pin.cli.outcome import echo_note, plain_errors
+from graspless_pin.cli.outcome import echo_note, number_of, plain_errors
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.shapes import SHAPES, MeshShape, Shape
 from graspless_pin.progress import waiting_for
@@ -96,6 +96,10 @@ def new(
 
     The object rests on the support; the hand stands clear of it: graspless-pin place puts it there.
     Effort limits that are missing from the robot's files stay unset, unless --effort gives them.
+
+    Examples:
+        graspless-pin new hand.urdf box:0.06,0.04,0.06 --effort 0.5 -o scene.yaml
+        graspless-pin new allegro_right mug.stl --mass 0.3 --support slope:20deg
     """
     with plain_errors():
         shape = _shape(obj, scale, decompose=decompose)
@@ -156,7 +160,7 @@ def _shape(text: str, scale: float, *, decompose: bool) -> Shape:
     kind, colon, rest = text.partition(":")
     if colon and kind in _PRIMITIVES:
         names = _PRIMITIVES[kind]
-        lengths = [_number("OBJECT", length) for length in rest.split(",")]
+        lengths = [number_of("OBJECT", length) for length in rest.split(",")]
         if len(lengths) != len(names.split(",")):
             raise ArgumentError("OBJECT", f"found {text!r}; needs {kind}:{names}, in metres")
         if scale != 1.0 or decompose:
@@ -176,7 +180,7 @@ def _shape(text: str, scale: float, *, decompose: bool) -> Shape:
 def _limit(text: str) -> tuple[str, float]:
     """Return the name, empty for all, and the effort limit of an option."""
     name, _, number = text.rpartition("=")
-    limit = _number("--effort", number)
+    limit = number_of("--effort", number)
     if not 0.0 < limit < math.inf:
         raise ArgumentError("--effort", f"found {text!r}; needs a positive number of N m or N")
     return name, limit
@@ -187,7 +191,7 @@ def _slope(text: str) -> float:
     if text == "flat":
         return 0.0
     angle = re.fullmatch(r"slope:\s*([-+.\deE]+?)\s*(deg|°|rad)", text)
-    degrees = math.nan if angle is None else _number("--support", angle[1]) * _UNITS[angle[2]]
+    degrees = math.nan if angle is None else number_of("--support", angle[1]) * _UNITS[angle[2]]
     if not 0.0 <= degrees <= _STEEPEST:
         raise ArgumentError(
             "--support",
@@ -195,13 +199,6 @@ def _slope(text: str) -> float:
             f"{_STEEPEST:g} degrees: slope:30deg, slope:0.5rad",
         )
     return math.radians(degrees)
-
-
-def _number(option: str, text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise ArgumentError(option, f"found {text!r}; needs a number") from None
 
 
 def _write_schema(file: Path) -> bool:

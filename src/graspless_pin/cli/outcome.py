@@ -87,6 +87,18 @@ class _Said:
     room: int = 1700  # a note may come after findings
 
 
+def number_of(option: str, text: str) -> float:
+    """Return the number that an option, or a part of one, is.
+
+    Raises:
+        ArgumentError: If it is none.
+    """
+    try:
+        return float(text)
+    except ValueError:
+        raise ArgumentError(option, f"found {text!r}; needs a number") from None
+
+
 def three_numbers(option: str, text: str) -> list[float]:
     """Return the numbers of an option such as ``1,0,0``.
 

@@ -85,6 +85,10 @@ def place(
     The same seed finds the same places.
 
     Exit code 0: written; 1: no place was found, and why; 2: bad input.
+
+    Examples:
+        graspless-pin place scene.yaml -o placed.yaml
+        graspless-pin place scene.yaml -o placed.yaml --approach 0,0,-1 --seed 1
     """
     with plain_errors():
         if carry and press:

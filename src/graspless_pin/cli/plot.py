@@ -51,6 +51,10 @@ def plot(
     """Draw the results of a study: a line, a map, or the boundary of what is found.
 
     Exit code 0: drawn; 2: bad input.
+
+    Examples:
+        graspless-pin plot results.parquet -o margin.png
+        graspless-pin plot results.parquet --kind boundary -o border.png
     """
     with plain_errors():
         table, figure = read_results(results), _figure()

@@ -35,6 +35,10 @@ def close_scene(
     """Close fingers until they touch the object or reach their limits, and write that scene.
 
     Exit code 0: each of them touches; 1: not all do; 2: bad input.
+
+    Examples:
+        graspless-pin close scene.yaml -o closed.yaml
+        graspless-pin close scene.yaml -o closed.yaml --finger index --wrap
     """
     with plain_errors():
         loaded = loaded_scene(scene)
@@ -45,7 +49,11 @@ def close_scene(
 
 
 def settle_scene(scene: _Source, output: _Output, overwrite: _Overwrite = False) -> None:
-    """Move the object along gravity until it rests on a support, and write that scene."""
+    """Move the object along gravity until it rests on a support, and write that scene.
+
+    Examples:
+        graspless-pin settle scene.yaml -o settled.yaml
+    """
     with plain_errors():
         loaded = loaded_scene(scene)
         rested = settle(loaded)

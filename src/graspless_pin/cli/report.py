@@ -79,6 +79,10 @@ def report(
 
     Exit code 0: found; 1: infeasible, and the page says why; 2: bad input; 3: neither found nor
     proven infeasible; 4: found, and something serious is wrong with the scene.
+
+    Examples:
+        graspless-pin report scene.yaml -o report.html
+        graspless-pin report solution.json --scene scene.yaml
     """
     with plain_errors():
         case = _case(source, scene, None if no_verdict else verdict_nodes)

@@ -17,7 +17,12 @@ from graspless_pin.report.robots import audit_text, robot_text, robots_text
 def robots(
     name: Annotated[str | None, typer.Argument(help="Show this robot in full.")] = None,
 ) -> None:
-    """List the robots: fingers, joints and effort limits; one with where they come from."""
+    """List the robots: fingers, joints and effort limits; one with where they come from.
+
+    Examples:
+        graspless-pin robots
+        graspless-pin robots allegro_right
+    """
     with plain_errors():
         if name is None:
             typer.echo(robots_text(list_robots()))
@@ -38,6 +43,9 @@ def inspect(
 
     Exit code 0: it can be mounted as it is; 1: it cannot; 2: no such file or robot; 4: it can, and
     something serious is wrong.
+
+    Examples:
+        graspless-pin inspect my_hand.urdf
     """
     with plain_errors():
         report = audit_urdf(urdf, package_dir or [], root_link)

@@ -44,6 +44,9 @@ def robustness_scene(
 
     Exit code 0: rest is the only outcome; 1: it is not, or not proven, or there are no torques;
     2: bad input.
+
+    Examples:
+        graspless-pin robustness scene.yaml
     """
     with plain_errors():
         loaded = loaded_scene(scene)

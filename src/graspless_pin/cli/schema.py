@@ -13,7 +13,12 @@ from graspless_pin.scene import scene_json_schema
 def schema(
     study: Annotated[bool, typer.Option("--study", help="That of a study file instead.")] = False,
 ) -> None:
-    """Print the JSON schema of a scene file, or of a study file."""
+    """Print the JSON schema of a scene file, or of a study file.
+
+    Examples:
+        graspless-pin schema > scene.schema.json
+        graspless-pin schema --study > study.schema.json
+    """
     typer.echo(json.dumps(_study_schema() if study else scene_json_schema(), indent=2))
 
 

@@ -83,6 +83,10 @@ def simulate_scene(
     It is held in a fixture while the torques grow, and then released; or all acts at once.
 
     Exit code 0: held; 1: moved or crept, or there are no torques; 2: bad input.
+
+    Examples:
+        graspless-pin simulate scene.yaml
+        graspless-pin simulate scene.yaml --push 1,0,0 --save lapse.html
     """
     with plain_errors():
         loaded = loaded_scene(scene)

@@ -88,6 +88,11 @@ def solve_scene(
 
     Exit code 0: found; 1: infeasible; 2: bad input; 3: neither found nor proven infeasible; 4:
     found, and something serious is wrong with the scene, such as a hand that touches nothing.
+
+    Examples:
+        graspless-pin solve scene.yaml
+        graspless-pin solve scene.yaml --algorithm torque --margin 0.2
+        graspless-pin solve scene.yaml --json solution.json
     """
     with plain_errors():
         loaded = loaded_scene(scene)

@@ -46,6 +46,9 @@ def study(
 
     Exit code 0: samples were found; 1: none; 2: bad input; 4: found, and some of them have serious
     findings, such as a hand that touches nothing; 130: interrupted.
+
+    Examples:
+        graspless-pin study study.yaml -o results.parquet
     """
     with plain_errors():
         loaded = load_study(file)

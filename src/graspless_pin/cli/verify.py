@@ -23,6 +23,10 @@ def verify(
 
     Exit code 0: all that they claim is proven; 1: something is not so; 2: not such a document;
     3: nothing is wrong, but a document does not hold the proof of all that it claims.
+
+    Examples:
+        graspless-pin verify solution.json
+        graspless-pin verify proofs/*.json
     """
     outcomes = {ExitCode.FOUND}
     for file in files:

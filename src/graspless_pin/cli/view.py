@@ -25,7 +25,11 @@ def view_scene(
     port: Annotated[int, typer.Option(help="Port, or the next free one above it.")] = DEFAULT_PORT,
     no_open: Annotated[bool, typer.Option("--no-open", help="Do not open a browser.")] = False,
 ) -> None:
-    """Show a scene on an interactive page until it is interrupted (Ctrl-C)."""
+    """Show a scene on an interactive page until it is interrupted (Ctrl-C).
+
+    Examples:
+        graspless-pin view scene.yaml
+    """
     with plain_errors():
         loaded = loaded_scene(scene)
         echo_findings(loaded.findings)

@@ -1,39 +1,25 @@
-from .bodies.materials import Materials
-from .bodies.object_and_supports import ManipulatedObject, Support
-from .bodies.shapes import Box, Capsule, Cone, Cylinder, HalfSpace, MeshShape, Sphere
-from .contact.contact_points import BodyKind, ContactPoint
-from .inspection.audit import AuditReport, audit_urdf
-from .inspection.listing import RobotRecord, list_robots
-from .posing.closing import ClosingResult, close_hand
-from .posing.fingertips import FingertipPlacement, place_fingertips
-from .posing.overlaps import Overlap, unwanted_overlaps
-from .posing.settling import settle_object
-from .robots.description import FingerSpec, LinkMeshes
-
-__all__ = [
-    "AuditReport",
-    "BodyKind",
-    "Box",
-    "Capsule",
-    "ClosingResult",
-    "Cone",
-    "ContactPoint",
-    "Cylinder",
-    "FingerSpec",
-    "FingertipPlacement",
-    "HalfSpace",
-    "LinkMeshes",
-    "ManipulatedObject",
-    "Materials",
-    "MeshShape",
-    "Overlap",
-    "RobotRecord",
-    "Sphere",
-    "Support",
-    "audit_urdf",
-    "close_hand",
-    "list_robots",
-    "place_fingertips",
-    "settle_object",
-    "unwanted_overlaps",
-]
+from .bodies.materials import Materials as Materials
+from .bodies.object_and_supports import ManipulatedObject as ManipulatedObject
+from .bodies.object_and_supports import Support as Support
+from .bodies.shapes import Box as Box
+from .bodies.shapes import Capsule as Capsule
+from .bodies.shapes import Cone as Cone
+from .bodies.shapes import Cylinder as Cylinder
+from .bodies.shapes import HalfSpace as HalfSpace
+from .bodies.shapes import MeshShape as MeshShape
+from .bodies.shapes import Sphere as Sphere
+from .contact.contact_points import BodyKind as BodyKind
+from .contact.contact_points import ContactPoint as ContactPoint
+from .inspection.audit import AuditReport as AuditReport
+from .inspection.audit import audit_urdf as audit_urdf
+from .inspection.listing import RobotRecord as RobotRecord
+from .inspection.listing import list_robots as list_robots
+from .posing.closing import ClosingResult as ClosingResult
+from .posing.closing import close_hand as close_hand
+from .posing.fingertips import FingertipPlacement as FingertipPlacement
+from .posing.fingertips import place_fingertips as place_fingertips
+from .posing.overlaps import Overlap as Overlap
+from .posing.overlaps import unwanted_overlaps as unwanted_overlaps
+from .posing.settling import settle_object as settle_object
+from .robots.description import FingerSpec as FingerSpec
+from .robots.description import LinkMeshes as LinkMeshes

@@ -1,26 +1,12 @@
-from .load import load_scene
-from .motion_and_contacts import GivenContact, HandMotion, Motion, SceneContacts
-from .poses import (
-    ClosedScene,
-    PlacedScene,
-    close_fingers,
-    fingertip_contact,
-    settle,
-)
-from .scene import Scene
-from .scene_schema import scene_json_schema
-
-__all__ = [
-    "ClosedScene",
-    "GivenContact",
-    "HandMotion",
-    "Motion",
-    "PlacedScene",
-    "Scene",
-    "SceneContacts",
-    "close_fingers",
-    "fingertip_contact",
-    "load_scene",
-    "scene_json_schema",
-    "settle",
-]
+from .load import load_scene as load_scene
+from .motion_and_contacts import GivenContact as GivenContact
+from .motion_and_contacts import HandMotion as HandMotion
+from .motion_and_contacts import Motion as Motion
+from .motion_and_contacts import SceneContacts as SceneContacts
+from .poses import ClosedScene as ClosedScene
+from .poses import PlacedScene as PlacedScene
+from .poses import close_fingers as close_fingers
+from .poses import fingertip_contact as fingertip_contact
+from .poses import settle as settle
+from .scene import Scene as Scene
+from .scene_schema import scene_json_schema as scene_json_schema
