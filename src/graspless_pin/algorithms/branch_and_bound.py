@@ -236,7 +236,7 @@ def _drawn(state: SearchState, node: _Node) -> _Node | None:
     lb, ub = node.lb.copy(), node.ub.copy()
     cones = state.formulation.cone_index
     released, signs = decisions.released[cones, None], decisions.signs[cones]
-    # Friction is opposite to the virtual sliding, and vanishes without.
+    # (31): friction is opposite to the virtual sliding; (27): it vanishes without (docs/model.md).
     high, low = released | (signs > 0), released | (signs < 0)
     for columns in state.formulation.cone_columns:
         ub[columns[high]] = np.minimum(ub[columns[high]], 0.0)
