@@ -153,8 +153,14 @@ def test_wrong_usage_is_exit_code_2(arguments):
         (("--solver", "simplex"), "solver: 'simplex' is not installed; available: clarabel,"),
         (("--algorithm", "torque", "--margin", "-1"), "margin: is -1.0; it must be"),
         (("--algorithm", "torque", "--margin", "nan"), "margin: is nan; it must be"),
-        (("--margin", "0.2"), "margin: is an option of Algorithm 2 and would change nothing here"),
-        (("--scale", "limits"), "scale: is an option of Algorithm 2 and would change nothing here"),
+        (
+            ("--margin", "0.2"),
+            "margin: is an option of the algorithm 'torque' and would change nothing",
+        ),
+        (
+            ("--scale", "limits"),
+            "scale: is an option of the algorithm 'torque' and would change nothing",
+        ),
     ],
 )
 def test_bad_options(options, message):

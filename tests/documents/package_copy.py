@@ -22,7 +22,7 @@ def copied(folder: Path) -> Path:
 
 
 def walkthrough(word: str) -> list[str]:
-    """The blocks of CONTRIBUTING with a word in them: the new module, the lines for the list, ..."""
+    """The blocks of CONTRIBUTING with a word in them: the new module, the lines for the list."""
     blocks = blocks_of(ROOT / "CONTRIBUTING.md")
     return [block.text for block in blocks if word in block.text and block.kind]
 

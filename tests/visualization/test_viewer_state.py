@@ -286,7 +286,7 @@ def test_a_scene_that_makes_no_sense_says_why(allegro):
 def test_the_page_begins_with_the_scenes_own_options():
     scene = load_scene(EXAMPLES / "allegro_sphere_on_slope.yaml")
     settings = initial_settings(scene)
-    assert settings.algorithm is Algorithm.TORQUE
+    assert settings.algorithm == Algorithm.TORQUE
     assert settings.required_margin == 1.0
     result = answer_settings(scene, settings)
     assert result.solution is not None

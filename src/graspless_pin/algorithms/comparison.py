@@ -10,10 +10,10 @@ from typing import Unpack
 
 from graspless_pin.algorithms.formulation import formulate
 from graspless_pin.algorithms.limits import Limits
+from graspless_pin.algorithms.named_objectives import objective_named
 from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
 from graspless_pin.algorithms.search import SearchState, finished
 from graspless_pin.algorithms.solve import solution_of, solve_problem
-from graspless_pin.algorithms.torque import paper_objective
 from graspless_pin.brief import Brief
 from graspless_pin.errors import OverrunError
 from graspless_pin.modes.enumeration import enumerate_modes
@@ -36,7 +36,7 @@ class RuleComparison(Brief):
         solutions: Solution by rules.
     """
 
-    algorithm: Algorithm
+    algorithm: Algorithm | None
     solutions: Mapping[Rules, TorqueSolution]
 
     def __str__(self) -> str:
@@ -95,7 +95,7 @@ def compare_rules(
         >>> print(str(table).splitlines()[2])
         strict + exempt                   0.1                0.9618
     """
-    how, objective = SolveOptions.parse(**options), paper_objective(algorithm, margin)
+    how, objective = SolveOptions.parse(**options), objective_named(algorithm, {"margin": margin})
     limits = Limits.of(how)
     readings = [Rules(sign, sliding) for sign, sliding in product(SignRule, SlidingRule)]
     readings.append(Rules(static_friction=StaticFriction.COULOMB))
@@ -105,7 +105,7 @@ def compare_rules(
         rules: solve_problem(problem, objective, limits.within(replace(how, rules=rules)))
         for rules in readings
     }
-    return RuleComparison(Algorithm(algorithm), found)
+    return RuleComparison(objective.algorithm, found)
 
 
 def solve_each_mode(
@@ -139,7 +139,7 @@ def solve_each_mode(
         1.6504 N
     """
     options["static_friction"] = StaticFriction.VIRTUAL_SLIDING
-    how, objective = SolveOptions.parse(**options), paper_objective(algorithm, margin)
+    how, objective = SolveOptions.parse(**options), objective_named(algorithm, {"margin": margin})
     signs, sliding = how.rules.sign, how.rules.sliding
     limits = Limits.of(how)
     modes = enumerate_modes(

@@ -10,7 +10,7 @@ from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.modes.rules import SlidingMode
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import choice
-from graspless_pin.programs.objectives import Algorithm, Margin, Objective, Torque, TorqueShare
+from graspless_pin.programs.objectives import Margin, Objective, Torque, TorqueShare
 from graspless_pin.solution import TorqueSolution
 
 
@@ -31,38 +31,6 @@ def torque_objective(margin: float, scale: str = "absolute", regularization: flo
     """
     by_limits = choice(TorqueScale, "scale", scale) is TorqueScale.LIMITS
     return (TorqueShare if by_limits else Torque)(margin, regularization)
-
-
-def paper_objective(
-    algorithm: str, margin: float = 0.1, scale: str = "absolute", regularization: float = 0.0
-) -> Objective:
-    """Return what one of the paper's algorithms optimises.
-
-    Args:
-        algorithm: ``margin`` or ``torque``.
-        margin: Required margin of Algorithm 2, N.
-        scale: Of Algorithm 2.
-        regularization: Of either.
-
-    Raises:
-        ArgumentError: If a figure is negative, or the algorithm or the scale is not known.
-    """
-    if choice(Algorithm, "algorithm", algorithm) is Algorithm.MARGIN:
-        return Margin(regularization)
-    return torque_objective(margin, scale, regularization)
-
-
-def objective_and_options(
-    *,
-    algorithm: str = "margin",
-    margin: float = 0.1,
-    scale: str = "absolute",
-    regularization: float = 0.0,
-    **options: Unpack[SolveKeywords],
-) -> tuple[Objective, SolveOptions]:
-    """Return what a scene, a study or an evaluator asks for by name; see `paper_objective`."""
-    objective = paper_objective(algorithm, margin, scale, regularization)
-    return objective, SolveOptions.parse(**options)
 
 
 def maximize_margin(

@@ -10,13 +10,14 @@ import typer
 
 from graspless_pin.algorithms.force_bounds import contact_force_bounds
 from graspless_pin.algorithms.limits import Limits
+from graspless_pin.algorithms.named_objectives import AIMS
 from graspless_pin.algorithms.robustness import Robustness, robustness
 from graspless_pin.algorithms.what_would_hold import what_would_hold
+from graspless_pin.cli.objective_options import asking_by_name
 from graspless_pin.cli.outcome import ExitCode, echo_findings, loaded_scene, plain_errors
 from graspless_pin.findings import tell
 from graspless_pin.holding.verdict import Stability
 from graspless_pin.modes.rules import StaticFriction
-from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.progress import waiting_for
 from graspless_pin.scene import Scene
 from graspless_pin.scene.scene_stability import known_of_scene, unknown_of
@@ -26,12 +27,10 @@ _TOUCHING = 1e-9  # m; what is no farther apart touches
 _RANGES_TIME = 10.0  # s; by then most free rays are found
 
 
+@asking_by_name
 def robustness_scene(
     scene: Annotated[Path, typer.Argument(help="Scene file (YAML), without a motion.")],
-    algorithm: Annotated[
-        Algorithm | None,
-        typer.Option(help="Whose torques: margin (Algorithm 1) or torque (2)."),
-    ] = None,
+    algorithm: Annotated[str | None, typer.Option(help=f"Whose torques. {AIMS}.")] = None,
     nodes: Annotated[
         int, typer.Option(min=0, help="Most nodes (sets of outcomes) of each proof.")
     ] = 300,

@@ -8,7 +8,9 @@ from typing import Annotated
 import typer
 
 from graspless_pin.algorithms.force_bounds import contact_force_bounds
+from graspless_pin.algorithms.named_objectives import AIMS
 from graspless_pin.algorithms.options import RequiredStability
+from graspless_pin.cli.objective_options import asking_by_name
 from graspless_pin.cli.outcome import (
     ExitCode,
     echo_findings,
@@ -21,7 +23,6 @@ from graspless_pin.findings import tell
 from graspless_pin.holding.stability import stability
 from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.modes.rules import StaticFriction
-from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.progress import waiting_for
 from graspless_pin.report.document import write_text
 from graspless_pin.report.html.time_lapse import time_lapse, time_lapse_html
@@ -35,13 +36,11 @@ from graspless_pin.simulation.video import write_video
 _RANGES_TIME = 10.0  # s; by then most ranges are proven
 
 
+@asking_by_name
 def simulate_scene(
     scene: Annotated[Path, typer.Argument(help="Scene file (YAML), without a motion.")],
     algorithm: Annotated[
-        Algorithm | None,
-        typer.Option(
-            help="Whose torques: margin (Algorithm 1) or torque (2); default: the file's."
-        ),
+        str | None, typer.Option(help=f"Whose torques; default: the file's. {AIMS}.")
     ] = None,
     required: Annotated[
         RequiredStability | None,

@@ -8,15 +8,16 @@ from typing import Annotated, Any
 import typer
 
 from graspless_pin.algorithms.force_bounds import ContactForceBounds, contact_force_bounds
+from graspless_pin.algorithms.named_objectives import AIMS
 from graspless_pin.algorithms.options import RequiredStability, Search
 from graspless_pin.algorithms.torque import TorqueScale
+from graspless_pin.cli.objective_options import asking_by_name
 from graspless_pin.cli.outcome import echo_findings, exit_code, loaded_scene, plain_errors
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import tell
 from graspless_pin.holding.options import BRIEF_NODE_LIMIT, NODE_LIMIT
 from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.modes.rules import SignRule, SlidingRule, StaticFriction
-from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.progress import waiting_for
 from graspless_pin.report import scene_solution_text
 from graspless_pin.scene import Scene
@@ -28,12 +29,10 @@ _RANGE_NODES = 100
 _RANGES_TIME = 20.0  # s; for many contacts, in scenes that are harder than all examples
 
 
+@asking_by_name
 def solve_scene(
     scene: Annotated[Path, typer.Argument(help="Scene file (YAML).")],
-    algorithm: Annotated[
-        Algorithm | None,
-        typer.Option(help="margin: Algorithm 1, largest margin; torque: Algorithm 2."),
-    ] = None,
+    algorithm: Annotated[str | None, typer.Option(help=f"{AIMS}.")] = None,
     margin: Annotated[
         float | None, typer.Option(help="Required margin e0 of Algorithm 2, N.")
     ] = None,
@@ -83,6 +82,7 @@ def solve_scene(
             "check the proof.",
         ),
     ] = False,
+    **figures: Any,
 ) -> None:
     """Solve a scene: which joint torques, how robust, and does it hold.
 
@@ -111,6 +111,7 @@ def solve_scene(
             "direction_gap": direction_gap,
             "stability": stability,
             "verdict_nodes": verdict_nodes,
+            **figures,
         }
         options = {name: value for name, value in given.items() if value is not None}
         with waiting_for("solving"):

@@ -9,8 +9,8 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graspless_pin.algorithms.named_objectives import objective_and_options
 from graspless_pin.algorithms.options import SolveKeywords
-from graspless_pin.algorithms.torque import objective_and_options
 from graspless_pin.modes.rules import Rules
 from graspless_pin.planning.configurations import Configuration, Configurations
 from graspless_pin.planning.evaluated_states import (
@@ -74,7 +74,8 @@ class Evaluator:
 
         Args:
             scene: The scene; what `evaluate` is not told stays as it is there.
-            algorithm: ``margin`` (Algorithm 1) or ``torque`` (Algorithm 2).
+            algorithm: ``margin`` (Algorithm 1), ``torque`` (Algorithm 2) or another objective's
+                name.
             required_margin: See the attributes.
             scale: See `minimize_torque`.
             regularization: See `maximize_margin`; positive: torques change continuously from
@@ -83,7 +84,7 @@ class Evaluator:
                 other, see `unwanted_overlaps`. False for a planner that checks them itself.
             need_hand: Whether states are refused in which the hand does not touch the object. False
                 where it may be released onto a support.
-            options: See `SolveOptions.parse`.
+            options: See `SolveOptions.parse`; and figures of another objective.
 
         Raises:
             ArgumentError: If an option is not known or a figure out of range.
@@ -106,7 +107,7 @@ class Evaluator:
 
     @property
     def algorithm(self) -> Algorithm | None:
-        """What `evaluate` solves: Algorithm 1 or 2."""
+        """What `evaluate` solves: Algorithm 1 or 2; None: another objective."""
         return self._solver.objective.algorithm
 
     @property

@@ -153,4 +153,4 @@ class WarmStarts:
 def _contacts(
     bodies: tuple[Any, ...], problem: QuasistaticProblem, objective: Objective
 ) -> _Contacts:
-    return objective.algorithm, bodies, problem.is_sliding.tobytes()
+    return objective.algorithm or objective, bodies, problem.is_sliding.tobytes()

@@ -41,7 +41,9 @@ def accepted(
         The same, unless a check fails or its proof is not in the document. Then an optimum is the
         best found only, a verdict undecided, and an answer that is none is not verified.
     """
-    if solution.rules.by_direction:  # it has bounds of its own and no document
+    # No document holds the bounds of directions, nor round cones of an objective of its own.
+    own_round = solution.algorithm is None and solution.problem.cone_model.second_order
+    if solution.rules.by_direction or own_round:
         return solution, verdict
     document = solution_document(solution, scene, verdict)
     of_rest = rest_checks(document, read_problem(document))

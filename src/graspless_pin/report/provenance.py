@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from graspless_pin.algorithms.named_objectives import asked_by
 from graspless_pin.errors import SceneError
 from graspless_pin.intake.files import FileKind, read_bytes
 from graspless_pin.problem import QuasistaticProblem
@@ -83,12 +84,17 @@ def solve_command(solution: TorqueSolution, scene_file: Path) -> str | None:
     """Return the command line that solves a scene file again; None: no command does.
 
     What the command does not say stands in the scene file. No command takes a given mode,
-    or an objective of a user's own.
+    or an objective without a name.
     """
-    if solution.status in _IN_GIVEN_MODE or solution.algorithm is None:
+    name, figures = asked_by(solution.objective) or (solution.algorithm, {})
+    if solution.status in _IN_GIVEN_MODE or name is None:
         return None
-    words = ["graspless-pin", "solve", str(scene_file), "--algorithm", str(solution.algorithm)]
-    if solution.algorithm == "torque":
+    words = ["graspless-pin", "solve", str(scene_file), "--algorithm", str(name)]
+    if solution.algorithm is None:
+        for key, value in figures.items():
+            if isinstance(value, int | float | str):
+                words += [f"--{key.replace('_', '-')}", str(value)]
+    elif solution.algorithm == "torque":
         words += ["--margin", f"{solution.required_margin!r}"]
         if solution.found:
             words += ["--scale", "limits" if solution.objective.by_limits else "absolute"]

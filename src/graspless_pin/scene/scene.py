@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from graspless_pin.algorithms.named_objectives import objective_and_options, useless
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.solve import solve_problem
-from graspless_pin.algorithms.torque import objective_and_options
 from graspless_pin.caching import Latest
 from graspless_pin.errors import ArgumentError, SceneError, SolverUnavailableError
 from graspless_pin.findings import Finding
@@ -30,7 +30,7 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, real_number
 from graspless_pin.problem.derived_inertias import with_derived_inertias
 from graspless_pin.problem.own_arrays import problem_of_own_arrays
-from graspless_pin.programs.objectives import Algorithm, Objective
+from graspless_pin.programs.objectives import Objective
 from graspless_pin.scene.contact_arrays import contacts_after_motion, label_of, touching_of
 from graspless_pin.scene.joints import inertia_of_columns
 from graspless_pin.scene.motion_and_contacts import GivenContact, Motion, SceneContacts
@@ -276,8 +276,9 @@ class Scene(PickledByFields):
         """Solve the scene's problem with its own options, or with others.
 
         Args:
-            algorithm: ``margin`` (Algorithm 1) or ``torque`` (Algorithm 2); None: the scene's.
-            options: Options of `maximize_margin` or `minimize_torque`.
+            algorithm: ``margin`` (Algorithm 1), ``torque`` (Algorithm 2) or another objective's
+                name; None: the scene's.
+            options: Options of `maximize_margin`, `minimize_torque` or the other objective.
 
         Raises:
             ArgumentError: If an option is not known or not one of this algorithm.
@@ -291,11 +292,10 @@ class Scene(PickledByFields):
 
     def asked(self, algorithm: str | None = None, **options: Any) -> tuple[Objective, SolveOptions]:
         """Return what `solve` solves for, and how; the arguments are the same."""
+        name = algorithm or self.solve_options.get("algorithm", "margin")
 
         def made() -> tuple[Objective, SolveOptions]:
-            chosen = {**self.solve_options, **options}
-            chosen["algorithm"] = algorithm or chosen.get("algorithm", "margin")
-            return objective_and_options(**chosen)
+            return objective_and_options(**{**self.solve_options, **options, "algorithm": name})
 
         sources = self.solve_options, algorithm, *options, *options.values()
         try:
@@ -304,13 +304,9 @@ class Scene(PickledByFields):
             if "solver" in options:
                 raise
             raise SceneError(f"{label_of(self)}: solve.{error}") from error
-        if objective.algorithm is Algorithm.MARGIN:
-            for name in {"margin", "scale"} & set(options):
-                raise ArgumentError(
-                    name,
-                    "is an option of Algorithm 2 and would change nothing here; ask for the "
-                    "algorithm 'torque' or leave it out",
-                )
+        for key in options:
+            if why := useless(key, name):
+                raise ArgumentError(key, why)
         return objective, how
 
     def stability(self, torques: ArrayLike, **options: Any) -> StabilityVerdict:

@@ -6,13 +6,11 @@ errors, so that a misspelt one is not silently ignored.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
-from pydantic import (
-    BeforeValidator,
-    Field,
-)
+from pydantic import BeforeValidator, Field, create_model
 
+from graspless_pin.algorithms.named_objectives import AIMS, OBJECTIVES, figure_types
 from graspless_pin.bounds import MOST_CONE_EDGES
 from graspless_pin.holding.options import NODE_LIMIT
 from graspless_pin.intake.fields import (
@@ -36,8 +34,9 @@ from graspless_pin.scene.hand_schema import HandEntry
 
 ConeEdges = Annotated[int, Field(ge=3, le=MOST_CONE_EDGES), BeforeValidator(no_truth_value)]
 if TYPE_CHECKING:
-    ConeName = str
+    AlgorithmName = ConeName = str
 else:
+    AlgorithmName = Literal[tuple(OBJECTIVES)]
     ConeName = Literal[tuple(CONE_MODELS)]
 NodeLimit = Annotated[int, Field(ge=1), BeforeValidator(no_truth_value)]
 PatchPoints = Annotated[int, Field(ge=3, le=64), BeforeValidator(no_truth_value)]
@@ -69,13 +68,30 @@ class MotionEntry(Entry):
     )
 
 
+_Entry = TypeVar("_Entry", bound=Entry)
+
+
+def with_figures(entry: type[_Entry]) -> type[_Entry]:
+    """Return an entry with one key more for each figure of an objective that it does not have."""
+    further: dict[str, Any] = {
+        key: (kind | None, None)
+        for key, kind in figure_types().items()
+        if key not in entry.model_fields
+    }
+    return create_model(
+        entry.__name__,
+        __base__=entry,
+        __doc__=entry.__doc__,
+        __module__=entry.__module__,
+        **further,
+    )
+
+
+@with_figures
 class SolveEntry(Entry):
     """What to solve, unless the caller says otherwise."""
 
-    algorithm: Literal["margin", "torque"] = Field(
-        default="margin",
-        description="margin: Algorithm 1, largest margin; torque: Algorithm 2, least torque",
-    )
+    algorithm: AlgorithmName = Field(default="margin", description=AIMS)
     margin: NotNegative = Field(default=0.1, description="[N] required margin e_0 of Algorithm 2")
     scale: Literal["absolute", "limits"] = Field(
         default="absolute",

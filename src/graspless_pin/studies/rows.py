@@ -19,6 +19,8 @@ _SUFFIXES = {unit: unit.replace(" ", "") for unit in JointUnit}
 """What ends the name of a column, by unit."""
 
 
+OBJECTIVE_VALUE = "objective_value"
+"""Name of the column of the optimum of an objective that is none of Algorithms 1 and 2."""
 FINDINGS = "findings"
 """Name of the column of serious findings; empty without any."""
 

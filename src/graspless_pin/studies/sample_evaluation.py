@@ -18,7 +18,7 @@ from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_stability import solution_verdict, unknown_of
 from graspless_pin.scene.state_findings import StateChecks, state_findings
 from graspless_pin.solution import Status, TorqueSolution
-from graspless_pin.studies.rows import Row, of_findings, torque_columns
+from graspless_pin.studies.rows import OBJECTIVE_VALUE, Row, of_findings, torque_columns
 from graspless_pin.studies.sample_blocks import SampleBlock, StatedSample, stated_sample
 from graspless_pin.studies.sample_parts import Sample, SampleParts
 from graspless_pin.studies.study import Study
@@ -147,6 +147,8 @@ def _results(study: Study, number: int, scene: Scene, starts: WarmStarts | None)
     row: Row = {"status": solution.status.name.lower(), "found": solution.found}
     if solution.found:
         row |= columns.values(solution.margin, solution.torques.tolist())
+        if solution.algorithm is None:
+            row[OBJECTIVE_VALUE] = solution.value
     else:
         row |= dict.fromkeys(name for name, _ in columns.largest)
     row["contacts"] = problem.contact_count

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
+from graspless_pin.algorithms.named_objectives import useless
 from graspless_pin.errors import StudyError
 from graspless_pin.intake.files import FileKind, is_file, read_bytes
 from graspless_pin.scene.degrees import in_radians
@@ -240,17 +241,19 @@ def _check_materials(entry: SceneEntry, variables: tuple[Variable, ...], fail: A
 def _check_algorithm(
     tree: Tree, variables: tuple[Variable, ...], options: Mapping[str, Any], fail: Any
 ) -> None:
-    """Refuse options of Algorithm 2 where Algorithm 1 is computed."""
-    varied = {location for variable in variables for location, _, _ in variable.targets}
-    if tree["solve"].get("algorithm", "margin") == "torque" or ("solve", "algorithm") in varied:
+    """Refuse options of algorithms that are not computed."""
+    varied = {
+        location[1]: variable.name
+        for variable in variables
+        for location, *_ in variable.targets
+        if len(location) > 1 and location[0] == "solve"
+    }
+    if "algorithm" in varied:
         return
-    message = "is an option of Algorithm 2 and would change nothing; compute the algorithm 'torque'"
-    for name in ("margin", "scale"):
-        if name in options:
-            raise fail(("compute", name), message)
-        for variable in variables:
-            if any(location == ("solve", name) for location, _, _ in variable.targets):
-                raise fail(("vary", variable.name), message)
+    algorithm = tree["solve"].get("algorithm", "margin")
+    for key in (*options, *varied):
+        if why := useless(str(key), algorithm):
+            raise fail(("compute", key) if key in options else ("vary", varied[key]), why)
 
 
 def _fingerprint(entry: StudyEntry, tree: Tree, folder: Path) -> str:

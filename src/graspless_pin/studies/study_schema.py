@@ -23,6 +23,7 @@ from graspless_pin.intake.fields import (
     Whole,
 )
 from graspless_pin.scene.body_schema import Direction, Vector
+from graspless_pin.scene.scene_schema import AlgorithmName, with_figures
 
 
 def _listed(value: Any) -> Any:
@@ -167,10 +168,11 @@ class SamplingEntry(Entry):
         return self
 
 
+@with_figures
 class ComputeEntry(Entry):
     """What is computed for each sample; what is not said is as in the scene."""
 
-    algorithm: Literal["margin", "torque"] | None = Field(default=None, description=_AS_SOLVE)
+    algorithm: AlgorithmName | None = Field(default=None, description=_AS_SOLVE)
     margin: NotNegative | None = Field(default=None, description="[N] e_0 of Algorithm 2")
     scale: Literal["absolute", "limits"] | None = Field(default=None, description=_AS_SOLVE)
     sign_rule: Literal["strict", "exact", "nonzero", "direction"] | None = Field(

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from graspless_pin.atomic_write import draft_of
 from graspless_pin.errors import StudyError
 from graspless_pin.studies.journal import Journal
-from graspless_pin.studies.rows import FINDINGS, LARGEST_TORQUE
+from graspless_pin.studies.rows import FINDINGS, LARGEST_TORQUE, OBJECTIVE_VALUE
 from graspless_pin.studies.study import Study
 from graspless_pin.versions import versions
 
@@ -25,6 +25,7 @@ _COUNTS = ("contacts", "nodes")
 _FIRST = ("status", "found", "margin_N")
 _LARGEST = tuple(f"{LARGEST_TORQUE}{unit}" for unit in ("Nm", "N"))
 _LAST = (
+    OBJECTIVE_VALUE,
     "verdict",
     "mode",
     "smallest_margin_N",

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
+from graspless_pin.algorithms.named_objectives import OBJECTIVES, useless
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
 from graspless_pin.viewer.auth import Gate, is_switch, number_between, one_of
@@ -17,7 +18,7 @@ from graspless_pin.viewer.scene_process import Settings
 _ALGORITHMS = {
     "1: largest margin": Algorithm.MARGIN,
     "2: smallest torque": Algorithm.TORQUE,
-}
+} | {name: name for name in OBJECTIVES if name not in tuple(Algorithm)}
 _STEPS = ("Undo", "Redo", "As loaded")
 _OPEN_GROUPS = ("Load",)
 _MOVED = {OBJECT_PLACE: "Object", HAND_PLACE: "Hand's base"}
@@ -60,7 +61,7 @@ class Desk:
         steps.on_click(lambda _: self._go(str(steps.value)))
         self._algorithm = self._gui.add_dropdown("algorithm", tuple(_ALGORITHMS))
         self._margin = self._gui.add_number(
-            "e0 [N]", 0.0, min=0.0, step=0.01, hint="required margin of Algorithm 2"
+            "e0 [N]", 0.0, min=0.0, step=0.01, hint="required margin"
         )
         gate.admit(self._algorithm, one_of(tuple(_ALGORITHMS)))
         gate.admit(self._margin, number_between(0.0, math.inf))
@@ -114,7 +115,7 @@ class Desk:
                 if value != self._controls[key].initial
             }
             self.settings = replace(settings, values=moved)
-            self._margin.disabled = settings.algorithm is Algorithm.MARGIN
+            self._margin.disabled = bool(useless("margin", settings.algorithm))
             self._changed(self.settings)
 
     def _show(self, settings: Settings) -> None:
@@ -124,7 +125,7 @@ class Desk:
         try:
             self._algorithm.value = names[settings.algorithm]
             self._margin.value = settings.required_margin
-            self._margin.disabled = settings.algorithm is Algorithm.MARGIN
+            self._margin.disabled = bool(useless("margin", settings.algorithm))
             for key, control in self._controls.items():
                 value = settings.values.get(key, control.initial)
                 self._inputs[key].value = bool(value) if key == ALONG else value

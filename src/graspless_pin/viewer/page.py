@@ -405,7 +405,7 @@ class Viewer:
     def _write(self) -> None:
         """Write the readings."""
         shown = self._shown
-        same = shown.settings.algorithm is self._initial.settings.algorithm
+        same = shown.settings.algorithm == self._initial.settings.algorithm
         before = self._initial.solution if same else None
         changes = ""
         if shown.bodies is not None and self._initial.bodies is not None:

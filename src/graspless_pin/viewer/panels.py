@@ -40,11 +40,12 @@ def result_html(result: SettingsAnswer, as_loaded: TorqueSolution | None, *, dar
             f'<div style="border-left:4px solid {color};padding-left:8px">'
             f"<b>No torques: why not</b><br>{words}</div></div>"
         )
-    what = (
-        "Algorithm 1: largest margin"
-        if solution.algorithm is Algorithm.MARGIN
-        else f"Algorithm 2: smallest torque at margin {solution.required_margin:g} N"
-    )
+    at_margin = f"at margin {solution.required_margin:g} N"
+    what = {
+        Algorithm.MARGIN: "Algorithm 1: largest margin",
+        Algorithm.TORQUE: f"Algorithm 2: smallest torque {at_margin}",
+        None: f"{solution.objective.name} {at_margin}",
+    }[solution.algorithm]
     before = None, None
     if as_loaded is not None and as_loaded.found:
         before = as_loaded.margin, as_loaded.max_torque

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from graspless_pin.algorithms.named_objectives import useless
 from graspless_pin.child_process import ChildProcess
 from graspless_pin.errors import (
     ArgumentError,
@@ -48,12 +49,12 @@ class Settings:
     """The state of the page. See the example of `answer_settings`.
 
     Attributes:
-        algorithm: Which algorithm.
+        algorithm: ``margin``, ``torque`` or another objective's name.
         required_margin: e_0 of Algorithm 2, N.
         values: Value by the key of a `Control`; those that are not named are the scene's own.
     """
 
-    algorithm: Algorithm
+    algorithm: str
     required_margin: float
     values: Mapping[str, float] = field(default_factory=dict)
 
@@ -112,7 +113,7 @@ def initial_settings(scene: Scene) -> Settings:
     """
     options: Mapping[str, Any] = scene.solve_options
     return Settings(
-        Algorithm(options.get("algorithm", Algorithm.MARGIN)),
+        options.get("algorithm", Algorithm.MARGIN),
         float(options.get("margin", _DEFAULT_MARGIN)),
     )
 
@@ -158,9 +159,8 @@ def _answered_settings(scene: Scene, settings: Settings) -> SettingsAnswer:
         warnings.simplefilter("ignore", GrasplessPinWarning)  # they were shown at loading
         try:
             changed = changed_scene(scene, settings.values)
-            options = {}
-            if settings.algorithm is Algorithm.TORQUE:
-                options["margin"] = settings.required_margin
+            takes_margin = not useless("margin", settings.algorithm)
+            options = {"margin": settings.required_margin} if takes_margin else {}
             solution = changed.solve(settings.algorithm, **options)
         except GrasplessPinError as error:
             if isinstance(error, StateError) and error.kind is StateFault.NO_CONTACT:

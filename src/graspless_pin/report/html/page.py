@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from graspless_pin.algorithms.force_bounds import ContactForceBounds
+from graspless_pin.algorithms.named_objectives import OBJECTIVES
 from graspless_pin.errors import ArgumentError, GrasplessPinError
 from graspless_pin.findings import is_serious
 from graspless_pin.holding.verdict import Stability
@@ -206,7 +207,8 @@ def _aim(solution: TorqueSolution) -> tuple[str, str]:
         return "1", "largest margin"
     if solution.algorithm is Algorithm.TORQUE:
         return "2", f"smallest torque at a margin of {solution.required_margin:g} N"
-    return solution.objective.name, "an objective of its own"
+    listed = OBJECTIVES.get(solution.objective.name)
+    return solution.objective.name, "an objective of its own" if listed is None else listed.aim
 
 
 def _ranges(

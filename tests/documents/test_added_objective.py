@@ -1,0 +1,289 @@
+"""CONTRIBUTING's walk-through "Add an objective by name", done to a copy of the package."""
+
+import json
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from package_copy import command, copied, inserted, run, walkthrough
+from page_blocks import ROOT
+from scipy.optimize import linprog
+
+from graspless_pin import QuasistaticProblem, enumerate_modes, load_scene
+from graspless_pin.errors import SceneError
+from graspless_pin.report import read_solution
+from graspless_pin.report.verify import verify_document
+
+PACKAGE = Path("src") / "graspless_pin"
+EXAMPLES = ROOT / "examples"
+HAND = "allegro_box_on_slope"
+JAW = "cuboid_at_rest"
+PLACES = {HAND: EXAMPLES / f"{HAND}.yaml", JAW: EXAMPLES / "paper" / f"{JAW}.yaml"}
+MARGIN, EVENNESS = 0.2, 0.5
+USED = """
+import json, sys
+import numpy as np
+from graspless_pin import Evaluator, load_scene
+from graspless_pin.viewer import answer_settings, initial_settings
+from graspless_pin.viewer.panels import result_html
+
+named, plain = map(load_scene, sys.argv[1:])
+evaluators = (
+    Evaluator(named),
+    Evaluator(plain, algorithm="total_torque", required_margin=0.2, evenness=0.5),
+)
+q = evaluators[0].configuration() + np.array([0.0, 1e-4, 2e-4])[:, None]
+states = [one.evaluate_many(q, evaluations=[0, 1, 2]) for one in evaluators]
+answer = answer_settings(named, initial_settings(named))
+print(json.dumps({
+    "scene": named.solve().value,
+    "plain": plain.solve("total_torque", margin=0.2, evenness=0.5).value,
+    "one": [one.evaluate().solution.value for one in evaluators],
+    "many": [[one.solution.value for one in found.evaluations.values()] for found in states],
+    "bounds": [found.bounds.tolist() for found in states],
+    "page": answer.solution.value,
+    "html": result_html(answer, None, dark=False),
+}))
+"""
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory) -> Path:
+    """A copy of the repository in which the walk-through was followed."""
+    folder = copied(tmp_path_factory.mktemp("package"))
+    module, listed = walkthrough("TotalTorque")[:2]
+    (folder / PACKAGE / "programs" / "total_torque.py").write_text(module, encoding="utf-8")
+    imported, line = listed.splitlines()
+    names = folder / PACKAGE / "algorithms" / "named_objectives.py"
+    inserted(names, line, '}\n"""All of them')
+    inserted(names, imported, "class NamedObjective")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def scenes(tmp_path_factory) -> dict[str, Path]:
+    """Both scenes with the objective as what they ask for."""
+    folder, found = tmp_path_factory.mktemp("scenes"), {}
+    for name, place in PLACES.items():
+        content = yaml.safe_load(place.read_text())
+        content["solve"] = {
+            "algorithm": "total_torque", "margin": MARGIN, "evenness": EVENNESS,
+        }  # fmt: skip
+        found[name] = folder / f"{name}.yaml"
+        found[name].write_text(yaml.safe_dump(content))
+    return found
+
+
+def diagonal(blocks: Sequence[np.ndarray] | np.ndarray) -> np.ndarray:
+    """A matrix with blocks of three columns on its diagonal."""
+    return np.vstack([
+        np.hstack([np.zeros((len(block), 3 * before)), block,
+                   np.zeros((len(block), 3 * (len(blocks) - before - 1)))])
+        for before, block in enumerate(blocks)
+    ])  # fmt: skip
+
+
+def least(problem: QuasistaticProblem, evenness: float, signs: np.ndarray | None) -> float:
+    """The optimum by scipy, in forces along n, t1, t2 of a problem at rest without gravity torques.
+
+    Args:
+        problem: Its arrays.
+        evenness: See the objective.
+        signs: (M, 2) of a mode; None: friction anywhere in the cones, which bounds all modes.
+    """
+    M, L, r = problem.contact_count, problem.joint_count, problem.cone_edges
+    frames = np.concatenate([problem.normals[:, :, None], problem.tangents], axis=2)
+    arms = [-np.cross(np.eye(3), p).T for p in problem.positions]
+    slopes = problem.friction * np.cos(np.pi / r)
+    angles = 2.0 * np.pi * (np.arange(r) + 0.5) / r
+    faces = [
+        np.column_stack([np.full(r, -slope), np.cos(angles), np.sin(angles)]) / np.hypot(1.0, slope)
+        for slope in slopes
+    ]
+    W = np.vstack([np.tile(np.eye(3), M), np.hstack(arms)]) @ diagonal(frames)
+    torque = problem.jacobian.T @ diagonal(frames)
+    below = [
+        np.hstack([diagonal(faces), np.zeros((M * r, L + 1))]),
+        np.hstack([torque, -np.eye(L), np.zeros((L, 1))]),
+        np.hstack([-torque, -np.eye(L), np.zeros((L, 1))]),
+        np.hstack([np.zeros((L, 3 * M)), np.eye(L), -np.ones((L, 1))]),
+    ]
+    g = problem.gravity_torques
+    sides = [np.full(M * r, -MARGIN), -g, g, np.zeros(L)]
+    bounds = []
+    for contact, most in enumerate(problem.max_normal_force):
+        bounds.append((MARGIN, most - MARGIN))
+        if signs is None:
+            bounds += [(-np.inf, np.inf)] * 2
+            continue
+        for sign in signs[contact]:  # friction opposes the sliding; without, there is none
+            bounds.append((-np.inf if sign > 0 else 0.0, np.inf if sign < 0 else 0.0))
+    limits = np.minimum(problem.upper_torque, -problem.lower_torque)
+    bounds += [(0.0, limit) for limit in limits] + [(0.0, np.inf)]
+    found = linprog(
+        np.concatenate([np.zeros(3 * M), np.ones(L), [evenness]]),
+        np.vstack(below), np.concatenate(sides),
+        np.hstack([W, np.zeros((6, L + 1))]), -problem.external_wrench, bounds,
+    )  # fmt: skip
+    return float(found.fun) if found.status == 0 else np.inf
+
+
+@pytest.fixture(scope="module")
+def expected() -> dict[str, float]:
+    """Of the jaw the least of all its modes; of the hand what no mode is below, and one reaches."""
+    hand, jaw = (load_scene(PLACES[name]).problem() for name in (HAND, JAW))
+    modes = enumerate_modes(jaw, maximal=True)
+    return {
+        HAND: least(hand, EVENNESS, None),
+        JAW: min(least(jaw, EVENNESS, mode.signs) for mode in modes),
+    }
+
+
+@pytest.fixture(scope="module")
+def documents(package, scenes, tmp_path_factory) -> dict[str, dict]:
+    """What ``solve`` writes of both scenes."""
+    folder, found = tmp_path_factory.mktemp("documents"), {}
+    for name, scene in scenes.items():
+        file = folder / f"{name}.json"
+        shown = command(package, "solve", str(scene), "--json", str(file))
+        assert shown.returncode == 0, shown.stderr
+        assert f"total_torque at margin {MARGIN:g} N: optimal" in shown.stdout
+        found[name] = json.loads(file.read_text())
+    return found
+
+
+@pytest.mark.parametrize("name", PLACES)
+def test_a_scene_that_names_it_has_the_optimum_of_scipy(documents, expected, name):
+    document = documents[name]
+    assert document["objective"]["name"] == "total_torque"
+    assert document["objective"]["value"] == pytest.approx(expected[name], rel=1e-7)
+    sizes = [abs(joint["torque"]) for joint in document["joints"]]
+    assert sum(sizes) + EVENNESS * max(sizes) == pytest.approx(expected[name], rel=1e-6)
+
+
+@pytest.mark.parametrize("name", PLACES)
+def test_its_document_is_proven_by_the_checker_of_a_package_without_it(documents, name):
+    """A document says what its objective is: no name is believed."""
+    document = documents[name]
+    assert document["algorithm"] is None
+    assert verify_document(document).passed
+    read = read_solution(document)
+    assert read.objective.name == "total_torque"
+    forged = json.loads(json.dumps(document))
+    forged["algorithm"] = "total_torque"
+    with pytest.raises(ValueError, match="algorithm is 'total_torque'; it must be one of margin"):
+        verify_document(forged)
+
+
+def test_the_command_line_asks_for_it(package, expected, tmp_path):
+    file = tmp_path / "solution.json"
+    asked = ("--algorithm", "total_torque", "--margin", f"{MARGIN}", "--evenness", f"{EVENNESS}")
+    shown = command(package, "solve", str(PLACES[JAW]), *asked, "--json", str(file))
+    assert shown.returncode == 0, shown.stderr
+    document = json.loads(file.read_text())
+    assert document["objective"]["value"] == pytest.approx(expected[JAW], rel=1e-7)
+    for name in ("solve", "simulate", "robustness"):
+        text = " ".join(command(package, name, "--help").stdout.replace("│", "").split())
+        assert "<margin|torque|total_torque>" in text
+        assert "total_torque: least sum of all torques" in text
+        assert ("--evenness" in text) is (name == "solve")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--algorithm", "total_torque", "--evenness", "-1"), "error: evenness: is -1"),
+        (("--algorithm", "total_torque", "--scale", "limits"),
+         "scale: is an option of the algorithm 'torque' and would change nothing here; ask for it"),
+        (("--margin", "0.1"),
+         "margin: is an option of the algorithms 'torque', 'total_torque' and would change"),
+        (("--evenness", "0.1"), "evenness: is an option of the algorithm 'total_torque'"),
+        (("--algorithm", "total"), "'total' is not one of 'margin', 'torque', 'total_torque'"),
+    ],
+)  # fmt: skip
+def test_what_does_not_do_is_told(package, words, message):
+    shown = command(package, "solve", str(PLACES[JAW]), *words)
+    assert shown.returncode == 2
+    assert message in " ".join(shown.stderr.replace("│", "").split())
+
+
+def test_a_wrong_figure_in_a_scene_is_told_with_its_line(package, scenes, tmp_path):
+    file = tmp_path / "wrong.yaml"
+    text = scenes[JAW].read_text().replace(f"evenness: {EVENNESS}", "evenness: -2")
+    file.write_text(text)
+    line = text[: text.index("evenness")].count("\n") + 1
+    shown = command(package, "solve", str(file))
+    assert shown.returncode == 2
+    assert f"{file}:{line}: solve.evenness: found -2" in shown.stderr
+
+
+def test_a_package_without_it_says_what_it_knows(scenes):
+    with pytest.raises(SceneError, match=r"solve\.algorithm: found 'total_torque'; .*'torque'"):
+        load_scene(scenes[JAW])
+
+
+def test_the_schemas_have_its_name_and_figure(package):
+    for words, entry in ((("schema",), "SolveEntry"), (("schema", "--study"), "ComputeEntry")):
+        schema = json.loads(command(package, *words).stdout)["$defs"][entry]["properties"]
+        assert "total_torque" in json.dumps(schema["algorithm"])
+        assert "beside the sum" in json.dumps(schema["evenness"])
+        assert '"minimum": 0.0' in json.dumps(schema["evenness"])
+
+
+def test_evaluators_and_the_page_solve_for_it(package, scenes, expected):
+    shown = run(package, "-c", USED, str(scenes[JAW]), str(PLACES[JAW]))
+    assert shown.returncode == 0, shown.stderr
+    found = json.loads(shown.stdout)
+    for value in (found["scene"], found["plain"], *found["one"], found["page"]):
+        assert value == pytest.approx(expected[JAW], rel=1e-7)
+    for values, bounds in zip(found["many"], found["bounds"], strict=True):
+        assert values[0] == pytest.approx(expected[JAW], rel=1e-7)
+        assert values == pytest.approx(bounds, rel=1e-6)
+        assert len(set(values)) == 3
+    assert f"total_torque at margin {MARGIN:g} N" in found["html"]
+
+
+def test_a_study_computes_it_and_varies_its_figure(package, tmp_path):
+    pd = pytest.importorskip("pandas")
+    study = {
+        "scene": str(PLACES[HAND]),
+        "vary": {"solve.evenness": {"values": [0.0, 0.5, 5.0]}},
+        "compute": {"algorithm": "total_torque", "margin": MARGIN},
+    }
+    file, output = tmp_path / "study.yaml", tmp_path / "results.csv"
+    file.write_text(yaml.safe_dump(study))
+    shown = command(package, "study", str(file), "-o", str(output), "--workers", "1")
+    assert shown.returncode == 0, shown.stderr
+    table = pd.read_csv(output, comment="#")
+    problem = load_scene(PLACES[HAND]).problem()
+    values = [least(problem, evenness, None) for evenness in (0.0, 0.5, 5.0)]
+    assert table["objective_value"].tolist() == pytest.approx(values, rel=1e-7)
+    assert len(set(np.round(values, 4))) == 3
+    study["compute"]["scale"] = "limits"
+    file.write_text(yaml.safe_dump(study))
+    refused = command(package, "study", str(file), "-o", str(output))
+    assert "compute.scale: is an option of the algorithm 'torque'" in refused.stderr
+
+
+def test_the_report_names_it_and_how_to_ask_for_it(package, scenes, tmp_path):
+    page = tmp_path / "report.html"
+    shown = command(package, "report", str(scenes[JAW]), "-o", str(page), "--no-ranges")
+    assert shown.returncode == 0, shown.stderr
+    html = page.read_text(encoding="utf-8")
+    assert "Algorithm total_torque: least sum of all torques" in html
+    asked = f"--algorithm total_torque --margin {MARGIN} --evenness {EVENNESS}"
+    assert asked in re.sub("<[^>]*>", "", html)
+
+
+def test_round_cones_have_no_document_but_an_answer(package, scenes, tmp_path):
+    file = tmp_path / "round.yaml"
+    file.write_text(scenes[JAW].read_text() + "cone: round\n")
+    shown = command(package, "solve", str(file))
+    assert shown.returncode == 0, shown.stderr
+    assert f"total_torque at margin {MARGIN:g} N" in shown.stdout
+    refused = command(package, "solve", str(file), "--json", str(tmp_path / "solution.json"))
+    assert refused.returncode == 2
+    assert "'total_torque', which has round cones; no document holds it" in refused.stderr
