@@ -30,6 +30,7 @@ from graspless_pin.problem.cones import CONE_MODELS, Pyramid
 from graspless_pin.report import read_solution, solution_document
 from graspless_pin.report.verify import verify_document
 from graspless_pin.solution import Status
+from graspless_pin.solution.utilization import contact_state, friction_use
 
 CORNERS = np.array([[0.9, -0.1], [0.5, 0.6], [-0.2, 0.7], [-0.6, 0.1], [-0.3, -0.5], [0.2, -0.4]])
 """Of a polygon without any symmetry."""
@@ -248,6 +249,19 @@ def test_friction_of_contacts_that_slide_is_that_of_the_model():
         normal = problem.normals[contact] @ forces[contact]
         friction = problem.tangents[contact].T @ forces[contact]
         assert friction == pytest.approx(problem.friction[contact] * normal * way, abs=1e-9)
+
+
+def test_friction_in_use_is_that_of_the_cone():
+    """Half of a force in a face is half of what that face allows; what slides uses all."""
+    problem = sliding_scene(3, "elliptic")
+    corners = CONE_MODELS["elliptic"].corners(problem.cone_edges)
+    middle = 0.5 * (corners[1] + corners[2])
+    normals, T, mu = problem.normals, problem.tangents, problem.friction
+    for share in (0.5, 1.0):
+        forces = 2.0 * normals + T @ (share * 2.0 * middle) * mu[:, None]
+        assert friction_use(problem, forces) == pytest.approx([1.0, 1.0, share, share, share])
+    states = [contact_state(problem, forces, contact) for contact in range(5)]
+    assert states == ["sliding"] * 2 + ["at its limit"] * 3
 
 
 def test_a_model_that_does_not_tell_kinetic_friction_refuses_sliding():

@@ -52,6 +52,8 @@ MANY = """
 import json
 import numpy as np
 from graspless_pin import Evaluator, load_scene, run_study
+from graspless_pin.errors import ArgumentError
+from graspless_pin.planning import configuration_gradient
 from graspless_pin.studies import Study
 
 scene = load_scene("examples/allegro_push_up_slope.yaml")
@@ -69,7 +71,12 @@ table = run_study(Study.from_data({
     },
 }), "study.csv", workers=1, progress=False)
 paper = load_scene("examples/paper/cuboid_at_rest.yaml")
+try:
+    configuration_gradient(alone[0])
+except ArgumentError as error:
+    refused = str(error)
 print(json.dumps({
+    "refused": refused,
     "many": many.margins.tolist(),
     "alone": [one.scene.solve("margin").margin for one in alone],
     "study": table["margin_N"].tolist(),
@@ -235,10 +242,11 @@ def test_the_commands_know_it(package, tmp_path):
     verified = run(package, "-c", COMMAND, "verify", str(document))
     assert verified.returncode == 0, verified.stdout + verified.stderr
     assert "cones 'ribbed'" in verified.stdout
-    for source in (file, document):
-        reported = run(package, "-c", COMMAND, "report", str(source), "-o", str(page))
+    for options in ([str(file), "--ranges"], [str(document)]):
+        reported = run(package, "-c", COMMAND, "report", *options, "-o", str(page))
         assert reported.returncode == 0, reported.stderr
         assert "ribbed cones of" in page.read_text()
+        assert "round cones" not in page.read_text()
 
 
 def test_a_checker_that_does_not_know_the_name_checks_the_document(package, tmp_path):
@@ -288,3 +296,4 @@ def test_the_evaluator_and_studies_solve_it_as_it_is(package):
     assert np.isfinite(found["many"]).sum() >= 10
     pyramids, ribbed, _ = np.reshape(found["study"], (3, 4))
     assert (ribbed < pyramids).all()
+    assert "slide with the cone 'ribbed'" in found["refused"]
