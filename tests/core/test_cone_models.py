@@ -254,7 +254,7 @@ def test_friction_of_contacts_that_slide_is_that_of_the_model():
 def test_friction_in_use_is_that_of_the_cone():
     """Half of a force in a face is half of what that face allows; what slides uses all."""
     problem = sliding_scene(3, "elliptic")
-    corners = CONE_MODELS["elliptic"].corners(problem.cone_edges)
+    corners = problem.cone_section.corners
     middle = 0.5 * (corners[1] + corners[2])
     normals, T, mu = problem.normals, problem.tangents, problem.friction
     for share in (0.5, 1.0):
@@ -267,6 +267,14 @@ def test_friction_in_use_is_that_of_the_cone():
 def test_a_model_that_does_not_tell_kinetic_friction_refuses_sliding():
     with pytest.raises(ArgumentError, match="'uneven', which does not tell the kinetic friction"):
         maximize_margin(sliding_scene(3, "uneven"))
+
+
+@pytest.mark.parametrize("factor", [-1.0, 2.5])
+def test_kinetic_friction_that_is_none_is_refused(monkeypatch, factor):
+    known = Elliptic.kinetic_friction
+    monkeypatch.setattr(Elliptic, "kinetic_friction", lambda self, ways: factor * known(self, ways))
+    with pytest.raises(ArgumentError, match="'elliptic' must be against the sliding and at most 1"):
+        maximize_margin(sliding_scene(3, "elliptic"))
 
 
 def test_force_ranges_keep_the_cones():
@@ -455,3 +463,10 @@ def test_a_verdict_needs_cones_that_stand_for_coulombs_law():
 def test_corners_that_are_no_section_are_refused(corners, message):
     with pytest.raises(ArgumentError, match=f"corners: .*{message}"):
         Section.of(corners)
+
+
+def test_the_model_is_named_whose_corners_are_none(monkeypatch):
+    monkeypatch.setattr(Uneven, "corners", lambda self, edges: 2.0 * CORNERS)
+    monkeypatch.setitem(CONE_MODELS, "uneven", Uneven())
+    with pytest.raises(ArgumentError, match="corners of the cone 'uneven': are up to 1.8"):
+        maximize_margin(scene(1, "uneven"))

@@ -37,29 +37,29 @@ class Section:
     distances: FloatArray
 
     @classmethod
-    def of(cls, corners: ArrayLike) -> Section:
-        """Return the section with these corners, (r, 2).
+    def of(cls, corners: ArrayLike, name: str = "corners") -> Section:
+        """Return the section with these corners, (r, 2); messages name them.
 
         Raises:
             ArgumentError: If they are no convex polygon around the normal, counterclockwise, or one
                 is outside the unit circle: the coefficient is that of the direction with the most
                 friction.
         """
-        points = finite_array("corners", corners, (None, 2))
+        points = finite_array(name, corners, (None, 2))
         sides = np.roll(points, -1, axis=0) - points
         lengths = np.linalg.norm(sides, axis=1)
         if len(points) < 3 or not lengths.all():
-            raise ArgumentError("corners", "are not three or more distinct ones")
+            raise ArgumentError(name, "are not three or more distinct ones")
         directions = np.stack([sides[:, 1], -sides[:, 0]]) / lengths
         distances = np.einsum("ij,ji->i", points, directions)
         if distances.min() <= 0.0 or (points @ directions - distances).max() > _ROUNDING:
             raise ArgumentError(
-                "corners", "must be those of a convex polygon around the normal, counterclockwise"
+                name, "must be those of a convex polygon around the normal, counterclockwise"
             )
         longest = float(np.linalg.norm(points, axis=1).max())
         if longest > 1.0 + _ROUNDING:
             raise ArgumentError(
-                "corners",
+                name,
                 f"are up to {longest:.6g} from the normal; they must be within 1: the coefficient "
                 "of friction is that of the direction with the most friction",
             )
@@ -161,7 +161,7 @@ class ConeModel(ABC):
         return np.maximum.reduce(friction @ section.directions / section.distances, axis=1)
 
     def kinetic_friction(self, ways: FloatArray) -> FloatArray:
-        """Return kinetic friction where mu f_n is 1.
+        """Return kinetic friction where mu f_n is 1; of Coulomb's law it is known.
 
         By the principle of maximum dissipation it is the friction of the cone that takes the most
         power from the sliding.
@@ -170,13 +170,11 @@ class ConeModel(ABC):
             ways: (c, 2) unit directions along t1, t2 in which the object slides.
 
         Returns:
-            (c, 2) along t1 and t2, opposite to the way for Coulomb's law.
+            (c, 2) along t1 and t2.
 
         Raises:
             ArgumentError: If the model does not tell.
         """
-        if self.is_coulomb:
-            return -ways
         raise ArgumentError(
             "cone",
             f"is '{self.name}', which does not tell the kinetic friction of contacts that slide; "
@@ -199,6 +197,10 @@ class ConeModel(ABC):
             friction: (M,) coefficients.
             sliding: (M, 3) sliding velocities; n alone where they are zero.
             bare: (M,) contacts without a cone.
+
+        Raises:
+            ArgumentError: If the model does not tell kinetic friction, or one that drives the
+                sliding or is larger than the coefficient allows.
         """
         if self.is_coulomb:
             return kinetic_directions(normals, friction, sliding, bare)
@@ -207,11 +209,20 @@ class ConeModel(ABC):
         if len(rubs):
             ways = np.einsum("mji,mj->mi", tangents[rubs], sliding[rubs])
             ways /= np.linalg.norm(ways, axis=1, keepdims=True)
-            along = friction[rubs, None] * self.kinetic_friction(ways)
-            directions[rubs] += np.einsum("mij,mj->mi", tangents[rubs], along)
+            along = self.kinetic_friction(ways)
+            power = np.einsum("mi,mi->m", ways, along)
+            if power.max() > 0.0 or np.linalg.norm(along, axis=1).max() > 1.0 + _ROUNDING:
+                raise ArgumentError(
+                    "kinetic_friction",
+                    f"of the cone '{self.name}' must be against the sliding and at most 1; it is "
+                    f"{along.tolist()!r:.100} for directions {ways.tolist()!r:.100}",
+                )
+            directions[rubs] += np.einsum(
+                "mij,mj->mi", tangents[rubs], friction[rubs, None] * along
+            )
         return read_only(directions)
 
 
 @cache
 def _section(model: ConeModel, edges: int) -> Section:
-    return Section.of(model.corners(edges))
+    return Section.of(model.corners(edges), f"corners of the cone '{model.name}'")

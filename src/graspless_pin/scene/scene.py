@@ -164,7 +164,7 @@ class Scene(PickledByFields):
         motion: The declared motion; None: at rest.
         max_normal_force: f_n,max of every contact, N.
         cone_edges: Edges of each friction cone.
-        cone: ``edges`` or ``round``: see `QuasistaticProblem`.
+        cone: Name of the friction cone model: see `QuasistaticProblem`.
         contact_tolerance: Largest gap that counts as touching, m.
         points_per_patch: Most contacts that stand for one face on a face, at least 3.
         tangent_axes: t1 of a contact is the projection of the first of these axes that is not
