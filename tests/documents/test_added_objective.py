@@ -26,7 +26,7 @@ MARGIN, EVENNESS = 0.2, 0.5
 USED = """
 import json, sys
 import numpy as np
-from graspless_pin import Evaluator, load_scene
+from graspless_pin import Evaluator, compare_rules, load_scene
 from graspless_pin.viewer import answer_settings, initial_settings
 from graspless_pin.viewer.panels import result_html
 
@@ -37,6 +37,7 @@ evaluators = (
 )
 q = evaluators[0].configuration() + np.array([0.0, 1e-4, 2e-4])[:, None]
 states = [one.evaluate_many(q, evaluations=[0, 1, 2]) for one in evaluators]
+rules = compare_rules(named.problem(), "total_torque", margin=0.2).solutions
 answer = answer_settings(named, initial_settings(named))
 print(json.dumps({
     "scene": named.solve().value,
@@ -44,6 +45,7 @@ print(json.dumps({
     "one": [one.evaluate().solution.value for one in evaluators],
     "many": [[one.solution.value for one in found.evaluations.values()] for found in states],
     "bounds": [found.bounds.tolist() for found in states],
+    "rules": {str(one.sign): found.value for one, found in rules.items() if found.found},
     "page": answer.solution.value,
     "html": result_html(answer, None, dark=False),
 }))
@@ -143,7 +145,7 @@ def expected() -> dict[str, float]:
 
 
 @pytest.fixture(scope="module")
-def documents(package, scenes, tmp_path_factory) -> dict[str, dict]:
+def documents(package, scenes, expected, tmp_path_factory) -> dict[str, dict]:
     """What ``solve`` writes of both scenes."""
     folder, found = tmp_path_factory.mktemp("documents"), {}
     for name, scene in scenes.items():
@@ -151,6 +153,7 @@ def documents(package, scenes, tmp_path_factory) -> dict[str, dict]:
         shown = command(package, "solve", str(scene), "--json", str(file))
         assert shown.returncode == 0, shown.stderr
         assert f"total_torque at margin {MARGIN:g} N: optimal" in shown.stdout
+        assert f", value = {expected[name]:g}\n" in shown.stdout
         found[name] = json.loads(file.read_text())
     return found
 
@@ -239,6 +242,7 @@ def test_evaluators_and_the_page_solve_for_it(package, scenes, expected):
     found = json.loads(shown.stdout)
     for value in (found["scene"], found["plain"], *found["one"], found["page"]):
         assert value == pytest.approx(expected[JAW], rel=1e-7)
+    assert set(found["rules"]) == {"strict", "exact", "nonzero"}
     for values, bounds in zip(found["many"], found["bounds"], strict=True):
         assert values[0] == pytest.approx(expected[JAW], rel=1e-7)
         assert values == pytest.approx(bounds, rel=1e-6)

@@ -32,7 +32,7 @@ class RuleComparison(Brief):
     See the example of `compare_rules`.
 
     Attributes:
-        algorithm: Algorithm 1 or 2.
+        algorithm: Algorithm 1 or 2; None: another objective.
         solutions: Solution by rules.
     """
 
@@ -81,8 +81,9 @@ def compare_rules(
 
     Args:
         problem: Contacts, wrench, joints and limits.
-        algorithm: ``margin`` (Algorithm 1) or ``torque`` (Algorithm 2).
-        margin: Required margin e_0 of Algorithm 2, N.
+        algorithm: ``margin`` (Algorithm 1), ``torque`` (Algorithm 2) or another objective's name,
+            which the rule ``direction`` does not take.
+        margin: Required margin e_0, N, but of Algorithm 1.
         options: See `SolveOptions.parse`; the rules are the compared ones.
 
     Raises:
@@ -99,7 +100,7 @@ def compare_rules(
     limits = Limits.of(how)
     readings = [Rules(sign, sliding) for sign, sliding in product(SignRule, SlidingRule)]
     readings.append(Rules(static_friction=StaticFriction.COULOMB))
-    if not checked_problem(problem).cone_model.is_coulomb:
+    if not checked_problem(problem).cone_model.is_coulomb or objective.algorithm is None:
         readings = [rules for rules in readings if not rules.by_direction]
     found = {
         rules: solve_problem(problem, objective, limits.within(replace(how, rules=rules)))
@@ -124,8 +125,8 @@ def solve_each_mode(
 
     Args:
         problem: Contacts, wrench, joints and limits.
-        algorithm: ``margin`` (Algorithm 1) or ``torque`` (Algorithm 2).
-        margin: Required margin e_0 of Algorithm 2, N.
+        algorithm: ``margin`` (Algorithm 1), ``torque`` (Algorithm 2) or another objective's name.
+        margin: Required margin e_0, N, but of Algorithm 1.
         options: See `SolveOptions.parse`; ``coulomb`` has no modes and counts as the rule without.
 
     Raises:

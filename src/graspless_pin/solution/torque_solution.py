@@ -289,6 +289,7 @@ class TorqueSolution:
             f"{headed(what, self.status.message)}\n"
             f"margin e = {figure(self.margin, self.problem.scales.force)} N, max |torque| = "
             f"{figure(self.max_torque, size)} {self.max_torque_unit}"
+            f"{'' if self.algorithm else f', value = {self.value:g}'}"
         )
 
     def _certificate_text(self) -> str:
