@@ -7,12 +7,16 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 import pytest
+from api import listed
 from markdown.extensions.toc import slugify
-from page_blocks import PAGES, prose_of
+from page_blocks import PAGES, ROOT, prose_of
 
 FETCHED = {"script": "src", "link": "href", "img": "src", "iframe": "src", "source": "src"}
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 OUTSIDE = ("http", "https", "mailto")
+DOCS = ROOT / "docs"
+API = listed((DOCS / "api.md").read_text(encoding="utf-8"))
+"""What is put into the pages of the API where the site is built."""
 
 
 class Page(HTMLParser):
@@ -88,6 +92,6 @@ def test_links_of_the_sources_exist(file):
         assert target.exists(), link
         if parts.fragment:
             headings = re.findall(r"^#+ (.+)$", prose_of(target), re.MULTILINE)
-            names = re.findall(r"^::: (\S+)$", prose_of(target), re.MULTILINE)
-            known = {*(slugify(heading, "-") for heading in headings), *names}
+            names = {name for _, page_of_it, name in API if target == DOCS / f"api/{page_of_it}.md"}
+            known = {slugify(heading, "-") for heading in headings} | names
             assert parts.fragment in known, link
