@@ -169,7 +169,7 @@ MISTAKES = [
     _command("misspelt solver", "solve scene.yaml --solver pipq", "'pipq' is not installed",
              "did you mean 'piqp'?"),
     _command("margin asked of Algorithm 1", "solve scene.yaml --margin 0.1",
-             "margin: is an option of the algorithm 'torque'", "ask for it or leave it out"),
+             "margin: is no option of the algorithm 'margin'", "ask for 'torque'"),
     # Python
     _python("object changed by its mass alone", "scene.with_changes(object={'mass': 2})",
             "object: found {'mass': 2}; needs a ManipulatedObject",

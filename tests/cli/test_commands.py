@@ -155,11 +155,11 @@ def test_wrong_usage_is_exit_code_2(arguments):
         (("--algorithm", "torque", "--margin", "nan"), "margin: is nan; it must be"),
         (
             ("--margin", "0.2"),
-            "margin: is an option of the algorithm 'torque' and would change nothing",
+            "margin: is no option of the algorithm 'margin' and would change",
         ),
         (
             ("--scale", "limits"),
-            "scale: is an option of the algorithm 'torque' and would change nothing",
+            "scale: is no option of the algorithm 'margin' and would change",
         ),
     ],
 )

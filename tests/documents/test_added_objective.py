@@ -61,7 +61,7 @@ def package(tmp_path_factory) -> Path:
     imported, line = listed.splitlines()
     names = folder / PACKAGE / "algorithms" / "named_objectives.py"
     inserted(names, line, '}\n"""All of them')
-    inserted(names, imported, "class NamedObjective")
+    inserted(names, imported, "\n\nclass NamedObjective")
     return folder
 
 
@@ -200,10 +200,9 @@ def test_the_command_line_asks_for_it(package, expected, tmp_path):
     [
         (("--algorithm", "total_torque", "--evenness", "-1"), "error: evenness: is -1"),
         (("--algorithm", "total_torque", "--scale", "limits"),
-         "scale: is an option of the algorithm 'torque' and would change nothing here; ask for it"),
-        (("--margin", "0.1"),
-         "margin: is an option of the algorithms 'torque', 'total_torque' and would change"),
-        (("--evenness", "0.1"), "evenness: is an option of the algorithm 'total_torque'"),
+         "scale: is no option of the algorithm 'total_torque' and would change nothing here"),
+        (("--margin", "0.1"), "ask for 'torque' or 'total_torque', or leave it out"),
+        (("--evenness", "0.1"), "evenness: is no option of the algorithm 'margin'"),
         (("--algorithm", "total"), "'total' is not one of 'margin', 'torque', 'total_torque'"),
     ],
 )  # fmt: skip
@@ -269,7 +268,7 @@ def test_a_study_computes_it_and_varies_its_figure(package, tmp_path):
     study["compute"]["scale"] = "limits"
     file.write_text(yaml.safe_dump(study))
     refused = command(package, "study", str(file), "-o", str(output))
-    assert "compute.scale: is an option of the algorithm 'torque'" in refused.stderr
+    assert "compute.scale: is no option of the algorithm 'total_torque'" in refused.stderr
 
 
 def test_the_report_names_it_and_how_to_ask_for_it(package, scenes, tmp_path):

@@ -132,12 +132,12 @@ LOADING = {
     "margin for Algorithm 1": (
         "algorithm: margin",
         "algorithm: margin, margin: 0.2",
-        ":7: compute.margin: is an option of the algorithm 'torque' and would change nothing",
+        ":7: compute.margin: is no option of the algorithm 'margin' and would change nothing",
     ),
     "varied margin for Algorithm 1": (
         "friction.default",
         "solve.margin",
-        ":3: vary['solve.margin']: is an option of the algorithm 'torque' and would change",
+        ":3: vary['solve.margin']: is no option of the algorithm 'margin' and would change",
     ),
     "samples of a grid": (GRID, "{samples: 3}", ":6: sampling: a grid has as many samples as its"),
     "no samples": (GRID, "{method: sobol}", ":6: sampling: sobol needs 'samples', how many"),

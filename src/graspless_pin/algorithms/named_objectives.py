@@ -104,10 +104,9 @@ def useless(key: str, algorithm: str) -> str:
     others = [repr(name) for name, figures in _FIGURES.items() if key in figures]
     if not others or key in _FIGURES[algorithm]:
         return ""
-    of, ask = ("the algorithm", "it") if len(others) == 1 else ("the algorithms", "one of them")
     return (
-        f"is an option of {of} {', '.join(others)} and would change nothing here; ask for {ask} or "
-        "leave it out"
+        f"is no option of the algorithm {algorithm!r} and would change nothing here; ask for "
+        f"{' or '.join(others)}, or leave it out"
     )
 
 
