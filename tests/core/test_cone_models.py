@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 from tests.core.random_scenes import general_scene, slope_scene
+from tests.verify.own_objectives import Helped, SquaredShares
 
 from graspless_pin import (
     QuasistaticProblem,
@@ -17,6 +18,7 @@ from graspless_pin import (
     guaranteed_disturbance,
     maximize_margin,
     minimize_torque,
+    optimize,
     optimum_gradients,
     robustness,
     stability,
@@ -360,6 +362,13 @@ def test_documents_of_both_algorithms_are_proven(number, cone):
     problem = scene(number, cone)
     for solution in (maximize_margin(problem), minimize_torque(problem, 0.05)):
         assert verify_document(solution_document(solution)).proven
+
+
+@pytest.mark.parametrize("objective", [Helped(), SquaredShares(0.05)])
+def test_documents_of_objectives_of_ones_own_are_proven(objective):
+    solution = optimize(scene(3, "uneven"), objective)
+    assert solution.found
+    assert verify_document(solution_document(solution)).proven
 
 
 def _wider(contacts):
