@@ -18,6 +18,7 @@ from setuptools import Distribution, Extension
 from setuptools.errors import BaseError, CCompilerError
 
 _PACKAGE = "graspless_pin.compiled"
+_FOLDER = "src/graspless_pin/compiled"
 # Only this Python's: installations of others into the same tree keep theirs beside it.
 _LIBRARIES = f"*{sysconfig.get_config_var('EXT_SUFFIX')}"
 # Without fused rounding the results are the same on every processor; there, that is the default.
@@ -26,27 +27,25 @@ _FLAGS = [] if sys.platform == "win32" else ["-O3", "-g0", "-ffp-contract=off"]
 
 
 class CompiledLoops(BuildHookInterface):
-    """Builds the extension modules in place, unless they are there, and adds them to the wheel."""
+    """Builds the extension in place, unless it is there, and adds it to the wheel."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:  # noqa: ARG002
         """Compile what has changed since the last time, or say that it was not possible."""
-        root, package = Path(self.root), f"src/{_PACKAGE.replace('.', '/')}"
-        sources = sorted((root / package).glob("*.pyx"))
-        stamp = root / package / _STAMP
-        made_of = _digest([*sources, *sorted((root / package).glob("*.pxd"))])
-        libraries = list((root / package).glob(_LIBRARIES))
-        if len(libraries) < len(sources) or not stamp.is_file() or stamp.read_text() != made_of:
-            for stale in (*libraries, *stamp.parent.glob(_STAMP)):
+        package = Path(self.root, _FOLDER)
+        stamp, libraries = package / _STAMP, list(package.glob(_LIBRARIES))
+        made_of = _digest(sorted(package.glob("*.p*x*")))
+        if not libraries or not stamp.is_file() or stamp.read_text() != made_of:
+            for stale in (*libraries, *package.glob(_STAMP)):
                 stale.unlink()
             try:
-                _compile(root, sources)
+                _compile()
             except (BaseError, CCompilerError, OSError) as error:
                 self.app.display_warning(f"graspless_pin goes without its compiled loops: {error}")
                 return
             stamp.write_text(made_of)
         build_data["pure_python"] = False
         build_data["infer_tag"] = True
-        build_data["artifacts"].append(f"{package}/{_LIBRARIES}")
+        build_data["artifacts"].append(f"{_FOLDER}/{_LIBRARIES}")
 
 
 def _digest(sources: list[Path]) -> str:
@@ -58,29 +57,25 @@ def _digest(sources: list[Path]) -> str:
     return made_of.hexdigest()
 
 
-def _compile(root: Path, sources: list[Path]) -> None:
-    """Compile Cython sources in place.
+def _compile() -> None:
+    """Compile the loops in place, from the project's folder.
 
     Raises:
         CCompilerError: There is no C compiler, or it fails.
         OSError: A file cannot be written.
     """
     with tempfile.TemporaryDirectory() as folder:
-        extensions = [
-            Extension(
-                f"{_PACKAGE}.{source.stem}",
-                [str(source.relative_to(root))],
-                include_dirs=[np.get_include()],
-                extra_compile_args=_FLAGS,
-                define_macros=[("NPY_NO_DEPRECATED_API", "NPY_2_0_API_VERSION")],
-            )
-            for source in sources
-        ]
-        modules = cythonize(extensions, build_dir=folder, language_level=3, quiet=True)
+        extension = Extension(
+            f"{_PACKAGE}.core",
+            [f"{_FOLDER}/core.pyx"],
+            include_dirs=[np.get_include()],
+            extra_compile_args=_FLAGS,
+            define_macros=[("NPY_NO_DEPRECATED_API", "NPY_2_0_API_VERSION")],
+        )
+        modules = cythonize([extension], build_dir=folder, language_level=3, quiet=True)
         distribution = Distribution({"ext_modules": modules, "package_dir": {"": "src"}})
         command = distribution.get_command_obj("build_ext")
         command.inplace = True
-        command.parallel = os.cpu_count()
         command.build_lib = command.build_temp = folder
         command.ensure_finalized()
         command.run()

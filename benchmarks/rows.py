@@ -239,7 +239,7 @@ def _about() -> dict[str, Any]:
     try:
         from graspless_pin import compiled
 
-        loops = compiled.small_arrays is not None
+        loops = compiled.core is not None
     except (ImportError, AttributeError):
         loops = False
     installed = {item.name: item.version for item in distributions()}

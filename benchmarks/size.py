@@ -38,7 +38,7 @@ def rows(package: Path = PACKAGE) -> Iterator[tuple[str, int, int, int]]:
                 count[place] += more
     yield from ((name, part[0], part[1], part[2]) for name, part in sorted(parts.items()))
     yield ("Python", total[0], total[1], total[2])
-    loops = [path for pattern in ("*.pyx", "*.pxd") for path in package.rglob(pattern)]
+    loops = [path for pattern in ("*.pyx", "*.pxi") for path in package.rglob(pattern)]
     lines = sum(len(path.read_text(encoding="utf-8").splitlines()) for path in loops)
     yield ("Cython", len(loops), lines, 0)
 

@@ -64,13 +64,12 @@ class Mistake(NamedTuple):
     @property
     def file(self) -> str:
         """The path of the file from the folder of the loops on."""
-        return self.loops if self.loops.endswith(".py") else f"{self.loops}.pyx"
+        return self.loops if self.loops.endswith(".py") else f"{self.loops}.pxi"
 
     @property
     def tests(self) -> tuple[str, ...]:
         """The tests that it is tried with."""
-        of_contacts = (FRAMES, SEARCH, PAIRS, MOTIONS, BODIES, ARRAYS)
-        return OF_CONTACTS if self.loops in of_contacts else OF_OPTIMA
+        return OF_CONTACTS if self.loops in (SEARCH, PAIRS) else OF_OPTIMA
 
     def source(self, folder: Path) -> str:
         """Return the file with the mistake in it.
@@ -84,12 +83,11 @@ class Mistake(NamedTuple):
         return right.replace(self.text, self.wrong)
 
 
-FRAMES, SEARCH, PROGRAMS = "contact_frames", "contact_search", "linear_programs"
-BODIES, ARRAYS, MOTIONS = "rigid_bodies", "small_arrays", "virtual_motions"
-ASSEMBLY, STATES, CARRIED = "paper_programs", "hand_states", "carried_optima"
-COLD, STARTS, CALLER = "cold_optima", "optimum_starts", "../algorithms/carried.py"
+FRAMES, MOTIONS, SHARED = "contact_frames", "virtual_motions", "shared"
+SEARCH, PAIRS, CHAINS, STATES = "contact_search", "body_pairs", "kinematic_chains", "hand_states"
+ASSEMBLY, STARTS, CARRIED = "paper_programs", "optimum_starts", "carried_optima"
+COLD, LOADED, CALLER = "cold_optima", "loaded_states", "../algorithms/carried.py"
 SIMPLEX, TABLES, OUTCOMES = "dense_simplex", "simplex_dictionary", "outcome_search"
-CHAINS, LOADED, PAIRS = "kinematic_chains", "loaded_states", "body_pairs"
 MISTAKES = tuple(
     Mistake(*one)
     for one in (
@@ -102,7 +100,6 @@ MISTAKES = tuple(
         (MOTIONS, "slowest > 0.0 and slowest * slowest", "slowest * slowest"),
         (MOTIONS, "touching(N, G, s, n, H + n * i, small)", "pass"),
         (MOTIONS, "w[i] = sign[i] * max(slide * sign[i], 1.0)", "w[i] = sign[i]"),
-        (FRAMES, "sign[2 * contact + k % 2] >= 0.0:", "sign[2 * contact + k % 2] > 0.0:"),
         (FRAMES, "limit[contact] - along)", "limit[contact])"),
         (FRAMES, "along / sqrt(1.0 + slope[contact] ** 2)", "along"),
         (FRAMES, "arm[1] = f[4] - (center[2] * f[0] - center[0] * f[2])", "arm[1] = f[4]"),
@@ -141,13 +138,6 @@ MISTAKES = tuple(
         (ASSEMBLY, "self.bounds[c] = margin", "self.bounds[c] = 0.0"),
         (ASSEMBLY, "self.torque[k] += fabs(out[6 + k]) * self.box[n + 1 + c]",
          "self.torque[k] += out[6 + k] * self.box[n + 1 + c]"),
-        (PROGRAMS, "side = data(upper)[i] if w[i] > 0.0 else data(lower)[i]",
-         "side = data(upper)[i]"),
-        (PROGRAMS, "bound += slope * min(data(implied)[n + j], data(most)[j])",
-         "bound += slope * data(implied)[n + j]"),
-        (PROGRAMS, "return bound, value, residual if isfinite(total) else INFINITY",
-         "return bound, value, residual"),
-        (PROGRAMS, "w[i] -= b[i]", "w[i] += b[i]"),
         (CHAINS, "moment[4 * numbers_of(self._parents)[j] + i] += moment[4 * j + i]", "pass"),
         (STATES, "data(self._lower)[j] <= position[j]", "position[j]"),
         (STATES, "or times[links.bodies[k]] != 1", ""),
@@ -181,33 +171,29 @@ MISTAKES = tuple(
         (CALLER, "or options.rules.by_direction", ""),
         (CALLER, "start.likeness.has_rows_of(likeness)", "start.likeness is not likeness"),
         ("../algorithms/loaded.py", "[*near, *self._pool]", "[*self._pool]"),
-        (BODIES, "column[5 * n + j] * p[0] - column[3 * n + j] * p[2]",
+        (CHAINS, "column[5 * n + j] * p[0] - column[3 * n + j] * p[2]",
          "column[5 * n + j] * p[0] + column[3 * n + j] * p[2]"),
-        (BODIES, "dot(v + 3, v + 3) * longest", "dot(v + 3, v + 3)"),
-        (BODIES, "states.append(ROLLS if sqrt(dot(roll, roll)) > fastest_turn else STICKS)",
-         "states.append(STICKS)"),
-        (BODIES, "for j in range(i, 3):", "for j in range(i, i + 1):"),
-        (ARRAYS, "t[i] = a[i] - along * n[i]", "t[i] = a[i]"),
-        (ARRAYS, "if not fabs(data(array)[k]) <= most:", "if fabs(data(array)[k]) > most:"),
-        (ARRAYS, "(not strictly and data(before)[k] == data(after)[k])",
-         "data(before)[k] == data(after)[k]"),
+        (FRAMES, "t[i] = a[i] - along * n[i]", "t[i] = a[i]"),
+        (SHARED, "C[4 * i + 3] += A[4 * i + 3]", "pass"),
+        (SHARED, "other[j] = (other[j] - inner(other, row, j)) / row[j]",
+         "other[j] = other[j] / row[j]"),
     )
 )  # fmt: skip
 """Each is a mistake that a person could make; what a test does not notice is told."""
 
 
-def compiled(copy: Path, loops: str) -> None:
-    """Compile one file of loops of a copy in place.
+def compiled(copy: Path) -> None:
+    """Compile the loops of a copy in place.
 
     Raises:
         subprocess.CalledProcessError: If it does not compile.
     """
-    source, code = copy / LOOPS / f"{loops}.pyx", copy / f"{loops}.c"
+    source, code = copy / LOOPS / "core.pyx", copy / "core.c"
     command = [sys.executable, "-m", "cython", "-3", str(source), "-o", str(code)]
     _run([*command, "-I", str(copy / "src")], copy)
     places = (sysconfig.get_path("include"), np.get_include())
     numpy = "-DNPY_NO_DEPRECATED_API=NPY_2_0_API_VERSION"
-    library = copy / LOOPS / f"{loops}{_SUFFIX}"
+    library = copy / LOOPS / f"core{_SUFFIX}"
     library.unlink(missing_ok=True)
     _run(["cc", *_FLAGS, numpy, *(f"-I{one}" for one in places), str(code), "-o", str(library)],
          copy)  # fmt: skip
@@ -263,12 +249,12 @@ def main() -> int:
         def attempt(mistake: Mistake) -> str:
             copy = copies.get()
             source = copy / LOOPS / mistake.file
-            right, library = source.read_text(encoding="utf-8"), source.with_suffix(_SUFFIX)
-            kept = library.read_bytes() if library.exists() else None
+            right, library = source.read_text(encoding="utf-8"), copy / LOOPS / f"core{_SUFFIX}"
+            kept = None if source.suffix == ".py" else library.read_bytes()
             try:
                 source.write_text(mistake.source(copy / LOOPS), encoding="utf-8")
                 if kept is not None:
-                    compiled(copy, mistake.loops)
+                    compiled(copy)
                 by = noticed(copy, mistake.tests)
             finally:
                 source.write_text(right, encoding="utf-8")

@@ -37,19 +37,17 @@ settings.load_profile("without deadlines")
 
 def leave_out_loops(patch: pytest.MonkeyPatch) -> None:
     """Make all modules loaded so far go without the compiled loops."""
-    for module, loops in _users_of_loops(len(sys.modules)):
-        patch.setattr(module, loops, None)
+    for module in _users_of_loops(len(sys.modules)):
+        patch.setattr(module, "core", None)
 
 
 @lru_cache(maxsize=1)
-def _users_of_loops(_: int) -> list[tuple[ModuleType, str]]:
-    """Modules and the loops that they use, looked for again when more modules are loaded."""
+def _users_of_loops(_: int) -> list[ModuleType]:
+    """The modules that use them, looked for again when more modules are loaded."""
     return [
-        (module, loops)
+        module
         for name, module in list(sys.modules.items())
-        if name.startswith("graspless_pin.") and module is not compiled
-        for loops in compiled.__all__
-        if loops in vars(module)
+        if name.startswith("graspless_pin.") and module is not compiled and "core" in vars(module)
     ]
 
 
@@ -89,7 +87,7 @@ def form(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str
     """How the loops run."""
     if request.param == "numpy":
         leave_out_loops(monkeypatch)
-    elif compiled.small_arrays is None:
+    elif compiled.core is None:
         pytest.skip("the loops are not compiled")
     return request.param
 

@@ -6,8 +6,6 @@ from collections.abc import Callable
 from typing import Any, Generic, TypeVar
 from weakref import ref
 
-from graspless_pin.compiled import small_arrays
-
 _Source = TypeVar("_Source")
 _Value = TypeVar("_Value")
 _Key = TypeVar("_Key")
@@ -96,7 +94,7 @@ class Latest:
 _PLAIN = (float, int, str, bool, bytes)
 
 
-def _all_same(ones: tuple[Any, ...], others: tuple[Any, ...]) -> bool:
+def _are_same(ones: tuple[Any, ...], others: tuple[Any, ...]) -> bool:
     """Return whether two tuples hold the same objects, or equal numbers and texts."""
     return len(ones) == len(others) and all(map(_is_same, ones, others))
 
@@ -107,7 +105,3 @@ def _is_same(one: Any, other: Any) -> bool:
         return one is other
     # Equal floats may differ in the sign of zero.
     return repr(one) == repr(other) if kind is float else one == other
-
-
-# By name, not by a choice at each call, which takes as long as a comparison.
-_are_same = _all_same if small_arrays is None else small_arrays.are_same

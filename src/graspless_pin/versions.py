@@ -14,9 +14,9 @@ _PACKAGES = (
 )  # fmt: skip
 
 
-def compiled_loops() -> tuple[str, ...]:
-    """Return the names of the compiled loops that run; none where numpy does their work."""
-    return tuple(name for name in compiled.__all__ if getattr(compiled, name) is not None)
+def has_compiled_loops() -> bool:
+    """Return whether compiled loops run; numpy does their work where they do not."""
+    return compiled.core is not None
 
 
 def versions() -> dict[str, str]:
@@ -24,7 +24,7 @@ def versions() -> dict[str, str]:
 
     Beside them stands whether the compiled loops do, which round otherwise than numpy.
     """
-    return {"compiled loops": "yes" if compiled_loops() else "no", **_installed()}
+    return {"compiled loops": "yes" if has_compiled_loops() else "no", **_installed()}
 
 
 @cache

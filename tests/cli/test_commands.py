@@ -110,13 +110,12 @@ def test_the_program_itself(tmp_path):
 
 @pytest.mark.parametrize("there", [True, False], ids=["compiled", "numpy"])
 def test_the_version_says_which_compiled_loops_run(there, monkeypatch):
-    for name in compiled.__all__:
-        monkeypatch.setattr(compiled, name, object() if there else None)
+    monkeypatch.setattr(compiled, "core", object() if there else None)
     result = run("--version")
     assert result.exit_code == 0
     first, second = result.output.splitlines()
     assert first == f"graspless-pin {version('graspless-pin')}, Python {platform.python_version()}"
-    loops = ", ".join(compiled.__all__) if there else "none, numpy does their work more slowly; "
+    loops = "yes" if there else "none, numpy does their work more slowly; "
     assert second.startswith(f"compiled loops: {loops}")
 
 

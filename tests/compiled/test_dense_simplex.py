@@ -8,14 +8,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from graspless_pin.compiled import dense_simplex
+from graspless_pin.compiled import core
 from graspless_pin.solvers import simplex
 from graspless_pin.solvers.simplex import Simplex, SimplexAnswer, SimplexOutcome
 
 Array = np.ndarray
 Program = tuple[Array, Array, Array, Array, Array, Array]
 
-pytestmark = pytest.mark.skipif(dense_simplex is None, reason="nothing is compiled")
+pytestmark = pytest.mark.skipif(core is None, reason="nothing is compiled")
 
 
 def random_program(rng: np.random.Generator, *, whole: bool) -> Program:
@@ -38,7 +38,7 @@ def random_program(rng: np.random.Generator, *, whole: bool) -> Program:
 def by_highs(monkeypatch: pytest.MonkeyPatch, program: Program) -> SimplexAnswer:
     rows, low, high, cost, lb, ub = program
     with monkeypatch.context() as patched:
-        patched.setattr(simplex, "dense_simplex", None)
+        patched.setattr(simplex, "core", None)
         other = Simplex(cost, lb, ub)
         other.add_rows(rows, low, high)
         return other.solve()
@@ -135,15 +135,15 @@ def test_a_corner_where_many_rows_meet_is_left(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_what_the_dictionary_gives_up_is_solved_by_highs(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert dense_simplex is not None
+    assert core is not None
 
-    class GivesUp(dense_simplex.DenseSimplex):
+    class GivesUp(core.DenseSimplex):
         def solve(self) -> tuple[int, Array, Array]:
             return 3, np.zeros(0), np.zeros(0)
 
     program = random_program(np.random.default_rng(1), whole=False)
     rows, low, high, cost, lb, ub = program
-    monkeypatch.setattr(simplex, "dense_simplex", SimpleNamespace(DenseSimplex=GivesUp))
+    monkeypatch.setattr(simplex, "core", SimpleNamespace(DenseSimplex=GivesUp))
     own = Simplex(cost, lb, ub)
     own.add_rows(rows, low, high)
     answer = own.solve()
@@ -152,10 +152,10 @@ def test_what_the_dictionary_gives_up_is_solved_by_highs(monkeypatch: pytest.Mon
 
 
 def test_arrays_of_other_sizes_are_refused() -> None:
-    assert dense_simplex is not None
+    assert core is not None
     with pytest.raises(ValueError, match="shape"):
-        dense_simplex.DenseSimplex(np.ones(2), np.zeros(3), np.ones(2))
-    own = dense_simplex.DenseSimplex(np.ones(2), np.zeros(2), np.ones(2))
+        core.DenseSimplex(np.ones(2), np.zeros(3), np.ones(2))
+    own = core.DenseSimplex(np.ones(2), np.zeros(2), np.ones(2))
     with pytest.raises(ValueError, match="shape"):
         own.add_rows(np.ones((1, 3)), np.ones(1), np.ones(1))
     with pytest.raises(ValueError, match="exist"):

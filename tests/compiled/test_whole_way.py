@@ -34,7 +34,7 @@ def answers(path: Path) -> dict[str, Any]:
 
 
 @pytest.mark.skipif(
-    compiled.small_arrays is None, reason="the loops are not compiled: there is no C compiler"
+    compiled.core is None, reason="the loops are not compiled: there is no C compiler"
 )
 @pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
 def test_every_example_has_the_same_answers(path: Path, by_numpy) -> None:

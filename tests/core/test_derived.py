@@ -5,12 +5,14 @@ import weakref
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
 from random_scenes import general_scene
 from scenes import scene
 
 from graspless_pin import maximize_margin, minimize_torque
 from graspless_pin.algorithms.formulation import formulate, shared_parts
-from graspless_pin.caching import MOST_SOURCES, Bounded, Derived
+from graspless_pin.caching import MOST_SOURCES, Bounded, Derived, Latest
 from graspless_pin.problem.contact_map import contact_map
 from graspless_pin.programs.objectives import Margin
 
@@ -102,3 +104,23 @@ def test_an_answer_is_the_same_when_its_problem_was_pushed_out():
     for seed in range(MOST_SOURCES + 1):
         maximize_margin(general_scene(seed, 4))
     np.testing.assert_array_equal(maximize_margin(problem).contact_forces, before.contact_forces)
+
+
+ARRAY = np.ones(3)
+SOURCES = [ARRAY, np.ones(3), None, 0.0, -0.0, 1.0, 1, True, "1", b"1", np.nan, 10**40, "a" * 40]
+
+
+@given(
+    first=st.lists(st.sampled_from(SOURCES), max_size=3),
+    second=st.lists(st.sampled_from(SOURCES), max_size=3),
+)
+def test_what_a_value_is_made_from_is_told_apart(first, second):
+    values = Latest()
+    # Equal numbers and texts are others as objects where they are computed.
+    others = [one * 1 if type(one) in (int, float, str) else one for one in second]
+    kept = values.of("x", tuple(first), object) is values.of("x", tuple(others), object)
+    assert kept is (list(map(described, first)) == list(map(described, second)))
+
+
+def described(source: object) -> object:
+    return id(source) if isinstance(source, np.ndarray) else (type(source), repr(source))

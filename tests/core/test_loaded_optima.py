@@ -15,7 +15,7 @@ from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.warm_start import solve_from
 from graspless_pin.problem.cones import CONE_MODELS
 
-pytestmark = pytest.mark.skipif(compiled.loaded_states is None, reason="nothing was compiled")
+pytestmark = pytest.mark.skipif(compiled.core is None, reason="nothing was compiled")
 
 SCENES = {
     "sphere": partial(scene, "sphere"),

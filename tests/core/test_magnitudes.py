@@ -1,9 +1,12 @@
 """Numbers beyond what solvers bear are refused with argument, value and range."""
 
+import math
 import re
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from graspless_pin import (
     QuasistaticProblem,
@@ -14,7 +17,7 @@ from graspless_pin import (
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.shapes import Box, Sphere
 from graspless_pin.geometry.poses import as_pose, pose_matrix
-from graspless_pin.problem.checks import LARGEST, all_within, real_array
+from graspless_pin.problem.checks import LARGEST, all_finite, all_within, in_order, real_array
 from graspless_pin.problem.own_arrays import problem_of_own_arrays
 
 ARGUMENTS = {
@@ -131,12 +134,32 @@ def test_gradients_of_what_is_no_solution():
 
 @pytest.mark.parametrize("values", [[0.0, -1.0], [LARGEST], [np.nextafter(LARGEST, np.inf)],
                                     [1.0, np.inf], [np.nan]])  # fmt: skip
-def test_bounds_of_arrays(values, form):
+def test_bounds_of_arrays(values):
     array = np.array(values)
     assert all_within((np.zeros(3), array)) == bool((np.abs(array) <= LARGEST).all())
 
 
-def test_limits_may_be_infinite(form):
+NUMBERS = st.lists(st.sampled_from([0.0, 1.0, -1.0, np.inf, -np.inf, np.nan]), max_size=3)
+
+
+@given(pairs=st.lists(st.tuples(*[st.sampled_from([0.0, 1.0, np.inf, np.nan])] * 2), max_size=3))
+def test_order_is_that_of_plain_numbers(pairs):
+    low, high = (np.array([pair[k] for pair in pairs], dtype=float) for k in (0, 1))
+    assert in_order((low, high)) == all(a <= b for a, b in pairs)
+    assert in_order((low, high), strictly=True) == all(a < b for a, b in pairs)
+    assert in_order((low, high, low)) == all(a == b for a, b in pairs)
+
+
+@given(first=NUMBERS, second=NUMBERS)
+def test_what_is_finite_is_what_plain_numbers_say(first, second):
+    every = [*first, *second]
+    both = np.array(first, dtype=float), np.array(second, dtype=float)
+    assert all_finite(both) == all(map(math.isfinite, every))
+    assert all_within(both) == all(map(math.isfinite, every))
+    assert all_finite(()) and all_within(())
+
+
+def test_limits_may_be_infinite():
     assert real_array("x", [np.inf, -np.inf, 1e30], (3,)).tolist() == [np.inf, -np.inf, 1e30]
 
 
@@ -148,7 +171,7 @@ def test_sizes_beyond_all_bounds(length):
         Box((1.0, length, 1.0))
 
 
-def test_positions_beyond_all_bounds(form):
+def test_positions_beyond_all_bounds():
     with pytest.raises(ArgumentError, match=r"the position is .* it must be within ±1e\+12 m"):
         pose_matrix([0, 2e12, 0])
     T = np.eye(4)

@@ -27,11 +27,11 @@ from graspless_pin.algorithms.formulation import formulate
 from graspless_pin.algorithms.mode_oracle import ModeOracle
 from graspless_pin.algorithms.mode_sets import ModePart
 from graspless_pin.algorithms.search import SearchState, closeness
-from graspless_pin.compiled import contact_frames
 from graspless_pin.modes.feasibility import Conflict, Requirement
 from graspless_pin.modes.propagation import Decisions
 from graspless_pin.modes.rules import Rules, SignRule, SlidingMode, SlidingRule
 from graspless_pin.modes.witness_heuristics import NearestMotions
+from graspless_pin.problem.scales import scales_of
 from graspless_pin.programs.answers import Answer, failed
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.solvers import Outcome
@@ -356,12 +356,7 @@ def test_outcomes_are_told_apart():
     assert {one.value for one in Outcome} == {"solved", "infeasible", "failed"}
 
 
-@pytest.mark.parametrize("form_of", ["compiled", "numpy"])
-def test_a_lever_of_no_length_has_the_scale_of_a_very_short_one(form_of, request):
-    if form_of == "numpy":
-        request.getfixturevalue("without_loops")
-    elif contact_frames is None:
-        pytest.skip("the loops are not compiled")
+def test_a_lever_of_no_length_has_the_scale_of_a_very_short_one():
     jacobian = np.zeros((3, 4))
     jacobian[0] = [0.2, 0.2 * 3e-12, 0.2 * 1e-15, 0.0]
     problem = QuasistaticProblem(
@@ -370,6 +365,17 @@ def test_a_lever_of_no_length_has_the_scale_of_a_very_short_one(form_of, request
     scales = problem.scales
     assert scales.force == 5.0
     np.testing.assert_allclose(scales.joints, [1.0, 3e-12, 1e-12, 1e-12], rtol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_length_of_one_contact_is_the_lever_of_the_load(seed):
+    rng = np.random.default_rng(seed)
+    position, wrench = rng.normal(size=(1, 3)), rng.normal(size=6)
+    found = scales_of(position, wrench, np.zeros((3, 1)), np.ones(1))
+    moment = wrench[3:] - np.cross(position[0], wrench[:3])
+    pull = np.linalg.norm(wrench[:3])
+    assert found.force == pytest.approx(pull)
+    assert found.length == pytest.approx(np.linalg.norm(moment) / pull)
 
 
 @pytest.mark.parametrize("seed", [5, 8, 90, 166])

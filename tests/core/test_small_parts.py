@@ -185,8 +185,7 @@ def test_any_two_axes_of_a_contact_that_are_not_orthogonal_are_refused(pair):
         _checked_tangents(axes[None, 1:].transpose(0, 2, 1), axes[None, 0])
 
 
-def test_joints_without_any_lever_count_the_load_at_the_scenes_length(form):
-    assert form
+def test_joints_without_any_lever_count_the_load_at_the_scenes_length():
     problem = scene("rest")
     scales = problem.with_changes(jacobian=np.zeros_like(problem.jacobian)).scales
     expected = np.full(problem.joint_count, scales.force * scales.length)

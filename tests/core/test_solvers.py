@@ -456,7 +456,7 @@ def test_the_certificate_bounds_the_optimum(seed, search):
 
 def test_rows_that_highs_does_not_take_are_no_program(monkeypatch):
     """It drops them and says so in its status alone."""
-    monkeypatch.setattr("graspless_pin.solvers.simplex.dense_simplex", None)
+    monkeypatch.setattr("graspless_pin.solvers.simplex.core", None)
     simplex = Simplex(np.ones(1), np.zeros(1), np.full(1, np.inf))
     simplex.add_rows(np.full((1, 1), 1e16), np.ones(1), np.full(1, np.inf))
     assert simplex.solves == 0

@@ -45,10 +45,10 @@ def within(bodies: PlacedBodies, depth: float, *, loops: bool = True) -> set[tup
     """The pairs that are left to be measured."""
     solids, count = solids_of(bodies.shapes), len(bodies)
     ones, twos = np.triu_indices(count, 1)
-    if compiled.body_pairs is None or not loops:
+    if compiled.core is None or not loops:
         near = near_solids(bodies, solids, bodies, solids, -depth)
         return {(i, j) for i, j in near if i < j}
-    pairs = compiled.body_pairs.BodyPairs(solids.for_loops, ones, twos)
+    pairs = compiled.core.BodyPairs(solids.for_loops, ones, twos)
     return set(pairs.within(bodies.poses, depth))
 
 
@@ -67,7 +67,7 @@ def test_no_deep_pair_is_ruled_out(seed, loops):
     assert deep and len(left) < 0.6 * COUNT * (COUNT - 1) / 2
 
 
-@pytest.mark.skipif(compiled.body_pairs is None, reason="nothing was compiled")
+@pytest.mark.skipif(compiled.core is None, reason="nothing was compiled")
 @pytest.mark.parametrize("seed", range(6))
 def test_boxes_and_spheres_are_told_apart_exactly(seed):
     """All directions in which two boxes, two spheres, or a box and a centre outside, can part."""
@@ -80,7 +80,7 @@ def test_boxes_and_spheres_are_told_apart_exactly(seed):
     assert left
 
 
-@pytest.mark.skipif(compiled.body_pairs is None, reason="nothing was compiled")
+@pytest.mark.skipif(compiled.core is None, reason="nothing was compiled")
 @pytest.mark.parametrize("seed", range(3))
 def test_what_stands_around_is_compared_with_every_shape(seed):
     """Half-spaces, exactly where the shapes are boxes or spheres, and boxes."""
@@ -89,7 +89,7 @@ def test_what_stands_around_is_compared_with_every_shape(seed):
     normal = rng.normal(size=3)
     floor = coal.Halfspace(normal / np.linalg.norm(normal), float(rng.uniform(-0.02, 0.02)))
     around = placed(rng, [floor, coal.Box(0.05, 0.04, 0.03), coal.Sphere(0.03)])
-    loops = compiled.body_pairs.BodyPairs(solids_of(bodies.shapes).for_loops, [], [])
+    loops = compiled.core.BodyPairs(solids_of(bodies.shapes).for_loops, [], [])
     left = set(loops.beside(bodies.poses, solids_of(around.shapes).for_loops, around.poses, DEPTH))
     depths = {
         (k, m): -separation(bodies[k], around[m]).distance

@@ -12,13 +12,13 @@ from test_work_space import GRAVITIES, MODEL
 from graspless_pin import compiled, load_scene
 from graspless_pin.geometry.hand.work_space import WorkSpace, joint_motions
 
-pytestmark = pytest.mark.skipif(compiled.kinematic_chains is None, reason="nothing was compiled")
+pytestmark = pytest.mark.skipif(compiled.core is None, reason="nothing was compiled")
 
 
 def chains_of(model: pin.Model) -> Any:
     parents, placements, axes = joint_motions(SimpleNamespace(pinocchio_model=model))
     inertias = model.inertias.tolist()
-    return compiled.kinematic_chains.KinematicChains(
+    return compiled.core.KinematicChains(
         parents=parents,
         placements=placements,
         axes=axes,

@@ -8,8 +8,10 @@ import pytest
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry.bodies.object_and_supports import Support
 from graspless_pin.geometry.bodies.shapes import HalfSpace
+from graspless_pin.geometry.contact.contact_points import ContactArrays
 from graspless_pin.geometry.contact.finding import BodyKind, ContactPoint
 from graspless_pin.geometry.contact.motion import (
+    SPEED_TOLERANCE,
     ContactMotion,
     classify_motion,
     contacts_that_stay,
@@ -225,3 +227,21 @@ def test_bad_arrays_are_named(
 def test_angular_velocities_need_one_row_a_contact() -> None:
     with pytest.raises(ArgumentError, match="body_angular_velocities: needs shape"):
         classify_motion(SCENE, np.zeros(6), CENTER, None, np.zeros((2, 3)))
+
+
+@pytest.mark.parametrize("far", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("slip", [0.1, 3e-3, 3e-4, 1e-6])
+def test_turning_is_weighed_by_the_longest_arm(far, slip):
+    """A contact near the axis of a turning object moves at a share of the fastest speed."""
+    positions = np.array([[far, 0.0, 0.0], [0.0, slip * far, 0.0]])
+    touching = ContactArrays(
+        ("body",) * 2,
+        (BodyKind.SUPPORT,) * 2,
+        positions,
+        np.array([[0.0, 0.0, 1.0]] * 2),
+        (0.0,) * 2,
+    )
+    twist = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+    first, second = classify_motion(touching, twist, np.zeros(3), None, None).states
+    assert first is ContactMotion.SLIDING
+    assert (second is ContactMotion.SLIDING) == (slip > SPEED_TOLERANCE)

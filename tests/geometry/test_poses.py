@@ -1,3 +1,5 @@
+import contextlib
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -119,3 +121,21 @@ def test_a_pose_with_a_number_that_is_none_is_refused(place, bad):
     T[place] = bad
     with pytest.raises(ArgumentError, match="T: needs finite numbers"):
         as_pose("T", T)
+
+
+@pytest.mark.parametrize(("first", "second"), [(0, 1), (0, 2), (1, 2)])
+@pytest.mark.parametrize(("angle", "rigid"), [(5e-7, True), (2e-6, False), (0.1, False)])
+def test_columns_that_are_not_at_right_angles(first, second, angle, rigid):
+    pose = np.eye(4)
+    pose[first, second], pose[second, second] = np.sin(angle), np.cos(angle)
+    with contextlib.nullcontext() if rigid else pytest.raises(ArgumentError, match=r"^T: "):
+        as_pose("T", pose)
+
+
+@pytest.mark.parametrize("place", [(0, 0), (1, 2), (2, 2), (0, 3), (2, 3), (3, 3)])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_what_is_no_number_is_no_pose(place, bad):
+    pose = np.eye(4)
+    pose[place] = bad
+    with pytest.raises(ArgumentError, match=r"^T: "):
+        as_pose("T", pose)

@@ -271,19 +271,19 @@ ENGINES: dict[str, Callable[[int, Array, Array], tuple[int, Array, Array]]] = {
 @pytest.mark.parametrize("how", list(ENGINES))
 def test_no_broken_engine_becomes_a_verdict(how: str, monkeypatch: pytest.MonkeyPatch) -> None:
     honest = simplex._Highs.solve
-    monkeypatch.setattr(simplex, "dense_simplex", None)
+    monkeypatch.setattr(simplex, "core", None)
     monkeypatch.setattr(simplex._Highs, "solve", lambda self: ENGINES[how](*honest(self)))
     for name in CASES:
         assert_true(name)
 
 
-@pytest.mark.skipif(simplex.dense_simplex is None, reason="nothing is compiled")
+@pytest.mark.skipif(simplex.core is None, reason="nothing is compiled")
 def test_where_the_dictionary_breaks_highs_answers(monkeypatch: pytest.MonkeyPatch) -> None:
-    class Broken(simplex.dense_simplex.DenseSimplex):
+    class Broken(simplex.core.DenseSimplex):
         def solve(self) -> Any:
             raise RuntimeError("it broke down")
 
-    monkeypatch.setattr(simplex.dense_simplex, "DenseSimplex", Broken)
+    monkeypatch.setattr(simplex.core, "DenseSimplex", Broken)
     for name in ("slope", "steep", "pressed"):
         assert assert_true(name) is CASES[name].status
 

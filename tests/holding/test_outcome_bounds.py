@@ -112,7 +112,7 @@ def test_what_is_remembered_is_found_where_it_proves_something(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     if not compiled:
-        monkeypatch.setattr("graspless_pin.holding.bounds.outcome_search", None)
+        monkeypatch.setattr("graspless_pin.holding.bounds.core", None)
     columns = len(torques)
     hybrid = np.full(columns, -1)
     if columns and not np.any(problem.joint_inertia):
@@ -158,7 +158,7 @@ def test_what_is_remembered_is_found_where_it_proves_something(
 def test_compiled_sweeps_find_what_numpy_finds(case: int, monkeypatch: pytest.MonkeyPatch) -> None:
     dynamics = dynamics_of(*MOVING[case])
     found = find_motion(dynamics)
-    monkeypatch.setattr("graspless_pin.holding.unstable_motion.outcome_search", None)
+    monkeypatch.setattr("graspless_pin.holding.unstable_motion.core", None)
     expected = find_motion(dynamics)
     assert found is not None
     assert expected is not None
@@ -171,7 +171,7 @@ def test_closed_contacts_part_within_a_tolerance_that_is_paid_for(
 ) -> None:
     """The multiplier of a row that vanishes but for the tolerance, alone in the bound."""
     if not compiled:
-        monkeypatch.setattr("graspless_pin.holding.bounds.outcome_search", None)
+        monkeypatch.setattr("graspless_pin.holding.bounds.core", None)
     dynamics = dynamics_of(*MOVING[0])
     count, n = dynamics.contact_count, len(dynamics.load)
     states, normal = States.unknown(count).changed(1, ContactState.CLOSED), np.zeros(count)

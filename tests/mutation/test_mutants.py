@@ -63,11 +63,11 @@ def flat(array):
 def other(one, two, sizes):
     return one is not None or one is Color.RED or two is one or sizes.reshape(3, 4)
 def looped(one):
-    if small_arrays is None or one > 5:
+    if core is None or one > 5:
         return one - 6
     return one + 7
 def sometimes_looped(one):
-    if small_arrays is None and one > 8:
+    if core is None and one > 8:
         return one
     return one + 9
 """
@@ -174,7 +174,7 @@ def test_every_mistake_in_the_loops_has_its_place():
     """What was renamed since has to be renamed there, too."""
     assert len(MISTAKES) >= 30
     assert len(set(MISTAKES)) == len(MISTAKES)
-    files = {file.stem for file in (ROOT / LOOPS).glob("*.pyx")}
+    files = {file.stem for file in (ROOT / LOOPS).glob("*.pxi")}
     assert files <= {mistake.loops for mistake in MISTAKES}
     for mistake in MISTAKES:
         right = (ROOT / LOOPS / mistake.file).read_text(encoding="utf-8")

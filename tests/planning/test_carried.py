@@ -1,5 +1,6 @@
 """Optima that loops alone carry over: what they prove, and that nothing else passes."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -27,7 +28,7 @@ from graspless_pin.scene import batch_states
 from graspless_pin.scene.batch_states import PlainProblems, solids_of
 
 SCENE = "allegro_box_on_slope"
-pytestmark = pytest.mark.skipif(compiled.linear_programs is None, reason="nothing was compiled")
+pytestmark = pytest.mark.skipif(compiled.core is None, reason="nothing was compiled")
 
 
 @pytest.fixture(scope="module")
@@ -51,14 +52,40 @@ def test_a_carried_optimum_is_the_optimum(name, objective):
             continue
         seen += 1
         full = evaluator.scene_at(q).problem()
-        _, optimum, start = answer
-        solution = solution_carried(full, objective, SolveOptions().rules, optimum, start)
+        _, optimum = answer
+        solution = solution_carried(full, objective, SolveOptions().rules, optimum)
         cold = solve_problem(full, objective)
         assert solution.value == pytest.approx(cold.value, abs=2e-7)
         assert abs(optimum.gap) <= 1e-8 * abs(optimum.unit)
         document = solution_document(solution)
         assert verify_document(document).proven
     assert seen >= 3
+
+
+@pytest.mark.parametrize("algorithm", ["margin", "torque"])
+def test_an_evaluation_is_a_batch_of_one(algorithm, monkeypatch):
+    """Its solution, made when it is read, is that of its figures, and is proven."""
+    evaluator = Evaluator(example(SCENE), algorithm=algorithm)
+    rng = np.random.default_rng(8)
+    states = [nearby(evaluator, rng, 2e-4) for _ in range(8)]
+    for q in states:
+        evaluator.evaluate(q)
+    searched, solved = [], StateSolver._solved
+    monkeypatch.setattr(StateSolver, "_solved", lambda *of: searched.append(of) or solved(*of))
+    for q in states:
+        named = dict(zip(evaluator.joint_names, q.tolist(), strict=True))
+        by_name, answer = evaluator.evaluate(named), evaluator.evaluate(q)
+        assert by_name.margin == pytest.approx(answer.margin, abs=1e-9)
+        assert len(answer.torques) == len(answer.joint_names) == len(answer.joint_units)
+        solution = answer.solution
+        assert answer.margin == pytest.approx(solution.margin, rel=1e-12)
+        np.testing.assert_allclose(answer.torques, solution.torques, rtol=0, atol=1e-12)
+        assert solution.problem.joint_names == answer.joint_names
+        assert answer.contacts.bodies == evaluator.scene_at(q).contacts.bodies
+        assert verify_document(solution_document(solution)).proven
+        again = pickle.loads(pickle.dumps(answer))  # noqa: S301 - our own
+        assert again.margin == answer.margin and again.solution.found
+    assert len(searched) <= len(states)  # of twice as many
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])

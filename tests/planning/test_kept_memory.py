@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from planning_scenes import example
 
-from graspless_pin.compiled import hand_states
+from graspless_pin.compiled import core
 from graspless_pin.planning import Evaluation, Evaluator
 from graspless_pin.scene import Scene
 
-MOST = 20_000 if hand_states is not None else 22_000
+MOST = 20_000 if core is not None else 22_000
 """Bytes; the numpy beside the loops keeps a little more."""
 KEPT = 200
 

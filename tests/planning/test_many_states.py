@@ -14,6 +14,9 @@ from graspless_pin.errors import ArgumentError, CrashError
 from graspless_pin.planning import EvaluatedStates, Evaluator, StateStatus, many_states
 from graspless_pin.planning.configurations import Configurations
 from graspless_pin.planning.state_solver import StateSolver
+from graspless_pin.scene import batch_states
+from graspless_pin.scene.contact_arrays import touching_of
+from graspless_pin.scene.motion_and_contacts import HandMotion, Motion
 
 
 def varied(count: int, seed: int = 0) -> tuple[Evaluator, dict[str, Any]]:
@@ -78,7 +81,7 @@ def test_each_state_is_what_evaluate_finds(need_hand):
     assert kept[5].reason
 
 
-@pytest.mark.skipif(compiled.cold_optima is None, reason="nothing was compiled")
+@pytest.mark.skipif(compiled.core is None, reason="nothing was compiled")
 @pytest.mark.parametrize("algorithm", ["margin", "torque"])
 def test_states_that_are_like_none_before_are_answered_by_loops(algorithm, monkeypatch):
     evaluator = Evaluator(example("allegro_box_on_slope"), algorithm=algorithm)
@@ -254,3 +257,49 @@ def test_a_margin_is_asked_for_as_of_one_state():
     assert evaluator.are_feasible(q, margin=best + 0.01).tolist() == [False, False]
     with pytest.raises(ArgumentError, match="margin: is -1"):
         evaluator.are_feasible(q, margin=-1.0)
+
+
+@pytest.mark.skipif(compiled.core is None, reason="nothing was compiled")
+@pytest.mark.parametrize(
+    "name", ["trihand_push_box", "allegro_push_up_slope", "allegro_tumble_box"]
+)
+def test_states_of_an_object_that_the_hand_follows_are_answered_by_loops(name, monkeypatch):
+    evaluator = Evaluator(example(name))
+    rng = np.random.default_rng(5)
+    q = np.array([nearby(evaluator, rng, 1e-4) for _ in range(24)])
+    alone: list[Any] = []
+    solved = StateSolver.solved
+    monkeypatch.setattr(StateSolver, "solved", lambda *a: alone.append(a) or solved(*a))
+
+    found = evaluator.evaluate_many(q, workers=1)
+
+    assert len(alone) <= 12
+    for k, one in enumerate(q):
+        answer = Evaluator(evaluator.scene).evaluate(one)  # which has learned nothing
+        assert found.statuses[k] is answer.status
+        assert found.margins[k] == pytest.approx(answer.margin, abs=1e-6)
+
+
+def test_a_hand_that_moves_by_itself_is_left_to_the_search():
+    scene = example("trihand_push_box")
+    twist = scene.motion.object_twist
+    slides = batch_states._slides_alike
+    assert slides(scene) and slides(scene.with_changes(motion=None))
+    own = Motion(twist, HandMotion(np.zeros(6), {}))
+    assert not slides(scene.with_changes(motion=own))
+    # The fastest contact decides what counts as no speed at the pivot of a turning object: it is
+    # known up to where the hand touches, no farther than the corner that the box turns about.
+    box = example("trihand_pivot_box")
+    turn = box.motion.object_twist[3:]
+    center, touching = box.object.center_of_mass_world, touching_of(box)
+    arms = touching.positions[touching.hand_count :] - center
+    about, reach = np.cross(-turn, arms[0]), float(np.linalg.norm(arms[0]))
+
+    def creeping(share: float) -> Motion:
+        along = (arms[0] - arms[1]) / np.linalg.norm(arms[0] - arms[1])
+        return Motion(np.concatenate((about + share * np.linalg.norm(turn) * along, turn)))
+
+    for share, is_told in ((0.0, True), (0.9e-3 * reach, True), (1.1e-3 * reach, True)):
+        assert slides(box.with_changes(motion=creeping(share))) is is_told
+    between = 1e-3 * (reach + 0.3 * box.contact_tolerance)
+    assert not slides(box.with_changes(motion=creeping(between)))

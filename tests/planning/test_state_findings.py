@@ -173,7 +173,7 @@ def test_scenes_and_evaluators_tell_the_same(name, wall):
     assert seen[StateStatus.HAND_THROUGH_SUPPORT if wall else StateStatus.FOUND]
 
 
-@pytest.mark.skipif(compiled.body_pairs is None, reason="nothing was compiled")
+@pytest.mark.skipif(compiled.core is None, reason="nothing was compiled")
 @pytest.mark.parametrize("name", SCENES)
 def test_loops_and_numpy_find_the_same_overlaps(name, by_numpy):
     scene, states = drawn(name, 30, wall=True)

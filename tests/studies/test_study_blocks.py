@@ -91,7 +91,7 @@ def test_a_row_depends_on_those_before_it_in_its_block_alone(vary, method):
     assert [*evaluate_each(made, samples[16:])] == whole[16:]
 
 
-@pytest.mark.skipif(compiled.loaded_states is None, reason="nothing was compiled")
+@pytest.mark.skipif(compiled.core is None, reason="nothing was compiled")
 @pytest.mark.parametrize("slides", [False, True], ids=["at rest", "sliding"])
 def test_samples_whose_contacts_stay_are_found_in_one_loop(slides, monkeypatch):
     """Friction, mass, gravity, limits: told by what stays the same, whatever varies."""
@@ -110,7 +110,7 @@ def test_samples_whose_contacts_stay_are_found_in_one_loop(slides, monkeypatch):
     assert {row["sample"] for row in rows if not row["found"] or row["nodes"] > 1} == {*alone}
 
 
-@pytest.mark.skipif(compiled.loaded_states is None, reason="nothing was compiled")
+@pytest.mark.skipif(compiled.core is None, reason="nothing was compiled")
 @pytest.mark.parametrize("one_by_one", [False, True])
 def test_an_internal_error_in_a_loop_costs_one_sample_and_is_told(monkeypatch, one_by_one):
     made = blocked(count=16, block=16)

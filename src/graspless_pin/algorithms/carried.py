@@ -12,17 +12,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from threading import Lock
+from threading import RLock
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.algorithms.options import SolveOptions
+from graspless_pin.algorithms.options import Search, SolveOptions
 from graspless_pin.caching import Derived
-from graspless_pin.compiled import cold_optima, optimum_starts
+from graspless_pin.compiled import core
 from graspless_pin.modes.kinematics import THRESHOLD
-from graspless_pin.modes.rules import Rules, SlidingMode
+from graspless_pin.modes.rules import Rules, SlidingMode, SlidingRule, StaticFriction
 from graspless_pin.modes.witness_heuristics import CLEARLY, GUESSES, judged_by
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
@@ -37,7 +37,7 @@ from graspless_pin.programs.assembly import (
 )
 from graspless_pin.programs.objectives import Objective
 from graspless_pin.solution import Certificate, Evidence, Status, TorqueSolution
-from graspless_pin.solvers import PRIMAL_TOLERANCE
+from graspless_pin.solvers import ANY_SOLVER, PRIMAL_TOLERANCE
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +75,8 @@ class Carried(NamedTuple):
         multipliers: (R,) of all rows.
         motion: A virtual motion behind the mode, scaled.
         scale: Factors from that to m/s and rad/s.
+        mode: The mode.
+        solver: That of the optimum that it was carried over from.
     """
 
     forces: FloatArray
@@ -87,6 +89,8 @@ class Carried(NamedTuple):
     multipliers: FloatArray
     motion: FloatArray
     scale: FloatArray
+    mode: SlidingMode
+    solver: str
 
     @property
     def gap(self) -> float:
@@ -127,9 +131,41 @@ def carried(
 def _as_carried(
     problem: QuasistaticProblem, objective: Objective, optimum: tuple[Any, ...]
 ) -> Carried:
-    forces, unit, *others = optimum
-    reach = max(problem.max_normal_force.tolist())
-    return Carried(forces, -unit if objective.maximizes else unit, reach, *others)
+    forces, unit, *found, contacts, signs, solver = optimum
+    x, value, bound, residual, multipliers, motion, scale = found
+    selection = np.zeros(len(signs), dtype=bool)
+    selection[contacts] = True
+    return Carried(
+        forces=forces,
+        unit=-unit if objective.maximizes else unit,
+        reach=max(problem.max_normal_force.tolist()),
+        x=x,
+        value=value,
+        bound=bound,
+        residual=residual,
+        multipliers=multipliers,
+        motion=motion,
+        scale=scale,
+        mode=SlidingMode.unchecked(selection, signs.astype(np.int8)),
+        solver=solver,
+    )
+
+
+def carried_state(
+    problem: QuasistaticProblem,
+    objective: Objective,
+    options: SolveOptions,
+    learned: WarmStart | None,
+    pool: list[Any],
+    *state: Any,
+) -> Carried | None:
+    """Return the optimum of one state where `carried_many`, whose arguments these are, finds it."""
+    order = np.zeros(1, dtype=np.intp)
+    with LOOPS_LOCK:
+        if not carried_many(problem, objective, options, learned, pool, order, *state):
+            return None
+        optimum = _loops(problem, objective, options).told()
+    return _as_carried(problem, objective, optimum)
 
 
 def carried_many(
@@ -150,7 +186,7 @@ def carried_many(
         learned: What a search has left behind since the last time; None: nothing.
         pool: What loops have learned of these contacts, the most promising first: it changes.
         order: Numbers of the states.
-        states: The arguments of `carried_optima.Carrier.carried_many` after that.
+        states: The arguments of `core.Carrier.carried_many` after that.
 
     Returns:
         How many in that order were found before the first one that was not.
@@ -163,7 +199,7 @@ def carried_many(
             start for start in prepared_starts(loops, problem, [learned]) if start is not None
         ]
     with LOOPS_LOCK:
-        return loops.carried_many(problem, pool, order, *states)
+        return loops.carried_many(problem, pool, may_begin(problem, options), order, *states)
 
 
 def _loops(problem: QuasistaticProblem, objective: Objective, options: SolveOptions) -> Any:
@@ -173,10 +209,21 @@ def _loops(problem: QuasistaticProblem, objective: Objective, options: SolveOpti
     return _carrier(likeness_of(problem), objective, problem.joint_units)
 
 
+def may_begin(problem: QuasistaticProblem, options: SolveOptions) -> bool:
+    """Whether loops may look for an optimum of which nothing is known."""
+    rules = options.rules
+    return not (
+        options.solver != ANY_SOLVER
+        or options.search is not Search.AUTO
+        or rules.static_friction is StaticFriction.COULOMB
+        or (rules.sliding is SlidingRule.CONSTRAINED and problem.is_sliding.any())
+    )
+
+
 def are_for(cone: ConeModel, objective: Objective, options: SolveOptions) -> bool:
     """Return whether loops find what is asked for."""
     return not (
-        cold_optima is None
+        core is None
         or not cone.regular
         or type(objective) not in PAPER_OBJECTIVES
         or objective.regularization > 0.0
@@ -187,13 +234,13 @@ def are_for(cone: ConeModel, objective: Objective, options: SolveOptions) -> boo
 
 @lru_cache(maxsize=64)
 def _carrier(likeness: Likeness, objective: Objective, units: tuple[JointUnit, ...]) -> Any:
-    return cold_optima.ColdCarrier(**carrier_arguments(likeness, objective, units))
+    return core.ColdCarrier(**carrier_arguments(likeness, objective, units))
 
 
 def carrier_arguments(
     likeness: Likeness, objective: Objective, units: tuple[JointUnit, ...]
 ) -> dict[str, Any]:
-    """Return what `cold_optima.ColdCarrier` takes for one of the paper's objectives."""
+    """Return what `core.ColdCarrier` takes for one of the paper's objectives."""
     return {
         "guesses": GUESSES,
         "judged_by": judged_by(CLEARLY * THRESHOLD),
@@ -222,7 +269,7 @@ def prepared_starts(
     return prepared
 
 
-LOOPS_LOCK = Lock()
+LOOPS_LOCK = RLock()
 """One room serves all threads."""
 _STARTS: Derived[WarmStart, list[Any]] = Derived(lambda _: [(None, None)], most=math.inf)
 """The loops that a start was prepared for last, and what they take it as."""
@@ -234,10 +281,11 @@ def _start(loops: Any, start: WarmStart) -> Any:
         return None
     if len(active.x) != loops.n + 1 or len(motion) != 6 + loops.L:
         return None
-    return optimum_starts.Start(
+    return core.Start(
         loops, active.rows, active.at_bounds, active.upper, active.x, active.weights,
         sum(active.sizes),
         mode.signs, mode.contacts, mode.own_signs.ravel(), motion, judged_by(CLEARLY * THRESHOLD),
+        active.solver,
     )  # fmt: skip
 
 
@@ -246,7 +294,6 @@ def solution_carried(
     objective: Objective,
     rules: Rules,
     found: Carried,
-    start: WarmStart,
 ) -> TorqueSolution:
     """Return a carried optimum as a solution.
 
@@ -255,9 +302,8 @@ def solution_carried(
         objective: What was optimised.
         rules: The reading of the virtual-sliding constraint.
         found: The optimum.
-        start: What it was carried over from.
     """
-    size = 0 if start.likeness is None else start.likeness.layout.size
+    size = likeness_of(problem).layout.size
     proof = found.multipliers[:6], found.multipliers[6:]
     certificate = Certificate(
         primal_residual=found.residual,
@@ -270,7 +316,7 @@ def solution_carried(
         nodes=1,
         force_programs=1,
         kinematic_programs=1,
-        solver="" if start.relaxation is None else start.relaxation.solver,
+        solver=found.solver,
     )
     found.forces.setflags(write=False)
     added = found.x[size:].copy()
@@ -283,5 +329,5 @@ def solution_carried(
         problem=problem,
         evidence=evidence,
         _forces=found.forces,
-        _mode=start.mode,
+        _mode=found.mode,
     )

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.caching import Derived
-from graspless_pin.compiled import contact_frames
 from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.kinematics import VirtualKinematics, kinematics_of
 from graspless_pin.modes.rules import SlidingMode
@@ -107,10 +106,6 @@ class Formulation:
 
     def admitted(self, mode: SlidingMode, x: FloatArray) -> FloatArray:
         """Return x without the friction that one mode forbids; x itself if there is none."""
-        if contact_frames is not None:
-            return contact_frames.without_forbidden(
-                x, self.cone_columns, self.cone_index, mode.signs
-            )
         friction = x[self.cone_columns]
         forbidden = friction * mode.signs[self.cone_index] >= 0.0
         forbidden &= friction != 0.0

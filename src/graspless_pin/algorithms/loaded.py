@@ -11,17 +11,16 @@ from graspless_pin.algorithms.carried import (
     LOOPS_LOCK,
     WarmStart,
     carrier_arguments,
+    may_begin,
     prepared_starts,
 )
-from graspless_pin.algorithms.options import Search, SolveOptions
-from graspless_pin.compiled import loaded_states
-from graspless_pin.modes.rules import SlidingRule, StaticFriction
+from graspless_pin.algorithms.options import SolveOptions
+from graspless_pin.compiled import core
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.programs.assembly import Likeness, likeness_of
 from graspless_pin.programs.objectives import Objective
-from graspless_pin.solvers import ANY_SOLVER
 
 _MOST_STARTS = 8
 _MOST_COLD = 24
@@ -46,7 +45,7 @@ class LoadedOptima:
         """
         likeness = likeness_of(problem, problem.has_cone.astype(np.float64))
         self._loops = _states(likeness, objective, problem.joint_units)
-        self._may_begin = _may_begin(problem, options) and self._loops.n <= _MOST_COLD
+        self._may_begin = may_begin(problem, options) and self._loops.n <= _MOST_COLD
         self._last: WarmStart | None = None
         self._pool: list[Any] = []
 
@@ -76,7 +75,7 @@ class LoadedOptima:
 
         Args:
             problem: Whose contacts and Jacobian count.
-            loads: See `loaded_states.LoadedStates.optima`.
+            loads: See `core.LoadedStates.optima`.
             begin: The first state.
             figures: (K, 6), see there.
             torques: (K, L), see there.
@@ -88,15 +87,4 @@ class LoadedOptima:
 
 @lru_cache(maxsize=64)
 def _states(likeness: Likeness, objective: Objective, units: tuple[JointUnit, ...]) -> Any:
-    return loaded_states.LoadedStates(**carrier_arguments(likeness, objective, units))
-
-
-def _may_begin(problem: QuasistaticProblem, options: SolveOptions) -> bool:
-    """Whether loops may look for an optimum of which nothing is known."""
-    rules = options.rules
-    return not (
-        options.solver != ANY_SOLVER
-        or options.search is not Search.AUTO
-        or rules.static_friction is StaticFriction.COULOMB
-        or (rules.sliding is SlidingRule.CONSTRAINED and problem.is_sliding.any())
-    )
+    return core.LoadedStates(**carrier_arguments(likeness, objective, units))

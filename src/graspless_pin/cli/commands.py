@@ -102,11 +102,11 @@ app = typer.Typer(
 def _print_version(asked: bool) -> None:
     if not asked:
         return
-    from graspless_pin.versions import compiled_loops, versions
+    from graspless_pin.versions import has_compiled_loops, versions
 
     typer.echo(f"graspless-pin {versions()['graspless-pin']}, Python {platform.python_version()}")
     none = "none, numpy does their work more slowly; install again where there is a C compiler"
-    typer.echo(f"compiled loops: {', '.join(compiled_loops()) or none}")
+    typer.echo(f"compiled loops: {'yes' if has_compiled_loops() else none}")
     raise typer.Exit
 
 

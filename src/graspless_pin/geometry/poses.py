@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.bounds import LARGEST_LENGTH
-from graspless_pin.compiled import rigid_bodies
 from graspless_pin.errors import ArgumentError
 from graspless_pin.problem.checks import all_finite
 
@@ -115,8 +114,6 @@ def as_pose(name: str, T: ArrayLike) -> NDArray[np.float64]:
 
 def _is_rigid(T: NDArray[np.float64]) -> bool:
     """Return whether a (4, 4) array passes for a rigid transform."""
-    if rigid_bodies is not None:
-        return rigid_bodies.is_rigid(T)
     (a, b, c, x), (d, e, f, y), (g, h, i, z), last = T.tolist()
     # Not a number is within no bounds.
     return (

@@ -19,7 +19,7 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.compiled import outcome_search
+from graspless_pin.compiled import core
 from graspless_pin.holding.dynamics import Dynamics
 from graspless_pin.holding.least_squares import least_squares
 from graspless_pin.holding.verdict import ContactState, DualBound
@@ -264,8 +264,8 @@ class OutcomeBounds:
         self._normals = np.zeros((_REMEMBERED, count))
         self._tangentials = np.zeros((_REMEMBERED, count, 2))
         self._compiled = None
-        if outcome_search is not None:
-            self._compiled = outcome_search.Bounds(
+        if core is not None:
+            self._compiled = core.Bounds(
                 dynamics.rows, dynamics.load, dynamics.friction, dynamics.commanded,
                 dynamics.spread, dynamics.commanded_spread, loads, closing_tolerance(dynamics),
                 force_limit,

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.compiled import outcome_search
+from graspless_pin.compiled import core
 from graspless_pin.holding.dynamics import Dynamics, contact_jacobian, world_forces
 from graspless_pin.holding.least_squares import least_squares
 from graspless_pin.holding.verdict import ContactState, DynamicOutcome
@@ -108,8 +108,8 @@ def _relaxed(dynamics: Dynamics, starts: FloatArray) -> FloatArray:
     changes = np.zeros_like(forces)
     y = np.einsum("lni,lik->nk", pushes, forces) + dynamics.load[:, None]
     still = _SLOW * dynamics.limit
-    if outcome_search is not None:
-        outcome_search.swept(
+    if core is not None:
+        core.swept(
             rows, pushes.transpose(0, 2, 1), mu, commanded, dynamics.points, forces, y, _SWEEPS,
             _LOOK, still, _SETTLED, _DIVERGED, _STILL,
         )  # fmt: skip

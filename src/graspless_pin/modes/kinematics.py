@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from scipy.linalg import qr, solve_triangular
 
 from graspless_pin.caching import Bounded
-from graspless_pin.compiled import virtual_motions
 from graspless_pin.modes.conflicts import conflict_of
 from graspless_pin.modes.fastest_sliding import Sliding, fastest_sliding, length, signed_rows
 from graspless_pin.modes.feasibility import Conflict, Requirement, Witness
@@ -294,8 +293,6 @@ _OF_THREAD = local()
 
 def _scaled(of_frames: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the map (M, 3, 6 + L) with columns of one size, and (6 + L,) factors of motions."""
-    if virtual_motions is not None:
-        return virtual_motions.scaled_map(of_frames)
     size = np.sqrt(np.einsum("lij,lij->j", of_frames, of_frames))
     scale = 1.0 / np.where(size > 0.0, size, 1.0)
     signed = scale.copy()

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from scipy.linalg import get_lapack_funcs
 
 from graspless_pin.caching import Bounded
-from graspless_pin.compiled import virtual_motions
 from graspless_pin.problem.checks import FloatArray
 
 # Rows are scaled to unit size, so this is the largest relative velocity that counts as zero: it
@@ -25,8 +24,6 @@ GUESSES = 4
 # rounding and far below what a motion needs.
 _DAMPING = 1e-12
 _CORRECTIONS = 2
-_MOST_IN_C = 12
-"""Contacts from which on LAPACK's products are faster than plain loops, and kept."""
 
 _posv, _potrf, _potrs = get_lapack_funcs(("posv", "potrf", "potrs"))
 
@@ -68,7 +65,6 @@ class NearestMotions:
         """
         self._rows = rows
         self._clear = clear
-        self._judged_by = judged_by(clear)
         self._known: dict[tuple[int, ...], FloatArray] = Bounded(MOST_KEPT)
 
     def guessed_witness(
@@ -89,10 +85,6 @@ class NearestMotions:
             return signs, np.zeros(self._rows.shape[2])
         if near is not None and len(near) != self._rows.shape[2]:
             near = None
-        if virtual_motions is not None and len(contacts) <= _MOST_IN_C:
-            return virtual_motions.witness(
-                self._rows, contacts, signs, near, GUESSES, *self._judged_by
-            )
         if near is not None:
             seen = self._held(contacts, near)
             full = seen.completed(signs)
@@ -125,11 +117,6 @@ class NearestMotions:
             return near
         if len(near) != self._rows.shape[2] or np.count_nonzero(signs) < signs.size:
             return None
-        if virtual_motions is not None:
-            found = virtual_motions.witness(
-                self._rows, contacts, signs.ravel(), near, 0, *self._judged_by
-            )
-            return None if found is None else found[1]
         seen = self._held(contacts, near)
         return seen.motion if self._slides(seen, signs.ravel()) else None
 

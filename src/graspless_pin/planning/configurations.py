@@ -73,6 +73,20 @@ class Configurations:
         positions = {**now, **self._named(q)}
         return np.array([positions[name] for name in self.joint_names])
 
+    def row(self, q: Configuration | None) -> FloatArray | None:
+        """Return (a,) positions of `joint_names`; None where a joint is named that follows others.
+
+        Args:
+            q: See `Evaluator.evaluate`.
+
+        Raises:
+            ArgumentError: As for `array`.
+        """
+        named = q if isinstance(q, Mapping) else {}
+        if self._hand is None or not named.keys() <= set(self.joint_names):
+            return None
+        return self.array({} if q is None else q)
+
     def problem_at(
         self,
         q: Configuration | None,

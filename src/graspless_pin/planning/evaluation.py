@@ -5,17 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
-from typing import Unpack
+from typing import NamedTuple, Unpack
 
 import numpy as np
 
+from graspless_pin.algorithms.carried import Carried, solution_carried
 from graspless_pin.brief import Brief
 from graspless_pin.errors import NoSolutionError, StateFault
 from graspless_pin.findings import Finding
 from graspless_pin.holding.options import StabilityKeywords
 from graspless_pin.holding.verdict import StabilityVerdict
+from graspless_pin.modes.rules import Rules
+from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.programs.objectives import Objective
 from graspless_pin.scene import Scene, SceneContacts
 from graspless_pin.solution import TorqueSolution
 
@@ -51,6 +55,28 @@ STATUSES = tuple(StateStatus)
 """Arrays of many states hold places among these."""
 
 
+class CarriedAnswer(NamedTuple):
+    """The optimum of a state as loops carry it over: what is made of it is made when it is read.
+
+    Attributes:
+        objective: What was optimised.
+        rules: The reading of the virtual-sliding constraint.
+        optimum: The optimum.
+        margin: N.
+        torques: (L,) N m or N.
+        joint_names: Theirs.
+        joint_units: Likewise.
+    """
+
+    objective: Objective
+    rules: Rules
+    optimum: Carried
+    margin: float
+    torques: FloatArray
+    joint_names: tuple[str, ...]
+    joint_units: tuple[JointUnit, ...]
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Evaluation(Brief):
     """The answer for one state. That there is none is an answer, too: then ``found`` is False.
@@ -67,7 +93,7 @@ class Evaluation(Brief):
     status: StateStatus
     reason: str
     scene: Scene
-    _solution: TorqueSolution | None
+    _found: TorqueSolution | CarriedAnswer | None
 
     @property
     def found(self) -> bool:
@@ -77,22 +103,22 @@ class Evaluation(Brief):
     @property
     def joint_names(self) -> tuple[str, ...]:
         """L names of the torques; empty without a problem."""
-        return () if self._solution is None else self._solution.problem.joint_names
+        return () if self._found is None else _with_joints(self._found).joint_names
 
     @property
     def joint_units(self) -> dict[str, JointUnit]:
         """Unit of each torque by name; empty without a problem."""
-        if self._solution is None:
+        if self._found is None:
             return {}
-        problem = self._solution.problem
-        return dict(zip(problem.joint_names, problem.joint_units, strict=True))
+        joints = _with_joints(self._found)
+        return dict(zip(joints.joint_names, joints.joint_units, strict=True))
 
     @property
     def has_contacts(self) -> bool:
         """Whether the state was solved, found torques or not: else there is no solution."""
-        return self._solution is not None
+        return self._found is not None
 
-    @property
+    @cached_property
     def solution(self) -> TorqueSolution:
         """The solution with its problem, forces, mode and proof, found or not.
 
@@ -100,9 +126,13 @@ class Evaluation(Brief):
             NoSolutionError: If the state has no contacts to solve for, or is refused; with the
                 reason.
         """
-        if self._solution is None:
+        found = self._found
+        if found is None:
             raise NoSolutionError(f"This state was not solved ({self.reason}).")
-        return self._solution
+        if isinstance(found, TorqueSolution):
+            return found
+        problem = self.scene.problem()
+        return solution_carried(problem, found.objective, found.rules, found.optimum)
 
     @property
     def contacts(self) -> SceneContacts:
@@ -111,13 +141,14 @@ class Evaluation(Brief):
         Raises:
             NoSolutionError: As for `solution`.
         """
-        _ = self.solution
+        if self._found is None:
+            _ = self.solution
         return self.scene.contacts
 
     @cached_property
     def margin(self) -> float:
         """The margin e, N; -inf where there are no torques, so that it is below every demand."""
-        return self.solution.margin if self.found else -np.inf
+        return self._found.margin if self._found is not None and self.found else -np.inf
 
     @cached_property
     def torques(self) -> FloatArray:
@@ -126,9 +157,9 @@ class Evaluation(Brief):
         Raises:
             NoSolutionError: If there are none; with the reason.
         """
-        if not self.found:
+        if self._found is None or not self.found:
             raise NoSolutionError(f"This state has no torques ({self.reason}); check .found first.")
-        return read_only(self.solution.torques)
+        return read_only(self._found.torques)
 
     def stability(self, **options: Unpack[StabilityKeywords]) -> StabilityVerdict:
         """Tell whether the object stays with the torques: see `Scene.stability`.
@@ -140,3 +171,7 @@ class Evaluation(Brief):
             NoSolutionError: If there are no torques; with the reason.
         """
         return self.scene.stability(self.torques, **options)
+
+
+def _with_joints(found: TorqueSolution | CarriedAnswer) -> QuasistaticProblem | CarriedAnswer:
+    return found.problem if isinstance(found, TorqueSolution) else found

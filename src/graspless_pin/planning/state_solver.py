@@ -8,12 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.algorithms.carried import carried_many, solution_carried
+from graspless_pin.algorithms.carried import Carried, carried_many, carried_state
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.search import closeness
 from graspless_pin.algorithms.warm_start import reaches_margin
 from graspless_pin.planning.configurations import Configurations
-from graspless_pin.planning.evaluation import STATUSES, Evaluation, StateStatus
+from graspless_pin.planning.evaluation import STATUSES, CarriedAnswer, Evaluation, StateStatus
 from graspless_pin.planning.warm_starts import CarriedState, WarmStarts
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
@@ -31,7 +31,7 @@ class CarriedStates(NamedTuple):
     """What was carried over to K states; NaN and zero where nothing was.
 
     Attributes:
-        figures: (K, 6) with the columns that `carried_optima.FIGURES` names.
+        figures: (K, 6) with the columns that `core.FIGURES` names.
         torques: (K, L).
         contact_counts: (K,).
         faults: (K,) the number of the status of each state that has a serious finding; elsewhere
@@ -166,11 +166,14 @@ class StateSolver:
         if alike is None:
             return 0
         bodies, carriers, problem = alike
-        learned, pool = self._starts.pool(bodies, problem, objective)
+        learned, pool = self._starts.for_loops(bodies, problem, objective)
+        if not pool.is_due():
+            return 0
         count = carried_many(
-            problem, objective, self.options, learned, pool, order, states, self._plain.moves,
-            carriers, *self._plain.frame, found.figures, found.torques,
+            problem, objective, self.options, learned, pool.starts, order, states,
+            self._plain.moves, carriers, *self._plain.frame, found.figures, found.torques,
         )  # fmt: skip
+        pool.count(count)
         found.contact_counts[order[:count]] = problem.contact_count
         return count
 
@@ -181,12 +184,47 @@ class StateSolver:
 
     def evaluate(self, q: Any, T_world_object: Any, twist: Any) -> Evaluation:
         """Return the whole answer for one state: see `Evaluator.evaluate`."""
+        if T_world_object is None and twist is None:
+            answer = self._batch_of_one(q, self.objective)
+            if answer is not None:
+                scene = self.configurations.scene_at(q, None, None)
+                return Evaluation(StateStatus.FOUND, "", scene, answer)
         solved = self._solved(q, T_world_object, twist)
         if isinstance(solved, Evaluation):
             return solved
-        scene, (problem, optimum, start) = solved
-        rules = self.options.rules
-        return _evaluation(scene, solution_carried(problem, self.objective, rules, optimum, start))
+        scene, (problem, optimum) = solved
+        answer = CarriedAnswer(
+            self.objective, self.options.rules, optimum, problem.margin_of(optimum.forces),
+            problem.jacobian.T @ optimum.forces.ravel() + problem.gravity_torques,
+            problem.joint_names, problem.joint_units,
+        )  # fmt: skip
+        return Evaluation(StateStatus.FOUND, "", scene, answer)
+
+    def _batch_of_one(self, q: Any, objective: Objective) -> CarriedAnswer | None:
+        """Carry an optimum over to one state as to many; None: it has to be solved by itself."""
+        row = self.configurations.row(q)
+        states = None if row is None else self._plain.at(row[None])
+        if states is None or states.counts[0] < 0 or states.doubtful[0]:
+            return None
+        shapes = tuple(states.shapes[0, : states.counts[0]].tolist())
+        alike = self._plain.alike(shapes)
+        if alike is None or (self.checks.need_hand and not shapes):
+            return None
+        bodies, carriers, problem = alike
+        learned, pool = self._starts.for_loops(bodies, problem, objective)
+        if not pool.is_due():
+            return None
+        figures, torques = np.empty((1, 6)), np.empty(states.weights.shape)
+        optimum = carried_state(
+            problem, objective, self.options, learned, pool.starts, states, self._plain.moves,
+            carriers, *self._plain.frame, figures, torques,
+        )  # fmt: skip
+        pool.count(optimum is not None)
+        if optimum is None:
+            return None
+        rules, margin = self.options.rules, float(figures[0, 0])
+        names, units = problem.joint_names, problem.joint_units
+        return CarriedAnswer(objective, rules, optimum, margin, torques[0], names, units)
 
     def _solved(
         self, q: Any, T_world_object: Any, twist: Any
@@ -209,6 +247,10 @@ class StateSolver:
     def reaches(self, q: Any, T_world_object: Any, twist: Any, margin: float) -> bool:
         """Tell whether a state is proven to reach a margin: see `Evaluator.is_feasible`."""
         objective = Margin()
+        if T_world_object is None and twist is None:
+            answer = self._batch_of_one(q, objective)
+            if answer is not None:
+                return _reaches(answer.optimum, margin)
         state = self._checked(q, T_world_object, twist)
         if isinstance(state, Evaluation):
             return False
@@ -223,8 +265,7 @@ class StateSolver:
             self._starts.learn(*what, learned)
             self._plain.learn(scene, problem)
             return bool(reached)
-        goal = margin / abs(found.optimum.unit)
-        return found.optimum.value <= closeness(goal) - goal
+        return _reaches(found.optimum, margin)
 
     def _checked(
         self, q: Any, T_world_object: Any, twist: Any
@@ -240,6 +281,12 @@ class StateSolver:
 
     def _unknown(self, scene: Scene) -> str:
         return unknown_of(scene) if self.options.strong else ""
+
+
+def _reaches(optimum: Carried, margin: float) -> bool:
+    """Return whether the largest margin is one at least, N."""
+    goal = margin / abs(optimum.unit)
+    return optimum.value <= closeness(goal) - goal
 
 
 def _evaluation(scene: Scene, solution: TorqueSolution) -> Evaluation:

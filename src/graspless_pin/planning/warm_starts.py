@@ -12,6 +12,7 @@ from graspless_pin.programs.objectives import Objective
 from graspless_pin.solution import TorqueSolution
 
 _MOST_KEPT = 256
+_MOST_MISSES = 8
 _MOST_ALIKE = 8
 """Warm starts of one set of contacts: trying one costs a tenth of a solver's answer."""
 
@@ -25,12 +26,37 @@ class CarriedState(NamedTuple):
     Attributes:
         problem: Its problem.
         optimum: The optimum.
-        start: What it was carried over from.
     """
 
     problem: QuasistaticProblem
     optimum: Carried
-    start: WarmStart
+
+
+class LoopStarts:
+    """What loops have learned of the same contacts.
+
+    Attributes:
+        starts: As the loops take them, that which served last first.
+        last: The last that was taken from a search.
+        misses: How many states in a row they did not find, or were not asked for since.
+    """
+
+    def __init__(self) -> None:
+        """Begin with nothing learned."""
+        self.starts: list[Any] = []
+        self.last: WarmStart | None = None
+        self.misses = 0
+
+    def is_due(self) -> bool:
+        """Return whether to ask the loops: of contacts that they often miss, now and then only."""
+        if self.misses < _MOST_MISSES or self.misses % _MOST_MISSES == 0:
+            return True
+        self.misses += 1
+        return False
+
+    def count(self, found: int) -> None:
+        """Take note of how many states were found before one was not."""
+        self.misses = 0 if found else self.misses + 1
 
 
 class WarmStarts:
@@ -40,12 +66,12 @@ class WarmStarts:
         """Begin with nothing learned."""
         self._starts: dict[_Contacts, tuple[WarmStart, ...]] = {}
         self._learned: dict[_Contacts, WarmStart] = {}
-        self._pools: dict[_Contacts, tuple[WarmStart | None, list[Any]]] = {}
+        self._pools: dict[_Contacts, LoopStarts] = {}
 
-    def pool(
+    def for_loops(
         self, bodies: tuple[Any, ...], problem: QuasistaticProblem, objective: Objective
-    ) -> tuple[WarmStart | None, list[Any]]:
-        """Return what a search has learned since the last time, and the pool of loops.
+    ) -> tuple[WarmStart | None, LoopStarts]:
+        """Return what a search has learned since the last time, and what loops have.
 
         Args:
             bodies: See `best`.
@@ -53,10 +79,11 @@ class WarmStarts:
             objective: See `best`.
         """
         contacts = _contacts(bodies, problem, objective)
-        last, pool = self._pools.get(contacts, (None, []))
+        pool = self._pools.setdefault(contacts, LoopStarts())
         learned = self._learned.get(contacts)
-        self._pools[contacts] = learned, pool
-        return None if learned is last else learned, pool
+        new = None if learned is pool.last else learned
+        pool.last = learned
+        return new, pool
 
     def best(
         self, bodies: tuple[Any, ...], problem: QuasistaticProblem, objective: Objective
@@ -95,7 +122,7 @@ class WarmStarts:
         if place:
             others = starts[:place] + starts[place + 1 :]
             self._starts[contacts] = (starts[place], *others)
-        return CarriedState(problem, optimum, starts[place])
+        return CarriedState(problem, optimum)
 
     def searched(
         self,
@@ -147,7 +174,7 @@ class WarmStarts:
         found = self.carried(bodies, problem, objective, options)
         if found is None:
             return self.searched(bodies, problem, objective, options, unknown)
-        return solution_carried(problem, objective, options.rules, found.optimum, found.start)
+        return solution_carried(problem, objective, options.rules, found.optimum)
 
 
 def _contacts(

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.bounds import LARGEST, LARGEST_REGULARIZATION
-from graspless_pin.compiled import contact_frames, small_arrays
 from graspless_pin.errors import ArgumentError
 from graspless_pin.suggestions import nearest_name
 
@@ -37,11 +36,8 @@ def read_only(array: FloatArray) -> FloatArray:
 
 def make_read_only(arrays: Sequence[FloatArray]) -> None:
     """Mark arrays read-only."""
-    if small_arrays is not None:
-        return small_arrays.seal(arrays)
     for array in arrays:
         array.setflags(write=False)
-    return None
 
 
 def real_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> FloatArray:
@@ -104,30 +100,22 @@ def all_true(flags: NDArray[np.bool_]) -> bool:
 
 def all_finite(arrays: Sequence[FloatArray]) -> bool:
     """Return whether every entry of every array is finite."""
-    if small_arrays is not None:
-        return small_arrays.all_finite(arrays)
     return all(all_true(np.isfinite(array)) for array in arrays)
 
 
 def all_within(arrays: Sequence[FloatArray], most: float = LARGEST) -> bool:
     """Return whether every entry of every array is a number of at most this magnitude."""
-    if small_arrays is not None:
-        return small_arrays.all_within(arrays, most)
     return all(all_true(np.abs(array) <= most) for array in arrays)
 
 
 def in_order(arrays: Sequence[FloatArray], *, strictly: bool = False) -> bool:
     """Whether all entries of an array are below those of the next one, or equal if not strictly."""
-    if small_arrays is not None:
-        return small_arrays.in_order(arrays, strictly)
     below = np.less if strictly else np.less_equal
     return all(all_true(below(low, high)) for low, high in pairwise(arrays))
 
 
 def squared_lengths(vectors: FloatArray) -> FloatArray:
     """Return the squares of the lengths of rows (M, 3)."""
-    if contact_frames is not None:
-        return contact_frames.squared_lengths(vectors)
     return np.einsum("ij,ij->i", vectors, vectors)
 
 

@@ -8,7 +8,6 @@ from functools import cache
 
 import numpy as np
 
-from graspless_pin.compiled import small_arrays
 from graspless_pin.problem.checks import FloatArray, one_of, read_only
 from graspless_pin.problem.cone_model import ConeModel, Section
 
@@ -40,8 +39,6 @@ def projected_tangents(normals: FloatArray, axes: Sequence[FloatArray]) -> Float
     Returns:
         (M, 3, 2) as `default_tangents`.
     """
-    if small_arrays is not None:
-        return small_arrays.tangents(normals, axes)
     directions = [np.asarray(axis, dtype=np.float64).tolist() for axis in axes]
     # Plain floats: there are few contacts, and those of one patch share their normal.
     known: dict[tuple[float, float, float], list[float]] = {}

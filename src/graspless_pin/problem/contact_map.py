@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from graspless_pin.caching import Derived
-from graspless_pin.compiled import contact_frames
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.quasistatic import QuasistaticProblem
 
@@ -23,12 +22,6 @@ def contact_map(problem: QuasistaticProblem) -> FloatArray:
 
 
 def _assembled(problem: QuasistaticProblem) -> FloatArray:
-    if contact_frames is not None:
-        return read_only(
-            contact_frames.contact_map(
-                problem.positions, problem.normals, problem.tangents, problem.jacobian
-            )
-        )
     count, joints = problem.contact_count, problem.joint_count
     world = np.empty((count, 3, 6 + joints))
     world[:, :, :6] = problem.W.T.reshape(count, 3, 6)

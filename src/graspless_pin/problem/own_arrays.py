@@ -7,8 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from graspless_pin.bounds import LARGEST, LARGEST_LOAD_OVER_LIMIT, SMALLEST
-from graspless_pin.compiled import small_arrays
+from graspless_pin.bounds import LARGEST_LOAD_OVER_LIMIT, SMALLEST
 from graspless_pin.problem.arguments import is_too_small
 from graspless_pin.problem.checks import (
     FloatArray,
@@ -115,8 +114,6 @@ def _are_possible(
     most_load: float,
 ) -> bool:
     """Whether all entries are numbers, coefficients not negative and limits in their order."""
-    if small_arrays is not None:
-        return small_arrays.are_possible(arrays, friction, wrench, lower, upper, LARGEST, most_load)
     return (
         all_within(arrays)
         and all_within((wrench[:3],), most_load)

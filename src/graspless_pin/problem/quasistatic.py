@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspless_pin.compiled import contact_frames
 from graspless_pin.errors import ArgumentError
 from graspless_pin.problem.arguments import AT_REST, checked_arguments
 from graspless_pin.problem.checks import (
@@ -345,12 +344,6 @@ class QuasistaticProblem:
             forces: (M, 3) contact forces on the object, N.
         """
         f = real_array("forces", forces, (self.contact_count, 3))
-        if contact_frames is not None and self.cone_model.regular:
-            section = self.cone_section
-            return contact_frames.margin(
-                f, self.normals, self.tangents, self.friction * section.distances[0],
-                self.has_cone, self.max_normal_force, section.directions,
-            )  # fmt: skip
         normal = np.einsum("ij,ij->i", self.normals, f)
         sides = self.room_in_cones(f)
         return float(np.minimum.reduce((normal, self.max_normal_force - normal, sides), axis=None))

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from graspless_pin.compiled import contact_frames
 from graspless_pin.problem.checks import FloatArray, read_only, squared_lengths
 from graspless_pin.problem.joint_units import JointUnit
 
@@ -120,13 +119,9 @@ def scales_of(
         jacobian: (3M, L).
         limits: (M,) largest normal forces, N.
     """
-    if contact_frames is not None:
-        force, length, joints = contact_frames.scales(
-            positions, wrench, jacobian, limits, LEAST_LEVER, LEAST_DIFFERENCE
-        )
-        return Scales(force, length, read_only(joints))
     center = positions.mean(axis=0)
-    moment = wrench[3:] - np.cross(center, wrench[:3])
+    (x, y, z), (u, v, w) = center.tolist(), wrench[:3].tolist()
+    moment = wrench[3:] - (y * w - z * v, z * u - x * w, x * v - y * u)
     pull, turn = (math.sqrt(float(part @ part)) for part in (wrench[:3], moment))
     length = math.sqrt(float(squared_lengths(positions - center).max()))
     reach = math.sqrt(float(squared_lengths(positions).max()))

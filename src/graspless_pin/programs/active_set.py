@@ -16,10 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import get_lapack_funcs
 
-from graspless_pin.compiled import linear_programs
 from graspless_pin.problem.checks import FloatArray, all_finite
 from graspless_pin.programs.answers import Answer, Outcome, proven
-from graspless_pin.programs.program import LARGEST_IN_C, LinearArrays, Program
+from graspless_pin.programs.program import Program
 
 # Stands in for ranks: relative to the rows' squares, far above their rounding. What it falsifies
 # the corrections take back, and the check judges the rest.
@@ -66,11 +65,11 @@ def active_set_of(program: Program, answer: Answer) -> ActiveSet | None:
         return None
     x, (low, high) = answer.x, program.sides
     weights = np.concatenate((answer.y, answer.z))
-    level = program.products[0] @ x
+    level = program.row_values(x)
     active = np.abs(weights) > np.where(weights > 0.0, high - level, level - low)
     active[: len(program.b)] = True
     rows = np.flatnonzero(active)
-    slope = -program.c - program.products[1] @ weights
+    slope = -program.c - program.row_slope(weights)
     room = np.where(slope > 0.0, program.ub - x, x - program.lb)
     at_bounds = np.flatnonzero(np.abs(slope) >= room)
     unit = np.zeros((len(at_bounds), len(x)))
@@ -124,10 +123,6 @@ def _refined(program: Program, near: ActiveSet) -> tuple[FloatArray, FloatArray,
 
     None if they cannot be solved.
     """
-    if linear_programs is not None and program.rows.size <= LARGEST_IN_C:
-        low, high = program.sides
-        arrays = program.rows.T, low, high, program.c, program.lb, program.ub
-        return refined_arrays(arrays, near)
     E, sides = _active(program, near)
     wide = len(E) <= len(program.c)
     gram = E @ E.T if wide else E.T @ E
@@ -150,24 +145,6 @@ def _refined(program: Program, near: ActiveSet) -> tuple[FloatArray, FloatArray,
     multipliers = np.zeros(sum(near.sizes))
     multipliers[near.rows] = weights[:count]
     return x, weights, multipliers
-
-
-def refined_arrays(
-    program: LinearArrays, near: ActiveSet
-) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-    """Return what `solved_on` checks: x, multipliers of what is active, and of all rows.
-
-    Args:
-        program: The program.
-        near: An optimum of a similar one of the same size.
-
-    Returns:
-        None where a side is infinite or the rows cannot be told apart.
-    """
-    return linear_programs.refined(
-        *program, near.rows, near.at_bounds, near.upper, near.x, near.weights, DAMPING,
-        CORRECTIONS,
-    )  # fmt: skip
 
 
 def _active(program: Program, near: ActiveSet) -> tuple[FloatArray, FloatArray]:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from graspless_pin.compiled import paper_programs
+from graspless_pin.compiled import core
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.cone_model import Section
@@ -123,8 +123,8 @@ def _likeness(mask: bytes, friction: bytes, _sliding: bytes, section: Section) -
 def shared_arguments(
     likeness: Likeness, objective: Objective, units: tuple[JointUnit, ...]
 ) -> dict[str, Any]:
-    """Return what `compiled.paper_programs` takes for one of the paper's objectives."""
-    kinds = paper_programs.MARGIN, paper_programs.TORQUE, paper_programs.SHARE
+    """Return what `compiled.core` takes for one of the paper's objectives."""
+    kinds = core.MARGIN, core.TORQUE, core.SHARE
     return {
         "kind": kinds[[type(objective) is kind for kind in PAPER_OBJECTIVES].index(True)],
         "required": objective.required_margin,

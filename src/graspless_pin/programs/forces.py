@@ -15,7 +15,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.compiled import contact_frames
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.contact_map import contact_map
@@ -80,8 +79,6 @@ class ForceCoordinates:
     def forces(self, x: FloatArray) -> FloatArray:
         """Return the (M, 3) contact forces of a program's solution, N."""
         layout, count = self.layout, len(self.directions)
-        if contact_frames is not None:
-            return contact_frames.forces(x, layout.axes, self.directions, self.force_scale)
         local = np.zeros(3 * count)
         local[layout.axes] = x[: layout.size]
         local *= self.force_scale
@@ -106,10 +103,6 @@ def force_coordinates(problem: QuasistaticProblem, margin: float = 0.0) -> Force
 
 def _directions(problem: QuasistaticProblem, layout: ForceLayout) -> FloatArray:
     """(M, 3, 3) see `ForceCoordinates`."""
-    if contact_frames is not None and problem.cone_model.is_coulomb:
-        return contact_frames.force_directions(
-            problem.normals, problem.tangents, problem.friction, problem.sliding, problem.has_cone
-        )
     directions = problem.frames.swapaxes(1, 2)
     if len(layout.cones) < problem.contact_count:
         directions = directions.copy()

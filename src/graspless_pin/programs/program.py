@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
-from graspless_pin.compiled import linear_programs
-from graspless_pin.problem.checks import FloatArray, all_within
+from graspless_pin.problem.checks import FloatArray, all_finite, all_within
 from graspless_pin.problem.scales import MOST_STRICT
 from graspless_pin.programs.blocks import Block
 
@@ -18,12 +17,11 @@ FARTHEST = 1e8
 """Bounds are proven for variables up to this size: double precision resolves no more."""
 LARGEST_BORNE = 1e15
 """Solvers are given no larger figure: HiGHS takes none in rows, and crashes on sides of 1e20."""
-_LARGEST_DENSE = 8192
-LARGEST_IN_C = 65536
-"""Entries of the rows from which on numpy's and LAPACK's products are faster than plain loops."""
-LinearArrays = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
-"""(n, R) transposed rows, (R,) lower and (R,) upper sides, (n,) costs, (n,) lower and (n,) upper
-bounds of a linear program."""
+_LARGEST_FOR_BLAS = 8192
+"""Entries from which on BLAS spreads a product over threads: on a busy machine their waiting for
+each other costs far more than the product."""
+_LARGEST_DENSE = 65536
+"""Entries from which on a sparse matrix pays, which takes longer to make than to use."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +118,7 @@ class Program:
             cutoff: A value above which solutions are of no interest.
         """
         if "worst" not in self.__dict__:
-            _ = self.is_linear, self.rows, self.products, self.sides, self.pattern, self.worst
+            _ = self.is_linear, self.rows, self._sparse, self.sides, self.pattern, self.worst
             _ = self.is_far, self.farthest, self.highest, self.has_bearable_rows
         program = object.__new__(Program)
         program.__dict__.update(self.__dict__, lb=lb, ub=ub, worst=min(self.worst, cutoff))
@@ -170,16 +168,25 @@ class Program:
         return np.concatenate([self.A, self.G])
 
     @cached_property
-    def products(self) -> tuple[Any, Any]:
-        """The rows and their transpose for products with vectors, sparse where they are large.
+    def _sparse(self) -> Any:
+        """The rows as a sparse matrix; None where they are few."""
+        return csr_array(self.rows) if self.rows.size > _LARGEST_DENSE else None
 
-        A large dense product is spread over threads, and on a busy machine their waiting for each
-        other costs far more than the product.
-        """
-        if self.rows.size <= _LARGEST_DENSE:
-            return self.rows, self.rows.T
-        sparse = csr_array(self.rows)
-        return sparse, sparse.T
+    def row_values(self, x: FloatArray) -> FloatArray:
+        """Return (m + k,) what all rows are at x (n,)."""
+        if self._sparse is not None:
+            return self._sparse.dot(x)
+        if self.rows.size > _LARGEST_FOR_BLAS:
+            return np.einsum("ij,j->i", self.rows, x)
+        return self.rows.dot(x)
+
+    def row_slope(self, weights: FloatArray) -> FloatArray:
+        """Return (n,) the slope of all rows with weights (m + k,)."""
+        if self._sparse is not None:
+            return self._sparse.T.dot(weights)
+        if self.rows.size > _LARGEST_FOR_BLAS:
+            return np.einsum("ij,i->j", self.rows, weights)
+        return weights.dot(self.rows)
 
     @cached_property
     def pattern(self) -> bytes:
@@ -224,11 +231,6 @@ class Program:
             return highest
         return highest + float(0.5 * self.P @ np.abs(box).max(axis=0) ** 2)
 
-    @property
-    def _is_judged_by_loops(self) -> bool:
-        small = self.rows.size <= LARGEST_IN_C
-        return linear_programs is not None and self.is_polyhedral and small
-
     def value(self, x: FloatArray) -> float:
         """Return the objective at x."""
         if self.is_linear:
@@ -240,9 +242,7 @@ class Program:
 
         That of a row counts as many times as it is strict.
         """
-        if self._is_judged_by_loops and self.strict is None:
-            return self.judged(x, np.zeros(len(self.b)), np.zeros(len(self.l)))[2]
-        (low, high), rows = self.sides, self.products[0].dot(x)
+        (low, high), rows = self.sides, self.row_values(x)
         beyond = np.maximum(rows - high, low - rows)
         if self.strict is not None:
             beyond *= self.strict
@@ -271,16 +271,13 @@ class Program:
         return self._smallest(slope, reach, curved=not self.is_linear) + constant
 
     def judged(self, x: FloatArray, y: FloatArray, z: FloatArray) -> tuple[float, float, float]:
-        """Return `dual_bound`, `value` and `residual` of a solution and its multipliers."""
-        if not self._is_judged_by_loops:
-            return self.dual_bound(y, z), self.value(x), self.residual(x)
-        low, high = self.sides
-        bound, value, residual = linear_programs.judged(
-            self.rows.T, low, high, self.c, self.lb, self.ub, self.box, x, y, z
-        )
-        if self.strict is not None and np.isfinite(residual):
-            residual = self.residual(x)
-        return bound, value, residual
+        """Return `dual_bound`, `value` and `residual` of a solution and its multipliers.
+
+        What is not finite proves nothing.
+        """
+        if not all_finite((x, y, z)):
+            return -np.inf, np.inf, np.inf
+        return self.dual_bound(y, z), self.value(x), self.residual(x)
 
     def infeasibility_bound(self, y: FloatArray, z: FloatArray, *, strictly: bool = False) -> float:
         """Return a lower bound on the smallest common violation of all rows within the bounds.
@@ -324,7 +321,7 @@ class Program:
         there = np.isfinite(side)
         weights = np.where(there, weights, 0.0)
         constant = -float(weights.dot(np.where(there, side, 0.0)))
-        return self.products[1].dot(weights), constant
+        return self.row_slope(weights), constant
 
     def _smallest(
         self, slope: FloatArray, reach: tuple[FloatArray, FloatArray], *, curved: bool

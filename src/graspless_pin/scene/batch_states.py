@@ -15,20 +15,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.caching import Bounded
-from graspless_pin.compiled import hand_states
+from graspless_pin.compiled import core
+from graspless_pin.errors import GrasplessPinError
 from graspless_pin.geometry.bodies.collision import PlacedBodies
 from graspless_pin.geometry.contact.broad_phase import solids_of
+from graspless_pin.geometry.contact.motion import SPEED_TOLERANCE
 from graspless_pin.geometry.hand.posed_links import joints_of
+from graspless_pin.geometry.poses import transformed, turning_velocities
 from graspless_pin.geometry.posing.overlaps import pairs_of
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.scene.contact_arrays import touching_of
 from graspless_pin.scene.scene import Scene
 
 _MOST_KEPT = 256
 
 
 class PlainStates(NamedTuple):
-    """What loops find of S configurations, see `compiled.hand_states`.
+    """What loops find of S configurations, see `compiled.core`.
 
     Attributes:
         counts: (S,) contacts with the hand; -1 where `Scene.problem` has to be asked.
@@ -138,18 +142,18 @@ class PlainProblems:
         """The loops, with all that they read of the scene; None where they do not apply."""
         scene, hand = self._scene, self._scene.hand
         if (
-            hand_states is None
+            core is None
             or hand is None
             or not hand.actuation.every_joint_alone
             or hand.control.hybrid_fingers
             or scene.given_contacts is not None
-            or scene.motion is not None
+            or not _slides_alike(scene)
             or any(support.is_moving for support in scene.supports)
         ):
             return None
         tree, pieces = hand.tree, scene.object.placed_bodies
         around = PlacedBodies.joined([support.placed_bodies for support in scene.supports])
-        return hand_states.HandStates(
+        return core.HandStates(
             coupling=tree.coupling.S,
             offset=tree.coupling.offset,
             lower=tree.tolerated[0],
@@ -167,3 +171,37 @@ class PlainProblems:
             max_penetration=scene.max_penetration,
             **tree.chains,
         )
+
+
+def _slides_alike(scene: Scene) -> bool:
+    """Whether contacts with supports slide, part or stay as they do wherever the hand touches.
+
+    The hand has to follow the object. What counts as no speed is a share of the fastest of all
+    contacts, which is known up to where on the object the hand touches.
+    """
+    motion = scene.motion
+    if motion is None:
+        return True
+    if motion.hand is not None:
+        return False
+    try:
+        touching, center = touching_of(scene), scene.object.center_of_mass_world
+    except GrasplessPinError:  # said of each state by itself
+        return False
+    own = slice(touching.hand_count, None)
+    arms, normals = touching.positions[own] - center, touching.normals[own]
+    velocities = motion.object_twist[:3] + turning_velocities(motion.object_twist[3:], arms)
+    leaving = (normals * velocities).sum(axis=1)
+    along = np.linalg.norm(velocities - leaving[:, None] * normals, axis=1)
+    linear, spin = (float(np.linalg.norm(part)) for part in np.split(motion.object_twist, 2))
+    pieces = scene.object.placed_bodies
+    solids = solids_of(pieces.shapes)
+    farthest = max(
+        float(np.linalg.norm(transformed(T, middle) - center) + reach)
+        for T, middle, reach in zip(pieces.poses, solids.centers, solids.reaches, strict=True)
+    )
+    farthest += scene.contact_tolerance
+    nearest = float(np.linalg.norm(arms, axis=1).max(initial=0.0))
+    least, most = (SPEED_TOLERANCE * max(linear, spin * arm) for arm in (nearest, farthest))
+    speeds = np.concatenate((along, np.abs(leaving)))
+    return bool(((speeds <= least) | (speeds > most)).all())

@@ -13,7 +13,7 @@ import numpy as np
 from graspless_pin.errors import SceneError
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.cones import projected_tangents
-from graspless_pin.scene.contact_arrays import contacts_after_motion, label_of, touching_of
+from graspless_pin.scene.contact_arrays import label_of, touching_of
 from graspless_pin.scene.friction import FrictionTable
 from graspless_pin.scene.joints import (
     ControlledJoints,
@@ -61,7 +61,7 @@ class Loads(NamedTuple):
     max_normal_force: float
 
     def row(self) -> FloatArray:
-        """Return them one after the other, as `compiled.loaded_states` takes them."""
+        """Return them one after the other, as `compiled.core` takes them."""
         most = np.full(len(self.friction), self.max_normal_force)
         return np.concatenate(
             (self.friction, self.wrench, *self.limits, self.gravity_torques, most)
@@ -78,7 +78,7 @@ def jointed_contacts(scene: Scene) -> JointedContacts:
     of_hand = () if hand is None else (hand.positions, hand.tree, hand.actuation, hand.control)
 
     def made() -> JointedContacts:
-        contacts = contacts_after_motion(scene, all_contacts)
+        contacts = scene.contacts
         touching = contacts.arrays
         tangents = projected_tangents(touching.normals, scene.tangent_axes)
         try:

@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.compiled import dense_simplex
+from graspless_pin.compiled import core
 from graspless_pin.problem.checks import FloatArray
 
 _OPTIONS: dict[str, bool | int | float | str] = {
@@ -93,8 +93,8 @@ class Simplex:
             lb: (n,), -inf where there is no bound.
             ub: (n,).
         """
-        is_small = dense_simplex is not None and len(cost) <= _DENSE
-        make = dense_simplex.DenseSimplex if is_small and dense_simplex is not None else _Highs
+        is_small = core is not None and len(cost) <= _DENSE
+        make = core.DenseSimplex if is_small and core is not None else _Highs
         self._engine = make(cost, lb, ub)
         self._size, self.row_count = len(cost), 0
         self.solves = 0

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.caching import Derived
-from graspless_pin.compiled import contact_search
+from graspless_pin.compiled import core
 from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, PlacedBodies
 from graspless_pin.geometry.contact.convex_sets import (
     ConvexSet,
@@ -51,7 +51,7 @@ class Solids:
     @cached_property
     def for_loops(self) -> Any:
         """The same sets as the compiled loops take them."""
-        if contact_search is None:
+        if core is None:
             return None
         faces = [
             np.column_stack([one.face_normals, one.face_offsets])
@@ -62,14 +62,14 @@ class Solids:
         planes = [
             [*one.normal, one.offset] if isinstance(one, Plane) else [0.0] * 4 for one in self.sets
         ]
-        kind_of = {Plane: contact_search.PLANE, Revolved: contact_search.OTHER}
+        kind_of = {Plane: core.PLANE, Revolved: core.OTHER}
         kinds = [
-            contact_search.BALL
+            core.BALL
             if isinstance(one, Revolved) and one.is_sphere
-            else kind_of.get(type(one), contact_search.POLYTOPE)
+            else kind_of.get(type(one), core.POLYTOPE)
             for one in self.sets
         ]
-        return contact_search.ConvexSets(
+        return core.ConvexSets(
             kinds=kinds,
             bodies=[self.names.index(name) for name in self.names],
             centers=self.centers,

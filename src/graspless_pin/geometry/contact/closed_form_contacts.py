@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from graspless_pin.compiled import contact_search
+from graspless_pin.compiled import core
 from graspless_pin.geometry.bodies.collision import PlacedBodies
 from graspless_pin.geometry.bodies.polytopes import Polytope
 from graspless_pin.geometry.contact.broad_phase import Solids, near_solids
@@ -115,8 +115,8 @@ def near_and_closed_form(
             return None
         return _face(solid, solid.farthest(direction), limits)
 
-    if contact_search is not None:
-        places, positions, normals, gaps, pairs, left = contact_search.plain_contacts(
+    if core is not None:
+        places, positions, normals, gaps, pairs, left = core.plain_contacts(
             solids.for_loops,
             pieces.poses,
             others.for_loops,

@@ -10,7 +10,6 @@ from typing import overload
 import numpy as np
 
 from graspless_pin.brief import Brief
-from graspless_pin.compiled import small_arrays
 from graspless_pin.problem.checks import FloatArray
 
 
@@ -132,8 +131,6 @@ class ContactArrays(Brief, Sequence[ContactPoint]):
 
     def positions_about(self, point: FloatArray) -> FloatArray:
         """Return the (M, 3) positions seen from a point (3,), m."""
-        if small_arrays is not None:
-            return small_arrays.about(self.positions, point)
         return self.positions - point
 
     def chosen(self, rows: Sequence[int]) -> ContactArrays:
@@ -159,6 +156,4 @@ class ContactArrays(Brief, Sequence[ContactPoint]):
 
 def _stacked(first: FloatArray, second: FloatArray) -> FloatArray:
     """Return the rows of two (K, 3) arrays."""
-    if small_arrays is not None:
-        return small_arrays.stacked(first, second)
     return np.concatenate((first, second))

@@ -10,7 +10,6 @@ from enum import Enum
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspless_pin.compiled import rigid_bodies
 from graspless_pin.errors import ArgumentError, StateError, StateFault
 from graspless_pin.geometry.bodies.object_and_supports import Support
 from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays, ContactPoint
@@ -81,8 +80,6 @@ def twist_velocities(twist: ArrayLike, center: ArrayLike, points: ArrayLike) -> 
 
 def velocities_at(twist: FloatArray, center: FloatArray, points: FloatArray) -> FloatArray:
     """Do what `twist_velocities` does for arrays that need no check."""
-    if rigid_bodies is not None:
-        return rigid_bodies.twist_velocities(twist, center, points)
     return twist[:3] + turning_velocities(twist[3:], points - center)
 
 
@@ -201,10 +198,6 @@ def _motion_states(
     tolerance: float,
 ) -> tuple[list[int], FloatArray, FloatArray]:
     """Numbers among `_STATES`, sliding velocities, and normal speeds; see `classify_motion`."""
-    if rigid_bodies is not None:
-        return rigid_bodies.motion_states(
-            points, normals, twist, center, others, turning, tolerance
-        )
     # The object's own parts of speed, not their sum: at a pivot they cancel, and what is left
     # there is nothing.
     arms = points - center
@@ -213,12 +206,10 @@ def _motion_states(
     fastest_turn = max(spin, 0.0 if turning is None else _longest(turning))
     threshold, slow_turn = tolerance * fastest, tolerance * fastest_turn
     relative = twist[:3] + turning_velocities(twist[3:], arms) - others
-    leaving = (normals * relative).sum(axis=1)
-    sliding = relative - leaving[:, None] * normals
-    rolling = np.broadcast_to(twist[3:], arms.shape) - (0.0 if turning is None else turning)
-    rolling = rolling - (normals * rolling).sum(axis=1)[:, None] * normals
-    slides = np.linalg.norm(sliding, axis=1) > threshold
-    states = np.where(slides, _SLIDES, np.linalg.norm(rolling, axis=1) > slow_turn)  # or it sticks
+    leaving, sliding = _split(relative, normals)
+    spins = np.zeros_like(arms) + twist[3:] if turning is None else twist[3:] - turning
+    _, rolling = _split(spins, normals)
+    states = np.where(_lengths(sliding) > threshold, _SLIDES, _lengths(rolling) > slow_turn)
     states = np.where(leaving > threshold, _PARTS, states)
     states = np.where(leaving < -threshold, _PENETRATES, states)
     sliding[states != _SLIDES] = 0.0
@@ -254,9 +245,20 @@ def contacts_that_stay(
     return [k for k, state in enumerate(motion.states) if state is not ContactMotion.SEPARATING]
 
 
+def _split(vectors: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return (M,) the parts of vectors along normals, and (M, 3) what is left of them."""
+    along = np.einsum("ij,ij->i", vectors, normals)
+    return along, vectors - along[:, None] * normals
+
+
+def _lengths(vectors: FloatArray) -> FloatArray:
+    """Lengths of rows."""
+    return np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
+
+
 def _longest(vectors: FloatArray) -> float:
     """Length of the longest row, 0 without any."""
-    return float(np.linalg.norm(vectors, axis=1).max(initial=0.0))
+    return float(_lengths(vectors).max(initial=0.0))
 
 
 def _checked(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspless_pin.compiled import rigid_bodies
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import PlacedBodies
 from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
@@ -60,10 +59,7 @@ def posed_links(tree: KinematicTree, positions: NDArray[np.float64]) -> PosedLin
     """Return the links of a tree at (n,) joint positions."""
     kinematics = tree.kinematics(positions)
     joints, placements = tree.shape_placements
-    if rigid_bodies is None:
-        poses = kinematics.T_world_joint.take(joints, axis=0) @ placements
-    else:
-        poses = rigid_bodies.placed(kinematics.T_world_joint, joints, placements)
+    poses = kinematics.T_world_joint.take(joints, axis=0) @ placements
     return PosedLinks(tree, kinematics, PlacedBodies(tree.shapes, poses))
 
 

@@ -13,7 +13,7 @@ import pinocchio as pin  # pyright: ignore[reportMissingImports]
 from numpy.typing import NDArray
 
 from graspless_pin.brief import Brief
-from graspless_pin.compiled import kinematic_chains, rigid_bodies
+from graspless_pin.compiled import core
 from graspless_pin.errors import ArgumentError, RobotError
 from graspless_pin.geometry.bodies.collision import BodyShapes
 from graspless_pin.geometry.bodies.decomposition import Cut
@@ -178,7 +178,7 @@ class KinematicTree(Brief, Record):
 
     def kinematics(self, positions: FloatArray) -> Kinematics:
         """Return joint poses and Jacobian columns at (n,) joint positions."""
-        if kinematic_chains is not None:
+        if core is not None:
             return Kinematics(*self._loops.kinematics(positions))
         return self._work_space.kinematics(self.configuration(positions))
 
@@ -192,10 +192,15 @@ class KinematicTree(Brief, Record):
             joints: (K,) Pinocchio joint that carries each point.
             points: (K, 3) world positions in metres.
         """
-        if rigid_bodies is not None:
-            return rigid_bodies.point_jacobians(J_world, self.moves, joints, points)
-        columns = J_world[:3].T + np.cross(J_world[3:].T, points[:, None])
-        return np.where(self.moves[list(joints)][:, None], columns.transpose(0, 2, 1), 0.0)
+        # v + omega x p for every joint's column; np.cross would take most of the time.
+        v, (x, y, z) = J_world[:3], J_world[3:]
+        p = points[:, :, None]
+        columns = np.empty((len(points), *v.shape))
+        columns[:, 0] = v[0] + y * p[:, 2] - z * p[:, 1]
+        columns[:, 1] = v[1] + z * p[:, 0] - x * p[:, 2]
+        columns[:, 2] = v[2] + x * p[:, 1] - y * p[:, 0]
+        columns *= self.moves[list(joints)][:, None]
+        return columns
 
     def gravity_torques(self, positions: FloatArray, gravity: FloatArray) -> FloatArray:
         """Return the (n,) torques that carry the links' weight at (n,) joint positions.
@@ -204,7 +209,7 @@ class KinematicTree(Brief, Record):
             positions: rad or m.
             gravity: (3,) gravitational acceleration, world axes, m/s^2.
         """
-        if kinematic_chains is not None:
+        if core is not None:
             return self._loops.gravity_torques(positions, gravity)
         return self._work_space.gravity_torques(self.configuration(positions), gravity)
 
@@ -225,7 +230,7 @@ class KinematicTree(Brief, Record):
 
     @cached_property
     def chains(self) -> Mapping[str, Any]:
-        """What `compiled.kinematic_chains` takes of the joints and what they carry, by argument."""
+        """What `compiled.core` takes of the joints and what they carry, by argument."""
         parents, placements, axes = joint_motions(self)
         masses, centers = self.masses
         return MappingProxyType({
@@ -236,7 +241,7 @@ class KinematicTree(Brief, Record):
     @cached_property
     def _loops(self) -> Any:
         """The chains as loops, which take a third of the time that calls to Pinocchio do."""
-        return kinematic_chains.KinematicChains(**self.chains)
+        return core.KinematicChains(**self.chains)
 
     @cached_property
     def _work_space(self) -> WorkSpace:

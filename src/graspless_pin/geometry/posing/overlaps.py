@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.caching import Derived
-from graspless_pin.compiled import body_pairs
+from graspless_pin.compiled import core
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
 from graspless_pin.geometry.bodies.object_and_supports import Support
@@ -172,9 +172,9 @@ def _pairs(tree: KinematicTree) -> LinkPairs:
 
 def _made(tree: KinematicTree, places: Sequence[tuple[int, int]]) -> LinkPairs:
     loops = None
-    if body_pairs is not None:
+    if core is not None:
         sets = solids_of(tree.shapes).for_loops
-        loops = body_pairs.BodyPairs(sets, [i for i, _ in places], [j for _, j in places])
+        loops = core.BodyPairs(sets, [i for i, _ in places], [j for _, j in places])
     return LinkPairs(tuple(places), loops)
 
 

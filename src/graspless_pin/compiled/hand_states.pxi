@@ -1,26 +1,11 @@
-# cython: boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 """A hand in many configurations: kinematics, weight, and its contacts that are spheres on faces."""
 
 cimport numpy as cnp
 
-from graspless_pin.compiled.body_pairs cimport BodyPairs
-from graspless_pin.compiled.contact_search cimport ConvexSets, ball_on_face, near_boxes
-from graspless_pin.compiled.kinematic_chains cimport KinematicChains
-from graspless_pin.compiled.shared cimport (
-    as_integers, as_poses, as_reals, as_shaped, as_vector, chained, data, empty, empty3,
-    flags_of, move, no_numbers, numbers_of,
-)
-
-from graspless_pin.compiled.contact_search import BALL, POLYTOPE
-
-cnp.import_array()
 
 cpdef enum:
     MOST_CONTACTS = 16
     MOST_PAIRS = 64
-
-cdef int _BALL = BALL
-cdef int _POLYTOPE = POLYTOPE
 
 
 cdef class HandStates(KinematicChains):
@@ -178,7 +163,7 @@ cdef class HandStates(KinematicChains):
         for place in range(count):
             p, k = hits[place] % self.P, hits[place] // self.P
             if (
-                links.kinds[k] != _BALL or pieces.kinds[p] != _POLYTOPE
+                links.kinds[k] != BALL or pieces.kinds[p] != POLYTOPE
                 or times[links.bodies[k]] != 1 or found == MOST_CONTACTS
             ):
                 return -1

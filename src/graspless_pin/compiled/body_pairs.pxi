@@ -1,4 +1,3 @@
-# cython: boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 """Pairs of convex sets that may be deep in each other, by the boxes and spheres around them.
 
 Two sets are parted by a shift of at most some depth if their boxes, or the sphere around one and
@@ -9,21 +8,16 @@ from libc.math cimport fabs, sqrt
 
 cimport numpy as cnp
 
-from graspless_pin.compiled.contact_search cimport ConvexSets
-from graspless_pin.compiled.shared cimport (
-    as_integers, as_poses, data, dot, empty, move, numbers_of, turn_back,
-)
 
-from graspless_pin.compiled.contact_search import PLANE
-
-cnp.import_array()
-
-cdef int _PLANE = PLANE
 cdef double _PARALLEL = 1e-6  # squared sine of the angle between two edges
 
 
 cdef class BodyPairs:
     """Some pairs of a body's sets, and each of them beside sets that stand around it."""
+
+    cdef ConvexSets sets
+    cdef Py_ssize_t count
+    cdef cnp.ndarray _ones, _twos, _centers
 
     def __init__(self, ConvexSets sets not None, ones, twos):
         """Take the sets.
@@ -129,7 +123,7 @@ cdef class BodyPairs:
         cdef const double* there = others_poses + 16 * m
         cdef const double* own = data(self._centers) + 3 * k
         cdef double center[3]
-        if others.kinds[m] == _PLANE:
+        if others.kinds[m] == PLANE:
             return _deep_in_plane(self.sets, k, T, own, others.planes + 4 * m, there, depth)
         move(there, others.centers + 3 * m, center)
         return _may_be_deep(self.sets, k, T, own, others, m, there, center, depth)

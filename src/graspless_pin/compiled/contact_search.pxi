@@ -1,4 +1,3 @@
-# cython: boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 """The contacts that are known in closed form: spheres over faces, and faces on half-spaces."""
 
 from libc.math cimport fabs
@@ -6,12 +5,6 @@ from libc.string cimport memcpy
 
 cimport numpy as cnp
 
-from graspless_pin.compiled.shared cimport (
-    as_integers, as_poses, as_reals, as_shaped, as_vector, data, dot, empty, empty1, move,
-    numbers_of, turn, turn_back,
-)
-
-cnp.import_array()
 
 cpdef enum:
     OTHER = 0
@@ -24,6 +17,17 @@ cdef double _ON_FACE = 1e-9  # m, as in `polytopes`
 
 cdef class ConvexSets:
     """K convex sets in the frames of their geometries, as `plain_contacts` takes them."""
+
+    cdef Py_ssize_t count
+    cdef cnp.ndarray _kinds, _bodies, _centers, _halves, _reaches, _planes, _starts, _faces
+    cdef cnp.npy_intp* kinds
+    cdef cnp.npy_intp* bodies
+    cdef cnp.npy_intp* starts
+    cdef double* centers
+    cdef double* halves
+    cdef double* reaches
+    cdef double* planes
+    cdef double* faces
 
     def __init__(self, kinds, bodies, centers, half_extents, reaches, planes, starts, faces):
         """Take the sets.

@@ -1,4 +1,3 @@
-# cython: boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 """Virtual motions: their map, scaled, and those that slide with given signs."""
 
 from libc.math cimport INFINITY, sqrt
@@ -6,34 +5,15 @@ from libc.string cimport memcpy, memset
 
 cimport numpy as cnp
 
-from graspless_pin.compiled.shared cimport (
-    as_blocks, as_integers, as_reals, as_vector, data, empty1, empty3, factor, inner,
-    numbers_of, solve_factored,
-)
-
-cnp.import_array()
-
-
-def scaled_map(effects):
-    """A (M, 3, 6 + L) map of virtual motions with columns of one size, and the columns' factors.
-
-    The factors (6 + L,) are positive; in the map, those of the joints count negative, as it is
-    their backward rates that it takes.
-    """
-    cdef cnp.ndarray local = as_reals(effects, 3)
-    cdef Py_ssize_t rows = local.shape[0] * local.shape[1], n = local.shape[2]
-    if n < 6:
-        raise ValueError("needs shape (M, 3, 6 + L)")
-    cdef cnp.ndarray scale = empty1(n)
-    cdef cnp.ndarray scaled = empty3(local.shape[0], local.shape[1], n)
-    scaled_of(rows, n, data(local), data(scale), data(scaled))
-    return scaled, scale
-
 
 cdef void scaled_of(
     Py_ssize_t rows, Py_ssize_t n, const double* values, double* size, double* out
 ) noexcept nogil:
-    """Put what `scaled_map` returns into two places."""
+    """Put a map of virtual motions with columns of one size and the columns' factors into places.
+
+    The factors are positive; in the map, those of the joints count negative, as it is their
+    backward rates that it takes.
+    """
     cdef Py_ssize_t row, k
     memset(size, 0, n * sizeof(double))
     for row in range(rows):
@@ -74,52 +54,6 @@ cdef bint factor_of(
     return factor(gram, count)
 
 
-def witness(
-    rows, contacts, signs, near, int guesses, double damping, int corrections,
-    double rank_tolerance, double least,
-):
-    """A motion that keeps some contacts touching and slides with signs, near another or by guess.
-
-    Args:
-        rows: (M, 3, n) map of virtual motions to velocities along n, t1, t2.
-        contacts: (s,) contacts.
-        signs: (2 s,) signs of their sliding, 0 where any will do.
-        near: (n,) a motion that may be close to one; None: none is known.
-        guesses: How many motions nearest to wanted slidings are tried.
-        damping: Stands in for ranks, see `nearest_motions`.
-        corrections: How often the velocities along the normals are taken away.
-        rank_tolerance: Largest velocity along a normal that counts as none, over the length of all
-            contact velocities.
-        least: Least square of a sliding that counts as one, over the square of that length.
-
-    Returns:
-        (2 s,) the signs, with those of the sliding in the place of zeros, and (n,) the motion; None
-        if none was found.
-    """
-    cdef cnp.ndarray local = as_reals(rows, 3)
-    cdef Py_ssize_t M = local.shape[0], n = local.shape[2], s, i
-    cdef cnp.ndarray start
-    local = as_blocks(local, M, 3, n)
-    cdef cnp.ndarray asked = as_reals(signs, 1)
-    s = asked.shape[0] // 2
-    cdef cnp.ndarray wanted_signs = as_vector(asked, 2 * s), numbers = as_integers(contacts, s)
-    cdef cnp.npy_intp* number = numbers_of(numbers)
-    for i in range(s):
-        if not 0 <= number[i] < M:
-            raise ValueError("needs contacts that exist")
-    cdef cnp.ndarray found = empty1(n), full = empty1(2 * s), room = empty1(witness_room(s, n))
-    cdef const double* guess = NULL
-    if near is not None:
-        start = as_vector(near, n)
-        guess = data(start)
-    if witness_of(
-        M, n, data(local), s, number, data(wanted_signs), guess, guesses, damping, corrections,
-        rank_tolerance, least, data(room), data(full), data(found),
-    ):
-        return full, found
-    return None
-
-
 cdef Py_ssize_t witness_room(Py_ssize_t s, Py_ssize_t n) noexcept nogil:
     """Numbers that `witness_of` keeps on its way."""
     return 5 * s * n + 5 * s * s + 5 * s + 1
@@ -130,7 +64,29 @@ cdef bint witness_of(
     const double* wanted_signs, const double* near, int guesses, double damping, int corrections,
     double rank_tolerance, double least, double* room, double* sign, double* x
 ) noexcept nogil:
-    """Put what `witness` returns into two places; whether there is anything."""
+    """Find a motion that keeps some contacts touching and slides with signs, near another one.
+
+    Args:
+        M: Contacts.
+        n: Coordinates of motions.
+        local: (M, 3, n) map of virtual motions to velocities along n, t1, t2.
+        s: How many contacts slide,
+        number: and which.
+        wanted_signs: (2 s,) signs of their sliding, 0 where any will do.
+        near: (n,) a motion that may be close to one; NULL: none is known.
+        guesses: How many motions nearest to wanted slidings are tried.
+        damping: Stands in for ranks, see `witness_heuristics`.
+        corrections: How often the velocities along the normals are taken away.
+        rank_tolerance: Largest velocity along a normal that counts as none, over the length of all
+            contact velocities.
+        least: Least square of a sliding that counts as one, over the square of that length.
+        room: `witness_room` numbers.
+        sign: Takes the (2 s,) signs, with those of the sliding in the place of zeros.
+        x: Takes the (n,) motion.
+
+    Returns:
+        Whether one was found.
+    """
     cdef double* N = room
     cdef double* T = N + s * n
     cdef double* H = T + 2 * s * n

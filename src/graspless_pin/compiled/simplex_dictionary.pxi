@@ -1,4 +1,3 @@
-# cython: boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 """Dense linear programs as dictionaries: rows in terms of the variables that are at their bounds.
 
 A pivot goes over all of a dictionary, which for some hundred rows and some dozen variables takes a
@@ -11,9 +10,10 @@ from libc.string cimport memcpy, memmove, memset
 
 cimport numpy as cnp
 
-from graspless_pin.compiled.shared cimport as_shaped, as_vector, data, empty, empty1
 
-cnp.import_array()
+cdef inline bint is_pivot(double entry) noexcept nogil:
+    """Whether an entry of a table is large enough for a pivot."""
+    return fabs(entry) > 1e-9
 
 
 cdef class Dictionary:
@@ -21,6 +21,21 @@ cdef class Dictionary:
 
     Variables are numbered: the n of the program first, then the rows' own values.
     """
+
+    cdef Py_ssize_t n, m, room
+    cdef double* rows  # (m, n) R
+    cdef double* table  # (m, n) basic variables in terms of the others
+    cdef double* cost  # (n,) c
+    cdef double* slopes  # (n,) what the cost rises with each variable that is not basic
+    cdef double* tilted  # (n,) the same, tilted and shifted to be feasible
+    cdef double* left  # (2, n) of the cost after the slopes, and that in terms of the table
+    cdef double* lower  # (n + m,)
+    cdef double* upper  # (n + m,)
+    cdef double* value  # (n + m,)
+    cdef Py_ssize_t* basic  # (m,) the variable of each row of the table
+    cdef Py_ssize_t* others  # (n,) that of each column
+    cdef Py_ssize_t* place  # (n + m,) row of a basic variable; -1 - column of another
+    cdef int pivots
 
     def __cinit__(self, cost, lb, ub):
         cdef Py_ssize_t j

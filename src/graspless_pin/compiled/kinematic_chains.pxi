@@ -1,4 +1,3 @@
-# cython: boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 """Joints that turn about an axis or move along one: their poses, Jacobian columns and weight."""
 
 from libc.math cimport cos, sin
@@ -6,16 +5,12 @@ from libc.string cimport memset
 
 cimport numpy as cnp
 
-from graspless_pin.compiled.shared cimport (
-    as_integers, as_poses, as_reals, as_shaped, as_vector, chained, data, empty, empty1, empty3,
-    move, numbers_of, turn,
-)
-
-cnp.import_array()
-
 
 cdef class KinematicChains:
     """What joints carry, and how each moves in the frame of the one before."""
+
+    cdef Py_ssize_t n
+    cdef cnp.ndarray _parents, _placements, _axes, _masses, _centers, _T, _J, _moments
 
     def __init__(self, *, parents, placements, axes, masses, centers):
         """Take the joints.
@@ -151,3 +146,25 @@ cdef class KinematicChains:
                 + J[4 * n + j] * (x[2] * g[0] - x[0] * g[2])
                 + J[5 * n + j] * (x[0] * g[1] - x[1] * g[0])
             )
+
+
+cdef void jacobian_of(
+    Py_ssize_t n, const double* column, const double* moves, const double* p, double* out
+) noexcept nogil:
+    """Put the (3, n) velocities of one point per joint rate into a place.
+
+    Args:
+        n: Joints.
+        column: (6, n) spatial joint columns about the world's origin.
+        moves: (n,) one for each joint that moves the point, else zero.
+        p: (3,) the point, m.
+        out: The place.
+    """
+    cdef Py_ssize_t j
+    for j in range(n):
+        if moves[j] == 0.0:
+            out[j] = out[n + j] = out[2 * n + j] = 0.0
+            continue
+        out[j] = column[j] + column[4 * n + j] * p[2] - column[5 * n + j] * p[1]
+        out[n + j] = column[n + j] + column[5 * n + j] * p[0] - column[3 * n + j] * p[2]
+        out[2 * n + j] = column[2 * n + j] + column[3 * n + j] * p[1] - column[4 * n + j] * p[0]

@@ -1,4 +1,3 @@
-# cython: boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 """Optima of Algorithms 1 and 2, carried over to problems with the same contacts, and proven."""
 
 from libc.math cimport fabs, isfinite
@@ -6,18 +5,6 @@ from libc.string cimport memcpy, memset
 
 cimport numpy as cnp
 
-from graspless_pin.compiled.contact_frames cimport map_of, margin_of
-from graspless_pin.compiled.optimum_starts cimport Start
-from graspless_pin.compiled.paper_programs cimport MARGIN, PaperPrograms
-from graspless_pin.compiled.rigid_bodies cimport jacobian_of
-from graspless_pin.compiled.shared cimport (
-    as_blocks, as_integers, as_reals, as_shaped, as_vector, data, empty, empty1, factor, inner,
-    numbers_of, solve_factored,
-)
-from graspless_pin.compiled.small_arrays cimport tangents_of
-from graspless_pin.compiled.virtual_motions cimport scaled_of, witness_of
-
-cnp.import_array()
 
 cdef Py_ssize_t _MOST_STARTS = 8
 
@@ -28,14 +15,26 @@ FIGURES = ("margin", "value", "bound", "gap", "residual", "unit")
 cdef class Carrier(PaperPrograms):
     """Programs with room for the optimum of one problem, and for the way to it."""
 
+    cdef double damping, exact, close, cutoff
+    cdef int corrections
+    cdef double* y
+    cdef double* G
+    cdef double* forces
+    cdef double* map
+    cdef double* scaled
+    cdef double* scale
+    cdef double* motion
+    cdef double* signs
+    cdef Start served
+
     def __init__(
         self, double damping, int corrections, double exact, double close, double cutoff, **shared
     ):
         """Take what the problems share.
 
         Args:
-            damping: See `linear_programs.refined`.
-            corrections: See there.
+            damping: What the diagonal is raised by where active rows depend on each other.
+            corrections: Steps of iterative refinement that take it away again.
             exact: Largest residual and gap of an optimum, scaled.
             close: Largest residual over how much more closely limits have to be kept.
             cutoff: A value from which on there is no solution.
@@ -166,6 +165,7 @@ cdef class Carrier(PaperPrograms):
                 self.forces[3 * (self.axes[c] // 3) + contact] += (
                     self.force * self.x[c] * self.frames[3 * self.axes[c] + contact]
                 )
+        self.served = near
         return True
 
     cdef Start begun(self):
@@ -182,7 +182,8 @@ cdef class Carrier(PaperPrograms):
         Returns:
             The place of the one that leads to it, and of the optimum: (M, 3) forces, the factor
             from values to the objective's unit, (n + 1,) the point, value, bound and residual, (R,)
-            multipliers, (6 + L,) a motion, scaled, and (6 + L,) its scale. None if none does.
+            multipliers, (6 + L,) a motion, scaled, and (6 + L,) its scale; the contacts and (M, 2)
+            signs of the mode, and the solver of what it was carried over from. None if none does.
         """
         cdef list held = []
         cdef Py_ssize_t place
@@ -234,28 +235,34 @@ cdef class Carrier(PaperPrograms):
             for j in range(self.L):
                 torques[j] += self.forces[k] * self.J[self.L * k + j]
 
-    cdef tuple told(self):
-        """What was found of one problem, as `carried` returns it."""
+    def told(self):
+        """What was found of the last problem, as `carried` returns it."""
+        cdef Start near = self.served
+        cdef Py_ssize_t k
         return (
             _copied(self.forces, 3 * self.M).reshape(self.M, 3), self.unit,
             _copied(self.x, self.n + 1), self.value, self.bound, self.residual,
             _copied(self.w, self.R), _copied(self.motion, self.W), _copied(self.scale, self.W),
+            [near.contacts[k] for k in range(near.s)],
+            _copied(near.signs, 2 * self.M).reshape(self.M, 2), near.solver,
         )
 
     def carried_many(
-        self, problem, list starts, order, states, moves, carriers, center, axes, figures, torques,
+        self, problem, list starts, bint may_begin, order, states, moves, carriers, center, axes,
+        figures, torques,
     ):
         """Find the optima of states with the same contacts until one is not found.
 
         Args:
             problem: What the problems of all of them share; the contacts with supports come last.
             starts: As in `carried`; that which served last comes first afterwards.
+            may_begin: Whether an optimum may be looked for of which nothing is known.
             order: Numbers of the states.
             states: What `HandStates.at` returned.
-            moves: (n + 1, L) see `rigid_bodies.point_jacobians`.
+            moves: (n + 1, L) see `jacobian_of`.
             carriers: The joint that carries each contact with the hand.
             center: (3,) what positions are about, m.
-            axes: (A, 3) see `small_arrays.tangents`.
+            axes: (A, 3) see `tangents_of`.
             figures: (S, 6) array for the `FIGURES` of all states.
             torques: (S, L) array for their torques.
 
@@ -303,7 +310,7 @@ cdef class Carrier(PaperPrograms):
                 )
             tangents_of(H, data(normals), given.shape[0], data(given), data(tangents))
             self.gravity = data(weights) + L * number
-            if not self.tried(starts, len(starts) > 0):
+            if not self.tried(starts, may_begin and len(starts) > 0):
                 break
             self.tell(data(figures) + 6 * number, data(torques) + L * number, 3 * H)
             count += 1

@@ -1,14 +1,8 @@
-# cython: boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 """Optima of states whose contacts stay while loads, friction and limits change, and their proof."""
 
 from libc.math cimport M_PI, cos, sqrt
 
 cimport numpy as cnp
-
-from graspless_pin.compiled.cold_optima cimport ColdCarrier
-from graspless_pin.compiled.shared cimport as_shaped, data
-
-cnp.import_array()
 
 
 cdef class LoadedStates(ColdCarrier):

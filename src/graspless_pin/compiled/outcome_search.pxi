@@ -1,15 +1,9 @@
-# cython: boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 """Bounds over sets of outcomes, and forces that relax contact by contact."""
 
 from libc.math cimport INFINITY, M_PI, atan2, cos, fabs, floor, fmax, fmin, isfinite, sin, sqrt
 
 cimport numpy as cnp
 
-from graspless_pin.compiled.shared cimport (
-    as_blocks, as_integers, as_reals, as_shaped, as_vector, data, empty1, inner, numbers_of,
-)
-
-cnp.import_array()
 
 # States as `holding.bounds` numbers them.
 cdef enum:

@@ -1,4 +1,3 @@
-# cython: boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 """Optima of Algorithms 1 and 2 of which nothing is known, found by interior points, then proven.
 
 Mehrotra's predictor-corrector method (SIAM J. Optim. 2(4), 1992) on the dense program: a step
@@ -10,18 +9,9 @@ from libc.string cimport memcpy, memset
 
 cimport numpy as cnp
 
-from graspless_pin.compiled.carried_optima cimport Carrier
-from graspless_pin.compiled.contact_frames cimport map_of
-from graspless_pin.compiled.optimum_starts cimport Start
-from graspless_pin.compiled.paper_programs cimport MARGIN
-from graspless_pin.compiled.shared cimport (
-    data, empty, empty1, factor, inner, no_numbers, solve_factored,
-)
-from graspless_pin.compiled.virtual_motions cimport scaled_of, witness_of, witness_room
 
 import numpy as np
 
-cnp.import_array()
 
 cdef int _MOST_STEPS = 40
 cdef double _COMPLEMENTARY = 1e-13  # mean of slacks times multipliers, scaled: strict by then
@@ -33,12 +23,37 @@ cdef double _RIDGE = 1e-14
 cdef class ColdCarrier(Carrier):
     """A carrier that finds optima without a warm start, too."""
 
+    cdef int guesses
+    cdef tuple judged_by
+    cdef Py_ssize_t count
+    cdef cnp.npy_intp* one_sided
+    cdef cnp.npy_intp* chosen
+    cdef double* wanted
+    cdef double* slide
+    cdef double* guessed
+    cdef double* rows
+    cdef double* side_bounds
+    cdef double* slack
+    cdef double* z
+    cdef double* ds
+    cdef double* dz
+    cdef double* primal_residual
+    cdef double* target
+    cdef double* at
+    cdef double* y
+    cdef double* dy
+    cdef double* dx
+    cdef double* q
+    cdef double* H
+    cdef double* solved_balance
+    cdef double* schur
+
     def __init__(self, int guesses, judged_by, **shared):
         """Take what the problems share.
 
         Args:
             guesses: How many motions are tried behind the friction of an optimum.
-            judged_by: What `virtual_motions.witness` judges by.
+            judged_by: The last four figures that `witness_of` judges by.
             shared: See `Carrier`.
         """
         Carrier.__init__(self, **shared)
@@ -313,9 +328,3 @@ cdef class ColdCarrier(Carrier):
             [self.chosen[i] for i in range(s)], _copied(self.slide, 2 * s),
             _copied(self.motion, W), self.judged_by,
         )
-
-
-cdef cnp.ndarray _copied(const double* values, Py_ssize_t count):
-    cdef cnp.ndarray array = empty1(count)
-    memcpy(data(array), values, count * sizeof(double))
-    return array

@@ -1,4 +1,3 @@
-# cython: boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 """The simplex method on small dense linear programs that grow, shrink and are solved again."""
 
 from libc.math cimport INFINITY, fabs, fmax, isfinite
@@ -6,10 +5,6 @@ from libc.string cimport memcpy
 
 cimport numpy as cnp
 
-from graspless_pin.compiled.shared cimport data, empty1
-from graspless_pin.compiled.simplex_dictionary cimport Dictionary, is_pivot
-
-cnp.import_array()
 
 cdef double _FEASIBLE = 1e-10  # a value outside its bounds by less is inside
 cdef double _OPTIMAL = 1e-12  # a cost below is none

@@ -1,26 +1,38 @@
-# cython: boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 """What an optimum leaves behind, as the loops take it that carry it over."""
 
 from libc.string cimport memset
 
 cimport numpy as cnp
 
-from graspless_pin.compiled.paper_programs cimport PaperPrograms
-from graspless_pin.compiled.shared cimport (
-    as_flags, as_integers, as_shaped, as_vector, data, empty, empty1, flags_of, no_numbers,
-    numbers_of,
-)
-from graspless_pin.compiled.virtual_motions cimport witness_room
-
-cnp.import_array()
-
 
 cdef class Start:
     """What is active at an optimum, the mode that admits it and a motion behind that mode."""
 
+    cdef Py_ssize_t R, D, S, s, n1, W, p, rubbed
+    cdef readonly str solver
+    cdef list kept
+    cdef cnp.npy_intp* rows
+    cdef cnp.npy_intp* starts
+    cdef cnp.npy_intp* columns
+    cdef cnp.npy_intp* contacts
+    cdef cnp.npy_bool* upper
+    cdef double* values
+    cdef double* gram
+    cdef double* weights
+    cdef double* x
+    cdef double* signs
+    cdef double* own_signs
+    cdef double* motion
+    cdef double* A
+    cdef double* w
+    cdef double* b
+    cdef double* sides
+    cdef double* room
+    cdef double judged[4]
+
     def __init__(
         self, PaperPrograms programs not None, rows, at_bounds, upper, x, weights, Py_ssize_t count,
-        signs, contacts, own_signs, motion, judged_by,
+        signs, contacts, own_signs, motion, judged_by, str solver="",
     ):
         """Take an optimum of one of the problems that the programs are of.
 
@@ -36,7 +48,8 @@ cdef class Start:
             contacts: (s,) those that the mode selects.
             own_signs: (2 s,) theirs.
             motion: (6 + L,) scaled.
-            judged_by: What `virtual_motions.witness` judges by.
+            judged_by: The last four figures that `witness_of` judges by.
+            solver: Which found it.
 
         Raises:
             ValueError: If the shapes do not fit.
@@ -48,7 +61,7 @@ cdef class Start:
         r, h = active.shape[0], bounded.shape[0]
         m = r + h
         cdef cnp.ndarray top = as_flags(upper, m), given = as_vector(weights, m)
-        self.kept, self.R, self.s = [], count, len(contacts)
+        self.kept, self.R, self.s, self.solver = [], count, len(contacts), solver
         self.n1, self.W, self.p = n1, programs.W, p
         if not 0 <= p <= 2 * programs.L:
             raise ValueError("needs rows of these programs")

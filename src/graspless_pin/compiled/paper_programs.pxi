@@ -1,4 +1,3 @@
-# cython: boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 """The paper's programs: Algorithms 1 and 2 of problems that are alike, assembled."""
 
 from libc.math cimport INFINITY, fabs, isfinite
@@ -6,19 +5,67 @@ from libc.string cimport memset
 
 cimport numpy as cnp
 
-from graspless_pin.compiled.contact_frames cimport directions_of, scales_of
-from graspless_pin.compiled.shared cimport (
-    as_blocks, as_flags, as_integers, as_reals, as_shaped, as_vector, data, effects_of, empty1,
-    flags_of, inner, no_numbers, numbers_of,
-)
 
-cnp.import_array()
+cpdef enum:
+    MARGIN = 0
+    TORQUE = 1
+    SHARE = 2
+
 
 cdef class PaperPrograms:
     """One of the paper's programs for problems that are alike, with room for one of them.
 
     Rows: balance, largest torque, those that no state changes (cones, normal forces), torques.
     """
+
+    cdef int kind
+    cdef readonly Py_ssize_t M, L, n
+    cdef Py_ssize_t s, p, R, T, W, faces, edges
+    cdef double required, least_lever, rounding, farthest, least_limit, most_strict
+    cdef bint loaded
+    # How often friction was changed.
+    cdef Py_ssize_t rubbed
+    cdef list kept
+    # Of all problems.
+    cdef cnp.npy_intp* axes
+    cdef cnp.npy_intp* row_start
+    cdef cnp.npy_intp* row_column
+    cdef double* row_value
+    cdef double* reach
+    cdef double* mu
+    cdef double* slopes
+    cdef double* directions
+    cdef cnp.npy_bool* has_cone
+    cdef cnp.npy_bool* turns
+    # Of one problem.
+    cdef const double* most
+    cdef const double* wrench
+    cdef const double* lower
+    cdef const double* upper
+    cdef double* sliding
+    cdef const double* points
+    cdef const double* normals
+    cdef const double* tangents
+    cdef const double* J
+    cdef const double* gravity
+    # Made of it.
+    cdef double force, length, unit, strict
+    cdef double* frames
+    cdef double* joint_scale
+    cdef double* B
+    cdef double* torque
+    cdef double* box
+    cdef double* bounds
+    cdef cnp.npy_intp* joint
+    cdef double* share
+    cdef double* level
+    # A point and multipliers, and what they prove.
+    cdef double* x
+    cdef double* w
+    cdef double* d
+    cdef double* counted
+    cdef double* levels
+    cdef double value, bound, residual
 
     def __init__(
         self, int kind, double required, turns, axes, sides, Py_ssize_t face_count,
@@ -272,7 +319,7 @@ cdef class PaperPrograms:
         return self.most[k] / self.force if k < self.M else 0.0
 
     cdef void judged(self) noexcept:
-        """Find what point and multipliers prove, see `linear_programs.judged`."""
+        """Find what point and multipliers prove, see `Program.judged`."""
         cdef Py_ssize_t n = self.n, W = self.W, c, i, j, k, e
         cdef double* v = self.counted
         cdef double* level = self.levels
