@@ -48,7 +48,7 @@ def test_what_matters_stands_before_the_tables():
         for words in (
             "keeps its motion: nothing else is an outcome",
             "margin e = 2.30006 N",
-            "At worst, these torques leave 0 N, over all admissible contact forces.",
+            "At worst, these torques leave a margin of 0 N, over all admissible contact forces.",
             "The margin is limited by losing contact at contacts 3, 4 (slope) and by slipping",
             "/hinge is nearest its limit: ",  # both fingers are, up to rounding
             "4.7700 of ",

@@ -52,7 +52,9 @@ def test_the_margin_at_worst_prints_no_rounding(tmp_path):
     found = load_scene(file)
     solution = found.solve("torque", margin=0.2)
     bounds = contact_force_bounds(found.problem(), solution.torques)
-    assert "\nAt worst, these torques leave 0 N" in scene_solution_text(found, solution, "", bounds)
+    assert "\nAt worst, these torques leave a margin of 0 N" in scene_solution_text(
+        found, solution, "", bounds
+    )
 
 
 @pytest.mark.parametrize("weight", [1e-6, 1.0, 1e6])

@@ -70,7 +70,7 @@ def _worst_margin(bounds: ContactForceBounds, solution: TorqueSolution) -> str:
     least = figure(bounds.smallest_margin, solution.problem.scales.force)
     proven = bounds.status is Status.OPTIMAL
     unproven = "" if proven else " or less (not proven)"
-    return f"At worst, these torques leave {least} N{unproven}, {bounds.covers}."
+    return f"At worst, these torques leave a margin of {least} N{unproven}, {bounds.covers}."
 
 
 def _count(number: int, noun: str) -> str:
