@@ -5,9 +5,9 @@ What the command line says of a command is the docstring of its function, exampl
 
 from __future__ import annotations
 
-import ast
 import inspect
 import platform
+import re
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any
@@ -68,12 +68,9 @@ def _summary(name: str) -> str:
     """Return the first line of a command's docstring, from the source of its module."""
     module, function = _COMMANDS[name].split(".")
     source = Path(__file__).with_name(f"{module}.py").read_text(encoding="utf-8")
-    (found,) = [
-        node
-        for node in ast.parse(source).body
-        if isinstance(node, ast.FunctionDef) and node.name == function
-    ]
-    return (ast.get_docstring(found) or "").partition("\n")[0]
+    # The first docstring after its name; to parse all modules would take 30 ms.
+    found = re.search(rf'^def {function}\(.*?"""(.*?)(?:"""|\n)', source, re.DOTALL | re.MULTILINE)
+    return found[1] if found else ""
 
 
 def _loaded(name: str) -> Any:

@@ -78,6 +78,8 @@ def with_figures(entry: type[_Entry]) -> type[_Entry]:
         for key, kind in figure_types().items()
         if key not in entry.model_fields
     }
+    if not further:  # a second model of the same keys would take as long to make
+        return entry
     return create_model(
         entry.__name__,
         __base__=entry,
