@@ -38,6 +38,11 @@ evaluators = (
 q = evaluators[0].configuration() + np.array([0.0, 1e-4, 2e-4])[:, None]
 states = [one.evaluate_many(q, evaluations=[0, 1, 2]) for one in evaluators]
 rules = compare_rules(named.problem(), "total_torque", margin=0.2).solutions
+try:
+    evaluators[0].with_regularization(0.1)
+    refused = ""
+except ValueError as error:
+    refused = str(error)
 answer = answer_settings(named, initial_settings(named))
 print(json.dumps({
     "scene": named.solve().value,
@@ -46,6 +51,7 @@ print(json.dumps({
     "many": [[one.solution.value for one in found.evaluations.values()] for found in states],
     "bounds": [found.bounds.tolist() for found in states],
     "rules": {str(one.sign): found.value for one, found in rules.items() if found.found},
+    "refused": refused,
     "page": answer.solution.value,
     "html": result_html(answer, None, dark=False),
 }))
@@ -241,6 +247,7 @@ def test_evaluators_and_the_page_solve_for_it(package, scenes, expected):
     found = json.loads(shown.stdout)
     for value in (found["scene"], found["plain"], *found["one"], found["page"]):
         assert value == pytest.approx(expected[JAW], rel=1e-7)
+    assert found["refused"] == "regularization: is none of the figures of 'total_torque'"
     assert set(found["rules"]) == {"strict", "exact", "nonzero"}
     for values, bounds in zip(found["many"], found["bounds"], strict=True):
         assert values[0] == pytest.approx(expected[JAW], rel=1e-7)

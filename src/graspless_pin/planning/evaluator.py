@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.algorithms.named_objectives import objective_and_options
 from graspless_pin.algorithms.options import SolveKeywords
+from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.rules import Rules
 from graspless_pin.planning.configurations import Configuration, Configurations
 from graspless_pin.planning.evaluated_states import (
@@ -135,11 +136,13 @@ class Evaluator:
             regularization: See `maximize_margin`.
 
         Raises:
-            ArgumentError: If it is negative or not finite.
+            ArgumentError: If it is negative or not finite, or the objective has none.
         """
         other = copy(self)
         epsilon = real_number("regularization", regularization, 0.0)
         objective = self._solver.objective.with_figure("regularization", epsilon)
+        if objective.regularization != epsilon:
+            raise ArgumentError("regularization", f"is none of the figures of {objective.name!r}")
         own = self._solver
         other._solver = StateSolver(own.configurations, objective, own.options, own.checks)
         return other
