@@ -13,7 +13,6 @@ import pinocchio as pin  # pyright: ignore[reportMissingImports]
 from numpy.typing import NDArray
 
 from graspless_pin.brief import Brief
-from graspless_pin.compiled import core
 from graspless_pin.errors import ArgumentError, RobotError
 from graspless_pin.geometry.bodies.collision import BodyShapes
 from graspless_pin.geometry.bodies.decomposition import Cut
@@ -178,8 +177,6 @@ class KinematicTree(Brief, Record):
 
     def kinematics(self, positions: FloatArray) -> Kinematics:
         """Return joint poses and Jacobian columns at (n,) joint positions."""
-        if core is not None:
-            return Kinematics(*self._loops.kinematics(positions))
         return self._work_space.kinematics(self.configuration(positions))
 
     def point_jacobians(
@@ -209,8 +206,6 @@ class KinematicTree(Brief, Record):
             positions: rad or m.
             gravity: (3,) gravitational acceleration, world axes, m/s^2.
         """
-        if core is not None:
-            return self._loops.gravity_torques(positions, gravity)
         return self._work_space.gravity_torques(self.configuration(positions), gravity)
 
     def joint_inertia(self, positions: FloatArray) -> FloatArray:
@@ -237,11 +232,6 @@ class KinematicTree(Brief, Record):
             "parents": parents, "placements": placements, "axes": axes, "masses": masses,
             "centers": centers,
         })  # fmt: skip
-
-    @cached_property
-    def _loops(self) -> Any:
-        """The chains as loops, which take a third of the time that calls to Pinocchio do."""
-        return core.KinematicChains(**self.chains)
 
     @cached_property
     def _work_space(self) -> WorkSpace:
