@@ -1,8 +1,10 @@
 """Records are frozen, records of arrays compare by identity, and what is returned is read-only."""
 
 import pkgutil
-from dataclasses import fields, is_dataclass
+from dataclasses import FrozenInstanceError, dataclass, fields, is_dataclass
+from functools import cached_property
 from importlib import import_module
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from graspless_pin import (
     minimize_torque,
     optimum_gradients,
 )
+from graspless_pin.records import changed, unchecked
 
 PACKAGES = (
     "problem", "modes", "programs", "solvers", "solution", "holding", "algorithms", "report.verify",
@@ -80,3 +83,43 @@ def test_arrays_of_gradients_say_read_only_whether_they_are_unique():
     assert gradients.unique
     for name, value in gradients.unique.items():
         assert value.dtype == bool and not value.flags.writeable, name
+
+
+@dataclass(frozen=True)
+class Halved:
+    whole: int
+
+    def __post_init__(self) -> None:
+        if self.whole % 2:
+            raise ValueError("is odd")
+
+    @cached_property
+    def half(self) -> int:
+        return self.whole // 2
+
+
+def test_copies_of_records_are_not_checked_again_and_forget_what_they_are_told():
+    one = Halved(8)
+    assert one.half == 4
+    other = changed(one, "half", whole=6)
+    assert (type(other), other.whole, other.half) == (Halved, 6, 3)
+    assert changed(one, whole=6).half == 4  # goes along: it was not said that it hangs on it
+    assert (one.whole, one.half) == (8, 4)
+    assert unchecked(Halved, whole=7).whole == 7
+    with pytest.raises(FrozenInstanceError):
+        other.whole = 2  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_one_module_alone_writes_into_frozen_records():
+    """But for what a record's own constructor and unpickling put in."""
+    root = Path(graspless_pin.__file__).parent
+    written = []
+    for path in sorted(root.rglob("*.py")):
+        text = path.read_text(encoding="utf-8")
+        for name in ("object.__new__(", "__dict__.update(", ").update(vars("):
+            written += [f"{path.relative_to(root)}: {name}"] * text.count(name)
+    assert sorted(set(written)) == [
+        "problem/quasistatic.py: __dict__.update(",  # its constructor
+        "records.py: __dict__.update(",
+        "records.py: object.__new__(",
+    ]

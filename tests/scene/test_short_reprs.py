@@ -16,7 +16,7 @@ from graspless_pin import (
     place_hand,
     robustness,
 )
-from graspless_pin.brief import Brief
+from graspless_pin.records import Brief
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 

@@ -13,12 +13,12 @@ from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
 from graspless_pin.algorithms.search import SearchState
 from graspless_pin.algorithms.searching import search_modes
-from graspless_pin.brief import Brief
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.modes.rules import SlidingMode, StaticFriction
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
 from graspless_pin.programs.analysis_objectives import Disturbance
+from graspless_pin.records import Brief
 from graspless_pin.solution import Status
 from graspless_pin.solvers import Outcome
 

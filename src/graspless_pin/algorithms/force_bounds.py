@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.algorithms.force_extremes import ForceExtremes
 from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
-from graspless_pin.brief import Brief
 from graspless_pin.modes.rules import Rules, StaticFriction
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
+from graspless_pin.records import Brief
 from graspless_pin.solution import FOUND, Status
 from graspless_pin.solution.tables import (
     Table,

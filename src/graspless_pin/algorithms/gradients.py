@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.algorithms.dual_degeneracy import OptimalPoint, OptimalSet
-from graspless_pin.brief import Brief
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.programs.marginals import Marginals
 from graspless_pin.programs.objectives import Algorithm
+from graspless_pin.records import Brief
 from graspless_pin.solution import Status, TorqueSolution, checked_solution
 
 _SAME = 1e-6

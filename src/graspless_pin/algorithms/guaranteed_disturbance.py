@@ -9,12 +9,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.algorithms.disturbances import unit_disturbances
 from graspless_pin.algorithms.load_brackets import LoadBracket, bracket_limits, load_bracket
-from graspless_pin.brief import Brief
 from graspless_pin.errors import NoSolutionError
 from graspless_pin.holding.stability import stability
 from graspless_pin.holding.verdict import Stability, StabilityVerdict
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only, real_number
+from graspless_pin.records import Brief
 
 
 @dataclass(frozen=True, eq=False, repr=False)

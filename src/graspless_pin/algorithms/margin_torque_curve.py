@@ -32,7 +32,6 @@ from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
 from graspless_pin.algorithms.search import SearchResult, SearchState
 from graspless_pin.algorithms.searching import search_modes
 from graspless_pin.algorithms.torque import TorqueScale, torque_objective
-from graspless_pin.brief import Brief
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.modes.enumeration import mode_of, requirements_of, sign_pairs
 from graspless_pin.modes.kinematics import Requirement
@@ -42,6 +41,7 @@ from graspless_pin.problem.checks import FloatArray, choice, finite_array, read_
 from graspless_pin.problem.joint_units import units_text
 from graspless_pin.programs.analysis_objectives import Tradeoff, aimed
 from graspless_pin.programs.program import Program
+from graspless_pin.records import Brief
 from graspless_pin.solution import Status
 from graspless_pin.solvers import Answer, Outcome, solve
 

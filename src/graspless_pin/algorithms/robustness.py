@@ -14,12 +14,12 @@ from graspless_pin.algorithms.load_brackets import (
     bracket_limits,
     load_bracket,
 )
-from graspless_pin.brief import Brief
 from graspless_pin.holding.stability import stability, undecided_verdict
 from graspless_pin.holding.verdict import Stability, StabilityVerdict
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.inertias import hybrid_contacts
+from graspless_pin.records import Brief
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -8,9 +8,9 @@ from typing import Unpack
 from graspless_pin.algorithms.gradients import OptimumGradients, optimum_gradients
 from graspless_pin.algorithms.options import SolveKeywords
 from graspless_pin.algorithms.torque import maximize_margin
-from graspless_pin.brief import Brief
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.records import Brief
 from graspless_pin.solution import TorqueSolution
 
 

@@ -10,9 +10,9 @@ from enum import StrEnum
 from math import nan
 from typing import Never
 
-from graspless_pin.brief import Brief
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.records import Brief
 
 
 class Stability(StrEnum):

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from graspless_pin.errors import ArgumentError
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import choice
+from graspless_pin.records import unchecked
 
 SIGN_VALUES = (-1, 0, 1)
 
@@ -170,9 +171,9 @@ class SlidingMode:
     @classmethod
     def unchecked(cls, selection: NDArray[np.bool_], signs: NDArray[np.int8]) -> Self:
         """Return a mode of arrays that are right by construction; they become read-only."""
-        mode = object.__new__(cls)
-        mode._freeze(selection, signs)
-        return mode
+        selection.setflags(write=False)
+        signs.setflags(write=False)
+        return unchecked(cls, selection=selection, signs=signs)
 
     def _freeze(self, selection: NDArray[np.bool_], signs: NDArray[np.int8]) -> None:
         selection.setflags(write=False)

@@ -10,7 +10,6 @@ from typing import NamedTuple, Unpack
 import numpy as np
 
 from graspless_pin.algorithms.carried import Carried, solution_carried
-from graspless_pin.brief import Brief
 from graspless_pin.errors import NoSolutionError, StateFault
 from graspless_pin.findings import Finding
 from graspless_pin.holding.options import StabilityKeywords
@@ -20,6 +19,7 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.programs.objectives import Objective
+from graspless_pin.records import Brief
 from graspless_pin.scene import Scene, SceneContacts
 from graspless_pin.solution import TorqueSolution
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from textwrap import fill
 
-from graspless_pin.brief import Brief
 from graspless_pin.findings import heard
 from graspless_pin.holding.verdict import Stability, StabilityVerdict
 from graspless_pin.holding.verdict_words import parted
 from graspless_pin.planning.placing_candidates import NODES, PlacingFault
+from graspless_pin.records import Brief
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.tables import COLUMNS, Table

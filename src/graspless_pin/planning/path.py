@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from graspless_pin.brief import Brief
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.poses import as_pose
@@ -23,6 +22,7 @@ from graspless_pin.planning.evaluation import Evaluation, StateStatus
 from graspless_pin.planning.evaluator import Evaluator
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
 from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.records import Brief
 from graspless_pin.scene import Scene
 from graspless_pin.solution.tables import brief_figure
 

@@ -10,6 +10,7 @@ from functools import cached_property
 from typing import Any, TypeVar
 
 from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.records import changed
 
 INERTIAS = ("object_inertia", "joint_inertia")
 _SOURCES = "_inertia_sources"
@@ -29,28 +30,27 @@ def derived(name: str) -> Any:
 def with_derived_inertias(
     problem: _Problem, sources: Mapping[str, Callable[[], FloatArray]]
 ) -> _Problem:
-    """Give a new problem what its inertias are made by, and return it.
+    """Return a problem with what its inertias are made by.
 
     Args:
         problem: Without inertias.
         sources: What makes `object_inertia` and `joint_inertia`, by name; what they return is not
             checked.
     """
-    vars(problem)[_SOURCES] = sources
-    return problem
+    return changed(problem, **{_SOURCES: sources})
 
 
-def keep_inertias(problem: Any, changed: Any, given: Iterable[str]) -> Any:
-    """Give a changed problem the inertias of the one before, as they are or are made.
+def keep_inertias(problem: Any, other: Any, given: Iterable[str]) -> Any:
+    """Return a changed problem with the inertias of the one before, as they are or are made.
 
     Args:
         problem: The one before.
-        changed: With those that were given anew.
+        other: With those that were given anew.
         given: Their names, and others.
     """
     kept = set(INERTIAS).difference(given)
-    if changed.joint_count != problem.joint_count:
+    if other.joint_count != problem.joint_count:
         kept.discard("joint_inertia")
     own, sources = vars(problem), vars(problem).get(_SOURCES, {})
-    vars(changed).update({name: own[name] for name in kept & own.keys()})
-    return with_derived_inertias(changed, {name: sources[name] for name in kept & sources.keys()})
+    other = changed(other, **{name: own[name] for name in kept & own.keys()})
+    return with_derived_inertias(other, {name: sources[name] for name in kept & sources.keys()})

@@ -19,6 +19,7 @@ from graspless_pin.problem.checks import (
 from graspless_pin.problem.cones import checked_cone
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.problem.quasistatic import QuasistaticProblem
+from graspless_pin.records import unchecked
 
 
 def problem_of_own_arrays(
@@ -84,8 +85,8 @@ def problem_of_own_arrays(
         positions, normals, external_wrench, jacobian, friction, tangents, sliding, lower,
         upper, gravity_torques,
     ))  # fmt: skip
-    made = object.__new__(QuasistaticProblem)
-    made.__dict__.update(
+    return unchecked(
+        QuasistaticProblem,
         positions=positions,
         normals=normals,
         external_wrench=external_wrench,
@@ -102,7 +103,6 @@ def problem_of_own_arrays(
         joint_units=joint_units,
         gravity_torques=gravity_torques,
     )
-    return made
 
 
 def _are_possible(

@@ -12,6 +12,7 @@ from scipy.sparse import csr_array
 from graspless_pin.problem.checks import FloatArray, all_finite, all_within
 from graspless_pin.problem.scales import MOST_STRICT
 from graspless_pin.programs.blocks import Block
+from graspless_pin.records import changed, unchecked
 
 FARTHEST = 1e8
 """Bounds are proven for variables up to this size: double precision resolves no more."""
@@ -90,9 +91,9 @@ class Program:
             linear: Whether P is zero.
             others: P, c, lb, ub, box and other attributes.
         """
-        program = object.__new__(cls)  # a third of the constructor's time
-        program.__dict__.update(
-            others,
+        return unchecked(
+            cls,
+            **others,
             A=rows[:count],
             b=low[:count],
             G=rows[count:],
@@ -102,7 +103,6 @@ class Program:
             sides=(low, high),
             is_linear=linear,
         )
-        return program
 
     def column(self, name: str) -> int:
         """Return the index of an added column by its name."""
@@ -120,10 +120,7 @@ class Program:
         if "worst" not in self.__dict__:
             _ = self.is_linear, self.rows, self._sparse, self.sides, self.pattern, self.worst
             _ = self.is_far, self.farthest, self.highest, self.has_bearable_rows
-        program = object.__new__(Program)
-        program.__dict__.update(self.__dict__, lb=lb, ub=ub, worst=min(self.worst, cutoff))
-        program.__dict__.pop("reach", None)
-        return program
+        return changed(self, "reach", lb=lb, ub=ub, worst=min(self.worst, cutoff))
 
     @cached_property
     def farthest(self) -> float:

@@ -12,6 +12,7 @@ from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject,
 from graspless_pin.geometry.bodies.shapes import SHAPES, Shape
 from graspless_pin.geometry.poses import pose_matrix
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.records import changed
 from graspless_pin.scene.body_schema import (
     ROTATION_FORMS,
     ObjectEntry,
@@ -101,10 +102,9 @@ def _with_pieces(parts: SceneParts, where: Location, made: _Body, pose: FloatArr
     """Return a body with the convex pieces that it had, and where they were, if it still does."""
     name, kept = key_text(where), parts.latest
     pieces = kept.of(f"{name}: pieces", (made.shape, made.name), lambda: made.shapes)
-    vars(made).update(shapes=pieces, geometries=pieces.geometries)
-    placed = kept.of(f"{name}: placed pieces", (pieces, pose), lambda: made.placed_bodies)
-    vars(made).update(placed_bodies=placed)
-    return made
+    body = changed(made, shapes=pieces, geometries=pieces.geometries)
+    placed = kept.of(f"{name}: placed pieces", (pieces, pose), lambda: body.placed_bodies)
+    return changed(body, placed_bodies=placed)
 
 
 def build_pose(file: YamlSource, where: Location, entry: PoseEntry) -> FloatArray:

@@ -28,6 +28,7 @@ from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.robots.description import LinkMeshes, RobotDescription
 from graspless_pin.geometry.robots.files import describe_urdf, find_robot
+from graspless_pin.records import changed
 from graspless_pin.scene.body_building import build_object, build_pose, build_support, twist_of
 from graspless_pin.scene.build_cache import Last, SceneParts
 from graspless_pin.scene.entry_findings import entry_findings
@@ -89,10 +90,7 @@ def _hand(file: YamlSource, parts: SceneParts, entry: HandEntry) -> Hand:
         (mounts, positions),
         lambda: Hand(**fields_of(mounts, limits[0], positions, ())),
     )
-    limited = object.__new__(Hand)  # its arrays are read-only already
-    told = (*hand.findings, *limits[1])
-    vars(limited).update(vars(hand), effort_limits=limits[0], findings=told)
-    return limited
+    return changed(hand, effort_limits=limits[0], findings=(*hand.findings, *limits[1]))
 
 
 def _mounts(

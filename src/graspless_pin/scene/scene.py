@@ -31,6 +31,7 @@ from graspless_pin.problem.checks import FloatArray, real_number
 from graspless_pin.problem.derived_inertias import with_derived_inertias
 from graspless_pin.problem.own_arrays import problem_of_own_arrays
 from graspless_pin.programs.objectives import Objective
+from graspless_pin.records import changed
 from graspless_pin.scene.contact_arrays import contacts_after_motion, label_of, touching_of
 from graspless_pin.scene.joints import inertia_of_columns
 from graspless_pin.scene.motion_and_contacts import GivenContact, Motion, SceneContacts
@@ -209,12 +210,7 @@ class Scene(PickledByFields):
 
     def _changed(self, fields: Mapping[str, Any]) -> Scene:
         """Return the same scene with fields that need no check."""
-        changed = object.__new__(type(self))
-        changed.__dict__.update(self.__dict__, _kept=self._kept)
-        for name in ("contacts", "findings"):
-            changed.__dict__.pop(name, None)
-        changed.__dict__.update(fields)
-        return changed
+        return changed(self, "contacts", "findings", _kept=self._kept, **fields)
 
     def __repr__(self) -> str:
         """Return one line."""

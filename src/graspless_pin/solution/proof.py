@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from graspless_pin.brief import Brief
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.records import Brief
 
 DualVariables = tuple[FloatArray, FloatArray]
 """Multipliers y, z of the equalities and of the other rows of a scaled program."""

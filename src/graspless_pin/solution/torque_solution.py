@@ -20,6 +20,7 @@ from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.programs.assembly import ScaledProgram, scaled_program
 from graspless_pin.programs.marginals import Marginals, marginals
 from graspless_pin.programs.objectives import Algorithm, Objective
+from graspless_pin.records import changed
 from graspless_pin.solution.certificate import Certificate
 from graspless_pin.solution.doubts import HasFindings, solution_doubts
 from graspless_pin.solution.guarantee import Guarantee
@@ -74,9 +75,7 @@ class TorqueSolution:
 
     def of_source(self, source: Any) -> TorqueSolution:
         """Return the solution as that of a scene, whose findings are told with its own."""
-        own = object.__new__(type(self))
-        vars(own).update(vars(self), _source=source)
-        return own
+        return changed(self, _source=source)
 
     @property
     def findings(self) -> tuple[Finding, ...]:

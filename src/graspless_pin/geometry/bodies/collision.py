@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.errors import ArgumentError
+from graspless_pin.records import unchecked
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,8 +117,8 @@ class PlacedBodies(Sequence[CollisionBody]):
         k = range(len(self.shapes.names))[index]
         body = self._made.get(k)
         if body is None:
-            body = object.__new__(CollisionBody)  # its pose is read-only already: no copy
-            body.__dict__.update(
+            body = unchecked(  # its pose is read-only already: no copy
+                CollisionBody,
                 name=self.shapes.names[k],
                 geometry=self.shapes.geometries[k],
                 T_world_geometry=self.poses[k],

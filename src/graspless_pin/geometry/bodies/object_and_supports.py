@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspless_pin.brief import Brief
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, PlacedBodies
 from graspless_pin.geometry.bodies.shapes import HalfSpace, Shape
@@ -19,6 +18,7 @@ from graspless_pin.geometry.pickling import PickledByFields
 from graspless_pin.geometry.poses import as_pose, transformed
 from graspless_pin.intake.text import fault_of_name
 from graspless_pin.problem.checks import checked_inertia, read_only
+from graspless_pin.records import Brief, changed
 
 
 class _PlacedShape(PickledByFields, ABC):
@@ -171,11 +171,8 @@ class ManipulatedObject(Brief, _PlacedShape):
             MeshError: See `Shape.pieces`.
         """
         pose = as_pose("T_world_object", T_world_object)
-        moved = object.__new__(type(self))
         placed = PlacedBodies.at_one_pose(self.shapes, pose)
-        vars(moved).update(vars(self), T_world_object=pose, placed_bodies=placed)
-        vars(moved).pop("center_of_mass_world", None)
-        return moved
+        return changed(self, "center_of_mass_world", T_world_object=pose, placed_bodies=placed)
 
     @cached_property
     def center_of_mass_world(self) -> NDArray[np.float64]:

@@ -9,8 +9,8 @@ from typing import overload
 
 import numpy as np
 
-from graspless_pin.brief import Brief
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.records import Brief, unchecked
 
 
 class BodyKind(Enum):
@@ -98,11 +98,14 @@ class ContactArrays(Brief, Sequence[ContactPoint]):
         """Do what the constructor does in a third of its time."""
         positions.setflags(write=False)
         normals.setflags(write=False)
-        made = object.__new__(cls)
-        made.__dict__.update(
-            bodies=bodies, kinds=kinds, positions=positions, normals=normals, distances=distances
+        return unchecked(
+            cls,
+            bodies=bodies,
+            kinds=kinds,
+            positions=positions,
+            normals=normals,
+            distances=distances,
         )
-        return made
 
     @property
     def hand_count(self) -> int:

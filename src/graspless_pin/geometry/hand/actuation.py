@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import null_space
 
-from graspless_pin.brief import Brief
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.hand.coupling import groups_that_share
 from graspless_pin.geometry.hand.fingers import ControlPlan
@@ -24,6 +23,7 @@ from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
 from graspless_pin.geometry.pickling import Record
 from graspless_pin.problem import ControlMode
 from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.records import Brief
 
 
 @dataclass(frozen=True, eq=False, repr=False)

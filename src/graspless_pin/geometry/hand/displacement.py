@@ -10,6 +10,7 @@ import pinocchio as pin  # pyright: ignore[reportMissingImports]
 
 from graspless_pin.geometry.hand.tree import KinematicTree
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.records import changed
 
 _ANYWHERE = (
     "joint_index",
@@ -56,5 +57,4 @@ def displaced_tree(tree: KinematicTree, ways: Sequence[FloatArray]) -> Kinematic
     )
     moved = replace(tree, pinocchio_model=model, geometries=geometries, bases=bases)
     # Asked of the tree that is moved, or each place that it is moved to would work it out.
-    vars(moved).update({name: getattr(tree, name) for name in _ANYWHERE})
-    return moved
+    return changed(moved, **{name: getattr(tree, name) for name in _ANYWHERE})

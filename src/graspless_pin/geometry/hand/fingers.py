@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from graspless_pin.brief import Brief
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
 from graspless_pin.geometry.robots.description import FingerSpec
 from graspless_pin.problem import ControlMode
+from graspless_pin.records import Brief
 
 
 @dataclass(frozen=True, repr=False)

@@ -37,6 +37,7 @@ from graspless_pin.geometry.robots.description import FingerSpec, LinkMeshes
 from graspless_pin.geometry.robots.files import describe_model, describe_urdf
 from graspless_pin.problem.checks import FloatArray, all_finite
 from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.records import changed
 
 _LONGEST = 80  # characters of a list of fingers
 
@@ -354,9 +355,7 @@ class Hand(Record):
 
     def _at(self, positions: NDArray[np.float64]) -> Hand:
         """Return this hand at (n,) read-only positions; nothing else is checked again."""
-        moved = object.__new__(type(self))
-        moved.__dict__.update(self.__dict__, positions=positions)
-        return moved
+        return changed(self, positions=positions)
 
 
 _LINKS: Derived[Hand, PosedLinks] = Derived(lambda hand: posed_links(hand.tree, hand.positions))

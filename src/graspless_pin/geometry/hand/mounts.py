@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspless_pin.brief import Brief
 from graspless_pin.errors import ArgumentError, RobotError
 from graspless_pin.geometry.bodies.decomposition import Cut
 from graspless_pin.geometry.hand.effort_limits import expand_overrides, spread_names
@@ -25,6 +24,7 @@ from graspless_pin.geometry.robots.description import (
     RobotDescription,
 )
 from graspless_pin.geometry.robots.files import find_robot
+from graspless_pin.records import Brief
 
 
 @dataclass(frozen=True, eq=False, repr=False)

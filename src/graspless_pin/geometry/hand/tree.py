@@ -12,7 +12,6 @@ import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]
 from numpy.typing import NDArray
 
-from graspless_pin.brief import Brief
 from graspless_pin.errors import ArgumentError, RobotError
 from graspless_pin.geometry.bodies.collision import BodyShapes
 from graspless_pin.geometry.bodies.decomposition import Cut
@@ -31,6 +30,7 @@ from graspless_pin.geometry.hand.work_space import Kinematics, WorkSpace, joint_
 from graspless_pin.geometry.pickling import Record
 from graspless_pin.geometry.robots.description import JointCoupling
 from graspless_pin.problem.checks import FloatArray, read_only
+from graspless_pin.records import Brief
 from graspless_pin.suggestions import names_in_words
 
 

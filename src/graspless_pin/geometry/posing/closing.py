@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.brief import Brief
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject
 from graspless_pin.geometry.contact.distances import LinkDistances, bounded_set
@@ -26,6 +25,7 @@ from graspless_pin.geometry.posing.finger_joints import (
     hand_at,
 )
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.records import Brief
 
 DEEPEST_START = 1e-3
 """Overlap up to which a finger counts as touching before it closes, m."""

@@ -6,9 +6,9 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from graspless_pin.brief import Brief
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.decomposition import DEFAULT_CONCAVITY, DEFAULT_TIME_LIMIT, Cut
+from graspless_pin.records import Brief
 
 
 @dataclass(frozen=True)

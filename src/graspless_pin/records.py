@@ -1,4 +1,7 @@
-"""Short ``repr`` of records: arrays by their shapes, long collections by their sizes."""
+"""What frozen records share: copies that are not checked again, and a short ``repr``.
+
+This is the one place that writes into frozen records.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +10,43 @@ from collections.abc import Set as AbstractSet
 from dataclasses import fields
 from enum import Enum
 from pathlib import PurePath
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 _FEW = 4
 _LONGEST = 80  # characters of a value
+
+
+_Record = TypeVar("_Record")
+
+
+def unchecked(kind: type[_Record], /, **values: Any) -> _Record:
+    """Return a record of values that are right by construction, without its constructor's checks.
+
+    Args:
+        kind: The class of the record.
+        values: By name: all fields, and what else is known of it (cached properties).
+    """
+    record = object.__new__(kind)
+    record.__dict__.update(values)
+    return record
+
+
+def changed(record: _Record, /, *forgotten: str, **values: Any) -> _Record:
+    """Return a copy of a record with other values, which are right by construction.
+
+    Args:
+        record: The record; what was derived from it goes along.
+        forgotten: Names of cached properties that hang on what changes.
+        values: By name, see `unchecked`.
+    """
+    copied = object.__new__(type(record))
+    copied.__dict__.update(record.__dict__)
+    for name in forgotten:
+        copied.__dict__.pop(name, None)
+    copied.__dict__.update(values)
+    return copied
 
 
 class Brief:
