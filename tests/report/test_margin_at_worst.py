@@ -30,12 +30,12 @@ def answer(case: str) -> tuple[Scene, TorqueSolution]:
 @pytest.mark.parametrize(
     ("case", "status", "said"),
     [
-        ("corners", Status.OPTIMAL, f"At worst, these torques leave # N, {RULE}"),
-        ("weak", Status.OPTIMAL, f"At worst, these torques leave -# N, {RULE}"),
+        ("corners", Status.OPTIMAL, f"At worst, these torques leave a margin of # N, {RULE}"),
+        ("weak", Status.OPTIMAL, f"At worst, these torques leave a margin of -# N, {RULE}"),
         (
             "corners",
             Status.LIMIT_REACHED,
-            f"At worst, these torques leave # N or less (not proven), {RULE}",
+            f"At worst, these torques leave a margin of # N or less (not proven), {RULE}",
         ),
         (
             "walls",

@@ -23,7 +23,9 @@ class TorqueScale(StrEnum):
     """The largest share of any joint's own limit."""
 
 
-def torque_objective(margin: float, scale: str = "absolute", regularization: float = 0.0) -> Torque:
+def torque_objective(
+    margin: float = 0.1, scale: str = "absolute", regularization: float = 0.0
+) -> Torque:
     """Return what Algorithm 2 optimises; see `minimize_torque`.
 
     Raises:
