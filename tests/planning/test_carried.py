@@ -88,6 +88,19 @@ def test_an_evaluation_is_a_batch_of_one(algorithm, monkeypatch):
     assert len(searched) <= len(states)  # of twice as many
 
 
+@pytest.mark.parametrize("turn", [0.05, 1.0])
+def test_a_carried_optimum_is_scaled_as_its_problem(turn):
+    """Under a load that is a moment more than a force, about the contacts' centre."""
+    problem = example("paper/cuboid_at_rest").problem()
+    twisted = problem.with_changes(external_wrench=[0.0, 0.0, -turn, 0.0, turn, 0.0])
+    solution, start = solve_from(twisted, Margin(), SolveOptions())
+    assert solution.found
+    found = carried(twisted, Margin(), SolveOptions(), (start,))
+    assert found is not None
+    assert twisted.scales.force > 1.5 * turn
+    assert abs(found[0].unit) == pytest.approx(twisted.scales.force, rel=1e-12)
+
+
 @pytest.mark.parametrize("way", [1.0, -1.0])
 @pytest.mark.parametrize("objective", [Margin(), Torque(required_margin=0.01)])
 def test_a_load_that_no_forces_balance_is_not_carried(objective, way):
