@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.visualization import Mesh, Palette, Picture
-from graspless_pin.visualization.looking import framing
+from graspless_pin.visualization.picture import framing
 
 _FIELD_OF_VIEW = 0.45  # rad
 _FINE = 2  # samples of a pixel along each side

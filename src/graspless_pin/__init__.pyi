@@ -73,8 +73,8 @@ from .scene.poses import fingertip_contact as fingertip_contact
 from .scene.poses import settle as settle
 from .scene.scene import Scene as Scene
 from .solution.certificate import Certificate as Certificate
-from .solution.guarantee import Guarantee as Guarantee
-from .solution.status import Status as Status
+from .solution.certificate import Guarantee as Guarantee
+from .solution.certificate import Status as Status
 from .solution.torque_solution import TorqueSolution as TorqueSolution
 from .solvers.solving import available_solvers as available_solvers
 from .studies.results import read_results as read_results

@@ -17,7 +17,7 @@ from graspless_pin import load_scene
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
 from graspless_pin.geometry.bodies.shapes import Capsule, HalfSpace, MeshShape
 from graspless_pin.geometry.poses import pose_matrix
-from graspless_pin.geometry.posing.resting import lying_object
+from graspless_pin.geometry.posing.settling import lying_object
 from graspless_pin.intake.yaml_text import parse_yaml
 
 FINGER = """

@@ -7,7 +7,7 @@ import pytest
 from cli_tools import EXAMPLES, LINES, PAPER, assert_refused, run, spoilt
 
 from graspless_pin.simulation import video
-from graspless_pin.simulation.world import load_mujoco
+from graspless_pin.simulation.protocol import load_mujoco
 
 BALL = EXAMPLES / "allegro_sphere_on_slope.yaml"
 CUBOID = PAPER / "cuboid_at_rest.yaml"

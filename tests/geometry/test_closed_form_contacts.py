@@ -16,10 +16,13 @@ from graspless_pin.geometry.bodies.polytopes import Polytope, hull_of
 from graspless_pin.geometry.bodies.shape import convex_geometry
 from graspless_pin.geometry.contact import finding
 from graspless_pin.geometry.contact.broad_phase import near_solids, solids_of
-from graspless_pin.geometry.contact.closed_form_contacts import ContactLimits, near_and_closed_form
 from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays
 from graspless_pin.geometry.contact.convex_sets import convex_set
-from graspless_pin.geometry.contact.finding import contact_arrays
+from graspless_pin.geometry.contact.finding import (
+    ContactLimits,
+    contact_arrays,
+    near_and_closed_form,
+)
 from graspless_pin.geometry.poses import pose_matrix
 
 pytestmark = pytest.mark.usefixtures("form")

@@ -20,7 +20,7 @@ from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.hand.tree import KinematicTree, build_tree
 from graspless_pin.geometry.hand.urdf import UrdfDocument, read_urdf
 from graspless_pin.geometry.inspection.audit import audit_urdf
-from graspless_pin.simulation.world import load_mujoco
+from graspless_pin.simulation.protocol import load_mujoco
 
 mujoco = load_mujoco()
 

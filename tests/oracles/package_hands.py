@@ -31,7 +31,7 @@ from graspless_pin.errors import GrasplessPinError, GrasplessPinWarning
 from graspless_pin.geometry.bodies.collision import CollisionBody
 from graspless_pin.geometry.contact.finding import find_contacts
 from graspless_pin.geometry.poses import invert
-from graspless_pin.simulation.world import load_mujoco
+from graspless_pin.simulation.protocol import load_mujoco
 
 GRIPPERS = "robosuite/models/assets/grippers"
 GYMNASIUM = "gymnasium_robotics/envs/assets"

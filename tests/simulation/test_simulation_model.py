@@ -16,7 +16,7 @@ from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.poses import pose_matrix
 from graspless_pin.scene import Scene
 from graspless_pin.simulation import simulate, simulation_model
-from graspless_pin.simulation.world import load_mujoco
+from graspless_pin.simulation.protocol import load_mujoco
 
 mujoco = load_mujoco()
 

@@ -57,10 +57,10 @@ def made(count):
 
 @pytest.fixture(autouse=True)
 def small_parts(monkeypatch):
-    monkeypatch.setattr("graspless_pin.studies.tables.PART_ROWS", PART)
+    monkeypatch.setattr("graspless_pin.studies.results.PART_ROWS", PART)
     monkeypatch.setattr("graspless_pin.studies.results.PART_ROWS", PART)
     monkeypatch.setattr("graspless_pin.studies.run.check_study", lambda _: None)
-    monkeypatch.setattr("graspless_pin.studies.dispatch._LARGEST_CHUNK", 32)
+    monkeypatch.setattr("graspless_pin.studies.executors._LARGEST_CHUNK", 32)
 
 
 def most_bytes(call):
@@ -117,7 +117,7 @@ def test_rows_in_any_order_make_the_same_table(tmp_path, monkeypatch):
     sampled, rng = made(count), np.random.default_rng(0)
 
     def table(name, order, rows):
-        monkeypatch.setattr("graspless_pin.studies.tables.PART_ROWS", rows)
+        monkeypatch.setattr("graspless_pin.studies.results.PART_ROWS", rows)
         identity = {"format": JOURNAL_FORMAT, "fingerprint": name, "versions": {}}
         journal = Journal(tmp_path / f"{name}.journal", identity)
         journal.append([row_of(number) for number in order])

@@ -65,7 +65,7 @@ def test_the_number_of_processes_does_not_matter(tmp_path):
 def test_processes_have_one_thread_of_linear_algebra(tmp_path, monkeypatch):
     """The parent keeps as many as it had. What starts slowly and is not needed, they leave."""
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "7")
-    monkeypatch.setattr("graspless_pin.studies.dispatch.evaluate_each", tells_threads)
+    monkeypatch.setattr("graspless_pin.studies.executors.evaluate_each", tells_threads)
     table = run_study(
         study({"friction": FRICTION}), tmp_path / "out.csv", workers=1, progress=False
     )
@@ -149,7 +149,7 @@ def assert_bad_samples_are_rows(tmp_path, monkeypatch, **options):
     content = sobol(compute={"sample_time_limit": 3}, description=str(tmp_path / "died"))
     made = load_study(study_file(tmp_path, content))
     expected = here(made, tmp_path / "whole.csv")
-    monkeypatch.setattr("graspless_pin.studies.dispatch.evaluate_each", misbehaves)
+    monkeypatch.setattr("graspless_pin.studies.executors.evaluate_each", misbehaves)
     table: Any = run_study(made, tmp_path / "out.csv", progress=False, **options)
     bad = list(TOLD)
     assert list(zip(table["status"][bad], table["error"][bad], strict=True)) == [*TOLD.values()]
@@ -186,7 +186,7 @@ def test_an_interrupt_does_not_wait_for_a_sample_that_hangs(tmp_path, monkeypatc
     """And keeps the rows before it, those of its chunk too."""
     hanging = tmp_path / "hanging"
     made = load_study(study_file(tmp_path, sobol(description=str(hanging))))
-    monkeypatch.setattr("graspless_pin.studies.dispatch.evaluate_each", hangs_at_seven)
+    monkeypatch.setattr("graspless_pin.studies.executors.evaluate_each", hangs_at_seven)
 
     def wait_for_the_hang(running, **options):
         while True:
@@ -196,8 +196,8 @@ def test_an_interrupt_does_not_wait_for_a_sample_that_hangs(tmp_path, monkeypatc
             if hanging.exists():
                 raise KeyboardInterrupt
 
-    monkeypatch.setattr("graspless_pin.studies.dispatch.wait", wait_for_the_hang)
-    monkeypatch.setattr("graspless_pin.studies.dispatch._CHUNK_SECONDS", 1e3)
+    monkeypatch.setattr("graspless_pin.studies.executors.wait", wait_for_the_hang)
+    monkeypatch.setattr("graspless_pin.studies.executors._CHUNK_SECONDS", 1e3)
     with pytest.raises(KeyboardInterrupt):
         run_study(made, tmp_path / "out.csv", workers=1, progress=False)
     # Rows that come fast are sent together, never more than were there before.

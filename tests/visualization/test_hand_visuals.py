@@ -10,7 +10,7 @@ import trimesh
 from graspless_pin.geometry.bodies.triangles import Triangles
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.mounts import Mount
-from graspless_pin.geometry.hand.visuals import hand_triangles
+from graspless_pin.visualization.drawing import hand_triangles
 
 URDF = """\
 <robot name="finger">

@@ -13,8 +13,7 @@ from graspless_pin.solution import TorqueSolution
 from graspless_pin.visualization import DARK, LIGHT, Mesh, Role, draw_scene
 from graspless_pin.visualization.contacts import draw_contacts
 from graspless_pin.visualization.drawing import draw_bodies
-from graspless_pin.visualization.looking import framing
-from graspless_pin.visualization.picture import HIDDEN_AT_FIRST
+from graspless_pin.visualization.picture import HIDDEN_AT_FIRST, framing
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 SCENES = [

@@ -20,7 +20,7 @@ from graspless_pin.errors import ArgumentError, GrasplessPinError
 from graspless_pin.findings import Finding, Severity, gravest_first, heard, is_serious
 from graspless_pin.intake.text import printable
 from graspless_pin.progress import waiting_for
-from graspless_pin.solution.status import UNDECIDED
+from graspless_pin.solution.certificate import UNDECIDED
 
 if TYPE_CHECKING:
     from graspless_pin.scene import Scene

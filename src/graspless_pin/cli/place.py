@@ -13,8 +13,8 @@ from graspless_pin.findings import tell
 from graspless_pin.holding.options import BRIEF_NODE_LIMIT
 from graspless_pin.planning import place_hand
 from graspless_pin.progress import waiting_for
+from graspless_pin.scene.entry_findings import unit_findings
 from graspless_pin.scene.saving import scene_text, write_scene_file
-from graspless_pin.scene.unlikely_units import unit_findings
 
 
 def place(

@@ -2,16 +2,100 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from tabulate import tabulate
 
 from graspless_pin.cli.outcome import ExitCode, plain_errors
 from graspless_pin.findings import is_serious
-from graspless_pin.geometry.inspection.audit import audit_urdf
-from graspless_pin.geometry.inspection.listing import list_robots
-from graspless_pin.report.robots import audit_text, robot_text, robots_text
+from graspless_pin.geometry.inspection.audit import AuditReport, audit_urdf
+from graspless_pin.geometry.inspection.listing import EffortRecord, RobotRecord, list_robots
+
+_FINGERS = 20
+"""Columns for the names of fingers: then a table of robots fits 80."""
+
+
+def robots_text(robots: Sequence[RobotRecord]) -> str:
+    """Return a table of robots: fingers, joints and effort limits, at most 80 columns wide."""
+    rows = []
+    for robot in robots:
+        if robot.problem is not None:
+            rows.append([robot.name, "-", "-", robot.problem])
+            continue
+        driven = [joint for joint in robot.joints if joint.effort is not None]
+        coupled = sum(bool(joint.follows) for joint in robot.joints)
+        joints = f"{len(robot.joints)}" + (f", {coupled} coupled" if coupled else "")
+        efforts = [joint.effort for joint in driven if joint.effort and not joint.is_held]
+        efforts += robot.tendons.values()
+        rows.append([robot.name, ", ".join(robot.fingers), joints, _limits(efforts)])
+    headers = ["robot", "fingers", "joints", "limits [N m, N]"]
+    return tabulate(rows, headers, maxcolwidths=[None, _FINGERS, None, 21])
+
+
+def robot_text(robot: RobotRecord) -> str:
+    """Return one robot in full: every joint with its limits and their sources."""
+    if robot.problem is not None:
+        return f"{robot.name}: {robot.problem}"
+    rows = []
+    for joint in robot.joints:
+        state = "locked" if joint.is_locked else "held" if joint.is_held else "driven"
+        if joint.effort is None and not joint.is_locked:
+            state = "pulled by tendons"
+        if joint.follows:
+            state = "follows " + ", ".join(
+                f"{factor:g} x {name}" for name, factor in joint.follows.items()
+            )
+        effort = (
+            "-" if joint.effort is None else f"{joint.effort.lower:g} .. {joint.effort.upper:g}"
+        )
+        position = f"{joint.lower:.3f} .. {joint.upper:.3f}"
+        rows.append([joint.name, joint.kind, position, effort, state])
+    for name, pull in robot.tendons.items():
+        rows.append([name, "tendon", "-", f"{pull.lower:g} .. {pull.upper:g}", "driven"])
+    fingers = "\n".join(
+        f"  {name}: {', '.join(finger.joints)}" for name, finger in robot.fingers.items()
+    )
+    efforts = [joint.effort for joint in robot.joints if joint.effort is not None]
+    efforts += robot.tendons.values()
+    sources = dict.fromkeys(f"  {effort.source}" for effort in efforts)
+    table = tabulate(rows, ["joint", "kind", "position [rad, m]", "effort [N m, N]", ""])
+    return (
+        f"{robot.name}, {robot.origin}\nfingers:\n{fingers}\n\n{table}\n\nwhere the limits come "
+        "from:\n" + "\n".join(sources)
+    )
+
+
+def audit_text(report: AuditReport) -> str:
+    """Return what an audit found and what to do about it."""
+    loads = "can be mounted as it is" if report.loads else "cannot be mounted as it is"
+    if report.loads and is_serious(report.findings):
+        loads = "loads, but something serious is wrong"
+    lines = [
+        f"{report.name} ({report.urdf_path}): {loads}",
+        f"{len(report.links)} links, {len(report.joints)} movable joints; palm: "
+        f"{', '.join(report.palms) or 'none found'}",
+    ]
+    lines += [f"finger {name}: {', '.join(joints)}" for name, joints in report.fingers.items()]
+    if not report.findings:
+        lines.append("nothing to mend")
+    for finding in report.findings:
+        lines.append(
+            f"{finding.code.words}: {finding.subject}: {finding.message}\n    {finding.advice}"
+        )
+    return "\n".join(lines)
+
+
+def _limits(efforts: Sequence[EffortRecord]) -> str:
+    """Return the range of the limits and how many of them are unknown."""
+    if not efforts:
+        return "-"
+    largest = sorted({max(abs(effort.lower), abs(effort.upper)) for effort in efforts})
+    text = f"{largest[0]:g}" if len(largest) == 1 else f"{largest[0]:g} to {largest[-1]:g}"
+    unknown = sum(not effort.known for effort in efforts)
+    return text if not unknown else f"{text} ({unknown} unknown)"
 
 
 def robots(

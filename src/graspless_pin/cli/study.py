@@ -12,7 +12,7 @@ import typer
 
 from graspless_pin.cli import INTERRUPTED
 from graspless_pin.cli.outcome import ExitCode, plain_errors
-from graspless_pin.report.document_files import SampleDocuments
+from graspless_pin.report.document import SampleDocuments
 from graspless_pin.studies import compute_study, load_study, results_parts, results_summary
 from graspless_pin.studies.executors import dask_executor
 from graspless_pin.studies.rows import FINDINGS

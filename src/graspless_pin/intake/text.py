@@ -1,10 +1,16 @@
-"""What may stand in texts: no control characters, no halves of characters, no endless names."""
+"""Texts within bounds: characters and names, JSON, and XML without entities."""
 
 from __future__ import annotations
 
+import json
+import math
 import re
+import xml.etree.ElementTree as ET
+from typing import Any, NoReturn
+from xml.parsers import expat
 
 from graspless_pin.bounds import LONGEST_NAME
+from graspless_pin.errors import TextError
 
 _BEGINNING = 30  # characters of a name that a message shows
 _UNPRINTABLE = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
@@ -32,3 +38,137 @@ def fault_of_name(name: str) -> str:
 def printable(text: str) -> str:
     """Return the text with all such characters written as their codes."""
     return _UNPRINTABLE.sub(lambda found: f"<U+{ord(found[0]):04X}>", text)
+
+
+DEEPEST_JSON = 50
+"""More levels of objects and lists than any document has."""
+LONGEST_JSON_NUMBER = 500
+"""More digits than any number has."""
+
+
+def parse_json(text: str) -> Any:
+    """Parse a JSON text.
+
+    Raises:
+        TextError: It is not standard JSON, is nested more than 50 levels deep, holds a number that
+            is no finite double, a repeated key, or a character that cannot be printed.
+    """
+    try:
+        data = json.loads(
+            text,
+            parse_int=_whole,
+            parse_float=_real,
+            parse_constant=_no_constant,
+            object_pairs_hook=_mapping,
+        )
+    except RecursionError:
+        raise TextError(_TOO_DEEP) from None
+    except json.JSONDecodeError as error:
+        raise TextError(f"is not JSON: {error}") from None
+    _check(data)
+    return data
+
+
+_TOO_DEEP = f"is nested too deeply; at most {DEEPEST_JSON} levels are possible"
+
+
+def _whole(digits: str) -> int:
+    if len(digits) > LONGEST_JSON_NUMBER or not math.isfinite(float(digits)):
+        raise TextError(f"has a whole number of {len(digits)} digits, which no double holds")
+    return int(digits)
+
+
+def _real(digits: str) -> float:
+    value = float(digits)
+    if not math.isfinite(value):
+        raise TextError(f"has the number {digits[:50]}, which no double holds")
+    return value
+
+
+def _no_constant(word: str) -> NoReturn:
+    raise TextError(f"is not JSON: has the word {word}; write null for what is no number")
+
+
+def _mapping(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    made = dict(pairs)
+    if len(made) < len(pairs):
+        names = [name for name, _ in pairs]
+        repeated = next(name for name in made if names.count(name) > 1)
+        raise TextError(f"has the key {repeated[:50]!r} twice in one object; keep one")
+    return made
+
+
+def _check(data: Any) -> None:
+    """Check depth and text, level by level: no recursion, however deep."""
+    level = [data]
+    for _ in range(DEEPEST_JSON + 1):
+        inner: list[Any] = []
+        for item in level:
+            if isinstance(item, str):
+                code = bad_character(item)
+                if code is not None:
+                    raise TextError(f"has the character {code}, which cannot be printed")
+            elif isinstance(item, dict):
+                inner += item
+                inner += item.values()
+            elif isinstance(item, list):
+                inner += item
+        level = inner
+        if not level:
+            return
+    raise TextError(_TOO_DEEP)
+
+
+DEEPEST_XML = 100
+"""More levels than any file has; further ones cost stack in whatever reads them."""
+MOST_ELEMENTS = 200_000
+"""More elements than any file has."""
+
+
+def parse_xml(content: bytes) -> ET.Element:
+    """Return the root element of XML without expanding anything.
+
+    Prefixes stay part of the names (``drake:rotor_inertia``), whether they are declared or not:
+    readers of URDFs do not look for their declaration, so that many files have none.
+
+    Raises:
+        TextError: It is empty, not well-formed, declares a DOCTYPE or entities, is nested more than
+            100 levels deep or has more than 200 000 elements.
+    """
+    if not content.strip():
+        raise TextError("is empty; give the file that was meant, or export it again")
+    builder = ET.TreeBuilder()
+    depth = count = 0
+
+    def refuse(*_: object) -> None:
+        raise TextError(
+            "the file declares a DOCTYPE or XML entities; it needs neither, remove the declaration"
+        )
+
+    def begin(name: str, attributes: dict[str, str]) -> None:
+        nonlocal depth, count
+        depth, count = depth + 1, count + 1
+        if depth > DEEPEST_XML:
+            raise TextError(f"is nested too deeply; at most {DEEPEST_XML} levels are possible")
+        if count > MOST_ELEMENTS:
+            raise TextError(f"has more than {MOST_ELEMENTS} elements, the most that is possible")
+        builder.start(name, attributes)
+
+    def end(name: str) -> None:
+        nonlocal depth
+        depth -= 1
+        builder.end(name)
+
+    reader = expat.ParserCreate()
+    reader.buffer_text = True
+    reader.StartDoctypeDeclHandler = refuse
+    reader.EntityDeclHandler = refuse
+    reader.StartElementHandler = begin
+    reader.EndElementHandler = end
+    reader.CharacterDataHandler = builder.data
+    try:
+        reader.Parse(content, True)  # noqa: FBT003 - final, a positional-only flag
+    except (expat.ExpatError, ValueError, LookupError) as error:
+        # An encoding that Python does not know, or not as one for XML, is no ExpatError.
+        raise TextError(f"not well-formed XML ({error})") from error
+    return builder.close()

@@ -4,12 +4,11 @@ from graspless_pin.planning.configuration_gradient import (
     ConfigurationGradient,
     configuration_gradient,
 )
-from graspless_pin.planning.contact_changes import ContactChange
 from graspless_pin.planning.evaluated_states import EvaluatedStates
 from graspless_pin.planning.evaluation import Evaluation, StateStatus
 from graspless_pin.planning.evaluator import Evaluator
 from graspless_pin.planning.hand_placement import HandPlacement, PlacedHand
-from graspless_pin.planning.path import PathProfile, Waypoint, evaluate_path
+from graspless_pin.planning.path import ContactChange, PathProfile, Waypoint, evaluate_path
 from graspless_pin.planning.path_export import joint_trajectory, write_path_csv
 from graspless_pin.planning.placing import place_hand
 from graspless_pin.planning.placing_candidates import PlacingFault

@@ -39,7 +39,7 @@ from graspless_pin.problem.checks import choice, finite_array, real_number, whol
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene, settle
 from graspless_pin.scene.load import checked_scene
-from graspless_pin.scene.perturbation import displaced_hand
+from graspless_pin.scene.poses import displaced_hand
 from graspless_pin.scene.saving import scene_as_written
 from graspless_pin.solution import Status, TorqueSolution
 

@@ -15,14 +15,15 @@ from graspless_pin.findings import heard
 from graspless_pin.geometry.bodies.collision import PlacedBodies
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.poses import invert
-from graspless_pin.geometry.posing.approaching import (
+from graspless_pin.geometry.posing.arms import brought_palm
+from graspless_pin.geometry.posing.closing import (
+    ClosingResult,
     back_until_free,
     centering_shift,
+    close_hand,
     moved_bodies,
     shortfall,
 )
-from graspless_pin.geometry.posing.arms import brought_palm
-from graspless_pin.geometry.posing.closing import ClosingResult, close_hand
 from graspless_pin.geometry.posing.finger_joints import driving_columns, groups_of_fingers
 from graspless_pin.geometry.posing.opposing import carrier_links
 from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
@@ -40,7 +41,7 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.contact_map import contact_map
 from graspless_pin.scene import Scene
-from graspless_pin.scene.perturbation import displaced_hand
+from graspless_pin.scene.poses import displaced_hand
 from graspless_pin.scene.state_findings import hand_overlaps
 from graspless_pin.solution import UNDECIDED, Status
 

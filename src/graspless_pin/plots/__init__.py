@@ -4,13 +4,17 @@ Needs the extra ``plots``. Without ``ax`` a new pyplot figure is made; with it n
 axes is touched, so that plots can be combined and styled by the caller.
 """
 
+from graspless_pin.plots.bars import normal_force_ranges, torque_bars
 from graspless_pin.plots.boundaries import outcome_boundary
 from graspless_pin.plots.cones import friction_section
-from graspless_pin.plots.curves import disturbance_polar, margin_torque_plot, plane_directions
-from graspless_pin.plots.paths import path_margins, path_torques
-from graspless_pin.plots.ranges import normal_force_ranges
+from graspless_pin.plots.curves import (
+    disturbance_polar,
+    margin_torque_plot,
+    path_margins,
+    path_torques,
+    plane_directions,
+)
 from graspless_pin.plots.tables import margin_heat_map, margin_plot
-from graspless_pin.plots.torques import torque_bars
 
 __all__ = [
     "disturbance_polar",

@@ -24,10 +24,8 @@ from graspless_pin.bounds import (
 )
 from graspless_pin.errors import ArgumentError, GrasplessPinError, SceneError, TextError
 from graspless_pin.findings import Finding, FindingCode
-from graspless_pin.intake.files import FileKind, read_text, refuse_other_kind
-from graspless_pin.intake.json_text import parse_json
-from graspless_pin.intake.recognition import kind_of_data
-from graspless_pin.intake.text import fault_of_name
+from graspless_pin.intake.files import FileKind, kind_of_data, read_text, refuse_other_kind
+from graspless_pin.intake.text import fault_of_name, parse_json
 from graspless_pin.intake.yaml_text import parse_yaml
 from graspless_pin.modes.rules import Rules, SlidingMode
 from graspless_pin.problem import QuasistaticProblem

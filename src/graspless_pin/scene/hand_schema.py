@@ -25,7 +25,7 @@ from graspless_pin.intake.fields import (
     Signed,
 )
 from graspless_pin.scene.body_schema import PoseEntry
-from graspless_pin.scene.degrees import merged_angles
+from graspless_pin.scene.units import merged_angles
 
 LinkConvex = Annotated[
     Convex | ByName[Convex] | None,

@@ -30,7 +30,7 @@ from graspless_pin.problem.inertias import moving_joints
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.problem.quasistatic import QuasistaticProblem
 from graspless_pin.scene.load import checked_scene
-from graspless_pin.scene.perturbation import bent_hand, moved_scene
+from graspless_pin.scene.poses import bent_hand, moved_scene
 from graspless_pin.scene.scene import Scene
 
 ARMATURE, DAMPING = 1e-4, 0.02

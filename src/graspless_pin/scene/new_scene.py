@@ -23,14 +23,14 @@ from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.poses import pose_matrix
 from graspless_pin.geometry.posing.arms import arm_above
 from graspless_pin.geometry.posing.opposing import carrier_of, fingers_that_close
-from graspless_pin.geometry.posing.resting import clear_base, lying_object
+from graspless_pin.geometry.posing.settling import clear_base, lying_object
 from graspless_pin.geometry.robots.description import RobotDescription
 from graspless_pin.geometry.robots.files import find_robot
 from graspless_pin.intake.yaml_edit import flow_of, yaml_of
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.scene.entry_findings import unit_findings
 from graspless_pin.scene.saving import paths_beside
 from graspless_pin.scene.serialization import plain, stated_robot, stated_rotation
-from graspless_pin.scene.unlikely_units import unit_findings
 
 SCHEMA_FILE = "scene.schema.json"
 """Beside a new scene: the JSON schema, which editors read."""

@@ -19,11 +19,11 @@ from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.intake.files import is_file, read_text
 from graspless_pin.intake.yaml_edit import edited_yaml, same_data, yaml_of
 from graspless_pin.intake.yaml_text import parse_yaml
-from graspless_pin.scene.degrees import merged_angles, parted_angles
 from graspless_pin.scene.load import build_scene
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.scene.serialization import described, stated_hand, stated_rotation, stated_scene
+from graspless_pin.scene.units import merged_angles, parted_angles
 from graspless_pin.scene.validation_errors import validated
 from graspless_pin.scene.yaml_source import SCENE, Location, YamlSource, key_text
 

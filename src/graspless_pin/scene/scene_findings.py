@@ -17,9 +17,8 @@ from graspless_pin.geometry.contact.steadiness import normal_jumps
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
 from graspless_pin.problem.joint_units import JointUnit
-from graspless_pin.scene.entry_findings import MOST_ANGLE
+from graspless_pin.scene.entry_findings import MOST_ANGLE, box_around, unit_findings
 from graspless_pin.scene.state_findings import StateChecks, state_findings
-from graspless_pin.scene.unlikely_units import box_around, unit_findings
 
 if TYPE_CHECKING:
     from graspless_pin.scene.scene import Scene

@@ -21,10 +21,10 @@ from graspless_pin.geometry.robots.description import RobotDescription
 from graspless_pin.geometry.robots.files import find_robot, load_robot, robot_names
 from graspless_pin.problem import ControlMode
 from graspless_pin.scene.body_building import stated_turn
-from graspless_pin.scene.degrees import degrees_of
 from graspless_pin.scene.motion_and_contacts import Motion
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_schema import SolveEntry
+from graspless_pin.scene.units import degrees_of
 
 _SAME_ROTATION = 1e-12
 _AS_THEY_ARE = (

@@ -9,8 +9,13 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from graspless_pin.errors import ArgumentError, GrasplessPinError, SceneError
-from graspless_pin.intake.files import FileKind, errors_of_text, read_text, refuse_other_kind
-from graspless_pin.intake.recognition import kind_of_data
+from graspless_pin.intake.files import (
+    FileKind,
+    errors_of_text,
+    kind_of_data,
+    read_text,
+    refuse_other_kind,
+)
 from graspless_pin.intake.yaml_text import Location, parse_yaml
 
 __all__ = ["SCENE", "Location", "YamlSource", "key_text"]

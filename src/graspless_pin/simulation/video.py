@@ -17,8 +17,7 @@ from graspless_pin.errors import GrasplessPinError, SceneError
 from graspless_pin.findings import Finding, FindingCode, tell
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.simulation.model import OBJECT
-from graspless_pin.simulation.protocol import Simulation
-from graspless_pin.simulation.world import load_mujoco
+from graspless_pin.simulation.protocol import Simulation, load_mujoco
 
 _SIZE = 480, 640  # rows, columns
 _FRAMES = 50  # a second, of simulated time; played at half the speed

@@ -1,9 +1,7 @@
 """What the algorithms return."""
 
-from graspless_pin.solution.certificate import Certificate
-from graspless_pin.solution.guarantee import Guarantee
+from graspless_pin.solution.certificate import FOUND, UNDECIDED, Certificate, Guarantee, Status
 from graspless_pin.solution.proof import Evidence
-from graspless_pin.solution.status import FOUND, UNDECIDED, Status
 from graspless_pin.solution.torque_solution import TorqueSolution, checked_solution
 
 __all__ = [

@@ -1,10 +1,13 @@
-"""How well an answer is proven."""
+"""What an answer is worth: its status, how well it is proven, and the verdict asked for."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import Enum
 
 import numpy as np
+
+from graspless_pin.holding.verdict import StabilityVerdict
 
 
 @dataclass(frozen=True)
@@ -50,3 +53,79 @@ class Certificate:
     solver: str
     force_reach: float = np.inf
     threshold_optima: tuple[float, float] | None = None
+
+
+class Status(Enum):
+    """What is known of the problem; the value is the message.
+
+    Examples:
+        >>> from graspless_pin import Status, explain, load_scene, minimize_torque
+        >>> problem = load_scene("examples/paper/cuboid_at_rest.yaml").problem()
+        >>> solution = minimize_torque(problem, margin=30.0)
+        >>> solution.status is Status.INFEASIBLE_FORCES
+        True
+        >>> print(explain(solution).suggestions[0].text)
+        the required margin would have to be at most 1.6503 N
+    """
+
+    OPTIMAL = "optimal over all feasible virtual-sliding modes"
+    OPTIMAL_IN_MODE = "optimal in the given virtual-sliding mode"
+    LIMIT_REACHED = (
+        "the best found; that nothing is better was not proven (a node or time limit, a program "
+        "that no solver answered, or a proof that does not close)"
+    )
+    INFEASIBLE_FORCES = (
+        "infeasible: no contact forces inside the cones, normal-force and torque limits balance "
+        "the external wrench with the required margin"
+    )
+    INFEASIBLE_MODES = (
+        "infeasible: forces that balance exist, but none whose friction opposes a kinematically "
+        "feasible virtual sliding"
+    )
+    INFEASIBLE_IN_MODE = "infeasible in the given virtual-sliding mode"
+    INFEASIBLE_MODE = "the given virtual-sliding mode has no virtual motion behind it"
+    NOT_FOUND_IN_LIMIT = "nothing found when a node or time limit ended the search"
+    UNVERIFIED = "no solver gave an answer that passes the check"
+    LOAD_TOO_LARGE = (
+        "the load is too large for the limits: what they leave to the joints is lost in the "
+        "rounding of the balance"
+    )
+    STRONG = "the best found of the torques of which rest is the only outcome"
+    STRONG_NOT_FOUND = (
+        "no torques found of which rest is the only outcome; that there are none is not proven"
+    )
+    INFEASIBLE_STRONG = "infeasible: rest is the only outcome of no torques"
+
+    @property
+    def message(self) -> str:
+        """The message in words."""
+        return self.value
+
+
+UNDECIDED = frozenset(
+    {Status.NOT_FOUND_IN_LIMIT, Status.UNVERIFIED, Status.LOAD_TOO_LARGE, Status.STRONG_NOT_FOUND}
+)
+"""What leaves open whether there is a solution."""
+FOUND = frozenset({Status.OPTIMAL, Status.OPTIMAL_IN_MODE, Status.LIMIT_REACHED, Status.STRONG})
+
+
+@dataclass(frozen=True, eq=False)
+class Guarantee:
+    """What a search for torques of which rest is the only outcome has found.
+
+    See the example of `stability`.
+
+    Attributes:
+        verdict: On the solution's torques; where none were found, on those of the best case. None
+            in solutions that were read from documents.
+        best_case: The best value of the objective over all forces that statics leave open, in its
+            own unit; guaranteed torques are not better.
+        gap: By how much the solution's value is worse, same unit; NaN where none was found. The
+            gap to the best bound proven stands in the solution's `certificate`.
+        tried: Sets of torques that verdicts were asked of.
+    """
+
+    verdict: StabilityVerdict | None
+    best_case: float
+    gap: float
+    tried: int

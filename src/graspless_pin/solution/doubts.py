@@ -9,8 +9,7 @@ import numpy as np
 
 from graspless_pin.findings import Finding, FindingCode
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.solution.certificate import Certificate
-from graspless_pin.solution.status import Status
+from graspless_pin.solution.certificate import Certificate, Status
 from graspless_pin.solution.tables import figure
 
 _NOTHING = 1e-6  # of the load

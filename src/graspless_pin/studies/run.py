@@ -34,17 +34,23 @@ from graspless_pin.problem.checks import whole_number
 from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.scene.validation_errors import validated
 from graspless_pin.solvers import check_solver
-from graspless_pin.studies.dispatch import Dispatch
-from graspless_pin.studies.executors import Workforce, given_executor, local_processes
+from graspless_pin.studies.executors import Dispatch, Workforce, given_executor, local_processes
 from graspless_pin.studies.journal import JOURNAL_FORMAT, Journal, discard
 from graspless_pin.studies.keys import Tree
-from graspless_pin.studies.refinement import AdaptiveSamples
-from graspless_pin.studies.results import read_results, results_about, results_parts
+from graspless_pin.studies.results import (
+    check_columns,
+    format_of,
+    read_results,
+    require_tables,
+    results_about,
+    results_parts,
+    write_results,
+)
 from graspless_pin.studies.rows import Row
 from graspless_pin.studies.sample_evaluation import Failure
 from graspless_pin.studies.sample_parts import Sample, SampleParts
+from graspless_pin.studies.sampling import AdaptiveSamples
 from graspless_pin.studies.study import Study
-from graspless_pin.studies.tables import check_columns, format_of, require_tables, write_results
 from graspless_pin.versions import versions
 
 if TYPE_CHECKING:

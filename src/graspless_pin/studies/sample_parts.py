@@ -10,8 +10,7 @@ from graspless_pin.scene.build_cache import SceneParts
 from graspless_pin.scene.load import FIELDS_BY_KEY
 from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.validation_errors import is_alike
-from graspless_pin.studies.keys import MOVABLE, Tree, copied, movable_part, with_part
-from graspless_pin.studies.variables import Variable
+from graspless_pin.studies.keys import MOVABLE, Tree, Variable, copied, movable_part, with_part
 
 Sample = tuple[Any, ...]
 """The value of every variable."""

@@ -16,7 +16,7 @@ from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.scene import Scene
 from graspless_pin.scene.friction import FrictionTable
-from graspless_pin.scene.perturbation import displaced_hand
+from graspless_pin.scene.poses import displaced_hand
 from graspless_pin.suggestions import names_in_words
 
 _FRICTION = "friction/"

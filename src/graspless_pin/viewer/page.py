@@ -20,8 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import CrashError, GrasplessPinError
 from graspless_pin.scene import Scene
-from graspless_pin.viewer.auth import Gate, gated, is_switch, one_of
-from graspless_pin.viewer.control_panel import Desk
+from graspless_pin.viewer.auth import SCHEMES, Gate, check_address, gated, is_switch, one_of
 from graspless_pin.viewer.controls import (
     ALONG,
     HAND_PLACE,
@@ -30,8 +29,8 @@ from graspless_pin.viewer.controls import (
     placed_values,
     support_frame,
 )
-from graspless_pin.viewer.entry import SCHEMES, check_address
 from graspless_pin.viewer.panels import (
+    Desk,
     contacts_html,
     headline_html,
     legend_html,
@@ -40,7 +39,6 @@ from graspless_pin.viewer.panels import (
     torque_html,
     verdict_html,
 )
-from graspless_pin.viewer.player import OUTCOME, SLIDING, Player
 from graspless_pin.viewer.scene_process import (
     SceneProcess,
     Settings,
@@ -50,7 +48,7 @@ from graspless_pin.viewer.scene_process import (
     initial_settings,
     words_of,
 )
-from graspless_pin.viewer.scene_view import NUMBERS, Stage
+from graspless_pin.viewer.scene_view import NUMBERS, OUTCOME, SLIDING, Player, Stage
 from graspless_pin.visualization import Role
 from graspless_pin.visualization.drawing import object_radius
 from graspless_pin.visualization.picture import HIDDEN_AT_FIRST

@@ -19,15 +19,23 @@ from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.active_limits import ContactLimit, contact_rooms, limiting_contacts
 from graspless_pin.solution.tables import force_rounding, shown
 from graspless_pin.solution.utilization import contact_state, friction_use
-from graspless_pin.visualization.bearings import with_bearings, with_force_scale
-from graspless_pin.visualization.looking import look_across, preset_views, up_against
-from graspless_pin.visualization.picture import Mark, Mesh, Picture, Role
-from graspless_pin.visualization.solids import (
+from graspless_pin.visualization.picture import (
+    Mark,
+    Mesh,
+    Picture,
+    Role,
+    look_across,
+    preset_views,
+    up_against,
+)
+from graspless_pin.visualization.primitives import (
     BALL_RINGS,
     Solid,
     arrow_surface,
     ball_surface,
     pyramid_surface,
+    with_bearings,
+    with_force_scale,
 )
 
 

@@ -2,24 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
-from graspless_pin.errors import ArgumentError
+from graspless_pin.errors import ArgumentError, MeshError
 from graspless_pin.geometry.bodies.object_and_supports import Support
-from graspless_pin.geometry.bodies.shapes import HalfSpace
-from graspless_pin.geometry.bodies.triangles import Triangles, slab_triangles
+from graspless_pin.geometry.bodies.shapes import HalfSpace, shape_of
+from graspless_pin.geometry.bodies.triangles import (
+    Triangles,
+    file_triangles,
+    simplified,
+    slab_triangles,
+)
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.hand.visuals import hand_triangles
+from graspless_pin.geometry.hand.urdf_visuals import LinkVisual
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
-from graspless_pin.visualization.bearings import with_bearings
 from graspless_pin.visualization.contacts import with_contacts
-from graspless_pin.visualization.looking import look_across, preset_views, up_against
-from graspless_pin.visualization.picture import Mesh, Picture, Role
+from graspless_pin.visualization.picture import (
+    Mesh,
+    Picture,
+    Role,
+    look_across,
+    preset_views,
+    up_against,
+)
+from graspless_pin.visualization.primitives import with_bearings
 
 _OBJECT_OPACITY = 0.45
 # Of a wall between the object and who looks at it.
@@ -207,3 +219,41 @@ def _enclosing(points: FloatArray) -> tuple[FloatArray, float]:
 
 def _mesh(name: str, role: Role, surface: Triangles, opacity: float) -> Mesh:
     return Mesh(name, role, surface.vertices, surface.faces, opacity)
+
+
+def hand_triangles(hand: Hand, *, max_faces: int = 1500) -> Iterator[tuple[str, Triangles]]:
+    """Yield the link and the triangles of each of a hand's shapes, world frame, m.
+
+    A link looks as the URDF's visual shapes say; one that has none, or none that can be read, as
+    its collision shapes.
+
+    Args:
+        hand: The hand at its configuration.
+        max_faces: Most triangles of one shape; finer meshes are simplified.
+    """
+    visuals: dict[str, list[LinkVisual]] = {}
+    for visual in hand.tree.visuals:
+        visuals.setdefault(visual.link, []).append(visual)
+    drawn: set[str] = set()
+    for link, items in visuals.items():
+        try:
+            surfaces = [_visual_triangles(item, max_faces) for item in items]
+        except MeshError:
+            continue  # the collision shapes will do
+        drawn.add(link)
+        T = hand.link_pose(link)
+        yield from ((link, surface.moved(T)) for surface in surfaces)
+    for body in hand.collision_bodies():
+        if body.name not in drawn:
+            triangles = simplified(shape_of(body.geometry).surface(), max_faces)
+            yield body.name, triangles.moved(body.T_world_geometry)
+
+
+def _visual_triangles(visual: LinkVisual, max_faces: int) -> Triangles:
+    """Return the triangles of one visual shape in its link's frame."""
+    surface = (
+        file_triangles(visual.shape, visual.scale, max_faces, upright=False)
+        if isinstance(visual.shape, Path)
+        else visual.shape.surface()
+    )
+    return surface.moved(visual.T_link_visual)

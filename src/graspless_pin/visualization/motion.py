@@ -16,7 +16,7 @@ from graspless_pin.holding.verdict import DynamicOutcome
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.scene import Scene
-from graspless_pin.scene.perturbation import bent_hand
+from graspless_pin.scene.poses import bent_hand
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.visualization.contacts import draw_contacts, with_outcome
 from graspless_pin.visualization.drawing import draw_bodies, object_radius

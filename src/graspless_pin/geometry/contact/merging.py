@@ -22,7 +22,7 @@ from graspless_pin.geometry.contact.convex_sets import (
     Revolved,
     convex_set,
 )
-from graspless_pin.geometry.contact.corners import hull_order
+from graspless_pin.geometry.contact.polygons import hull_order
 from graspless_pin.problem.checks import FloatArray
 
 _SAME_SURFACE = 1e-4  # m: how far pieces of one body may be off where they meet

@@ -26,11 +26,12 @@ from graspless_pin.geometry.contact.convex_sets import (
     Polytope,
     Revolved,
 )
-from graspless_pin.geometry.contact.corners import hull_order, plane_basis
 from graspless_pin.geometry.contact.polygons import (
     Polygon,
+    hull_order,
     intersection,
     planar_hull,
+    plane_basis,
     plane_fit,
     shared_border,
 )

@@ -46,11 +46,11 @@ from graspless_pin.intake.files import (
     FileKind,
     errors_of_text,
     is_file,
+    kind_of_file,
     read_bytes,
     refuse_other_kind,
 )
-from graspless_pin.intake.recognition import kind_of_file
-from graspless_pin.intake.xml_text import parse_xml
+from graspless_pin.intake.text import parse_xml
 
 _SECONDS = 60.0
 

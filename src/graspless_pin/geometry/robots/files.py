@@ -10,8 +10,7 @@ from typing import Any
 from graspless_pin.errors import ArgumentError, RobotError
 from graspless_pin.geometry.robots.description import LinkMeshes, RobotDescription
 from graspless_pin.geometry.robots.robot_schema import ROBOT_FILE, read_robot_file
-from graspless_pin.intake.files import is_file, read_bytes, refuse_other_kind
-from graspless_pin.intake.recognition import kind_of_file
+from graspless_pin.intake.files import is_file, kind_of_file, read_bytes, refuse_other_kind
 
 _PACKAGE_ROBOTS = Path(__file__).resolve().parents[2] / "robots"
 _SOURCE_ROBOTS = Path(__file__).resolve().parents[4] / "robots"

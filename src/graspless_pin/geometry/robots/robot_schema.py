@@ -29,8 +29,13 @@ from graspless_pin.intake.fields import (
     Name,
     Signed,
 )
-from graspless_pin.intake.files import FileKind, errors_of_text, read_text, refuse_other_kind
-from graspless_pin.intake.recognition import kind_of_data
+from graspless_pin.intake.files import (
+    FileKind,
+    errors_of_text,
+    kind_of_data,
+    read_text,
+    refuse_other_kind,
+)
 from graspless_pin.intake.yaml_text import parse_yaml
 from graspless_pin.suggestions import names_in_words
 
