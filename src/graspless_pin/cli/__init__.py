@@ -5,17 +5,17 @@ import os
 import signal
 import sys
 
-from graspless_pin.cli.guard import guarded
+from graspless_pin.cli.guard import (
+    INTERNAL_ERROR,
+    INTERRUPTED,
+    INTERRUPTION,
+    begin,
+    guarded,
+    quit_at_once,
+)
 
 __all__ = ["INTERNAL_ERROR", "INTERRUPTED", "INTERRUPTION", "begin", "main", "run"]
 
-INTERNAL_ERROR = 70
-"""Exit code after an exception that nobody foresaw, as ``sysexits.h`` has it."""
-
-INTERRUPTED = 130
-"""Exit code after Ctrl-C, as shells have it."""
-INTERRUPTION = "interrupted\n"
-"""What is said then."""
 _TRACEBACK = "GRASPLESS_PIN_TRACEBACK"
 
 
@@ -36,7 +36,7 @@ def run() -> None:
     # A shell may have told the process to ignore Ctrl-C.
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         # No exception: some libraries catch what interrupts their import, and fail later.
-        signal.signal(signal.SIGINT, _quit)
+        signal.signal(signal.SIGINT, quit_at_once)
     try:
         from graspless_pin.cli.commands import app
 
@@ -46,15 +46,6 @@ def run() -> None:
             sys.excepthook(type(error), error, error.__traceback__)
         sys.stderr.write(f"error: {_report_of(error)}\n")
         sys.exit(INTERNAL_ERROR)
-
-
-def begin() -> None:
-    """Begin a command that is loaded: from now on Ctrl-C is an exception, and garbage is found."""
-    if not gc.isenabled():
-        gc.freeze()
-        gc.enable()
-    if signal.getsignal(signal.SIGINT) is _quit:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _report_of(error: Exception) -> str:
@@ -67,9 +58,3 @@ def _report_of(error: Exception) -> str:
         f"reads and what graspless-pin --version prints ({_TRACEBACK}=1 in the environment shows "
         "the traceback)"
     )
-
-
-def _quit(*_: object) -> None:
-    """End the process at once: while libraries are loaded there is nothing to put in order."""
-    os.write(2, INTERRUPTION.encode())
-    os._exit(INTERRUPTED)

@@ -6,15 +6,23 @@ millisecond. Elsewhere than on Linux the work is done in this process, as it wou
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
 from collections.abc import Callable
 
-__all__ = ["CRASHED", "guarded"]
+__all__ = ["CRASHED", "INTERNAL_ERROR", "INTERRUPTED", "INTERRUPTION", "begin", "guarded"]
 
 CRASHED = 2
 """Exit code after a library has crashed: that of input which cannot be used."""
+INTERNAL_ERROR = 70
+"""Exit code after an exception that nobody foresaw, as ``sysexits.h`` has it."""
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells have it."""
+INTERRUPTION = "interrupted\n"
+"""What is said then."""
 
 _CRASHES = ("SIGSEGV", "SIGABRT", "SIGBUS", "SIGFPE", "SIGILL", "SIGSYS", "SIGTRAP", "SIGKILL")
 _PASSED_ON = ("SIGINT", "SIGTERM", "SIGHUP", "SIGUSR1", "SIGUSR2")
@@ -88,3 +96,18 @@ def _die_with(parent: int) -> None:
     ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGKILL)
     if os.getppid() != parent:
         os._exit(CRASHED)
+
+
+def begin() -> None:
+    """Begin a command that is loaded: from now on Ctrl-C is an exception, and garbage is found."""
+    if not gc.isenabled():
+        gc.freeze()
+        gc.enable()
+    if signal.getsignal(signal.SIGINT) is quit_at_once:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def quit_at_once(*_: object) -> None:
+    """End the process at once: while libraries are loaded there is nothing to put in order."""
+    os.write(2, INTERRUPTION.encode())
+    os._exit(INTERRUPTED)

@@ -6,14 +6,13 @@ import base64
 import json
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from graspless_pin.algorithms.force_bounds import ContactForceBounds
 from graspless_pin.algorithms.named_objectives import OBJECTIVES
-from graspless_pin.errors import ArgumentError, GrasplessPinError
+from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import is_serious
 from graspless_pin.holding.verdict import Stability
 from graspless_pin.holding.verdict_words import parted
@@ -31,17 +30,15 @@ from graspless_pin.report.html.sections import (
     scene_in_words,
     torque_figure,
 )
-from graspless_pin.report.html.view import view_context
+from graspless_pin.report.html.view import render, view_context
 from graspless_pin.report.verdict_data import read_motion
 from graspless_pin.solution import Status, TorqueSolution
 from graspless_pin.solution.active_limits import joint_limit_words, margin_limit_words
 from graspless_pin.solution.tables import shown, torque_size
-from graspless_pin.visualization import DARK, LIGHT
 
 if TYPE_CHECKING:
     from graspless_pin.report.html.time_lapse import TimeLapse
 
-_FILES = Path(__file__).with_name("files")
 _SUGGESTION = "- "
 _PLAYED = 2.6  # s that the page takes for a motion
 _MARKS = {
@@ -81,40 +78,6 @@ def report_html(
         True
     """
     return render("report.html", lambda: _context(case, bounds, rest_bounds) | {"lapse": lapse})
-
-
-def render(template: str, context: Callable[[], dict[str, Any]]) -> str:
-    """Return a page: a template filled with what it needs of its own, and what all have.
-
-    Args:
-        template: Its file.
-        context: Makes what it needs of its own; called once all that is needed is installed.
-
-    Raises:
-        GrasplessPinError: If Jinja2 or matplotlib is not installed.
-    """
-    try:
-        import matplotlib  # noqa: F401
-        from jinja2 import Environment, FileSystemLoader, StrictUndefined
-    except ImportError as error:
-        raise GrasplessPinError(
-            f"reports need Jinja2 and matplotlib ({error}); install them with pip install "
-            "'graspless-pin[report]'"
-        ) from None
-    environment = Environment(
-        loader=FileSystemLoader(_FILES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        keep_trailing_newline=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    common = {
-        "palettes": {"light": LIGHT, "dark": DARK},
-        "style": (_FILES / "style.css").read_text(encoding="utf-8"),
-        "script": (_FILES / "view.js").read_text(encoding="utf-8"),
-    }
-    return environment.get_template(template).render(common | context())
 
 
 def _context(

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.report.html.page import render
-from graspless_pin.report.html.view import view_context
+from graspless_pin.report.html.view import render, view_context
 from graspless_pin.scene import Scene
 from graspless_pin.simulation import SimulatedOutcome, SimulatedRun, Simulation
 from graspless_pin.simulation.protocol import change_of_pose

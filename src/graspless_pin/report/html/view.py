@@ -1,19 +1,24 @@
-"""What a 3-D view of a page is filled with: layers, and the picture as plain data."""
+"""What all pages have: their template, and a 3-D view with layers and the picture as plain data."""
 
 from __future__ import annotations
 
 import base64
 import gzip
 import json
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from graspless_pin.errors import GrasplessPinError
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.visualization import LIGHT, Picture, Role
+from graspless_pin.visualization import DARK, LIGHT, Picture, Role
 from graspless_pin.visualization.motion import MovingPicture
 from graspless_pin.visualization.picture import HIDDEN_AT_FIRST
 
+FILES = Path(__file__).with_name("files")
+"""Templates, styles and scripts of pages."""
 _MODEL_STEPS = 65535
 _MODEL_DIGITS = 7
 _BEARINGS = (Role.AXES, Role.GRAVITY, Role.FORCE_SCALE)
@@ -140,3 +145,37 @@ def model_data(picture: Picture, moving: MovingPicture | None = None) -> dict[st
 
 def _rounded(values: FloatArray) -> list[float]:
     return [round(float(value), _MODEL_DIGITS) for value in values]
+
+
+def render(template: str, context: Callable[[], dict[str, Any]]) -> str:
+    """Return a page: a template filled with what it needs of its own, and what all have.
+
+    Args:
+        template: Its file.
+        context: Makes what it needs of its own; called once all that is needed is installed.
+
+    Raises:
+        GrasplessPinError: If Jinja2 or matplotlib is not installed.
+    """
+    try:
+        import matplotlib  # noqa: F401
+        from jinja2 import Environment, FileSystemLoader, StrictUndefined
+    except ImportError as error:
+        raise GrasplessPinError(
+            f"reports need Jinja2 and matplotlib ({error}); install them with pip install "
+            "'graspless-pin[report]'"
+        ) from None
+    environment = Environment(
+        loader=FileSystemLoader(FILES),
+        autoescape=True,
+        undefined=StrictUndefined,
+        keep_trailing_newline=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    common = {
+        "palettes": {"light": LIGHT, "dark": DARK},
+        "style": (FILES / "style.css").read_text(encoding="utf-8"),
+        "script": (FILES / "view.js").read_text(encoding="utf-8"),
+    }
+    return environment.get_template(template).render(common | context())
