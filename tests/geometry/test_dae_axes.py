@@ -14,7 +14,8 @@ import trimesh
 from graspless_pin import Hand
 from graspless_pin.errors import MeshError
 from graspless_pin.findings import FindingCode, heard
-from graspless_pin.geometry.bodies.meshes import hull_points, parse_mesh
+from graspless_pin.geometry.bodies.mesh_files import parse_mesh
+from graspless_pin.geometry.bodies.meshes import hull_points
 from graspless_pin.geometry.bodies.shapes import MeshShape
 from graspless_pin.geometry.inspection.audit import audit_urdf
 from graspless_pin.visualization.drawing import hand_triangles

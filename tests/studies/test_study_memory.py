@@ -12,9 +12,9 @@ from study_tools import study
 from graspless_pin.studies import (
     compute_study,
     read_results,
+    results,
     results_parts,
     results_summary,
-    tables,
 )
 from graspless_pin.studies.journal import JOURNAL_FORMAT, Journal
 
@@ -57,7 +57,6 @@ def made(count):
 
 @pytest.fixture(autouse=True)
 def small_parts(monkeypatch):
-    monkeypatch.setattr("graspless_pin.studies.results.PART_ROWS", PART)
     monkeypatch.setattr("graspless_pin.studies.results.PART_ROWS", PART)
     monkeypatch.setattr("graspless_pin.studies.run.check_study", lambda _: None)
     monkeypatch.setattr("graspless_pin.studies.executors._LARGEST_CHUNK", 32)
@@ -121,7 +120,7 @@ def test_rows_in_any_order_make_the_same_table(tmp_path, monkeypatch):
         identity = {"format": JOURNAL_FORMAT, "fingerprint": name, "versions": {}}
         journal = Journal(tmp_path / f"{name}.journal", identity)
         journal.append([row_of(number) for number in order])
-        tables.write_results(sampled, journal, tmp_path / name)
+        results.write_results(sampled, journal, tmp_path / name)
         journal.close()
         return tmp_path / name
 
@@ -129,6 +128,7 @@ def test_rows_in_any_order_make_the_same_table(tmp_path, monkeypatch):
         plain = table(f"a.{kind}", range(count), PART)
         mixed = table(f"b.{kind}", rng.permutation(count).tolist(), PART)
         whole = table(f"c.{kind}", range(count), count)
+        monkeypatch.setattr("graspless_pin.studies.results.PART_ROWS", PART)  # of reading
         assert mixed.read_bytes() == plain.read_bytes()
         expected: Any = read_results(whole)
         pd.testing.assert_frame_equal(read_results(plain), expected)

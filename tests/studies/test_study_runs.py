@@ -21,9 +21,9 @@ from graspless_pin.studies import (
     Study,
     load_study,
     read_results,
+    results,
     results_summary,
     run_study,
-    tables,
 )
 from graspless_pin.studies.journal import JOURNAL_FORMAT, Journal
 
@@ -77,14 +77,14 @@ def test_the_metadata_tells_seed_versions_and_study(tmp_path):
         name="seven",
     )
     run(made, tmp_path / "out.parquet")
-    about = read_results(tmp_path / "out.parquet").attrs[tables.KEY]
+    about = read_results(tmp_path / "out.parquet").attrs[results.KEY]
     assert about["seed"] == 7 and about["study"] == "seven" and about["samples"] == 2
     assert about["fingerprint"] == made.fingerprint
     assert about["versions"]["numpy"] == np.__version__
     assert about["entry"]["vary"] == {"friction": {"from": 0.2, "to": 0.5}}
-    assert pd.read_parquet(tmp_path / "out.parquet").attrs == {tables.KEY: about}
+    assert pd.read_parquet(tmp_path / "out.parquet").attrs == {results.KEY: about}
     run(made, tmp_path / "out.csv")
-    assert read_results(tmp_path / "out.csv").attrs == {tables.KEY: about}
+    assert read_results(tmp_path / "out.csv").attrs == {results.KEY: about}
 
 
 def test_infeasible_and_failed_samples_are_rows(tmp_path):
@@ -261,7 +261,7 @@ def test_other_versions_are_not_mixed(tmp_path, monkeypatch):
     file = tmp_path / "out.csv"
     with pytest.raises(StudyError, match="pulled the plug"):
         run(study(), file, Here(5))
-    real = tables.versions()
+    real = results.versions()
     newer = lambda: real | {"numpy": "99.0"}  # noqa: E731
     monkeypatch.setattr("graspless_pin.studies.run.versions", newer)
     with pytest.raises(StudyError, match=r"was begun with other versions.*--fresh"):

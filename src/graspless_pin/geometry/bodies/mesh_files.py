@@ -17,7 +17,7 @@ from trimesh.resolvers import Resolver
 from graspless_pin.bounds import LARGEST_LENGTH, SMALLEST_LENGTH
 from graspless_pin.errors import MeshError, TextError
 from graspless_pin.intake.files import FileKind, is_file, read_bytes
-from graspless_pin.intake.xml_text import parse_xml
+from graspless_pin.intake.text import parse_xml
 
 MESH_FORMATS = (".stl", ".obj", ".dae", ".glb", ".gltf", ".ply", ".off")
 _IN_PART = ("failed to populate", "placeholder zeros")  # what trimesh logs and goes on with
