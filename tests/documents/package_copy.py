@@ -1,21 +1,21 @@
 """A copy of the package in which a walk-through of CONTRIBUTING was followed."""
 
+import atexit
+import json
 import os
 import re
 import shutil
 import subprocess
 import sys
+from functools import lru_cache
 from pathlib import Path
 
 from page_blocks import ROOT, blocks_of
 
-COMMAND = "from graspless_pin.cli.commands import app; app()"
-
 
 def copied(folder: Path) -> Path:
     """Copy the package to a folder, with the examples and robots beside it."""
-    ignored = shutil.ignore_patterns("__pycache__")
-    shutil.copytree(ROOT / "src", folder / "src", ignore=ignored)
+    shutil.copytree(ROOT / "src", folder / "src")  # compiled, too: times of files are kept
     for name in ("robots", "examples"):
         (folder / name).symlink_to(ROOT / name)
     return folder
@@ -58,18 +58,70 @@ def followed(folder: Path, word: str, module: Path, listed: Path, beside: str) -
     return folder
 
 
-def run(package: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    """Run Python with the copy."""
-    return subprocess.run(  # noqa: S603 - our own interpreter and fixed programs
-        [sys.executable, *words],
+SERVER = """
+import importlib, json, os, sys, traceback
+from graspless_pin.cli.commands import app
+
+for name in ("solve", "verify", "report", "study"):
+    importlib.import_module(f"graspless_pin.cli.{name}")
+for line in sys.stdin:
+    words, *files = json.loads(line)
+    child = os.fork()
+    if child == 0:
+        for number, file in enumerate(files, start=1):
+            os.dup2(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), number)
+        code = 0
+        try:
+            if words[0] == "-c":
+                sys.argv = ["-c", *words[2:]]
+                exec(compile(words[1], "-c", "exec"), {"__name__": "__main__"})
+            else:
+                sys.argv = ["graspless-pin", *words]
+                app()
+        except SystemExit as end:
+            code = end.code or 0
+        except BaseException:
+            traceback.print_exc()
+            code = 1
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+"""
+"""Loads a copy once, and forks for each program that it is sent: loading takes longer than most."""
+
+
+@lru_cache
+def _server(package: Path) -> subprocess.Popen[str]:
+    """Start a server of the copy; it ends with this process."""
+    server = subprocess.Popen(  # noqa: S603 - our own interpreter and a fixed program
+        [sys.executable, "-c", SERVER],
         cwd=package,
         env={**os.environ, "PYTHONPATH": str(package / "src"), "COLUMNS": "160"},
-        capture_output=True,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
         text=True,
-        check=False,
     )
+    atexit.register(server.communicate)
+    return server
+
+
+def run(package: Path, program: str, *words: str) -> subprocess.CompletedProcess[str]:
+    """Run a program with the copy, as ``python -c`` would."""
+    return _run(package, "-c", program, *words)
 
 
 def command(package: Path, *words: str) -> subprocess.CompletedProcess[str]:
     """Run ``graspless-pin`` of the copy."""
-    return run(package, "-c", COMMAND, *words)
+    return _run(package, *words)
+
+
+def _run(package: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    server = _server(package)
+    assert server.stdin is not None
+    assert server.stdout is not None
+    files = package / "stdout.txt", package / "stderr.txt"
+    server.stdin.write(json.dumps([words, *map(str, files)]) + "\n")
+    server.stdin.flush()
+    code = int(server.stdout.readline())
+    return subprocess.CompletedProcess(words, code, *[file.read_text() for file in files])

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from package_copy import COMMAND, followed, run
+from package_copy import command, followed, run
 from page_blocks import ROOT
 from scipy.optimize import linprog
 
@@ -106,7 +106,7 @@ def scene_of(folder: Path, example: str, **changes: Any) -> Path:
 
 
 def shown(package: Path, file: Path) -> dict[str, Any]:
-    result = run(package, "-c", SHOWN, str(file))
+    result = run(package, SHOWN, str(file))
     assert result.returncode == 0, result.stderr
     return json.loads(result.stdout)
 
@@ -233,17 +233,17 @@ def test_the_commands_know_it(package, tmp_path):
     """Solve, verify and report a scene with it; the verdict is undecided and says why."""
     file = scene_of(tmp_path, "cuboid_at_rest.yaml")
     document, page = tmp_path / "solution.json", tmp_path / "page.html"
-    solved = run(package, "-c", COMMAND, "solve", str(file), "--json", str(document))
+    solved = command(package, "solve", str(file), "--json", str(document))
     assert solved.returncode == 0, solved.stderr
     assert "needs Coulomb's law, and the cone 'ribbed' is another" in solved.stdout
     stated = json.loads(document.read_text())
     assert stated["cone"] == "ribbed"
     assert np.shape(stated["contacts"][0]["cone_corners"]) == (stated["cone_edges"], 2)
-    verified = run(package, "-c", COMMAND, "verify", str(document))
+    verified = command(package, "verify", str(document))
     assert verified.returncode == 0, verified.stdout + verified.stderr
     assert "cones 'ribbed'" in verified.stdout
     for options in ([str(file), "--ranges"], [str(document)]):
-        reported = run(package, "-c", COMMAND, "report", *options, "-o", str(page))
+        reported = command(package, "report", *options, "-o", str(page))
         assert reported.returncode == 0, reported.stderr
         assert "ribbed cones of" in page.read_text()
         assert "round cones" not in page.read_text()
@@ -256,7 +256,7 @@ def test_a_checker_that_does_not_know_the_name_checks_the_document(package, tmp_
     from graspless_pin.report.verify import verify_document
 
     file, target = scene_of(tmp_path, "cuboid_at_rest.yaml"), tmp_path / "solution.json"
-    run(package, "-c", COMMAND, "solve", str(file), "--json", str(target))
+    command(package, "solve", str(file), "--json", str(target))
     document = read_document(target)
     assert verify_document(document).proven
     with pytest.raises(
@@ -266,29 +266,29 @@ def test_a_checker_that_does_not_know_the_name_checks_the_document(package, tmp_
 
 
 def test_the_schema_and_messages_know_it(package, tmp_path):
-    schema = json.loads(run(package, "-c", COMMAND, "schema").stdout)["properties"]["cone"]
+    schema = json.loads(command(package, "schema").stdout)["properties"]["cone"]
     assert schema["enum"] == ["edges", "round", "ribbed"]
     assert "ribbed: pyramids of cone_edges edges with half of the friction" in schema["description"]
     file = scene_of(tmp_path, "cuboid_at_rest.yaml", cone="ribed")
     file.write_text(file.read_text().replace("cone: ribbed", "cone: ribed"))
-    result = run(package, "-c", COMMAND, "solve", str(file))
+    result = command(package, "solve", str(file))
     assert "did you mean 'ribbed'?" in result.stderr
 
 
 def test_what_needs_coulombs_law_refuses(package, tmp_path):
     file = scene_of(tmp_path, "cuboid_at_rest.yaml")
-    direction = run(package, "-c", COMMAND, "solve", str(file), "--sign-rule", "direction")
+    direction = command(package, "solve", str(file), "--sign-rule", "direction")
     assert "'direction' is about Coulomb's law" in direction.stderr
-    robust = run(package, "-c", COMMAND, "robustness", str(file))
+    robust = command(package, "robustness", str(file))
     assert robust.returncode == 1
     assert "needs Coulomb's law" in robust.stdout
-    simulated = run(package, "-c", COMMAND, "simulate", str(file))
+    simulated = command(package, "simulate", str(file))
     assert "cone: is 'ribbed', and the simulation has Coulomb's law" in simulated.stderr
 
 
 def test_the_evaluator_and_studies_solve_it_as_it_is(package):
     """The compiled loops of both know the paper's pyramids and Coulomb's law alone."""
-    result = run(package, "-c", MANY)
+    result = run(package, MANY)
     assert result.returncode == 0, result.stderr
     found = json.loads(result.stdout)
     assert found["many"] == pytest.approx(found["alone"], rel=1e-6, nan_ok=True)

@@ -242,7 +242,7 @@ def test_the_schemas_have_its_name_and_figure(package):
 
 
 def test_evaluators_and_the_page_solve_for_it(package, scenes, expected):
-    shown = run(package, "-c", USED, str(scenes[JAW]), str(PLACES[JAW]))
+    shown = run(package, USED, str(scenes[JAW]), str(PLACES[JAW]))
     assert shown.returncode == 0, shown.stderr
     found = json.loads(shown.stdout)
     for value in (found["scene"], found["plain"], *found["one"], found["page"]):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 import yaml
-from package_copy import COMMAND, followed, run
+from package_copy import command, followed, run
 from page_blocks import ROOT
 from scipy.spatial.transform import Rotation
 
@@ -86,7 +86,7 @@ def on_a_block(file: Path, shape: dict[str, Any], turn: float) -> Path:
 
 
 def shown(package: Path, file: Path) -> dict[str, Any]:
-    result = run(package, "-c", SHOWN, str(file))
+    result = run(package, SHOWN, str(file))
     assert result.returncode == 0, result.stderr
     return json.loads(result.stdout)
 
@@ -184,14 +184,14 @@ def test_it_is_written_and_read_again(squares):
 def test_a_wrong_prism_is_told_with_file_line_and_key(package, tmp_path, change, message):
     shape = {"type": "prism", "corners": 4, "radius": 0.1, "height": 0.2} | change
     file = scene_of(tmp_path, "wrong", shape, 0.0)
-    result = run(package, "-c", COMMAND, "solve", str(file))
+    result = command(package, "solve", str(file))
     assert f"{file}:" in result.stderr
     assert message in result.stderr
 
 
 def test_the_command_line_and_the_schema_know_it(package, tmp_path):
     target = tmp_path / "scene.yaml"
-    made = run(package, "-c", COMMAND, "new", "allegro_left", "prism:6,0.03,0.1", "-o", str(target))
+    made = command(package, "new", "allegro_left", "prism:6,0.03,0.1", "-o", str(target))
     assert made.returncode == 0, made.stderr
     assert yaml.safe_load(target.read_text())["object"]["shape"]["corners"] == 6
     schema = json.loads((tmp_path / "scene.schema.json").read_text())
@@ -201,5 +201,5 @@ def test_the_command_line_and_the_schema_know_it(package, tmp_path):
     assert schema["$defs"]["SupportEntry"]["properties"]["shape"]["discriminator"]["mapping"][
         "prism"
     ].endswith("PrismEntry")
-    refused = run(package, "-c", COMMAND, "new", "allegro_left", "prism:2,0.03,0.1")
+    refused = command(package, "new", "allegro_left", "prism:2,0.03,0.1")
     assert "corners: needs 3 to 64 of them, got 2" in refused.stderr
