@@ -27,7 +27,8 @@ def strict(text: str) -> dict:
 def document(request):
     file, algorithm = request.param
     result = run("solve", file, "--algorithm", algorithm, "--json", "-")
-    assert result.exit_code == 0 and result.stderr == ""
+    lines = result.stderr.splitlines()  # a slow machine says what it is at
+    assert result.exit_code == 0 and all(line.startswith("cutting mesh") for line in lines)
     return strict(result.stdout)
 
 

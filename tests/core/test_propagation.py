@@ -63,7 +63,7 @@ def test_no_maximal_mode_is_lost(name, sign):
     propagation = Propagation(problem, VirtualKinematics(problem), Rules.parse(sign))
     modes = list(enumerate_modes(problem, sign_rule=sign, maximal=True))
     narrowed = 0
-    for index in rng.integers(len(modes), size=50 if sign == "exact" else 150):
+    for index in rng.integers(len(modes), size=25 if sign == "exact" else 60):
         decisions = some_decisions(rng, modes[index])
         probe = bool(rng.integers(2))
         propagated = propagation.propagate(decisions, probe=probe)
@@ -71,7 +71,7 @@ def test_no_maximal_mode_is_lost(name, sign):
         agreeing = [mode for mode in modes if agree(decisions, mode)]
         assert all(agree(propagated, mode) for mode in agreeing)
         narrowed += propagated.key != decisions.key
-    assert narrowed > 10 or sign == "exact"
+    assert narrowed > 2 or sign == "exact"
 
 
 def turning_about_a_corner() -> QuasistaticProblem:

@@ -29,6 +29,7 @@ _FULL = 0.999
 # At the right there is room for the panel's scroll bar.
 _TEXT = "font-size:13px;line-height:1.4;padding:0 14px 0 6px;overflow-wrap:anywhere"
 _MUTED = "opacity:0.75"
+_HEADLINE = "63px"  # three lines
 
 
 def result_html(result: SettingsAnswer, as_loaded: TorqueSolution | None, *, dark: bool) -> str:
@@ -133,7 +134,10 @@ def torque_html(result: SettingsAnswer, *, dark: bool) -> str:
 
 
 def headline_html(result: SettingsAnswer, *, dark: bool) -> str:
-    """Return margin and verdict in one line, for where there is no room for more."""
+    """Return margin and verdict in short, for where there is no room for more.
+
+    The place of three lines is kept: what stands below does not move when the verdict comes.
+    """
     solution, said = result.solution, "no torques"
     color = _verdict_color(result, dark=dark)
     if solution is not None and solution.found:
@@ -141,7 +145,8 @@ def headline_html(result: SettingsAnswer, *, dark: bool) -> str:
         said = f"margin e <b>{shown(solution.margin, solution.problem.scales.force)}</b> N"
         said += f" · {escape(lead)}" if lead else ""
     return (
-        f'<div id="graspless-headline" style="{_TEXT};font-size:15px;padding-bottom:4px">'
+        f'<div id="graspless-headline" style="{_TEXT};font-size:15px;padding-bottom:4px;'
+        f'min-height:{_HEADLINE}">'
         f'<div style="border-left:4px solid {color};padding-left:8px">{said}</div></div>'
     )
 
