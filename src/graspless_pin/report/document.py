@@ -21,6 +21,7 @@ from graspless_pin.atomic_write import draft_of
 from graspless_pin.errors import SceneError
 from graspless_pin.findings import plain_findings
 from graspless_pin.holding.verdict import StabilityVerdict
+from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.report.objective_data import objective_data
 from graspless_pin.report.proof_data import cone_data, multipliers_data, proof_data
 from graspless_pin.report.provenance import provenance
@@ -55,7 +56,8 @@ def solution_document(
 
     Returns:
         Plain data for `json.dumps`: ``format``, ``status``, ``found``, the options, ``objective``
-        (where it is none of the paper's), ``margin`` (N), ``max_torque`` with its unit, ``scales``,
+        (where it is none of the paper's), ``margin`` (N), ``max_torque`` with its unit,
+        ``wrench_matrix`` and ``passive_units`` (where one was given), ``scales``,
         ``findings`` (see `graspless_pin.Finding`),
         ``object_inertia``, ``joint_inertia``, ``gravity``, ``object``, ``hand``, ``joints``,
         ``contacts``, ``certificate``, ``multipliers``, ``proof``, ``guarantee``
@@ -96,6 +98,7 @@ def solution_document(
         "external_wrench": solution.problem.external_wrench,
         "cone": solution.problem.cone,
         "cone_edges": solution.problem.cone_edges,
+        **_coordinates(solution.problem),
         "scales": {"force": coordinates.force_scale, "length": coordinates.length_scale},
         "object_inertia": solution.problem.object_inertia,
         "joint_inertia": solution.problem.joint_inertia,
@@ -200,6 +203,13 @@ def _scene_part(scene: Scene) -> dict[str, Any]:
         if len(scene.hand.base_poses) > 1:
             part["hand"]["base_poses"] = dict(scene.hand.base_poses)
     return part
+
+
+def _coordinates(problem: QuasistaticProblem) -> dict[str, Any]:
+    """Return the map of passive coordinates that are not those of one free object."""
+    if problem.wrench_matrix is None:
+        return {}
+    return {"wrench_matrix": problem.wrench_matrix, "passive_units": list(problem.passive_units)}
 
 
 def _joints(solution: TorqueSolution) -> list[dict[str, Any]]:

@@ -103,12 +103,12 @@ def read_motion(document: dict[str, Any]) -> DynamicOutcome | None:
 
 
 def _read(stated: dict[str, Any], document: dict[str, Any]) -> DynamicOutcome:
-    count = len(document["contacts"])
+    count, passive = len(document["contacts"]), len(document["external_wrench"])
     states = tuple(ContactState(state) for state in stated["states"])
     if len(states) != count or ContactState.FREE in states:
         raise ValueError("each contact needs a state")
     return DynamicOutcome(
-        finite_array("motion", stated["object_acceleration"], (6,)),
+        finite_array("motion", stated["object_acceleration"], (passive,)),
         finite_array("motion", stated["joint_accelerations"], (len(document["joints"]),)),
         finite_array("motion", stated["contact_forces"], (count, 3)),
         states,
