@@ -58,7 +58,7 @@ def disturbance_data(found: GuaranteedDisturbance) -> dict[str, Any]:
     """Return the data of guaranteed disturbances, with their proofs.
 
     Returns:
-        ``characteristic_length`` (m), ``largest`` (N) and ``directions``: of each its (6,)
+        ``characteristic_length`` (m), ``largest`` (N) and ``directions``: of each its (P,)
         ``direction``, ``guaranteed``, ``failing``, ``possible`` (N), and what proves them:
         ``spans`` (None where all proofs together would be too long), ``failure`` (see
         `verdict_data`), ``forces`` (N) and ``no_rest``. A direction that was not reached before the

@@ -139,18 +139,18 @@ class OwnObjective:
         return float(np.concatenate(parts).max(initial=0.0))
 
 
-def read_own_objective(given: object, sizes: tuple[int, int], *, found: bool) -> OwnObjective:
+def read_own_objective(given: object, counts: tuple[int, int], *, found: bool) -> OwnObjective:
     """Return the objective that a document states.
 
     Args:
         given: What stands under ``objective``.
-        sizes: M and P.
+        counts: M and P.
         found: Whether there is an answer.
 
     Raises:
         ValueError: If it is none.
     """
-    where, (count, passive) = "objective", sizes
+    where, (count, passive) = "objective", counts
     short_text(entry(given, "name", where), "the objective's name")
     groups = items(entry(given, "columns", where), "columns of the objective", 0, MOST)
     sizes = [len(items(entry(one, "unit", "a column"), "unit", 0, MOST)) for one in groups]

@@ -7,9 +7,9 @@ for all multipliers, with lambda = p + sum (nu A_n + kappa.A_t), y = B^T f + h a
 
     p.y = lambda.h + sum (B lambda).f - sum (nu u_n + kappa.u_t).
 
-Each node states what is proven there and below. A leaf needs both signs of six accelerations of
-the object, small enough together that no point of it accelerates above the limit, or goal 0,
-p = 0, below zero: then there is no outcome in it.
+Each node states what is proven there and below. A leaf needs both signs of the accelerations of all
+passive coordinates, small enough together that no point of the object accelerates above the limit,
+or goal 0, p = 0, below zero: then there is no outcome in it.
 """
 
 from __future__ import annotations

@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from own_objectives import Helped
 from two_bodies import HEIGHT, THREE, G, on_a_rail, stacked
 
 from graspless_pin import (
@@ -13,6 +14,7 @@ from graspless_pin import (
     guaranteed_disturbance,
     maximize_margin,
     minimize_torque,
+    optimize,
     stability,
 )
 from graspless_pin.report import read_solution, solution_document
@@ -40,6 +42,22 @@ PROBLEMS = {
     "belt": gliding,
 }
 SOLVES = {"margin": maximize_margin, "torque": lambda problem: minimize_torque(problem, 0.01)}
+OTHERS = {
+    "limits": lambda: minimize_torque(PROBLEMS["pushed"](), 0.1, scale="limits"),
+    "regularised": lambda: maximize_margin(PROBLEMS["pushed"](), regularization=1e-2),
+    "nonzero": lambda: maximize_margin(PROBLEMS["pushed"](), sign_rule="nonzero"),
+    "exact": lambda: maximize_margin(PROBLEMS["pushed"](), sign_rule="exact"),
+    "coulomb": lambda: maximize_margin(PROBLEMS["pushed"](), static_friction="coulomb"),
+    "in a mode": lambda: maximize_margin(
+        PROBLEMS["pushed"](), mode=maximize_margin(PROBLEMS["pushed"]()).mode
+    ),
+    "strong": lambda: maximize_margin(on_a_rail(20.0), stability="strong"),
+    "own objective": lambda: optimize(PROBLEMS["pushed"](), Helped()),
+    "infeasible modes": lambda: maximize_margin(
+        on_a_rail(20.0).with_changes(tangents=[[[0.0, 0.0], [0.0, 1.0], [1.0, 0.0]]] * 2)
+    ),
+}
+"""Of every kind of document, one with other coordinates."""
 
 
 def plain(solution, **parts):
@@ -72,6 +90,21 @@ def test_answers_are_proven_by_their_documents(name, solve):
     assert again.problem.passive_units == problem.passive_units
     if again.found:
         np.testing.assert_allclose(again.contact_forces, [c["force"] for c in made["contacts"]])
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_documents_of_every_kind_are_proven(name):
+    solution = OTHERS[name]()
+    assert solution.found == (name != "infeasible modes")
+    made = plain(solution)
+    verification = verify_document(made)
+    assert verification.proven, str(verification)
+    again = read_solution(made)
+    assert again.status is solution.status
+    if solution.found:
+        assert again.value == pytest.approx(solution.value, abs=1e-9)
+        made["wrench_matrix"][0][0] += 0.1
+        assert refused(made)
 
 
 def refused(made):
@@ -209,7 +242,7 @@ def test_a_stack_on_a_belt_keeps_its_motion():
 
 
 def test_a_motion_of_two_boxes_is_checked():
-    problem = QuasistaticProblem(**stacked(0.5, push=3.0))
+    problem = QuasistaticProblem(**stacked(0.55, push=3.0, corners=THREE))
     solution = minimize_torque(problem, 0.01)
     verdict = stability(problem, solution.torques)
     assert verdict.status.name == "WEAK"
