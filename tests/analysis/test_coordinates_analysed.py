@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.core.two_bodies import CORNERS, MASSES, THREE, G, balances, on_a_rail, stacked
+from tests.core.two_bodies import CORNERS, HEIGHT, MASSES, THREE, G, balances, on_a_rail, stacked
 
 from graspless_pin import (
     QuasistaticProblem,
@@ -163,6 +163,25 @@ def test_rules_and_curves_of_a_stack():
     for margin, torque in zip(curve.margins[:, 1], curve.torques[:, 1], strict=True):
         least = minimize_torque(problem, margin - 1e-6).max_torque
         assert torque == pytest.approx(least, abs=1e-4)
+
+
+@pytest.mark.parametrize(("angle", "status"), [(0.0, "STRONG"), (0.3, "STRONG"), (0.6, "NONE")])
+def test_verdicts_on_one_box_do_not_hang_on_how_its_map_is_given(angle, status):
+    both = stacked(angle)
+    normals = np.asarray(both["normals"][:4])
+    one = QuasistaticProblem(
+        both["positions"][:4] - 0.5 * HEIGHT * normals, normals, both["external_wrench"][:6],
+        friction=0.5, object_inertia=both["object_inertia"][:6, :6],
+    )  # fmt: skip
+    for problem in (one, one.with_changes(wrench_matrix=one.W)):
+        verdict = stability(problem, [])
+        assert verdict.status.name == status
+    if verdict.motion is not None:
+        np.testing.assert_allclose(
+            verdict.motion.object_acceleration,
+            stability(one, []).motion.object_acceleration,
+            atol=1e-9,
+        )
 
 
 def test_no_motion_of_a_stack_is_free_but_that_of_a_smooth_one():

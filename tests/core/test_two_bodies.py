@@ -163,6 +163,9 @@ def test_other_positions_want_another_matrix():
     assert rail.with_changes(wrench_matrix=2.0 * rail.W).passive_units == ("N",)
     freed = rail.with_changes(wrench_matrix=None, external_wrench=np.zeros(6))
     assert len(freed.passive_units) == 6
+    for wrong in (5.0, [[0.0, 0.0, 1.0], [1.0]], np.float64(1.0), "none"):
+        with pytest.raises(ArgumentError, match=r"wrench_matrix"):
+            rail.with_changes(wrench_matrix=wrong)
 
 
 @pytest.mark.parametrize(

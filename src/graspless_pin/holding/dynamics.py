@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.contact_map import contact_map
-from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.problem.matrices import wrench_map
 
 
@@ -40,8 +39,8 @@ class Dynamics:
             reference point of the object, m/s^2; see `observed_points`.
         levers: (P,) what each passive acceleration makes at the farthest of these points at most,
             m or 1.
-        shares: That times such an acceleration is within the limit at all points where it is no
-            more than the limit over this, of each.
+        shares: No point accelerates above the limit where no passive acceleration times its lever
+            is above the limit over this.
         limit: Accelerations of those up to this count as rest, m/s^2.
         spread: (n,) loads are h + theta spread for any theta from 0 to 1, of those outcomes that
             have |y|^2 + sum mu f_n |u_t| <= h.y; zero: one load.
@@ -109,9 +108,8 @@ def observed_points(problem: QuasistaticProblem) -> tuple[FloatArray, FloatArray
         points = wrench_map(places).T.reshape(-1, 3, passive)
         return points, np.repeat([1.0, farthest], 3), 2.0 * np.sqrt(3.0)
     at = problem.W.T.reshape(count, 3, passive)
-    turns = np.array([unit is JointUnit.TORQUE for unit in problem.passive_units])
     longest = np.maximum(np.linalg.norm(at, axis=1).max(axis=0), 1.0)
-    levers = np.where(turns, problem.scales.length, longest)
+    levers = np.where(problem.passive_turns, problem.scales.length, longest)
     own = np.zeros((passive, 3, passive))
     own[:, 0] = np.diag(levers)
     return np.concatenate([at, own]), levers, float(passive)

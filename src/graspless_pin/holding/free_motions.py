@@ -11,7 +11,6 @@ from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.contact_map import contact_map
 from graspless_pin.problem.inertias import hybrid_contacts
-from graspless_pin.problem.joint_units import JointUnit
 
 NEGLIGIBLE = 1e-6
 """A speed below this share of the others is none, and so is a lever."""
@@ -97,5 +96,4 @@ def motion_units(problem: QuasistaticProblem) -> FloatArray:
     levers = np.linalg.norm(blocks, axis=1).max(axis=0)
     levers = np.maximum(levers, NEGLIGIBLE * levers.max(initial=0.0))
     joints = np.divide(length, levers, out=np.ones_like(levers), where=levers > 0.0)
-    turns = np.array([unit is JointUnit.TORQUE for unit in problem.passive_units])
-    return np.concatenate([np.where(turns, 1.0, length), joints])
+    return np.concatenate([np.where(problem.passive_turns, 1.0, length), joints])

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.problem.checks import SINGULAR, FloatArray, with_unit_diagonal
-from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.problem.quasistatic import QuasistaticProblem
 from graspless_pin.problem.scales import passive_levers
 
@@ -82,9 +81,8 @@ def largest_mass(problem: QuasistaticProblem) -> float | None:
     if problem.wrench_matrix is None:
         return float(inertia[0, 0])
     levers = passive_levers(problem.passive_units, problem.scales.length)
-    turns = np.array([unit is JointUnit.TORQUE for unit in problem.passive_units])
     own = inertia.diagonal() / levers**2
-    return float(own[turns.all() | ~turns].max())
+    return float(own[problem.passive_turns.all() | ~problem.passive_turns].max())
 
 
 def whole_inertia(problem: QuasistaticProblem) -> FloatArray | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
@@ -205,9 +206,10 @@ class QuasistaticProblem:
         if not isinstance(names, Sequence) or len(names) != self.joint_count:
             values["joint_units"] = None
         if "wrench_matrix" in changes:
-            matrix = changes["wrench_matrix"]
-            rows = len(FREE_BODY) if matrix is None else len(np.atleast_1d(matrix))
-            if rows != self.passive_count or matrix is None:
+            rows = 0
+            with suppress(TypeError):  # the constructor says that it is no matrix
+                rows = len(changes["wrench_matrix"])
+            if rows != self.passive_count:
                 values["passive_units"] = None
         elif "positions" in changes and self.wrench_matrix is not None:
             raise ArgumentError(
@@ -231,6 +233,11 @@ class QuasistaticProblem:
     def passive_count(self) -> int:
         """P, the number of passive coordinates: 6 of one free object."""
         return len(self.passive_units)
+
+    @cached_property
+    def passive_turns(self) -> NDArray[np.bool_]:
+        """(P,) passive coordinates whose loads are in N m."""
+        return np.array([unit is JointUnit.TORQUE for unit in self.passive_units])
 
     @property
     def cone_model(self) -> ConeModel:
