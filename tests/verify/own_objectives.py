@@ -50,7 +50,7 @@ class Helped(Objective):
             curvature=self.help_costs, unit=forces.coordinates.force_scale,
         )  # fmt: skip
         over = program.columns("overload", low=0.0, box=(0.0, 1e3), cost=1.0)
-        push = np.zeros((6, 2))
+        push = np.zeros((len(forces.balance), 2))
         push[0, 0] = push[2, 1] = 1.0
         program.balance({help_: push})
         program.cones(margin, weights)

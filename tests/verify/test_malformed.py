@@ -5,6 +5,7 @@ import traceback
 from collections import Counter
 
 import pytest
+import test_coordinates_stated
 import test_kept_motions
 import test_own_objectives
 import test_rest
@@ -22,6 +23,8 @@ DOCUMENTS = {
        for name in ("slope", "walls", "pressed", "corners")},
     **{name: (lambda name=name: test_kept_motions.document(name), ("stability",))
        for name in ("kept", "lost")},
+    "two boxes": (lambda: test_coordinates_stated.document("pushed"),
+                  ("wrench_matrix", "passive_units")),
 }  # fmt: skip
 INDICES = ("contact", "children", "goal")
 

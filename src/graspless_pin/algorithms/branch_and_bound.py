@@ -228,7 +228,7 @@ def _drawn(state: SearchState, node: _Node) -> _Node | None:
     if state.rules.static_friction is StaticFriction.COULOMB:
         return node
     problem = state.formulation.problem
-    few_motions = 6 + problem.joint_count <= problem.contact_count
+    few_motions = problem.passive_count + problem.joint_count <= problem.contact_count
     foresee = few_motions and state.nodes >= _FORESEE_FROM
     decisions = state.consequences.propagate(node.decisions, probe=foresee)
     if decisions is None:

@@ -204,7 +204,8 @@ def carried_many(
 
 def _loops(problem: QuasistaticProblem, objective: Objective, options: SolveOptions) -> Any:
     """Return the loops for problems like one; None where more than the best case is asked for."""
-    if not are_for(problem.cone_model, objective, options):
+    # They count on one free object.
+    if problem.wrench_matrix is not None or not are_for(problem.cone_model, objective, options):
         return None
     return _carrier(likeness_of(problem), objective, problem.joint_units)
 

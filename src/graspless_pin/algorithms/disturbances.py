@@ -17,6 +17,8 @@ from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.modes.rules import SlidingMode, StaticFriction
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
+from graspless_pin.problem.scales import passive_levers
+from graspless_pin.problem.wrenches import load_words
 from graspless_pin.programs.analysis_objectives import Disturbance
 from graspless_pin.records import Brief
 from graspless_pin.solution import Status
@@ -36,7 +38,7 @@ class DisturbanceMargin(Brief):
     Attributes:
         status: OPTIMAL, LIMIT_REACHED where a limit ended the search, or why not even the
             undisturbed object is balanced.
-        directions: (K, 6) unit directions [force; moment / characteristic length].
+        directions: (K, P) unit directions [force; moment / characteristic length].
         magnitudes: (K,) N: the largest t such that along direction d every disturbance
             s [d_f; characteristic_length * d_m] with 0 <= s <= t is balanced in some feasible
             mode. Finite, since normal-force limits are; NaN where the search did not come to its
@@ -69,21 +71,19 @@ class DisturbanceMargin(Brief):
 
     @property
     def worst_wrench(self) -> FloatArray:
-        """(6,) the smallest disturbance looked at that is just balanced, [N; N m]."""
+        """(P,) the smallest disturbance looked at that is just balanced, [N; N m]."""
         d = self.directions[self.worst]
-        return self.magnitudes[self.worst] * np.concatenate(
-            [d[:3], self.characteristic_length * d[3:]]
-        )
+        levers = passive_levers(self.problem.passive_units, self.characteristic_length)
+        return self.magnitudes[self.worst] * (levers * d)
 
     def __str__(self) -> str:
         """Return one line: the worst direction."""
         if not self.found:
             return f"not found: {self.status.message}"
-        force, moment = self.worst_wrench[:3], self.worst_wrench[3:]
+        words = load_words(self.worst_wrench, self.problem.passive_units, joined=", ")
         return (
             f"smallest of {len(self.magnitudes)} balanced disturbances: "
-            f"{self.magnitudes[self.worst]:.4g} N (force {np.round(force, 4).tolist()} N, moment "
-            f"{np.round(moment, 5).tolist()} N m)"
+            f"{self.magnitudes[self.worst]:.4g} N ({words})"
         )
 
 
@@ -107,10 +107,11 @@ def disturbance_margin(
     Args:
         problem: Contacts, wrench, joints and limits.
         torques: (L,) motor torques that stay as they are; None: any within the limits.
-        directions: (K, 6) [force; moment / characteristic_length] of any length; None: both ways
-            along all six axes and 64 quasi-uniform directions (a Sobol sequence, the same every
-            time).
-        characteristic_length: m; None: the largest distance of a contact from the reference point.
+        directions: (K, P) loads over `characteristic_length` where they are in N m, [force; moment
+            / characteristic_length] on one free object, of any length; None: both ways along all
+            axes and 64 quasi-uniform directions (a Sobol sequence, the same every time).
+        characteristic_length: m; None: the largest distance of a contact from the reference point,
+            or the length scale beside a given wrench matrix.
         options: See `SolveOptions.parse`.
 
     Raises:
@@ -134,7 +135,7 @@ def disturbance_margin(
     held = None
     if torques is not None:
         held = finite_array("torques", torques, (problem.joint_count,))
-    scale = np.repeat([1.0, length], 3)
+    scale = passive_levers(problem.passive_units, length)
     magnitudes = np.full(len(units), np.nan)
     status = Status.OPTIMAL
     for index, unit in enumerate(units):
@@ -206,30 +207,34 @@ def _first(formulation: Formulation, mode: SlidingMode, how: SolveOptions) -> fl
 def unit_disturbances(
     problem: QuasistaticProblem, directions: ArrayLike | None, characteristic_length: float | None
 ) -> tuple[FloatArray, float]:
-    """Return (K, 6) unit directions, and the length (m) that makes moments comparable to forces.
+    """Return (K, P) unit directions, and the length (m) that makes moments comparable to forces.
 
     Args:
         problem: The contacts.
-        directions: (K, 6) of any length; None: both ways along all six axes and 64 others.
-        characteristic_length: m; None: the largest distance of a contact from the reference point.
+        directions: (K, P) of any length; None: both ways along all axes and 64 others.
+        characteristic_length: m; None: see `disturbance_margin`.
 
     Raises:
         ArgumentError: If a direction is zero or has another shape, or the length is not positive.
     """
-    length = characteristic_length
-    if length is None:
+    length, passive = characteristic_length, problem.passive_count
+    if length is None and problem.wrench_matrix is None:
         length = float(np.linalg.norm(problem.positions, axis=1).max()) or 1.0
+    elif length is None:
+        length = problem.scales.length
     if not (np.isfinite(length) and length > 0.0):
         raise ArgumentError("characteristic_length", f"is {length}; it must be positive")
     if directions is None:
-        axes = np.vstack([np.eye(6), -np.eye(6)])
+        axes = np.vstack([np.eye(passive), -np.eye(passive)])
+        if passive == 1:
+            return read_only(axes), float(length)
         from scipy.stats import norm, qmc
 
-        points = qmc.Sobol(6, scramble=False).random(2 * _SAMPLES)[_SAMPLES:]
+        points = qmc.Sobol(passive, scramble=False).random(2 * _SAMPLES)[_SAMPLES:]
         spread = norm.ppf(points)
         given = np.vstack([axes, spread / np.linalg.norm(spread, axis=1, keepdims=True)])
         return read_only(given), float(length)
-    given = finite_array("directions", directions, (None, 6))
+    given = finite_array("directions", directions, (None, passive))
     lengths = np.linalg.norm(given, axis=1)
     if (lengths == 0.0).any():
         index = int(np.argmin(lengths))

@@ -27,6 +27,7 @@ from graspless_pin.modes.rules import Rules, SignRule, SlidingRule, StaticFricti
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.joint_units import JointUnit, units_text
+from graspless_pin.problem.wrenches import load_words
 from graspless_pin.programs.analysis_objectives import Elastic
 from graspless_pin.programs.forces import ForceCoordinates
 from graspless_pin.programs.objectives import Margin
@@ -43,12 +44,9 @@ def helped(problem: QuasistaticProblem, forces: FloatArray) -> tuple[str, Quasis
     """Return a wrench from outside that closes the balance of given forces."""
     help_ = -(problem.W @ forces.ravel() + problem.external_wrench)
     changed = problem.with_changes(external_wrench=problem.external_wrench + help_)
-    force, moment = np.round(help_[:3], 4) + 0.0, np.round(help_[3:], 5) + 0.0
-    text = (
-        f"an extra external wrench: force {force.tolist()} N and moment "
-        f"{moment.tolist()} N m on the object"
-    )
-    return text, changed
+    words = load_words(help_, problem.passive_units, joined=" and ")
+    where = "object" if problem.wrench_matrix is None else "passive coordinates"
+    return f"an extra external wrench: {words} on the {where}", changed
 
 
 def wider_joint(

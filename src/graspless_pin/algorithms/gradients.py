@@ -36,11 +36,13 @@ class Gradients(Brief):
 
     Attributes:
         positions: (M, 3) per m of each contact point; its frame and the joints' lever arms stay.
+            Zero beside a given wrench matrix, whose own gradient is the outer product of
+            `external_wrench` and the contact forces.
         normals: (M, 3) per rad, tangential: the contact's frame, its sliding and the force in it
             turn with the normal the shortest way; position and Jacobian stay.
         spins: (M,) per rad about each normal: tangents and sliding direction turn, n stays.
         friction: (M,) per unit of each coefficient.
-        external_wrench: (6,) per N of force and N m of moment.
+        external_wrench: (P,) per N of force and N m of moment.
         jacobian: (3M, L) per unit of each entry.
         gravity_torques: (L,) per N m of what the motors bear besides the contacts.
         upper_torque: (L,) per N m of each upper limit.
@@ -173,8 +175,7 @@ def agreeing(values: FloatArray, *others: FloatArray) -> NDArray[np.bool_]:
 def force_costs(problem: QuasistaticProblem, at: OptimalPoint) -> FloatArray:
     """Return (M, 3) c = W^T y + J kappa: what a change of each contact's force costs."""
     y = at.multipliers["balance"]
-    through_joints = (problem.jacobian @ at.torque).reshape(-1, 3)
-    return y[:3] + np.cross(y[3:], problem.positions) + through_joints
+    return (problem.W.T @ y + problem.jacobian @ at.torque).reshape(-1, 3)
 
 
 def gradients_at(solution: TorqueSolution, at: OptimalPoint) -> Gradients:
@@ -188,12 +189,14 @@ def gradients_at(solution: TorqueSolution, at: OptimalPoint) -> Gradients:
     if solution.objective.by_limits:
         upper = upper - found["share_upper"] * at.value
         lower = lower + found["share_lower"] * at.value
-    margin = 0.0
+    by_position, margin = np.zeros_like(f), 0.0
+    if problem.wrench_matrix is None:
+        by_position = np.cross(f, found["balance"][3:])
     if solution.algorithm is Algorithm.TORQUE:
         bare = at.of_contacts("normal_lower")[~problem.has_cone]
         margin = float(_by_margin(problem, found).sum() + normal_upper.sum() + bare.sum())
     values = {
-        "positions": np.cross(f, found["balance"][3:]),
+        "positions": by_position,
         "normals": np.cross(np.cross(f, cost), problem.normals),
         "spins": np.einsum("mi,mi->m", cost, np.cross(problem.normals, f)),
         "friction": _by_friction(problem, at, cost),

@@ -14,6 +14,8 @@ from graspless_pin.holding.stability import stability
 from graspless_pin.holding.verdict import Stability, StabilityVerdict
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only, real_number
+from graspless_pin.problem.scales import passive_levers
+from graspless_pin.problem.wrenches import load_words
 from graspless_pin.records import Brief
 
 
@@ -27,7 +29,7 @@ class GuaranteedDisturbance(Brief):
 
     Attributes:
         verdict: On the torques without disturbance.
-        directions: (K, 6) unit directions [force; moment / characteristic length].
+        directions: (K, P) unit directions [force; moment / characteristic length].
         brackets: K brackets of the magnitude with their proofs; none where rest is not the only
             outcome even without disturbance.
         characteristic_length: m; what makes a moment comparable to a force.
@@ -121,15 +123,15 @@ class GuaranteedDisturbance(Brief):
                 f"none of {len(self.directions)} directions was reached: the time was over before"
             )
         at = self.worst
-        wrench = self.directions[at] * np.repeat([1.0, self.characteristic_length], 3)
+        units = self.verdict.problem.passive_units
+        wrench = self.directions[at] * passive_levers(units, self.characteristic_length)
         missed = int(np.sum(~self.reached))
         short = int(np.sum(~self.complete)) - missed
         ended = f"; the time was over before the end of {short} directions" if short else ""
         ended += f"; not reached: {missed}" if missed else ""
         return (
-            f"least of {len(self.directions)} directions, per newton of force "
-            f"{np.round(wrench[:3], 4).tolist()} N and moment {np.round(wrench[3:], 5).tolist()} "
-            f"N m: {self.brackets[at].words('N')}{ended}"
+            f"least of {len(self.directions)} directions, per newton of "
+            f"{load_words(wrench, units, joined=' and ')}: {self.brackets[at].words('N')}{ended}"
         )
 
 
@@ -187,7 +189,8 @@ def guaranteed_disturbance(
     )
     brackets: tuple[LoadBracket, ...] = ()
     if verdict.status is Stability.STRONG:
-        scale, still = np.repeat([1.0, length], 3), np.zeros(problem.joint_count)
+        scale = passive_levers(problem.passive_units, length)
+        still = np.zeros(problem.joint_count)
         brackets = tuple(
             load_bracket(verdict, np.concatenate([scale * unit, still]), most, precision, limits)
             for unit in units

@@ -113,7 +113,7 @@ def load_bracket(
 
     Args:
         undisturbed: The verdict without the change: rest is the only outcome.
-        direction: (6 + L,) what each multiple adds to wrench and torques.
+        direction: (P + L,) what each multiple adds to wrench and torques.
         most: Multiples up to this are looked at.
         precision: Relative width of the bracket with which the search ends.
         limits: Sets of outcomes that each of the two trees of a span may look at, and the time.

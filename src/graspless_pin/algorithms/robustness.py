@@ -137,7 +137,7 @@ def robustness(
     count = problem.joint_count
 
     def bracket(change: FloatArray, most: float) -> LoadBracket:
-        direction = np.concatenate([np.zeros(6), change])
+        direction = np.concatenate([np.zeros(problem.passive_count), change])
         return load_bracket(verdict, direction, most, precision, limits)
 
     largest = np.maximum(np.abs(verdict.torques), problem.scales.joints)
@@ -168,6 +168,9 @@ def _without(
     if not len(kept):
         return None
     blocks = problem.jacobian.reshape(problem.contact_count, 3, problem.joint_count)
+    given = problem.wrench_matrix
+    if given is not None:
+        given = given.reshape(problem.passive_count, problem.contact_count, 3)
     fewer = problem.with_changes(
         positions=problem.positions[kept],
         normals=problem.normals[kept],
@@ -176,6 +179,7 @@ def _without(
         tangents=problem.tangents[kept],
         sliding=problem.sliding[kept],
         max_normal_force=problem.max_normal_force[kept],
+        wrench_matrix=None if given is None else given[:, kept].reshape(len(given), 3 * len(kept)),
     )
     # A hybrid finger that touches nothing commands nothing.
     idle = np.flatnonzero(hybrid_contacts(problem) == contact)

@@ -39,7 +39,7 @@ class MarginSensitivity(Brief):
 
     @property
     def external_wrench(self) -> FloatArray:
-        """(6,) N per N of force and per N m of moment."""
+        """(P,) N per N of force and per N m of moment."""
         return self.gradients.values.external_wrench
 
     @property

@@ -403,7 +403,7 @@ def motion_of(solution: TorqueSolution) -> FloatArray | None:
         solution: Found, or infeasible in a given mode.
 
     Returns:
-        (6 + L,) [V; theta_dot], m/s and rad/s; None where none is asked for, or there is none.
+        (P + L,) [V; theta_dot], m/s and rad/s; None where none is asked for, or there is none.
     """
     if solution.rules.by_direction:
         return solution.evidence.motion

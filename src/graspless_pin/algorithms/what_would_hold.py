@@ -165,7 +165,8 @@ def _preload(
     if limits.passed:
         return
     unloaded = problem.with_changes(
-        external_wrench=np.zeros(6), gravity_torques=np.zeros(problem.joint_count)
+        external_wrench=np.zeros(problem.passive_count),
+        gravity_torques=np.zeros(problem.joint_count),
     )
     squeeze = maximize_margin(unloaded, static_friction="coulomb", time_limit=limits.left)
     if not squeeze.found or squeeze.margin <= 1e-6 * problem.scales.force:

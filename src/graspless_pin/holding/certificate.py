@@ -22,6 +22,7 @@ from graspless_pin.holding.relaxation import FORCE_LIMIT, Relaxation
 from graspless_pin.holding.verdict import LoadProof
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
+from graspless_pin.problem.scales import coordinate_units
 
 _HOPELESS = 0.03
 """Of the load: forces that leave more unbalanced let the object move."""
@@ -53,9 +54,9 @@ def balance(
 
 
 def in_loads(problem: QuasistaticProblem, torques: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return G as forces see it (M, 3, 6 + L), and g (6 + L,), for forces in loads, in loads."""
-    force, length, joints = problem.scales
-    unit = np.concatenate([np.repeat([force, force * length], 3), joints])
+    """Return G as forces see it (M, 3, P + L), and g (P + L,), for forces in loads, in loads."""
+    unit = coordinate_units(problem.scales, problem.passive_units)
+    force = problem.scales.force
     return force * force_jacobian(problem) / unit, generalized_load(problem, torques) / unit
 
 
@@ -65,7 +66,7 @@ def proves_unrest(problem: QuasistaticProblem, torques: FloatArray, motion: Floa
     Args:
         problem: Contacts, load and joints.
         torques: (L,) of the motors.
-        motion: (6 + L,) z with sum |z| <= 1: the forces' part z.G^T f is never negative.
+        motion: (P + L,) z with sum |z| <= 1: the forces' part z.G^T f is never negative.
     """
     jacobian, load = in_loads(problem, torques)
     z, lost = scaled_proof(jacobian, problem.friction, motion)

@@ -179,16 +179,14 @@ class KeptPrograms:
 
 
 def point_goals(dynamics: Dynamics) -> FloatArray:
-    """Return (13, n) goals: zero, and twelve of which none above one leaves all points slow.
+    """Return (2 P + 1, n) goals: zero, and others of which none above one leaves all points slow.
 
     Those are both signs of the accelerations of the reference point and of the angular ones times
-    the longest lever, each in units of limit / (2 sqrt(3)). Where no outcome has even the goal
-    zero, there is none at all.
+    the longest lever, each in units of limit / (2 sqrt(3)), or of other passive coordinates as
+    `Dynamics.shares` tells. Where no outcome has even the goal zero, there is none at all.
     """
-    one_way = np.concatenate(
-        [dynamics.acceleration[:3], dynamics.lever * dynamics.acceleration[3:6]]
-    )
-    one_way *= 2.0 * np.sqrt(3.0) / dynamics.limit
+    one_way = dynamics.levers[:, None] * dynamics.acceleration[: len(dynamics.levers)]
+    one_way *= dynamics.shares / dynamics.limit
     return np.vstack([np.zeros(one_way.shape[1]), one_way, -one_way])
 
 

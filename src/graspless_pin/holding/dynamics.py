@@ -27,17 +27,20 @@ class Dynamics:
     acceleration. Then y = B^T f + h, and where it rubs the power of its friction has no sign.
 
     Attributes:
-        rows: (M, 3, n) A: along n, t1, t2 of each contact; n = 6 + joints that are no hybrid
+        rows: (M, 3, n) A: along n, t1, t2 of each contact; n = P + joints that are no hybrid
             finger's. The normal row of a commanded contact is zero: its force is in the load.
         pushes: (M, 3, n) B: A, but along n - mu v/|v| and zeros where a contact slides.
         load: (n,) h; zero where there is none.
         friction: (M,) coefficients; zero where a contact slides: its friction is in B.
         commanded: (M,) normal forces that hybrid fingers command, scaled; NaN elsewhere.
-        acceleration: (6 + L, n) from y to accelerations of object and joints.
+        acceleration: (P + L, n) from y to accelerations of object and joints.
         force_unit: H / alpha, N.
-        points: (M + 1, 3, n) from y to the accelerations of the contact points and of the
-            reference point of the object, m/s^2.
-        lever: From the reference point to the farthest contact point, m.
+        points: (M + k, 3, n) from y to the accelerations of the contact points and of the
+            reference point of the object, m/s^2; see `observed_points`.
+        levers: (P,) what each passive acceleration makes at the farthest of these points at most,
+            m or 1.
+        shares: No point accelerates above the limit where no passive acceleration times its lever
+            is above the limit over this.
         limit: Accelerations of those up to this count as rest, m/s^2.
         spread: (n,) loads are h + theta spread for any theta from 0 to 1, of those outcomes that
             have |y|^2 + sum mu f_n |u_t| <= h.y; zero: one load.
@@ -52,7 +55,8 @@ class Dynamics:
     acceleration: FloatArray
     force_unit: float
     points: FloatArray
-    lever: float
+    levers: FloatArray
+    shares: float
     limit: float
     spread: FloatArray
     commanded_spread: FloatArray
@@ -85,20 +89,46 @@ class Dynamics:
         return np.einsum("lin,li->n", self.pushes, forces) + self.load
 
 
+def observed_points(problem: QuasistaticProblem) -> tuple[FloatArray, FloatArray, float]:
+    """Return what has to be at rest, as seen by the velocities of the passive coordinates.
+
+    These are the contact points, and the reference point of the object. Beside a given wrench
+    matrix they are the relative velocities at contacts, and each coordinate's own times its lever:
+    the length scale of those with loads in N m, and of the others the longest three entries of
+    their row that belong to a contact, or 1.
+
+    Returns:
+        (M + k, 3, P) the map to velocities of points; (P,) the levers and their shares, see
+        `Dynamics`.
+    """
+    count, passive = problem.contact_count, problem.passive_count
+    if problem.wrench_matrix is None:
+        places = np.vstack([problem.positions, np.zeros(3)])
+        farthest = float(np.linalg.norm(places, axis=1).max())
+        points = wrench_map(places).T.reshape(-1, 3, passive)
+        return points, np.repeat([1.0, farthest], 3), 2.0 * np.sqrt(3.0)
+    at = problem.W.T.reshape(count, 3, passive)
+    longest = np.maximum(np.linalg.norm(at, axis=1).max(axis=0), 1.0)
+    levers = np.where(problem.passive_turns, problem.scales.length, longest)
+    own = np.zeros((passive, 3, passive))
+    own[:, 0] = np.diag(levers)
+    return np.concatenate([at, own]), levers, float(passive)
+
+
 def generalized_load(problem: QuasistaticProblem, torques: FloatArray) -> FloatArray:
-    """Return g = (w_ext, tau - g(q)), (6 + L,)."""
+    """Return g = (w_ext, tau - g(q)), (P + L,)."""
     return np.concatenate([problem.external_wrench, torques - problem.gravity_torques])
 
 
 def contact_jacobian(problem: QuasistaticProblem) -> FloatArray:
-    """Return G = [W^T, -J] in contact frames, (M, 3, 6 + L)."""
+    """Return G = [W^T, -J] in contact frames, (M, 3, P + L)."""
     g = contact_map(problem).copy()
-    g[:, :, 6:] *= -1.0
+    g[:, :, problem.passive_count :] *= -1.0
     return g
 
 
 def force_jacobian(problem: QuasistaticProblem) -> FloatArray:
-    """Return G as forces see it, (M, 3, 6 + L): n - mu v/|v| and zeros where a contact slides."""
+    """Return G as forces see it, (M, 3, P + L): n - mu v/|v| and zeros where a contact slides."""
     g = contact_jacobian(problem)
     sliding = problem.is_sliding
     along = np.einsum("lji,lj->li", problem.frames, problem.kinetic_directions)[sliding]
@@ -137,20 +167,20 @@ def scaled_dynamics(
     Args:
         problem: Contacts, load and joints.
         torques: (L,) of the motors.
-        inertia: (6 + L, 6 + L) of object and joints.
+        inertia: (P + L, P + L) of object and joints.
         hybrid: (L,) contact whose normal force a column commands; -1: a joint.
         limit: Accelerations of points up to this count as rest, m/s^2.
     """
-    count = problem.contact_count
+    count, passive = problem.contact_count, problem.passive_count
     jacobian, load = contact_jacobian(problem), generalized_load(problem, torques)
     acting = force_jacobian(problem)
     commanded = np.full(count, np.nan)
     for column in np.flatnonzero(hybrid >= 0):
         contact = hybrid[column]
-        commanded[contact] = load[6 + column]
-        load[:6] += load[6 + column] * acting[contact, 0, :6]
+        commanded[contact] = load[passive + column]
+        load[:passive] += load[passive + column] * acting[contact, 0, :passive]
         jacobian[contact, 0] = acting[contact, 0] = 0.0
-    kept = np.concatenate([np.ones(6, dtype=bool), hybrid < 0])
+    kept = np.concatenate([np.ones(passive, dtype=bool), hybrid < 0])
     jacobian, acting, load = jacobian[:, :, kept], acting[:, :, kept], load[kept]
     root = np.linalg.cholesky(inertia[np.ix_(kept, kept)])
     back = np.linalg.inv(root).T
@@ -162,10 +192,9 @@ def scaled_dynamics(
         size = 1.0
     rows, pushes = jacobian @ back, acting @ back
     alpha = float(np.linalg.norm(rows, axis=2).max())
-    acceleration = np.zeros((6 + problem.joint_count, len(load)))
+    acceleration = np.zeros((passive + problem.joint_count, len(load)))
     acceleration[kept] = size * back
-    places = np.vstack([problem.positions, np.zeros(3)])
-    points = wrench_map(places).T.reshape(-1, 3, 6) @ acceleration[:6]
+    points, levers, shares = observed_points(problem)
     return Dynamics(
         rows / alpha,
         pushes / alpha,
@@ -174,8 +203,9 @@ def scaled_dynamics(
         commanded * alpha / size,
         acceleration,
         size / alpha,
-        points,
-        float(np.linalg.norm(places, axis=1).max()),
+        points @ acceleration[:passive],
+        levers,
+        shares,
         limit,
         np.zeros_like(h),
         np.zeros(count),

@@ -37,7 +37,7 @@ class Balance:
         residual: The largest entry of G^T f + g in units of the load, worked out of the forces.
         outside: By how much the forces leave the cones of friction at most, in loads.
         forces: (M, 3) in contact frames, in loads.
-        proof: (6 + L,) z with sum |z| <= 1: no forces leave less than z.g unbalanced.
+        proof: (P + L,) z with sum |z| <= 1: no forces leave less than z.g unbalanced.
         programs: Linear programs solved.
     """
 

@@ -32,11 +32,11 @@ def free_motions(problem: QuasistaticProblem) -> FloatArray:
             without it such a column is a joint that follows.
 
     Returns:
-        (k, 6 + L) velocities, read-only: of the object [linear of the reference point; angular],
-        world axes, m/s and rad/s, then of the joints. k = 0: none. The rows are orthonormal when
-        linear velocities count in `problem.scales.length` per second, angular ones in rad/s, and a
-        joint's rate in that length over its longest lever. Those that move the object most come
-        first.
+        (k, P + L) velocities, read-only: of the object [linear of the reference point; angular],
+        world axes, m/s and rad/s, or of other passive coordinates, then of the joints. k = 0: none.
+        The rows are orthonormal when linear velocities count in `problem.scales.length` per second,
+        angular ones in rad/s, and a joint's rate in that length over its longest lever. Those that
+        move the object most come first.
 
     Raises:
         ArgumentError: If it is no problem.
@@ -49,7 +49,7 @@ def free_motions(problem: QuasistaticProblem) -> FloatArray:
     """
     checked_problem(problem)
     basis, moving, units = _without_slip(problem)
-    _, shares, turns = np.linalg.svd(basis[:6], full_matrices=True)
+    _, shares, turns = np.linalg.svd(basis[: problem.passive_count], full_matrices=True)
     count = int((shares > NEGLIGIBLE).sum())
     motions = np.zeros((count, len(moving)))
     motions[:, moving] = turns[:count] @ basis.T * units
@@ -78,9 +78,10 @@ def _without_slip(
 ) -> tuple[FloatArray, NDArray[np.bool_], FloatArray]:
     """Return a basis of the motions without slip, scaled, of which entries, and their units."""
     hybrid = hybrid_contacts(problem)
-    moving = np.concatenate([np.ones(6, dtype=bool), hybrid < 0])
+    counts = [problem.passive_count, problem.joint_count]
+    moving = np.concatenate([np.ones(counts[0], dtype=bool), hybrid < 0])
     units = motion_units(problem)[moving]
-    velocities = contact_map(problem) * np.repeat([1.0, -1.0], [6, problem.joint_count])
+    velocities = contact_map(problem) * np.repeat([1.0, -1.0], counts)
     velocities = velocities[:, :, moving] * (units / problem.scales.length)
     still = np.ones((problem.contact_count, 3), dtype=bool)
     still[:, 1:] = problem.has_cone[:, None]
@@ -89,10 +90,10 @@ def _without_slip(
 
 
 def motion_units(problem: QuasistaticProblem) -> FloatArray:
-    """Return the (6 + L,) velocities of object and joints that count as one in `free_motions`."""
+    """Return the (P + L,) velocities of object and joints that count as one in `free_motions`."""
     length = problem.scales.length
     blocks = problem.jacobian.reshape(problem.contact_count, 3, problem.joint_count)
     levers = np.linalg.norm(blocks, axis=1).max(axis=0)
     levers = np.maximum(levers, NEGLIGIBLE * levers.max(initial=0.0))
     joints = np.divide(length, levers, out=np.ones_like(levers), where=levers > 0.0)
-    return np.concatenate([np.full(3, length), np.ones(3), joints])
+    return np.concatenate([np.where(problem.passive_turns, 1.0, length), joints])

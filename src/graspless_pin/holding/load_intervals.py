@@ -34,6 +34,7 @@ from graspless_pin.holding.verdict import LastRest, LoadProof, RestProof, SpanPr
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.inertias import hybrid_contacts, whole_inertia
+from graspless_pin.problem.scales import coordinate_units
 
 
 class Unproven(StrEnum):
@@ -60,7 +61,7 @@ class LoadLine:
         Args:
             problem: At rest.
             torques: (L,) of the motors.
-            direction: (6 + L,) what each multiple adds to wrench and torques.
+            direction: (P + L,) what each multiple adds to wrench and torques.
             limit: Accelerations of points of the object up to this count as rest, m/s^2.
         """
         self.problem, self.torques, self.direction = problem, torques, direction
@@ -72,15 +73,15 @@ class LoadLine:
 
     @property
     def in_loads(self) -> FloatArray:
-        """(6 + L,) the direction in units of the load."""
-        force, length, joints = self.problem.scales
-        return self.direction / np.concatenate([np.repeat([force, force * length], 3), joints])
+        """(P + L,) the direction in units of the load."""
+        return self.direction / coordinate_units(self.problem.scales, self.problem.passive_units)
 
     def at(self, multiple: float) -> tuple[QuasistaticProblem, FloatArray]:
         """Return the problem and the torques with so much of the direction."""
-        wrench = self.problem.external_wrench + multiple * self.direction[:6]
+        passive = self.problem.passive_count
+        wrench = self.problem.external_wrench + multiple * self.direction[:passive]
         changed = self.problem.with_changes(external_wrench=wrench)
-        return changed, self.torques + multiple * self.direction[6:]
+        return changed, self.torques + multiple * self.direction[passive:]
 
     def last_balanced(self, most: float) -> LastRest:
         """Return the largest multiple up to ``most`` with which rest is an outcome.

@@ -65,7 +65,7 @@ from graspless_pin.problem.checks import (
     real_number,
     whole_number,
 )
-from graspless_pin.problem.inertias import hybrid_contacts, whole_inertia
+from graspless_pin.problem.inertias import hybrid_contacts, largest_mass, whole_inertia
 from graspless_pin.problem.quasistatic import checked_problem
 
 _NEAR = float(np.cos(np.radians(20.0)))
@@ -80,7 +80,8 @@ _STATES = _MOVING | {ContactState.CLOSED: "stay closed", ContactState.STICKING: 
 def motion_words(problem: QuasistaticProblem, motion: DynamicOutcome) -> str:
     """Return what the object does, how fast, and which contacts open or slip.
 
-    Down is where the load's force pulls; other directions are in world axes.
+    Down is where the load's force pulls; other directions are in world axes. Of other passive
+    coordinates than one free object's no direction is told.
 
     Args:
         problem: What the motion is an outcome of.
@@ -89,6 +90,10 @@ def motion_words(problem: QuasistaticProblem, motion: DynamicOutcome) -> str:
     Returns:
         Words that follow "the object can", such as "slip down, 3.1 m/s^2 (contacts 4, 5 open)".
     """
+    states = state_words(motion.states, _MOVING)
+    fast = f", {motion.point_acceleration:.3g} m/s^2" + (f" ({states})" if states else "")
+    if problem.wrench_matrix is not None:
+        return f"{'slip' if ContactState.SLIPPING in motion.states else 'move'}{fast}"
     linear, angular = motion.object_acceleration[:3], motion.object_acceleration[3:]
     turning = float(np.linalg.norm(np.cross(angular, problem.positions), axis=1).max(initial=0.0))
     least, load = _NOTICED * motion.point_acceleration, problem.external_wrench[:3]
@@ -99,10 +104,7 @@ def motion_words(problem: QuasistaticProblem, motion: DynamicOutcome) -> str:
         axis = _unit(angular)
         word = "tilt" if abs(float(axis @ _unit(load))) < _NEAR else "turn"
         said.append(f"{word} about {_axis(axis)}")
-    states = state_words(motion.states, _MOVING)
-    return f"{' and '.join(said)}, {motion.point_acceleration:.3g} m/s^2" + (
-        f" ({states})" if states else ""
-    )
+    return f"{' and '.join(said)}{fast}"
 
 
 def _moving(way: FloatArray, load: FloatArray, states: tuple[ContactState, ...]) -> str:
@@ -245,8 +247,8 @@ def _asked(
     seconds = np.inf if time_limit is None else real_number("time_limit", time_limit, 0.0)
     limits = _Limits(whole_number("node_limit", node_limit, 0), time.monotonic() + seconds)
     limit = np.nan
-    if problem.object_inertia is not None:
-        limit = resolution * problem.scales.force / float(problem.object_inertia[0, 0])
+    if (mass := largest_mass(problem)) is not None:
+        limit = resolution * problem.scales.force / mass
     blank = StabilityVerdict(
         Stability.UNDECIDED, problem, tau, resolution, limit, rest_forces=None, motion=None,
         proof=None, no_rest=None, programs=0, nodes=0, free_motions=len(free_motions(problem)),
@@ -462,7 +464,7 @@ def _with_object_at_rest(known: StabilityVerdict, dynamics: Dynamics) -> FloatAr
     acting = problem.jacobian.any(axis=0)
     if not acting.all():
         # Where joints that act on no contact are left alone, the rest may balance.
-        kept = np.concatenate([np.ones(6, dtype=bool), acting])
+        kept = np.concatenate([np.ones(problem.passive_count, dtype=bool), acting])
         jacobian, load = in_loads(problem, known.torques)
         free, any_friction = free_friction(problem), np.full(problem.contact_count, np.nan)
         found = least_residual(

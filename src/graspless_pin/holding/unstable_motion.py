@@ -218,7 +218,7 @@ def outcome_record(
     problem: QuasistaticProblem, dynamics: Dynamics, forces: FloatArray
 ) -> DynamicOutcome:
     """Return the record of a moving outcome, in SI units and world axes."""
-    y = dynamics.motion(forces)
+    y, passive = dynamics.motion(forces), problem.passive_count
     a, u = dynamics.acceleration @ y, dynamics.slips(y)
     speeds = np.linalg.norm(contact_jacobian(problem)[:, 1:] @ a, axis=1)
     local = forces * dynamics.force_unit
@@ -230,6 +230,6 @@ def outcome_record(
     states[~opened & slips] = ContactState.SLIPPING
     states[~opened & problem.is_sliding] = ContactState.CLOSED
     return DynamicOutcome(
-        read_only(a[:6].copy()), read_only(a[6:].copy()), world_forces(problem, local),
+        read_only(a[:passive].copy()), read_only(a[passive:].copy()), world_forces(problem, local),
         tuple(ContactState(state) for state in states), dynamics.point_acceleration(y),
     )  # fmt: skip

@@ -85,12 +85,14 @@ class DynamicOutcome(Brief):
     See the example of `stability`.
 
     Attributes:
-        object_acceleration: (6,) [of the reference point; angular], m/s^2 and rad/s^2, world axes.
+        object_acceleration: (P,) of the passive coordinates: of one free object [of the reference
+            point; angular], m/s^2 and rad/s^2, world axes.
         joint_accelerations: (L,) rad/s^2 (m/s^2); zero for a hybrid finger's column.
         contact_forces: (M, 3) on the object, N, world axes.
         states: M contact states.
         point_acceleration: The largest acceleration of the centre of mass and of the contact
-            points on the object, m/s^2.
+            points on the object, m/s^2; beside a given wrench matrix at contacts, relative to each
+            other, and of each passive coordinate times its lever.
     """
 
     object_acceleration: FloatArray
@@ -218,7 +220,7 @@ class LastRest:
         multiple: Of the change.
         forces: (M, 3) contact forces of that rest, N, world axes; None: only the rest without
             the change is known.
-        no_rest: (6 + L,) what proves that rest is no outcome beyond it, as of a verdict; None: it
+        no_rest: (P + L,) what proves that rest is no outcome beyond it, as of a verdict; None: it
             was not looked further.
     """
 
@@ -244,7 +246,7 @@ class StabilityVerdict:
         motion: The moving outcome of a weak verdict, or what happens where rest is no outcome, if
             one was found.
         proof: What proves a strong verdict.
-        no_rest: (6 + L,) what proves that rest is no outcome: a motion of object and joints along
+        no_rest: (P + L,) what proves that rest is no outcome: a motion of object and joints along
             which all contact forces do work of one sign and the load the other; scaled.
         programs: Linear programs solved.
         nodes: Sets of outcomes looked at, without those that earlier proofs close.

@@ -55,10 +55,10 @@ class VirtualKinematics:
     of unit contact velocities, |y| being their length.
 
     Attributes:
-        rows: (M, 3, 6 + L) maps from the scaled motion to the velocity of the object relative to
+        rows: (M, 3, P + L) maps from the scaled motion to the velocity of the object relative to
             the other body along n, t1, t2: [W^T, J] [V; -theta_dot] of eq. (22), columns scaled to
             a common size.
-        scale: (6 + L,) factors from a scaled motion to [V; theta_dot] in m/s and rad/s.
+        scale: (P + L,) factors from a scaled motion to [V; theta_dot] in m/s and rad/s.
         nearest: Witnesses by guess, which need no search.
         threshold: The slowest sliding that counts.
         undecided_near: Whether a motion was refused that a tenth of the threshold may admit.
@@ -69,7 +69,7 @@ class VirtualKinematics:
         """Assemble the scaled map."""
         self.rows: FloatArray
         self.scale: FloatArray
-        self.rows, self.scale = _scaled(contact_map(problem))
+        self.rows, self.scale = _scaled(contact_map(problem), problem.passive_count)
         self.nearest = NearestMotions(self.rows, CLEARLY * threshold)
         self.threshold = threshold
         self.undecided_near = False
@@ -104,7 +104,7 @@ class VirtualKinematics:
 
     @cached_property
     def _motions(self) -> FloatArray:
-        """(6 + L, r) the shortest scaled motion behind each coordinate of y."""
+        """(P + L, r) the shortest scaled motion behind each coordinate of y."""
         Q, R = np.linalg.qr(self._factors[1].T)
         return Q @ solve_triangular(R.T, np.eye(len(R)), lower=True, check_finite=False)
 
@@ -216,7 +216,7 @@ class VirtualKinematics:
         return self._touching_motions(contacts, signs, SignRule.STRICT)
 
     def scaled_motion(self, y: FloatArray) -> FloatArray:
-        """Return the (6 + L,) scaled motion of coordinates y of contact velocities."""
+        """Return the (P + L,) scaled motion of coordinates y of contact velocities."""
         return self._motions @ y
 
     def _fastest(
@@ -291,12 +291,12 @@ def kinematics_of(problem: QuasistaticProblem) -> VirtualKinematics:
 _OF_THREAD = local()
 
 
-def _scaled(of_frames: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the map (M, 3, 6 + L) with columns of one size, and (6 + L,) factors of motions."""
+def _scaled(of_frames: FloatArray, passive: int) -> tuple[FloatArray, FloatArray]:
+    """Return the map (M, 3, P + L) with columns of one size, and (P + L,) factors of motions."""
     size = np.sqrt(np.einsum("lij,lij->j", of_frames, of_frames))
     scale = 1.0 / np.where(size > 0.0, size, 1.0)
     signed = scale.copy()
-    np.negative(signed[6:], out=signed[6:])  # the map takes -theta_dot
+    np.negative(signed[passive:], out=signed[passive:])  # the map takes -theta_dot
     return of_frames * signed, scale
 
 

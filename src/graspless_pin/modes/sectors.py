@@ -104,7 +104,7 @@ class SectorMotions:
             sectors: Of the selected contacts, which keep touching.
 
         Returns:
-            (6 + L,) the motion, scaled, zero where nothing is asked; or an exclusion.
+            (P + L,) the motion, scaled, zero where nothing is asked; or an exclusion.
 
         Raises:
             UndecidedMotionError: If no solver decides.
@@ -141,7 +141,7 @@ class SectorMotions:
         These touch all along it and slide fast enough to count.
 
         Args:
-            motion: (6 + L,) scaled.
+            motion: (P + L,) scaled.
         """
         velocities = self.kinematics.rows @ motion
         size, speeds = np.linalg.norm(velocities), np.hypot(velocities[:, 1], velocities[:, 2])
@@ -154,7 +154,7 @@ class SectorMotions:
         """Return whether a motion slides at given angles, by the rule for motions.
 
         Args:
-            motion: (6 + L,) scaled.
+            motion: (P + L,) scaled.
             angles: Of the contacts that have to slide, rad.
         """
         velocities = self.kinematics.rows @ motion

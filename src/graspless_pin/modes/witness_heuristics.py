@@ -34,7 +34,7 @@ class _Seen(NamedTuple):
     Attributes:
         sliding: (2 s,) velocities along t1 and t2.
         apart: (s,) velocities along n.
-        motion: (6 + L,) the motion, scaled.
+        motion: (P + L,) the motion, scaled.
     """
 
     sliding: FloatArray
@@ -60,7 +60,7 @@ class NearestMotions:
         """Take the map of `VirtualKinematics`.
 
         Args:
-            rows: (M, 3, 6 + L) from the scaled motion to velocities along n, t1, t2.
+            rows: (M, 3, P + L) from the scaled motion to velocities along n, t1, t2.
             clear: The slowest sliding, over the length of all contact velocities, that counts.
         """
         self._rows = rows
@@ -75,11 +75,11 @@ class NearestMotions:
         Args:
             contacts: s contacts that must touch and slide along both tangents.
             signs: (2 s,) signs of their sliding, 0 where any will do.
-            near: (6 + L,) a motion that may be close to one; None: none is known.
+            near: (P + L,) a motion that may be close to one; None: none is known.
 
         Returns:
             (2 s,) the signs completed by a motion that slides with all of them, a witness under
-            every rule, and (6 + L,) that motion; None says nothing.
+            every rule, and (P + L,) that motion; None says nothing.
         """
         if not contacts:
             return signs, np.zeros(self._rows.shape[2])
@@ -108,10 +108,10 @@ class NearestMotions:
         Args:
             contacts: s contacts that must touch and slide along both tangents.
             signs: (s, 2) signs of their sliding.
-            near: (6 + L,) the other motion.
+            near: (P + L,) the other motion.
 
         Returns:
-            (6 + L,) a witness under every rule; None says nothing.
+            (P + L,) a witness under every rule; None says nothing.
         """
         if not contacts:
             return near
@@ -147,7 +147,7 @@ class NearestMotions:
         return _Seen(tangential.dot(motion), normal.dot(motion), motion)
 
     def _motions(self, contacts: tuple[int, ...]) -> FloatArray:
-        """(3 s + 6 + L, 2 s) from wanted slidings to tangential, normal velocities and the motion.
+        """(3 s + P + L, 2 s) from wanted slidings to tangential, normal velocities and the motion.
 
         Of the motions that keep the contacts touching, that with the nearest slidings, up to a
         little damping in place of the ranks: what comes out is checked.
@@ -177,7 +177,7 @@ class NearestMotions:
 
         Returns:
             (s, 2), 0 where it is too slow to count as a sliding; None if none was found; and the
-            (6 + L,) motion.
+            (P + L,) motion.
         """
         sliding, apart, motion = self._split(self._motions(contacts) @ wanted.ravel())
         size = self._size(motion)

@@ -29,7 +29,12 @@ from graspless_pin.problem.checks import (
     whole_number,
 )
 from graspless_pin.problem.cones import checked_cone, default_tangents
-from graspless_pin.problem.joint_units import checked_units
+from graspless_pin.problem.joint_units import (
+    FREE_BODY,
+    JointUnit,
+    checked_passive_units,
+    checked_units,
+)
 
 AT_REST = 1e-12
 """Sliding speeds up to this are none, m/s."""
@@ -54,6 +59,8 @@ def checked_arguments(
     gravity_torques: ArrayLike | None,
     object_inertia: ArrayLike | None,
     joint_inertia: ArrayLike | None,
+    wrench_matrix: ArrayLike | None,
+    passive_units: Sequence[str] | None,
 ) -> dict[str, Any]:
     """Return the data of a problem from the arguments of its constructor, by attribute.
 
@@ -66,7 +73,8 @@ def checked_arguments(
         raise ArgumentError("positions", "has no row; at least one contact is needed")
     n = finite_array("normals", normals, (m, 3))
     unit_rows("normals", n)
-    wrench = _checked_wrench(external_wrench)
+    matrix, kinds = _checked_coordinates(wrench_matrix, passive_units, m)
+    wrench = _checked_wrench(external_wrench, len(kinds))
     rows = np.zeros((3 * m, 0)) if jacobian is None else jacobian
     jac = finite_array("jacobian", rows, (3 * m, None))
     count = jac.shape[1]
@@ -80,8 +88,9 @@ def checked_arguments(
     force = per_item("max_normal_force", max_normal_force, m)
     impossible = ~(force > 0.0) | np.isinf(force)
     first_bad("max_normal_force", force, impossible, "it must be finite and > 0")
-    least = max(SMALLEST, float(np.abs(wrench[:3]).max()) / LARGEST_LOAD_OVER_LIMIT)
-    far_off = f"it must be at least {least:g}: the external force is {wrench[:3].tolist()} N"
+    pull = wrench[[unit is JointUnit.FORCE for unit in kinds]]
+    least = max(SMALLEST, float(np.abs(pull).max(initial=0.0)) / LARGEST_LOAD_OVER_LIMIT)
+    far_off = f"it must be at least {least:g}: the external force is {pull.tolist()} N"
     first_bad("max_normal_force", force, force < least, far_off)
     weight = np.zeros(count) if gravity_torques is None else gravity_torques
     gravity = finite_array("gravity_torques", weight, (count,))
@@ -101,23 +110,45 @@ def checked_arguments(
         "joint_names": _checked_names(joint_names, count),
         "joint_units": checked_units(joint_units, count),
         "gravity_torques": gravity,
-    } | _checked_inertias(object_inertia, joint_inertia, count)
+        "wrench_matrix": matrix,
+        "passive_units": kinds,
+    } | _checked_inertias(object_inertia, joint_inertia, (len(kinds), count))
+
+
+def _checked_coordinates(
+    wrench_matrix: ArrayLike | None, passive_units: Sequence[str] | None, contacts: int
+) -> tuple[FloatArray | None, tuple[JointUnit, ...]]:
+    """Return the (P, 3M) matrix, if one is given, and the units of the P passive coordinates."""
+    if wrench_matrix is None:
+        kinds = checked_passive_units(passive_units, len(FREE_BODY))
+        if kinds != FREE_BODY:
+            raise ArgumentError(
+                "passive_units",
+                f"is {[str(unit) for unit in kinds]} without a wrench_matrix; there they are those "
+                f"of one free object, {[str(unit) for unit in FREE_BODY]}",
+            )
+        return None, FREE_BODY
+    matrix = finite_array("wrench_matrix", wrench_matrix, (None, 3 * contacts))
+    if len(matrix) == 0:
+        raise ArgumentError("wrench_matrix", "has no row; at least one coordinate is needed")
+    return matrix, checked_passive_units(passive_units, len(matrix))
 
 
 def _checked_inertias(
-    of_object: ArrayLike | None, of_joints: ArrayLike | None, count: int
+    of_object: ArrayLike | None, of_joints: ArrayLike | None, counts: tuple[int, int]
 ) -> dict[str, Any]:
     """Return the inertias that are given, by attribute."""
-    checked = {}
+    checked, (passive, count) = {}, counts
     if of_object is not None:
-        checked["object_inertia"] = checked_inertia("object_inertia", of_object, 6, definite=True)
+        own = checked_inertia("object_inertia", of_object, passive, definite=True)
+        checked["object_inertia"] = own
     if of_joints is not None:
         checked["joint_inertia"] = checked_inertia("joint_inertia", of_joints, count)
     return checked
 
 
-def _checked_wrench(external_wrench: ArrayLike) -> FloatArray:
-    wrench = finite_array("external_wrench", external_wrench, (6,))
+def _checked_wrench(external_wrench: ArrayLike, count: int) -> FloatArray:
+    wrench = finite_array("external_wrench", external_wrench, (count,))
     if is_too_small(wrench):
         raise ArgumentError(
             "external_wrench",

@@ -16,16 +16,16 @@ def contact_map(problem: QuasistaticProblem) -> FloatArray:
     t2; its rows, transposed, are the wrench and the joint torques of unit forces along them.
 
     Returns:
-        (M, 3, 6 + L) read-only.
+        (M, 3, P + L) read-only.
     """
     return _MAPS.of(problem)
 
 
 def _assembled(problem: QuasistaticProblem) -> FloatArray:
-    count, joints = problem.contact_count, problem.joint_count
-    world = np.empty((count, 3, 6 + joints))
-    world[:, :, :6] = problem.W.T.reshape(count, 3, 6)
-    world[:, :, 6:] = problem.jacobian.reshape(count, 3, joints)
+    count, passive, joints = problem.contact_count, problem.passive_count, problem.joint_count
+    world = np.empty((count, 3, passive + joints))
+    world[:, :, :passive] = problem.W.T.reshape(count, 3, passive)
+    world[:, :, passive:] = problem.jacobian.reshape(count, 3, joints)
     return read_only(problem.frames.transpose(0, 2, 1) @ world)
 
 

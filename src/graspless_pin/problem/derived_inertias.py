@@ -51,6 +51,8 @@ def keep_inertias(problem: Any, other: Any, given: Iterable[str]) -> Any:
     kept = set(INERTIAS).difference(given)
     if other.joint_count != problem.joint_count:
         kept.discard("joint_inertia")
+    if other.passive_count != problem.passive_count:
+        kept.discard("object_inertia")
     own, sources = vars(problem), vars(problem).get(_SOURCES, {})
     other = changed(other, **{name: own[name] for name in kept & own.keys()})
     return with_derived_inertias(other, {name: sources[name] for name in kept & sources.keys()})

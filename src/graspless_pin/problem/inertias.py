@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from graspless_pin.errors import ArgumentError
 from graspless_pin.problem.checks import SINGULAR, FloatArray, with_unit_diagonal
 from graspless_pin.problem.quasistatic import QuasistaticProblem
+from graspless_pin.problem.scales import passive_levers
 
 _NORMAL = 1e-9
 
@@ -68,18 +69,34 @@ def moving_joints(problem: QuasistaticProblem) -> NDArray[np.intp]:
     return joints
 
 
+def largest_mass(problem: QuasistaticProblem) -> float | None:
+    """Return the mass of the object, kg; None where its inertia is not known.
+
+    Of other passive coordinates it is the largest entry on the inertia's diagonal in kg, or where
+    all have loads in N m, the largest over the square of the length scale.
+    """
+    inertia = problem.object_inertia
+    if inertia is None:
+        return None
+    if problem.wrench_matrix is None:
+        return float(inertia[0, 0])
+    levers = passive_levers(problem.passive_units, problem.scales.length)
+    own = inertia.diagonal() / levers**2
+    return float(own[problem.passive_turns.all() | ~problem.passive_turns].max())
+
+
 def whole_inertia(problem: QuasistaticProblem) -> FloatArray | None:
-    """Return the (6 + L, 6 + L) inertia of object and joints, None where some of it is not known.
+    """Return the (P + L, P + L) inertia of object and joints, None where some of it is not known.
 
     Raises:
         ArgumentError: If that of the joints is singular; see `moving_joints`.
     """
-    joints, own = problem.joint_count, problem.object_inertia
+    passive, joints, own = problem.passive_count, problem.joint_count, problem.object_inertia
     if own is None or (problem.joint_inertia is None and joints):
         return None
-    inertia = np.zeros((6 + joints, 6 + joints))
-    inertia[:6, :6] = own
+    inertia = np.zeros((passive + joints, passive + joints))
+    inertia[:passive, :passive] = own
     if problem.joint_inertia is not None:
         moving_joints(problem)
-        inertia[6:, 6:] = problem.joint_inertia
+        inertia[passive:, passive:] = problem.joint_inertia
     return inertia

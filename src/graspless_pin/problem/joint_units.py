@@ -1,4 +1,4 @@
-"""Units of joint torques: not every column of J is a turning joint's."""
+"""Units of generalised forces: not every column of J is a turning joint's, nor every row of W."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from graspless_pin.errors import ArgumentError
 
 
 class JointUnit(StrEnum):
-    """What the generalised force of a joint is measured in.
+    """What the generalised force of a joint, or of a passive coordinate, is measured in.
 
     See the example of `assemble_joint_space`.
     """
@@ -20,6 +20,10 @@ class JointUnit(StrEnum):
     """Of a linear joint, a tendon, or a hybrid finger's normal force."""
 
 
+FREE_BODY = (JointUnit.FORCE,) * 3 + (JointUnit.TORQUE,) * 3
+"""Units of the wrench on one free body."""
+
+
 def checked_units(units: Sequence[str] | None, count: int) -> tuple[JointUnit, ...]:
     """Return the units of ``count`` joints; None: all turn.
 
@@ -28,18 +32,36 @@ def checked_units(units: Sequence[str] | None, count: int) -> tuple[JointUnit, .
     """
     if units is None:
         return (JointUnit.TORQUE,) * count
-    if isinstance(units, str) or not isinstance(units, Sequence):
-        raise ArgumentError("joint_units", f"is {units!r}; it must be a sequence of units")
-    if len(units) != count:
+    return _checked("joint_units", units, count, "the jacobian has {} columns")
+
+
+def checked_passive_units(units: Sequence[str] | None, count: int) -> tuple[JointUnit, ...]:
+    """Return the units of ``count`` passive coordinates; None: those of free bodies.
+
+    Raises:
+        ArgumentError: Naming the index and the value that is wrong.
+    """
+    if units is not None:
+        return _checked("passive_units", units, count, "the wrench_matrix has {} rows")
+    bodies, rest = divmod(count, len(FREE_BODY))
+    if rest:
         raise ArgumentError(
-            "joint_units", f"has {len(units)} units; the jacobian has {count} columns"
+            "passive_units",
+            f"is missing for a wrench_matrix of {count} rows; left out, it is three 'N' and three "
+            f"'N m' for each free body, and the rows must be a multiple of {len(FREE_BODY)}",
         )
+    return FREE_BODY * bodies
+
+
+def _checked(name: str, units: Sequence[str], count: int, rule: str) -> tuple[JointUnit, ...]:
+    if isinstance(units, str) or not isinstance(units, Sequence):
+        raise ArgumentError(name, f"is {units!r}; it must be a sequence of units")
+    if len(units) != count:
+        raise ArgumentError(name, f"has {len(units)} units; {rule.format(count)}")
     known = ", ".join(repr(str(unit)) for unit in JointUnit)
     for index, unit in enumerate(units):
         if unit not in list(JointUnit):
-            raise ArgumentError(
-                "joint_units", f"is {unit!r} at index {index}; it must be one of {known}"
-            )
+            raise ArgumentError(name, f"is {unit!r} at index {index}; it must be one of {known}")
     return tuple(JointUnit(unit) for unit in units)
 
 

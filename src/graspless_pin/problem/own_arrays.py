@@ -17,7 +17,7 @@ from graspless_pin.problem.checks import (
     read_only,
 )
 from graspless_pin.problem.cones import checked_cone
-from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.problem.joint_units import FREE_BODY, JointUnit
 from graspless_pin.problem.quasistatic import QuasistaticProblem
 from graspless_pin.records import unchecked
 
@@ -41,8 +41,9 @@ def problem_of_own_arrays(
 ) -> QuasistaticProblem:
     """Return the problem of arrays that the caller has made itself, six times as fast as usual.
 
-    They become read-only and are not copied. Shapes, orthonormal frames, tangential sliding and
-    distinct names are the caller's affair; whether the numbers are possible ones is checked.
+    It is one of one free object. They become read-only and are not copied. Shapes, orthonormal
+    frames, tangential sliding and distinct names are the caller's affair; whether the numbers are
+    possible ones is checked.
 
     Args:
         positions: (M, 3) m.
@@ -102,6 +103,8 @@ def problem_of_own_arrays(
         joint_names=joint_names,
         joint_units=joint_units,
         gravity_torques=gravity_torques,
+        wrench_matrix=None,
+        passive_units=FREE_BODY,
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
@@ -21,13 +22,14 @@ from graspless_pin.problem.checks import (
 from graspless_pin.problem.cone_model import ConeModel, Section
 from graspless_pin.problem.cones import CONE_MODELS
 from graspless_pin.problem.derived_inertias import INERTIAS, derived, keep_inertias
-from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.problem.joint_units import FREE_BODY, JointUnit
 from graspless_pin.problem.matrices import block_diagonal, cone_blocks, wrench_map
 from graspless_pin.problem.scales import (
     LIMIT_TOLERANCE,
     Scales,
     Strictness,
     scales_of,
+    scales_of_matrix,
     strictness_of,
 )
 from graspless_pin.suggestions import what_to_pass
@@ -39,13 +41,17 @@ class QuasistaticProblem:
 
     All vectors are in one set of world axes; positions, moments and the columns of `W` are about
     one reference point, the object's centre of mass by convention. Arrays are read-only copies.
+    With a `wrench_matrix` there are any P passive coordinates in the place of the object's six:
+    several objects (`body_wrench_matrix`), or one on a rail. What is said of "the object" then goes
+    for whatever these move.
     The letters are those of Makita and Maeda, *Joint Torque Optimization for Quasi-static
     Graspless Manipulation*; equation numbers are theirs.
 
     Attributes:
         positions: (M, 3) contact points P_l relative to the reference point, m.
         normals: (M, 3) unit normals n_l, into the object.
-        external_wrench: (6,) [force; moment] on the object, N and N m.
+        external_wrench: (P,) load on the passive coordinates; [force; moment] on one free object,
+            N and N m.
         jacobian: (3M, L) contact Jacobian with J^T f = tau, world axes; m/rad, m/m or 1.
         friction: (M,) Coulomb coefficients, static and kinetic.
         tangents: (M, 3, 2) unit tangents t_l1, t_l2.
@@ -61,8 +67,11 @@ class QuasistaticProblem:
         joint_units: L units of their torques.
         gravity_torques: (L,) torque g(q) that the motors bear besides the contacts: the motor's
             torque is J^T f + g(q).
-        object_inertia: (6, 6) the object's inertia about the reference point, for [linear;
-            angular] accelerations in world axes, kg, kg m and kg m^2; None: not known.
+        wrench_matrix: (P, 3M) the map that was given; None: `W` follows from the positions.
+        passive_units: P units of the passive coordinates' loads.
+        object_inertia: (P, P) the passive coordinates' inertia; the object's about the reference
+            point, for [linear; angular] accelerations in world axes, kg, kg m and kg m^2; None: not
+            known.
         joint_inertia: (L, L) joint-space inertia, kg m^2 (kg m, kg for linear joints); zero in a
             hybrid finger's row and column; None: not known.
 
@@ -89,6 +98,8 @@ class QuasistaticProblem:
     joint_names: tuple[str, ...]
     joint_units: tuple[JointUnit, ...]
     gravity_torques: FloatArray
+    wrench_matrix: FloatArray | None = None
+    passive_units: tuple[JointUnit, ...] = FREE_BODY
     object_inertia: FloatArray | None = derived("object_inertia")  # noqa: RUF009 - a descriptor
     joint_inertia: FloatArray | None = derived("joint_inertia")  # noqa: RUF009
 
@@ -111,13 +122,17 @@ class QuasistaticProblem:
         gravity_torques: ArrayLike | None = None,
         object_inertia: ArrayLike | None = None,
         joint_inertia: ArrayLike | None = None,
+        wrench_matrix: ArrayLike | None = None,
+        passive_units: Sequence[str] | None = None,
     ) -> None:
         """Validate and freeze the arrays.
 
         Args:
-            positions: (M, 3) m, about the reference point.
+            positions: (M, 3) m, about the reference point; beside a `wrench_matrix` they only tell
+                where contacts are.
             normals: (M, 3) unit, into the object.
-            external_wrench: (6,) [force; moment] about the reference point, N and N m.
+            external_wrench: (P,) load on the passive coordinates; without a `wrench_matrix` (6,)
+                [force; moment] about the reference point, N and N m.
             jacobian: (3M, L) with J^T f = tau; None: no joint (L = 0).
             friction: Scalar or (M,), >= 0.
             tangents: (M, 3, 2) orthonormal pairs, orthogonal to the normals; None:
@@ -132,9 +147,14 @@ class QuasistaticProblem:
             joint_names: L distinct names; None: ``joint_1`` ... ``joint_L``.
             joint_units: L units, ``N m`` or ``N``, of the torques; None: N m.
             gravity_torques: (L,) N m; None: zeros.
-            object_inertia: (6, 6) about the reference point, symmetric and positive definite; only
-                verdicts on what really happens need it.
+            object_inertia: (P, P) symmetric and positive definite, that of one free object about
+                the reference point; only verdicts on what really happens need it.
             joint_inertia: (L, L) symmetric and positive semidefinite; likewise.
+            wrench_matrix: (P, 3M) from contact forces to the generalised forces that they make on
+                P passive coordinates, which no motor holds; None: W of eq. (7), of one free object.
+                The transpose maps these coordinates' velocities to those at contacts.
+            passive_units: P units, ``N`` or ``N m``, of the generalised forces; None: three of each
+                for every free body, and P is a multiple of 6.
 
         Raises:
             ArgumentError: Naming the argument, the index and the value that is wrong.
@@ -144,7 +164,7 @@ class QuasistaticProblem:
             sliding=sliding, torque_limits=torque_limits, max_normal_force=max_normal_force,
             cone_edges=cone_edges, cone=cone, joint_names=joint_names, joint_units=joint_units,
             gravity_torques=gravity_torques, object_inertia=object_inertia,
-            joint_inertia=joint_inertia,
+            joint_inertia=joint_inertia, wrench_matrix=wrench_matrix, passive_units=passive_units,
         )  # fmt: skip
         self.__dict__.update(values)
 
@@ -154,9 +174,11 @@ class QuasistaticProblem:
 
     def __repr__(self) -> str:
         """Return the sizes, not the arrays."""
+        given = self.wrench_matrix is not None
+        passive = f"{self.passive_count} passive coordinates, " if given else ""
         return (
             f"QuasistaticProblem({self.contact_count} contacts, {int(self.is_sliding.sum())} "
-            f"sliding, {self.joint_count} joints, "
+            f"sliding, {passive}{self.joint_count} joints, "
             f"{self.cone_model.words(self.cone_edges)})"
         )
 
@@ -166,10 +188,12 @@ class QuasistaticProblem:
         Args:
             changes: Arguments of the constructor by name. Where the number of joints changes and
                 `joint_units` is not given, all torques are in N m, and where `joint_inertia` is
-                not, it is not known.
+                not, it is not known. So it is with the number of passive coordinates,
+                `passive_units` and `object_inertia`.
 
         Raises:
-            ArgumentError: See the constructor.
+            ArgumentError: See the constructor. Other positions need another `wrench_matrix` where
+                one was given.
         """
         own = {item.name: getattr(self, item.name) for item in fields(self)[:-2]}
         limits = own.pop("lower_torque"), own.pop("upper_torque")
@@ -181,6 +205,18 @@ class QuasistaticProblem:
         names = changes.get("joint_names", self.joint_names)
         if not isinstance(names, Sequence) or len(names) != self.joint_count:
             values["joint_units"] = None
+        if "wrench_matrix" in changes:
+            rows = 0
+            with suppress(TypeError):  # the constructor says that it is no matrix
+                rows = len(changes["wrench_matrix"])
+            if rows != self.passive_count:
+                values["passive_units"] = None
+        elif "positions" in changes and self.wrench_matrix is not None:
+            raise ArgumentError(
+                "wrench_matrix",
+                "was given, and does not follow other positions; pass the one that belongs to "
+                "them, too, or None for that of one free object",
+            )
         return keep_inertias(self, QuasistaticProblem(**{**values, **changes}), changes)
 
     @property
@@ -192,6 +228,16 @@ class QuasistaticProblem:
     def joint_count(self) -> int:
         """L, the number of columns of `J`."""
         return self.jacobian.shape[1]
+
+    @property
+    def passive_count(self) -> int:
+        """P, the number of passive coordinates: 6 of one free object."""
+        return len(self.passive_units)
+
+    @cached_property
+    def passive_turns(self) -> NDArray[np.bool_]:
+        """(P,) passive coordinates whose loads are in N m."""
+        return np.array([unit is JointUnit.TORQUE for unit in self.passive_units])
 
     @property
     def cone_model(self) -> ConeModel:
@@ -206,7 +252,12 @@ class QuasistaticProblem:
     @cached_property
     def scales(self) -> Scales:
         """What forces, moments and torques of this problem are measured against: its load."""
-        return scales_of(self.positions, self.external_wrench, self.jacobian, self.max_normal_force)
+        load, given = self.external_wrench, self.wrench_matrix
+        if given is None:
+            return scales_of(self.positions, load, self.jacobian, self.max_normal_force)
+        return scales_of_matrix(
+            given, self.passive_units, load, self.jacobian, self.max_normal_force
+        )
 
     @cached_property
     def limit_tolerances(self) -> tuple[FloatArray, FloatArray]:
@@ -263,8 +314,12 @@ class QuasistaticProblem:
 
     @cached_property
     def W(self) -> FloatArray:
-        """(6, 3M) map from contact forces to the wrench on the object, eq. (7): [1; m]."""
-        return wrench_map(self.positions)
+        """(P, 3M) map from contact forces to loads on passive coordinates: [1; m].
+
+        Without a given one that to the wrench on the object, eq. (7).
+        """
+        given = self.wrench_matrix
+        return wrench_map(self.positions) if given is None else given
 
     @cached_property
     def N(self) -> FloatArray:

@@ -34,9 +34,13 @@ class Scales(NamedTuple):
         force: F, the load, N: the larger of the external force and of the external moment about the
             contacts' centre over the length. A wrench of zero has the smallest normal-force limit
             in its place (Algorithm 2: a required margin that is no less than 1e-20 of that).
+            Beside a given wrench matrix both are the lengths of the vectors of all external
+            generalised forces in N, and of all in N m as they stand.
         length: The distance of the farthest contact from the contacts' centre, m; where all are
             there, that moment over the external force, or 1 m. Rounding is neither distance nor
-            moment.
+            moment. Of a given wrench matrix it is the longest lever, that is the largest length of
+            three entries of a row in N m that belong to one contact; where there is none, that
+            moment over the force, or 1 m.
         joints: (L,) torques that the load makes on each joint's longest lever, N m (N).
     """
 
@@ -111,7 +115,7 @@ def strictness_of(
 def scales_of(
     positions: FloatArray, wrench: FloatArray, jacobian: FloatArray, limits: FloatArray
 ) -> Scales:
-    """Return the scales of a problem.
+    """Return the scales of a problem of one free object.
 
     Args:
         positions: (M, 3) m.
@@ -128,8 +132,61 @@ def scales_of(
     if length <= LEAST_DIFFERENCE * reach:
         least = LEAST_DIFFERENCE * (math.sqrt(float(wrench[3:] @ wrench[3:])) + reach * pull)
         length = turn / pull if pull > 0.0 and turn > least else 1.0
+    return _of_load(pull, turn, length, jacobian, limits)
+
+
+def scales_of_matrix(
+    matrix: FloatArray,
+    units: tuple[JointUnit, ...],
+    load: FloatArray,
+    jacobian: FloatArray,
+    limits: FloatArray,
+) -> Scales:
+    """Return the scales of a problem with a given wrench matrix.
+
+    Args:
+        matrix: (P, 3M).
+        units: (P,) units of its rows.
+        load: (P,) external generalised forces, N and N m.
+        jacobian: (3M, L).
+        limits: (M,) largest normal forces, N.
+    """
+    turns = np.array([unit is JointUnit.TORQUE for unit in units])
+    pull, turn = (math.sqrt(float(part @ part)) for part in (load[~turns], load[turns]))
+    levers = np.linalg.norm(matrix[turns].reshape(-1, len(limits), 3), axis=2)
+    length = float(levers.max(initial=0.0))
+    if length == 0.0:
+        length = turn / pull if pull > 0.0 and turn > 0.0 else 1.0
+    return _of_load(pull, turn, length, jacobian, limits)
+
+
+def passive_levers(units: tuple[JointUnit, ...], length: float) -> FloatArray:
+    """Return (P,) what a newton counts in each passive coordinate: 1, or the length, m.
+
+    Args:
+        units: (P,) of the coordinates.
+        length: See `Scales`, m.
+    """
+    return np.array([length if unit is JointUnit.TORQUE else 1.0 for unit in units])
+
+
+def coordinate_units(scales: Scales, units: tuple[JointUnit, ...]) -> FloatArray:
+    """Return (P + L,) what the load makes in each row of the balance and at each joint.
+
+    Args:
+        scales: Of the problem.
+        units: (P,) of the passive coordinates.
+    """
+    force, length, joints = scales
+    return np.concatenate([force * passive_levers(units, length), joints])
+
+
+def _of_load(
+    pull: float, turn: float, length: float, jacobian: FloatArray, limits: FloatArray
+) -> Scales:
+    """Return the scales of an external force, N, and moment, N m, with their length, m."""
     force = max(pull, turn / length) or float(limits.min())
-    blocks = jacobian.reshape(len(positions), 3, -1)
+    blocks = jacobian.reshape(len(limits), 3, -1)
     levers = np.sqrt(np.einsum("lij,lij->lj", blocks, blocks).max(axis=0))
     longest = float(levers.max(initial=0.0))
     levers = np.maximum(levers, LEAST_LEVER * longest) if longest > 0.0 else levers + length

@@ -1,4 +1,4 @@
-"""Wrench order: this package has forces first, some others have moments first."""
+"""Wrenches: this package has forces first, some others have moments first; loads in words."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from graspless_pin.problem.checks import FloatArray, real_array
+from graspless_pin.problem.joint_units import JointUnit
 
 
 def moment_first(wrench: ArrayLike) -> FloatArray:
@@ -52,6 +53,21 @@ def force_first(wrench: ArrayLike) -> FloatArray:
         array([4. , 5. , 6. , 0.1, 0.2, 0.3])
     """
     return _halves_swapped(wrench)
+
+
+def load_words(load: FloatArray, units: tuple[JointUnit, ...], *, joined: str) -> str:
+    """Return a load on passive coordinates: what is in N, and what is in N m.
+
+    Args:
+        load: (P,) N and N m.
+        units: P units.
+        joined: What stands between the two.
+    """
+    turns = np.array([unit is JointUnit.TORQUE for unit in units])
+    force, moment = np.round(load[~turns], 4) + 0.0, np.round(load[turns], 5) + 0.0
+    words = [f"force {force.tolist()} N"] if force.size else []
+    words += [f"moment {moment.tolist()} N m"] if moment.size else []
+    return joined.join(words)
 
 
 def _halves_swapped(wrench: ArrayLike) -> FloatArray:

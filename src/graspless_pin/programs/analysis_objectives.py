@@ -90,7 +90,7 @@ class FreeRays(Objective):
         """Add the balance and the torques of nothing, and the cones."""
         forces = program.forces
         program.look_within(forces.cone_box(1.0))
-        program.equal("balance", forces.balance, np.zeros(6))
+        program.equal("balance", forces.balance, np.zeros(len(forces.balance)))
         program.equal("held", forces.torque, np.zeros(len(forces.torque)))
         program.cones(0.0)
         program.bound_normals(0.0, 1.0)
@@ -117,7 +117,7 @@ class ForceBesideRay(Objective):
         low[forces.coordinates.normal], high[forces.coordinates.normal] = 0.0, 1.0
         least, most = forces.cone_box(1.0)
         ray = program.columns("ray", size, low=low, high=high, box=(least, most))
-        program.equal("ray balance", None, np.zeros(6), {ray: forces.balance})
+        program.equal("ray balance", None, np.zeros(len(forces.balance)), {ray: forces.balance})
         program.equal("ray held", None, np.zeros(len(forces.torque)), {ray: forces.torque})
         program.cones(0.0, name="ray cones", of=ray)
 
@@ -161,7 +161,7 @@ class Disturbance(Objective):
     W f = -(w_ext + s direction), forces inside cones and normal-force limits.
 
     Attributes:
-        direction: (6,) wrench per newton of disturbance.
+        direction: (P,) wrench per newton of disturbance.
         torques: (L,) motors' torques that stay, N m; None: any within their limits.
     """
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.problem.contact_map import contact_map
-from graspless_pin.problem.scales import Strictness
+from graspless_pin.problem.scales import Strictness, passive_levers
 from graspless_pin.programs.cones import ConeRows, cone_reach, cone_rows
 from graspless_pin.programs.layout import ForceLayout, layout_of
 from graspless_pin.programs.program import FARTHEST
@@ -122,9 +122,9 @@ class ForceRows:
         cones: Rows of the friction cones.
         reach: (2, n) bounds of forces inside cones, each in limits of its contact's normal force.
         limit: (M,) f_n,max / F.
-        balance: (6, n) W f / F, moment rows over the length scale.
-        wrench: (6,) right-hand side of the balance (19).
-        weight: (6,) scale of each balance row: 1, or 1 over the length scale.
+        balance: (P, n) W f / F, moment rows over the length scale.
+        wrench: (P,) right-hand side of the balance (19).
+        weight: (P,) scale of each balance row: 1, or 1 over the length scale.
         torque: (L, n) J^T f / joint scale (18).
         lower: (L,) lower torque limits less gravity, over the joint scale.
         upper: (L,) upper torque limits less gravity, over the joint scale.
@@ -172,8 +172,8 @@ def force_rows(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> Fo
     reach = cone_reach(problem)
     force, joints = coordinates.force_scale, coordinates.joint_scale
     limit = problem.max_normal_force / force
-    weight = np.ones(6)
-    weight[3:] = 1.0 / coordinates.length_scale
+    weight = 1.0 / passive_levers(problem.passive_units, coordinates.length_scale)
+    passive = len(weight)
     effects = _effects(problem, coordinates)
     return ForceRows(
         problem=problem,
@@ -181,10 +181,10 @@ def force_rows(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> Fo
         cones=cone_rows(problem),
         reach=reach,
         limit=limit,
-        balance=(effects[:, :6] * weight).T,
+        balance=(effects[:, :passive] * weight).T,
         wrench=-weight * problem.external_wrench / force,
         weight=weight,
-        torque=(effects[:, 6:] * (force / joints)).T,
+        torque=(effects[:, passive:] * (force / joints)).T,
         lower=(problem.lower_torque - problem.gravity_torques) / joints,
         upper=(problem.upper_torque - problem.gravity_torques) / joints,
         gravity=problem.gravity_torques / joints,
@@ -193,7 +193,7 @@ def force_rows(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> Fo
 
 
 def _effects(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> FloatArray:
-    """(n, 6 + L) wrench and joint torques of a unit of each coordinate: [W, J]^T basis."""
+    """(n, P + L) wrench and joint torques of a unit of each coordinate: [W, J]^T basis."""
     layout, local = coordinates.layout, contact_map(problem)
     effects: FloatArray = local.reshape(-1, local.shape[2])[layout.axes]
     if len(layout.cones) < len(local):

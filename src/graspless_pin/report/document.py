@@ -11,7 +11,7 @@ import re
 import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from graspless_pin.atomic_write import draft_of
 from graspless_pin.errors import SceneError
 from graspless_pin.findings import plain_findings
 from graspless_pin.holding.verdict import StabilityVerdict
-from graspless_pin.planning import PathProfile
+from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.report.proof_data import cone_data, multipliers_data, objective_data, proof_data
 from graspless_pin.report.provenance import provenance
 from graspless_pin.report.verdict_data import disturbance_data, verdict_data
@@ -29,6 +29,9 @@ from graspless_pin.report.verify.reading import KNOWN_CONES
 from graspless_pin.report.verify.refutation import proven_violation
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
+
+if TYPE_CHECKING:
+    from graspless_pin.planning import PathProfile
 
 DOCUMENT_FORMAT = 2
 """Version of the documents."""
@@ -55,7 +58,8 @@ def solution_document(
 
     Returns:
         Plain data for `json.dumps`: ``format``, ``status``, ``found``, the options, ``objective``
-        (where it is none of the paper's), ``margin`` (N), ``max_torque`` with its unit, ``scales``,
+        (where it is none of the paper's), ``margin`` (N), ``max_torque`` with its unit,
+        ``wrench_matrix`` and ``passive_units`` (where one was given), ``scales``,
         ``findings`` (see `graspless_pin.Finding`),
         ``object_inertia``, ``joint_inertia``, ``gravity``, ``object``, ``hand``, ``joints``,
         ``contacts``, ``certificate``, ``multipliers``, ``proof``, ``guarantee``
@@ -96,6 +100,7 @@ def solution_document(
         "external_wrench": solution.problem.external_wrench,
         "cone": solution.problem.cone,
         "cone_edges": solution.problem.cone_edges,
+        **_coordinates(solution.problem),
         "scales": {"force": coordinates.force_scale, "length": coordinates.length_scale},
         "object_inertia": solution.problem.object_inertia,
         "joint_inertia": solution.problem.joint_inertia,
@@ -200,6 +205,13 @@ def _scene_part(scene: Scene) -> dict[str, Any]:
         if len(scene.hand.base_poses) > 1:
             part["hand"]["base_poses"] = dict(scene.hand.base_poses)
     return part
+
+
+def _coordinates(problem: QuasistaticProblem) -> dict[str, Any]:
+    """Return the map of passive coordinates that are not those of one free object."""
+    if problem.wrench_matrix is None:
+        return {}
+    return {"wrench_matrix": problem.wrench_matrix, "passive_units": list(problem.passive_units)}
 
 
 def _joints(solution: TorqueSolution) -> list[dict[str, Any]]:

@@ -200,11 +200,13 @@ def proof_data(solution: TorqueSolution) -> dict[str, Any]:
         are part of it.
     """
     proof = solution.proof
-    motion = proof.motion
+    motion, passive = proof.motion, solution.problem.passive_count
     data: dict[str, Any] = {
         "complete": proof.tree.complete,
         "missing": proof.tree.missing,
-        "motion": None if motion is None else {"object": motion[:6], "joints": motion[6:]},
+        "motion": None
+        if motion is None
+        else {"object": motion[:passive], "joints": motion[passive:]},
         "nodes": [_node(solution, node) for node in proof.tree.nodes],
     }
     if proof.forces is not None:

@@ -20,7 +20,7 @@ from graspless_pin.versions import versions
 
 _ARRAYS = (
     "positions", "normals", "external_wrench", "jacobian", "friction", "tangents", "sliding",
-    "lower_torque", "upper_torque", "max_normal_force", "gravity_torques",
+    "lower_torque", "upper_torque", "max_normal_force", "gravity_torques", "wrench_matrix",
 )  # fmt: skip
 _SCENE = FileKind("scene", 4, SceneError)
 _SAME = 1e-9
@@ -37,7 +37,7 @@ def file_sha256(path: Path) -> str | None:
 
 def problem_sha256(problem: QuasistaticProblem) -> str:
     """Return the hash of a problem's known arrays, as little-endian doubles, and of its cones."""
-    digest = hashlib.sha256(_cones(problem).encode())
+    digest = hashlib.sha256(f"{_cones(problem)}{_coordinates(problem)}".encode())
     for name in (*_ARRAYS, *INERTIAS):
         if getattr(problem, name) is None:
             continue
@@ -71,9 +71,17 @@ def _cones(problem: QuasistaticProblem) -> str:
     return problem.cone_model.signature(problem.cone_edges)
 
 
+def _coordinates(problem: QuasistaticProblem) -> str:
+    """Return what tells passive coordinates from those of one free object."""
+    given = problem.wrench_matrix is not None
+    return " ".join(problem.passive_units) if given else ""
+
+
 def same_problem(first: QuasistaticProblem, second: QuasistaticProblem) -> bool:
     """Return whether two problems are the same but for rounding and inertias that one lacks."""
     if _cones(first) != _cones(second) or first.joint_names != second.joint_names:
+        return False
+    if _coordinates(first) != _coordinates(second):
         return False
     pairs = [(getattr(first, name), getattr(second, name)) for name in (*_ARRAYS, *INERTIAS)]
     known = [(a, b) for a, b in pairs if a is not None and b is not None]

@@ -54,7 +54,8 @@ def check_bounds(document: dict[str, Any]) -> None:
         ArgumentError: Naming the key, what was found and what would do.
     """
     contacts, joints = (_listed(document, key) for key in ("contacts", "joints"))
-    for key, entries in (("contacts", contacts), ("joints", joints)):
+    rows = [(key, _listed(document, key)) for key in ("external_wrench", "wrench_matrix")]
+    for key, entries in (("contacts", contacts), ("joints", joints), *rows):
         if len(entries) > MOST_CONTACTS:
             raise ArgumentError(
                 "document", f"{key}: has {len(entries)} entries; at most {MOST_CONTACTS} are read"
@@ -82,7 +83,8 @@ def _coefficients(document: dict[str, Any], contacts: int, joints: int) -> int:
             len(_listed(contact, "cone_corners")) for contact in _listed(document, "contacts")
         ]
         faces = max([min(edges, MOST_CONE_EDGES), *stated])
-    rows, columns = contacts * (faces + _OWN_ROWS) + 2 * joints + 6, 3 * contacts + 1
+    passive = len(_listed(document, "external_wrench"))
+    rows, columns = contacts * (faces + _OWN_ROWS) + 2 * joints + passive, 3 * contacts + 1
     own = document.get("objective")
     if isinstance(own, dict):
         rows += sum(len(_listed(one, "unit")) for one in _listed(own, "rows"))
@@ -317,12 +319,12 @@ def _added(problem: QuasistaticProblem, objective: Objective, forces: FloatArray
 
 
 def _motion(document: dict[str, Any], problem: QuasistaticProblem) -> FloatArray | None:
-    """(6 + L,) the virtual motion that the document states, if any."""
+    """(P + L,) the virtual motion that the document states, if any."""
     stated = document.get("proof", {}).get("motion")
     if stated is None:
         return None
     motion = as_numbers([*stated["object"], *stated["joints"]])
-    return read_only(motion.reshape(6 + problem.joint_count))
+    return read_only(motion.reshape(problem.passive_count + problem.joint_count))
 
 
 def _relaxed(document: dict[str, Any]) -> dict[str, Any] | None:
@@ -334,7 +336,9 @@ def _relaxed(document: dict[str, Any]) -> dict[str, Any] | None:
 def _problem(document: dict[str, Any]) -> QuasistaticProblem:
     contacts, joints = document["contacts"], document["joints"]
     rows = 3 * len(contacts)
-    sizes = {"object_inertia": 6, "joint_inertia": len(joints)}
+    matrix = document.get("wrench_matrix")
+    passive = len(as_numbers(document["external_wrench"]))
+    sizes = {"object_inertia": passive, "joint_inertia": len(joints)}
     inertias = {
         # Of no joint JSON has one empty list, whatever the shape.
         name: finite_array(name, document[name] or np.zeros((0, 0)), (count, count))
@@ -359,6 +363,8 @@ def _problem(document: dict[str, Any]) -> QuasistaticProblem:
         joint_names=[joint["name"] for joint in joints],
         joint_units=[joint["unit"] for joint in joints],
         gravity_torques=as_numbers([joint["torque_gravity"] for joint in joints]),
+        wrench_matrix=None if matrix is None else as_numbers(matrix),
+        passive_units=document.get("passive_units"),
     )
     _check_cones(problem, contacts)
     # A URDF may state inertias that are none: solutions do not hang on them.

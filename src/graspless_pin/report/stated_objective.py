@@ -71,7 +71,7 @@ class StatedObjective(Objective):
         def of(name: str, rows: int, unit: Any = force) -> FloatArray:
             return terms(data["terms"].get(name, []), rows, unit)[columns]
 
-        program.balance({columns: of("balance", 6, force / forces.weight)})
+        program.balance({columns: of("balance", len(forces.weight), force / forces.weight)})
         owner = forces.cones.owner
         program.rows(
             "faces", forces.cones.rows, -as_numbers(data["face_margins"])[owner] / force,

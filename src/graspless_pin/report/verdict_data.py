@@ -58,7 +58,7 @@ def disturbance_data(found: GuaranteedDisturbance) -> dict[str, Any]:
     """Return the data of guaranteed disturbances, with their proofs.
 
     Returns:
-        ``characteristic_length`` (m), ``largest`` (N) and ``directions``: of each its (6,)
+        ``characteristic_length`` (m), ``largest`` (N) and ``directions``: of each its (P,)
         ``direction``, ``guaranteed``, ``failing``, ``possible`` (N), and what proves them:
         ``spans`` (None where all proofs together would be too long), ``failure`` (see
         `verdict_data`), ``forces`` (N) and ``no_rest``. A direction that was not reached before the
@@ -103,12 +103,12 @@ def read_motion(document: dict[str, Any]) -> DynamicOutcome | None:
 
 
 def _read(stated: dict[str, Any], document: dict[str, Any]) -> DynamicOutcome:
-    count = len(document["contacts"])
+    count, passive = len(document["contacts"]), len(document["external_wrench"])
     states = tuple(ContactState(state) for state in stated["states"])
     if len(states) != count or ContactState.FREE in states:
         raise ValueError("each contact needs a state")
     return DynamicOutcome(
-        finite_array("motion", stated["object_acceleration"], (6,)),
+        finite_array("motion", stated["object_acceleration"], (passive,)),
         finite_array("motion", stated["joint_accelerations"], (len(document["joints"]),)),
         finite_array("motion", stated["contact_forces"], (count, 3)),
         states,

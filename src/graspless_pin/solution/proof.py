@@ -27,7 +27,7 @@ class Evidence(Brief):
         added: Values of the columns that the objective adds to the forces', scaled; None: none.
         forces: (M, 3) forces that balance where friction needs no virtual sliding, N, for a
             solution that is infeasible by its modes alone.
-        motion: (6 + L,) [V; theta_dot] that may be behind the mode, m/s and rad/s.
+        motion: (P + L,) [V; theta_dot] that may be behind the mode, m/s and rad/s.
     """
 
     relaxation: DualVariables | None = None
@@ -45,7 +45,7 @@ class BoundLeaf:
     """Multipliers that prove a part's bound.
 
     Attributes:
-        y: (6,) of the balance, scaled.
+        y: (P,) of the balance, scaled.
         z: Of the rows, scaled.
         objective: Whether they bound the objective; else they prove that there are no forces.
     """
@@ -119,7 +119,7 @@ class SolutionProof(Brief):
 
     Attributes:
         tree: Why nothing is better than the stated bound, or why there is nothing at all.
-        motion: (6 + L,) [V; theta_dot] behind the mode, m/s and rad/s; None: none is asked for.
+        motion: (P + L,) [V; theta_dot] behind the mode, m/s and rad/s; None: none is asked for.
         forces: (M, 3) forces that balance where friction needs no virtual sliding, for a solution
             that is infeasible by its modes alone; None elsewhere.
         in_mode: Multipliers (y, z) of the mode's own program where the tree is not complete.

@@ -134,7 +134,7 @@ class TorqueSolution:
 
     @cached_property
     def motion(self) -> FloatArray | None:
-        """(6 + L,) virtual motion [V; theta_dot] behind the mode, m/s and rad/s.
+        """(P + L,) virtual motion [V; theta_dot] behind the mode, m/s and rad/s.
 
         None where none is asked for, or there is none. Found when first asked for, if the search
         kept none.

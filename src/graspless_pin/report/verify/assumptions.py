@@ -20,6 +20,7 @@ def taken_as_given(problem: Problem, document: dict[str, Any]) -> list[Check]:
             "contact points, normals, tangents, sliding, friction, Jacobian, external wrench, "
             "limits, options and rules; poses, masses, gravity and names",
         ),
+        *_of_coordinates(problem),
         given("units", _units(problem, document)),
         given("load", _load(problem, document)),
         given("limits", _limits(problem)),
@@ -31,6 +32,18 @@ def taken_as_given(problem: Problem, document: dict[str, Any]) -> list[Check]:
             "with another threshold of motions",
         ),
     ]
+
+
+def _of_coordinates(problem: Problem) -> list[Check]:
+    """Return that the map of other passive coordinates than one free object's is taken as it is."""
+    if problem.given is None:
+        return []
+    count, turning = len(problem.w), int(problem.turns.sum())
+    detail = (
+        f"{count} of them, {count - turning} in N, {turning} in N m, with their wrench_matrix: "
+        "what contact forces do to them does not follow from contact points"
+    )
+    return [given("passive coordinates", detail)]
 
 
 def _of_cones(problem: Problem, document: dict[str, Any]) -> list[Check]:
@@ -55,7 +68,8 @@ def _units(problem: Problem, document: dict[str, Any]) -> str:
 
 def _load(problem: Problem, document: dict[str, Any]) -> str:
     """Return the external load, beside what the object weighs where the document tells that."""
-    force, moment = (float(np.linalg.norm(one)) for one in (problem.w[:3], problem.w[3:]))
+    parts = problem.w[~problem.turns], problem.w[problem.turns]
+    force, moment = (float(np.linalg.norm(one)) for one in parts)
     shown, stated = f"force {force:.6g} N, moment {moment:.6g} N m", document.get("object")
     mass = stated.get("mass") if isinstance(stated, dict) else None
     if mass is not None and document.get("gravity") is not None:

@@ -74,9 +74,7 @@ def _rows(
     """Return all rows with columns: (r, k) coefficients, and (r,) between what C y must lie."""
     frames = problem.frames.copy()
     frames[~problem.cone, 0] = problem.directions[~problem.cone]
-    wrench = np.concatenate([frames, np.cross(problem.p[:, None], frames)], axis=2).transpose(
-        2, 0, 1
-    )
+    wrench = (frames @ problem.passive).transpose(2, 0, 1)
     forces = np.concatenate([own.rows.forces, wrench])
     ends = forces * low, forces * high
     smallest, largest = np.minimum(*ends).sum(axis=(1, 2)), np.maximum(*ends).sum(axis=(1, 2))
@@ -144,7 +142,7 @@ def violation(problem: Problem, m: StatedMultipliers, bound: float) -> float:
     """
     F, joints = problem.force, problem.joint_scale
     up, down = problem.shared
-    scale = np.repeat([F, F * problem.length], 3)
+    scale = problem.passive_scale
     total = float(np.abs(m.balance) @ scale + (m.torque_upper + m.torque_lower) @ joints)
     parts = m.faces.sum() + np.abs(m.round).sum() + m.normal_upper.sum() + m.normal_lower.sum()
     total += F * float(parts)
@@ -161,11 +159,10 @@ def violation(problem: Problem, m: StatedMultipliers, bound: float) -> float:
 def _slopes(problem: Problem, m: StatedMultipliers) -> tuple[np.ndarray, np.ndarray]:
     """(M, 3) slope of the Lagrangian by each force component, and the size of what makes it."""
     frames, J = _force_frames(problem).astype(_LONG), problem.J.astype(_LONG)
-    y, kappa, p = m.balance.astype(_LONG), m.torque.astype(_LONG), problem.p.astype(_LONG)
-    # m^T (p x f) = (m x p)^T f
-    parts = [np.broadcast_to(y[:3], p.shape), _cross(y[3:], p), (J * kappa).sum(axis=2)]
-    slope = (frames * np.sum(parts, axis=0)[:, None]).sum(axis=2)
-    rough = np.abs(y[:3]) + _rough_cross(y[3:], p) + (np.abs(J) * np.abs(kappa)).sum(axis=2)
+    y, kappa, W = m.balance.astype(_LONG), m.torque.astype(_LONG), problem.passive.astype(_LONG)
+    along = (W * y).sum(axis=2) + (J * kappa).sum(axis=2)
+    slope = (frames * along[:, None]).sum(axis=2)
+    rough = (np.abs(W) * np.abs(y)).sum(axis=2) + (np.abs(J) * np.abs(kappa)).sum(axis=2)
     size = (np.abs(frames) * rough[:, None]).sum(axis=2)
     pull = m.round.astype(_LONG) * np.column_stack([-problem.mu, -np.ones((problem.count, 2))])
     slope += pull
@@ -182,17 +179,6 @@ def _slopes(problem: Problem, m: StatedMultipliers) -> tuple[np.ndarray, np.ndar
         slope += np.einsum("q,qmi->mi", net, rows)
         size += np.einsum("q,qmi->mi", np.abs(net), np.abs(rows))
     return slope, size
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    x, y, z = b[:, 0], b[:, 1], b[:, 2]
-    return np.stack([a[1] * z - a[2] * y, a[2] * x - a[0] * z, a[0] * y - a[1] * x], axis=1)
-
-
-def _rough_cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    a, b = np.abs(a), np.abs(b)
-    x, y, z = b[:, 0], b[:, 1], b[:, 2]
-    return np.stack([a[1] * z + a[2] * y, a[2] * x + a[0] * z, a[0] * y + a[1] * x], axis=1)
 
 
 def _constant(problem: Problem, m: StatedMultipliers) -> tuple[Any, Any]:

@@ -253,7 +253,7 @@ class _Checker:
         if motion is None:
             u = np.zeros((self.problem.count, 3))
         else:
-            twist = array(entry(motion, "object", "motion"), (6,), "a motion")
+            twist = array(entry(motion, "object", "motion"), self.problem.w.shape, "a motion")
             rates = entry(motion, "joints", "motion")
             rates = array(rates, (len(self.problem.units),), "a motion")
             u = velocities(self.problem, twist, rates)

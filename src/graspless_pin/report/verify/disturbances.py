@@ -47,10 +47,10 @@ def disturbance_checks(document: dict[str, Any], problem: Problem) -> list[Check
     bodies = read_load(document, problem)
     resolution = resolution_of(undisturbed, "stability")
     for index, claim in enumerate(claims):
-        unit = array(entry(claim, "direction", where), (6,), f"direction {index}")
+        unit = array(entry(claim, "direction", where), problem.w.shape, f"direction {index}")
         if abs(float(np.linalg.norm(unit)) - 1.0) > tolerances.UNIT or length <= 0.0:
             raise ValueError(f"direction {index} of {where} is no unit of force and moment")
-        step = unit * np.repeat([1.0, length], 3)
+        step = unit * np.where(problem.turns, length, 1.0)
         checks += _Direction(index, claim, bodies, step, bodies.limit(resolution)).run(largest)
     return checks
 
@@ -154,7 +154,7 @@ class _Direction:
             why = "as far as was looked" if is_end else "what is beyond is not said"
             return Check(name, is_end or None, f"{shown}, {why}")
         z = array(z, self.bodies.load.shape, f"no_rest of {self.name}")
-        step = np.concatenate([self.step, np.zeros(len(z) - 6)])
+        step = np.concatenate([self.step, np.zeros(len(z) - len(self.step))])
         beyond = possible + tolerances.BEYOND * max(
             possible, 1.0 / float(np.abs(step / self.bodies.unit).max())
         )

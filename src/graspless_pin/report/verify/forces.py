@@ -109,18 +109,15 @@ def _largest(values: np.ndarray | float) -> float:
 
 def _unbalanced(problem: Problem, forces: Forces) -> tuple[float, float]:
     """Return the largest force and moment that balance leaves at most, N and N m."""
-    p, f, w = (one.astype(np.longdouble) for one in (problem.p, forces.f, problem.w))
-    x, y, z = p.T
-    o = np.zeros_like(x)
-    cross = np.array([[o, -z, y], [z, o, -x], [-y, x, o]]).transpose(2, 0, 1)
-    parts = np.concatenate([np.broadcast_to(np.eye(3), cross.shape), cross], axis=1)
-    left = np.einsum("lij,lj->i", parts, f) + w
-    sizes = np.einsum("lij,lj->i", np.abs(parts), np.abs(f)) + np.abs(w)
+    parts, f, w = (one.astype(np.longdouble) for one in (problem.passive, forces.f, problem.w))
+    left = np.einsum("lji,lj->i", parts, f) + w
+    sizes = np.einsum("lji,lj->i", np.abs(parts), np.abs(f)) + np.abs(w)
     if problem.own is not None:
         left = left + problem.own.balance @ forces.columns
         sizes = sizes + np.abs(problem.own.balance) @ np.abs(forces.columns)
     most = np.abs(left) + tolerances.lost(sizes)
-    return float(most[:3].max()), float(most[3:].max())
+    force, moment = (most[one].max(initial=0.0) for one in (~problem.turns, problem.turns))
+    return float(force), float(moment)
 
 
 def _beyond(problem: Problem, normal: np.ndarray) -> float:

@@ -19,7 +19,7 @@ from graspless_pin.report.verify.values import items, number, whole
 
 def velocities(problem: Problem, twist: np.ndarray, rates: np.ndarray) -> np.ndarray:
     """(M, 3) of the object relative to the other body along n, t1, t2, m/s."""
-    at = twist[:3] + np.cross(twist[3:], problem.p) - problem.J @ rates
+    at = problem.passive @ twist - problem.J @ rates
     return np.einsum("lij,lj->li", problem.frames, at)
 
 
@@ -61,13 +61,8 @@ class Projection:
 
     def __init__(self, problem: Problem) -> None:
         """Find an orthonormal basis of the velocities of all virtual motions."""
-        M, L = problem.count, len(problem.units)
-        columns = np.zeros((M, 3, 6 + L))
-        columns[:, :, :3] = problem.frames
-        # (omega x p) along a = omega . (p x a)
-        columns[:, :, 3:6] = np.cross(problem.p[:, None], problem.frames)
-        columns[:, :, 6:] = problem.frames @ problem.J
-        matrix = columns.reshape(3 * M, -1)
+        columns = problem.frames @ np.concatenate([problem.passive, problem.J], axis=2)
+        matrix = columns.reshape(3 * problem.count, -1)
         sizes = np.linalg.norm(matrix, axis=0)
         matrix = matrix / np.where(sizes > 0.0, sizes, 1.0)
         left, values, _ = np.linalg.svd(matrix, full_matrices=False)

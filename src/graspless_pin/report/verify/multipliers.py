@@ -21,7 +21,7 @@ class StatedMultipliers:
     """What a document states of the constraints, in the objective's unit over the constraint's own.
 
     Attributes:
-        balance: (6,) of W f + w = 0; of any sign, all others are >= 0.
+        balance: (P,) of W f + w = 0; of any sign, all others are >= 0.
         faces: (M, r) of h^T f + e <= 0 where there is a cone; (M, 0) where these are round.
         round: (M, 3) in round cones themselves, of (mu f_n - sqrt(1 + mu^2) e, f_t) in one.
         normal_upper: (M,) of n^T f + e <= limit in Algorithm 1.
@@ -63,7 +63,7 @@ def stated_multipliers(given: object, problem: Problem, where: str) -> StatedMul
     cones = stated["round"]
     cones[:, 0] = np.maximum(cones[:, 0], _lengths(cones[:, 1:]))
     return StatedMultipliers(
-        balance=array(entry(given, "balance", where), (6,), f"balance of {where}"),
+        balance=array(entry(given, "balance", where), problem.w.shape, f"balance of {where}"),
         **{key: np.where(there[key], one, 0.0) for key, one in stated.items()},
     )
 

@@ -66,7 +66,7 @@ class OwnObjective:
         bounds: (2, k) imposed on the columns.
         boxes: (2, 2, k) that the constraints imply: with forces within the reach, and all.
         values: (k,) the answer's columns; None where nothing was found.
-        balance: (6, k) coefficients of the columns in the balance.
+        balance: (P, k) coefficients of the columns in the balance.
         faces: (M, k) in the rows of the cones' faces, for each contact.
         normal_upper: (M, k) in n^T f <= limit.
         normal_lower: (M, k) in -n^T f <= 0 where there is no cone.
@@ -139,18 +139,18 @@ class OwnObjective:
         return float(np.concatenate(parts).max(initial=0.0))
 
 
-def read_own_objective(given: object, count: int, *, found: bool) -> OwnObjective:
+def read_own_objective(given: object, counts: tuple[int, int], *, found: bool) -> OwnObjective:
     """Return the objective that a document states.
 
     Args:
         given: What stands under ``objective``.
-        count: M.
+        counts: M and P.
         found: Whether there is an answer.
 
     Raises:
         ValueError: If it is none.
     """
-    where = "objective"
+    where, (count, passive) = "objective", counts
     short_text(entry(given, "name", where), "the objective's name")
     groups = items(entry(given, "columns", where), "columns of the objective", 0, MOST)
     sizes = [len(items(entry(one, "unit", "a column"), "unit", 0, MOST)) for one in groups]
@@ -197,7 +197,7 @@ def read_own_objective(given: object, count: int, *, found: bool) -> OwnObjectiv
         bounds=columns("bounds", 2, bounds=True),
         boxes=np.array([columns("box", 2), columns("whole_box", 2)]),
         values=columns("values") if found else None,
-        balance=of("balance", 6),
+        balance=of("balance", passive),
         faces=of("faces", count),
         normal_upper=of("normal_upper", count),
         normal_lower=of("normal_lower", count),

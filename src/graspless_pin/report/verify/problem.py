@@ -44,7 +44,7 @@ class Problem:
         limit: (M,) largest normal forces, N.
         v: (M, 3) sliding velocities, m/s.
         J: (M, 3, L) contact Jacobian.
-        w: (6,) external wrench, N and N m.
+        w: (P,) load on the passive coordinates, N and N m: [force; moment] on one object.
         edges: Edges of each cone; 0: they are round.
         corners: (M, r, 2) friction along t1 and t2 at the edges of cones that are neither round nor
             the paper's pyramids, over the normal force; zeros without a cone.
@@ -54,6 +54,9 @@ class Problem:
         upper: (L,) largest torques.
         gravity: (L,) torques that the motors bear besides the contacts.
         units: L units.
+        turns: (P,) which passive coordinates have loads in N m.
+        given: (M, 3, P) stated map from their velocities to those at contacts, world axes; None:
+            that of one object, of whose twist they are.
         algorithm: ``margin``, ``torque`` or, with an objective of its own, ``own``.
         e0: Required margin, N; 0 in Algorithm 1.
         by_limits: Whether Algorithm 2 counts shares of the limits.
@@ -83,6 +86,8 @@ class Problem:
     sign_rule: str
     constrained: bool
     coulomb: bool
+    turns: np.ndarray
+    given: np.ndarray | None
     own: OwnObjective | None = None
     corners: np.ndarray | None = None
     kinetic: np.ndarray | None = None
@@ -92,6 +97,60 @@ class Problem:
     def count(self) -> int:
         """M."""
         return len(self.p)
+
+    @cached_property
+    def passive(self) -> np.ndarray:
+        """(M, 3, P) velocities at contacts of the passive coordinates, world axes; W^T."""
+        if self.given is not None:
+            return self.given
+        x, y, z = self.p.T
+        o = np.zeros_like(x)
+        turning = np.array([[o, z, -y], [-z, o, x], [y, -x, o]]).transpose(2, 0, 1)
+        return np.concatenate([np.broadcast_to(np.eye(3), turning.shape), turning], axis=2)
+
+    @cached_property
+    def passive_scale(self) -> np.ndarray:
+        """(P,) what the load makes in each row of the balance, N and N m."""
+        return np.where(self.turns, self.force * self.length, self.force)
+
+    @cached_property
+    def points(self) -> np.ndarray:
+        """(M + k, 3, P) velocities that tell rest: at contacts, and of the object's centre.
+
+        Of a stated map they are those at contacts, and each passive coordinate's own times its
+        lever, one below the other: the longest there is for loads in N m, and for those in N the
+        longest three entries that it has at a contact, or 1.
+        """
+        if self.given is None:
+            centre = np.concatenate([np.eye(3), np.zeros((3, 3))], axis=1)
+            return np.concatenate([self.passive, centre[None]])
+        own = np.zeros((len(self.w), 3, len(self.w)))
+        own[:, 0] = np.diag(self.levers)
+        return np.concatenate([self.passive, own])
+
+    @cached_property
+    def levers(self) -> np.ndarray:
+        """(P,) m (1): what each acceleration makes at the farthest of the points at most."""
+        if self.given is None:
+            return np.repeat([1.0, float(np.linalg.norm(self.p, axis=1).max())], 3)
+        longest = np.linalg.norm(self.given, axis=1).max(axis=0)
+        return np.where(self.turns, self.length, np.maximum(longest, 1.0))
+
+    @cached_property
+    def goal_weight(self) -> float:
+        """How small a share of the limit each acceleration must be so that no point exceeds it."""
+        return 2.0 * np.sqrt(3.0) if self.given is None else float(len(self.w))
+
+    def mass(self, inertia: np.ndarray) -> float:
+        """Return the largest mass of the passive coordinates, kg.
+
+        Args:
+            inertia: (P, P) or more, of them and then of the joints.
+        """
+        own = inertia.diagonal()[: len(self.w)]
+        if self.turns.all():
+            return float(own.max()) / self.length**2
+        return float(own[~self.turns].max())
 
     @property
     def is_round(self) -> bool:
@@ -134,7 +193,14 @@ class Problem:
 
     @cached_property
     def length(self) -> float:
-        """L, the distance of the farthest contact from the contacts' centre, m."""
+        """L, the distance of the farthest contact from the contacts' centre, m.
+
+        Of a stated map it is the longest lever of a load in N m: three entries at a contact.
+        """
+        if self.given is not None:
+            longest = float(np.linalg.norm(self.given, axis=1)[:, self.turns].max(initial=0.0))
+            force, moment = self._load
+            return longest or (moment / force if force > 0.0 and moment > 0.0 else 1.0)
         farthest = float(np.linalg.norm(self.p - self.p.mean(axis=0), axis=1).max())
         force, moment = self._load
         reach = float(np.linalg.norm(self.p, axis=1).max())
@@ -154,7 +220,13 @@ class Problem:
 
     @property
     def _load(self) -> tuple[float, float]:
-        """Size of the external force, and of the external moment about the contacts' centre."""
+        """Size of the external force, and of the external moment about the contacts' centre.
+
+        Beside a stated map, of all loads in N and of all in N m.
+        """
+        if self.given is not None:
+            parts = self.w[~self.turns], self.w[self.turns]
+            return float(np.linalg.norm(parts[0])), float(np.linalg.norm(parts[1]))
         moment = self.w[3:] - np.cross(self.p.mean(axis=0), self.w[:3])
         return float(np.linalg.norm(self.w[:3])), float(np.linalg.norm(moment))
 

@@ -45,13 +45,15 @@ def read_problem(document: dict[str, Any]) -> Problem:
         corners, kinetic = _read_cones(contacts, cone)
         edges = corners.shape[1]
     rules = entry(document, "rules", where)
+    given_map, turns = _read_coordinates(document, len(contacts))
     algorithm, own = entry(document, "algorithm", where), None
     if algorithm is None:
         if edges == 0:
             raise ValueError("an objective of one's own stands in no document with round cones")
         found = entry(document, "found", where) is True
         given = entry(document, "objective", where)
-        algorithm, own = "own", read_own_objective(given, len(contacts), found=found)
+        sizes = len(contacts), len(turns)
+        algorithm, own = "own", read_own_objective(given, sizes, found=found)
     else:
         algorithm = word(algorithm, "algorithm", ("margin", "torque"))
 
@@ -78,7 +80,7 @@ def read_problem(document: dict[str, Any]) -> Problem:
         limit=column("max_normal_force", ()),
         v=column("sliding", (3,)),
         J=column("jacobian", (3, len(joints))),
-        w=array(entry(document, "external_wrench", where), (6,), "external_wrench"),
+        w=array(entry(document, "external_wrench", where), (len(turns),), "external_wrench"),
         edges=edges,
         lower=limits("lower", -np.inf),
         upper=limits("upper", np.inf),
@@ -86,6 +88,8 @@ def read_problem(document: dict[str, Any]) -> Problem:
         units=tuple(
             word(entry(j, "unit", f"joint {i}"), "unit", ("N m", "N")) for i, j in enumerate(joints)
         ),
+        turns=turns,
+        given=given_map,
         algorithm=algorithm,
         e0=number(entry(document, "required_margin", where), "required_margin"),
         by_limits=algorithm == "torque" and scale == "limits",
@@ -114,6 +118,24 @@ def read_problem(document: dict[str, Any]) -> Problem:
     for index, joint in enumerate(joints):
         short_text(entry(joint, "name", f"joint {index}"), "a joint's name")
     return problem
+
+
+def _read_coordinates(document: dict[str, Any], count: int) -> tuple[np.ndarray | None, np.ndarray]:
+    """Return the (M, 3, P) stated map of passive coordinates, and which have loads in N m.
+
+    Without a map they are the force and the moment on one object.
+    """
+    where, units = "the document", document.get("passive_units")
+    rows = document.get("wrench_matrix")
+    if rows is None:
+        if units is not None:
+            raise ValueError("the document states passive_units, but no wrench_matrix")
+        return None, np.repeat([False, True], 3)
+    size = len(items(rows, "wrench_matrix", 1, MOST))
+    stated = items(entry(document, "passive_units", where), "passive_units", size, size)
+    turns = [word(unit, "one of passive_units", ("N m", "N")) == "N m" for unit in stated]
+    matrix = array(rows, (size, 3 * count), "wrench_matrix")
+    return matrix.T.reshape(count, 3, size), np.array(turns)
 
 
 def _read_cones(contacts: list[Any], cone: str) -> tuple[np.ndarray, np.ndarray]:

@@ -7,9 +7,9 @@ for all multipliers, with lambda = p + sum (nu A_n + kappa.A_t), y = B^T f + h a
 
     p.y = lambda.h + sum (B lambda).f - sum (nu u_n + kappa.u_t).
 
-Each node states what is proven there and below. A leaf needs both signs of six accelerations of
-the object, small enough together that no point of it accelerates above the limit, or goal 0,
-p = 0, below zero: then there is no outcome in it.
+Each node states what is proven there and below. A leaf needs both signs of the accelerations of all
+passive coordinates, small enough together that no point of the object accelerates above the limit,
+or goal 0, p = 0, below zero: then there is no outcome in it.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from graspless_pin.report.verify.rest_bounds import (
 )
 from graspless_pin.report.verify.rest_load import LARGEST_FORCE, RestLoad, read_load
 from graspless_pin.report.verify.rest_proof import certificate, force_limit, stated_loads, tree
-from graspless_pin.report.verify.rest_tree import GOALS, RestNode, read_rest_tree, uncovered
+from graspless_pin.report.verify.rest_tree import RestNode, read_rest_tree, uncovered
 from graspless_pin.report.verify.values import array, entry, number, text, word
 
 _LONG = np.longdouble
@@ -40,16 +40,16 @@ _EMPTY = -0.1
 """Multipliers of any size prove the same of no outcome: by how much is no tolerance."""
 
 
-def kept_goals(dynamics: RestDynamics, lever: float, limit: float) -> np.ndarray:
-    """(13, n) zero, and both signs of accelerations in units of limit / (2 sqrt(3)).
+def kept_goals(dynamics: RestDynamics, problem: Problem, limit: float) -> np.ndarray:
+    """(2 P + 1, n) zero, and both signs of accelerations; one object's in limit / (2 sqrt(3)).
 
     Args:
         dynamics: The scaled dynamics.
-        lever: From the centre of mass to the farthest contact point, m.
+        problem: What they are of: its levers count.
         limit: Accelerations of points up to this are none, m/s^2.
     """
-    scale = np.repeat([1.0, lever], 3)[:, None] * (2.0 * np.sqrt(3.0) / limit)
-    ways = scale * dynamics.accelerations[:6]
+    scale = problem.levers[:, None] * (problem.goal_weight / limit)
+    ways = scale * dynamics.accelerations[: dynamics.passive]
     return np.concatenate([np.zeros((1, ways.shape[1])), ways, -ways])
 
 
@@ -104,7 +104,7 @@ class KeptWalk:
 
     Attributes:
         dynamics: The scaled dynamics.
-        goals: (13, n) of `kept_goals`.
+        goals: (2 P + 1, n) of `kept_goals`.
         force_limit: Normal forces that the proof has to reach, scaled.
         leaves: How many there were.
         failure: Why it is no proof; empty: it is one.
@@ -131,8 +131,9 @@ class KeptWalk:
             proven |= {goal}
         if not node.children:
             self.leaves += 1
-            if 0 not in proven and len(proven) < GOALS - 1:
-                self._fail(f"a leaf bounds {len(proven)} of {GOALS - 1} accelerations")
+            wanted = len(self.goals) - 1
+            if 0 not in proven and len(proven) < wanted:
+                self._fail(f"a leaf bounds {len(proven)} of {wanted} accelerations")
             return
         contact = node.children[0].contact
         if any(child.forced or child.contact != contact for child in node.children):
@@ -267,7 +268,7 @@ class _Verdict:
         bodies, problem, where = self.bodies, self.problem, "the motion"
         acceleration = np.concatenate(
             [
-                array(entry(motion, "object_acceleration", where), (6,), where),
+                array(entry(motion, "object_acceleration", where), problem.w.shape, where),
                 array(entry(motion, "joint_accelerations", where), (len(bodies.hybrid),), where),
             ]
         )
@@ -291,7 +292,7 @@ class _Verdict:
         unit = bodies.acceleration(bodies.undisturbed)
         gaps = np.minimum(against / F, np.where(problem.slides, 0.0, slips) / unit)
         gaps = np.maximum(gaps, np.minimum(np.abs(f[:, 0]) / F, np.maximum(u[:, 0], 0.0) / unit))
-        speed = self._fastest(acceleration[:6])
+        speed = self._fastest(acceleration[: len(problem.w)])
         told = number(entry(motion, "point_acceleration", where), "point_acceleration")
         most = tolerances.motion(self.resolution)
         checks = [
@@ -309,8 +310,7 @@ class _Verdict:
 
     def _fastest(self, acceleration: np.ndarray) -> float:
         """Return the largest acceleration of a contact point or of the centre, m/s^2."""
-        at = acceleration[:3] + np.cross(acceleration[3:], self.problem.p)
-        return float(np.linalg.norm(np.vstack([at, acceleration[:3]]), axis=1).max())
+        return float(np.linalg.norm(self.problem.points @ acceleration, axis=1).max())
 
     # proof
 
@@ -337,8 +337,7 @@ class _Verdict:
         name, dynamics = "the declared motion is the only outcome", self.dynamics
         if dynamics is None or not np.isfinite(self.limit):
             return holds(name, passed=False, detail="no inertia is known")
-        lever = float(np.linalg.norm(self.problem.p, axis=1).max())
-        goals = kept_goals(dynamics, lever, self.limit)
+        goals = kept_goals(dynamics, self.problem, self.limit)
         walk = KeptWalk(dynamics, goals, limit / dynamics.force_unit)
         walk.walk(read_rest_tree(entry(proof, "nodes", "proof of the motion"), dynamics))
         return holds(name, not walk.failure, walk.failure or f"{walk.leaves} leaves")

@@ -46,9 +46,9 @@ class RestDynamics:
         friction: (M,), zero where one slides.
         commanded: (M,) forces that hybrid fingers command, scaled; NaN elsewhere.
         force_unit: H / alpha, N, with alpha the longest row of G C^-T.
-        accelerations: (6 + L, n) H C^-T, zero for hybrid fingers' columns.
-        points: (M + 1, 3, n) from y to accelerations, m/s^2, of contact points in their frames and
-            of the centre.
+        accelerations: (P + L, n) H C^-T, zero for hybrid fingers' columns.
+        points: (M + k, 3, n) from y to accelerations, m/s^2, of `Problem.points`.
+        passive: P.
         spread: (n,) s, what theta from 0 to 1 adds to the load; zero: there is one load.
     """
 
@@ -60,6 +60,7 @@ class RestDynamics:
     force_unit: float
     accelerations: np.ndarray
     points: np.ndarray
+    passive: int
     spread: np.ndarray
 
     @property
@@ -76,16 +77,12 @@ class RestDynamics:
 
 
 def contact_motion(problem: Problem) -> np.ndarray:
-    """(M, 3, 6 + L) G in contact frames: accelerations of the object relative to the others."""
-    x, y, z = problem.p.T
-    o = np.zeros_like(x)
-    turning = np.array([[o, z, -y], [-z, o, x], [y, -x, o]]).transpose(2, 0, 1)
-    own = np.broadcast_to(np.eye(3), turning.shape)
-    return problem.frames @ np.concatenate([own, turning, -problem.J], axis=2)
+    """(M, 3, P + L) G in contact frames: accelerations of the object relative to the others."""
+    return problem.frames @ np.concatenate([problem.passive, -problem.J], axis=2)
 
 
 def force_motion(problem: Problem) -> np.ndarray:
-    """(M, 3, 6 + L) G as forces see it: along n - mu v/|v| and zeros where a contact slides."""
+    """(M, 3, P + L) G as forces see it: along n - mu v/|v| and zeros where a contact slides."""
     motion, slides = contact_motion(problem), problem.slides
     along = np.einsum("lij,lj->li", problem.frames, problem.directions)[slides]
     motion[slides, 0] = np.einsum("li,lik->lk", along, motion[slides])
@@ -112,18 +109,19 @@ def rest_dynamics(
 
     Args:
         problem: Contacts and joints.
-        load: (6 + L,) external wrench, and torques less those that bear the links' weight.
-        inertia: (6 + L, 6 + L).
+        load: (P + L,) external wrench, and torques less those that bear the links' weight.
+        inertia: (P + L, P + L).
         hybrid: (L,) of `commanded_contacts`.
     """
     motion, acting, given = contact_motion(problem), force_motion(problem), load.copy()
+    passive = len(problem.w)
     commanded = np.full(problem.count, np.nan)
     for column in np.flatnonzero(hybrid >= 0):
         contact = hybrid[column]
-        commanded[contact] = load[6 + column]
-        given[:6] += load[6 + column] * acting[contact, 0, :6]
+        commanded[contact] = load[passive + column]
+        given[:passive] += load[passive + column] * acting[contact, 0, :passive]
         motion[contact, 0] = acting[contact, 0] = 0.0
-    kept = np.concatenate([np.ones(6, dtype=bool), hybrid < 0])
+    kept = np.concatenate([np.ones(passive, dtype=bool), hybrid < 0])
     back = np.linalg.inv(np.linalg.cholesky(inertia[np.ix_(kept, kept)])).T
     h = back.T @ given[kept]
     size = float(np.linalg.norm(h))
@@ -135,11 +133,10 @@ def rest_dynamics(
     alpha = float(np.linalg.norm(rows, axis=2).max())
     accelerations = np.zeros((len(load), len(h)))
     accelerations[kept] = size * back
-    centre = np.concatenate([np.eye(3), np.zeros((3, 3))], axis=1)
-    points = np.concatenate([contact_motion(problem)[:, :, :6], centre[None]]) @ accelerations[:6]
+    points = problem.points @ accelerations[:passive]
     friction = np.where(problem.slides, 0.0, problem.mu)
     return RestDynamics(rows / alpha, acting[:, :, kept] @ back / alpha, h / size, friction,
-                    commanded * alpha / size, size / alpha, accelerations, points,
+                    commanded * alpha / size, size / alpha, accelerations, points, passive,
                     np.zeros_like(h))  # fmt: skip
 
 

@@ -27,10 +27,10 @@ class RestLoad:
 
     Attributes:
         problem: Contacts, joints and external wrench.
-        load: (6 + L,) external wrench, and torques less those that bear the links' weight.
-        unit: (6 + L,) what each of them counts in.
+        load: (P + L,) external wrench, and torques less those that bear the links' weight.
+        unit: (P + L,) what each of them counts in.
         undisturbed: The problem whose load all tolerances are relative to.
-        inertia: (6 + L, 6 + L) of object and joints; None where it is not known.
+        inertia: (P + L, P + L) of object and joints; None where it is not known.
         hybrid: (L,) contact whose normal force a column commands; -1: a joint.
         dynamics: The equations of motion; None without inertia, or where nothing accelerates.
     """
@@ -53,8 +53,8 @@ class RestLoad:
             self.dynamics = rest_dynamics(problem, load, inertia, hybrid)
 
     def changed(self, wrench: np.ndarray) -> RestLoad:
-        """Return the same bodies with so much more external wrench (6,)."""
-        more = np.concatenate([wrench, np.zeros(len(self.load) - 6)])
+        """Return the same bodies with so much more external wrench (P,)."""
+        more = np.concatenate([wrench, np.zeros(len(self.load) - len(wrench))])
         problem = replace(self.problem, w=self.problem.w + wrench)
         return RestLoad(problem, self.load + more, self.inertia, self.hybrid, self.undisturbed)
 
@@ -64,13 +64,13 @@ class RestLoad:
 
     def acceleration(self, problem: Problem) -> float:
         """Return a problem's load over the object's mass, m/s^2; NaN without inertia."""
-        return float(np.nan) if self.inertia is None else problem.force / float(self.inertia[0, 0])
+        return float(np.nan) if self.inertia is None else problem.force / problem.mass(self.inertia)
 
     @property
     def commanded(self) -> np.ndarray:
         """(M,) normal forces that hybrid fingers command, N; zero elsewhere."""
         forces, columns = np.zeros(self.problem.count), np.flatnonzero(self.hybrid >= 0)
-        forces[self.hybrid[columns]] = self.load[6 + columns]
+        forces[self.hybrid[columns]] = self.load[len(self.problem.w) + columns]
         return forces
 
     def forces(self, key: str, mapping: object, where: str) -> np.ndarray:
@@ -91,11 +91,12 @@ class RestLoad:
 
         Args:
             local: (M, 3) forces in contact frames, N.
-            acceleration: (6 + L,) of object and joints; hybrid fingers' own are not looked at.
+            acceleration: (P + L,) of object and joints; hybrid fingers' own are not looked at.
         """
         if self.inertia is None:
             return float(np.inf)
-        kept = np.concatenate([np.ones(6, dtype=bool), self.hybrid < 0])
+        passive = len(self.problem.w)
+        kept = np.concatenate([np.ones(passive, dtype=bool), self.hybrid < 0])
         acceleration = np.where(kept, acceleration, 0.0).astype(np.longdouble)
         acting = force_motion(self.problem).astype(np.longdouble)
         left = self.inertia @ acceleration - np.einsum("lik,li->k", acting, local) - self.load
@@ -105,9 +106,9 @@ class RestLoad:
         units = _loads(self.undisturbed)
         # A joint that reaches no contact moves by its weight, or by nothing that the load makes.
         weight = np.abs(self.undisturbed.gravity)
-        units[6:] = np.maximum.reduce([
-            units[6:], weight, np.full(len(weight), tolerances.SAME * units[6:].max(initial=0.0))
-        ])  # fmt: skip
+        own = units[passive:]
+        least = np.full(len(weight), tolerances.SAME * own.max(initial=0.0))
+        units[passive:] = np.maximum.reduce([own, weight, least])
         return float((left / units)[kept].max())
 
     def misdirected(self, local: np.ndarray) -> float:
@@ -127,8 +128,8 @@ class RestLoad:
         """Return what all contact forces leave unbalanced at least, in loads.
 
         Args:
-            z: (6 + L,) scaled motion along which they all do work of one sign.
-            more: (6 + L,) what is added to the load.
+            z: (P + L,) scaled motion along which they all do work of one sign.
+            more: (P + L,) what is added to the load.
         """
         z = z / max(1.0, float(np.abs(z).sum()))
         way, mu = z.astype(np.longdouble) * self.problem.force / self.unit, self.problem.mu
@@ -142,9 +143,8 @@ class RestLoad:
 
 
 def _loads(problem: Problem) -> np.ndarray:
-    """(6 + L,) what a problem's load makes in the balance and at each joint, N and N m."""
-    force, length = problem.force, problem.length
-    return np.concatenate([np.repeat([force, force * length], 3), problem.joint_scale])
+    """(P + L,) what a problem's load makes in the balance and at each joint, N and N m."""
+    return np.concatenate([problem.passive_scale, problem.joint_scale])
 
 
 def read_load(document: dict[str, Any], problem: Problem) -> RestLoad:
@@ -158,17 +158,28 @@ def read_load(document: dict[str, Any], problem: Problem) -> RestLoad:
     motors = array(torques, (joints,), "the joints' torques")
     load = np.concatenate([problem.w, motors - problem.gravity])
     own, of_joints = document.get("object_inertia"), document.get("joint_inertia")
-    inertia, hybrid = np.zeros((6 + joints, 6 + joints)), np.full(joints, -1)
+    passive = len(problem.w)
+    inertia, hybrid = np.zeros((passive + joints, passive + joints)), np.full(joints, -1)
     if of_joints is not None:
-        inertia[6:, 6:] = array(of_joints, (joints, joints), "joint_inertia")
-        hybrid = commanded_contacts(problem, inertia[6:, 6:])
+        inertia[passive:, passive:] = array(of_joints, (joints, joints), "joint_inertia")
+        hybrid = commanded_contacts(problem, inertia[passive:, passive:])
     if own is None or (of_joints is None and joints):
         return RestLoad(problem, load, None, hybrid)
-    inertia[:6, :6] = array(own, (6, 6), "object_inertia")
+    inertia[:passive, :passive] = array(own, (passive, passive), "object_inertia")
     size = np.sqrt(np.abs(np.outer(inertia.diagonal(), inertia.diagonal())))
     if (np.abs(inertia - inertia.T) > tolerances.SAME * size).any():
         raise ValueError("object_inertia and joint_inertia must be symmetric")
-    # Accelerations count in load over mass: there has to be one mass.
+    if problem.given is None:
+        _check_mass(document, inertia)
+    return RestLoad(problem, load, inertia, hybrid)
+
+
+def _check_mass(document: dict[str, Any], inertia: np.ndarray) -> None:
+    """Refuse an inertia of one object that has no one mass: accelerations count in load over mass.
+
+    Raises:
+        ValueError: Saying what it is instead.
+    """
     mass = inertia[0, 0]
     if (
         not mass > 0.0
@@ -178,4 +189,3 @@ def read_load(document: dict[str, Any], problem: Problem) -> RestLoad:
     stated = document["object"].get("mass") if isinstance(document.get("object"), dict) else None
     if stated is not None and abs(number(stated, "mass") - mass) > tolerances.SAME * mass:
         raise ValueError(f"object_inertia is of {mass:.6g} kg, but the object of {stated:.6g} kg")
-    return RestLoad(problem, load, inertia, hybrid)

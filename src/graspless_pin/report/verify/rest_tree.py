@@ -26,8 +26,6 @@ from graspless_pin.report.verify.values import array, entry, items, number, whol
 
 _MOST_NODES = 100_000
 _DEEPEST = 400
-GOALS = 13
-"""Under a declared motion: no outcome at all, and both signs of six accelerations."""
 _PASSED_OVER = {Kind.OPEN: Kind.CLOSED, Kind.SLIPPING: Kind.STICKING}
 """KnownStates that hold no outcome beside those of another state, where that other is forced."""
 
@@ -103,7 +101,7 @@ def _read_node(
             raise ValueError(f"slip of {where} has the half width {half_width:.6g}")
     bound = entry(given, "multipliers", where)
     forced = items(entry(given, "forced", where), f"forced of {where}", 0, 2)
-    sides = items(entry(given, "sides", where), f"sides of {where}", 0, GOALS)
+    sides = items(entry(given, "sides", where), f"sides of {where}", 0, _goal_count(dynamics))
     node = RestNode(
         contact,
         kind,
@@ -117,7 +115,13 @@ def _read_node(
 
 def _read_side(given: object, dynamics: RestDynamics, where: str) -> tuple[int, RestMultipliers]:
     multipliers = read_rest_multipliers(entry(given, "multipliers", where), dynamics, where)
-    return whole(entry(given, "goal", where), f"goal of {where}", 0, GOALS - 1), multipliers
+    last = _goal_count(dynamics) - 1
+    return whole(entry(given, "goal", where), f"goal of {where}", 0, last), multipliers
+
+
+def _goal_count(dynamics: RestDynamics) -> int:
+    """Under a declared motion: no outcome at all, and both signs of each passive acceleration."""
+    return 1 + 2 * dynamics.passive
 
 
 @dataclass(eq=False)
