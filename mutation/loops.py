@@ -167,7 +167,7 @@ MISTAKES = tuple(
         (CALLER, "or objective.regularization > 0.0", ""),
         (CALLER, "or options.rules.by_direction", ""),
         (CALLER, "start.likeness.has_rows_of(likeness)", "start.likeness is not likeness"),
-        ("../algorithms/loaded.py", "[*near, *self._pool]", "[*self._pool]"),
+        ("../algorithms/carried.py", "[*near, *self._pool]", "[*self._pool]"),
         (CHAINS, "column[5 * n + j] * p[0] - column[3 * n + j] * p[2]",
          "column[5 * n + j] * p[0] + column[3 * n + j] * p[2]"),
         (FRAMES, "t[i] = a[i] - along * n[i]", "t[i] = a[i]"),

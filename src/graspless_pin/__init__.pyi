@@ -9,7 +9,9 @@ from .algorithms.explanation import explain as explain
 from .algorithms.force_bounds import ContactForceBounds as ContactForceBounds
 from .algorithms.force_bounds import contact_force_bounds as contact_force_bounds
 from .algorithms.gradients import Gradients as Gradients
+from .algorithms.gradients import MarginSensitivity as MarginSensitivity
 from .algorithms.gradients import OptimumGradients as OptimumGradients
+from .algorithms.gradients import margin_sensitivity as margin_sensitivity
 from .algorithms.gradients import optimum_gradients as optimum_gradients
 from .algorithms.guaranteed_disturbance import GuaranteedDisturbance as GuaranteedDisturbance
 from .algorithms.guaranteed_disturbance import guaranteed_disturbance as guaranteed_disturbance
@@ -20,8 +22,6 @@ from .algorithms.minimum_friction import minimum_friction as minimum_friction
 from .algorithms.options import SolveOptions as SolveOptions
 from .algorithms.robustness import Robustness as Robustness
 from .algorithms.robustness import robustness as robustness
-from .algorithms.sensitivity import MarginSensitivity as MarginSensitivity
-from .algorithms.sensitivity import margin_sensitivity as margin_sensitivity
 from .algorithms.torque import maximize_margin as maximize_margin
 from .algorithms.torque import minimize_torque as minimize_torque
 from .algorithms.torque import optimize as optimize
@@ -33,7 +33,7 @@ from .findings import Finding as Finding
 from .findings import FindingCode as FindingCode
 from .findings import Severity as Severity
 from .geometry.hand.model import Hand as Hand
-from .holding.free_motions import free_motions as free_motions
+from .holding.dynamics import free_motions as free_motions
 from .holding.stability import stability as stability
 from .holding.verdict import ContactState as ContactState
 from .holding.verdict import DynamicOutcome as DynamicOutcome
@@ -50,13 +50,13 @@ from .planning.evaluator import Evaluator as Evaluator
 from .planning.path import Waypoint as Waypoint
 from .planning.path import evaluate_path as evaluate_path
 from .planning.placing import place_hand as place_hand
-from .problem.bodies import body_wrench_matrix as body_wrench_matrix
 from .problem.fingers import ControlMode as ControlMode
 from .problem.fingers import FingerContacts as FingerContacts
 from .problem.fingers import JointSpace as JointSpace
 from .problem.fingers import assemble_joint_space as assemble_joint_space
 from .problem.joint_units import JointUnit as JointUnit
 from .problem.quasistatic import QuasistaticProblem as QuasistaticProblem
+from .problem.wrenches import body_wrench_matrix as body_wrench_matrix
 from .problem.wrenches import force_first as force_first
 from .problem.wrenches import moment_first as moment_first
 from .programs.builder import ProgramBuilder as ProgramBuilder

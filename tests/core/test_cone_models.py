@@ -32,7 +32,7 @@ from graspless_pin.problem.cones import CONE_MODELS, Pyramid
 from graspless_pin.report import read_solution, solution_document
 from graspless_pin.report.verify import verify_document
 from graspless_pin.solution import Status
-from graspless_pin.solution.utilization import contact_state, friction_use
+from graspless_pin.solution.tables import contact_state, friction_use
 
 CORNERS = np.array([[0.9, -0.1], [0.5, 0.6], [-0.2, 0.7], [-0.6, 0.1], [-0.3, -0.5], [0.2, -0.4]])
 """Of a polygon without any symmetry."""

@@ -19,11 +19,9 @@ from graspless_pin import (
 )
 from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.formulation import formulate
-from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.margin_torque_curve import CurveSearch
-from graspless_pin.algorithms.options import SolveOptions
-from graspless_pin.algorithms.search import SearchResult, SearchState
-from graspless_pin.algorithms.threshold_sensitivity import threshold_optima
+from graspless_pin.algorithms.options import Limits, SolveOptions
+from graspless_pin.algorithms.search import SearchResult, SearchState, threshold_optima
 from graspless_pin.bounds import LARGEST, LARGEST_REGULARIZATION
 from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.rules import Rules

@@ -9,8 +9,7 @@ from random_scenes import general_scene, slope_scene
 from scenes import scene
 
 from graspless_pin import Margin, QuasistaticProblem, SolveOptions, Torque, TorqueShare, compiled
-from graspless_pin.algorithms.carried import are_for
-from graspless_pin.algorithms.loaded import LoadedOptima
+from graspless_pin.algorithms.carried import LoadedOptima, are_for
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.algorithms.warm_start import solve_from
 from graspless_pin.problem.cones import CONE_MODELS

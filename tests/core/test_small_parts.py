@@ -12,12 +12,11 @@ from scenes import scene
 
 from graspless_pin import SlidingMode
 from graspless_pin.algorithms import branch_and_bound as searching
-from graspless_pin.algorithms import threshold_sensitivity
+from graspless_pin.algorithms import search
 from graspless_pin.algorithms.branch_and_bound import _children, _deciding, _Node
 from graspless_pin.algorithms.formulation import formulate
-from graspless_pin.algorithms.limits import NO_LIMITS, Limits
 from graspless_pin.algorithms.mode_oracle import ModeOracle, Opposition
-from graspless_pin.algorithms.options import SolveOptions
+from graspless_pin.algorithms.options import NO_LIMITS, Limits, SolveOptions
 from graspless_pin.algorithms.search import SearchState
 from graspless_pin.algorithms.searching import search_modes
 from graspless_pin.errors import ArgumentError
@@ -144,11 +143,11 @@ def test_only_variables_that_are_fixed_at_zero_are_dropped():
 def test_a_motion_is_slow_below_ten_times_the_threshold(monkeypatch, slowest, slow):
     one = state()
     monkeypatch.setattr(type(one.formulation.kinematics), "slowest", lambda *_: slowest)
-    monkeypatch.setattr(threshold_sensitivity, "requirements_of", lambda _: [])
+    monkeypatch.setattr(search, "requirements_of", lambda _: [])
     one.mode, one.mode_is_clear = object(), False  # type: ignore[assignment]
-    assert threshold_sensitivity._is_slow(SimpleNamespace(state=one)) == slow  # type: ignore[arg-type]
+    assert search._is_slow(SimpleNamespace(state=one)) == slow  # type: ignore[arg-type]
     one.mode_is_clear = True
-    assert not threshold_sensitivity._is_slow(SimpleNamespace(state=one))  # type: ignore[arg-type]
+    assert not search._is_slow(SimpleNamespace(state=one))  # type: ignore[arg-type]
 
 
 def test_limits_that_nothing_meets_are_refused_of_own_arrays_too():

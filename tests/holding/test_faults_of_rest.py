@@ -31,8 +31,8 @@ from graspless_pin import (
     stability,
 )
 from graspless_pin.algorithms.guaranteed_disturbance import GuaranteedDisturbance
-from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.load_brackets import LoadBracket, load_bracket
+from graspless_pin.algorithms.options import Limits
 from graspless_pin.holding import (
     bounds,
     branching,

@@ -36,11 +36,10 @@ from graspless_pin import (
 )
 from graspless_pin.algorithms import guaranteed_torques
 from graspless_pin.algorithms.guaranteed_torques import half_space
-from graspless_pin.algorithms.limits import NO_LIMITS
-from graspless_pin.algorithms.options import SolveOptions
+from graspless_pin.algorithms.options import NO_LIMITS, SolveOptions
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.holding.stability import undecided_verdict
-from graspless_pin.programs.guarantee_objectives import InsideHalfSpaces
+from graspless_pin.programs.analysis_objectives import InsideHalfSpaces
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.report import read_solution, solution_document
 

@@ -8,7 +8,7 @@ import pytest
 from study_tools import HEIGHT, PAPER, SLOPE, Here, data, study
 
 from graspless_pin import compiled, load_scene
-from graspless_pin.algorithms.loaded import LoadedOptima
+from graspless_pin.algorithms.carried import LoadedOptima
 from graspless_pin.errors import SceneError
 from graspless_pin.scene import problem_data
 from graspless_pin.scene.problem_data import jointed_contacts

@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.algorithms.limits import NO_LIMITS, Limits
 from graspless_pin.algorithms.mode_oracle import Opposition, SignPair
+from graspless_pin.algorithms.options import NO_LIMITS, Limits
 from graspless_pin.algorithms.search import (
     SearchResult,
     SearchState,

@@ -9,9 +9,8 @@ from itertools import product
 from typing import Unpack
 
 from graspless_pin.algorithms.formulation import formulate
-from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.named_objectives import objective_named
-from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
+from graspless_pin.algorithms.options import Limits, SolveKeywords, SolveOptions
 from graspless_pin.algorithms.search import SearchState, finished
 from graspless_pin.algorithms.solve import solution_of, solve_problem
 from graspless_pin.errors import OverrunError

@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.mode_oracle import NO_FRICTION
+from graspless_pin.algorithms.options import Limits
 from graspless_pin.algorithms.search import SearchResult, SearchState, finished
 from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.rules import SlidingMode, SlidingRule

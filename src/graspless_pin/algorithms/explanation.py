@@ -16,9 +16,8 @@ import numpy as np
 
 from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.formulation import formulate, formulated
-from graspless_pin.algorithms.limits import NO_LIMITS, Limits
 from graspless_pin.algorithms.minimum_friction import smallest_factor
-from graspless_pin.algorithms.options import SolveOptions
+from graspless_pin.algorithms.options import NO_LIMITS, Limits, SolveOptions
 from graspless_pin.algorithms.search import SearchState
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.errors import UndecidedMotionError
@@ -32,7 +31,7 @@ from graspless_pin.programs.analysis_objectives import Elastic
 from graspless_pin.programs.forces import ForceCoordinates
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.solution import Status, TorqueSolution, checked_solution
-from graspless_pin.solution.doubts import overload
+from graspless_pin.solution.torque_solution import overload
 from graspless_pin.solvers import ANY_SOLVER, PRIMAL_TOLERANCE, Outcome
 
 ROOM = 1.0 + 1e-6

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.algorithms.formulation import Formulation, formulated
-from graspless_pin.algorithms.limits import Limits
-from graspless_pin.algorithms.options import SolveOptions
+from graspless_pin.algorithms.options import Limits, SolveOptions
 from graspless_pin.algorithms.search import SearchResult, SearchState
 from graspless_pin.algorithms.searching import search_modes
 from graspless_pin.modes.rules import SlidingMode, StaticFriction

@@ -11,11 +11,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from types import MappingProxyType
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.algorithms.dual_degeneracy import OptimalPoint, OptimalSet
+from graspless_pin.algorithms.options import SolveKeywords
+from graspless_pin.algorithms.torque import maximize_margin
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only
@@ -249,3 +252,77 @@ def _wider_faces(problem: QuasistaticProblem, found: Marginals, local: FloatArra
     length = np.sqrt(1.0 + slope**2)
     turned = -local[:, :1] - slope / length**2 * (around - slope * local[:, :1])
     return np.einsum("mk,mk->m", section.distances / length * found["faces"], turned)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MarginSensitivity(Brief):
+    """Derivatives of the largest margin in its optimal mode.
+
+    Where the optimum is degenerate or the mode is about to change, they are one of several
+    one-sided derivatives. See the example of `margin_sensitivity`.
+
+    Attributes:
+        gradients: By all that the problem is made of, with where they are not unique.
+    """
+
+    gradients: OptimumGradients
+
+    @property
+    def solution(self) -> TorqueSolution:
+        """The solution that the derivatives belong to."""
+        return self.gradients.solution
+
+    @property
+    def friction(self) -> FloatArray:
+        """(M,) N per unit of each friction coefficient."""
+        return self.gradients.values.friction
+
+    @property
+    def external_wrench(self) -> FloatArray:
+        """(P,) N per N of force and per N m of moment."""
+        return self.gradients.values.external_wrench
+
+    @property
+    def load(self) -> float:
+        """N per unit of a common factor on the external wrench."""
+        return self.gradients.load
+
+    @property
+    def upper_torque(self) -> FloatArray:
+        """(L,) N per N m of each upper limit."""
+        return self.gradients.values.upper_torque
+
+    @property
+    def lower_torque(self) -> FloatArray:
+        """(L,) N per N m of each lower limit."""
+        return self.gradients.values.lower_torque
+
+    @property
+    def max_normal_force(self) -> FloatArray:
+        """(M,) N per N of each normal-force limit."""
+        return self.gradients.values.max_normal_force
+
+    def per_mass(self, mass: float) -> float:
+        """Return N per kilogram where the external wrench is the weight of this mass (kg)."""
+        return self.gradients.per_mass(mass)
+
+
+def margin_sensitivity(
+    problem: QuasistaticProblem, **options: Unpack[SolveKeywords]
+) -> MarginSensitivity:
+    """Differentiate the largest margin by its data.
+
+    Args:
+        problem: Contacts, wrench, joints and limits.
+        options: See `SolveOptions.parse`; with a limit the derivatives are those of the best found.
+
+    Raises:
+        NoSolutionError: If no margin is feasible.
+
+    Examples:
+        >>> from graspless_pin import load_scene, margin_sensitivity
+        >>> problem = load_scene("examples/paper/cuboid_at_rest.yaml").problem()
+        >>> margin_sensitivity(problem).friction.round(2)  # N a unit of each coefficient
+        array([2.24, 2.24, 0.41, 1.87, 1.87, 0.41])
+    """
+    return MarginSensitivity(optimum_gradients(maximize_margin(problem, **options)))

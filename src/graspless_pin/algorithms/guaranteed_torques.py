@@ -15,14 +15,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from graspless_pin.algorithms.limits import Limits
-from graspless_pin.algorithms.options import SolveOptions
+from graspless_pin.algorithms.options import Limits, SolveOptions
 from graspless_pin.holding.dynamics import contact_jacobian, generalized_load
 from graspless_pin.holding.stability import counterexamples, stability, undecided_verdict
 from graspless_pin.holding.verdict import DynamicOutcome, Stability, StabilityVerdict
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.programs.guarantee_objectives import InsideHalfSpaces, at_torques
+from graspless_pin.programs.analysis_objectives import InsideHalfSpaces, at_torques
 from graspless_pin.programs.objectives import Margin, Objective
 from graspless_pin.solution import Evidence, Guarantee, Status, TorqueSolution
 

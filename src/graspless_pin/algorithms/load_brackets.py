@@ -6,12 +6,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from graspless_pin.algorithms.limits import Limits
+from graspless_pin.algorithms.options import Limits
 from graspless_pin.errors import ArgumentError
 from graspless_pin.holding.load_intervals import LoadLine, Unproven
-from graspless_pin.holding.options import COARSEST_RESOLUTION, FINEST_RESOLUTION
 from graspless_pin.holding.stability import stability
-from graspless_pin.holding.verdict import LastRest, SpanProof, Stability, StabilityVerdict
+from graspless_pin.holding.verdict import (
+    COARSEST_RESOLUTION,
+    FINEST_RESOLUTION,
+    LastRest,
+    SpanProof,
+    Stability,
+    StabilityVerdict,
+)
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.problem.checks import FloatArray, real_number, whole_number
 from graspless_pin.records import Brief

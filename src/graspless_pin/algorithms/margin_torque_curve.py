@@ -27,8 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from graspless_pin.algorithms.formulation import Formulation, formulated
-from graspless_pin.algorithms.limits import Limits
-from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
+from graspless_pin.algorithms.options import Limits, SolveKeywords, SolveOptions
 from graspless_pin.algorithms.search import SearchResult, SearchState
 from graspless_pin.algorithms.searching import search_modes
 from graspless_pin.algorithms.torque import TorqueScale, torque_objective

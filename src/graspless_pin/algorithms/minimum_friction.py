@@ -7,8 +7,7 @@ from typing import Unpack
 
 import numpy as np
 
-from graspless_pin.algorithms.limits import Limits
-from graspless_pin.algorithms.options import SolveKeywords, SolveOptions
+from graspless_pin.algorithms.options import Limits, SolveKeywords, SolveOptions
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.problem import QuasistaticProblem, checked_problem
 from graspless_pin.programs.objectives import Margin, Objective

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.load_brackets import (
     NOT_REACHED,
     LoadBracket,
     bracket_limits,
     load_bracket,
 )
+from graspless_pin.algorithms.options import Limits
 from graspless_pin.holding.stability import stability, undecided_verdict
 from graspless_pin.holding.verdict import Stability, StabilityVerdict
 from graspless_pin.problem import QuasistaticProblem

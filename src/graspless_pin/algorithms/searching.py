@@ -9,8 +9,7 @@ import numpy as np
 
 from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.direction_search import search_directions
-from graspless_pin.algorithms.limits import Limits
-from graspless_pin.algorithms.options import Search, SolveOptions
+from graspless_pin.algorithms.options import Limits, Search, SolveOptions
 from graspless_pin.algorithms.search import SearchResult, SearchState, finished, undecided
 from graspless_pin.errors import OverrunError, UndecidedMotionError
 from graspless_pin.modes.enumeration import feasible_modes

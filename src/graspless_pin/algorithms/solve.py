@@ -5,11 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from graspless_pin.algorithms.formulation import Formulation, formulate
-from graspless_pin.algorithms.limits import Limits
-from graspless_pin.algorithms.options import DEFAULT_OPTIONS, SolveOptions
-from graspless_pin.algorithms.search import SearchResult, SearchState, in_mode, undecided
+from graspless_pin.algorithms.options import DEFAULT_OPTIONS, Limits, SolveOptions
+from graspless_pin.algorithms.search import (
+    SearchResult,
+    SearchState,
+    in_mode,
+    threshold_optima,
+    undecided,
+)
 from graspless_pin.algorithms.searching import search_modes
-from graspless_pin.algorithms.threshold_sensitivity import threshold_optima
 from graspless_pin.caching import Derived
 from graspless_pin.errors import ArgumentError, UndecidedMotionError
 from graspless_pin.modes.enumeration import requirements_of

@@ -15,18 +15,17 @@ import numpy as np
 
 from graspless_pin.algorithms.carried import WarmStart
 from graspless_pin.algorithms.formulation import Formulation, formulate
-from graspless_pin.algorithms.limits import Limits
-from graspless_pin.algorithms.options import SolveOptions
+from graspless_pin.algorithms.options import Limits, SolveOptions
 from graspless_pin.algorithms.search import (
     SearchResult,
     SearchState,
     closeness,
     finished,
+    threshold_optima,
     undecided,
 )
 from graspless_pin.algorithms.searching import search_modes
 from graspless_pin.algorithms.solve import as_stable, solution_of, solve_problem
-from graspless_pin.algorithms.threshold_sensitivity import threshold_optima
 from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.modes.rules import SlidingMode, SlidingRule, candidate_contacts
 from graspless_pin.problem import QuasistaticProblem

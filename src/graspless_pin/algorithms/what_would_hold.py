@@ -8,13 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspless_pin.algorithms.limits import Limits
 from graspless_pin.algorithms.load_brackets import bracket_limits
+from graspless_pin.algorithms.options import Limits
 from graspless_pin.algorithms.robustness import with_joints_still
 from graspless_pin.algorithms.torque import maximize_margin
-from graspless_pin.holding.options import NODE_LIMIT
 from graspless_pin.holding.stability import stability
-from graspless_pin.holding.verdict import Stability, StabilityVerdict
+from graspless_pin.holding.verdict import NODE_LIMIT, Stability, StabilityVerdict
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array
 

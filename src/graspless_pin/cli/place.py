@@ -10,7 +10,7 @@ import typer
 from graspless_pin.cli.outcome import ExitCode, echo_note, loaded_scene, plain_errors, three_numbers
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import tell
-from graspless_pin.holding.options import BRIEF_NODE_LIMIT
+from graspless_pin.holding.verdict import BRIEF_NODE_LIMIT
 from graspless_pin.planning import place_hand
 from graspless_pin.progress import waiting_for
 from graspless_pin.scene.entry_findings import unit_findings

@@ -19,7 +19,7 @@ from graspless_pin.cli.simulate import simulated_words
 from graspless_pin.cli.solve import told
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.findings import tell
-from graspless_pin.holding.options import BRIEF_NODE_LIMIT
+from graspless_pin.holding.verdict import BRIEF_NODE_LIMIT
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.progress import waiting_for
 from graspless_pin.report.document import write_text

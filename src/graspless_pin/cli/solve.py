@@ -15,8 +15,7 @@ from graspless_pin.cli.objective_options import asking_by_name
 from graspless_pin.cli.outcome import echo_findings, exit_code, loaded_scene, plain_errors
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import tell
-from graspless_pin.holding.options import BRIEF_NODE_LIMIT, NODE_LIMIT
-from graspless_pin.holding.verdict import StabilityVerdict
+from graspless_pin.holding.verdict import BRIEF_NODE_LIMIT, NODE_LIMIT, StabilityVerdict
 from graspless_pin.modes.rules import SignRule, SlidingRule, StaticFriction
 from graspless_pin.progress import waiting_for
 from graspless_pin.report import scene_solution_text

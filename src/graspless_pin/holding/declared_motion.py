@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 
 from graspless_pin.holding.bounds import States, least_along
 from graspless_pin.holding.branching import NEAR, slip_range, split
-from graspless_pin.holding.cuts import arc_rows, around, cone_planes, cone_tangents
 from graspless_pin.holding.dynamics import Dynamics
+from graspless_pin.holding.relaxation import arc_rows, around, cone_planes, cone_tangents
 from graspless_pin.holding.unstable_motion import coulomb_gaps, polish
 from graspless_pin.holding.verdict import ContactState, DualBound, OutcomeSet
 from graspless_pin.problem.checks import FloatArray

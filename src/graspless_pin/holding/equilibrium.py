@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from graspless_pin.holding.cuts import around
 from graspless_pin.holding.least_squares import nonnegative_squares
+from graspless_pin.holding.relaxation import around
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solvers.simplex import Simplex, SimplexAnswer
 

@@ -27,18 +27,13 @@ from graspless_pin.holding.declared_motion import other_motion
 from graspless_pin.holding.dynamics import (
     Dynamics,
     free_friction,
+    free_motions,
+    rolling_without_scene,
     rubs,
     scaled_dynamics,
     world_forces,
 )
 from graspless_pin.holding.equilibrium import BALANCE_TOLERANCE, least_residual
-from graspless_pin.holding.free_motions import free_motions, rolling_without_scene
-from graspless_pin.holding.options import (
-    BRIEF_NODE_LIMIT,
-    COARSEST_RESOLUTION,
-    FINEST_RESOLUTION,
-    NODE_LIMIT,
-)
 from graspless_pin.holding.relaxation import FORCE_LIMIT, Relaxation
 from graspless_pin.holding.unstable_motion import (
     find_motion,
@@ -48,6 +43,10 @@ from graspless_pin.holding.unstable_motion import (
     polish,
 )
 from graspless_pin.holding.verdict import (
+    BRIEF_NODE_LIMIT,
+    COARSEST_RESOLUTION,
+    FINEST_RESOLUTION,
+    NODE_LIMIT,
     ContactState,
     DynamicOutcome,
     LoadProof,
@@ -55,8 +54,9 @@ from graspless_pin.holding.verdict import (
     RestProof,
     Stability,
     StabilityVerdict,
+    finger_words,
+    strong_words,
 )
-from graspless_pin.holding.verdict_words import finger_words, strong_words
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import (
     FloatArray,

@@ -13,8 +13,13 @@ from numpy.typing import NDArray
 from scipy.linalg import qr, solve_triangular
 
 from graspless_pin.caching import Bounded
-from graspless_pin.modes.conflicts import conflict_of
-from graspless_pin.modes.fastest_sliding import Sliding, fastest_sliding, length, signed_rows
+from graspless_pin.modes.fastest_sliding import (
+    Sliding,
+    conflict_of,
+    fastest_sliding,
+    length,
+    signed_rows,
+)
 from graspless_pin.modes.feasibility import Conflict, Requirement, Witness
 from graspless_pin.modes.rules import SignRule
 from graspless_pin.modes.witness_heuristics import (

@@ -12,8 +12,7 @@ import numpy as np
 from graspless_pin.algorithms.carried import Carried, solution_carried
 from graspless_pin.errors import NoSolutionError, StateFault
 from graspless_pin.findings import Finding
-from graspless_pin.holding.options import StabilityKeywords
-from graspless_pin.holding.verdict import StabilityVerdict
+from graspless_pin.holding.verdict import StabilityKeywords, StabilityVerdict
 from graspless_pin.modes.rules import Rules
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, read_only

@@ -8,8 +8,7 @@ from functools import cached_property
 from textwrap import fill
 
 from graspless_pin.findings import heard
-from graspless_pin.holding.verdict import Stability, StabilityVerdict
-from graspless_pin.holding.verdict_words import parted
+from graspless_pin.holding.verdict import Stability, StabilityVerdict, parted
 from graspless_pin.planning.placing_candidates import NODES, PlacingFault
 from graspless_pin.records import Brief
 from graspless_pin.scene import Scene

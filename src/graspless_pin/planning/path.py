@@ -14,8 +14,7 @@ from scipy.spatial.transform import Rotation
 from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.poses import as_pose
-from graspless_pin.holding.options import StabilityKeywords
-from graspless_pin.holding.verdict import StabilityVerdict
+from graspless_pin.holding.verdict import StabilityKeywords, StabilityVerdict
 from graspless_pin.planning.configurations import Configuration
 from graspless_pin.planning.evaluation import Evaluation, StateStatus
 from graspless_pin.planning.evaluator import Evaluator

@@ -24,8 +24,7 @@ from graspless_pin.errors import (
 )
 from graspless_pin.findings import heard
 from graspless_pin.geometry.posing.opposing import fingers_that_close
-from graspless_pin.holding.options import BRIEF_NODE_LIMIT
-from graspless_pin.holding.verdict import Stability, StabilityVerdict
+from graspless_pin.holding.verdict import BRIEF_NODE_LIMIT, Stability, StabilityVerdict
 from graspless_pin.planning.hand_placement import HandPlacement, PlacedHand
 from graspless_pin.planning.placing_candidates import (
     PlacingFault,

@@ -10,8 +10,7 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.plots.canvas import axes_for
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.solution import TorqueSolution
-from graspless_pin.solution.tables import force_rounding, shown
-from graspless_pin.solution.utilization import contact_state, friction_use
+from graspless_pin.solution.tables import contact_state, force_rounding, friction_use, shown
 from graspless_pin.visualization import LIGHT, Role
 from graspless_pin.visualization.contacts import virtual_velocities
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from graspless_pin.problem.checks import FloatArray, real_array
-from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.errors import ArgumentError
+from graspless_pin.problem.checks import FloatArray, finite_array, read_only, real_array
+from graspless_pin.problem.joint_units import FREE_BODY, JointUnit
+from graspless_pin.problem.matrices import wrench_map
 
 
 def moment_first(wrench: ArrayLike) -> FloatArray:
@@ -77,3 +79,74 @@ def _halves_swapped(wrench: ArrayLike) -> FloatArray:
         rows = False
     array = real_array("wrench", wrench, (None, 6) if rows else (6,))
     return np.roll(array, 3, axis=-1)
+
+
+def body_wrench_matrix(points: ArrayLike, bodies: ArrayLike, centers: ArrayLike) -> FloatArray:
+    """Return the map from contact forces to the wrenches on several free bodies.
+
+    Args:
+        points: (M, 3) contact points in world axes, m.
+        bodies: (M, 2) numbers of the body that the contact's force acts on, into which its normal
+            points, and of the one that bears the reaction; -1: none of them, that is a support or
+            a finger.
+        centers: (B, 3) points that the bodies' moments are about, m: their centres of mass, if the
+            inertia is block diagonal.
+
+    Returns:
+        (6B, 3M) read-only, the `wrench_matrix` of a `QuasistaticProblem` whose external wrench
+        and inertia are those of body 0, then of body 1 and so on.
+
+    Raises:
+        ArgumentError: Naming the argument, the index and the value that is wrong.
+
+    Examples:
+        A brick of 1 kg lies on another one, which lies on the ground.
+
+        >>> import numpy as np
+        >>> from graspless_pin import QuasistaticProblem, body_wrench_matrix
+        >>> corners = np.array([[x, y, 0.0] for x in (-0.1, 0.1) for y in (-0.1, 0.1)])
+        >>> points = np.vstack([corners, corners + [0.0, 0.0, 0.06]])  # m
+        >>> bodies = [[0, -1]] * 4 + [[1, 0]] * 4
+        >>> W = body_wrench_matrix(points, bodies, [[0.0, 0.0, 0.03], [0.0, 0.0, 0.09]])
+        >>> weights = [0.0, 0.0, -9.8, 0.0, 0.0, 0.0] * 2  # N, N m
+        >>> problem = QuasistaticProblem(
+        ...     points, [[0.0, 0.0, 1.0]] * 8, weights, friction=0.5, wrench_matrix=W
+        ... )
+        >>> problem.passive_count
+        12
+    """
+    at = finite_array("points", points, (None, 3))
+    about = finite_array("centers", centers, (None, 3))
+    given = finite_array("bodies", bodies, (len(at), 2))
+    _check_numbers(given, len(about))
+    matrix = np.zeros((len(about), len(FREE_BODY), len(at), 3))
+    for side, sign in ((0, 1.0), (1, -1.0)):
+        for contact in np.flatnonzero(given[:, side] >= 0.0).tolist():
+            body = int(given[contact, side])
+            matrix[body, :, contact] = sign * wrench_map(at[contact : contact + 1] - about[body])
+    return read_only(matrix.reshape(len(FREE_BODY) * len(about), 3 * len(at)) + 0.0)
+
+
+def _check_numbers(bodies: FloatArray, count: int) -> None:
+    """Refuse what are no pairs of bodies.
+
+    Raises:
+        ArgumentError: Naming the index and the value.
+    """
+    known = f"0 to {count - 1}" if count > 1 else "0" if count else "nothing, as centers has no row"
+    least = np.array([0.0, -1.0])
+    bad = (bodies != np.round(bodies)) | (bodies < least) | (bodies >= count)
+    if bad.any():
+        row, column = (int(index) for index in np.argwhere(bad)[0])
+        may = f"{known}{', or -1 for none of them' if column else ''}"
+        rule = f"it must be a whole number, {may}"
+        raise ArgumentError(
+            "bodies", f"is {bodies[row, column]:g} at index {(row, column)}; {rule}"
+        )
+    same = bodies[:, 0] == bodies[:, 1]
+    if same.any():
+        row = int(np.argmax(same))
+        raise ArgumentError(
+            "bodies",
+            f"at index {row} is {bodies[row].astype(int).tolist()}: a body does not touch itself",
+        )

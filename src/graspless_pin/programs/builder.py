@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.programs.blocks import Block, Columns, Sign, Terms
 from graspless_pin.programs.forces import ForceRows
-from graspless_pin.programs.program import Program
+from graspless_pin.programs.program import Block, Columns, Program, Sign, Terms
 
 Ends = tuple[ArrayLike, ArrayLike]
 """Lower and upper bounds: a number each, or one for each column."""

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from graspless_pin.problem.checks import FloatArray, read_only
-from graspless_pin.programs.blocks import Block, Sign
+from graspless_pin.programs.program import Block, Sign
 
 Marginals = Mapping[str, FloatArray]
 """Multipliers by the name of their block, in the objective's unit over that of the constraint.

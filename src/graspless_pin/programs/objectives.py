@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, real_number
-from graspless_pin.programs.blocks import Columns
 from graspless_pin.programs.builder import ProgramBuilder
 from graspless_pin.programs.forces import ForceCoordinates
-from graspless_pin.programs.program import FARTHEST
+from graspless_pin.programs.program import FARTHEST, Columns
 
 _ORDINARY = 1e6
 """Figures from 0 up to this are in order; others are checked by `real_number`."""

@@ -13,10 +13,9 @@ from graspless_pin.errors import ArgumentError
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.assembly import scaled_program
-from graspless_pin.programs.blocks import Block
 from graspless_pin.programs.marginals import scaled_weights
 from graspless_pin.programs.objectives import Objective
-from graspless_pin.programs.program import Program
+from graspless_pin.programs.program import Block, Program
 from graspless_pin.report.verify.reading import KNOWN_CONES
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.proof import (

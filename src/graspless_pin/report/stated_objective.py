@@ -10,10 +10,10 @@ import numpy as np
 
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.programs.blocks import Columns
 from graspless_pin.programs.builder import ProgramBuilder
 from graspless_pin.programs.forces import ForceCoordinates
 from graspless_pin.programs.objectives import Objective
+from graspless_pin.programs.program import Columns
 from graspless_pin.report.proof_data import as_number, as_numbers
 
 

@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 from graspless_pin.errors import ArgumentError, GrasplessPinError, SceneError
 from graspless_pin.findings import heard
 from graspless_pin.geometry.contact.convex_sets import is_hull
-from graspless_pin.holding.free_motions import NEGLIGIBLE, motion_units
+from graspless_pin.holding.dynamics import NEGLIGIBLE, motion_units
 from graspless_pin.holding.verdict import SmallMotions
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only, real_number
 from graspless_pin.problem.contact_map import contact_map

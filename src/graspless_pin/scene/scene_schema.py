@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Field, create_model
 
 from graspless_pin.algorithms.named_objectives import AIMS, OBJECTIVES, figure_types
 from graspless_pin.bounds import MOST_CONE_EDGES
-from graspless_pin.holding.options import NODE_LIMIT
+from graspless_pin.holding.verdict import NODE_LIMIT
 from graspless_pin.intake.fields import (
     ByName,
     Description,

@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 from graspless_pin.geometry.contact.broad_phase import near_pairs
 from graspless_pin.geometry.contact.distances import separation
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.holding.options import StabilityKeywords
-from graspless_pin.holding.verdict import MovingPart, StabilityVerdict
+from graspless_pin.holding.verdict import MovingPart, StabilityKeywords, StabilityVerdict
 from graspless_pin.problem.cones import CONE_MODELS, checked_cone
 from graspless_pin.solution import TorqueSolution
 
@@ -96,7 +95,7 @@ def known_of_scene(scene: Scene, verdict: StabilityVerdict) -> StabilityVerdict:
 
     Whether rest lasts hangs on how contacts roll, and a joint belongs to a finger.
     """
-    from graspless_pin.holding.verdict_words import finger_words, strong_words
+    from graspless_pin.holding.verdict import finger_words, strong_words
 
     small = verdict.small_motions
     if verdict.moves is MovingPart.FINGER and scene.hand is not None:

@@ -11,9 +11,14 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.solution.certificate import Status
-from graspless_pin.solution.tables import shown, torque_rounding, torque_size
+from graspless_pin.solution.tables import (
+    force_sizes,
+    limit_shares,
+    shown,
+    torque_rounding,
+    torque_size,
+)
 from graspless_pin.solution.torque_solution import TorqueSolution
-from graspless_pin.solution.utilization import force_sizes, limit_shares
 
 _AS_NEAR = 1e-6
 _AS_MUCH = 0.25

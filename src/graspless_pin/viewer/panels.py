@@ -12,14 +12,12 @@ from typing import Any
 import numpy as np
 
 from graspless_pin.algorithms.named_objectives import OBJECTIVES, useless
-from graspless_pin.holding.verdict import Stability
-from graspless_pin.holding.verdict_words import parted
+from graspless_pin.holding.verdict import Stability, parted
 from graspless_pin.problem.joint_units import units_text
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
-from graspless_pin.solution.tables import shown, torque_rounding, torque_size
-from graspless_pin.solution.utilization import limit_shares
+from graspless_pin.solution.tables import limit_shares, shown, torque_rounding, torque_size
 from graspless_pin.viewer.auth import Gate, is_switch, number_between, one_of
 from graspless_pin.viewer.controls import ALONG, HAND_PLACE, OBJECT_PLACE, Control, controls_of
 from graspless_pin.viewer.scene_process import Settings, SettingsAnswer

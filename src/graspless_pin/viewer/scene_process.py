@@ -22,8 +22,7 @@ from graspless_pin.errors import (
     StateFault,
     internal_error,
 )
-from graspless_pin.holding.options import BRIEF_NODE_LIMIT, StabilityKeywords
-from graspless_pin.holding.verdict import Stability
+from graspless_pin.holding.verdict import BRIEF_NODE_LIMIT, Stability, StabilityKeywords
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene

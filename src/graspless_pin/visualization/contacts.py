@@ -17,8 +17,7 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.active_limits import ContactLimit, contact_rooms, limiting_contacts
-from graspless_pin.solution.tables import force_rounding, shown
-from graspless_pin.solution.utilization import contact_state, friction_use
+from graspless_pin.solution.tables import contact_state, force_rounding, friction_use, shown
 from graspless_pin.visualization.picture import (
     Mark,
     Mesh,

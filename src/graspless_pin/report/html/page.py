@@ -14,8 +14,7 @@ from graspless_pin.algorithms.force_bounds import ContactForceBounds
 from graspless_pin.algorithms.named_objectives import OBJECTIVES
 from graspless_pin.errors import ArgumentError
 from graspless_pin.findings import is_serious
-from graspless_pin.holding.verdict import Stability
-from graspless_pin.holding.verdict_words import parted
+from graspless_pin.holding.verdict import Stability, parted
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.report.html.case import Case
 from graspless_pin.report.html.sections import (

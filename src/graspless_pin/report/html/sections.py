@@ -21,12 +21,14 @@ from graspless_pin.report.html.case import Case
 from graspless_pin.report.verify import verify_document
 from graspless_pin.solution import TorqueSolution
 from graspless_pin.solution.tables import (
+    contact_state,
     force_rounding,
+    friction_use,
+    limit_shares,
     shown,
     torque_rounding,
     torque_size,
 )
-from graspless_pin.solution.utilization import contact_state, friction_use, limit_shares
 from graspless_pin.visualization import LIGHT, Picture, Role
 
 if TYPE_CHECKING:

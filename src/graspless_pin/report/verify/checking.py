@@ -13,10 +13,9 @@ import numpy as np
 
 from graspless_pin.report.verify import tolerances
 from graspless_pin.report.verify.assumptions import taken_as_given
-from graspless_pin.report.verify.bounds import proven_bound
+from graspless_pin.report.verify.bounds import proven_bound, root_of
 from graspless_pin.report.verify.disturbances import disturbance_checks
 from graspless_pin.report.verify.forces import figure_checks, force_checks, frames_check, residual
-from graspless_pin.report.verify.motions import motion_check, velocities
 from graspless_pin.report.verify.multipliers import stated_multipliers, stray_multipliers
 from graspless_pin.report.verify.outcome import Check, Verification, agrees, given, holds, within
 from graspless_pin.report.verify.problem import (
@@ -30,10 +29,9 @@ from graspless_pin.report.verify.problem import (
     Problem,
 )
 from graspless_pin.report.verify.reading import CHECKED_FORMAT, read_forces, read_mode, read_problem
-from graspless_pin.report.verify.refutation import root_of
 from graspless_pin.report.verify.rest import rest_checks
 from graspless_pin.report.verify.states import State
-from graspless_pin.report.verify.tree import Proof, TreeWalk
+from graspless_pin.report.verify.tree import Proof, TreeWalk, motion_check, velocities
 from graspless_pin.report.verify.values import array, entry, number, text, truth, word
 
 

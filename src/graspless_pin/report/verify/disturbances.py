@@ -17,7 +17,7 @@ from graspless_pin.report.verify.outcome import Check, holds, within
 from graspless_pin.report.verify.problem import Problem
 from graspless_pin.report.verify.rest import resolution_of, verdict_checks
 from graspless_pin.report.verify.rest_load import LARGEST_FORCE, RestLoad, read_load
-from graspless_pin.report.verify.rest_proof import certificate, force_limit, stated_loads, tree
+from graspless_pin.report.verify.rest_tree import certificate, force_limit, stated_loads, tree
 from graspless_pin.report.verify.values import MOST, array, entry, items, number
 
 _MOST_SPANS = 100

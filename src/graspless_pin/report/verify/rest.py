@@ -31,8 +31,15 @@ from graspless_pin.report.verify.rest_bounds import (
     least_product,
 )
 from graspless_pin.report.verify.rest_load import LARGEST_FORCE, RestLoad, read_load
-from graspless_pin.report.verify.rest_proof import certificate, force_limit, stated_loads, tree
-from graspless_pin.report.verify.rest_tree import RestNode, read_rest_tree, uncovered
+from graspless_pin.report.verify.rest_tree import (
+    RestNode,
+    certificate,
+    force_limit,
+    read_rest_tree,
+    stated_loads,
+    tree,
+    uncovered,
+)
 from graspless_pin.report.verify.values import array, entry, number, text, word
 
 _LONG = np.longdouble
