@@ -204,6 +204,44 @@ def test_joints_in_degrees_are_found_where_no_limit_refuses_them():
     assert "90 degrees are 1.571 rad" in one.advice
 
 
+def test_an_angle_that_may_be_radians_is_not_converted(tmp_path):
+    mixed = "rpy: [3.1415927, 90, 0]"
+    one = found(loaded(tmp_path, ("rpy: [3.141592653589793, 0, 0]", mixed)))
+    advice = one[FindingCode.ANGLE_IN_DEGREES].advice
+    assert advice.endswith("if 90 alone is in degrees, it is [3.1415927, 1.5708, 0] rad")
+
+
+def test_a_finding_of_the_file_says_where_until_the_scene_is_changed(tmp_path):
+    floor = "pose: {position: [0, 0, -0.1]}"
+    scene = loaded(
+        tmp_path,
+        ("friction: 0.3", "friction:\n  hand: 80"),
+        (floor, f"{floor}\n    friction: 4"),
+    )
+    places = {one.subject: one.place for one in scene.findings}
+    file = tmp_path / "scene.yaml"
+    assert places["hand"] == f"{file}:3: friction.hand"
+    assert places["floor"] == f"{file}:17: supports[0].friction"
+    assert pickle.loads(pickle.dumps(scene)).findings == scene.findings  # noqa: S301
+    changed = scene.with_changes(friction={"hand": 90}).findings
+    assert {one.subject: one.place for one in changed} == {"hand": "", "floor": places["floor"]}
+
+
+def test_an_option_of_another_algorithm_is_told(tmp_path):
+    asks = "friction: 0.3\nsolve: {algorithm: margin, margin: 0.2, scale: limits}"
+    scene = loaded(tmp_path, ("friction: 0.3", asks))
+    told = [one for one in scene.solve().findings if one.code is FindingCode.UNUSED_OPTION]
+    assert [one.severity for one in told] == [Severity.NOTE] * 2
+    place = f"{tmp_path / 'scene.yaml'}:3: solve"
+    assert [one.place for one in told] == [f"{place}.margin", f"{place}.scale"]
+    assert "margin is 0.2, and the scene's algorithm, 'margin', does not use it" in str(told[0])
+    assert "algorithm: torque" in told[0].advice
+    # Where it is asked for, and where the usual value is written out, nothing is ignored.
+    assert scene.solve("torque").findings == scene.solve("margin").findings == ()
+    usual = loaded(tmp_path, ("friction: 0.3", asks.replace("0.2, scale: limits", "0.1")))
+    assert usual.solve().findings == ()
+
+
 def test_a_changed_scene_is_looked_at_anew(tmp_path):
     scene = loaded(tmp_path, ("friction: 0.3", "friction: 80"))
     assert FindingCode.STEEP_FRICTION in found(scene)
