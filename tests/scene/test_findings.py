@@ -1,6 +1,7 @@
 """What is wrong with a scene is found, with what to do; and only where it is wrong."""
 
 import pickle
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from graspless_pin import Scene, load_scene
 from graspless_pin.errors import GrasplessPinWarning, SceneError
 from graspless_pin.findings import Finding, FindingCode, Severity, gravest_first, heard, tell
 from graspless_pin.geometry import Box, Sphere, Support
-from graspless_pin.report import solution_document
+from graspless_pin.report import scene_solution_text, solution_document
 from graspless_pin.report.reading import read_solution
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -144,6 +145,20 @@ def test_nothing_is_wrong_with_the_scene_itself(tmp_path):
     assert loaded(tmp_path).findings == ()
 
 
+def test_a_palm_that_misses_is_not_to_be_closed():
+    allegro = load_scene(EXAMPLES / "allegro_box_on_slope.yaml")
+    assert allegro.hand is not None
+    palm = next(one for one in allegro.hand.placed_bodies if one.name == "palm_link")
+    back = palm.T_world_geometry @ [-0.0204 - 0.01 - 0.003, 0, 0, 1]  # a box of 40.8 mm
+    T = np.eye(4)
+    T[:3, 3] = back[:3]
+    ball = replace(allegro.object, shape=Sphere(0.01)).with_pose(T)
+    one = found(allegro.with_changes(object=ball, supports=()))[FindingCode.FINGER_MISSED]
+    assert "'palm_link' is 3 mm from object" in one.message
+    assert "move the hand closer" in one.advice and "finger" not in one.advice
+    assert one.key == ("hand", "base_pose")
+
+
 @pytest.mark.parametrize("gap", [0.00099, 0.00502])
 def test_what_touches_or_is_far_away_is_not_missed(tmp_path, gap):
     scene = loaded(tmp_path, (FLOOR, f"pose: {{position: [0, 0, {-0.1 - gap}]}}"))
@@ -271,6 +286,10 @@ def test_a_solution_has_the_findings_of_its_scene_and_its_own(tmp_path):
     document = solution_document(solution, scene)
     assert [one["code"] for one in document["findings"]] == codes
     assert read_solution(document).findings == solution.findings
+    # Commands have said what is wrong where the answer stands.
+    first, *rest = scene_solution_text(scene, solution).splitlines()
+    assert first.startswith("serious: hand-touches-nothing: ")
+    assert not any("serious" in line for line in rest)
 
 
 def test_a_margin_of_zero_and_a_search_cut_short_are_found(tmp_path):

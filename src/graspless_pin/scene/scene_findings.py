@@ -312,13 +312,16 @@ def _missed(scene: Scene, touching: set[str]) -> Iterator[Finding]:
             nearest[finger] = min(nearest.get(finger, (np.inf, "")), (gap, bodies[k].name))
     for finger, (gap, link) in nearest.items():
         if (1.0 + _SLACK) * tolerance < gap <= reach:
+            way, key = "close the finger (graspless-pin close), correct q", "q"
+            if hand.finger_of(link) is None:
+                way, key = "move the hand closer (base_pose) if it should touch", "base_pose"
             yield Finding(
                 FindingCode.FINGER_MISSED,
                 finger,
                 f"'{link}' is {_length(gap)} from object '{scene.object.name}', so it is not a "
                 f"contact (contact_tolerance: {_length(tolerance)})",
-                "close the finger (graspless-pin close), correct q, or raise contact_tolerance",
-                ("hand", "q"),
+                f"{way}, or raise contact_tolerance",
+                ("hand", key),
             )
 
 
