@@ -13,10 +13,13 @@ from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.solution.status import Status
 from graspless_pin.solution.tables import shown, torque_rounding, torque_size
 from graspless_pin.solution.torque_solution import TorqueSolution
-from graspless_pin.solution.utilization import force_sizes, limit_shares
+from graspless_pin.solution.utilization import force_sizes, friction_use, limit_shares
 
 _AS_NEAR = 1e-6
 _AS_MUCH = 0.25
+_UNUSED = 0.05
+"""Share of its friction below which a contact force is told to use none."""
+_LITTLE = "available friction"
 
 
 class ContactLimit(StrEnum):
@@ -69,6 +72,20 @@ def limiting_contacts(solution: TorqueSolution) -> dict[ContactLimit, list[int]]
     }
 
 
+def _told(solution: TorqueSolution) -> dict[str, list[int]]:
+    """Return limiting contacts by words; those next to slipping by whether they use friction.
+
+    A force along the normal is as far from the sides of its cone as friction and its size allow.
+    """
+    told: dict[str, list[int]] = {}
+    use = friction_use(solution.problem, solution.contact_forces)
+    for limit, contacts in limiting_contacts(solution).items():
+        for contact in contacts:
+            unused = limit is ContactLimit.SLIP and use[contact] <= _UNUSED
+            told.setdefault(_LITTLE if unused else limit, []).append(contact)
+    return told
+
+
 def margin_limit_words(solution: TorqueSolution, bodies: Sequence[str] | None = None) -> str:
     """Return a sentence that says which contacts limit the margin, and how.
 
@@ -77,7 +94,7 @@ def margin_limit_words(solution: TorqueSolution, bodies: Sequence[str] | None = 
         bodies: M names of what touches the object at each contact; None: left out.
     """
     parts = []
-    for limit, contacts in limiting_contacts(solution).items():
+    for limit, contacts in _told(solution).items():
         numbers = ", ".join(map(str, contacts))
         names = "" if bodies is None else f" ({', '.join({bodies[c]: 0 for c in contacts})})"
         parts.append(f"{limit} at contact{'s' * (len(contacts) > 1)} {numbers}{names}")
@@ -85,7 +102,9 @@ def margin_limit_words(solution: TorqueSolution, bodies: Sequence[str] | None = 
 
 
 def joint_limit_words(solution: TorqueSolution) -> str:
-    """Return a sentence that says which joint is nearest its limit; empty without joints.
+    """Return a sentence that says which joint is nearest its limit.
+
+    Empty without joints, and where no torque has a share of its limit to tell of.
 
     Args:
         solution: A solution that was found.
@@ -102,6 +121,8 @@ def joint_limit_words(solution: TorqueSolution) -> str:
     left = torque_rounding(problem, solution.contact_torques)[joint]
     limit = (problem.upper_torque if torque >= 0.0 else problem.lower_torque)[joint]
     told = shown(torque, size, "+", left)
+    if told == "0":
+        return ""
     return (
         f"Joint {problem.joint_names[joint]} is nearest its limit: {told} of "
         f"{limit:+.6g} {problem.joint_units[joint]}, {100.0 * shares[joint]:.1f} %."
