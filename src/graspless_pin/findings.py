@@ -84,6 +84,7 @@ class FindingCode(StrEnum):
     RELATIVE_MESH = "relative-mesh-path", Severity.NOTE
     READER_REMARK = "reader-remark", Severity.NOTE
     NO_CACHE = "no-cache", Severity.NOTE
+    UNUSED_OPTION = "unused-option", Severity.NOTE
     NO_VIDEO = "no-video", Severity.WARNING
 
     @property

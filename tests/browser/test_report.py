@@ -367,7 +367,7 @@ def test_what_matters_leads(opened: Opened):
     sizes = {figure.evaluate("one => getComputedStyle(one).fontSize") for figure in figures}
     assert len(sizes) == 1
     for sentence in (
-        "The margin is limited by slipping at contacts 3, 6 (slope).",
+        "The margin is limited by available friction at contacts 3, 6 (slope).",
         "Joint joint_1.0 is nearest its limit: +0.1489 of +0.7 N m, 21.3 %.",
     ):
         expect(page.get_by_text(sentence)).to_be_in_viewport()

@@ -157,6 +157,13 @@ def test_what_does_not_do_is_refused_and_nothing_is_written(
     assert not list(Path().iterdir())
 
 
+def test_a_size_that_no_hand_holds_is_no_success() -> None:
+    result = run("new", "lever_100mm", "box:60,60,60", "--effort", "1")
+    assert result.exit_code == 4 and Path("scene.yaml").exists()
+    assert "unlikely-size" in result.stderr and result.stderr.count("warning:") == 1
+    assert "correct the size of the object; " in result.stdout
+
+
 def test_no_scene_is_replaced_unless_asked() -> None:
     Path("scene.yaml").write_text("mine")
     Path("scene.schema.json").write_text("mine, too")

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from graspless_pin.solution.utilization import friction_use
 
 from graspless_pin import QuasistaticProblem, maximize_margin, minimize_torque
 from graspless_pin.solution.active_limits import (
@@ -43,8 +44,17 @@ def test_what_limits_a_pinch():
     }
     assert margin_limit_words(solution, ["thumb", "index"]) == (
         "The margin is limited by its normal-force limit at contacts 0, 1 (thumb, index) and by "
-        "slipping at contacts 0, 1 (thumb, index)."
+        "available friction at contacts 0, 1 (thumb, index)."
     )
+
+
+def test_slipping_is_told_where_friction_is_used():
+    """A weight across the pinch: both fingers use friction to bear it."""
+    solution = maximize_margin(pinch(external_wrench=[0, 0, -5, 0, 0, 0], max_normal_force=8.0))
+    use = friction_use(solution.problem, solution.contact_forces)
+    assert (use > 0.5).all()
+    assert "by slipping at contacts 0, 1." in margin_limit_words(solution)
+    assert "available" not in margin_limit_words(solution)
 
 
 def test_a_contact_without_friction_is_lost_first():
@@ -52,7 +62,9 @@ def test_a_contact_without_friction_is_lost_first():
     assert ContactLimit.SLIP not in limiting_contacts(maximize_margin(pinch(friction=[0.0, 0.0])))
     (limit, contacts), *_ = limiting_contacts(solution).items()
     assert (limit, contacts) == (ContactLimit.SLIP, [1])
-    assert margin_limit_words(solution) == "The margin is limited by slipping at contact 1."
+    assert margin_limit_words(solution) == (
+        "The margin is limited by available friction at contact 1."
+    )
 
 
 def test_of_many_at_the_margin_those_are_named_whose_room_counts():
@@ -84,3 +96,9 @@ def test_the_joint_nearest_its_limit():
     assert joint_limit_words(free) == "No joint has a finite limit on the side of its torque."
     none = QuasistaticProblem([[0, 0, -1]], [[0, 0, 1]], [0, 0, -1, 0, 0, 0], friction=0.5)
     assert joint_limit_words(maximize_margin(none)) == ""
+    # A table that bears the load: the fingers' torques are zero, and none is near a limit.
+    far = QuasistaticProblem(
+        [[0, 0, -1]], [[0, 0, 1]], [0, 0, -1, 0, 0, 0], np.zeros((3, 1)), friction=0.5,
+        torque_limits=([-1.0], [1.0]),
+    )  # fmt: skip
+    assert joint_limit_words(maximize_margin(far)) == ""

@@ -19,24 +19,22 @@ NAME = re.compile(r"`([\w.]+)`")
 # modules are loaded are no part of what runs.
 TRACE = """
 import json, sys
-from pathlib import Path
 import numpy as np
-import graspless_pin
 from graspless_pin import Evaluator, load_scene
 
-package = Path(graspless_pin.__file__).parent
 entered = {}
 
 def note(frame, event, argument):
-    file = frame.f_code.co_filename
-    if event != "call" or file in entered or not file.startswith(str(package)):
+    # By the module, not the file: constructors of dataclasses stand in none.
+    name = frame.f_globals.get("__name__", "")
+    if event != "call" or name in entered or not name.startswith("graspless_pin."):
         return
     caller = frame
     while caller is not None:
         if caller.f_code.co_filename.startswith("<frozen importlib"):
             return
         caller = caller.f_back
-    entered[file] = ".".join(Path(file).relative_to(package).with_suffix("").parts)
+    entered[name] = name.removeprefix("graspless_pin.")
 
 def one(file):
     sys.setprofile(note)

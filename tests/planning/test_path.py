@@ -58,6 +58,8 @@ def test_pivoting_poses_give_the_declared_twist():
     scene = example("trihand_pivot_box")
     profile = evaluate_path(scene, pivoting([0.0, 0.001, 0.002], [0.0, 0.002, 0.004]))
     np.testing.assert_allclose(profile.twists[0], scene.motion.object_twist, atol=1e-6)
+    # Of the path, not of the computation.
+    assert str(profile).startswith("a path of 0.004 s, 3 waypoints, smallest margin ")
     assert profile.found
     # The last waypoint goes on as it came.
     np.testing.assert_allclose(profile.twists[-1][3:], [0.0, -0.5, 0.0], atol=1e-9)

@@ -22,6 +22,7 @@ from graspless_pin.geometry.posing.opposing import fingers_that_close, opposing_
 from graspless_pin.geometry.robots.files import describe_urdf
 from graspless_pin.planning import HandPlacement, PlacedHand, PlacingFault, placing_candidates
 from graspless_pin.planning.placing_candidates import squeezed
+from graspless_pin.planning.placing_plan import PlacingAim
 from graspless_pin.scene.poses import displaced_hand
 
 FINGER = """
@@ -324,6 +325,11 @@ def test_every_candidate_is_accounted_for(found) -> None:
     assert found.found + sum(found.faults.values()) == 60
     assert list(found.faults) == [fault for fault in PlacingFault if fault in found.faults]
     assert f"{found.found} of 60 candidates hold the object" in str(found)
+    ranked = "\nranked by: carrying it without supports, verdict, margin without supports\n"
+    assert ranked in str(found)
+    assert "\nranked by: verdict, margin with supports\n" in str(
+        replace(found, aim=PlacingAim.PRESS)
+    )
 
 
 def test_processes_find_the_same_places_and_another_seed_others(scene: Scene, found) -> None:

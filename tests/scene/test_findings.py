@@ -1,6 +1,7 @@
 """What is wrong with a scene is found, with what to do; and only where it is wrong."""
 
 import pickle
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from graspless_pin import Scene, load_scene
 from graspless_pin.errors import GrasplessPinWarning, SceneError
 from graspless_pin.findings import Finding, FindingCode, Severity, gravest_first, heard, tell
 from graspless_pin.geometry import Box, Sphere, Support
-from graspless_pin.report import solution_document
+from graspless_pin.report import scene_solution_text, solution_document
 from graspless_pin.report.reading import read_solution
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -144,6 +145,20 @@ def test_nothing_is_wrong_with_the_scene_itself(tmp_path):
     assert loaded(tmp_path).findings == ()
 
 
+def test_a_palm_that_misses_is_not_to_be_closed():
+    allegro = load_scene(EXAMPLES / "allegro_box_on_slope.yaml")
+    assert allegro.hand is not None
+    palm = next(one for one in allegro.hand.placed_bodies if one.name == "palm_link")
+    back = palm.T_world_geometry @ [-0.0204 - 0.01 - 0.003, 0, 0, 1]  # a box of 40.8 mm
+    T = np.eye(4)
+    T[:3, 3] = back[:3]
+    ball = replace(allegro.object, shape=Sphere(0.01)).with_pose(T)
+    one = found(allegro.with_changes(object=ball, supports=()))[FindingCode.FINGER_MISSED]
+    assert "'palm_link' is 3 mm from object" in one.message
+    assert "move the hand closer" in one.advice and "finger" not in one.advice
+    assert one.key == ("hand", "base_pose")
+
+
 @pytest.mark.parametrize("gap", [0.00099, 0.00502])
 def test_what_touches_or_is_far_away_is_not_missed(tmp_path, gap):
     scene = loaded(tmp_path, (FLOOR, f"pose: {{position: [0, 0, {-0.1 - gap}]}}"))
@@ -204,6 +219,44 @@ def test_joints_in_degrees_are_found_where_no_limit_refuses_them():
     assert "90 degrees are 1.571 rad" in one.advice
 
 
+def test_an_angle_that_may_be_radians_is_not_converted(tmp_path):
+    mixed = "rpy: [3.1415927, 90, 0]"
+    one = found(loaded(tmp_path, ("rpy: [3.141592653589793, 0, 0]", mixed)))
+    advice = one[FindingCode.ANGLE_IN_DEGREES].advice
+    assert advice.endswith("if 90 alone is in degrees, it is [3.1415927, 1.5708, 0] rad")
+
+
+def test_a_finding_of_the_file_says_where_until_the_scene_is_changed(tmp_path):
+    floor = "pose: {position: [0, 0, -0.1]}"
+    scene = loaded(
+        tmp_path,
+        ("friction: 0.3", "friction:\n  hand: 80"),
+        (floor, f"{floor}\n    friction: 4"),
+    )
+    places = {one.subject: one.place for one in scene.findings}
+    file = tmp_path / "scene.yaml"
+    assert places["hand"] == f"{file}:3: friction.hand"
+    assert places["floor"] == f"{file}:17: supports[0].friction"
+    assert pickle.loads(pickle.dumps(scene)).findings == scene.findings  # noqa: S301
+    changed = scene.with_changes(friction={"hand": 90}).findings
+    assert {one.subject: one.place for one in changed} == {"hand": "", "floor": places["floor"]}
+
+
+def test_an_option_of_another_algorithm_is_told(tmp_path):
+    asks = "friction: 0.3\nsolve: {algorithm: margin, margin: 0.2, scale: limits}"
+    scene = loaded(tmp_path, ("friction: 0.3", asks))
+    told = [one for one in scene.solve().findings if one.code is FindingCode.UNUSED_OPTION]
+    assert [one.severity for one in told] == [Severity.NOTE] * 2
+    place = f"{tmp_path / 'scene.yaml'}:3: solve"
+    assert [one.place for one in told] == [f"{place}.margin", f"{place}.scale"]
+    assert "margin is 0.2, and the scene's algorithm, 'margin', does not use it" in str(told[0])
+    assert "algorithm: torque" in told[0].advice
+    # Where it is asked for, and where the usual value is written out, nothing is ignored.
+    assert scene.solve("torque").findings == scene.solve("margin").findings == ()
+    usual = loaded(tmp_path, ("friction: 0.3", asks.replace("0.2, scale: limits", "0.1")))
+    assert usual.solve().findings == ()
+
+
 def test_a_changed_scene_is_looked_at_anew(tmp_path):
     scene = loaded(tmp_path, ("friction: 0.3", "friction: 80"))
     assert FindingCode.STEEP_FRICTION in found(scene)
@@ -233,6 +286,10 @@ def test_a_solution_has_the_findings_of_its_scene_and_its_own(tmp_path):
     document = solution_document(solution, scene)
     assert [one["code"] for one in document["findings"]] == codes
     assert read_solution(document).findings == solution.findings
+    # Commands have said what is wrong where the answer stands.
+    first, *rest = scene_solution_text(scene, solution).splitlines()
+    assert first.startswith("serious: hand-touches-nothing: ")
+    assert not any("serious" in line for line in rest)
 
 
 def test_a_margin_of_zero_and_a_search_cut_short_are_found(tmp_path):

@@ -224,8 +224,14 @@ CHECKING = {
     "unknown joint": (
         "friction.default: " + RANGE,
         "hand.q.hinge: {values: [0.1]}",
-        "the only sample cannot be computed; with hand.q.hinge = 0.1, slope_deg = 45: {scene}:10: "
-        "hand: q: unknown joint 'hinge'; known: finger_1/hinge, finger_6/hinge",
+        ":3: vary['hand.q.hinge']: at 0.1: {scene}:10: hand: q: unknown joint 'hinge'; known: "
+        "finger_1/hinge, finger_6/hinge",
+    ),
+    "unknown name of friction": (
+        "friction.default",
+        "friction.hands",
+        ":3: vary['friction.hands']: at 0.2: {scene}:4: scene: friction['hands']: names no body; "
+        "did you mean 'hand'?",
     ),
     "column of the results": (
         "friction.default: " + RANGE,

@@ -101,13 +101,19 @@ def objective_and_options(
 
 def useless(key: str, algorithm: str) -> str:
     """Return why a key changes nothing under an algorithm: it is others'; empty if it does."""
-    others = [repr(name) for name, figures in _FIGURES.items() if key in figures]
-    if not others or key in _FIGURES[algorithm]:
+    others = users_of(key, algorithm)
+    if not others:
         return ""
     return (
         f"is no option of the algorithm {algorithm!r} and would change nothing here; ask for "
-        f"{' or '.join(others)}, or leave it out"
+        f"{' or '.join(map(repr, others))}, or leave it out"
     )
+
+
+def users_of(key: str, algorithm: str) -> list[str]:
+    """Return which other algorithms a figure is of that changes nothing under one; empty: none."""
+    others = [name for name, figures in _FIGURES.items() if key in figures]
+    return [] if key in _FIGURES[algorithm] else others
 
 
 def asked_by(objective: Objective) -> tuple[str, dict[str, Any]] | None:

@@ -13,8 +13,9 @@ from typing import Annotated
 import typer
 
 from graspless_pin.atomic_write import draft_of
-from graspless_pin.cli.outcome import echo_note, number_of, plain_errors
+from graspless_pin.cli.outcome import ExitCode, echo_note, number_of, plain_errors
 from graspless_pin.errors import ArgumentError
+from graspless_pin.findings import Finding, FindingCode, heard, tell
 from graspless_pin.geometry.bodies.shapes import SHAPES, MeshShape, Shape
 from graspless_pin.progress import waiting_for
 from graspless_pin.scene import scene_json_schema
@@ -97,6 +98,8 @@ def new(
     The object rests on the support; the hand stands clear of it: graspless-pin place puts it there.
     Effort limits that are missing from the robot's files stay unset, unless --effort gives them.
 
+    Exit code 0: written; 2: bad input; 4: written, and no hand holds an object of that size.
+
     Examples:
         graspless-pin new hand.urdf box:0.06,0.04,0.06 --effort 0.5 -o scene.yaml
         graspless-pin new allegro_right mug.stl --mass 0.3 --support slope:20deg
@@ -118,26 +121,34 @@ def new(
             effort=limits.get(""),
         )
         made: list[NewSceneText] = []
+        found: list[Finding] = []
 
         def text(target: Path) -> str:
-            with waiting_for("reading the robot and the object"):
+            with waiting_for("reading the robot and the object"), heard() as told:
                 made.append(new_scene_text(about, target))
+            tell(*told)
+            found.extend(told)
             return made[0].text
 
         typer.echo(f"wrote {write_scene_file(output, text, overwrite=overwrite)}")
         if _write_schema(output.with_name(SCHEMA_FILE)):
             typer.echo(f"wrote {output.with_name(SCHEMA_FILE)}, for editors")
-        _tell_what_comes_next(made[0], limits.get(""), output)
+        huge = any(one.code is FindingCode.UNLIKELY_SIZE for one in found)
+        _tell_what_comes_next(made[0], limits.get(""), output, huge=huge)
+    if huge:
+        raise typer.Exit(ExitCode.DOUBTFUL)
 
 
-def _tell_what_comes_next(made: NewSceneText, effort: float | None, output: Path) -> None:
+def _tell_what_comes_next(
+    made: NewSceneText, effort: float | None, output: Path, *, huge: bool
+) -> None:
     if made.kept:
         stated = tuple(f"{name} ({limit:g})" for name, limit in made.kept.items())
         echo_note(
             f"--effort {effort:g} is for limits that the robot's files do not tell; theirs stay: "
             f"{_few(stated)}; --effort NAME={effort:g} replaces one"
         )
-    first = []
+    first = ["correct the size of the object"] if huge else []
     if made.left_open:
         first.append(
             "fill in hand.effort_limits: the robot's files do not tell what "

@@ -13,8 +13,8 @@ from graspless_pin.findings import tell
 from graspless_pin.holding.verdict import BRIEF_NODE_LIMIT
 from graspless_pin.planning import place_hand
 from graspless_pin.progress import waiting_for
-from graspless_pin.scene.entry_findings import unit_findings
 from graspless_pin.scene.saving import scene_text, write_scene_file
+from graspless_pin.scene.scene_findings import figure_findings
 
 
 def place(
@@ -96,7 +96,7 @@ def place(
         loaded = loaded_scene(scene)
         if loaded.hand is not None and len(loaded.hand.mounts) > 1 and not together:
             echo_note("each mount is placed by itself; --together moves all as one body")
-        tell(*unit_findings(loaded.object, beside_hand=True))
+        tell(*figure_findings(loaded))
 
         def text(target: Path) -> str:
             with waiting_for("placing the hand") as say:

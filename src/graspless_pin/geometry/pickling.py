@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import fields
 from types import MappingProxyType
 from typing import Any, cast
@@ -18,7 +18,7 @@ class PickledByFields:
     ``__post_init__``.
     """
 
-    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+    def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by the fields."""
         values = (getattr(self, item.name) for item in fields(cast("Any", self)))
         return type(self), tuple(dict(v) if isinstance(v, MappingProxyType) else v for v in values)

@@ -10,6 +10,7 @@ from textwrap import fill
 from graspless_pin.findings import heard
 from graspless_pin.holding.verdict import Stability, StabilityVerdict, parted
 from graspless_pin.planning.placing_candidates import NODES, PlacingFault
+from graspless_pin.planning.placing_plan import PlacingAim
 from graspless_pin.records import Brief
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
@@ -72,6 +73,7 @@ class HandPlacement(Brief):
         faults: How many were none, by reason, in the order in which reasons are found out.
         errors: What was raised inside this package and left a candidate, or its verdict, out, and
             how often, the commonest first.
+        aim: What the places are good for; it decides their ranks.
         complete: Whether all candidates were tried; a time limit may have ended it before.
         seconds: What it took, s.
     """
@@ -80,6 +82,7 @@ class HandPlacement(Brief):
     tried: int
     faults: Mapping[PlacingFault, int]
     errors: Mapping[str, int]
+    aim: PlacingAim
     complete: bool
     seconds: float
 
@@ -118,6 +121,8 @@ class HandPlacement(Brief):
             lines.append(f"rank {rank}: {place._margins}; {len(place.touching)} links{verdict}")
         if self.found > _SHOWN:
             lines.append(f"and {self.found - _SHOWN} more")
+        if self.found > 1:
+            lines.append(f"ranked by: {_RANKED_BY[self.aim]}")
         ended = "" if self.complete else "; the time limit ended it"
         lines.append(
             f"{self.found} of {self.tried} candidates hold the object ({self.seconds:.1f} s{ended})"
@@ -138,6 +143,11 @@ class HandPlacement(Brief):
         return _ADVICE[max(self.faults, key=list(PlacingFault).index)] if self.faults else ""
 
 
+_RANKED_BY = {
+    PlacingAim.GRIP: "carrying it without supports, verdict, margin without supports",
+    PlacingAim.CARRY: "verdict, margin without supports",
+    PlacingAim.PRESS: "verdict, margin with supports",
+}
 _MOST_ERRORS = 3
 _SHOWN = 5
 _LARGER = (

@@ -129,7 +129,7 @@ class PathProfile(Brief):
         """Return a short account, a line for each thing that happens."""
         least = brief_figure(self.smallest_margin, float(np.abs(self.margins).max()))
         lines = [
-            f"{len(self.times)} waypoints in {self.times[-1] - self.times[0]:g} s, "
+            f"a path of {self.times[-1] - self.times[0]:g} s, {len(self.times)} waypoints, "
             f"smallest margin {least} N"
         ]
         for change in self.contact_changes:

@@ -151,6 +151,7 @@ def place_hand(
         tried=len(tried),
         faults={fault: counts[fault] for fault in PlacingFault if counts[fault]},
         errors=dict(errors.most_common()),
+        aim=plan.aim,
         complete=len(tried) == count,
         seconds=time.monotonic() - begin,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from math import inf
 from textwrap import fill
 
@@ -41,12 +42,21 @@ def scene_solution_text(
         f", {_count(problem.joint_count, 'joint')}"
     )
     title = headed(scene.name, facts)
-    serious = [one for one in solution.findings if one.severity is Severity.SERIOUS]
-    title = "\n".join([*(f"{one.severity}: {one.message}" for one in serious), title])
+    title = f"{_serious(solution)}{title}"
     if verdict:
         title += f"\n{fill(verdict, COLUMNS, break_on_hyphens=False)}"
     remarks = _remarks(scene, solution, bounds) if solution.found else []
     return f"{title}\n{solution.text(_touching(scene), remarks)}"
+
+
+def _serious(solution: TorqueSolution) -> str:
+    """Return a line on serious findings, which commands print beside the answer; empty: none."""
+    found = Counter(one.code for one in solution.findings if one.severity is Severity.SERIOUS)
+    if not found:
+        return ""
+    codes = ", ".join(code if count == 1 else f"{code} ({count})" for code, count in found.items())
+    told = f"serious: {codes}: this may not be the answer to what was meant"
+    return f"{fill(told, COLUMNS, break_on_hyphens=False)}\n"
 
 
 def _remarks(

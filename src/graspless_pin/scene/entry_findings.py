@@ -47,12 +47,20 @@ def _of_angles(location: Location, subject: str, pose: PoseEntry) -> Iterator[Fi
     angles = pose.rpy or ()
     if any(abs(angle) > MOST_ANGLE for angle in angles):
         given = ", ".join(f"{angle:g}" for angle in angles)
-        radians = ", ".join(f"{math.radians(angle):.5g}" for angle in angles)
+        large = [f"{angle:g}" for angle in angles if abs(angle) > MOST_ANGLE]
+        radians = ", ".join(
+            f"{math.radians(angle):.5g}" if abs(angle) > MOST_ANGLE else f"{angle:.10g}"
+            for angle in angles
+        )
+        cure = f"[{given}] degrees are [{radians}] rad"
+        if len(large) < sum(map(bool, angles)):
+            verb = "is" if len(large) == 1 else "are"
+            cure = f"if {' and '.join(large)} alone {verb} in degrees, it is [{radians}] rad"
         yield Finding(
             FindingCode.ANGLE_IN_DEGREES,
             subject,
             f"the angles [{given}] rad of '{subject}' are more than a turn",
-            f"give angles in radians, or under rpy_deg: [{given}] degrees are [{radians}] rad",
+            f"give angles in radians, or all of them under rpy_deg: {cure}",
             (*location, "rpy"),
         )
 

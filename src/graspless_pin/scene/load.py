@@ -36,8 +36,9 @@ from graspless_pin.scene.friction import friction_by_name
 from graspless_pin.scene.hand_schema import HandEntry, MountEntry
 from graspless_pin.scene.motion_and_contacts import GivenContact, HandMotion, Motion
 from graspless_pin.scene.scene import Scene
+from graspless_pin.scene.scene_findings import StatedFields
 from graspless_pin.scene.scene_schema import MotionEntry, SceneEntry
-from graspless_pin.scene.yaml_source import Location, YamlSource, key_text
+from graspless_pin.scene.yaml_source import Location, YamlSource
 from graspless_pin.suggestions import names_in_words, what_to_pass
 
 _ANYWHERE = {"base_pose"}
@@ -212,24 +213,18 @@ def build_scene(source: YamlSource, parts: SceneParts | None = None) -> Scene:
     with heard() as found:
         scene = _scene(source, parts, entry)
     of_hand = () if scene.hand is None else scene.hand.findings
-    placed = [one if one in of_hand else _placed(source, one) for one in found]
+    placed = [one if one in of_hand else source.placed(one) for one in found]
     tell(*placed)
     vars(scene)["load_findings"] = tuple(one for one in placed if one not in of_hand)
+    vars(scene)["_stated"] = StatedFields.of(source)
     if entry.warnings == "error":
         _refuse(source, scene.findings)
     return scene
 
 
-def _placed(file: YamlSource, finding: Finding) -> Finding:
-    """Return a finding that says where the file says so."""
-    if not finding.key or finding.place:
-        return finding
-    return replace(finding, place=f"{file.where(finding.key)}: {key_text(finding.key)}")
-
-
 def _refuse(file: YamlSource, findings: Sequence[Finding]) -> None:
     """Refuse a scene with which something is wrong."""
-    wrong = [_placed(file, one) for one in findings if one.severity is not Severity.NOTE]
+    wrong = [file.placed(one) for one in findings if one.severity is not Severity.NOTE]
     if wrong:
         lines = [one if one.place else replace(one, place=file.where(())) for one in wrong]
         raise SceneError(

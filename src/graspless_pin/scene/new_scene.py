@@ -160,7 +160,7 @@ friction: # coefficients at the object, both guessed: measure them or look them 
 max_normal_force: {force} # N, the most that a contact bears
 hand:
 {robot}
-  base_pose: # of the root link in the world: far off until graspless-pin place has placed the hand
+  base_pose: # of the root link in the world; graspless-pin place finds one where the hand holds
 {base}
 {fingers}{q}{efforts}object:
   name: {object}

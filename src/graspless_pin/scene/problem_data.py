@@ -151,7 +151,7 @@ _OF_FRICTION = frozenset({"friction", "materials", "hand_material"})
 _OF_LIMITS = frozenset({"max_normal_force", "hybrid_force_limit"})
 _BEARING = _OF_FRICTION | _OF_LIMITS | {"gravity"}
 """Fields of a scene on which neither its contacts nor its joints depend."""
-_NO_LOADS = frozenset({"name", "load_findings", "contacts", "findings"})
+_NO_LOADS = frozenset({"name", "load_findings", "contacts", "findings", "_stated"})
 """What a scene says of itself, and what is worked out of its fields."""
 
 

@@ -43,7 +43,7 @@ from graspless_pin.scene.contact_arrays import contacts_after_motion, label_of, 
 from graspless_pin.scene.joints import inertia_of_columns
 from graspless_pin.scene.motion_and_contacts import GivenContact, Motion, SceneContacts
 from graspless_pin.scene.problem_data import jointed_contacts, loads_of
-from graspless_pin.scene.scene_findings import findings_of
+from graspless_pin.scene.scene_findings import StatedFields, findings_of, unused_figures
 from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.scene.scene_stability import unknown_of, verdict_of
 from graspless_pin.scene.validation_errors import checked_key
@@ -216,7 +216,12 @@ class Scene(PickledByFields):
 
     def _changed(self, fields: Mapping[str, Any]) -> Scene:
         """Return the same scene with fields that need no check."""
-        return changed(self, "contacts", "findings", _kept=self._kept, **fields)
+        stated = None if self._stated is None else self._stated.without(fields)
+        return changed(self, "contacts", "findings", _kept=self._kept, _stated=stated, **fields)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle by the fields, with where the scene's file states them."""
+        return (*super().__reduce__(), {"_stated": self._stated})
 
     def __repr__(self) -> str:
         """Return one line."""
@@ -290,6 +295,9 @@ class Scene(PickledByFields):
         objective, how = self.asked(algorithm, **options)
         unknown = unknown_of(self) if how.strong else ""
         found = solve_problem(self.problem(), objective, how, mode=mode, unknown=unknown)
+        unused = [] if algorithm else [*unused_figures(self.solve_options, self._stated)]
+        if unused:
+            return found.of_source(changed(self, findings=(*self.findings, *unused)))
         return found.of_source(self)
 
     def asked(self, algorithm: str | None = None, **options: Any) -> tuple[Objective, SolveOptions]:
@@ -336,6 +344,11 @@ class Scene(PickledByFields):
         from graspless_pin.scene.saving import save_scene
 
         return save_scene(self, path, overwrite=overwrite)
+
+    @cached_property
+    def _stated(self) -> StatedFields | None:
+        """Where its file states it; None: it came from none."""
+        return None
 
     @cached_property
     def _kept(self) -> Latest:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from graspless_pin.algorithms.named_objectives import users_of
 from graspless_pin.errors import GrasplessPinError, StateError, StateFault
 from graspless_pin.findings import Finding, FindingCode, gravest_first, heard
 from graspless_pin.geometry.contact.broad_phase import near_pairs
@@ -18,7 +19,9 @@ from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.scene.entry_findings import MOST_ANGLE, box_around, unit_findings
+from graspless_pin.scene.scene_schema import SolveEntry
 from graspless_pin.scene.state_findings import StateChecks, state_findings
+from graspless_pin.scene.yaml_source import YamlSource
 
 if TYPE_CHECKING:
     from graspless_pin.scene.scene import Scene
@@ -41,12 +44,77 @@ def findings_of(scene: Scene) -> tuple[Finding, ...]:
     problem says why.
     """
     with heard() as told:
-        found = [*scene.load_findings, *_figures(scene)]
+        found = [*_figures(scene)]
         if scene.hand is not None:
-            found += [*scene.hand.findings, *_joints(scene.hand), *_shallow_overlaps(scene)]
+            found += [*_joints(scene.hand), *_shallow_overlaps(scene)]
             found += state_findings(scene, StateChecks(need_hand=False))
         found += _touching(scene)
-    return gravest_first([*found, *told])
+    of_hand = () if scene.hand is None else scene.hand.findings
+    return gravest_first([*scene.load_findings, *of_hand, *_placed(scene, found), *told])
+
+
+def _placed(scene: Scene, found: Iterable[Finding]) -> Iterable[Finding]:
+    """Return findings with their places in the scene's file."""
+    return found if scene._stated is None else map(scene._stated.placed, found)
+
+
+def figure_findings(scene: Scene) -> tuple[Finding, ...]:
+    """Return what is found of the scene's figures alone, wherever its bodies are."""
+    return tuple(_placed(scene, _figures(scene)))
+
+
+class StatedFields(NamedTuple):
+    """Which fields of a scene are as its file states them.
+
+    Attributes:
+        file: The file, without its data.
+        changed: Names of the fields that are not.
+    """
+
+    file: YamlSource
+    changed: frozenset[str] = frozenset()
+
+    @classmethod
+    def of(cls, file: YamlSource) -> StatedFields:
+        """Return those of a scene as it is loaded."""
+        return cls(YamlSource(file.path, None, file.kind, file.lines))
+
+    def without(self, fields: Iterable[str]) -> StatedFields:
+        """Return those of the scene with some fields changed."""
+        return self._replace(changed=self.changed.union(fields))
+
+    def placed(self, finding: Finding) -> Finding:
+        """Return a finding with its place in the file, unless the scene says something else."""
+        field = _FIELDS.get(str(finding.key[0]), str(finding.key[0])) if finding.key else ""
+        return finding if field in self.changed else self.file.placed(finding)
+
+
+_FIELDS = {"solve": "solve_options"}
+"""Fields of a scene by the key of the file where they differ."""
+
+
+def unused_figures(options: Mapping[str, Any], stated: StatedFields | None) -> Iterator[Finding]:
+    """Find what a scene asks for that its own algorithm has no use for.
+
+    What is as it would be if it were left out is none.
+
+    Args:
+        options: Of the scene.
+        stated: Where they stand.
+    """
+    algorithm = options.get("algorithm", "margin")
+    for key, value in options.items():
+        others = users_of(key, algorithm)
+        if others and value is not None and value != SolveEntry.model_fields[key].default:
+            also = "; graspless-pin place and planning use it as it is" if key == "margin" else ""
+            found = Finding(
+                FindingCode.UNUSED_OPTION,
+                key,
+                f"{key} is {value}, and the scene's algorithm, {algorithm!r}, does not use it",
+                f"write algorithm: {' or '.join(others)} to have it used, or leave it out{also}",
+                ("solve", key),
+            )
+            yield found if stated is None else stated.placed(found)
 
 
 def nothing_touches(scene: Scene) -> str:
@@ -243,13 +311,16 @@ def _missed(scene: Scene, touching: set[str]) -> Iterator[Finding]:
             nearest[finger] = min(nearest.get(finger, (np.inf, "")), (gap, bodies[k].name))
     for finger, (gap, link) in nearest.items():
         if (1.0 + _SLACK) * tolerance < gap <= reach:
+            way, key = "close the finger (graspless-pin close), correct q", "q"
+            if hand.finger_of(link) is None:
+                way, key = "move the hand closer (base_pose) if it should touch", "base_pose"
             yield Finding(
                 FindingCode.FINGER_MISSED,
                 finger,
                 f"'{link}' is {_length(gap)} from object '{scene.object.name}', so it is not a "
                 f"contact (contact_tolerance: {_length(tolerance)})",
-                "close the finger (graspless-pin close), correct q, or raise contact_tolerance",
-                ("hand", "q"),
+                f"{way}, or raise contact_tolerance",
+                ("hand", key),
             )
 
 

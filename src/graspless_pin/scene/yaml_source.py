@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 from graspless_pin.errors import ArgumentError, GrasplessPinError, SceneError
+from graspless_pin.findings import Finding
 from graspless_pin.intake.files import (
     FileKind,
     errors_of_text,
@@ -77,6 +78,12 @@ class YamlSource:
             return str(self.path)
         above = (location[:length] for length in range(len(location), -1, -1))
         return f"{self.path}:{next((self.lines[key] for key in above if key in self.lines), 1)}"
+
+    def placed(self, finding: Finding) -> Finding:
+        """Return a finding that says where the file says so, if the finding has a key."""
+        if not finding.key or finding.place:
+            return finding
+        return replace(finding, place=f"{self.where(finding.key)}: {key_text(finding.key)}")
 
     def message(self, location: Location, message: str) -> str:
         """Return a message that names the file, the line and the key."""

@@ -13,6 +13,7 @@ from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.solution.certificate import Status
 from graspless_pin.solution.tables import (
     force_sizes,
+    friction_use,
     limit_shares,
     shown,
     torque_rounding,
@@ -22,6 +23,9 @@ from graspless_pin.solution.torque_solution import TorqueSolution
 
 _AS_NEAR = 1e-6
 _AS_MUCH = 0.25
+_UNUSED = 0.05
+"""Share of its friction below which a contact force is told to use none."""
+_LITTLE = "available friction"
 
 
 class ContactLimit(StrEnum):
@@ -74,6 +78,20 @@ def limiting_contacts(solution: TorqueSolution) -> dict[ContactLimit, list[int]]
     }
 
 
+def _told(solution: TorqueSolution) -> dict[str, list[int]]:
+    """Return limiting contacts by words; those next to slipping by whether they use friction.
+
+    A force along the normal is as far from the sides of its cone as friction and its size allow.
+    """
+    told: dict[str, list[int]] = {}
+    use = friction_use(solution.problem, solution.contact_forces)
+    for limit, contacts in limiting_contacts(solution).items():
+        for contact in contacts:
+            unused = limit is ContactLimit.SLIP and use[contact] <= _UNUSED
+            told.setdefault(_LITTLE if unused else limit, []).append(contact)
+    return told
+
+
 def margin_limit_words(solution: TorqueSolution, bodies: Sequence[str] | None = None) -> str:
     """Return a sentence that says which contacts limit the margin, and how.
 
@@ -82,7 +100,7 @@ def margin_limit_words(solution: TorqueSolution, bodies: Sequence[str] | None = 
         bodies: M names of what touches the object at each contact; None: left out.
     """
     parts = []
-    for limit, contacts in limiting_contacts(solution).items():
+    for limit, contacts in _told(solution).items():
         numbers = ", ".join(map(str, contacts))
         names = "" if bodies is None else f" ({', '.join({bodies[c]: 0 for c in contacts})})"
         parts.append(f"{limit} at contact{'s' * (len(contacts) > 1)} {numbers}{names}")
@@ -90,7 +108,9 @@ def margin_limit_words(solution: TorqueSolution, bodies: Sequence[str] | None = 
 
 
 def joint_limit_words(solution: TorqueSolution) -> str:
-    """Return a sentence that says which joint is nearest its limit; empty without joints.
+    """Return a sentence that says which joint is nearest its limit.
+
+    Empty without joints, and where no torque has a share of its limit to tell of.
 
     Args:
         solution: A solution that was found.
@@ -107,6 +127,8 @@ def joint_limit_words(solution: TorqueSolution) -> str:
     left = torque_rounding(problem, solution.contact_torques)[joint]
     limit = (problem.upper_torque if torque >= 0.0 else problem.lower_torque)[joint]
     told = shown(torque, size, "+", left)
+    if told == "0":
+        return ""
     return (
         f"Joint {problem.joint_names[joint]} is nearest its limit: {told} of "
         f"{limit:+.6g} {problem.joint_units[joint]}, {100.0 * shares[joint]:.1f} %."

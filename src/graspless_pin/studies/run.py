@@ -30,7 +30,9 @@ from rich.progress import (
 from graspless_pin.atomic_write import remove_stale_drafts
 from graspless_pin.child_processes import usable_cores
 from graspless_pin.errors import GrasplessPinError, SceneError, StudyError
+from graspless_pin.findings import heard
 from graspless_pin.problem.checks import whole_number
+from graspless_pin.scene.load import build_scene
 from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.scene.validation_errors import validated
 from graspless_pin.solvers import check_solver
@@ -131,6 +133,9 @@ def _check_any_touches(study: Study) -> None:
         else:
             return
     if failure is not None:
+        fault = _fault_of_one(study, failure[0])
+        if fault is not None:
+            raise fault from failure[1]
         names = [variable.column for variable in study.variables]
         values = ", ".join(f"{n} = {v!r}" for n, v in zip(names, failure[0], strict=True))
         tried = "the only sample" if count == 1 else f"none of {len({*spread})} samples"
@@ -138,6 +143,29 @@ def _check_any_touches(study: Study) -> None:
         raise StudyError(
             f"{study.source.path}: {tried} {verb} be computed; with {values}: {failure[1]}"
         )
+
+
+def _fault_of_one(study: Study, sample: Sample) -> GrasplessPinError | None:
+    """Return the error of the variable that sets what no scene is made of, such as an unknown name.
+
+    None where the scene is no better without it, or the values do not do together.
+    """
+
+    def error_of(tree: Tree) -> GrasplessPinError | None:
+        try:
+            with heard():
+                build_scene(replace(study.scene, data=tree))
+        except GrasplessPinError as error:
+            return error
+        return None
+
+    base = study.scene.data
+    if error_of(base) is not None:
+        return None
+    for variable, value in zip(study.variables, sample, strict=True):
+        if error := error_of(variable.placed(base, value)):
+            return study.source.error(("vary", variable.name), f"at {value!r}: {error}")
+    return None
 
 
 _LONGEST_NAME = 220
