@@ -117,6 +117,7 @@ def test_a_stack_relies_on_all_of_its_three_corners():
 def test_a_rail_bears_errors_of_torques():
     found = robustness(RAIL, [20.0, 20.0], precision=0.05)
     # Both weaker: friction bears the weight down to 9.8 N of each.
+    assert found.all_less is not None
     assert found.all_less.guaranteed <= 1.0 - G / 20.0
     assert found.all_less.guaranteed == pytest.approx(1.0 - G / 20.0, rel=0.06)
     # One finger alone bears the weight by as much as it is pressed by.
@@ -177,10 +178,10 @@ def test_verdicts_on_one_box_do_not_hang_on_how_its_map_is_given(angle, status):
         verdict = stability(problem, [])
         assert verdict.status.name == status
     if verdict.motion is not None:
+        expected = stability(one, []).motion
+        assert expected is not None
         np.testing.assert_allclose(
-            verdict.motion.object_acceleration,
-            stability(one, []).motion.object_acceleration,
-            atol=1e-9,
+            verdict.motion.object_acceleration, expected.object_acceleration, atol=1e-9
         )
 
 
@@ -200,6 +201,7 @@ def test_a_stack_that_slides_is_told_to(corners):
         assert not balances(arguments)
         assert verdict.status.name == "NONE"
         assert "the object can slip" in verdict.message
+        assert verdict.motion is not None
         acceleration = verdict.motion.object_acceleration
         steepest = G * (np.sin(0.6) - friction[0] * np.cos(0.6))
         if slipping is not None:

@@ -1,6 +1,7 @@
 """Other passive coordinates than those of one free object: two boxes, and a block on a rail."""
 
 import pickle
+from typing import Any
 
 import numpy as np
 import pytest
@@ -96,7 +97,8 @@ def _both(first, second):
 
 
 def test_two_unrelated_objects_have_the_margin_of_the_weaker_one():
-    strong, weak = cuboid_arguments(), sphere_arguments() | {"cone_edges": 6}
+    strong: dict[str, Any] = cuboid_arguments()
+    weak: dict[str, Any] = sphere_arguments() | {"cone_edges": 6}
     alone = [maximize_margin(QuasistaticProblem(**one)).margin for one in (strong, weak)]
     together = maximize_margin(_both(strong, weak))
     assert together.margin == pytest.approx(min(alone), abs=1e-6)

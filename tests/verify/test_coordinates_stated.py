@@ -7,7 +7,13 @@ from functools import cache
 import numpy as np
 import pytest
 from own_objectives import Helped
-from two_bodies import HEIGHT, THREE, G, on_a_rail, stacked
+from two_bodies import (  # pyright: ignore[reportMissingImports] - tests/core, by conftest
+    HEIGHT,
+    THREE,
+    G,
+    on_a_rail,
+    stacked,
+)
 
 from graspless_pin import (
     QuasistaticProblem,
@@ -263,6 +269,7 @@ def test_a_motion_of_two_boxes_is_checked():
     solution = minimize_torque(problem, 0.01)
     verdict = stability(problem, solution.torques)
     assert verdict.status.name == "WEAK"
+    assert verdict.motion is not None
     assert verdict.motion.object_acceleration.shape == (12,)
     made = plain(solution, verdict=verdict)
     verification = verify_document(made)
