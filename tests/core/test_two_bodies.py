@@ -104,7 +104,7 @@ def test_two_unrelated_objects_have_the_margin_of_the_weaker_one():
     assert together.margin == pytest.approx(min(alone), abs=1e-6)
     assert maximize_margin(_both(weak, strong)).margin == pytest.approx(min(alone), abs=1e-6)
     # Without friction the cuboid slides down, whatever the sphere does.
-    slippery = strong | {"friction": 0.0}
+    slippery: dict[str, Any] = strong | {"friction": 0.0}
     assert not maximize_margin(QuasistaticProblem(**slippery)).found
     assert not maximize_margin(_both(slippery, weak)).found
 
