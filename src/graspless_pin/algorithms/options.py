@@ -1,4 +1,4 @@
-"""The options of every solve and every analysis: rules, solver, search and limits."""
+"""The options of every solve and analysis: rules, solver, search, and limits of nodes and time."""
 
 from __future__ import annotations
 

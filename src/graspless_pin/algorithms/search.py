@@ -1,4 +1,4 @@
-"""What every search over modes keeps and returns."""
+"""What every search over modes keeps and returns, and whether an optimum is at the threshold."""
 
 from __future__ import annotations
 

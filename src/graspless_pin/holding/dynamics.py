@@ -1,4 +1,7 @@
-"""The dynamics in the first instant, scaled: y = B^T f + h, u = A y; at rest B = A."""
+"""The dynamics in the first instant, scaled: y = B^T f + h, u = A y; at rest B = A.
+
+Free motions are those of object and joints that no friction resists.
+"""
 
 from __future__ import annotations
 

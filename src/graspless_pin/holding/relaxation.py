@@ -1,4 +1,7 @@
-"""The linear relaxation of all outcomes in which contacts are in given states."""
+"""The linear relaxation of all outcomes in which contacts are in given states.
+
+Its rows are planes around friction cones, and around the forces and slips of an arc.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The motion whose slowest sliding is fastest, or weights that prove that none is fast enough."""
+"""The motion whose slowest sliding is fastest, or weights that prove that none is fast enough.
+
+A combination of contact velocities that all but vanishes proves a conflict.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Objectives of the analyses: trade-off, force sets of given torques (32), disturbances, relief."""
+"""Objectives of the analyses: trade-off, force sets of given torques (32), disturbances, relief.
+
+And those of the search for guaranteed torques: torques given, and torques in half-spaces.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""A convex program as plain arrays, and what any answer to it proves."""
+"""A convex program as plain arrays of named blocks, and what any answer to it proves.
+
+Each block of rows knows its meaning, its unit and its signs. The columns of the contact forces come
+first, then those that an objective adds. Nothing but a block itself knows at which rows it stands.
+"""
 
 from __future__ import annotations
 

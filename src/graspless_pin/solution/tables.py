@@ -1,4 +1,4 @@
-"""Readable tables of joints, contacts and certificates, and the digits of their figures."""
+"""Readable tables of joints, contacts and certificates; shares of limits, and digits of figures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the algorithms return: a status, torques and forces, the mode and the proof."""
+"""What the algorithms return: a status, torques and forces, the mode, the proof and its doubts."""
 
 from __future__ import annotations
 

@@ -7,6 +7,8 @@ floating-point format of the machine, and what rounding may hide is taken off.
 Bounds of an objective's own columns that follow from its constraints, worked out here.
 
 What a document says of them is used where nothing follows.
+
+For forces that do not exist they prove by how much all break constraints.
 """
 
 from __future__ import annotations

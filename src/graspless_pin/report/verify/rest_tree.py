@@ -5,6 +5,8 @@ outcome without force at a contact counts as open there, one without parting as 
 slip sticks, and the arcs of slip have to cover all that is left. Where a node is its parent's only
 child, its multipliers prove that the contact does not part, or does not slip, by more than so much;
 proofs of closed and sticking contacts bear that much. Nodes are listed depth first.
+
+A proof of rest has smallest loads first, then a certificate or such a tree.
 """
 
 from __future__ import annotations

@@ -2,6 +2,11 @@
 
 A node stands for a part of all modes, which follows from its parent's: the file says how a part is
 split, and never what its children are. Nodes are listed depth first, children in their order.
+
+Virtual motions decide of its leaves. u holds the velocities of the object relative to the other
+bodies at all contacts along n, t1, t2. A motion counts where selected contacts stay touching and
+slide with their signs, each at least theta times |u| fast. Where v with v^T u >= theta |u| for all
+such u has a projection on the possible u that is shorter than theta, there is no such motion.
 """
 
 from __future__ import annotations
