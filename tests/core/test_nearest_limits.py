@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from graspless_pin.solution.utilization import friction_use
 
 from graspless_pin import QuasistaticProblem, maximize_margin, minimize_torque
 from graspless_pin.solution.active_limits import (
@@ -12,6 +11,7 @@ from graspless_pin.solution.active_limits import (
     limiting_contacts,
     margin_limit_words,
 )
+from graspless_pin.solution.tables import friction_use
 
 
 def pinch(**changes):
