@@ -46,7 +46,8 @@ def test_scene(file):
         app, ["solve", str(file), "--json", "out.json"], catch_exceptions=False
     )
     assert result.exit_code == 0, result.output
-    assert result.stderr == ""
+    # A margin that planning uses and this algorithm does not is a note.
+    assert all("[unused-option]" in line for line in result.stderr.splitlines())
     document = json.loads(Path("out.json").read_text(encoding="utf-8"))
     assert document["found"] and document["margin"] > 0.0
     assert document["scene"] in result.stdout

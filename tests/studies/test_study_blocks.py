@@ -131,7 +131,7 @@ def test_an_internal_error_in_a_loop_costs_one_sample_and_is_told(monkeypatch, o
     assert [row["sample"] for row in rows] == [*range(16)]
     assert rows[5]["status"] == "failed" and not rows[5]["found"]
     assert re.fullmatch(
-        r"internal error in sample_blocks\.py, line \d+: FloatingPointError: ours",
+        r"internal error in sample_evaluation\.py, line \d+: FloatingPointError: ours",
         rows[5]["error"],
     )
     for row, good in zip(rows, whole, strict=True):

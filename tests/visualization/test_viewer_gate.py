@@ -433,6 +433,8 @@ def test_a_solver_that_dies_leaves_the_page(viewer, monkeypatch):
         with monkeypatch.context() as patch:
             patch.setattr(scene_process, "_evaluate_kept", crashes)
             send(page, update(mass, 1.5))
+            # Not the answer to what was asked for before.
+            wait_until(lambda: viewer.evaluation.settings.values == {"mass": 1.5})
             wait_until(lambda: "SIGSEGV" in viewer._result.content)
             wait_until(lambda: "no torques" in viewer._torques.content)
         assert "No torques" in viewer._result.content
