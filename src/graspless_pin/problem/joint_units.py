@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from enum import StrEnum
 
+import numpy as np
+from numpy.typing import NDArray
+
 from graspless_pin.errors import ArgumentError
 
 
@@ -22,6 +25,11 @@ class JointUnit(StrEnum):
 
 FREE_BODY = (JointUnit.FORCE,) * 3 + (JointUnit.TORQUE,) * 3
 """Units of the wrench on one free body."""
+
+
+def turning(units: Sequence[JointUnit]) -> NDArray[np.bool_]:
+    """Return which coordinates turn: a mask of those whose generalised forces are in N m."""
+    return np.array([unit is JointUnit.TORQUE for unit in units], dtype=bool)
 
 
 def checked_units(units: Sequence[str] | None, count: int) -> tuple[JointUnit, ...]:

@@ -22,7 +22,7 @@ from graspless_pin.problem.checks import (
 from graspless_pin.problem.cone_model import ConeModel, Section
 from graspless_pin.problem.cones import CONE_MODELS
 from graspless_pin.problem.derived_inertias import INERTIAS, derived, keep_inertias
-from graspless_pin.problem.joint_units import FREE_BODY, JointUnit
+from graspless_pin.problem.joint_units import FREE_BODY, JointUnit, turning
 from graspless_pin.problem.matrices import block_diagonal, cone_blocks, wrench_map
 from graspless_pin.problem.scales import (
     LIMIT_TOLERANCE,
@@ -237,7 +237,7 @@ class QuasistaticProblem:
     @cached_property
     def passive_turns(self) -> NDArray[np.bool_]:
         """(P,) passive coordinates whose loads are in N m."""
-        return np.array([unit is JointUnit.TORQUE for unit in self.passive_units])
+        return turning(self.passive_units)
 
     @property
     def cone_model(self) -> ConeModel:

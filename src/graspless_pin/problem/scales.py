@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from graspless_pin.problem.checks import FloatArray, read_only, squared_lengths
-from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.problem.joint_units import JointUnit, turning
 
 LEAST_LEVER = 1e-12
 """A joint's lever shorter than this share of the longest counts as so long."""
@@ -151,7 +151,7 @@ def scales_of_matrix(
         jacobian: (3M, L).
         limits: (M,) largest normal forces, N.
     """
-    turns = np.array([unit is JointUnit.TORQUE for unit in units])
+    turns = turning(units)
     pull, turn = (math.sqrt(float(part @ part)) for part in (load[~turns], load[turns]))
     levers = np.linalg.norm(matrix[turns].reshape(-1, len(limits), 3), axis=2)
     length = float(levers.max(initial=0.0))
@@ -167,7 +167,7 @@ def passive_levers(units: tuple[JointUnit, ...], length: float) -> FloatArray:
         units: (P,) of the coordinates.
         length: See `Scales`, m.
     """
-    return np.array([length if unit is JointUnit.TORQUE else 1.0 for unit in units])
+    return np.where(turning(units), length, 1.0)
 
 
 def coordinate_units(scales: Scales, units: tuple[JointUnit, ...]) -> FloatArray:

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from graspless_pin.errors import ArgumentError
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only, real_array
-from graspless_pin.problem.joint_units import FREE_BODY, JointUnit
+from graspless_pin.problem.joint_units import FREE_BODY, JointUnit, turning
 from graspless_pin.problem.matrices import wrench_map
 
 
@@ -65,7 +65,7 @@ def load_words(load: FloatArray, units: tuple[JointUnit, ...], *, joined: str) -
         units: P units.
         joined: What stands between the two.
     """
-    turns = np.array([unit is JointUnit.TORQUE for unit in units])
+    turns = turning(units)
     force, moment = np.round(load[~turns], 4) + 0.0, np.round(load[turns], 5) + 0.0
     words = [f"force {force.tolist()} N"] if force.size else []
     words += [f"moment {moment.tolist()} N m"] if moment.size else []

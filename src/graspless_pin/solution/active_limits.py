@@ -25,7 +25,7 @@ _AS_NEAR = 1e-6
 _AS_MUCH = 0.25
 _UNUSED = 0.05
 """Share of its friction below which a contact force is told to use none."""
-_LITTLE = "available friction"
+_AVAILABLE_FRICTION = "available friction"
 
 
 class ContactLimit(StrEnum):
@@ -78,7 +78,7 @@ def limiting_contacts(solution: TorqueSolution) -> dict[ContactLimit, list[int]]
     }
 
 
-def _told(solution: TorqueSolution) -> dict[str, list[int]]:
+def _contacts_by_words(solution: TorqueSolution) -> dict[str, list[int]]:
     """Return limiting contacts by words; those next to slipping by whether they use friction.
 
     A force along the normal is as far from the sides of its cone as friction and its size allow.
@@ -88,7 +88,7 @@ def _told(solution: TorqueSolution) -> dict[str, list[int]]:
     for limit, contacts in limiting_contacts(solution).items():
         for contact in contacts:
             unused = limit is ContactLimit.SLIP and use[contact] <= _UNUSED
-            told.setdefault(_LITTLE if unused else limit, []).append(contact)
+            told.setdefault(_AVAILABLE_FRICTION if unused else limit, []).append(contact)
     return told
 
 
@@ -100,7 +100,7 @@ def margin_limit_words(solution: TorqueSolution, bodies: Sequence[str] | None = 
         bodies: M names of what touches the object at each contact; None: left out.
     """
     parts = []
-    for limit, contacts in _told(solution).items():
+    for limit, contacts in _contacts_by_words(solution).items():
         numbers = ", ".join(map(str, contacts))
         names = "" if bodies is None else f" ({', '.join({bodies[c]: 0 for c in contacts})})"
         parts.append(f"{limit} at contact{'s' * (len(contacts) > 1)} {numbers}{names}")
