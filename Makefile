@@ -25,7 +25,7 @@ WHEEL_TESTS ?= tests/compiled tests/core
 STATES ?= --count 10000
 FUZZ ?= --count 2000 --seed 1
 
-.PHONY: install run test lint types docs readme-pictures notebooks bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding mistakes clean hands place states dense wheel frozen size
+.PHONY: install run test all-cases lint types docs readme-pictures notebooks bench mutants mutants-of-loops scales round-cones directions outcomes kept-outcomes tampering fuzz guaranteed holding mistakes clean hands place states dense wheel frozen size
 
 install: $(STAMP)
 
@@ -47,6 +47,10 @@ run: $(RUN_STAMP)
 test: install
 	bash tests/browser/install_chromium.sh
 	$(BIN)/python -m pytest --numprocesses $(WORKERS) $(TESTS)
+
+# All cases of all tests: `make test` takes a sample of those that are many of a kind.
+all-cases: install
+	$(BIN)/python -m pytest --numprocesses $(WORKERS) --all-cases $(TESTS)
 
 # A wheel of this platform, and its tests where nothing can be compiled.
 wheel: install

@@ -1,4 +1,8 @@
-"""Tests that ask for `form` run twice: with the compiled loops, and with numpy in their place."""
+"""Tests that ask for `form` run twice: with the compiled loops, and with numpy in their place.
+
+Of the cases of a test that is marked ``sampled(n)``, n are run; all of them with ``--all-cases``,
+or where a test is named.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +10,8 @@ import os
 import signal
 import subprocess
 import sys
+import zlib
+from collections import defaultdict
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
@@ -33,6 +39,28 @@ if hasattr(signal, "SIGHUP"):
 # A slow machine is no defect. The rest is hypothesis' own choice: in CI the same examples always.
 settings.register_profile("without deadlines", settings(), deadline=None)
 settings.load_profile("without deadlines")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the option."""
+    parser.addoption("--all-cases", action="store_true", help="run all cases of sampled tests, too")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out the cases beyond those that a sampled test runs: always the same ones."""
+    if config.getoption("--all-cases") or any("::" in one for one in config.args):
+        return
+    cases: defaultdict[tuple[str, int], list[pytest.Item]] = defaultdict(list)
+    for item in items:
+        marker = item.get_closest_marker("sampled")
+        if marker is not None:
+            cases[item.nodeid.partition("[")[0], marker.args[0]].append(item)
+    left_out: set[pytest.Item] = set()
+    for (_, count), those in cases.items():
+        # In an order that has nothing to do with that of the parameters.
+        left_out.update(sorted(those, key=lambda one: zlib.crc32(one.nodeid.encode()))[count:])
+    config.hook.pytest_deselected(items=[one for one in items if one in left_out])
+    items[:] = [one for one in items if one not in left_out]
 
 
 def leave_out_loops(patch: pytest.MonkeyPatch) -> None:
