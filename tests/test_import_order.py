@@ -5,11 +5,15 @@ import os
 import shutil
 import subprocess
 import sys
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
+
+import pytest
 
 from graspless_pin.scene import load_scene
 
 ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "src" / "graspless_pin"
 LINT = "from importlinter.cli import lint_imports_command; lint_imports_command()"
 
 
@@ -38,7 +42,7 @@ def test_imports_keep_the_contracts():
 def test_the_linter_reports_a_broken_contract(tmp_path):
     """A copy of the package with an upward import and a stray library must break its contracts."""
     package = tmp_path / "graspless_pin"
-    shutil.copytree(ROOT / "src" / "graspless_pin", package)
+    shutil.copytree(PACKAGE, package)
     for module, bad in (
         ("errors.py", "graspless_pin.problem"),
         ("problem/cones.py", "coal, piqp"),
@@ -57,6 +61,38 @@ def test_the_linter_reports_a_broken_contract(tmp_path):
         assert f"{contract} BROKEN" in result.stdout, result.stdout + result.stderr
 
 
+def imports_by_module(package: Path) -> dict[str, set[str]]:
+    """The package's modules with those that each imports: at its top, in functions, for types."""
+    paths = {
+        ".".join(path.relative_to(package.parent).with_suffix("").parts): path
+        for path in package.rglob("*.py")
+        if path.name != "__init__.py"
+    }
+    found: dict[str, set[str]] = {name: set() for name in paths}
+    for name, path in paths.items():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and node.module:
+                found[name] |= {f"{node.module}.{one.name}" for one in node.names} | {node.module}
+            elif isinstance(node, ast.Import):
+                found[name] |= {one.name for one in node.names}
+        found[name] &= paths.keys()
+    return found
+
+
+def test_no_modules_import_each_other():
+    order = [*TopologicalSorter(imports_by_module(PACKAGE)).static_order()]
+    assert len(order) > 200
+
+
+def test_modules_that_import_each_other_are_found(tmp_path):
+    package = tmp_path / "graspless_pin"
+    package.mkdir()
+    (package / "one.py").write_text("def f():\n    from graspless_pin import other\n")
+    (package / "other.py").write_text("import graspless_pin.one\n")
+    with pytest.raises(CycleError):
+        TopologicalSorter(imports_by_module(package)).prepare()
+
+
 def pinocchio_readers(package: Path) -> set[str]:
     """Modules that read an attribute which holds one of Pinocchio's objects."""
     return {
@@ -69,7 +105,7 @@ def pinocchio_readers(package: Path) -> set[str]:
 
 def test_only_geometry_reads_the_objects_of_pinocchio():
     """They are typed as anything, so that neither the linter nor the type checker would see it."""
-    readers = pinocchio_readers(ROOT / "src" / "graspless_pin")
+    readers = pinocchio_readers(PACKAGE)
     assert any(path.startswith("geometry/hand/") for path in readers)
     assert all(path.startswith("geometry/") for path in readers), readers
 

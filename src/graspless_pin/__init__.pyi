@@ -66,13 +66,13 @@ from .programs.objectives import Margin as Margin
 from .programs.objectives import Objective as Objective
 from .programs.objectives import Torque as Torque
 from .programs.objectives import TorqueShare as TorqueShare
-from .scene.load import load_scene as load_scene
 from .scene.minimum_stiffness import MinimumStiffness as MinimumStiffness
 from .scene.minimum_stiffness import minimum_stiffness as minimum_stiffness
 from .scene.poses import close_fingers as close_fingers
 from .scene.poses import fingertip_contact as fingertip_contact
 from .scene.poses import settle as settle
 from .scene.scene import Scene as Scene
+from .scene.scene import load_scene as load_scene
 from .solution.certificate import Certificate as Certificate
 from .solution.certificate import Guarantee as Guarantee
 from .solution.certificate import Status as Status

@@ -18,12 +18,12 @@ from graspless_pin.geometry.bodies.shapes import Box, HalfSpace, MeshShape, Sphe
 from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.poses import invert, pose_matrix
 from graspless_pin.geometry.posing.closing import back_until_free, centering_shift, shortfall
+from graspless_pin.geometry.posing.displaced_hands import displaced_hand
 from graspless_pin.geometry.posing.opposing import fingers_that_close, opposing_postures
 from graspless_pin.geometry.robots.files import describe_urdf
 from graspless_pin.planning import HandPlacement, PlacedHand, PlacingFault, placing_candidates
 from graspless_pin.planning.placing_candidates import squeezed
 from graspless_pin.planning.placing_plan import PlacingAim
-from graspless_pin.scene.poses import displaced_hand
 
 FINGER = """
 <joint name="{side}_slide" type="prismatic"><parent link="palm"/><child link="{side}_jaw"/>

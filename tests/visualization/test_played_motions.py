@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from graspless_pin import Stability, load_scene
+from graspless_pin.geometry.posing.displaced_hands import bent_hand
 from graspless_pin.holding.verdict import ContactState, DynamicOutcome
-from graspless_pin.scene.poses import bent_hand
 from graspless_pin.visualization import Role
 from graspless_pin.visualization.drawing import object_radius
 from graspless_pin.visualization.motion import MovingPicture, draw_motion

@@ -10,9 +10,9 @@ import pytest
 
 from graspless_pin import Stability, maximize_margin
 from graspless_pin.errors import ArgumentError
+from graspless_pin.geometry.posing.displaced_hands import displaced_hand
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene, load_scene
-from graspless_pin.scene.poses import displaced_hand
 from graspless_pin.viewer import (
     Settings,
     answer_settings,

@@ -25,7 +25,7 @@ from graspless_pin.planning.state_solver import StateSolver
 from graspless_pin.problem.checks import FloatArray, real_number
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene
-from graspless_pin.scene.load import checked_scene
+from graspless_pin.scene.fields import checked_scene
 from graspless_pin.scene.motion_and_contacts import Motion
 from graspless_pin.scene.state_findings import StateChecks
 

@@ -23,6 +23,7 @@ from graspless_pin.errors import (
     internal_error,
 )
 from graspless_pin.findings import heard
+from graspless_pin.geometry.posing.displaced_hands import displaced_hand
 from graspless_pin.geometry.posing.opposing import fingers_that_close
 from graspless_pin.holding.verdict import BRIEF_NODE_LIMIT, Stability, StabilityVerdict
 from graspless_pin.planning.hand_placement import HandPlacement, PlacedHand
@@ -37,8 +38,7 @@ from graspless_pin.planning.placing_plan import ClosedHand, PlacingAim, PlacingP
 from graspless_pin.problem.checks import choice, finite_array, real_number, whole_number
 from graspless_pin.programs.objectives import Algorithm
 from graspless_pin.scene import Scene, settle
-from graspless_pin.scene.load import checked_scene
-from graspless_pin.scene.poses import displaced_hand
+from graspless_pin.scene.fields import checked_scene
 from graspless_pin.scene.saving import scene_as_written
 from graspless_pin.solution import Status, TorqueSolution
 

@@ -24,6 +24,7 @@ from graspless_pin.geometry.posing.closing import (
     moved_bodies,
     shortfall,
 )
+from graspless_pin.geometry.posing.displaced_hands import displaced_hand
 from graspless_pin.geometry.posing.finger_joints import driving_columns, groups_of_fingers
 from graspless_pin.geometry.posing.opposing import carrier_links
 from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
@@ -41,7 +42,6 @@ from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.contact_map import contact_map
 from graspless_pin.scene import Scene
-from graspless_pin.scene.poses import displaced_hand
 from graspless_pin.scene.state_findings import hand_overlaps
 from graspless_pin.solution import UNDECIDED, Status
 

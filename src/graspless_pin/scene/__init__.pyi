@@ -1,4 +1,3 @@
-from .load import load_scene as load_scene
 from .motion_and_contacts import GivenContact as GivenContact
 from .motion_and_contacts import HandMotion as HandMotion
 from .motion_and_contacts import Motion as Motion
@@ -9,4 +8,5 @@ from .poses import close_fingers as close_fingers
 from .poses import fingertip_contact as fingertip_contact
 from .poses import settle as settle
 from .scene import Scene as Scene
+from .scene import load_scene as load_scene
 from .scene_schema import scene_json_schema as scene_json_schema

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,19 +11,16 @@ from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
 from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays
 from graspless_pin.geometry.contact.finding import contact_arrays
 from graspless_pin.geometry.contact.motion import checked_twist, classified, contacts_that_stay
+from graspless_pin.scene.fields import SceneFields, label_of
 from graspless_pin.scene.motion_and_contacts import (
     Motion,
     SceneContacts,
     body_velocities,
     given_arrays,
 )
-from graspless_pin.scene.scene_findings import nothing_touches
-
-if TYPE_CHECKING:
-    from graspless_pin.scene.scene import Scene
 
 
-def touching_of(scene: Scene) -> ContactArrays:
+def touching_of(scene: SceneFields) -> ContactArrays:
     """Return all contacts before the motion, hand first.
 
     Raises:
@@ -67,19 +63,21 @@ def touching_of(scene: Scene) -> ContactArrays:
     )
 
 
-def contacts_after_motion(scene: Scene, touching: ContactArrays) -> SceneContacts:
+def contacts_of(scene: SceneFields) -> SceneContacts:
     """Return the contacts that carry force: those that the declared motion does not part.
-
-    Args:
-        scene: The scene.
-        touching: All contacts before the motion.
 
     Raises:
         StateError: See `Scene.contacts`.
         SceneError: Likewise.
     """
+    touching = touching_of(scene)
+    sources = touching, scene.motion, scene.supports, scene.object, scene.hand
+    return scene._kept.of("contacts", sources, lambda: _after_motion(scene, touching))
+
+
+def _after_motion(scene: SceneFields, touching: ContactArrays) -> SceneContacts:
     if not len(touching):
-        raise StateError(StateFault.NO_CONTACT, f"{label_of(scene)}: {nothing_touches(scene)}")
+        raise StateError(StateFault.NO_CONTACT, f"{label_of(scene)}: {_nothing_touches(scene)}")
     motion, supports = scene.motion, scene.supports
     moving = [one for one in supports if one.is_moving]
     if motion is None:
@@ -107,6 +105,12 @@ def contacts_after_motion(scene: Scene, touching: ContactArrays) -> SceneContact
     return SceneContacts(touching.chosen(kept), states.sliding[kept])
 
 
-def label_of(scene: Scene) -> str:
-    """Return what messages call a scene."""
-    return scene.name if scene.path is None else str(scene.path)
+def _nothing_touches(scene: SceneFields) -> str:
+    """Return what to say of a scene without contacts."""
+    said = f"nothing touches object {scene.object.name!r}"
+    if scene.given_contacts is not None:
+        return f"{said}; contacts is an empty list: fill it, or leave it out to have them found"
+    return (
+        f"{said} within {scene.contact_tolerance:g} m; move the hand or the object, or raise "
+        "contact_tolerance"
+    )

@@ -6,19 +6,17 @@ From the hand's entry of a scene file to a `Hand`.
 from __future__ import annotations
 
 import math
-import os
 import reprlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
 from operator import attrgetter
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from pydantic import BaseModel
 
 from graspless_pin.bounds import LARGEST_LOAD_OVER_LIMIT, LONGEST_NAME, SMALLEST_LOAD
-from graspless_pin.errors import ArgumentError, SceneError
+from graspless_pin.errors import SceneError
 from graspless_pin.findings import Finding, Severity, heard, tell
 from graspless_pin.geometry.bodies.materials import Materials
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject
@@ -32,15 +30,16 @@ from graspless_pin.records import changed
 from graspless_pin.scene.body_building import build_object, build_pose, build_support, twist_of
 from graspless_pin.scene.build_cache import Last, SceneParts
 from graspless_pin.scene.entry_findings import entry_findings
+from graspless_pin.scene.fields import SceneFields, StatedFields
 from graspless_pin.scene.friction import friction_by_name
 from graspless_pin.scene.hand_schema import HandEntry, MountEntry
 from graspless_pin.scene.motion_and_contacts import GivenContact, HandMotion, Motion
-from graspless_pin.scene.scene import Scene
-from graspless_pin.scene.scene_findings import StatedFields
+from graspless_pin.scene.scene_findings import findings_of
 from graspless_pin.scene.scene_schema import MotionEntry, SceneEntry
 from graspless_pin.scene.yaml_source import Location, YamlSource
-from graspless_pin.suggestions import names_in_words, what_to_pass
+from graspless_pin.suggestions import names_in_words
 
+_Scene = TypeVar("_Scene", bound=SceneFields)
 _ANYWHERE = {"base_pose"}
 _NOT_OF_THE_MOUNTS = {
     "q",
@@ -154,49 +153,11 @@ def _robot(file: YamlSource, parts: SceneParts, entry: MountEntry) -> RobotDescr
     return parts.robots[key]
 
 
-def load_scene(path: str | Path) -> Scene:
-    """Load a YAML scene.
-
-    Paths in the file are relative to the file. The file is data: YAML tags are refused, and so are
-    XML entities in the URDFs that it names.
-
-    Args:
-        path: The scene file.
-
-    Returns:
-        The scene, with hand and shapes loaded.
-
-    Raises:
-        SceneError: Naming file, line and key, what was found and what would do.
-
-    Examples:
-        >>> from graspless_pin import load_scene
-        >>> scene = load_scene("examples/paper/cuboid_at_rest.yaml")
-        >>> scene.name
-        'Cuboid pinched on a slope, at rest'
-        >>> print(f"{scene.solve().margin:.4f} N")
-        1.6504 N
-    """
-    if not isinstance(path, str | os.PathLike):
-        raise ArgumentError("path", what_to_pass("path", path, "path of a scene file"))
-    return build_scene(YamlSource.read(Path(path)))
-
-
-def checked_scene(scene: object) -> Scene:
-    """Return a scene.
-
-    Raises:
-        ArgumentError: If it is none.
-    """
-    if not isinstance(scene, Scene):
-        raise ArgumentError("scene", what_to_pass("scene", scene, "Scene"))
-    return scene
-
-
-def build_scene(source: YamlSource, parts: SceneParts | None = None) -> Scene:
+def build_scene(kind: type[_Scene], source: YamlSource, parts: SceneParts | None = None) -> _Scene:
     """Build the scene of a parsed file.
 
     Args:
+        kind: The class of scenes.
         source: The file, perhaps with changed content.
         parts: What earlier scenes of the same folder left; None: nothing is shared.
 
@@ -211,14 +172,14 @@ def build_scene(source: YamlSource, parts: SceneParts | None = None) -> Scene:
     parts = parts or SceneParts()
     entry = parts.validated(source)
     with heard() as found:
-        scene = _scene(source, parts, entry)
+        scene = _scene(kind, source, parts, entry)
     of_hand = () if scene.hand is None else scene.hand.findings
     placed = [one if one in of_hand else source.placed(one) for one in found]
     tell(*placed)
     vars(scene)["load_findings"] = tuple(one for one in placed if one not in of_hand)
     vars(scene)["_stated"] = StatedFields.of(source)
     if entry.warnings == "error":
-        _refuse(source, scene.findings)
+        _refuse(source, findings_of(scene))
     return scene
 
 
@@ -237,7 +198,7 @@ class _Built(NamedTuple):
 
     Attributes:
         names: Of supports and links.
-        others: Fields of `Scene` by name.
+        others: Fields of a scene by name.
     """
 
     names: tuple[str, ...]
@@ -245,7 +206,7 @@ class _Built(NamedTuple):
     others: Mapping[str, Any]
 
 
-def _scene(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Scene:
+def _scene(kind: type[_Scene], file: YamlSource, parts: SceneParts, entry: SceneEntry) -> _Scene:
     said = entry.object, entry.hand, entry.materials, entry.contacts, entry.motion
     built = parts.stage("built", (*said, *entry.supports), lambda: _built(file, parts, entry))
     _check_weight(file, entry, built.object)
@@ -262,7 +223,7 @@ def _scene(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> Scene:
     if last is None or last.built is not built:
         new |= {"object": built.object, **built.others}
     if last is None:
-        scene = Scene(path=file.path, **new)
+        scene = kind(path=file.path, **new)
         vars(scene)["_kept"] = parts.latest
     else:
         scene = last.scene._changed(new)

@@ -22,6 +22,7 @@ from scipy.spatial.transform import Rotation
 from graspless_pin.errors import ArgumentError, GrasplessPinError, SceneError
 from graspless_pin.findings import heard
 from graspless_pin.geometry.contact.convex_sets import is_hull
+from graspless_pin.geometry.posing.displaced_hands import bent_hand
 from graspless_pin.holding.dynamics import NEGLIGIBLE, motion_units
 from graspless_pin.holding.verdict import SmallMotions
 from graspless_pin.problem.checks import FloatArray, finite_array, read_only, real_number
@@ -29,9 +30,9 @@ from graspless_pin.problem.contact_map import contact_map
 from graspless_pin.problem.inertias import moving_joints
 from graspless_pin.problem.joint_units import JointUnit
 from graspless_pin.problem.quasistatic import QuasistaticProblem
-from graspless_pin.scene.load import checked_scene
-from graspless_pin.scene.poses import bent_hand, moved_scene
-from graspless_pin.scene.scene import Scene
+from graspless_pin.scene.contact_arrays import contacts_of
+from graspless_pin.scene.fields import SceneFields, checked_scene
+from graspless_pin.scene.problem_data import problem_of
 
 ARMATURE, DAMPING = 1e-4, 0.02
 """Of each joint unless told otherwise, kg m^2 and N m s/rad."""
@@ -123,7 +124,7 @@ class _Linearised(NamedTuple):
 
 
 def minimum_stiffness(
-    scene: Scene, torques: ArrayLike, *, armature: float = ARMATURE, damping: float = DAMPING
+    scene: SceneFields, torques: ArrayLike, *, armature: float = ARMATURE, damping: float = DAMPING
 ) -> MinimumStiffness:
     """Find the smallest position feedback with which a scene's rest is stable to second order.
 
@@ -173,7 +174,7 @@ def minimum_stiffness(
     )
 
 
-def small_motions(scene: Scene, torques: ArrayLike) -> SmallMotions:
+def small_motions(scene: SceneFields, torques: ArrayLike) -> SmallMotions:
     """Return what `minimum_stiffness` says of all joints together, or why it says nothing.
 
     Args:
@@ -199,7 +200,7 @@ def small_motions(scene: Scene, torques: ArrayLike) -> SmallMotions:
     )
 
 
-def _moving_words(scene: Scene, problem: QuasistaticProblem, motion: FloatArray) -> str:
+def _moving_words(scene: SceneFields, problem: QuasistaticProblem, motion: FloatArray) -> str:
     """Return what a small motion (6 + L,) moves, and how."""
     shares = motion / motion_units(problem)
     linear, angular = (float(np.linalg.norm(part)) for part in (shares[:3], shares[3:6]))
@@ -215,8 +216,8 @@ def _moving_words(scene: Scene, problem: QuasistaticProblem, motion: FloatArray)
 
 
 def _rest(
-    scene: Scene, torques: ArrayLike, armature: float
-) -> tuple[Scene, QuasistaticProblem, _Linearised]:
+    scene: SceneFields, torques: ArrayLike, armature: float
+) -> tuple[SceneFields, QuasistaticProblem, _Linearised]:
     """Return a scene at rest, its problem, and the small motions about it.
 
     Raises:
@@ -224,7 +225,7 @@ def _rest(
         SceneError: See `minimum_stiffness`.
     """
     scene = checked_scene(scene).with_changes(motion=None)
-    problem = scene.problem()
+    problem = problem_of(scene)
     torque = finite_array("torques", torques, (problem.joint_count,))
     if scene.given_contacts is not None:
         raise SceneError(f"{scene.name}: contacts are stated, and nobody knows how they roll")
@@ -234,7 +235,7 @@ def _rest(
 
 
 def _linearised(
-    scene: Scene, problem: QuasistaticProblem, torques: FloatArray, armature: float
+    scene: SceneFields, problem: QuasistaticProblem, torques: FloatArray, armature: float
 ) -> _Linearised:
     """Return the small motions of a scene about its rest."""
     carriers = _carriers(scene, problem)
@@ -279,7 +280,7 @@ def _linearised(
     )
 
 
-def _carriers(scene: Scene, problem: QuasistaticProblem) -> NDArray[np.intp]:
+def _carriers(scene: SceneFields, problem: QuasistaticProblem) -> NDArray[np.intp]:
     """Return the (c,) columns of J that move a link which touches the object."""
     hand = scene.hand
     if hand is None:
@@ -290,8 +291,8 @@ def _carriers(scene: Scene, problem: QuasistaticProblem) -> NDArray[np.intp]:
     return np.flatnonzero(columns[: problem.joint_count])
 
 
-def _touching_links(scene: Scene) -> list[str]:
-    found = scene.contacts.arrays
+def _touching_links(scene: SceneFields) -> list[str]:
+    found = contacts_of(scene).arrays
     return sorted(set(found.bodies[: found.hand_count]))
 
 
@@ -307,7 +308,7 @@ def _rolling(
 
 
 def _stiffness(
-    scene: Scene,
+    scene: SceneFields,
     problem: QuasistaticProblem,
     torques: FloatArray,
     at_rest: tuple[NDArray[np.intp], FloatArray, FloatArray],
@@ -322,7 +323,7 @@ def _stiffness(
         velocity[kept] = units * motion
         sides = []
         for side in (step, -step):
-            there = moved_scene(scene, side * velocity).problem()
+            there = problem_of(_moved(scene, side * velocity))
             if there.contact_count != problem.contact_count:
                 raise SceneError(f"{scene.name}: contacts come or go where others roll")
             rows, load = _rolling(there, torques, kept, units)
@@ -336,13 +337,27 @@ def _stiffness(
     return stiffness
 
 
-def _refuse_rolling_meshes(scene: Scene, velocities: FloatArray) -> None:
+def _moved(scene: SceneFields, change: FloatArray) -> SceneFields:
+    """Return the scene with object and actuators moved by (6 + L,) m and rad.
+
+    Raises:
+        SceneError: If a joint would leave its limits.
+    """
+    T = np.array(scene.object.T_world_object)
+    T[:3, :3] = Rotation.from_rotvec(change[3:6]).as_matrix() @ T[:3, :3]
+    center = scene.object.center_of_mass_world + change[:3]
+    T[:3, 3] = center - T[:3, :3] @ scene.object.center_of_mass
+    hand = None if scene.hand is None else bent_hand(scene.hand, change[6:])
+    return scene.with_changes(object=scene.object.with_pose(T), hand=hand)
+
+
+def _refuse_rolling_meshes(scene: SceneFields, velocities: FloatArray) -> None:
     """Refuse meshes that turn about tangents of their contacts: only their facets are known.
 
     Raises:
         SceneError: Naming the body.
     """
-    found, hand = scene.contacts.arrays, scene.hand
+    found, hand = contacts_of(scene).arrays, scene.hand
     meshes = {support.name for support in scene.supports if any(map(is_hull, support.geometries))}
     if hand is not None:
         meshes |= {item.link for item in hand.tree.geometries if is_hull(item.shape)}

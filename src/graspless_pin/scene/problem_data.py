@@ -6,25 +6,28 @@ then, which tells that one loop may solve many such scenes.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from graspless_pin.errors import SceneError
+from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.problem.cones import projected_tangents
-from graspless_pin.scene.contact_arrays import label_of, touching_of
+from graspless_pin.problem.derived_inertias import with_derived_inertias
+from graspless_pin.problem.own_arrays import problem_of_own_arrays
+from graspless_pin.scene.contact_arrays import contacts_of, touching_of
+from graspless_pin.scene.fields import SceneFields, label_of
 from graspless_pin.scene.friction import FrictionTable
 from graspless_pin.scene.joints import (
     ControlledJoints,
+    inertia_of_columns,
     joint_columns,
     torque_limits,
     weight_torques,
 )
 from graspless_pin.scene.motion_and_contacts import SceneContacts
-
-if TYPE_CHECKING:
-    from graspless_pin.scene.scene import Scene
 
 
 class JointedContacts(NamedTuple):
@@ -68,7 +71,34 @@ class Loads(NamedTuple):
         )
 
 
-def jointed_contacts(scene: Scene) -> JointedContacts:
+def problem_of(scene: SceneFields) -> QuasistaticProblem:
+    """Return the problem of a scene: see `Scene.problem`."""
+    state = jointed_contacts(scene)
+    contacts, joints, loads = state.contacts, state.joints, loads_of(scene, state)
+    # Contacts that are given may be anything; those found are right by themselves.
+    made = problem_of_own_arrays
+    problem = (made if scene.given_contacts is None else QuasistaticProblem)(
+        state.positions,
+        contacts.arrays.normals,
+        loads.wrench,
+        joints.jacobian,
+        friction=loads.friction,
+        tangents=state.tangents,
+        sliding=contacts.sliding,
+        torque_limits=loads.limits,
+        max_normal_force=loads.max_normal_force,
+        cone_edges=scene.cone_edges,
+        cone=scene.cone,
+        joint_names=joints.names,
+        joint_units=joints.units,
+        gravity_torques=loads.gravity_torques,
+    )
+    joint_inertia = partial(inertia_of_columns, scene.hand, len(joints.names))
+    sources = {"object_inertia": scene.object.spatial_inertia, "joint_inertia": joint_inertia}
+    return with_derived_inertias(problem, sources)
+
+
+def jointed_contacts(scene: SceneFields) -> JointedContacts:
     """Return contacts and joints of a scene: the same object as before if they are the same.
 
     Raises:
@@ -78,7 +108,7 @@ def jointed_contacts(scene: Scene) -> JointedContacts:
     of_hand = () if hand is None else (hand.positions, hand.tree, hand.actuation, hand.control)
 
     def made() -> JointedContacts:
-        contacts = scene.contacts
+        contacts = contacts_of(scene)
         touching = contacts.arrays
         tangents = projected_tangents(touching.normals, scene.tangent_axes)
         try:
@@ -92,7 +122,7 @@ def jointed_contacts(scene: Scene) -> JointedContacts:
     return scene._kept.of("jointed contacts", (*sources, *of_hand), made)
 
 
-def loads_of(scene: Scene, state: JointedContacts) -> Loads:
+def loads_of(scene: SceneFields, state: JointedContacts) -> Loads:
     """Return what bears on the contacts of a scene, and what they and its joints take.
 
     Args:
@@ -112,7 +142,7 @@ def loads_of(scene: Scene, state: JointedContacts) -> Loads:
 
 
 def renewed_row(
-    scene: Scene, state: JointedContacts, before: Scene, row: FloatArray
+    scene: SceneFields, state: JointedContacts, before: SceneFields, row: FloatArray
 ) -> FloatArray | None:
     """Return the row of a scene that may have the same contacts and joints as one before.
 
@@ -155,14 +185,14 @@ _NO_LOADS = frozenset({"name", "load_findings", "contacts", "findings", "_stated
 """What a scene says of itself, and what is worked out of its fields."""
 
 
-def _weight(scene: Scene) -> FloatArray:
+def _weight(scene: SceneFields) -> FloatArray:
     """Return (6,) the wrench of the object's weight."""
     mass, gravity = scene.object.mass, scene.gravity
     made = scene._kept.of
     return made("weight", (mass, gravity), lambda: np.concatenate([mass * gravity, np.zeros(3)]))
 
 
-def _coefficients(scene: Scene, state: JointedContacts) -> FloatArray:
+def _coefficients(scene: SceneFields, state: JointedContacts) -> FloatArray:
     """Return (M,) coefficients of friction."""
     materials = scene.hand_material, scene.object.material, scene.materials
     rubbing = scene.supports, scene.friction, *materials
@@ -175,13 +205,13 @@ def _coefficients(scene: Scene, state: JointedContacts) -> FloatArray:
         raise error.at(label_of(scene)) from error
 
 
-def _limits(scene: Scene, state: JointedContacts) -> tuple[FloatArray, FloatArray]:
+def _limits(scene: SceneFields, state: JointedContacts) -> tuple[FloatArray, FloatArray]:
     """Return (lower, upper), each (L,)."""
     most = scene.hybrid_force_limit or scene.max_normal_force
     return torque_limits(scene.hand, state.joints.hybrid_count, most)
 
 
-def _carried(scene: Scene, state: JointedContacts) -> FloatArray:
+def _carried(scene: SceneFields, state: JointedContacts) -> FloatArray:
     """Return (L,) torques that carry the links' weight."""
     hand, hybrid = scene.hand, state.joints.hybrid_count
     gravity = scene.gravity if scene.count_own_weight else None

@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from graspless_pin.atomic_write import draft_of
 from graspless_pin.errors import GrasplessPinWarning, SceneError
@@ -19,8 +19,8 @@ from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.intake.files import is_file, read_text
 from graspless_pin.intake.yaml_edit import edited_yaml, same_data, yaml_of
 from graspless_pin.intake.yaml_text import parse_yaml
+from graspless_pin.scene.fields import SceneFields
 from graspless_pin.scene.load import build_scene
-from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.scene.serialization import described, stated_hand, stated_rotation, stated_scene
 from graspless_pin.scene.units import merged_angles, parted_angles
@@ -32,10 +32,11 @@ _POSE = {"position", "matrix"}
 _WHOLE = ("materials", "inertia")
 _MAY_BE_EMPTY = ("materials", "supports", "tangent_axes")
 _WITH_PATHS = ("hand", "object", "supports")
+_Scene = TypeVar("_Scene", bound=SceneFields)
 PathText = Callable[[Path], str]
 
 
-def save_scene(scene: Scene, path: str | Path, *, overwrite: bool = False) -> Path:
+def save_scene(scene: SceneFields, path: str | Path, *, overwrite: bool = False) -> Path:
     """Write a scene file: see `Scene.save`."""
     return write_scene_file(
         Path(path), lambda target: scene_text(scene, target), overwrite=overwrite
@@ -71,7 +72,7 @@ def write_scene_file(target: Path, make: Callable[[Path], str], *, overwrite: bo
     return target
 
 
-def scene_text(scene: Scene, target: Path) -> str:
+def scene_text(scene: SceneFields, target: Path) -> str:
     """Return the text of the file that `save_scene` writes.
 
     Args:
@@ -85,7 +86,7 @@ def scene_text(scene: Scene, target: Path) -> str:
     return _written(scene, target)[0]
 
 
-def scene_as_written(scene: Scene) -> Scene:
+def scene_as_written(scene: _Scene) -> _Scene:
     """Return a scene whose hand and object are to the last bit where a file of it puts them.
 
     A search that ends at a limit may end otherwise after a difference in the last bit: what is
@@ -99,13 +100,13 @@ def scene_as_written(scene: Scene) -> Scene:
     return scene.with_changes(hand=again.hand, object=again.object)
 
 
-def _written(scene: Scene, target: Path) -> tuple[str, Scene]:
+def _written(scene: SceneFields, target: Path) -> tuple[str, SceneFields]:
     """Return the text of a scene file, and what it loads to."""
     path_text = paths_beside(target)
     wanted = stated_scene(scene, path_text)
     if scene.path is not None and is_file(scene.path):
         source = YamlSource.read(scene.path)
-        meant = stated_scene(build_scene(source), path_text)
+        meant = stated_scene(build_scene(SceneFields, source), path_text)
         data = _rebased(source, path_text)
         text = edited_yaml(read_text(scene.path, SCENE), _said_again(data, meant, wanted, scene))
     else:
@@ -130,7 +131,7 @@ def paths_beside(target: Path) -> PathText:
     return path_text
 
 
-def _said_again(data: Any, meant: Any, wanted: Any, scene: Scene) -> dict[str, Any]:
+def _said_again(data: Any, meant: Any, wanted: Any, scene: SceneFields) -> dict[str, Any]:
     """Return what a file has to say to mean what is wanted, given what it says and that means."""
     if scene.hand is not None:
         hand = _said_of_hand(data.get("hand"), meant["hand"], wanted["hand"], scene.hand)
@@ -278,14 +279,14 @@ def _is_path(name: str, data: dict[str, Any]) -> bool:
     return robot_file or name in ("urdf", "package_dirs") or (name == "path" and "type" in data)
 
 
-def _checked(text: str, target: Path, scene: Scene, path_text: PathText) -> Scene:
+def _checked(text: str, target: Path, scene: SceneFields, path_text: PathText) -> SceneFields:
     """Return what a text loads to; refuse one that loads to another scene.
 
     Raises:
         SceneError: If it does: a scene may hold what was made in Python in a way of its own.
     """
     parsed = parse_yaml(text)
-    again = build_scene(YamlSource(target, parsed.data, SCENE, parsed.lines))
+    again = build_scene(SceneFields, YamlSource(target, parsed.data, SCENE, parsed.lines))
     place = _first_difference(stated_scene(again, path_text), stated_scene(scene, path_text), ())
     hands = [one.hand for one in (again, scene) if one.hand is not None]
     robots = [[described(mount) for mount in hand.mounts] for hand in hands]

@@ -5,11 +5,10 @@ Check what a scene is changed to, where it is changed.
 
 from __future__ import annotations
 
-import reprlib
+import os
 from collections import Counter
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from functools import cached_property, partial
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,6 @@ from numpy.typing import ArrayLike
 from graspless_pin.algorithms.named_objectives import objective_and_options, useless
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.solve import solve_problem
-from graspless_pin.caching import Latest
 from graspless_pin.errors import (
     ArgumentError,
     GrasplessPinError,
@@ -27,132 +25,26 @@ from graspless_pin.errors import (
     SolverUnavailableError,
 )
 from graspless_pin.findings import Finding
-from graspless_pin.geometry.bodies.materials import Materials
-from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
 from graspless_pin.geometry.bodies.shapes import Shape
-from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.pickling import PickledByFields
 from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.problem import QuasistaticProblem
-from graspless_pin.problem.checks import FloatArray, real_number
-from graspless_pin.problem.derived_inertias import with_derived_inertias
-from graspless_pin.problem.own_arrays import problem_of_own_arrays
+from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.objectives import Objective
 from graspless_pin.records import changed
-from graspless_pin.scene.contact_arrays import contacts_after_motion, label_of, touching_of
-from graspless_pin.scene.joints import inertia_of_columns
-from graspless_pin.scene.motion_and_contacts import GivenContact, Motion, SceneContacts
-from graspless_pin.scene.problem_data import jointed_contacts, loads_of
-from graspless_pin.scene.scene_findings import StatedFields, findings_of, unused_figures
-from graspless_pin.scene.scene_schema import SceneEntry
+from graspless_pin.scene.contact_arrays import contacts_of
+from graspless_pin.scene.fields import SceneFields, label_of
+from graspless_pin.scene.load import build_scene
+from graspless_pin.scene.motion_and_contacts import SceneContacts
+from graspless_pin.scene.problem_data import problem_of
+from graspless_pin.scene.scene_findings import findings_of, unused_figures
 from graspless_pin.scene.scene_stability import unknown_of, verdict_of
-from graspless_pin.scene.validation_errors import checked_key
+from graspless_pin.scene.yaml_source import YamlSource
 from graspless_pin.solution import TorqueSolution
-from graspless_pin.suggestions import names_in_words
-
-_Check = Callable[[str, Any], Any]
-
-_OBJECT = "dataclasses.replace(scene.object, mass=2.0), scene.object.with_pose(T)"
-_HAND = "scene.hand.with_configuration({...})"
-_LEAST = {"object": {"shape": {"type": "sphere", "radius": 1.0}, "mass": 1.0}, "friction": 1.0}
-_SUPPORTS = "(*scene.supports, Support(name, shape, T_world_support))"
-
-
-def checked_changes(changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return fields of a scene by name, each checked, figures as a scene file takes them.
-
-    Raises:
-        ArgumentError: If a name is none of the fields, or a value not one of its field.
-    """
-    checked = {}
-    for name, value in changes.items():
-        if name not in _CHECKS:
-            raise ArgumentError(name, f"is no field of a scene; {names_in_words(name, _CHECKS)}")
-        checked[name] = _CHECKS[name](name, value)
-    return checked
-
-
-def _one(kind: type, example: str = "", *, optional: bool = False) -> _Check:
-    def check(name: str, value: Any) -> Any:
-        if isinstance(value, kind) or (optional and value is None):
-            return value
-        said = f", e.g. {example}" if example else ""
-        none = " or None" if optional else ""
-        raise ArgumentError(
-            name, f"found {reprlib.repr(value)}; needs a {kind.__name__}{none}{said}"
-        )
-
-    return check
-
-
-def _several(kind: type, example: str = "", *, optional: bool = False) -> _Check:
-    one = _one(kind, example)
-
-    def check(name: str, value: Any) -> Any:
-        if optional and value is None:
-            return None
-        if isinstance(value, str | Mapping) or not hasattr(value, "__iter__"):
-            value = (value,)
-        return tuple([one(name, item) for item in value])
-
-    return check
-
-
-def _as_in_a_file(name: str, value: Any) -> Any:
-    """Check a figure by the schema of scene files."""
-    return checked_key(SceneEntry, _LEAST, name, value)
-
-
-def _friction(name: str, value: Any) -> Mapping[str, float]:
-    found = _as_in_a_file(name, dict(value) if isinstance(value, Mapping) else value)
-    return found if isinstance(found, Mapping) else {"default": found}
-
-
-def _array(name: str, value: Any) -> Any:
-    return np.array(_as_in_a_file(name, np.asarray(value).tolist()), dtype=np.float64)
-
-
-def _axes(name: str, value: Any) -> Any:
-    axes = [np.asarray(axis).tolist() for axis in value]
-    return tuple(np.array(axis) for axis in _as_in_a_file(name, axes))
-
-
-def _options(_: str, value: Any) -> Any:
-    return _as_in_a_file("solve", dict(value)).model_dump()
-
-
-def _force(name: str, value: Any) -> float | None:
-    return None if value is None else real_number(name, value, 0.0)
-
-
-_CHECKS: dict[str, _Check] = {
-    "name": _one(str),
-    "object": _one(ManipulatedObject, _OBJECT),
-    "friction": _friction,
-    "hand": _one(Hand, _HAND, optional=True),
-    "supports": _several(Support, _SUPPORTS),
-    "path": _one(Path, optional=True),
-    "gravity": _array,
-    "materials": _one(Materials),
-    "hand_material": _one(str, optional=True),
-    "given_contacts": _several(GivenContact, optional=True),
-    "motion": _one(Motion, "Motion([0.1, 0, 0, 0, 0, 0])", optional=True),
-    "max_normal_force": _as_in_a_file,
-    "cone_edges": _as_in_a_file,
-    "cone": _as_in_a_file,
-    "contact_tolerance": _as_in_a_file,
-    "points_per_patch": _as_in_a_file,
-    "tangent_axes": _axes,
-    "count_own_weight": _one(bool),
-    "hybrid_force_limit": _force,
-    "max_penetration": _as_in_a_file,
-    "solve_options": _options,
-    "load_findings": _several(Finding),
-}
+from graspless_pin.suggestions import what_to_pass
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Scene(PickledByFields):
+class Scene(SceneFields):
     """Everything that `QuasistaticProblem` is made of. See the example of `load_scene`.
 
     Attributes:
@@ -183,45 +75,7 @@ class Scene(PickledByFields):
         load_findings: What looked wrong when it was loaded.
     """
 
-    name: str
-    object: ManipulatedObject
-    friction: Mapping[str, float]
-    hand: Hand | None = None
-    supports: tuple[Support, ...] = ()
-    path: Path | None = None
-    gravity: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
-    materials: Materials = field(default_factory=lambda: Materials({}))
-    hand_material: str | None = None
-    given_contacts: tuple[GivenContact, ...] | None = None
-    motion: Motion | None = None
-    max_normal_force: float = 50.0
-    cone_edges: int = 32
-    cone: str = "edges"
-    contact_tolerance: float = 1e-3
-    points_per_patch: int = 8
-    tangent_axes: tuple[FloatArray, ...] = ()
-    count_own_weight: bool = True
-    hybrid_force_limit: float | None = None
-    max_penetration: float = 5e-3
-    solve_options: Mapping[str, Any] = field(default_factory=dict)
-    load_findings: tuple[Finding, ...] = ()
-
-    def with_changes(self, **changes: Any) -> Scene:
-        """Return the same scene with some fields replaced; what they do not touch is not redone.
-
-        Raises:
-            ArgumentError: If a name is none of the fields, or a value not one of its field.
-        """
-        return self._changed(checked_changes(changes))
-
-    def _changed(self, fields: Mapping[str, Any]) -> Scene:
-        """Return the same scene with fields that need no check."""
-        stated = None if self._stated is None else self._stated.without(fields)
-        return changed(self, "contacts", "findings", _kept=self._kept, _stated=stated, **fields)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle by the fields, with where the scene's file states them."""
-        return (*super().__reduce__(), {"_stated": self._stated})
+    _DERIVED = ("contacts", "findings")
 
     def __repr__(self) -> str:
         """Return one line."""
@@ -245,7 +99,7 @@ class Scene(PickledByFields):
                 motion drives the object into something or away from everything.
             SceneError: If a shape cannot be used.
         """
-        return contacts_after_motion(self, touching_of(self))
+        return contacts_of(self)
 
     def problem(self) -> QuasistaticProblem:
         """Return the problem: contacts, contact Jacobian, weight and limits as arrays.
@@ -255,29 +109,7 @@ class Scene(PickledByFields):
         Raises:
             SceneError: See `contacts`.
         """
-        state = jointed_contacts(self)
-        contacts, joints, loads = state.contacts, state.joints, loads_of(self, state)
-        # Contacts that are given may be anything; those found are right by themselves.
-        made = problem_of_own_arrays
-        problem = (made if self.given_contacts is None else QuasistaticProblem)(
-            state.positions,
-            contacts.arrays.normals,
-            loads.wrench,
-            joints.jacobian,
-            friction=loads.friction,
-            tangents=state.tangents,
-            sliding=contacts.sliding,
-            torque_limits=loads.limits,
-            max_normal_force=loads.max_normal_force,
-            cone_edges=self.cone_edges,
-            cone=self.cone,
-            joint_names=joints.names,
-            joint_units=joints.units,
-            gravity_torques=loads.gravity_torques,
-        )
-        joint_inertia = partial(inertia_of_columns, self.hand, len(joints.names))
-        sources = {"object_inertia": self.object.spatial_inertia, "joint_inertia": joint_inertia}
-        return with_derived_inertias(problem, sources)
+        return problem_of(self)
 
     def solve(self, algorithm: str | None = None, **options: Any) -> TorqueSolution:
         """Solve the scene's problem with its own options, or with others.
@@ -345,15 +177,33 @@ class Scene(PickledByFields):
 
         return save_scene(self, path, overwrite=overwrite)
 
-    @cached_property
-    def _stated(self) -> StatedFields | None:
-        """Where its file states it; None: it came from none."""
-        return None
 
-    @cached_property
-    def _kept(self) -> Latest:
-        """What this scene and those changed from it, or made of the same parts, found last."""
-        return Latest()
+def load_scene(path: str | Path) -> Scene:
+    """Load a YAML scene.
+
+    Paths in the file are relative to the file. The file is data: YAML tags are refused, and so are
+    XML entities in the URDFs that it names.
+
+    Args:
+        path: The scene file.
+
+    Returns:
+        The scene, with hand and shapes loaded.
+
+    Raises:
+        SceneError: Naming file, line and key, what was found and what would do.
+
+    Examples:
+        >>> from graspless_pin import load_scene
+        >>> scene = load_scene("examples/paper/cuboid_at_rest.yaml")
+        >>> scene.name
+        'Cuboid pinched on a slope, at rest'
+        >>> print(f"{scene.solve().margin:.4f} N")
+        1.6504 N
+    """
+    if not isinstance(path, str | os.PathLike):
+        raise ArgumentError("path", what_to_pass("path", path, "path of a scene file"))
+    return build_scene(Scene, YamlSource.read(Path(path)))
 
 
 _MOST = 8

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -18,13 +18,12 @@ from graspless_pin.geometry.contact.steadiness import normal_jumps
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.posing.overlaps import unwanted_overlaps
 from graspless_pin.problem.joint_units import JointUnit
+from graspless_pin.scene.contact_arrays import contacts_of
 from graspless_pin.scene.entry_findings import MOST_ANGLE, box_around, unit_findings
+from graspless_pin.scene.fields import SceneFields, StatedFields
+from graspless_pin.scene.problem_data import problem_of
 from graspless_pin.scene.scene_schema import SolveEntry
 from graspless_pin.scene.state_findings import StateChecks, state_findings
-from graspless_pin.scene.yaml_source import YamlSource
-
-if TYPE_CHECKING:
-    from graspless_pin.scene.scene import Scene
 
 STEEPEST_FRICTION = 3.0
 """A larger coefficient is hardly one of dry bodies."""
@@ -37,7 +36,7 @@ _SLACK = 1e-6
 _JUMP = np.radians(20.0)
 
 
-def findings_of(scene: Scene) -> tuple[Finding, ...]:
+def findings_of(scene: SceneFields) -> tuple[Finding, ...]:
     """Return what is wrong with a scene, the gravest first.
 
     Where the scene has no problem in this state, what would need one is left out: asking for the
@@ -53,44 +52,14 @@ def findings_of(scene: Scene) -> tuple[Finding, ...]:
     return gravest_first([*scene.load_findings, *of_hand, *_placed(scene, found), *told])
 
 
-def _placed(scene: Scene, found: Iterable[Finding]) -> Iterable[Finding]:
+def _placed(scene: SceneFields, found: Iterable[Finding]) -> Iterable[Finding]:
     """Return findings with their places in the scene's file."""
     return found if scene._stated is None else map(scene._stated.placed, found)
 
 
-def figure_findings(scene: Scene) -> tuple[Finding, ...]:
+def figure_findings(scene: SceneFields) -> tuple[Finding, ...]:
     """Return what is found of the scene's figures alone, wherever its bodies are."""
     return tuple(_placed(scene, _figures(scene)))
-
-
-class StatedFields(NamedTuple):
-    """Which fields of a scene are as its file states them.
-
-    Attributes:
-        file: The file, without its data.
-        changed: Names of the fields that are not.
-    """
-
-    file: YamlSource
-    changed: frozenset[str] = frozenset()
-
-    @classmethod
-    def of(cls, file: YamlSource) -> StatedFields:
-        """Return those of a scene as it is loaded."""
-        return cls(YamlSource(file.path, None, file.kind, file.lines))
-
-    def without(self, fields: Iterable[str]) -> StatedFields:
-        """Return those of the scene with some fields changed."""
-        return self._replace(changed=self.changed.union(fields))
-
-    def placed(self, finding: Finding) -> Finding:
-        """Return a finding with its place in the file, unless the scene says something else."""
-        field = _FIELDS.get(str(finding.key[0]), str(finding.key[0])) if finding.key else ""
-        return finding if field in self.changed else self.file.placed(finding)
-
-
-_FIELDS = {"solve": "solve_options"}
-"""Fields of a scene by the key of the file where they differ."""
 
 
 def unused_figures(options: Mapping[str, Any], stated: StatedFields | None) -> Iterator[Finding]:
@@ -117,18 +86,7 @@ def unused_figures(options: Mapping[str, Any], stated: StatedFields | None) -> I
             yield found if stated is None else stated.placed(found)
 
 
-def nothing_touches(scene: Scene) -> str:
-    """Return what to say of a scene without contacts."""
-    said = f"nothing touches object {scene.object.name!r}"
-    if scene.given_contacts is not None:
-        return f"{said}; contacts is an empty list: fill it, or leave it out to have them found"
-    return (
-        f"{said} within {scene.contact_tolerance:g} m; move the hand or the object, or raise "
-        "contact_tolerance"
-    )
-
-
-def _figures(scene: Scene) -> Iterator[Finding]:
+def _figures(scene: SceneFields) -> Iterator[Finding]:
     """Find figures that look like another unit or a placeholder."""
     made, gravity = scene.object, float(np.linalg.norm(scene.gravity))
     yield from unit_findings(made, beside_hand=scene.hand is not None)
@@ -217,7 +175,7 @@ def _joints(hand: Hand) -> Iterator[Finding]:
         )
 
 
-def _shallow_overlaps(scene: Scene) -> Iterator[Finding]:
+def _shallow_overlaps(scene: SceneFields) -> Iterator[Finding]:
     """Find where the hand is in itself or in a support, but not so deep that it is serious."""
     if scene.hand is None:
         return
@@ -233,10 +191,10 @@ def _shallow_overlaps(scene: Scene) -> Iterator[Finding]:
             )
 
 
-def _touching(scene: Scene) -> Iterator[Finding]:
+def _touching(scene: SceneFields) -> Iterator[Finding]:
     """Find what should touch and does not, and what touches in a doubtful way."""
     try:
-        touching = scene.contacts.arrays
+        touching = contacts_of(scene).arrays
     except StateError as error:
         if error.kind is not StateFault.NO_CONTACT or scene.given_contacts is not None:
             return
@@ -252,7 +210,7 @@ def _touching(scene: Scene) -> Iterator[Finding]:
         return
     off = state_findings(scene, StateChecks(collisions=False))
     yield from (_with_nearest(scene, one) for one in off)
-    if not off and not scene.problem().jacobian.any():
+    if not off and not problem_of(scene).jacobian.any():
         yield Finding(
             FindingCode.NO_TORQUE_COUNTS,
             scene.object.name,
@@ -262,7 +220,7 @@ def _touching(scene: Scene) -> Iterator[Finding]:
         )
 
 
-def _with_nearest(scene: Scene, found: Finding) -> Finding:
+def _with_nearest(scene: SceneFields, found: Finding) -> Finding:
     """Return the finding for a hand without contacts, with the link that is nearest."""
     hand, pieces = scene.hand, scene.object.placed_bodies
     if hand is None or scene.given_contacts is not None or not len(hand.placed_bodies):
@@ -274,7 +232,7 @@ def _with_nearest(scene: Scene, found: Finding) -> Finding:
     return replace(found, message=nearest)
 
 
-def _missed(scene: Scene, touching: set[str]) -> Iterator[Finding]:
+def _missed(scene: SceneFields, touching: set[str]) -> Iterator[Finding]:
     """Find supports and fingers that miss the object by a few tolerances."""
     tolerance, pieces = scene.contact_tolerance, scene.object.placed_bodies
     reach = _NEAR * tolerance
@@ -324,7 +282,7 @@ def _missed(scene: Scene, touching: set[str]) -> Iterator[Finding]:
             )
 
 
-def _doubtful(scene: Scene, touching: ContactArrays) -> Iterator[Finding]:
+def _doubtful(scene: SceneFields, touching: ContactArrays) -> Iterator[Finding]:
     """Find deep overlaps, and normals that a small shift would turn."""
     deepest: dict[str, float] = {}
     for body, gap in zip(touching.bodies, touching.distances, strict=True):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Unpack
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,13 +13,12 @@ from graspless_pin.geometry.contact.distances import separation
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.holding.verdict import MovingPart, StabilityKeywords, StabilityVerdict
 from graspless_pin.problem.cones import CONE_MODELS, checked_cone
+from graspless_pin.scene.fields import SceneFields
+from graspless_pin.scene.problem_data import problem_of
 from graspless_pin.solution import TorqueSolution
 
-if TYPE_CHECKING:
-    from graspless_pin.scene.scene import Scene
 
-
-def hand_support_contacts(scene: Scene) -> tuple[tuple[str, str], ...]:
+def hand_support_contacts(scene: SceneFields) -> tuple[tuple[str, str], ...]:
     """Return which links that torques or commanded forces can move touch which supports.
 
     A problem has the contacts of the object alone. What a support does to a link counts against the
@@ -48,7 +47,7 @@ def hand_support_contacts(scene: Scene) -> tuple[tuple[str, str], ...]:
 
 
 def verdict_of(
-    scene: Scene, torques: ArrayLike, **options: Unpack[StabilityKeywords]
+    scene: SceneFields, torques: ArrayLike, **options: Unpack[StabilityKeywords]
 ) -> StabilityVerdict:
     """Tell whether a scene's object stays at rest with these torques.
 
@@ -66,12 +65,12 @@ def verdict_of(
 
     why = unknown_of(scene)
     if why:
-        return undecided_verdict(scene.problem(), torques, why, **options)
-    return known_of_scene(scene, stability(scene.problem(), torques, **options))
+        return undecided_verdict(problem_of(scene), torques, why, **options)
+    return known_of_scene(scene, stability(problem_of(scene), torques, **options))
 
 
 def solution_verdict(
-    scene: Scene, solution: TorqueSolution, **options: Unpack[StabilityKeywords]
+    scene: SceneFields, solution: TorqueSolution, **options: Unpack[StabilityKeywords]
 ) -> StabilityVerdict:
     """Return the verdict on a solution's torques: its own where they are guaranteed.
 
@@ -87,10 +86,10 @@ def solution_verdict(
     known = None if solution.guarantee is None else solution.guarantee.verdict
     if known is not None:
         return known_of_scene(scene, known)
-    return scene.stability(solution.torques, **options)
+    return verdict_of(scene, solution.torques, **options)
 
 
-def known_of_scene(scene: Scene, verdict: StabilityVerdict) -> StabilityVerdict:
+def known_of_scene(scene: SceneFields, verdict: StabilityVerdict) -> StabilityVerdict:
     """Return a verdict on a scene's problem with what the scene tells beside it.
 
     Whether rest lasts hangs on how contacts roll, and a joint belongs to a finger.
@@ -125,7 +124,7 @@ def _fingers(hand: Hand) -> dict[str, str]:
     }
 
 
-def unknown_of(scene: Scene) -> str:
+def unknown_of(scene: SceneFields) -> str:
     """Return why no verdict on torques of a scene can be had; empty: one can."""
     if why := CONE_MODELS[checked_cone(scene.cone)].no_verdict:
         return why

@@ -21,8 +21,8 @@ from graspless_pin.geometry.robots.description import RobotDescription
 from graspless_pin.geometry.robots.files import find_robot, load_robot, robot_names
 from graspless_pin.problem import ControlMode
 from graspless_pin.scene.body_building import stated_turn
+from graspless_pin.scene.fields import SceneFields
 from graspless_pin.scene.motion_and_contacts import Motion
-from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_schema import SolveEntry
 from graspless_pin.scene.units import degrees_of
 
@@ -38,7 +38,7 @@ ROBOT = (
 """Keys of a mount that tell which robot it is of."""
 
 
-def stated_scene(scene: Scene, path_text: Callable[[Path], str]) -> dict[str, Any]:
+def stated_scene(scene: SceneFields, path_text: Callable[[Path], str]) -> dict[str, Any]:
     """Return what a scene file says of a scene, whether or not it is a default.
 
     Rotations are matrices, masses are not densities, materials stand once a pair, robots stand
@@ -137,7 +137,7 @@ def plain(value: Any) -> Any:
     return value + 0.0 if isinstance(value, float) else value  # no -0
 
 
-def _hand(scene: Scene, hand: Hand, path_text: Callable[[Path], str]) -> dict[str, Any]:
+def _hand(scene: SceneFields, hand: Hand, path_text: Callable[[Path], str]) -> dict[str, Any]:
     return stated_hand(hand, path_text) | {
         "hybrid_force_limit": scene.hybrid_force_limit,
         "material": scene.hand_material,
@@ -198,7 +198,7 @@ def _support(support: Support, path_text: Callable[[Path], str]) -> dict[str, An
     }
 
 
-def _materials(scene: Scene) -> dict[str, dict[str, float]]:
+def _materials(scene: SceneFields) -> dict[str, dict[str, float]]:
     table: dict[str, dict[str, float]] = {}
     for pair, value in scene.materials.coefficients.items():
         first, last = min(pair), max(pair)

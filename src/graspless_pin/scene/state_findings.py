@@ -5,15 +5,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from graspless_pin.errors import StateError, StateFault
 from graspless_pin.findings import Finding, FindingCode, gravest_first
 from graspless_pin.geometry.contact.contact_points import BodyKind
 from graspless_pin.geometry.posing.overlaps import Overlap, unwanted_overlaps
-
-if TYPE_CHECKING:
-    from graspless_pin.scene.scene import Scene
+from graspless_pin.scene.contact_arrays import contacts_of
+from graspless_pin.scene.fields import SceneFields
 
 
 class StateChecks(NamedTuple):
@@ -32,7 +31,7 @@ class StateChecks(NamedTuple):
 ALL_CHECKS = StateChecks()
 
 
-def state_findings(scene: Scene, checks: StateChecks = ALL_CHECKS) -> tuple[Finding, ...]:
+def state_findings(scene: SceneFields, checks: StateChecks = ALL_CHECKS) -> tuple[Finding, ...]:
     """Return the serious findings that depend on where bodies are, the gravest first.
 
     Args:
@@ -60,7 +59,7 @@ def state_findings(scene: Scene, checks: StateChecks = ALL_CHECKS) -> tuple[Find
     return gravest_first(found) if len(found) > 1 else tuple(found)
 
 
-def hand_overlaps(scene: Scene) -> tuple[Overlap, ...]:
+def hand_overlaps(scene: SceneFields) -> tuple[Overlap, ...]:
     """Return where the hand is in itself or in a support deeper than ``max_penetration``."""
     hand, deepest = scene.hand, scene.max_penetration
     if hand is None:
@@ -73,9 +72,9 @@ def hand_overlaps(scene: Scene) -> tuple[Overlap, ...]:
     )
 
 
-def _hand_touches(scene: Scene) -> bool:
+def _hand_touches(scene: SceneFields) -> bool:
     try:
-        return scene.contacts.arrays.hand_count > 0
+        return contacts_of(scene).arrays.hand_count > 0
     except StateError as error:
         if error.kind is StateFault.NO_CONTACT:
             return False

@@ -33,6 +33,7 @@ from graspless_pin.errors import GrasplessPinError, SceneError, StudyError
 from graspless_pin.findings import heard
 from graspless_pin.problem.checks import whole_number
 from graspless_pin.scene.load import build_scene
+from graspless_pin.scene.scene import Scene
 from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.scene.validation_errors import validated
 from graspless_pin.solvers import check_solver
@@ -154,7 +155,7 @@ def _fault_of_one(study: Study, sample: Sample) -> GrasplessPinError | None:
     def error_of(tree: Tree) -> GrasplessPinError | None:
         try:
             with heard():
-                build_scene(replace(study.scene, data=tree))
+                build_scene(Scene, replace(study.scene, data=tree))
         except GrasplessPinError as error:
             return error
         return None

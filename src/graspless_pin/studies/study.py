@@ -120,7 +120,7 @@ class Study:
         if scene is None:
             file = self.scene
             content = YamlSource(file.path, self.tree_at(sample, parts), file.kind, file.lines)
-            scene = build_scene(content, parts)
+            scene = build_scene(Scene, content, parts)
             parts.learn(self.variables, sample)
         return scene
 

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from graspless_pin.report.verify import tolerances
+from graspless_pin.report.verify import zeros
 from graspless_pin.report.verify.own_objective import OwnObjective
 
 FOUND_STATES = ("optimal", "optimal_in_mode", "limit_reached", "strong")
@@ -170,7 +170,7 @@ class Problem:
     @cached_property
     def slides(self) -> np.ndarray:
         """(M,) contacts in actual sliding."""
-        return np.linalg.norm(self.v, axis=1) > tolerances.AT_REST
+        return np.linalg.norm(self.v, axis=1) > zeros.AT_REST
 
     @cached_property
     def cone(self) -> np.ndarray:
@@ -204,9 +204,9 @@ class Problem:
         farthest = float(np.linalg.norm(self.p - self.p.mean(axis=0), axis=1).max())
         force, moment = self._load
         reach = float(np.linalg.norm(self.p, axis=1).max())
-        if farthest > tolerances.NO_ARM * reach:
+        if farthest > zeros.NO_ARM * reach:
             return farthest
-        least = tolerances.NO_ARM * (float(np.linalg.norm(self.w[3:])) + reach * force)
+        least = zeros.NO_ARM * (float(np.linalg.norm(self.w[3:])) + reach * force)
         return moment / force if force > 0.0 and moment > least else 1.0
 
     @cached_property
@@ -214,7 +214,7 @@ class Problem:
         """F, the load, N; without one the required margin, or the smallest limit far above it."""
         force, moment = self._load
         limit = float(self.limit.min())
-        counts = 0.0 < self.e0 >= tolerances.LEAST_MARGIN * limit
+        counts = 0.0 < self.e0 >= zeros.LEAST_MARGIN * limit
         by_margin = counts and not self.is_margin and not self.w.any()
         return max(force, moment / self.length) or (self.e0 if by_margin else limit)
 
@@ -237,7 +237,7 @@ class Problem:
         longest = float(levers.max(initial=0.0))
         if longest == 0.0:
             return np.full(len(levers), self.force * self.length)
-        return self.force * np.maximum(levers, tolerances.LEAST_LEVER * longest)
+        return self.force * np.maximum(levers, zeros.LEAST_LEVER * longest)
 
     @cached_property
     def shared(self) -> tuple[np.ndarray, np.ndarray]:

@@ -7,12 +7,11 @@ what the checker has worked out or proven itself.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from graspless_pin.report.verify.problem import Problem
+from graspless_pin.report.verify.problem import Problem
 
 LONGEST_REACH = 1e8
 """Bounds need to be proven for normal forces up to so many loads."""
@@ -39,14 +38,6 @@ RANK = 1e-8
 """Of the largest way in which all velocities may change: smaller ones are none."""
 PROJECTED = 1e-14
 """Of the length of a combination of velocities: what rounding may hide of its projection."""
-AT_REST = 1e-12
-"""Sliding that is slower is none, m/s."""
-LEAST_LEVER = 1e-12
-"""Of the longest lever of all joints: shorter ones count as that long."""
-LEAST_MARGIN = 1e-20
-"""Of the smallest limit of normal forces: smaller required margins count as zero."""
-NO_ARM = 1e-12
-"""Of what makes them: distances and moments below are rounding."""
 COARSEST, FINEST = 0.01, 1e-6
 """Accelerations that count as rest, as shares of load over mass: where rest is said to be certain,
 and anywhere."""

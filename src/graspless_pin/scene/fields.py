@@ -1,0 +1,234 @@
+"""What a scene is made of: a record of hand, object, supports and figures, each checked.
+
+`Scene` adds what can be asked of it.
+"""
+
+from __future__ import annotations
+
+import reprlib
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple, Self
+
+import numpy as np
+
+from graspless_pin.caching import Latest
+from graspless_pin.errors import ArgumentError
+from graspless_pin.findings import Finding
+from graspless_pin.geometry.bodies.materials import Materials
+from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
+from graspless_pin.geometry.hand.model import Hand
+from graspless_pin.geometry.pickling import PickledByFields
+from graspless_pin.problem.checks import FloatArray, real_number
+from graspless_pin.records import changed
+from graspless_pin.scene.motion_and_contacts import GivenContact, Motion
+from graspless_pin.scene.scene_schema import SceneEntry
+from graspless_pin.scene.validation_errors import checked_key
+from graspless_pin.scene.yaml_source import YamlSource
+from graspless_pin.suggestions import names_in_words, what_to_pass
+
+_Check = Callable[[str, Any], Any]
+
+_OBJECT = "dataclasses.replace(scene.object, mass=2.0), scene.object.with_pose(T)"
+_HAND = "scene.hand.with_configuration({...})"
+_LEAST = {"object": {"shape": {"type": "sphere", "radius": 1.0}, "mass": 1.0}, "friction": 1.0}
+_SUPPORTS = "(*scene.supports, Support(name, shape, T_world_support))"
+
+
+def _checked_changes(changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return fields of a scene by name, each checked, figures as a scene file takes them.
+
+    Raises:
+        ArgumentError: If a name is none of the fields, or a value not one of its field.
+    """
+    checked = {}
+    for name, value in changes.items():
+        if name not in _CHECKS:
+            raise ArgumentError(name, f"is no field of a scene; {names_in_words(name, _CHECKS)}")
+        checked[name] = _CHECKS[name](name, value)
+    return checked
+
+
+def _one(kind: type, example: str = "", *, optional: bool = False) -> _Check:
+    def check(name: str, value: Any) -> Any:
+        if isinstance(value, kind) or (optional and value is None):
+            return value
+        said = f", e.g. {example}" if example else ""
+        none = " or None" if optional else ""
+        raise ArgumentError(
+            name, f"found {reprlib.repr(value)}; needs a {kind.__name__}{none}{said}"
+        )
+
+    return check
+
+
+def _several(kind: type, example: str = "", *, optional: bool = False) -> _Check:
+    one = _one(kind, example)
+
+    def check(name: str, value: Any) -> Any:
+        if optional and value is None:
+            return None
+        if isinstance(value, str | Mapping) or not hasattr(value, "__iter__"):
+            value = (value,)
+        return tuple([one(name, item) for item in value])
+
+    return check
+
+
+def _as_in_a_file(name: str, value: Any) -> Any:
+    """Check a figure by the schema of scene files."""
+    return checked_key(SceneEntry, _LEAST, name, value)
+
+
+def _friction(name: str, value: Any) -> Mapping[str, float]:
+    found = _as_in_a_file(name, dict(value) if isinstance(value, Mapping) else value)
+    return found if isinstance(found, Mapping) else {"default": found}
+
+
+def _array(name: str, value: Any) -> Any:
+    return np.array(_as_in_a_file(name, np.asarray(value).tolist()), dtype=np.float64)
+
+
+def _axes(name: str, value: Any) -> Any:
+    axes = [np.asarray(axis).tolist() for axis in value]
+    return tuple(np.array(axis) for axis in _as_in_a_file(name, axes))
+
+
+def _options(_: str, value: Any) -> Any:
+    return _as_in_a_file("solve", dict(value)).model_dump()
+
+
+def _force(name: str, value: Any) -> float | None:
+    return None if value is None else real_number(name, value, 0.0)
+
+
+_CHECKS: dict[str, _Check] = {
+    "name": _one(str),
+    "object": _one(ManipulatedObject, _OBJECT),
+    "friction": _friction,
+    "hand": _one(Hand, _HAND, optional=True),
+    "supports": _several(Support, _SUPPORTS),
+    "path": _one(Path, optional=True),
+    "gravity": _array,
+    "materials": _one(Materials),
+    "hand_material": _one(str, optional=True),
+    "given_contacts": _several(GivenContact, optional=True),
+    "motion": _one(Motion, "Motion([0.1, 0, 0, 0, 0, 0])", optional=True),
+    "max_normal_force": _as_in_a_file,
+    "cone_edges": _as_in_a_file,
+    "cone": _as_in_a_file,
+    "contact_tolerance": _as_in_a_file,
+    "points_per_patch": _as_in_a_file,
+    "tangent_axes": _axes,
+    "count_own_weight": _one(bool),
+    "hybrid_force_limit": _force,
+    "max_penetration": _as_in_a_file,
+    "solve_options": _options,
+    "load_findings": _several(Finding),
+}
+
+
+class StatedFields(NamedTuple):
+    """Which fields of a scene are as its file states them.
+
+    Attributes:
+        file: The file, without its data.
+        changed: Names of the fields that are not.
+    """
+
+    file: YamlSource
+    changed: frozenset[str] = frozenset()
+
+    @classmethod
+    def of(cls, file: YamlSource) -> StatedFields:
+        """Return those of a scene as it is loaded."""
+        return cls(YamlSource(file.path, None, file.kind, file.lines))
+
+    def without(self, fields: Iterable[str]) -> StatedFields:
+        """Return those of the scene with some fields changed."""
+        return self._replace(changed=self.changed.union(fields))
+
+    def placed(self, finding: Finding) -> Finding:
+        """Return a finding with its place in the file, unless the scene says something else."""
+        field = _FIELDS.get(str(finding.key[0]), str(finding.key[0])) if finding.key else ""
+        return finding if field in self.changed else self.file.placed(finding)
+
+
+_FIELDS = {"solve": "solve_options"}
+"""Fields of a scene by the key of the file where they differ."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SceneFields(PickledByFields):
+    """The fields of a scene: see `Scene`."""
+
+    name: str
+    object: ManipulatedObject
+    friction: Mapping[str, float]
+    hand: Hand | None = None
+    supports: tuple[Support, ...] = ()
+    path: Path | None = None
+    gravity: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
+    materials: Materials = field(default_factory=lambda: Materials({}))
+    hand_material: str | None = None
+    given_contacts: tuple[GivenContact, ...] | None = None
+    motion: Motion | None = None
+    max_normal_force: float = 50.0
+    cone_edges: int = 32
+    cone: str = "edges"
+    contact_tolerance: float = 1e-3
+    points_per_patch: int = 8
+    tangent_axes: tuple[FloatArray, ...] = ()
+    count_own_weight: bool = True
+    hybrid_force_limit: float | None = None
+    max_penetration: float = 5e-3
+    solve_options: Mapping[str, Any] = field(default_factory=dict)
+    load_findings: tuple[Finding, ...] = ()
+
+    _DERIVED: ClassVar[tuple[str, ...]] = ()
+    """Cached properties that hang on the fields."""
+
+    def with_changes(self, **changes: Any) -> Self:
+        """Return the same scene with some fields replaced; what they do not touch is not redone.
+
+        Raises:
+            ArgumentError: If a name is none of the fields, or a value not one of its field.
+        """
+        return self._changed(_checked_changes(changes))
+
+    def _changed(self, fields: Mapping[str, Any]) -> Self:
+        """Return the same scene with fields that need no check."""
+        stated = None if self._stated is None else self._stated.without(fields)
+        return changed(self, *self._DERIVED, _kept=self._kept, _stated=stated, **fields)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle by the fields, with where the scene's file states them."""
+        return (*super().__reduce__(), {"_stated": self._stated})
+
+    @cached_property
+    def _stated(self) -> StatedFields | None:
+        """Where its file states it; None: it came from none."""
+        return None
+
+    @cached_property
+    def _kept(self) -> Latest:
+        """What this scene and those changed from it, or made of the same parts, found last."""
+        return Latest()
+
+
+def checked_scene(scene: object) -> SceneFields:
+    """Return a scene.
+
+    Raises:
+        ArgumentError: If it is none.
+    """
+    if not isinstance(scene, SceneFields):
+        raise ArgumentError("scene", what_to_pass("scene", scene, "Scene"))
+    return scene
+
+
+def label_of(scene: SceneFields) -> str:
+    """Return what messages call a scene."""
+    return scene.name if scene.path is None else str(scene.path)
