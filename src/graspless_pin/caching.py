@@ -41,16 +41,12 @@ class Derived(Generic[_Source, _Value]):
         value = self._make(source)
         # A source that is gone tells before another one can have its identity.
         entries[key] = ref(source, lambda _: entries.pop(key, None)), value
-        if len(entries) > self._most:
-            self._forget_one()
+        while len(entries) > self._most:
+            try:
+                entries.pop(next(iter(entries), 0), None)
+            except RuntimeError:  # another thread was faster
+                continue
         return value
-
-    def _forget_one(self) -> None:
-        entries = self._entries
-        try:
-            entries.pop(next(iter(entries), 0), None)
-        except RuntimeError:  # another thread was faster
-            return
 
 
 class Bounded(dict[_Key, _Value]):
