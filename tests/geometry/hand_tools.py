@@ -73,11 +73,14 @@ def write_urdf(folder: Path, body: str, name="robot.urdf", header="") -> Path:
     return file
 
 
-def joint(name, parent, child, kind="revolute", limit='lower="-1" upper="1" effort="2"', extra=""):
+def joint(
+    name, parent, child, kind="revolute", limit='lower="-1" upper="1" effort="2"', extra="",
+    origin='xyz="0.1 0.02 0" rpy="0.2 0 0.1"', axis="0 0.6 0.8",
+):  # fmt: skip
     limits = f'<limit {limit} velocity="1"/>' if limit else ""
     return (
         f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-        f'<origin xyz="0.1 0.02 0" rpy="0.2 0 0.1"/><axis xyz="0 0.6 0.8"/>{limits}{extra}</joint>'
+        f'<origin {origin}/><axis xyz="{axis}"/>{limits}{extra}</joint>'
     )
 
 

@@ -28,14 +28,6 @@ def audit(tmp_path, body, **options):
     return audit_urdf(write_urdf(tmp_path, body), **options)
 
 
-def test_a_sound_urdf_has_no_findings(tmp_path):
-    report = audit(tmp_path, TWO + joint("hinge", "a", "b"))
-    assert report.findings == ()
-    assert report.loads
-    assert report.links == ("a", "b")
-    assert report.joints == ("hinge",)
-
-
 def test_limits_efforts_and_mimics(tmp_path):
     body = link("a", BALL) + "".join(link(name, BALL) for name in "bcdefg")
     body += joint("zero", "a", "b", limit='lower="-1" upper="1" effort="0"')
@@ -139,20 +131,6 @@ def test_a_mesh_that_its_hull_fills_out_by_far(tmp_path):
         assert [one.code for one in audit_urdf(file).findings] == opened
     file.write_text("name: r\nurdf: robot.urdf\nconvex: {ell: decompose}\n")
     assert found(audit_urdf(file)) == [(FindingCode.HOLLOW_MESH, "link cup, collision")]
-
-
-def test_the_unit_of_a_collada_file_is_applied(tmp_path):
-    file = tmp_path / "box.dae"
-    trimesh.creation.box((0.1, 0.1, 0.1)).export(file)
-    text = file.read_text()
-    assert '<unit name="meter" meter="1"' in text or "<unit" not in text
-    text = text.replace('meter="1"', 'meter="0.001"')
-    if "<unit" not in text:
-        text = text.replace("<asset>", '<asset><unit name="mm" meter="0.001"/>', 1)
-    file.write_text(text)
-    report = audit(tmp_path, link("a", MESH.format(f"file://{file}")))
-    assert (FindingCode.MESH_SCALE, "link a, collision") in found(report)
-    assert "is 0.0001 m large" in str([one.message for one in report.findings])
 
 
 def test_a_misspelt_leader_is_told_from_a_near_name(tmp_path):

@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from graspless_pin import compiled
 from graspless_pin.geometry.bodies.collision import BodyShapes, PlacedBodies
+from graspless_pin.geometry.bodies.shape import convex_geometry
 from graspless_pin.geometry.contact.broad_phase import near_solids, solids_of
 from graspless_pin.geometry.contact.distances import separation
 
@@ -25,15 +26,7 @@ def placed(rng, shapes, spread=0.08) -> PlacedBodies:
 def shape_of(rng, kind: int):
     a, b, c = rng.uniform(0.005, 0.06, 3)
     if kind == 3:
-        points = coal.StdVec_Vec3s()
-        for point in rng.normal(size=(12, 3)) * [a, b, c]:
-            points.append(point)
-        hull = coal.BVHModelOBBRSS()
-        hull.beginModel(0, 12)
-        hull.addSubModel(points)
-        hull.endModel()
-        hull.buildConvexHull(True, "Qt")  # noqa: FBT003 - positional only
-        return hull.convex
+        return convex_geometry(rng.normal(size=(12, 3)) * [a, b, c])
     return (coal.Box(a, b, c), coal.Sphere(a), coal.Capsule(a, b))[kind]
 
 
@@ -52,6 +45,7 @@ def within(bodies: PlacedBodies, depth: float, *, loops: bool = True) -> set[tup
     return set(pairs.within(bodies.poses, depth))
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("loops", [True, False], ids=["compiled", "numpy"])
 def test_no_deep_pair_is_ruled_out(seed, loops):
@@ -67,6 +61,7 @@ def test_no_deep_pair_is_ruled_out(seed, loops):
     assert deep and len(left) < 0.6 * COUNT * (COUNT - 1) / 2
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.skipif(compiled.core is None, reason="nothing was compiled")
 @pytest.mark.parametrize("seed", range(6))
 def test_boxes_and_spheres_are_told_apart_exactly(seed):
@@ -80,6 +75,7 @@ def test_boxes_and_spheres_are_told_apart_exactly(seed):
     assert left
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.skipif(compiled.core is None, reason="nothing was compiled")
 @pytest.mark.parametrize("seed", range(3))
 def test_what_stands_around_is_compared_with_every_shape(seed):

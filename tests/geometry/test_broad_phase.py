@@ -41,6 +41,7 @@ def distance(first: CollisionBody, second: CollisionBody) -> float:
     )
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("seed", range(5))
 def test_no_near_pair_is_lost_and_most_far_ones_are_dropped(seed: int) -> None:
     rng = np.random.default_rng(seed)

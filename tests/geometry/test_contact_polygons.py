@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from graspless_pin.geometry.contact.polygons import (
@@ -45,26 +45,6 @@ def test_points_without_area_give_a_segment_or_a_point(noise: float) -> None:
     assert len(planar_hull([(noise, 0.0), (0.0, noise), (0.0, 0.0)])) == 1
 
 
-@pytest.mark.parametrize(
-    ("other", "expected"),
-    [
-        ([(0.5, 0.5), (2.0, 0.5), (2.0, 2.0), (0.5, 2.0)], 0.25),
-        ([(0.2, 0.2), (0.8, 0.2), (0.8, 0.8), (0.2, 0.8)], 0.36),
-        ([(-1.0, -1.0), (2.0, -1.0), (2.0, 2.0), (-1.0, 2.0)], 1.0),
-        ([(0.5, -0.2), (1.2, 0.5), (0.5, 1.2), (-0.2, 0.5)], 1.0 - 4 * 0.5 * 0.3**2),
-    ],
-    ids=["corner", "inside", "around", "diamond"],
-)
-def test_the_intersection_with_a_square_has_the_known_area(other: Polygon, expected: float) -> None:
-    assert area(intersection(SQUARE, other)) == pytest.approx(expected)
-    assert area(intersection(other, SQUARE)) == pytest.approx(expected)
-
-
-def test_polygons_apart_have_nothing_in_common() -> None:
-    assert intersection(SQUARE, [(2.0, 0.0), (3.0, 0.0), (3.0, 1.0)]) == []
-    assert intersection([(2.0, 0.0), (3.0, 0.0)], [(0.0, 0.0), (1.0, 0.0)]) == []
-
-
 def test_a_segment_is_cut_at_the_polygon() -> None:
     for pair in ((SQUARE, [(-1.0, 0.5), (2.0, 0.5)]), ([(-1.0, 0.5), (2.0, 0.5)], SQUARE)):
         assert np.allclose(sorted(intersection(*pair)), [(0.0, 0.5), (1.0, 0.5)])
@@ -84,6 +64,7 @@ coordinates = st.floats(-1.0, 1.0)
 clouds = st.lists(st.tuples(coordinates, coordinates), min_size=3, max_size=12)
 
 
+@settings(max_examples=40)
 @given(clouds, clouds, st.lists(st.tuples(coordinates, coordinates), min_size=1, max_size=20))
 def test_a_point_is_in_the_intersection_if_and_only_if_it_is_in_both(
     first: Polygon, second: Polygon, probes: Polygon
@@ -116,15 +97,11 @@ def reduced(polygon: Polygon, merge_distance: float, max_points: int) -> Polygon
     return [(u, v) for u, v in means]
 
 
-def test_a_fine_circle_is_reduced_evenly() -> None:
-    few = reduced(regular(64), 1e-3, 8)
-    assert len(few) == 8
-    assert area(few) == pytest.approx(area(regular(8)))
-
-
 def test_rounding_does_not_decide_what_a_reduction_keeps() -> None:
     rng = np.random.default_rng(0)
     exact = reduced(regular(64), 1e-3, 8)
+    assert len(exact) == 8
+    assert area(exact) == pytest.approx(area(regular(8)))
     for _ in range(20):
         noisy = [(u + 1e-12 * rng.normal(), v + 1e-12 * rng.normal()) for u, v in regular(64)]
         assert np.allclose(reduced(noisy, 1e-3, 8), exact, atol=1e-10)
@@ -147,10 +124,6 @@ def test_a_tiny_patch_becomes_its_middle() -> None:
 def test_a_thin_strip_becomes_a_segment() -> None:
     strip = [(0.0, 0.0), (1.0, 0.0), (1.0, 5e-4), (0.0, 5e-4)]
     assert np.allclose(sorted(reduced(strip, 1e-3, 8)), [(0, 2.5e-4), (1, 2.5e-4)])
-
-
-def test_the_count_is_bounded_and_never_below_a_triangle() -> None:
-    assert [len(reduced(regular(12), 1e-3, count)) for count in (12, 7, 3)] == [12, 7, 3]
 
 
 def test_the_first_corner_ignores_differences_below_the_resolution() -> None:

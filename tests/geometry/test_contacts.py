@@ -10,7 +10,6 @@ import pytest
 
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.geometry.bodies.collision import CollisionBody
-from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
 from graspless_pin.geometry.bodies.shapes import (
     Box,
     Cylinder,
@@ -18,11 +17,10 @@ from graspless_pin.geometry.bodies.shapes import (
     Shape,
     Sphere,
 )
-from graspless_pin.geometry.contact.finding import BodyKind, find_contacts
+from graspless_pin.geometry.contact.finding import find_contacts
 from graspless_pin.geometry.poses import pose_matrix
 
 Q = math.sqrt(0.5)
-SLOPE = (0.0, math.pi / 4, 0.0)  # turns z into (q, 0, q)
 
 
 def body(name: str, shape: Shape, T: np.ndarray) -> CollisionBody:
@@ -36,64 +34,6 @@ def at(x: float, y: float, z: float, rpy: tuple[float, float, float] | None = No
 def sorted_rows(points: object) -> np.ndarray:
     rows = np.round(np.array(points, dtype=float), 9) + 0.0
     return rows[np.lexsort(rows.T[::-1])]
-
-
-def test_the_paper_sphere_touches_two_fingers_and_the_slope_at_minus_a_tenth_of_the_normals() -> (
-    None
-):
-    n1 = np.array([-math.sqrt(0.375), Q, math.sqrt(0.125)])
-    n2 = np.array([Q, 0, Q])
-    n3 = n1 * [1, -1, 1]
-    ball = ManipulatedObject("ball", Sphere(0.1), 1.0, np.zeros(3), np.eye(4))
-    slope = Support("slope", HalfSpace(), pose_matrix(-0.1 * n2, SLOPE))
-    tips = [body(f"tip{k}", Sphere(0.015), at(*(-0.115 * n))) for k, n in ((1, n1), (3, n3))]
-    contacts = find_contacts(ball.collision_bodies(), tips, slope.collision_bodies())
-    assert [(c.body, c.kind) for c in contacts] == [
-        ("tip1", BodyKind.HAND),
-        ("tip3", BodyKind.HAND),
-        ("slope", BodyKind.SUPPORT),
-    ]
-    for contact, normal in zip(contacts, (n1, n3, n2), strict=True):
-        assert np.allclose(contact.normal, normal, atol=1e-9)
-        assert np.allclose(contact.position, -0.1 * normal, atol=1e-9)
-        assert contact.distance == pytest.approx(0.0, abs=1e-9)
-
-
-def test_the_paper_cuboid_stands_on_four_corners_between_two_fingers() -> None:
-    h, a = 0.05 * Q, 0.2 * Q
-    cuboid = ManipulatedObject("cuboid", Box((0.2, 0.2, 0.2)), 1.0, np.zeros(3), at(0, 0, 0, SLOPE))
-    slope = Support("slope", HalfSpace(), pose_matrix((-0.1 * Q, 0, -0.1 * Q), SLOPE))
-    tips = [body("tip1", Sphere(0.02), at(h, -0.12, h)), body("tip6", Sphere(0.02), at(h, 0.12, h))]
-    contacts = find_contacts(cuboid.collision_bodies(), tips, slope.collision_bodies())
-    assert len(contacts) == 6
-    p1, p6, *corners = contacts
-    assert np.allclose(p1.position, [h, -0.1, h], atol=1e-12)
-    assert np.allclose(p1.normal, [0, 1, 0], atol=1e-12)
-    assert np.allclose(p6.position, [h, 0.1, h], atol=1e-12)
-    assert np.allclose(p6.normal, [0, -1, 0], atol=1e-12)
-    # Counterclockwise about the normal, from the corner that comes first in the cuboid's own axes.
-    expected = [(0, -0.1, -a), (0, 0.1, -a), (-a, 0.1, 0), (-a, -0.1, 0)]
-    start = next(k for k, p in enumerate(expected) if np.allclose(p, corners[0].position))
-    around = expected[start:] + expected[:start]
-    turn = np.cross(np.subtract(around[1], around[0]), np.subtract(around[2], around[1]))
-    if turn @ np.array([Q, 0, Q]) < 0:
-        around = [around[0], *around[:0:-1]]
-    assert np.allclose([c.position for c in corners], around, atol=1e-12)
-    assert np.allclose(corners[0].position, [-a, -0.1, 0])
-    assert np.allclose([c.normal for c in corners], [[Q, 0, Q]] * 4, atol=1e-12)
-
-
-def test_a_gap_is_halved_and_signed() -> None:
-    cube = Box((0.1, 0.1, 0.1))
-    for gap in (4e-4, -4e-4, 0.0):
-        for ground in (
-            body("g", HalfSpace(), at(0, 0, 0)),
-            body("g", Box((2, 2, 1)), at(0, 0, -0.5)),
-        ):
-            contacts = find_contacts(body("cube", cube, at(0, 0, 0.05 + gap)), [], [ground])
-            assert len(contacts) == 4
-            assert np.allclose([c.position[2] for c in contacts], gap / 2, atol=1e-12)
-            assert np.allclose([c.distance for c in contacts], gap, atol=1e-12)
 
 
 def test_the_common_part_of_two_faces_is_what_counts() -> None:
@@ -175,12 +115,6 @@ def test_too_deep_an_overlap_names_both_bodies_and_the_depth() -> None:
     )
 
 
-def test_the_number_of_points_is_bounded_on_request() -> None:
-    can = body("can", Cylinder(0.05, 0.1), at(0, 0, 0.05))
-    ground = body("ground", HalfSpace(), at(0, 0, 0))
-    assert [len(find_contacts(can, [], [ground], max_points=n)) for n in (8, 4, 3)] == [8, 4, 3]
-
-
 def test_a_half_space_need_not_go_through_its_origin() -> None:
     ground = CollisionBody("ground", coal.Halfspace(np.array([1.0, 0, 0]), 0.2), np.eye(4))
     (point,) = find_contacts(body("ball", Sphere(0.1), at(0.3, 0.7, 0.1)), [], [ground])
@@ -197,12 +131,6 @@ def test_records_are_read_only() -> None:
         point.normal[0] = 1.0
     with pytest.raises(ArgumentError, match=r"T_world_geometry: needs shape \(4, 4\)"):
         replace(ball, T_world_geometry=np.eye(3))
-
-
-def test_an_object_that_is_a_half_space_is_refused() -> None:
-    ground = body("ground", HalfSpace(), at(0, 0, 0))
-    with pytest.raises(SceneError, match="object 'ground' is a half-space"):
-        find_contacts(ground, [], [])
 
 
 def test_geometry_without_a_convex_inside_is_refused_by_name() -> None:

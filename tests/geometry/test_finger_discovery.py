@@ -69,17 +69,6 @@ def test_joints_above_the_palm_are_held_unless_asked_for(on_arm):
     assert some.actuated_joint_names == ("shoulder", *fingers)
 
 
-def test_an_arms_columns_make_the_jacobian_not_block_diagonal(on_arm):
-    hand = Hand.from_urdf(on_arm, control={"arm": "force"})
-    points = [hand.link_pose(name)[:3, 3] for name in ("a_tip", "b1")]
-    J = hand.contact_jacobian(["a_tip", "b1"], points)
-    moved = np.abs(J.reshape(2, 3, 6)).max(axis=1) > 1e-9
-    np.testing.assert_array_equal(moved[:, :2], [[True, True], [True, True]])
-    np.testing.assert_array_equal(moved[0, 2:], [True, True, False, False])
-    assert moved[1, 4]
-    assert not moved[1, 2:4].any()
-
-
 def test_a_named_palm_or_named_fingers_come_first(on_arm, tmp_path):
     file = tmp_path / "robot.yaml"
     file.write_text("name: r\nurdf: robot.urdf\npalm: upper\n")

@@ -90,9 +90,8 @@ def three_link_finger(folder: Path, **q: float) -> Hand:
     limit = 'lower="-0.5" upper="1.5" effort="2"'
     text = link("base")
     for name, parent, x in (("a", "base", 0.0), ("b", "a", 0.06), ("c", "b", 0.06)):
-        hinge = joint(f"q{name}", parent, name, limit=limit)
-        hinge = hinge.replace('xyz="0.1 0.02 0" rpy="0.2 0 0.1"', f'xyz="{x} 0 0"')
-        text += hinge.replace('axis xyz="0 0.6 0.8"', 'axis xyz="0 0 1"')
+        origin = f'xyz="{x} 0 0"'
+        text += joint(f"q{name}", parent, name, limit=limit, origin=origin, axis="0 0 1")
         text += link(name) if name != "c" else ""
     ball = f'<origin xyz="0.04 0 0"/><geometry><sphere radius="{RADIUS}"/></geometry>'
     text += f'<link name="c"><collision>{ball}</collision></link>'
@@ -137,7 +136,7 @@ def test_a_limit_is_kept_only_where_the_point_asks_for_it(tmp_path, second, expe
     assert ("at their limit: first" in str(placed)) == bool(at_limit)
 
 
-@settings(max_examples=10)
+@settings(max_examples=4)
 @given(seed=st.integers(0, 10**6), finger=st.sampled_from(sorted(TIPS)))
 def test_an_allegro_finger_finds_its_way_back_to_where_it_was(seed, finger):
     rng = np.random.default_rng(seed)
@@ -151,34 +150,6 @@ def test_an_allegro_finger_finds_its_way_back_to_where_it_was(seed, finger):
     assert placed.fingertips[0].residual <= placed.tolerance
     reached = placed.hand.link_pose(TIPS[finger])[:3, 3]
     np.testing.assert_allclose(reached, center, atol=placed.tolerance)
-
-
-def test_two_fingers_pinch_a_bar_as_they_did():
-    hand = allegro()
-    there = hand.with_configuration(
-        {"joint_1.0": 0.7, "joint_2.0": 0.7, "joint_3.0": 0.5}
-        | {"joint_12.0": 1.3, "joint_14.0": 0.3, "joint_15.0": 0.4}
-    )
-    index, thumb = (there.link_pose(TIPS[name])[:3, 3] for name in ("index", "thumb"))
-    length = float(np.linalg.norm(index - thumb)) - 2 * TIP_RADIUS
-    assert length > 0.01
-    along = (index - thumb) / np.linalg.norm(index - thumb)
-    frame, _ = np.linalg.qr(np.column_stack([along, np.eye(3)[:, :2]]))
-    frame *= np.sign(np.array([along @ frame[:, 0], 1.0, 1.0]))
-    frame[:, 2] = np.cross(frame[:, 0], frame[:, 1])
-    bar = body(Box((length, 0.01, 0.01)), 0.5 * (index + thumb), frame, name="bar")
-    goals = {
-        "thumb": (thumb + TIP_RADIUS * along, along),
-        "index": (index - TIP_RADIUS * along, -along),
-    }
-    placed = place_fingertips(hand, bar, goals)
-    assert [tip.finger for tip in placed.fingertips] == ["thumb", "index"]
-    assert placed.reached
-    for name in goals:
-        reached = placed.hand.link_pose(TIPS[name])[:3, 3]
-        np.testing.assert_allclose(reached, there.link_pose(TIPS[name])[:3, 3], atol=1e-6)
-    still = [joint for name in ("middle", "ring") for joint in hand.fingers[name].joints]
-    assert all(placed.hand.q[joint] == hand.q[joint] for joint in still)
 
 
 def test_jaws_on_one_motor_share_the_miss(tmp_path):

@@ -42,78 +42,6 @@ def test_a_named_mimic_joint_must_agree(coupled):
     assert hand.q == {"lead": 0.5, "follow": 0.25, "free": 40.0}
 
 
-@pytest.mark.parametrize(
-    ("q", "message"),
-    [
-        (
-            {"joint_99": 0.0},
-            r"q: unknown joint 'joint_99'; did you mean 'joint_9.0'. known: joint_0.0, joint_1.0",
-        ),
-        ({"joint_1.0": 2.0}, r"q\['joint_1.0'\]: is 2, outside .*\[-0.196, 1.61\]"),
-        ({"joint_12.0": 0.0}, r"outside the joint's limits \[0.263, 1.396\]"),
-        ({"joint_1.0": float("nan")}, r"q\['joint_1.0'\]: needs a finite number"),
-        ({"joint_1.0": "bent"}, r"q\['joint_1.0'\]: needs a number, got 'bent'"),
-    ],
-)
-def test_bad_configurations(allegro, q, message):
-    with pytest.raises(ArgumentError, match=message):
-        allegro.with_configuration(q)
-
-
-@pytest.mark.parametrize(
-    ("q", "message"),
-    [
-        ({"lead": 0.5, "follow": 0.5}, r"q\['follow'\]: .*mimics 'lead' and stands at 0.25"),
-        ({"lead": 1.9}, r"q\['follow'\]: is 1.65 because it mimics 'lead', outside .*\[-1, 1\]"),
-    ],
-)
-def test_bad_coupled_configurations(coupled, q, message):
-    with pytest.raises(ArgumentError, match=message):
-        Hand.from_urdf(coupled, q=q)
-
-
-@pytest.mark.parametrize(
-    ("control", "message"),
-    [
-        ("soft", "control: unknown control mode 'soft'; known: force, position, hybrid"),
-        ("hybrid", "control: hybrid control is per finger"),
-        ({"index": "soft"}, r"control\['index'\]: unknown control mode"),
-        ({"pinky": "force"}, "control: unknown finger or joint 'pinky'; known: index, middle"),
-        ({"joint_1.0": "hybrid"}, r"control\['joint_1.0'\]: hybrid control is per finger"),
-        ({"index": "hybrid", "joint_1.0": "force"}, "finger 'index' is under hybrid control"),
-    ],
-)
-def test_bad_control_modes(control, message):
-    with pytest.raises(ArgumentError, match=message):
-        Hand.assemble([Mount("allegro_right")], control=control)
-
-
-def test_mimic_joints_have_no_control_mode_or_limit_of_their_own(coupled):
-    with pytest.raises(ArgumentError, match=r"control\['follow'\]: .*mimics"):
-        Hand.from_urdf(coupled, control={"follow": "position"})
-    with pytest.raises(ArgumentError, match=r"effort_limits\['follow'\]: .*mimics"):
-        Hand.from_urdf(coupled, effort_limits={"follow": 1.0})
-    with pytest.raises(ArgumentError, match="joint_velocities: unknown independent joint 'follow'"):
-        Hand.from_urdf(coupled).point_velocities(["a"], [[0, 0, 0]], {"follow": 1.0})
-
-
-@pytest.mark.parametrize(
-    ("fingers", "message"),
-    [
-        ({"f": FingerSpec(("nope",))}, r"fingers\['f'\]: unknown joint 'nope'; known: joint_0.0"),
-        ({"f": FingerSpec((), ("nope",))}, r"fingers\['f'\]: unknown link 'nope'"),
-        ({"f": FingerSpec(("joint_0.0",), tip="nope")}, r"unknown link 'nope'"),
-        (
-            {"f": FingerSpec(("joint_0.0",)), "g": FingerSpec(("joint_1.0",))},
-            r"fingers\['g'\]: link 'link_1.0' already belongs to finger 'f'",
-        ),
-    ],
-)
-def test_bad_fingers(fingers, message):
-    with pytest.raises(ArgumentError, match=message):
-        Hand.from_model_name("allegro_right_hand", fingers=fingers)
-
-
 def test_limits_come_from_urdf_robot_file_and_caller_in_rising_order(allegro):
     urdf = Hand.from_model_name("allegro_right_hand")
     np.testing.assert_array_equal(urdf.effort_limits[1], np.full(16, 15.0))
@@ -122,22 +50,6 @@ def test_limits_come_from_urdf_robot_file_and_caller_in_rising_order(allegro):
     hand = Hand.assemble([Mount("allegro_right")], effort_limits=limits)
     np.testing.assert_array_equal(hand.effort_limits[0], [-0.5, -0.5, -0.1, -0.5] + [-0.7] * 12)
     np.testing.assert_array_equal(hand.effort_limits[1], [0.5, 0.5, 0.2, 0.5] + [0.7] * 12)
-
-
-@pytest.mark.parametrize(
-    ("limits", "message"),
-    [
-        ({"pinky": 1.0}, "effort_limits: unknown finger or joint 'pinky'; known: index"),
-        ({"index": -1.0}, r"effort_limits\['index'\]: a symmetric limit is not negative"),
-        ({"index": (1.0, -1.0)}, "lower limit is above"),
-        ({"index": float("inf")}, "needs a finite number"),
-        ({"index": "strong"}, "needs a number or a pair, got 'strong'"),
-        ({"index": (1.0, 2.0, 3.0)}, "needs a finite number or a pair"),
-    ],
-)
-def test_bad_effort_limits(limits, message):
-    with pytest.raises(ArgumentError, match=message):
-        Hand.assemble([Mount("allegro_right")], effort_limits=limits)
 
 
 def one_joint(tmp_path, effort):
@@ -169,28 +81,68 @@ def test_no_placeholder_warning_where_it_does_not_matter(tmp_path):
     np.testing.assert_array_equal(hand.effort_limits, [[-1.5], [1.5]])
 
 
-@pytest.mark.parametrize(
-    ("call", "message"),
-    [
-        (lambda h: h.contact_jacobian(["nail"], [[0, 0, 0]]), "links: unknown link 'nail'; known:"),
-        (lambda h: h.contact_jacobian(["palm_link"], [0, 0, 0]), r"points: needs shape \(1, 3\)"),
-        (lambda h: h.contact_jacobian(["palm_link"], [[0, 0, np.inf]]), "points: needs finite"),
-        (lambda h: h.gravity_torques(-9.8), "gravity: needs 3 finite numbers"),
-        (lambda h: h.link_pose("nail"), "unknown link 'nail'"),
-        (lambda h: h.finger_of("nail"), "unknown link 'nail'"),
-        (
-            lambda h: h.point_velocities(["palm_link"], [[0, 0, 0]], {"joint_1.0": np.nan}),
-            "joint_velocities: needs finite",
-        ),
-        (
-            lambda h: h.point_velocities(["palm_link"], [[0, 0, 0]], None, [1, 2, 3]),
-            "base_twist: needs 6 finite numbers",
-        ),
-    ],
-)
-def test_bad_queries(allegro, call, message):
+def assembled(**options):
+    return Hand.assemble([Mount("allegro_right")], **options)
+
+
+def with_fingers(**fingers):
+    return Hand.from_model_name("allegro_right_hand", fingers=fingers)
+
+
+ORIGIN = [[0, 0, 0]]
+MISTAKES = [
+    # What `graspless-pin solve` says of scenes is in tests/cli/test_bad_scenes.py.
+    (lambda h: h.with_configuration({"joint_99": 0.0}), r"q: unknown joint 'joint_99'; did you mean"
+     r" 'joint_9.0'. known: joint_0.0, joint_1.0"),
+    (lambda h: h.with_configuration({"joint_1.0": 2.0}), r"'joint_1.0'\]: is 2, outside .*1.61\]"),
+    (lambda h: h.with_configuration({"joint_12.0": 0.0}), r"the joint's limits \[0.263, 1.396\]"),
+    (lambda h: h.with_configuration({"joint_1.0": float("nan")}), "needs a finite number"),
+    (lambda h: h.with_configuration({"joint_1.0": "bent"}), "needs a number, got 'bent'"),
+    (lambda _: assembled(control="soft"), "unknown control mode 'soft'; known: force, position"),
+    (lambda _: assembled(control={"joint_1.0": "hybrid"}), "hybrid control is per finger"),
+    (lambda _: assembled(control={"index": "hybrid", "joint_1.0": "force"}),
+     "finger 'index' is under hybrid control"),
+    (lambda _: assembled(effort_limits={"index": float("inf")}), "needs a finite number"),
+    (lambda _: assembled(effort_limits={"index": "strong"}), "a number or a pair, got 'strong'"),
+    (lambda _: assembled(effort_limits={"index": (1.0, 2.0, 3.0)}), "a finite number or a pair"),
+    (lambda _: with_fingers(f=FingerSpec(("nope",))),
+     r"fingers\['f'\]: unknown joint 'nope'; known: joint_0.0"),
+    (lambda _: with_fingers(f=FingerSpec((), ("nope",))), "unknown link 'nope'"),
+    (lambda _: with_fingers(f=FingerSpec(("joint_0.0",), tip="nope")), "unknown link 'nope'"),
+    (lambda _: with_fingers(f=FingerSpec(("joint_0.0",)), g=FingerSpec(("joint_1.0",))),
+     r"fingers\['g'\]: link 'link_1.0' already belongs to finger 'f'"),
+    (lambda h: h.contact_jacobian(["nail"], ORIGIN), "links: unknown link 'nail'; known:"),
+    (lambda h: h.contact_jacobian(["palm_link"], [0, 0, 0]), r"points: needs shape \(1, 3\)"),
+    (lambda h: h.contact_jacobian(["palm_link"], [[0, 0, np.inf]]), "points: needs finite"),
+    (lambda h: h.gravity_torques(-9.8), "gravity: needs 3 finite numbers"),
+    (lambda h: h.link_pose("nail"), "unknown link 'nail'"),
+    (lambda h: h.finger_of("nail"), "unknown link 'nail'"),
+    (lambda h: h.point_velocities(["palm_link"], ORIGIN, {"joint_1.0": np.nan}),
+     "joint_velocities: needs finite"),
+    (lambda h: h.point_velocities(["palm_link"], ORIGIN, None, [1, 2, 3]), "base_twist: needs 6"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("call", "message"), MISTAKES)
+def test_mistakes_are_named(allegro, call, message):
     with pytest.raises(ArgumentError, match=message):
         call(allegro)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"q": {"lead": 0.5, "follow": 0.5}}, r"q\['follow'\]: .*'lead' and stands at 0.25"),
+        ({"q": {"lead": 1.9}}, r"q\['follow'\]: is 1.65 because it mimics 'lead', outside .* 1\]"),
+        ({"control": {"follow": "position"}}, r"control\['follow'\]: .*mimics"),
+        ({"effort_limits": {"follow": 1.0}}, r"effort_limits\['follow'\]: .*mimics"),
+    ],
+)
+def test_mimic_joints_have_nothing_of_their_own(coupled, options, message):
+    with pytest.raises(ArgumentError, match=message):
+        Hand.from_urdf(coupled, **options)
+    with pytest.raises(ArgumentError, match="joint_velocities: unknown independent joint 'follow'"):
+        Hand.from_urdf(coupled).point_velocities(["a"], ORIGIN, {"follow": 1.0})
 
 
 def test_no_contact_gives_an_empty_jacobian(allegro):

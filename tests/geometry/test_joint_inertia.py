@@ -115,14 +115,6 @@ def energy_of_links(model, q, rates, step=1e-5):
     return 0.5 * energy
 
 
-def test_the_inertia_does_not_hang_on_where_the_robot_is_mounted():
-    rng = np.random.default_rng(8)
-    q = random_q(Hand.from_model_name("allegro_right_hand"), rng)
-    made = [Hand.from_model_name("allegro_right_hand", q=q, T_world_base=random_pose(rng))
-            for _ in range(2)]  # fmt: skip
-    np.testing.assert_allclose(made[0].joint_inertia(), made[1].joint_inertia(), atol=1e-15)
-
-
 ROTOR = (
     '<transmission name="t" xmlns:drake="http://drake.mit.edu"><type>SimpleTransmission</type>'
     '<joint name="elbow"><hardwareInterface>EffortJointInterface</hardwareInterface></joint>'

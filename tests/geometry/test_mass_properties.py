@@ -54,22 +54,13 @@ def inside(shape: Shape, points: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: type(shape).__name__)
-def test_filling_agree_with_a_count_of_points(shape: Shape) -> None:
-    steps = np.linspace(-0.4, 0.4, 101)
-    steps = 0.5 * (steps[1:] + steps[:-1])
-    points = np.array(np.meshgrid(steps, steps, steps)).reshape(3, -1).T
+def test_volume_centre_and_inertia_agree_with_a_sum_over_points(shape: Shape) -> None:
+    across, up = np.arange(-0.0975, 0.1, 0.005), np.arange(-0.3975, 0.4, 0.005)
+    points = np.array(np.meshgrid(across, across, up)).reshape(3, -1).T
     within = points[inside(shape, points)]
     volume, centroid, _ = shape.filling()
-    assert volume == pytest.approx(len(within) * 0.008**3, rel=0.03)
+    assert volume == pytest.approx(len(within) * 0.005**3, rel=0.03)
     assert np.allclose(centroid, within.mean(axis=0), atol=5e-3)
-
-
-@pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: type(shape).__name__)
-def test_the_inertia_agrees_with_a_sum_over_points(shape: Shape) -> None:
-    steps = np.linspace(-0.4, 0.4, 161)
-    steps = 0.5 * (steps[1:] + steps[:-1])
-    points = np.array(np.meshgrid(steps, steps, steps)).reshape(3, -1).T
-    within = points[inside(shape, points)]
     arms = within - within.mean(axis=0)
     second = arms.T @ arms / len(arms)
     found = made_of(shape, mass=3.0).own_inertia
@@ -77,24 +68,21 @@ def test_the_inertia_agrees_with_a_sum_over_points(shape: Shape) -> None:
     assert not found.flags.writeable
 
 
-def ell(folder: Path, name: str = "ell.stl", *, inverted: bool = False) -> Path:
+def ell(folder: Path, *, inverted: bool = False) -> Path:
     """An L of two bars in millimetres: 40 x 10 x 10 along x, and 10 x 10 x 30 on its left end."""
     flat = trimesh.creation.box(bounds=[[0, 0, 0], [40, 10, 10]])
     tall = trimesh.creation.box(bounds=[[0, 0, 0], [10, 10, 40]])
     mesh = trimesh.boolean.union([flat, tall])
     if inverted:
         mesh.invert()
-    mesh.export(folder / name)
-    return folder / name
+    mesh.export(folder / "ell.stl")
+    return folder / "ell.stl"
 
 
 @pytest.mark.parametrize("inverted", [False, True])
-@pytest.mark.parametrize("name", ["ell.stl", "ell.obj", "ell.ply", "ell.glb"])
-def test_a_mesh_counts_with_its_own_volume_not_its_hulls(
-    tmp_path: Path, name: str, inverted: bool
-) -> None:
+def test_a_mesh_counts_with_its_own_volume_not_its_hulls(tmp_path: Path, inverted: bool) -> None:
     for convex in ("hull", "decompose"):
-        shape = MeshShape(ell(tmp_path, name, inverted=inverted), 0.001, convex)
+        shape = MeshShape(ell(tmp_path, inverted=inverted), 0.001, convex)
         found = made_of(shape, density=1000.0)
         assert found.mass == pytest.approx(0.007)
         # 4 parts at (20, 5, 5) and 3 at (5, 5, 25) millimetres.
@@ -112,12 +100,6 @@ def test_a_mesh_scaled_along_each_axis_is_scaled_in_volume_and_centre(tmp_path: 
     found = made_of(MeshShape(ell(tmp_path), (0.001, 0.002, 0.003)), density=1000.0)
     assert found.mass == pytest.approx(0.042)
     assert np.allclose(found.center_of_mass, [95 / 7e3, 10e-3, 285 / 7e3], atol=1e-7)
-
-
-def test_a_given_mass_stays_as_it_is() -> None:
-    found = made_of(Cone(0.1, 0.4), mass=2.5)
-    assert found.mass == 2.5
-    assert np.allclose(found.center_of_mass, [0, 0, -0.1])
 
 
 def test_an_open_mesh_counts_with_its_hull_and_says_so(tmp_path: Path) -> None:
@@ -146,15 +128,6 @@ def test_mass_and_density_are_positive(value: float) -> None:
         made_of(Sphere(0.1), mass=value)
     with pytest.raises(ArgumentError, match=r"density: needs a positive number of kg/m\^3"):
         made_of(Sphere(0.1), density=value)
-
-
-def test_either_a_mass_or_a_density_is_given() -> None:
-    with pytest.raises(
-        ArgumentError, match="needs either a mass in kg or a density, found neither"
-    ):
-        made_of(Sphere(0.1))
-    with pytest.raises(ArgumentError, match="either a mass in kg or a density, found both"):
-        made_of(Sphere(0.1), mass=1.0, density=1.0)
 
 
 def test_what_has_no_volume_has_no_mass(tmp_path: Path) -> None:

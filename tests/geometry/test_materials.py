@@ -60,5 +60,9 @@ def test_the_record_cannot_be_changed() -> None:
     materials = Materials.from_table(table)
     table["a"]["b"] = 5.0
     assert materials.friction("a", "b") == 0.3
+    pairs = dict(materials.coefficients)
+    again = Materials(pairs)
+    pairs.clear()
+    assert again.friction("a", "b") == 0.3
     with pytest.raises(TypeError):
         materials.coefficients[frozenset(("a", "b"))] = 1.0  # pyright: ignore[reportIndexIssue]

@@ -203,25 +203,25 @@ def test_limits_efforts_and_couplings(claw: Path) -> None:
     assert (mimic.joint, dict(mimic.follows), mimic.offset) == ("end", {"curl": 0.8}, 0.0)
 
 
-def test_an_equality_couples_from_where_positions_begin(claw: Path) -> None:
-    """MuJoCo's: q - ref of the one is a polynomial of q - ref of the other."""
-    equality = '<equality><joint joint1="curl" joint2="bend" polycoef="0.1 0.5 0 0 0"/></equality>'
-    claw.write_text(HAND.replace("<tendon>", equality + "<tendon>"))
-    coupling = {m.joint: m for m in tree_of(claw)[0].mimics}["curl"]
-    assert dict(coupling.follows) == {"bend": 0.5}
-    assert coupling.offset == pytest.approx(0.1 - 0.5 * np.radians(15))
-
-
-def test_a_tendon_s_equality_couples_its_joints(claw: Path) -> None:
-    wire = (
-        '<fixed name="wire"><joint joint="spread" coef="1"/><joint joint="roll" coef="4"/></fixed>'
-    )
-    text = HAND.replace("</tendon>", wire + "</tendon>")
-    equality = '<equality><tendon tendon1="wire" polycoef="0.2 0 0 0 0"/></equality>'
-    claw.write_text(text.replace("<tendon>", equality + "<tendon>"))
-    coupling = {m.joint: m for m in tree_of(claw)[0].mimics}["roll"]
-    assert dict(coupling.follows) == {"spread": -0.25}
-    assert coupling.offset == pytest.approx(0.05)
+@pytest.mark.parametrize(
+    ("equality", "joint", "follows", "offset"),
+    [
+        # MuJoCo's: q - ref of the one is a polynomial of q - ref of the other.
+        ('<joint joint1="curl" joint2="bend" polycoef="0.1 0.5 0 0 0"/>', "curl", {"bend": 0.5},
+         0.1 - 0.5 * np.radians(15)),
+        ('<tendon tendon1="wire" polycoef="0.2 0 0 0 0"/>', "roll", {"spread": -0.25}, 0.05),
+    ],
+)  # fmt: skip
+def test_equalities_couple_from_where_positions_begin(
+    claw: Path, equality: str, joint: str, follows: dict[str, float], offset: float
+) -> None:
+    arms = '<joint joint="spread" coef="1"/><joint joint="roll" coef="4"/>'
+    wire = f'<fixed name="wire">{arms}</fixed>' if "wire" in equality else ""
+    text = HAND.replace("</tendon>", f"{wire}</tendon>")
+    claw.write_text(text.replace("<tendon>", f"<equality>{equality}</equality><tendon>", 1))
+    coupling = {m.joint: m for m in tree_of(claw)[0].mimics}[joint]
+    assert dict(coupling.follows) == follows
+    assert coupling.offset == pytest.approx(offset)
 
 
 def test_a_tendon_of_something_else_is_not_the_hand_s(claw: Path) -> None:

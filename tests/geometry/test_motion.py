@@ -57,30 +57,6 @@ def test_twist_velocities_agree_with_finite_differences_of_a_rotation() -> None:
     assert np.allclose(twist_velocities(twist, CENTER, points), (moved - points) / step, atol=1e-5)
 
 
-def test_no_motion_sticks() -> None:
-    motion = classify_motion(SCENE, np.zeros(6), CENTER)
-    assert motion.states == (ContactMotion.STICKING,) * 3
-    assert not motion.sliding.any()
-
-
-def test_pushed_along_the_table_it_slides_there_and_sticks_to_the_finger_that_follows() -> None:
-    follow = np.array([[0.05, 0, 0], [0, 0, 0], [0, 0, 0]])
-    motion = classify_motion(SCENE, [0.05, 0, 0, 0, 0, 0], CENTER, follow)
-    assert motion.states == (
-        ContactMotion.STICKING,
-        ContactMotion.SLIDING,
-        ContactMotion.SLIDING,
-    )
-    assert np.allclose(motion.sliding, [[0, 0, 0], [0.05, 0, 0], [0.05, 0, 0]])
-
-
-def test_up_the_paper_slope_all_corners_slide_with_the_object() -> None:
-    corners = [contact((-0.1, y, x), (Q, 0, Q), "slope") for x, y in ((0.1, 1), (-0.1, 0))]
-    kept, sliding = apply_motion(corners, [-0.0707, 0, 0.0707, 0, 0, 0], np.zeros(3))
-    assert kept == tuple(corners)
-    assert np.allclose(sliding, [[-0.0707, 0, 0.0707]] * 2)
-
-
 def test_a_cube_that_tips_over_its_edge_sticks_there_and_leaves_elsewhere() -> None:
     # Turning about the y axis through the right edge: v = omega x (c - edge).
     omega = np.array([0.0, 0.2, 0.0])
@@ -94,36 +70,35 @@ def test_a_cube_that_tips_over_its_edge_sticks_there_and_leaves_elsewhere() -> N
     assert np.allclose(sliding, np.zeros((1, 3)))
 
 
-def test_a_rolling_ball_sticks_and_is_said_to_roll() -> None:
-    touch = contact((0, 0, 0), (0, 0, 1))
-    motion = classify_motion([touch], [0.1, 0, 0, 0, 1.0, 0], CENTER)
-    assert motion.states == (ContactMotion.ROLLING,)
-    assert motion.states[0].sticks
-    kept, sliding = apply_motion([touch], [0.1, 0, 0, 0, 1.0, 0], CENTER)
-    assert kept == (touch,)
-    assert not sliding.any()
+TOUCH = [contact((0, 0, 0), (0, 0, 1))]
+STILL, SLIDES, ROLLS = ContactMotion.STICKING, ContactMotion.SLIDING, ContactMotion.ROLLING
+FOLLOW = np.array([[0.05, 0, 0], [0, 0, 0], [0, 0, 0]])
+TURN = [0, 0, 0, 0.3, 0.5, 0]
+AT_BACK = twist_velocities(np.array(TURN), CENTER, BACK.position)
+MOTIONS = {
+    # contacts, twist, velocities of the bodies, what each does, and how it slides
+    "no motion": (SCENE, [np.zeros(6)], [STILL] * 3, 0.0),
+    "pushed by a finger": (SCENE, [[0.05, 0, 0, 0, 0, 0], FOLLOW], [STILL, SLIDES, SLIDES],
+                           [[0, 0, 0], [0.05, 0, 0], [0.05, 0, 0]]),
+    "a ball that rolls": (TOUCH, [[0.1, 0, 0, 0, 1.0, 0]], [ROLLS], 0.0),
+    "a ball that spins": (TOUCH, [[0, 0, 0, 0, 0, 1.0]], [STILL], 0.0),
+    "a ball that slips": (TOUCH, [[0.12, 0, 0, 0, 1.0, 0]], [SLIDES], [[0.02, 0, 0]]),
+    "a tip that turns along": ([BACK], [TURN, AT_BACK, [[0.3, 0.5, 0]]], [STILL], 0.0),
+    "a tip that rolls off": ([BACK], [TURN, AT_BACK, [[0.3, -0.1, 0]]], [ROLLS], 0.0),
+    "a tip that rolls on what rests": ([BACK], [np.zeros(6), np.zeros((1, 3)), [[0, 1.0, 0]]],
+                                       [ROLLS], 0.0),
+}  # fmt: skip
 
 
-def test_a_ball_that_spins_about_the_normal_sticks_and_one_that_slips_slides() -> None:
-    touch = contact((0, 0, 0), (0, 0, 1))
-    spinning = classify_motion([touch], [0, 0, 0, 0, 0, 1.0], CENTER)
-    assert spinning.states == (ContactMotion.STICKING,)
-    slipping = classify_motion([touch], [0.12, 0, 0, 0, 1.0, 0], CENTER)
-    assert slipping.states == (ContactMotion.SLIDING,)
-    assert np.allclose(slipping.sliding, [[0.02, 0, 0]])
+@pytest.mark.parametrize(("touching", "motion", "states", "sliding"), MOTIONS.values(), ids=MOTIONS)
+def test_contacts_stick_slide_or_roll(touching, motion, states, sliding) -> None:
+    twist, *of_bodies = motion
+    found = classify_motion(touching, twist, CENTER, *of_bodies)
+    assert list(found.states) == states
+    assert np.allclose(found.sliding, sliding)
+    kept, _ = apply_motion(touching, twist, CENTER, *of_bodies)
+    assert kept == tuple(touching)
     assert [state.sticks for state in ContactMotion] == [True, True, False, False, False]
-
-
-def test_a_fingertip_that_turns_with_the_object_sticks_and_one_that_rolls_off_it_rolls() -> None:
-    twist = [0, 0, 0, 0.3, 0.5, 0]
-    at_contact = twist_velocities(twist, CENTER, BACK.position)
-    along = classify_motion([BACK], twist, CENTER, at_contact, [[0.3, 0.5, 0]])
-    assert along.states == (ContactMotion.STICKING,)
-    rolling = classify_motion([BACK], twist, CENTER, at_contact, [[0.3, -0.1, 0]])
-    assert rolling.states == (ContactMotion.ROLLING,)
-    # The object at rest, a fingertip that rolls on it.
-    tip = classify_motion([BACK], np.zeros(6), CENTER, np.zeros((1, 3)), [[0, 1.0, 0]])
-    assert tip.states == (ContactMotion.ROLLING,)
 
 
 def conveyor(velocity: object) -> Support:
@@ -138,11 +113,7 @@ def test_a_conveyor_slides_under_a_held_object_and_carries_a_free_one() -> None:
     assert np.allclose(velocities, [[0, 0, 0], [0.3, 0.1, 0], [0.3, 0.1, 0]])
     assert not turning.any()
     held = classify_motion(SCENE, np.zeros(6), CENTER, velocities, turning)
-    assert held.states == (
-        ContactMotion.STICKING,
-        ContactMotion.SLIDING,
-        ContactMotion.SLIDING,
-    )
+    assert held.states == (STILL, SLIDES, SLIDES)
     assert np.allclose(held.sliding[1:], -velocities[1:])
     carried = classify_motion([LEFT, RIGHT], [0.3, 0.1, 0, 0, 0, 0], CENTER, velocities[1:])
     assert carried.states == (ContactMotion.STICKING,) * 2
@@ -173,13 +144,6 @@ def test_an_unknown_support_is_named_with_those_that_are_there() -> None:
         support_velocities(SCENE, [floor])
 
 
-def test_a_conveyor_drags_the_contact_against_its_own_motion() -> None:
-    belt = np.array([[0.3, 0.1, 0.0]])
-    motion = classify_motion([RIGHT], np.zeros(6), CENTER, belt)
-    assert motion.states == (ContactMotion.SLIDING,)
-    assert np.allclose(motion.sliding, -belt)
-
-
 def test_sliding_has_no_part_along_the_normal() -> None:
     normal = np.array([0.001, 0.0, 1.0]) / math.hypot(0.001, 1.0)
     tilted = contact((0, 0, 0), tuple(normal.tolist()))
@@ -208,25 +172,19 @@ def test_no_contacts_give_no_rows() -> None:
 
 
 @pytest.mark.parametrize(
-    ("twist", "center", "velocities", "argument"),
+    ("arrays", "argument"),
     [
-        ([0, 0, 0], CENTER, None, "object_twist: needs shape"),
-        ([0, 0, 0, 0, 0, np.nan], CENTER, None, "object_twist: needs finite"),
-        (["x"] * 6, CENTER, None, "object_twist: needs numbers"),
-        (np.zeros(6), [0, 0], None, "center_of_mass: needs shape"),
-        (np.zeros(6), CENTER, np.zeros((2, 3)), "body_velocities: needs shape"),
+        (([0, 0, 0], CENTER), "object_twist: needs shape"),
+        (([0, 0, 0, 0, 0, np.nan], CENTER), "object_twist: needs finite"),
+        ((["x"] * 6, CENTER), "object_twist: needs numbers"),
+        ((np.zeros(6), [0, 0]), "center_of_mass: needs shape"),
+        ((np.zeros(6), CENTER, np.zeros((2, 3))), "body_velocities: needs shape"),
+        ((np.zeros(6), CENTER, None, np.zeros((2, 3))), "body_angular_velocities: needs shape"),
     ],
 )
-def test_bad_arrays_are_named(
-    twist: object, center: object, velocities: object, argument: str
-) -> None:
+def test_bad_arrays_are_named(arrays, argument: str) -> None:
     with pytest.raises(ArgumentError, match=argument):
-        classify_motion(SCENE, twist, center, velocities)  # pyright: ignore[reportArgumentType]
-
-
-def test_angular_velocities_need_one_row_a_contact() -> None:
-    with pytest.raises(ArgumentError, match="body_angular_velocities: needs shape"):
-        classify_motion(SCENE, np.zeros(6), CENTER, None, np.zeros((2, 3)))
+        classify_motion(SCENE, *arrays)
 
 
 @pytest.mark.parametrize("far", [1e-3, 1.0, 1e3])

@@ -16,6 +16,7 @@ def box(name, size, position=(0.0, 0.0, 0.0), turn=None):
     return CollisionBody(name, coal.Box(*size), pose_matrix(position, turn))
 
 
+@pytest.mark.sampled(45)
 @pytest.mark.parametrize("gap", [-1e-5, 0.0, 1e-6, 5e-5, 9e-4])
 @pytest.mark.parametrize("outside", [0.0, 1e-9, 9e-8, 1.1e-7, 2e-7, 4e-7, 1e-6, 1e-5, 1e-4])
 @pytest.mark.parametrize("shorter", [0.0, 0.02])
@@ -53,6 +54,7 @@ OTHERS = {
 }
 
 
+@pytest.mark.sampled(9)
 @pytest.mark.parametrize("other", OTHERS)
 @pytest.mark.parametrize("radius", [1.0, 4.0, 20.0])
 def test_points_of_bent_surfaces_are_on_them(other, radius):
@@ -94,6 +96,7 @@ def test_a_bent_surface_that_is_near_only_between_its_corners_touches_at_one_poi
     assert 2e-5 < point.distance < 6e-5
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("step", [0.0, 2e-5, 6e-5])
 @pytest.mark.parametrize("slit", [2e-5, 4e-4])
 def test_points_of_joined_pieces_are_on_them(step, slit):

@@ -76,7 +76,7 @@ def test_contact_arrays_are_the_contacts() -> None:
         arrays[2]
 
 
-@settings(max_examples=200)
+@settings(max_examples=60)
 @given(x=PART, y=PART, z=PART)
 def test_a_box_tells_its_highest_face(x: float, y: float, z: float) -> None:
     point = np.array([x, y, z])
@@ -90,7 +90,7 @@ def test_a_box_tells_its_highest_face(x: float, y: float, z: float) -> None:
         assert on_face == (height <= 0.0 or outside[-2] <= 1e-9)
 
 
-@settings(max_examples=200)
+@settings(max_examples=60)
 @given(x=PART, y=PART, z=PART)
 def test_a_box_tells_its_farthest_corners(x: float, y: float, z: float) -> None:
     direction = np.array([x, y, z])

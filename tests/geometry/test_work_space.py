@@ -1,14 +1,18 @@
-"""What is read out of Pinocchio's memory is what Pinocchio says."""
+"""What is read out of Pinocchio's memory and what compiled loops do is what Pinocchio says."""
 
 from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]
 import pytest
 
+from graspless_pin import compiled
 from graspless_pin.geometry.hand import work_space
-from graspless_pin.geometry.hand.work_space import WorkSpace
+from graspless_pin.geometry.hand.work_space import WorkSpace, joint_motions
+
+needs_loops = pytest.mark.skipif(compiled.core is None, reason="nothing was compiled")
 
 GRAVITIES = np.array([[0.0, 0.0, -9.81], [3.0, -2.0, 1.0], [0.0, 0.0, 0.0]])
 
@@ -81,3 +85,75 @@ def test_a_work_space_serves_threads() -> None:
         np.testing.assert_array_equal(kinematics.T_world_joint, expected[k % 40].T_world_joint)
         np.testing.assert_array_equal(kinematics.J, expected[k % 40].J)
     np.testing.assert_array_equal(torques, weights)
+
+
+def chains_of(model: pin.Model) -> Any:
+    parents, placements, axes = joint_motions(SimpleNamespace(pinocchio_model=model))
+    inertias = model.inertias.tolist()
+    return compiled.core.KinematicChains(
+        parents=parents,
+        placements=placements,
+        axes=axes,
+        masses=np.array([inertia.mass for inertia in inertias]),
+        centers=np.array([inertia.lever for inertia in inertias]).reshape(-1, 3),
+    )
+
+
+def states(count: int) -> np.ndarray:
+    """Positions of all joints, many turns of the continuous ones among them."""
+    return np.random.default_rng(6).normal(0.0, 3.0, (count, MODEL.nv))
+
+
+def as_pinocchio_takes(positions: np.ndarray) -> np.ndarray:
+    entries: list[float] = []
+    for joint in range(1, MODEL.njoints):
+        angle = positions[joint - 1]
+        entries += [np.cos(angle), np.sin(angle)] if MODEL.nqs[joint] == 2 else [angle]
+    return np.array(entries)
+
+
+@needs_loops
+@pytest.mark.parametrize("gravity", GRAVITIES, ids=str)
+def test_chains_are_pinocchios(gravity: np.ndarray) -> None:
+    chains, space, kept = chains_of(MODEL), WorkSpace(MODEL), []
+    for positions in states(8):
+        q = as_pinocchio_takes(positions)
+        expected, found = space.kinematics(q), chains.kinematics(positions)
+        kept.append((expected, found))
+        np.testing.assert_allclose(
+            chains.gravity_torques(positions, gravity),
+            space.gravity_torques(q, gravity),
+            rtol=0,
+            atol=1e-12,
+        )
+    for expected, found in kept:  # and the next ones do not write over them
+        for one, other in zip(found, expected, strict=True):
+            assert not one.flags.writeable
+            np.testing.assert_allclose(one, other, rtol=0, atol=1e-13)
+
+
+@needs_loops
+def test_chains_may_be_no_joint() -> None:
+    chains = chains_of(pin.Model())
+    T, J = chains.kinematics(np.zeros(0))
+    np.testing.assert_array_equal(T, np.eye(4)[None])
+    assert J.shape == (6, 0)
+    assert chains.gravity_torques(np.zeros(0), GRAVITIES[0]).shape == (0,)
+
+
+@needs_loops
+def test_threads_may_share_chains() -> None:
+    chains, many = chains_of(MODEL), states(40)
+    expected = [chains.gravity_torques(one, GRAVITIES[0]) for one in many]
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(lambda one: chains.gravity_torques(one, GRAVITIES[0]), [*many] * 5))
+    np.testing.assert_array_equal(found, expected * 5)
+
+
+@needs_loops
+def test_what_does_not_fit_chains_is_refused() -> None:
+    chains = chains_of(MODEL)
+    with pytest.raises(ValueError, match="needs"):
+        chains.kinematics(np.zeros(MODEL.nv - 1))
+    with pytest.raises(ValueError, match="needs"):
+        chains.gravity_torques(np.zeros(MODEL.nv), np.zeros(2))

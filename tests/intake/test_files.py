@@ -273,20 +273,16 @@ def chain(count: int) -> str:
     return f'<robot name="chain">{links}{joints}</robot>'
 
 
-@pytest.mark.parametrize("count", [201, 999, 5000])
+@pytest.mark.parametrize("count", [200, 201, 999, 5000])
 def test_a_chain_longer_than_any_robot(tmp_path, count):
     file = tmp_path / "chain.urdf"
     file.write_text(chain(count), encoding="utf-8")
     report = audit_urdf(file)
-    assert not report.loads
+    assert report.loads == (count == 200)
+    if report.loads:
+        return
     (finding,) = (item for item in report.findings if item.code == "unreadable")
     assert "200 joints follow each other" in finding.message or "1000 links" in finding.message
-
-
-def test_the_longest_chain(tmp_path):
-    file = tmp_path / "chain.urdf"
-    file.write_text(chain(200), encoding="utf-8")
-    assert audit_urdf(file).loads
 
 
 @pytest.mark.parametrize(

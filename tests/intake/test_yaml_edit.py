@@ -159,7 +159,7 @@ DATA = st.recursive(
 FILES = st.dictionaries(NAMES, DATA, min_size=1, max_size=4)
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(FILES, FILES, st.sampled_from([True, False, None]))
 def test_any_data_can_take_the_place_of_any_other(before, after, flow):
     text = yaml.safe_dump(before, default_flow_style=flow, sort_keys=False, allow_unicode=True)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
 
+from graspless_pin import Hand, QuasistaticProblem
 from graspless_pin.scene import Scene, load_scene
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -46,8 +48,28 @@ def loaded(folder: Path, data: dict[str, Any] | str) -> Scene:
     return load_scene(file)
 
 
+def hand_of(scene: Scene) -> Hand:
+    assert scene.hand is not None
+    return scene.hand
+
+
+def without_hand(folder: Path) -> Scene:
+    """Load the box that nothing touches but the floor."""
+    data = content(BOX)
+    del data["hand"]
+    return loaded(folder, data)
+
+
 def bodies_at(scene: Scene) -> list[str]:
     return list(scene.contacts.bodies)
+
+
+def assert_same(ours: QuasistaticProblem, theirs: QuasistaticProblem) -> None:
+    """All arrays of two problems are equal and read-only, and so is all else."""
+    for item in fields(QuasistaticProblem):
+        mine, other = getattr(ours, item.name), getattr(theirs, item.name)
+        np.testing.assert_array_equal(mine, other, err_msg=item.name)
+        assert not isinstance(mine, np.ndarray) or not mine.flags.writeable, item.name
 
 
 def unit(*values: float) -> np.ndarray:

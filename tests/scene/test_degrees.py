@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scene_tools import EXAMPLES
+from scene_tools import EXAMPLES, hand_of, loaded
 
 from graspless_pin import load_scene
 from graspless_pin.errors import SceneError, StudyError
@@ -22,38 +22,30 @@ DEGREES = (
 )
 
 
-def written(folder: Path, text: str) -> Path:
-    file = folder / "scene.yaml"
-    file.write_text(text)
-    return file
-
-
 def test_degrees_mean_what_radians_mean(tmp_path: Path) -> None:
-    scene = load_scene(written(tmp_path, DEGREES))
+    scene = loaded(tmp_path, DEGREES)
     radians = load_scene(EXAMPLES / "allegro_box_on_slope.yaml")
-    assert scene.hand is not None and radians.hand is not None
-    assert scene.hand.q["joint_1.0"] == math.radians(17.5)
-    np.testing.assert_allclose(scene.hand.T_world_base, radians.hand.T_world_base, atol=1e-6)
+    assert hand_of(scene).q["joint_1.0"] == math.radians(17.5)
+    np.testing.assert_allclose(
+        hand_of(scene).T_world_base, hand_of(radians).T_world_base, atol=1e-6
+    )
     np.testing.assert_allclose(
         scene.supports[0].T_world_support, radians.supports[0].T_world_support, atol=1e-7
     )
 
 
 def test_saved_files_keep_the_form_and_all_that_did_not_change(tmp_path: Path) -> None:
-    scene = load_scene(written(tmp_path, DEGREES))
-    assert scene.hand is not None
+    scene = loaded(tmp_path, DEGREES)
     assert scene.save(tmp_path / "same.yaml").read_text() == DEGREES
     bent = scene.with_changes(
-        hand=scene.hand.with_configuration({"joint_1.0": math.radians(20), "joint_2.0": 0.6})
+        hand=hand_of(scene).with_configuration({"joint_1.0": math.radians(20), "joint_2.0": 0.6})
     )
     text = bent.save(tmp_path / "bent.yaml").read_text()
     assert "q_deg: {joint_1.0: 20.0} # bent" in text
     assert "joint_2.0: 0.6\n" in text
     assert "rpy_deg: [0, -150, 0] # palm" in text
     again = load_scene(tmp_path / "bent.yaml")
-    assert again.hand is not None
-    assert bent.hand is not None
-    np.testing.assert_allclose(again.hand.positions, bent.hand.positions, atol=1e-14)
+    np.testing.assert_allclose(hand_of(again).positions, hand_of(bent).positions, atol=1e-14)
 
 
 @pytest.mark.parametrize(
@@ -69,7 +61,7 @@ def test_saved_files_keep_the_form_and_all_that_did_not_change(tmp_path: Path) -
 def test_what_does_not_do_is_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
     text = DEGREES.replace(f"{{{old}}}" if new.startswith("{") else old, new)
     with pytest.raises(SceneError) as caught:
-        load_scene(written(tmp_path, text))
+        loaded(tmp_path, text)
     assert message in str(caught.value)
 
 
@@ -79,11 +71,11 @@ def test_a_linear_joint_has_no_degrees(tmp_path: Path) -> None:
         "object: {shape: {type: sphere, radius: 0.1}, mass: 1, pose: {position: [0, 0, 1]}}\n"
     )
     with pytest.raises(SceneError, match="panda_finger_joint1: is a linear joint; give metres"):
-        load_scene(written(tmp_path, text))
+        loaded(tmp_path, text)
 
 
 def test_a_study_varies_angles_of_either_form(tmp_path: Path) -> None:
-    written(tmp_path, DEGREES)
+    (tmp_path / "scene.yaml").write_text(DEGREES)
     vary = {
         "slope": {"key": "supports.slope.pose.rpy.1", "values": [20, 30], "unit": "deg"},
         "bend": {"key": "hand.q.joint_1.0", "values": [0.2, 0.3], "unit": "rad"},

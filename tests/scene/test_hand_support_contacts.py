@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scene_tools import ALLEGRO, BOX, EXAMPLES, content, loaded
+from scene_tools import ALLEGRO, BOX, EXAMPLES, content, hand_of, loaded, without_hand
 
 from graspless_pin import load_scene
 from graspless_pin.geometry.bodies.object_and_supports import Support
@@ -19,8 +19,7 @@ def with_wall(folder, gap, control=None, **wall):
     if control is not None:
         data["hand"]["control"] = control
     scene = loaded(folder, data)
-    assert scene.hand is not None
-    tip = next(body for body in scene.hand.collision_bodies() if body.name == "tip")
+    tip = next(body for body in hand_of(scene).collision_bodies() if body.name == "tip")
     top = tip.T_world_geometry[:3, 3] - [0.0, 0.0, tip.geometry.radius + gap]
     shape = {"type": "box", "size": [0.02, 0.02, 0.02]}
     pose = {"position": (top - [0.0, 0.0, 0.01]).tolist()}
@@ -47,23 +46,21 @@ def test_only_links_that_can_move_count(tmp_path, control, touches):
 def test_a_palm_may_lie_on_a_support():
     """A small box in the middle of the palm, which nothing moves."""
     scene = load_scene(ALLEGRO)
-    assert scene.hand is not None
-    palm = next(body for body in scene.hand.collision_bodies() if body.name == "palm_link")
+    palm = next(body for body in hand_of(scene).collision_bodies() if body.name == "palm_link")
     T = np.eye(4)
     T[:3, 3] = palm.T_world_geometry[:3, 3]
     wall = Support("wall", Box((0.01, 0.01, 0.01)), T)
-    touched = {one.link for one in unwanted_overlaps(scene.hand, [wall])}
+    touched = {one.link for one in unwanted_overlaps(hand_of(scene), [wall])}
     assert {"palm_link", "link_12.0"} <= touched  # the palm, and the thumb's first link
     found = hand_support_contacts(scene.with_changes(supports=(wall,)))
     assert found == (("link_12.0", "wall"),)
 
 
 def test_without_a_hand_nothing_touches(tmp_path):
-    data = content(BOX)
-    del data["hand"]
-    assert hand_support_contacts(loaded(tmp_path, data)) == ()
+    assert hand_support_contacts(without_hand(tmp_path)) == ()
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("file", sorted(EXAMPLES.glob("*.yaml")), ids=lambda file: file.stem)
 def test_no_example_leans_its_fingers_on_supports(file):
     scene = load_scene(file)

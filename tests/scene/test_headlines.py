@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scene_tools import EXAMPLES, PAPER, content, loaded
-from test_minimum_stiffness import ball, pressing_arm, standing
+from test_minimum_stiffness import ball, board_on_cylinder, pressing_arm, standing
 from typer.testing import CliRunner, Result
 
 from graspless_pin import Scene, free_motions, load_scene, minimum_stiffness, stability
@@ -38,21 +38,11 @@ def test_fingers_that_buckle_are_told_from_an_object_that_goes(tmp_path: Path) -
     assert known.stiffness <= stated <= 1.1 * known.stiffness
 
 
-def tipping(folder: Path) -> Scene:
-    """A board that rolls off a cylinder which is too thin for it."""
-    board = {"type": "box", "size": [0.4, 0.2, 0.3]}
-    lying = {
-        "shape": {"type": "cylinder", "radius": 0.1, "length": 0.1},
-        "pose": {"rpy": [np.pi / 2, 0, 0]},
-    }
-    return standing(folder, board, 0.25, lying)
-
-
 @pytest.mark.parametrize(
     ("make", "words"),
     [
         (lambda folder: standing(folder, ball(0.05), 0.25, {"shape": ball(0.2)}), "rolls"),
-        (tipping, "tilts"),
+        (lambda folder: board_on_cylinder(folder, 0.15), "tilts"),
     ],
 )
 def test_what_no_feedback_stops_is_lost_after_the_first_instant(

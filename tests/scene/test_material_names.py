@@ -1,10 +1,8 @@
 """Names of materials that no body has: misspelt ones and useless tables are warned of."""
 
 import pytest
-from typer.testing import CliRunner
+from scene_tools import loaded
 
-from graspless_pin import load_scene
-from graspless_pin.cli.commands import app
 from graspless_pin.errors import GrasplessPinWarning
 from graspless_pin.geometry.bodies.materials import Materials
 
@@ -18,12 +16,6 @@ materials:
     cardboard: 0.9
     steel: 0.7
 """
-
-
-def loaded(tmp_path, text: str):
-    file = tmp_path / "scene.yaml"
-    file.write_text(text, encoding="utf-8")
-    return load_scene(file)
 
 
 def without(name: str) -> str:
@@ -79,12 +71,3 @@ def test_names_that_differ_in_digits_are_different_materials():
     assert table.misspelt(["nylon_12", "steel"]) == {}
     assert table.misspelt(["nylon_6", "steel"]) == {"nylon6": "nylon_6"}
     assert table.misspelt([]) == {}
-
-
-def test_the_command_line_says_so_and_goes_on(tmp_path):
-    file = tmp_path / "scene.yaml"
-    file.write_text(TEXT + "  ruber: {steel: 0.3}\n", encoding="utf-8")
-    result = CliRunner().invoke(app, ["solve", str(file)])
-    assert result.exit_code == 0, result.output
-    assert result.stderr.count("warning: ") == 1
-    assert "did you mean 'rubber'?" in result.stderr

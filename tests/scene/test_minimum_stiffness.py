@@ -1,5 +1,7 @@
 """Feedback that makes rest stable: closed forms, spheres by curvature, simulated rates."""
 
+import functools
+
 import numpy as np
 import pytest
 from scene_tools import EXAMPLES, PAPER, content, loaded
@@ -9,7 +11,6 @@ from graspless_pin import load_scene, minimum_stiffness
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.scene import Scene
 
-SPHERE = EXAMPLES / "allegro_sphere_on_slope.yaml"
 G = 9.81
 SIMULATED = {"margin": (14.0, 1.0), "torque": (9.0, 0.5)}
 """Growth in MuJoCo, 1/s, and the feedback that was tried and stopped it, N m/rad."""
@@ -44,15 +45,17 @@ def test_a_ball_on_a_ball_rolls_off_at_the_textbooks_rate(tmp_path):
     np.testing.assert_allclose(found.motion[:3], rolled, atol=1e-9)
 
 
-@pytest.mark.parametrize("half", [0.05, 0.15])
-def test_a_board_rocks_on_a_cylinder_that_is_thick_enough(tmp_path, half):
+def board_on_cylinder(folder, half) -> Scene:
     """It falls if its centre is farther up than the cylinder's radius, 0.1 m."""
     board = {"type": "box", "size": [0.4, 0.2, 2 * half]}
-    lying = {
-        "shape": {"type": "cylinder", "radius": 0.1, "length": 0.1},
-        "pose": {"rpy": [np.pi / 2, 0, 0]},
-    }
-    found = minimum_stiffness(standing(tmp_path, board, 0.1 + half, lying), [])
+    cylinder = {"type": "cylinder", "radius": 0.1, "length": 0.1}
+    lying = {"shape": cylinder, "pose": {"rpy": [np.pi / 2, 0, 0]}}
+    return standing(folder, board, 0.1 + half, lying)
+
+
+@pytest.mark.parametrize("half", [0.05, 0.15])
+def test_a_board_rocks_on_a_cylinder_that_is_thick_enough(tmp_path, half):
+    found = minimum_stiffness(board_on_cylinder(tmp_path, half), [])
     turned = (0.4**2 + (2 * half) ** 2) / 12 + half**2
     expected = np.sqrt(max(half - 0.1, 0.0) * G / turned)
     assert found.growth == pytest.approx(expected, rel=1e-4)
@@ -142,10 +145,16 @@ def of_spheres(scene, torques, armature, damping):
 TOUCHING = ("index", "ring")
 
 
+@functools.cache
+def sphere(algorithm: str) -> tuple[Scene, np.ndarray]:
+    """The example with the ball, and the torques of an answer."""
+    scene = load_scene(EXAMPLES / "allegro_sphere_on_slope.yaml")
+    return scene, scene.solve(algorithm).torques
+
+
 @pytest.mark.parametrize("algorithm", ["margin", "torque"])
 def test_the_ball_is_lost_as_its_curvatures_tell(algorithm):
-    scene = load_scene(SPHERE)
-    torques = scene.solve(algorithm).torques
+    scene, torques = sphere(algorithm)
     found = minimum_stiffness(scene, torques)
     growth = of_spheres(scene, torques, 1e-4, 0.02)
     assert found.growth == pytest.approx(growth(0.0), rel=1e-4)
@@ -245,8 +254,7 @@ def test_a_pressing_arm_buckles_as_its_energy_tells(tmp_path):
 
 
 def test_what_it_cannot_tell_is_refused(tmp_path):
-    scene = load_scene(SPHERE)
-    torques = scene.solve("torque").torques
+    scene, torques = sphere("torque")
     with pytest.raises(ArgumentError, match=r"^torques: do not hold the object in balance: "):
         minimum_stiffness(scene, 0.9 * torques)
     with pytest.raises(ArgumentError, match=r"^torques: has shape \(2,\); expected \(16,\)"):

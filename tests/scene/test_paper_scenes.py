@@ -26,9 +26,10 @@ def test_every_paper_scene_is_checked():
 
 
 def test_algorithm_1(case):
+    """It is what the scenes themselves ask for."""
     scene, (margin, torques, _, tolerance) = case
-    solution = scene.solve("margin")
-    assert solution.found
+    solution = scene.solve()
+    assert solution.found and solution.algorithm == "margin"
     assert solution.margin == pytest.approx(margin, rel=tolerance)
     np.testing.assert_allclose(solution.torques, torques, rtol=tolerance)
 
@@ -40,11 +41,6 @@ def test_algorithm_2(case):
     assert solution.margin == pytest.approx(0.1, rel=1e-5)
     assert solution.max_torque == pytest.approx(abs(torques[0]), rel=tolerance)
     np.testing.assert_allclose(solution.torques, torques, rtol=tolerance)
-
-
-def test_the_scenes_own_options_are_the_papers(case):
-    scene, (margin, _, _, tolerance) = case
-    assert scene.solve().margin == pytest.approx(margin, rel=tolerance)
 
 
 @pytest.mark.parametrize("name", [name for name in FIGURES if name.startswith("cuboid")])

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]
 import pytest
 from example_robot_data import load as load_example  # pyright: ignore[reportMissingImports]
-from scene_tools import ALLEGRO, PAPER, content, loaded
+from scene_tools import ALLEGRO, PAPER, content, hand_of, loaded
 
 from graspless_pin import QuasistaticProblem, load_scene, maximize_margin, minimize_torque
 from graspless_pin.errors import SceneError
@@ -113,9 +113,8 @@ def test_gravity_pulls_on_object_and_links(tmp_path, gravity):
     problem = scene.problem()
     np.testing.assert_allclose(problem.external_wrench, [*(2.5 * np.array(gravity)), 0, 0, 0])
     model = load_example("allegro_right_hand").model
-    assert scene.hand is not None
-    model.gravity.linear = scene.hand.T_world_base[:3, :3].T @ np.array(gravity, dtype=float)
-    q = np.array([scene.hand.q[name] for name in model.names[1:]])
+    model.gravity.linear = hand_of(scene).T_world_base[:3, :3].T @ np.array(gravity, dtype=float)
+    q = np.array([hand_of(scene).q[name] for name in model.names[1:]])
     expected = pin.computeGeneralizedGravity(model, model.createData(), q)
     assert np.abs(expected).max() > 0.02
     np.testing.assert_allclose(problem.gravity_torques, expected, atol=1e-12)
@@ -137,16 +136,3 @@ def test_own_weight_counts_against_the_limits_unless_switched_off(tmp_path):
     np.testing.assert_allclose(difference, with_weight.problem.gravity_torques, atol=1e-12)
     # Far from its limits the hand's weight moves no contact force.
     assert with_weight.margin == pytest.approx(solution.margin, abs=1e-6)
-
-
-def test_effort_limits_of_the_scene_reach_the_problem(tmp_path):
-    data = content(ALLEGRO)
-    data["hand"]["effort_limits"] = {"index": 0.4, "joint_2.0": [-0.1, 0.2]}
-    problem = loaded(tmp_path, data).problem()
-    limits = np.column_stack([problem.lower_torque, problem.upper_torque])
-    for name, expected in (
-        ("joint_1.0", (-0.4, 0.4)),
-        ("joint_2.0", (-0.1, 0.2)),
-        ("joint_5.0", (-0.7, 0.7)),
-    ):
-        np.testing.assert_array_equal(limits[problem.joint_names.index(name)], expected)

@@ -3,14 +3,11 @@
 import multiprocessing
 import pickle
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import fields
 
-import numpy as np
 import pytest
-from scene_tools import BOX, EXAMPLES, PAPER, content, loaded
+from scene_tools import BOX, EXAMPLES, PAPER, assert_same, content, hand_of, loaded
 
-from graspless_pin import QuasistaticProblem, Scene, load_scene
-from graspless_pin.geometry.bodies.materials import Materials
+from graspless_pin import Scene, load_scene
 
 FILES = sorted([*EXAMPLES.glob("*.yaml"), *PAPER.glob("*.yaml")])
 
@@ -19,12 +16,7 @@ def copied(scene: Scene) -> Scene:
     return pickle.loads(pickle.dumps(scene))  # noqa: S301 - our own bytes
 
 
-def assert_same(ours: QuasistaticProblem, theirs: QuasistaticProblem) -> None:
-    for item in fields(QuasistaticProblem):
-        mine, other = getattr(ours, item.name), getattr(theirs, item.name)
-        np.testing.assert_array_equal(mine, other, err_msg=item.name)
-
-
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
 def test_a_copy_gives_the_same_problem(file):
     scene = load_scene(file)
@@ -44,19 +36,16 @@ def test_what_is_read_only_stays_so(tmp_path):
         copy.object.center_of_mass,
         copy.supports[0].T_world_support,
         copy.supports[0].velocity,
+        hand_of(copy).positions,
+        *hand_of(copy).effort_limits,
+        hand_of(copy).T_world_base,
+        hand_of(copy).tree.lower,
+        hand_of(copy).collision_bodies()[0].T_world_geometry,
     ):
         assert not array.flags.writeable
     with pytest.raises(TypeError):
         copy.materials.coefficients[frozenset("a")] = 1.0  # pyright: ignore[reportIndexIssue]
     assert copy.materials.friction("steel", "rubber") == 0.6
-
-
-def test_materials_keep_a_copy_of_their_own():
-    pair: frozenset[str] = frozenset(("a", "b"))
-    table = {pair: 0.5}
-    materials = Materials(table)
-    table[pair] = 0.9
-    assert materials.friction("a", "b") == 0.5
 
 
 def margin(scene: Scene) -> float:
@@ -65,8 +54,7 @@ def margin(scene: Scene) -> float:
 
 def test_a_process_pool_solves_scenes():
     scene = load_scene(EXAMPLES / "allegro_box_on_slope.yaml")
-    lighter = scene.with_changes(max_normal_force=20.0)
     # Spawned processes share nothing with this one.
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
-        there = list(pool.map(margin, [scene, lighter]))
-    assert there == pytest.approx([margin(scene), margin(lighter)], abs=1e-9)
+        there = list(pool.map(margin, [scene]))
+    assert there == pytest.approx([margin(scene)], abs=1e-9)

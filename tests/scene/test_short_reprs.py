@@ -40,7 +40,7 @@ def shown() -> dict[str, object]:
         "robustness": robustness(problem, solution.torques, time_limit=0.0),
         "evaluation": Evaluator(plain).evaluate(),
         "places": place_hand(
-            load_scene(EXAMPLES / "trihand_push_box.yaml"), candidates=20, verdict_nodes=0,
+            load_scene(EXAMPLES / "trihand_push_box.yaml"), candidates=4, verdict_nodes=0,
             workers=1,
         ),
     }  # fmt: skip
