@@ -67,7 +67,7 @@ def by_body(contacts: tuple[ContactPoint, ...]) -> dict[str, list[ContactPoint]]
     return found
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @example(seed=1504, places=[0, 1, 2, 3, 4], labels=["a", "b", "c", "e", "thing", "d"])
 @given(
     seed=st.integers(0, 10**6),

@@ -69,7 +69,7 @@ def test_other_meshes_keep_all_corners() -> None:
 def test_a_dense_mesh_is_cut_with_fewer_triangles_and_says_how_far_they_are_off(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    mesh = ring(144)
+    mesh = ring(80)
     assert len(mesh.faces) > DENSE_CUT
     given: list[trimesh.Trimesh] = []
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))

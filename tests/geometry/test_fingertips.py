@@ -136,7 +136,7 @@ def test_a_limit_is_kept_only_where_the_point_asks_for_it(tmp_path, second, expe
     assert ("at their limit: first" in str(placed)) == bool(at_limit)
 
 
-@settings(max_examples=4)
+@settings(max_examples=3)
 @given(seed=st.integers(0, 10**6), finger=st.sampled_from(sorted(TIPS)))
 def test_an_allegro_finger_finds_its_way_back_to_where_it_was(seed, finger):
     rng = np.random.default_rng(seed)

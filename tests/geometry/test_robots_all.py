@@ -81,7 +81,7 @@ def test_fingers_actuators_and_sources(name):
     assert np.all((lower < 0) & (upper > 0) & np.isfinite(upper))
 
 
-@pytest.mark.sampled(14)
+@pytest.mark.sampled(10)
 @pytest.mark.parametrize("control", [None, "force"])
 @pytest.mark.parametrize("name", ROBOTS)
 def test_jacobians_match_finite_differences_and_rnea(name, control):
@@ -103,6 +103,7 @@ def test_jacobians_match_finite_differences_and_rnea(name, control):
         assert len(columns) == len(leaders)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("model", ["panda", "talos_full", "allegro_left_hand", "bravo7_gripper"])
 def test_link_poses_and_mimic_joints_agree_with_yourdfpy(model):
     with warnings.catch_warnings():
@@ -125,6 +126,7 @@ def test_link_poses_and_mimic_joints_agree_with_yourdfpy(model):
         )
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("part", "whole"),
     [
