@@ -324,7 +324,7 @@ VECTORS = st.tuples(NUMBERS, NUMBERS, NUMBERS)
 @given(
     angles=VECTORS,
     place=VECTORS,
-    gravity=VECTORS,
+    gravity=VECTORS.map(lambda one: np.round(one, 9)),  # a weight of 1e-55 N is refused
     q=NUMBERS,
     mass=st.floats(1e-3, 1e3),
     friction=st.dictionaries(st.sampled_from(["default", "hand", "supports"]), st.floats(0, 2)),
