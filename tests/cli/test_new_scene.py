@@ -178,7 +178,7 @@ def test_a_mesh_that_would_tip_lies_on_a_face() -> None:
     rng = np.random.default_rng(3)
     slope = Support("slope", HalfSpace(), pose_matrix([0.1, 0.2, 0.3], [0.2, 0.4, 0.0]))
     normal = slope.T_world_support[:3, 2]
-    for index in range(20):
+    for index in range(8):
         hull = trimesh.convex.convex_hull(rng.normal(size=(12, 3)) * [0.1, 0.05, 0.03])
         hull.export(f"{index}.stl")
         target = ManipulatedObject.from_shape(

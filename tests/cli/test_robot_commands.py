@@ -1,17 +1,12 @@
 """`graspless-pin robots` and `graspless-pin inspect`."""
 
 import pytest
-from typer.testing import CliRunner
+from cli_tools import run
 
-from graspless_pin.cli.commands import app
 from graspless_pin.geometry.robots.files import robot_names
 
 
-def run(*words):
-    return CliRunner().invoke(app, list(words))
-
-
-def test_every_robot_is_listed_with_fingers_and_limits():
+def test_robots_are_listed_and_one_shows_its_joints_and_sources():
     result = run("robots")
     assert result.exit_code == 0
     lines = result.stdout.splitlines()[2:]
@@ -20,9 +15,6 @@ def test_every_robot_is_listed_with_fingers_and_limits():
     allegro = next(line for line in lines if line.startswith("allegro_right"))
     assert "index, middle, ring," in allegro and "0.7" in allegro
     assert any("coupled" in line for line in lines)
-
-
-def test_one_robot_shows_its_joints_and_sources():
     result = run("robots", "allegro_right")
     assert result.exit_code == 0
     assert "joint_15.0" in result.stdout and "-0.7 .. 0.7" in result.stdout
@@ -43,24 +35,22 @@ def test_an_audit_says_what_to_do(tmp_path):
         'type="revolute"><parent link="base"/><child link="tip"/><axis xyz="0 0 1"/>'
         '<limit lower="0" upper="1" effort="0" velocity="1"/></joint></robot>'
     )
-    result = run("inspect", str(urdf))
+    result = run("inspect", urdf)
     assert result.exit_code == 1
     assert "missing collision mesh" in result.stdout and "tip.stl" in result.stdout
     assert "placeholder effort" in result.stdout and "bend" in result.stdout
+    # A sound robot passes.
+    result = run("inspect", "trihand")
+    assert result.exit_code == 0
+    assert "can be mounted as it is" in result.stdout
 
 
 def test_a_hand_that_touches_nothing_loads_and_is_doubtful(tmp_path):
     urdf = tmp_path / "bare.urdf"
     urdf.write_text('<robot name="bare"><link name="base"/></robot>')
-    result = run("inspect", str(urdf), "--root-link", "base")
+    result = run("inspect", urdf, "--root-link", "base")
     assert result.exit_code == 4
     assert "loads, but something serious is wrong" in result.stdout
-    result = run("inspect", str(urdf), "--root-link", "palm")
+    result = run("inspect", urdf, "--root-link", "palm")
     assert result.exit_code == 1
     assert "there is no link 'palm'" in result.stdout
-
-
-def test_a_sound_robot_passes_its_audit():
-    result = run("inspect", "trihand")
-    assert result.exit_code == 0
-    assert "can be mounted as it is" in result.stdout

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 from scipy.spatial.transform import Rotation
 
 from graspless_pin.planning import Evaluator
@@ -19,6 +20,15 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 def example(name: str) -> Any:
     """A scene that is known to have a hand."""
     return load_scene(EXAMPLES / f"{name}.yaml")
+
+
+def with_hybrid_finger(name: str, folder: Path) -> Any:
+    """The scene whose first finger is under hybrid control."""
+    data = yaml.safe_load((EXAMPLES / f"{name}.yaml").read_text(encoding="utf-8"))
+    data["hand"]["control"] = {"finger_1": "hybrid"}
+    file = folder / "scene.yaml"
+    file.write_text(yaml.safe_dump(data), encoding="utf-8")
+    return load_scene(file)
 
 
 def nearby(evaluator: Evaluator, rng: np.random.Generator, spread: float) -> np.ndarray:

@@ -41,7 +41,7 @@ def relaxations(seed, contacts, size, objective, *, slope=False):
     return [formulate(one, objective).program for one in (problem, moved(problem, size, seed))]
 
 
-@settings(max_examples=60)
+@settings(max_examples=25)
 @given(
     SEEDS,
     st.integers(3, 9),
@@ -86,7 +86,7 @@ def test_what_is_carried_over_is_what_a_solver_finds(seed, contacts, slope, size
 @pytest.mark.parametrize("slope", [False, True])
 def test_a_little_further_the_same_constraints_are_mostly_active(slope, algorithm):
     tried = carried_over = 0
-    for seed in range(30):
+    for seed in range(12):
         first, second = relaxations(seed, 6, 1e-5, OBJECTIVES[algorithm], slope=slope)
         answer = solve(first)
         if answer.outcome is Outcome.SOLVED:
@@ -94,13 +94,13 @@ def test_a_little_further_the_same_constraints_are_mostly_active(slope, algorith
             assert near is not None
             tried += 1
             carried_over += solved_on(second, near, np.inf) is not None
-    assert tried >= 20
+    assert tried >= 8
     assert carried_over >= 0.8 * tried
 
 
 def test_the_bounds_of_a_mode_are_carried_over():
     carried_over = 0
-    for seed in range(20):
+    for seed in range(8):
         problem = general_scene(seed, 5)
         best = maximize_margin(problem)
         if not best.found:
@@ -118,7 +118,7 @@ def test_the_bounds_of_a_mode_are_carried_over():
             assert (x >= programs[1].lb - 1e-7).all()
             assert (x <= programs[1].ub + 1e-7).all()
             assert found[0].value == pytest.approx(solve(programs[1]).value, abs=3e-7)
-    assert carried_over >= 8
+    assert carried_over >= 3
 
 
 def test_an_optimum_above_the_cutoff_proves_that_nothing_is_below_it():
@@ -148,7 +148,7 @@ def test_along_a_path_each_answer_is_that_of_a_fresh_search(algorithm):
     """Every step starts from what the step before left behind, right or not."""
     objective = OBJECTIVES[algorithm]
     found = 0
-    for seed in range(6):
+    for seed in range(3):
         problem = general_scene(seed, 5)
         left = WarmStart()
         for step in range(6):
@@ -165,4 +165,4 @@ def test_along_a_path_each_answer_is_that_of_a_fresh_search(algorithm):
                 assert_holds(warm)
                 in_mode = solve_problem(state, objective, SolveOptions(STRICT), mode=warm.mode)
                 assert in_mode.found  # so there is a motion behind the mode
-    assert found >= 15
+    assert found >= 7

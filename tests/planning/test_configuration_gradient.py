@@ -4,14 +4,13 @@ from functools import cache
 
 import numpy as np
 import pytest
-import yaml
 from planning_scenes import (
-    EXAMPLES,
     example,
     nearby,
+    with_hybrid_finger,
 )
 
-from graspless_pin import load_scene, maximize_margin, minimize_torque
+from graspless_pin import maximize_margin, minimize_torque
 from graspless_pin.errors import ArgumentError, NoSolutionError
 from graspless_pin.planning import Evaluator, configuration_gradient
 from graspless_pin.planning.configuration_gradient import JointColumns
@@ -68,6 +67,7 @@ def differences(evaluator, q, answer, algorithm, problem_at, step=STEP):
     return np.array(slopes), np.array(errors)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("algorithm", ["margin", "torque"])
 @pytest.mark.parametrize("name", SCENES)
 def test_gradient_is_the_difference_of_scenes(name, algorithm):
@@ -133,6 +133,7 @@ def carried(answer, q):
     return problem.with_changes(**arrays, gravity_torques=hand.gravity_torques(scene.gravity))
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("algorithm", ["margin", "torque"])
 @pytest.mark.parametrize("name", ON_LINKS)
 def test_contacts_that_follow_their_links(name, algorithm):
@@ -183,11 +184,8 @@ def test_lever_arms_are_differentiated(name):
 
 
 def test_hybrid_fingers_have_gradients_too(tmp_path):
-    data = yaml.safe_load((EXAMPLES / "trihand_pivot_box.yaml").read_text(encoding="utf-8"))
-    data["hand"]["control"] = {"finger_1": "hybrid"}
-    file = tmp_path / "scene.yaml"
-    file.write_text(yaml.safe_dump(data), encoding="utf-8")
-    evaluator = Evaluator(load_scene(file), algorithm="margin")
+    scene = with_hybrid_finger("trihand_pivot_box", tmp_path)
+    evaluator = Evaluator(scene, algorithm="margin")
     q = nearby(evaluator, np.random.default_rng(0), 0.004)
     answer = evaluator.evaluate(q)
     gradient = configuration_gradient(answer)

@@ -2,7 +2,6 @@
 
 from collections import Counter
 from dataclasses import fields
-from functools import cache
 from itertools import product
 from typing import Any
 
@@ -33,11 +32,11 @@ from graspless_pin.errors import ArgumentError, NoSolutionError
 PAIRS = tuple(product(SIGN_RULES, SLIDING_RULES))
 NAMES = (
     *("sphere", "rest", "up", "down"),
-    *(f"general {seed}" for seed in range(8)),
-    *(f"slope {seed}" for seed in range(6)),
-    *(f"random {seed}" for seed in range(8)),
-    *(f"structured {seed}" for seed in range(6)),
-    *(f"tight {seed}" for seed in range(4)),
+    *(f"general {seed}" for seed in range(4)),
+    *(f"slope {seed}" for seed in range(2)),
+    *(f"random {seed}" for seed in range(4)),
+    *(f"structured {seed}" for seed in range(3)),
+    "tight 1",
 )
 ALGORITHMS = ("margin", "torque", "limits")
 STEP = 1e-5
@@ -132,7 +131,6 @@ def directions(problem, rng):
             )
 
 
-@cache
 def compared(index: int, algorithm: str) -> Counter[str]:
     """Compare one scene in its best mode; count the comparisons that were made."""
     rng = np.random.default_rng([index, 7])
@@ -154,40 +152,37 @@ def compared(index: int, algorithm: str) -> Counter[str]:
         ends = [optimum(other, algorithm) for other in beside]
         right, left = (ends[0] - best) / STEP, (best - ends[1]) / STEP
         derivative = float(np.sum(getattr(gradients.values, what) * direction))
-        tolerance = 2e-3 * max(1.0, abs(right), abs(left))
+        tolerance, where = 2e-3 * max(1.0, abs(right), abs(left)), (NAMES[index], algorithm, what)
         smooth = abs(right - left) <= tolerance
         if gradients.unique[what][direction != 0.0].all():
-            assert derivative == pytest.approx((right + left) / 2.0, abs=tolerance), what
+            assert derivative == pytest.approx((right + left) / 2.0, abs=tolerance), (
+                NAMES[index],
+                what,
+            )
             counts[what] += 1
             counts[f"{what}, not zero"] += abs(derivative) > 10.0 * tolerance
         else:
             low, high = sorted((left, right))
-            assert low - tolerance <= derivative <= high + tolerance, what
+            assert low - tolerance <= derivative <= high + tolerance, where
             counts["flagged"] += 1
             counts["flagged kinks"] += not smooth
     return counts
 
 
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
-@pytest.mark.parametrize("index", range(len(NAMES)), ids=NAMES)
-def test_gradients_are_finite_differences(index, algorithm):
+def test_gradients_are_finite_differences():
     """Unmarked entries are derivatives; marked ones lie between the one-sided derivatives."""
-    assert compared(index, algorithm).total() >= 1
-
-
-def test_the_comparisons_say_something():
-    counts = sum(
-        (compared(index, algorithm) for index in range(len(NAMES)) for algorithm in ALGORITHMS),
-        Counter(),
-    )
-    assert counts["infeasible"] <= 12
-    assert counts["flagged kinks"] >= 40
+    counts: Counter[str] = Counter()
+    for index, algorithm in product(range(len(NAMES)), ALGORITHMS):
+        counts += compared(index, algorithm)
+    assert counts["infeasible"] <= 6
+    assert counts["flagged kinks"] >= 30
     names = [item.name for item in fields(Gradients) if item.name != "required_margin"]
     for name in names:
-        assert counts[name] >= 35, (name, counts)
-        assert counts[f"{name}, not zero"] >= 5, (name, counts)
+        assert counts[name] >= 20, (name, counts)
+        assert counts[f"{name}, not zero"] >= 3, (name, counts)
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", ["sphere", "up", "general 1", "general 5", "slope 1", "tight 1"])
 def test_friction_wrench_and_limits_agree_with_the_sensitivity(name):
     problem = problem_of(name)
@@ -202,6 +197,7 @@ def test_friction_wrench_and_limits_agree_with_the_sensitivity(name):
     assert gradients.per_mass(2.0) == pytest.approx(known.per_mass(2.0))
 
 
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("name", ["sphere", "up", "general 1", "general 6"])
 @pytest.mark.parametrize("algorithm", ["torque", "limits"])
 def test_required_margin(name, algorithm):
@@ -256,9 +252,7 @@ def test_fingers_that_limit_together_are_flagged():
     np.testing.assert_array_equal(gradients.unique["upper_torque"], [True, True])
     # Together they do count, whichever way the multipliers are split.
     assert -gradients.values.lower_torque.sum() == pytest.approx(gradients.solution.margin)
-
-
-def test_an_optimum_with_one_set_of_forces_and_multipliers_is_not_degenerate():
+    # An optimum with one set of forces and multipliers is not degenerate.
     gradients = optimum_gradients(maximize_margin(problem_of("general 1")))
     assert gradients.degenerate is False
 

@@ -40,9 +40,6 @@ def test_other_directions_are_left_out(pressed: QuasistaticProblem):
     directions = np.vstack([plane_directions("fx", "fz", 4), np.eye(6)[3:]])
     axes = disturbance_polar(disturbance_margin(pressed, directions=directions))
     assert len(np.asarray(axes.lines[0].get_xdata())) == 5
-
-
-def test_too_few_directions_in_the_plane(pressed: QuasistaticProblem):
     margin = disturbance_margin(pressed, directions=np.eye(6)[:2])
     with pytest.raises(ArgumentError, match=r"has 1 directions .* plane_directions\('fx', 'fz'\)"):
         disturbance_polar(margin)

@@ -63,15 +63,13 @@ def test_a_long_name_is_cut_in_its_middle():
     assert text.startswith("beginx")
     assert text.endswith("xend")
     assert "…" in text
-
-
-def test_a_legend_leaves_no_name_out():
-    """matplotlib leaves out what begins with an underscore."""
+    # A legend leaves out what begins with an underscore.
     assert legend_text("_x").strip() == "_x"
     assert not legend_text("_x").startswith("_")
     assert legend_text("x") == "x"
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", NAMES)
 def test_bars_of_joints_of_any_name(name):
     axes = torque_bars(maximize_margin(held(name)), Figure().add_subplot())
@@ -80,6 +78,7 @@ def test_bars_of_joints_of_any_name(name):
         drawn(axes)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", ["$\\frac$", "_x^{", "two\nlines", "x" * 200])
 def test_columns_of_any_name(name):
     for text in (name, f"{name}_m", f"friction.{name}"):
@@ -90,6 +89,7 @@ def test_columns_of_any_name(name):
         drawn(outcome_boundary(table, text, "y", outcome="e"))
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("name", [name for name in NAMES if name != "😀"])
 def test_outcomes_of_any_name_stand_in_the_legend(name):
     table = {"x": [0.0, 1.0, 0.0, 1.0], "y": [0.0, 0.0, 1.0, 1.0], "status": ["a", name, "a", name]}

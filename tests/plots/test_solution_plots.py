@@ -9,9 +9,9 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
 from matplotlib.text import Annotation
+from tests.report.report_cases import pinched_block
 
 from graspless_pin import (
-    QuasistaticProblem,
     TorqueSolution,
     contact_force_bounds,
     load_scene,
@@ -24,18 +24,6 @@ from graspless_pin.plots.cones import section_corners
 from graspless_pin.visualization import LIGHT, Role
 
 PAPER = Path(__file__).resolve().parents[2] / "examples" / "paper"
-BLOCK = {
-    "positions": [[0, -0.05, 0], [0, 0.05, 0], [0, 0, -0.05]],
-    "normals": [[0, 1, 0], [0, -1, 0], [0, 0, 1]],
-    "external_wrench": [0, 0, -4.9, 0, 0, 0],
-    "jacobian": [[0, 0], [-0.1, 0], [0, 0], [0, 0], [0, 0.1], [0, 0], [0, 0], [0, 0], [0, 0]],
-    "friction": 0.5,
-}
-
-
-def block(**changes) -> QuasistaticProblem:
-    """Two one-joint fingers pinch a block that stands on one point of the floor."""
-    return QuasistaticProblem(**{**BLOCK, **changes})
 
 
 def bars(axes: Axes) -> list[Rectangle]:
@@ -49,7 +37,7 @@ def marks(axes: Axes) -> list[float]:
 
 
 def test_the_bars_are_the_torques_and_the_marks_the_limits():
-    solution = maximize_margin(block(torque_limits=([-2.0, -3.0], [1.5, 2.5])))
+    solution = maximize_margin(pinched_block(torque_limits=([-2.0, -3.0], [1.5, 2.5])))
     axes = torque_bars(solution)
     np.testing.assert_allclose([bar.get_width() for bar in bars(axes)], solution.torques)
     assert np.abs(solution.torques).min() > 0.1
@@ -58,15 +46,15 @@ def test_the_bars_are_the_torques_and_the_marks_the_limits():
     assert labels == ["joint_1", "joint_2"]
     bottom, top = axes.get_ylim()
     assert bottom > top, "the first joint is on top"
-
-
-def test_infinite_limits_have_no_mark():
-    solution = minimize_torque(block(torque_limits=([-np.inf, -3.0], [1.5, np.inf])), margin=0.2)
+    # Infinite limits have none.
+    solution = minimize_torque(
+        pinched_block(torque_limits=([-np.inf, -3.0], [1.5, np.inf])), margin=0.2
+    )
     assert marks(torque_bars(solution)) == [-3.0, 1.5]
 
 
 def test_a_torque_at_its_limit_has_another_colour():
-    solution = maximize_margin(block(torque_limits=([-0.5, -9.0], [9.0, 9.0])))
+    solution = maximize_margin(pinched_block(torque_limits=([-0.5, -9.0], [9.0, 9.0])))
     assert solution.torques[0] == pytest.approx(-0.5)
     first, second = bars(torque_bars(solution))
     assert first.get_facecolor() != second.get_facecolor()
@@ -129,7 +117,7 @@ def test_sliding_and_friction_are_opposite(sliding: TorqueSolution):
 
 
 def test_a_frictionless_contact_has_no_cone():
-    axes = friction_section(maximize_margin(block(friction=[0.5, 0.5, 0.0])), 2)
+    axes = friction_section(maximize_margin(pinched_block(friction=[0.5, 0.5, 0.0])), 2)
     assert list(axes.patches) == [] and list(axes.texts) == []
     assert "frictionless" in axes.get_title()
 
@@ -165,7 +153,7 @@ def test_the_ranges_are_the_bounds(sliding: TorqueSolution):
 
 def test_an_unbounded_force_ends_in_an_arrow():
     """Two fixed bodies pinch a block with friction: nothing limits the squeeze."""
-    problem = block(jacobian=None)
+    problem = pinched_block(jacobian=None, torque_limits=(-9.0, 9.0))
     bounds = contact_force_bounds(problem, [], static_friction="coulomb")
     free = np.isinf(bounds.upper[:, 0])
     assert free.all()

@@ -28,6 +28,10 @@ def test_what_was_not_found_breaks_the_line_and_is_marked():
     np.testing.assert_array_equal(line(axes, "margin e")[:, 1], [1.0, np.nan, 0.5])
     assert line(axes, "nothing found")[:, 0].tolist() == [2.0]
     assert axes.get_legend() is not None
+    table = pd.DataFrame({"mass": [1.0, 2.0]}).assign(nodes=pd.array([3, None], dtype="Int64"))
+    axes = margin_plot(table, "mass", value="nodes")
+    np.testing.assert_array_equal(line(axes, "nodes of the search"), [[1.0, 3.0], [2.0, np.nan]])
+    assert axes.get_ylabel() == "nodes of the search"
 
 
 def test_several_results_at_one_place_make_a_band():
@@ -59,13 +63,6 @@ def test_labels_say_the_unit(value, label):
     assert axes.get_ylim()[0] == 0.0
 
 
-def test_a_column_of_integers_may_have_gaps():
-    table = pd.DataFrame({"mass": [1.0, 2.0]}).assign(nodes=pd.array([3, None], dtype="Int64"))
-    axes = margin_plot(table, "mass", value="nodes")
-    np.testing.assert_array_equal(line(axes, "nodes of the search"), [[1.0, 3.0], [2.0, np.nan]])
-    assert axes.get_ylabel() == "nodes of the search"
-
-
 def test_two_parameters():
     table = pd.DataFrame(
         [(x, y, x + 10.0 * y) for x in (1.0, 2.0, 3.0) for y in (0.1, 0.2)],
@@ -83,9 +80,7 @@ def test_two_parameters():
         "mass of the object [kg]",
         "friction coefficient",
     )
-
-
-def test_several_samples_of_a_cell_are_averaged():
+    # Several samples of a cell are averaged.
     table = {"a": [0.0, 0.0, 1.0], "b": [0.0, 0.0, 0.0], "margin_N": [1.0, 4.0, 7.0]}
     axes = margin_heat_map(table, "a", "b")
     cells = np.asarray(axes.collections[0].get_array())
@@ -134,13 +129,7 @@ def test_three_outcomes_meet_in_a_point():
     assert {tuple(end) for end in found[:, 0]} == {(0.5, 0.0), (0.5, 0.5), (0.0, 0.5)}
 
 
-def test_no_boundary_where_all_is_alike():
-    rows = [(x, y, True) for x in (0.0, 1.0) for y in (0.0, 1.0)]
-    axes = outcome_boundary(pd.DataFrame(rows, columns=["x", "y", "found"]), "x", "y")
-    assert len(segments_of(axes)) == 0 and axes.get_legend() is None
-
-
-def test_what_has_no_boundary_is_told():
+def test_where_there_is_no_boundary():
     table = pd.DataFrame({"x": [0.0, 1.0, 2.0], "y": [1.0, 2.0, 3.0], "found": [True, False, True]})
     with pytest.raises(ArgumentError, match="on one line; vary two parameters"):
         outcome_boundary(table, "x", "y")
@@ -149,3 +138,6 @@ def test_what_has_no_boundary_is_told():
     twice = pd.concat([table, table.assign(found=True)])
     with pytest.raises(ArgumentError, match="samples of different 'found' at one place"):
         outcome_boundary(twice, "x", "y")
+    rows = [(x, y, True) for x in (0.0, 1.0) for y in (0.0, 1.0)]
+    axes = outcome_boundary(pd.DataFrame(rows, columns=["x", "y", "found"]), "x", "y")
+    assert len(segments_of(axes)) == 0 and axes.get_legend() is None

@@ -33,9 +33,5 @@ def test_the_data_are_the_meshes():
     assert [mark["text"] for mark in numbers] == [str(index) for index in range(len(points))]
     np.testing.assert_allclose([mark["at"] for mark in numbers], points, atol=1e-6)
     np.testing.assert_allclose(model["center"], picture.center, atol=1e-6)
-
-
-def test_two_reports_have_the_same_data():
-    scene, solution = solved(SLIDING)
     first, second = (model_data(draw_scene(scene, solution)) for _ in range(2))
     assert first == second

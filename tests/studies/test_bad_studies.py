@@ -50,40 +50,11 @@ LOADING = {
         ":3: vary['friction.default']: a range on a grid needs 'steps', how many values",
     ),
     "one step of a range": ("steps: 3", "steps: 1", ":3: vary['friction.default']: one step has"),
-    "zero steps": (
-        "steps: 3",
-        "steps: 0",
-        ":3: vary['friction.default'].steps: found 0; needs a whole number >= 1",
-    ),
     "many steps of one value": ("to: 0.6", "to: 0.2", ": from 0.2 to 0.2 is one value, not 3"),
-    "half a range": (", to: 0.6", "", ": needs either 'values', or both 'from' and 'to'"),
     "no time": (
         "algorithm: margin",
         "sample_time_limit: 0",
         ":7: compute.sample_time_limit: found 0; needs a finite number > 0, at most 1e+06",
-    ),
-    "values and a range": (RANGE, "{values: [1], from: 0, to: 1}", ": found values and a range;"),
-    "no values": (VALUES, "values: []", ":5: vary.slope.values: found []; needs a list of at"),
-    "log scale from zero": (
-        RANGE,
-        "{from: 0, to: 1, steps: 2, scale: log}",
-        ": a log scale needs positive values, found from 0",
-    ),
-    "unknown item of a list": (
-        "friction.default",
-        "supports.slop.friction",
-        ":3: vary['supports.slop.friction'].key: supports.slop.friction: has no item called "
-        "'slop'; did you mean 'slope'? known: slope",
-    ),
-    "index that is not there": (
-        "friction.default",
-        "supports.1.friction",
-        ": has no item 1; it has 1, counted from 0",
-    ),
-    "key below a number": (
-        "friction.default",
-        "object.mass.kilo",
-        ": object.mass is 1.0 and has no keys below it",
     ),
     "unknown unit": (
         "unit: deg",
@@ -94,18 +65,6 @@ LOADING = {
         "unit: deg",
         "unit: mm",
         ":5: vary.slope.unit: 'mm' is no unit of angle; needs rad, deg",
-    ),
-    "unit of a bare number": (
-        RANGE,
-        "{values: [1], unit: kg}",
-        ": 'kg' is no unit of plain numbers; needs 1",
-    ),
-    "unit of text": (RANGE, "{values: [a], unit: '1'}", ".unit: goes with numbers only"),
-    "keys of different units": (
-        RANGE,
-        "{values: [1], set: [{key: object.mass}, {key: gravity.0}]}",
-        "set: its keys are measured in different units: object.mass (mass), gravity.0 "
-        "(acceleration)",
     ),
     "two targets": (TURN, TURN + ", key: friction", ":4: vary.slope: found key and turn; give one"),
     "unknown body": (
@@ -133,50 +92,6 @@ LOADING = {
         "algorithm: margin",
         "algorithm: margin, margin: 0.2",
         ":7: compute.margin: is no option of the algorithm 'margin' and would change nothing",
-    ),
-    "varied margin for Algorithm 1": (
-        "friction.default",
-        "solve.margin",
-        ":3: vary['solve.margin']: is no option of the algorithm 'margin' and would change",
-    ),
-    "samples of a grid": (GRID, "{samples: 3}", ":6: sampling: a grid has as many samples as its"),
-    "no samples": (GRID, "{method: sobol}", ":6: sampling: sobol needs 'samples', how many"),
-    "truth value for a number of samples": (
-        GRID,
-        "{method: sobol, samples: true}",
-        ":6: sampling.samples: found True; needs a whole number >= 1",
-    ),
-    "truth value for a seed": (
-        GRID,
-        "{seed: false}",
-        ":6: sampling.seed: found False; needs a whole number >= 0",
-    ),
-    "truth value for steps": (
-        "steps: 3",
-        "steps: yes",
-        ":3: vary['friction.default'].steps: found True; needs a whole number >= 1",
-    ),
-    "truth value for a limit": (
-        "algorithm: margin",
-        "algorithm: margin, node_limit: true",
-        ":7: compute.node_limit: found True; needs a whole number >= 1",
-    ),
-    "materials of no body": (
-        "friction.default",
-        "materials.rubber.cardboard",
-        ":3: vary['materials.rubber.cardboard']: sets materials.rubber.cardboard, which counts "
-        "nowhere, for the object is of no material, hand and supports are of no material",
-    ),
-    "steps of a sequence": (
-        GRID,
-        "{method: sobol, samples: 4}",
-        ":3: vary['friction.default'].steps: goes with a grid; leave it out",
-    ),
-    "unknown method": (
-        GRID,
-        "{method: random}",
-        ":6: sampling.method: found 'random'; needs 'grid', 'latin_hypercube', 'sobol' or "
-        "'adaptive'",
     ),
     "too many samples": (
         "steps: 3",
@@ -248,7 +163,57 @@ def changed(folder, old, new):
     return file
 
 
-@pytest.mark.parametrize(("old", "new", "message"), LOADING.values(), ids=LOADING)
+KEYS = {
+    "supports.slop.friction": (
+        ":3: vary['supports.slop.friction'].key: supports.slop.friction: has no item called "
+        "'slop'; did you mean 'slope'? known: slope"
+    ),
+    "supports.1.friction": ": has no item 1; it has 1, counted from 0",
+    "object.mass.kilo": ": object.mass is 1.0 and has no keys below it",
+    "solve.margin": (
+        ":3: vary['solve.margin']: is no option of the algorithm 'margin' and would change"
+    ),
+    "materials.rubber.cardboard": (
+        ":3: vary['materials.rubber.cardboard']: sets materials.rubber.cardboard, which counts "
+        "nowhere, for the object is of no material, hand and supports are of no material"
+    ),
+}
+"""A key that varies, and the message."""
+SAMPLING = {
+    "{samples: 3}": ":6: sampling: a grid has as many samples as its",
+    "{method: sobol}": ":6: sampling: sobol needs 'samples', how many",
+    "{method: sobol, samples: true}": ":6: sampling.samples: found True; needs a whole number >= 1",
+    "{method: sobol, samples: 4}": (
+        ":3: vary['friction.default'].steps: goes with a grid; leave it out"
+    ),
+    "{method: random}": (
+        ":6: sampling.method: found 'random'; needs 'grid', 'latin_hypercube', 'sobol' or "
+        "'adaptive'"
+    ),
+}
+"""How samples are taken, and the message."""
+RANGES = {
+    "{values: [1], from: 0, to: 1}": ": found values and a range;",
+    "{from: 0, to: 1, steps: 2, scale: log}": ": a log scale needs positive values, found from 0",
+    "{values: [a], unit: '1'}": ".unit: goes with numbers only",
+    "{values: [1], unit: kg}": ": 'kg' is no unit of plain numbers; needs 1",
+    "{values: [1], set: [{key: object.mass}, {key: gravity.0}]}": (
+        "set: its keys are measured in different units: object.mass (mass), gravity.0 "
+        "(acceleration)"
+    ),
+}
+"""What varies friction, and the message."""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        *(pytest.param(*case, id=name) for name, case in LOADING.items()),
+        *(("friction.default", key, message) for key, message in KEYS.items()),
+        *((GRID, new, message) for new, message in SAMPLING.items()),
+        *((RANGE, new, message) for new, message in RANGES.items()),
+    ],
+)
 def test_a_mistake_is_named(tmp_path, old, new, message):
     file = changed(tmp_path, old, new)
     with pytest.raises(StudyError) as error:
@@ -279,9 +244,6 @@ def test_a_scene_that_never_touches_is_refused(tmp_path):
             tmp_path / "out.csv", executor=Here(), progress=False,
         )  # fmt: skip
     assert list(tmp_path.iterdir()) == []
-
-
-def test_one_scene_that_touches_is_enough(tmp_path):
     away = {"values": [2, 1, 0], "move": {"what": ["cuboid"], "along": [0, 0, 1]}}
     table = run_study(study({"lift": away}), tmp_path / "out.csv", executor=Here(), progress=False)
     assert table["status"].tolist() == ["failed", "failed", "optimal"]
@@ -304,9 +266,6 @@ def test_a_wrong_scene_is_the_scenes_error(tmp_path):
     content = {"scene": "scene.yaml", "vary": {"height": HEIGHT}}
     with pytest.raises(SceneError, match=r"scene\.yaml:1: object: is missing"):
         load_study(study_file(tmp_path, content))
-
-
-def test_python_made_studies_have_no_file_to_name():
     with pytest.raises(StudyError, match=r"^study: vary\.friction: needs either 'values'"):
         study({"friction": {}})
 

@@ -1,21 +1,12 @@
 """``graspless-pin plot``."""
 
 import pytest
-import typer
 from PIL import Image
 from study_tools import Here, study
-from typer.testing import CliRunner
+from tests.cli.cli_tools import run
 
 from graspless_pin.cli import plot
 from graspless_pin.studies import read_results, run_study
-
-APP = typer.Typer()
-APP.command()(plot.plot)
-
-
-def command(*arguments):
-    words = [str(argument) for argument in arguments]
-    return CliRunner().invoke(APP, words, catch_exceptions=False)
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +31,7 @@ def test_a_picture_of_each_kind(results, tmp_path, monkeypatch, kind):
             plot, name, lambda *args, draw=draw, **more: drawn.append(draw(*args, **more))
         )
     output = tmp_path / "new" / "picture.png"
-    result = command(results, "-o", output, "--kind", kind)
+    result = run("plot", results, "-o", output, "--kind", kind)
     assert result.exit_code == 0 and result.stdout == f"wrote {output}\n"
     with Image.open(output) as image:
         assert image.size == (960, 720)
@@ -49,12 +40,13 @@ def test_a_picture_of_each_kind(results, tmp_path, monkeypatch, kind):
     assert axes.get_ylabel() == ("margin e [N]" if kind == "line" else "object.mass [kg]")
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", ["$\\frac$", "$x", "_x^{", "😀", "x" * 200])
 def test_columns_have_any_name(results, tmp_path, monkeypatch, recwarn, name):
     """A dollar begins no mathematics, and letters that no font has are not told of."""
     table, picture = read_results(results).rename(columns={"margin_N": name}), tmp_path / "x.png"
     monkeypatch.setattr(plot, "read_results", lambda _: table)
-    result = command(results, "-o", picture, "--value", name)
+    result = run("plot", results, "-o", picture, "--value", name)
     assert (result.exit_code, result.stdout) == (0, f"wrote {picture}\n")
     assert not [str(one.message) for one in recwarn]
 
@@ -62,7 +54,7 @@ def test_columns_have_any_name(results, tmp_path, monkeypatch, recwarn, name):
 def test_columns_can_be_chosen(results, tmp_path):
     picture = tmp_path / "picture.svg"
     options = ["--kind", "boundary", "--x", "object.mass_kg", "--y", "friction.default"]
-    result = command(results, "-o", picture, *options, "--value", "status")
+    result = run("plot", results, "-o", picture, *options, "--value", "status")
     assert result.exit_code == 0 and picture.read_text(encoding="utf-8").startswith("<?xml")
 
 
@@ -76,12 +68,12 @@ def test_columns_can_be_chosen(results, tmp_path):
 )
 def test_bad_input_is_told(results, tmp_path, monkeypatch, options, message):
     monkeypatch.chdir(tmp_path)
-    result = command(results, "-o", "picture.png", *options)
+    result = run("plot", results, "-o", "picture.png", *options)
     assert result.exit_code == 2 and result.stderr.startswith(message)
 
 
 def test_one_variable_has_no_map(tmp_path):
     file = tmp_path / "few.csv"
     run_study(study({"friction": {"values": [0.0, 0.3]}}), file, executor=Here(), progress=False)
-    result = command(file, "-o", tmp_path / "picture.png", "--kind", "map")
+    result = run("plot", file, "-o", tmp_path / "picture.png", "--kind", "map")
     assert result.exit_code == 2 and "--y: has nothing to show" in result.stderr

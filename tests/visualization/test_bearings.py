@@ -159,10 +159,6 @@ def test_the_virtual_sliding_is_the_motion_behind_the_mode(solved):
     assert len(moved) > 2, "links move as well"
     still = picture.of(Role.AXES, Role.GRAVITY, Role.FORCE_SCALE, Role.SUPPORT)
     assert not {mesh.name for mesh in still} & set(moving.path_of)
-
-
-def test_without_virtual_sliding_there_is_none(solved):
-    scene, _, _ = solved
     coulomb = scene.solve(static_friction="coulomb")
     picture: Picture = draw_scene(scene, coulomb)
     assert draw_virtual_sliding(picture, coulomb, scene.hand, np.zeros(3)) is None

@@ -16,14 +16,7 @@ from graspless_pin.visualization.drawing import draw_bodies
 from graspless_pin.visualization.picture import HIDDEN_AT_FIRST, framing
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
-SCENES = [
-    "allegro_box_on_slope",
-    "allegro_mug_against_wall",
-    "panda_slide_cuboid_up_slope",
-    "trihand_pivot_box",
-    "paper/cuboid_sliding_up",
-    "paper/sphere_on_slope",
-]
+SCENES = ["allegro_box_on_slope", "panda_slide_cuboid_up_slope", "paper/cuboid_sliding_up"]
 FORCES = (
     Role.NORMAL_FORCE,
     Role.FRICTION_FORCE,
@@ -161,20 +154,16 @@ def test_the_picture_is_framed_and_small(solved):
     assert picture.up @ scene.gravity < 0.0
     assert np.linalg.norm(picture.view_from) == pytest.approx(1.0)
     assert picture.view_from @ picture.up > 0.2
+    picture = draw_scene(scene)  # without a solution there are no forces
+    assert picture.of(*FORCES, Role.VIRTUAL_SLIDING) == ()
+    assert len(picture.of(Role.CONTACT)) == len(scene.contacts.points)
+    assert draw_bodies(scene).of(Role.CONTACT, Role.CONE) == ()
 
 
 def test_a_wall_is_seen_from_its_front():
     scene = load_scene(EXAMPLES / "allegro_mug_against_wall.yaml")
     wall = scene.supports[0].T_world_support[:3, 2]
     assert draw_bodies(scene).view_from @ wall > 0.0
-
-
-def test_without_a_solution_there_are_no_forces(solved):
-    scene, _ = solved
-    picture = draw_scene(scene)
-    assert picture.of(*FORCES, Role.VIRTUAL_SLIDING) == ()
-    assert len(picture.of(Role.CONTACT)) == len(scene.contacts.points)
-    assert draw_bodies(scene).of(Role.CONTACT, Role.CONE) == ()
 
 
 def test_a_solution_of_another_scene_is_refused():
@@ -228,6 +217,7 @@ def test_colours_are_complete_and_differ(palette):
 EVERY_SCENE = sorted([*EXAMPLES.glob("*.yaml"), *EXAMPLES.glob("paper/*.yaml")])
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("file", EVERY_SCENE, ids=lambda file: file.stem)
 def test_nothing_is_cut_off_at_first_sight(file: Path):
     """Each corner of what is shown at first, but for arms, is inside; some are near the rim."""

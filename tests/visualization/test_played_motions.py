@@ -38,9 +38,6 @@ def test_the_object_goes_along_its_acceleration_and_turns_about_its_centre():
     np.testing.assert_allclose(path[-1][:3, :3], turn, atol=1e-12)
     way = 0.5 * motion.point_acceleration * end**2
     assert way == pytest.approx(0.6 * object_radius(moving.picture))
-
-
-def test_what_turns_fast_ends_the_motion_sooner():
     still = [0.0, 0.0, -1.0, 0.0, 0.0, 0.0]
     first, second = (
         picture_of("box_between_walls.yaml", outcome([0.0, joint], still, 1.0)).times[-1]

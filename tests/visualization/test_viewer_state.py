@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.report.report_cases import micro_block
 
 from graspless_pin import Stability, maximize_margin
 from graspless_pin.errors import ArgumentError
@@ -86,6 +87,15 @@ def test_an_internal_error_in_a_verdict_is_shown(paper, monkeypatch):
     assert "no verdict: internal error in scene_stability.py" in str(judged.verdict)
     assert "please report it" in verdict_html(judged, dark=False)
 
+    def refuse(*_, **__):
+        raise ArgumentError("joint_inertia", "no mass")
+
+    monkeypatch.undo()
+    monkeypatch.setattr("graspless_pin.scene.scene.verdict_of", refuse)
+    judged = with_verdict(answer_settings(paper, initial_settings(paper)))
+    assert judged.verdict == "no verdict: joint_inertia: no mass"
+    assert judged.stability is None
+
 
 def test_controls_begin_at_the_scenes_own_values(allegro):
     controls = by_key(allegro)
@@ -99,9 +109,6 @@ def test_controls_begin_at_the_scenes_own_values(allegro):
         assert control.low <= control.initial <= control.high
         assert control.low < control.high
         assert control.step > 0.0
-
-
-def test_initial_values_change_nothing(allegro):
     values = {key: control.initial for key, control in by_key(allegro).items()}
     assert changed_scene(allegro, values) is allegro
 
@@ -142,9 +149,13 @@ def test_materials_and_own_coefficients_scale_together(tmp_path):
     assert list(friction.values()) == pytest.approx([0.1] * len(friction))
 
 
-def test_mass_scales_the_weight(allegro):
+def test_mass_scales_the_weight_and_joints_move_the_hand(allegro):
     weight = changed_scene(allegro, {"mass": 2.5}).problem().external_wrench[:3]
     assert weight == pytest.approx([0.0, 0.0, -2.5 * 9.81])
+    changed = changed_scene(allegro, {"joint/joint_12.0": 0.6})
+    assert changed.hand is not None
+    assert changed.hand.q["joint_12.0"] == 0.6
+    assert changed.hand.q["joint_1.0"] == allegro.hand.q["joint_1.0"]
 
 
 def test_the_slope_is_the_angle_between_normal_and_up(allegro, paper):
@@ -177,13 +188,6 @@ def test_the_object_is_shifted_and_turned_about_its_centre(paper):
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     before = paper.object.T_world_object[:3, :3]
     assert moved.T_world_object[:3, :3] == pytest.approx(turn @ before)
-
-
-def test_joints_move_the_hand(allegro):
-    changed = changed_scene(allegro, {"joint/joint_12.0": 0.6})
-    assert changed.hand is not None
-    assert changed.hand.q["joint_12.0"] == 0.6
-    assert changed.hand.q["joint_1.0"] == allegro.hand.q["joint_1.0"]
 
 
 def test_the_object_stays_in_the_supports_plane_where_it_is_asked_to(allegro):
@@ -263,7 +267,7 @@ def test_the_evaluation_is_the_librarys(allegro):
     assert least.solution.margin >= 0.3 - 1e-6
 
 
-def test_an_infeasible_setting_says_why(allegro):
+def test_a_setting_that_is_infeasible_or_makes_no_sense_says_why(allegro):
     too_much = 0.6 * allegro.max_normal_force  # a margin is at most half of it
     result = answer_settings(allegro, Settings(Algorithm.TORQUE, too_much))
     assert result.solution is not None
@@ -273,9 +277,6 @@ def test_an_infeasible_setting_says_why(allegro):
     assert not result.picture.of(Role.NORMAL_FORCE)
     assert "why not" in result_html(result, None, dark=False)
     assert "no torques" in torque_html(result, dark=False)
-
-
-def test_a_scene_that_makes_no_sense_says_why(allegro):
     result = answer_settings(allegro, Settings(Algorithm.MARGIN, 0.1, {"object/x": 20.0}))
     assert result.solution is None
     assert "overlap" in result.reason
@@ -327,15 +328,7 @@ def test_no_torque_is_minus_nothing():
 def test_micro_figures_have_digits(paper):
     """A millionth of the forces on a thousandth of the lengths, and no zeros."""
     answer = answer_settings(paper, initial_settings(paper))
-    block = paper.problem()
-    tiny = block.with_changes(
-        positions=1e-3 * block.positions,
-        external_wrench=np.repeat([1e-6, 1e-9], 3) * block.external_wrench,
-        jacobian=1e-3 * block.jacobian,
-        torque_limits=(1e-9 * block.lower_torque, 1e-9 * block.upper_torque),
-        max_normal_force=1e-6 * block.max_normal_force,
-    )
-    solution = maximize_margin(tiny)
+    solution = maximize_margin(micro_block())
     shown = result_html(replace(answer, solution=solution), solution, dark=False)
     assert f"{solution.margin:.5g}</b>" in shown and f"{solution.max_torque:.5g}</b>" in shown
     bars = torque_html(replace(answer, solution=solution), dark=False)
@@ -366,13 +359,3 @@ def test_the_verdict_comes_after_the_solution(paper):
     assert "<b>May fail</b> the object can slip down" in verdict_html(may_fall, dark=True)
     nothing = replace(first, solution=None, reason="why")
     assert with_verdict(nothing) is nothing and verdict_html(nothing, dark=False) == ""
-
-
-def test_a_verdict_that_cannot_be_had_says_why(paper, monkeypatch):
-    def refuse(*_, **__):
-        raise ArgumentError("joint_inertia", "no mass")
-
-    monkeypatch.setattr("graspless_pin.scene.scene.verdict_of", refuse)
-    judged = with_verdict(answer_settings(paper, initial_settings(paper)))
-    assert judged.verdict == "no verdict: joint_inertia: no mass"
-    assert judged.stability is None
