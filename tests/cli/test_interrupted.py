@@ -42,8 +42,10 @@ def run(
     )
 
 
-@pytest.mark.parametrize("module", ["graspless_pin.cli.commands", "typer", "pydantic"])
-@pytest.mark.parametrize("caught", ["()", "BaseException"])
+@pytest.mark.parametrize(
+    ("module", "caught"),
+    [("graspless_pin.cli.commands", "()"), ("typer", "BaseException"), ("pydantic", "()")],
+)
 def test_while_libraries_are_loaded(module, caught):
     """Also where a library catches everything."""
     result = run(module, caught=caught)

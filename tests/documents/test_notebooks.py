@@ -52,6 +52,7 @@ def pictures(cell) -> list[np.ndarray]:
 
 # The kernel's own sockets and event loop belong to jupyter_client.
 @pytest.mark.filterwarnings("default:::(zmq|jupyter_client|nbclient|asyncio|traitlets)")
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("file", NOTEBOOKS, ids=lambda file: file.stem)
 def test_notebook_runs_and_gives_what_it_is_stored_with(file):
     stored = [cell for cell in read(file).cells if cell.cell_type == "code"]

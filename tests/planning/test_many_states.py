@@ -6,10 +6,9 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-import yaml
-from planning_scenes import EXAMPLES, example, nearby, shifted
+from planning_scenes import example, nearby, shifted, with_hybrid_finger
 
-from graspless_pin import Margin, SolveOptions, compiled, load_scene
+from graspless_pin import Margin, SolveOptions, compiled
 from graspless_pin.errors import ArgumentError, CrashError
 from graspless_pin.planning import EvaluatedStates, Evaluator, StateStatus, many_states
 from graspless_pin.planning.configurations import Configurations
@@ -161,9 +160,7 @@ def test_processes_find_the_same_and_go_on_after_one_died():
     ("seconds", "count", "used"),
     [
         (1e-5, 20_000, 1),  # two processes took 0.9 s to save 0.1 s
-        (1e-5, 200_000, 1),
         (1e-4, 100_000, 4),
-        (1e-2, 500, 1),
         (1e-2, 800, 1),
         (1e-2, 1000, 2),  # 5 s are left
         (1e-2, 1400, 4),
@@ -213,11 +210,7 @@ def test_what_is_given_once_holds_for_all():
 
 
 def test_forces_of_hybrid_fingers_have_columns_of_their_own(tmp_path):
-    data = yaml.safe_load((EXAMPLES / "trihand_push_box.yaml").read_text(encoding="utf-8"))
-    data["hand"]["control"] = {"finger_1": "hybrid"}
-    file = tmp_path / "scene.yaml"
-    file.write_text(yaml.safe_dump(data), encoding="utf-8")
-    evaluator = Evaluator(load_scene(file))
+    evaluator = Evaluator(with_hybrid_finger("trihand_push_box", tmp_path))
     T = evaluator.scene.object.T_world_object
 
     found = evaluator.evaluate_many(T_world_object=[T, shifted(T, [0.0, 0.0, 1.0])])
@@ -259,6 +252,7 @@ def test_a_margin_is_asked_for_as_of_one_state():
         evaluator.are_feasible(q, margin=-1.0)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.skipif(compiled.core is None, reason="nothing was compiled")
 @pytest.mark.parametrize(
     "name", ["trihand_push_box", "allegro_push_up_slope", "allegro_tumble_box"]

@@ -10,6 +10,7 @@ from graspless_pin.simulation import SimulatedOutcome, simulate
 SPHERE = Path(__file__).parents[2] / "examples" / "allegro_sphere_on_slope.yaml"
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("algorithm", ["margin", "torque"])
 def test_the_ball_stays_from_the_stated_feedback_on(algorithm):
     """With the rotors and damping of the simulated joints, on stiff contacts."""

@@ -4,7 +4,7 @@ import sys
 
 import numpy as np
 import pytest
-from holding_scenes import FAMILIES, holding_scenes
+from holding_scenes import holding_scenes
 from tests.scene.scene_tools import EXAMPLES, PAPER
 
 from graspless_pin import load_scene
@@ -57,6 +57,7 @@ def test_a_step_lets_all_act_at_once():
     assert outcomes(simulate(block(2.5 * mu), (), seconds=0.5, protocol="step"))[0] == "held"
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("family", "number"), [("slope", 1), ("slope", 2)])
 def test_a_step_leaves_at_rest_what_friction_stops(family, number):
     """Where a step is half the time constant of contacts these bounce, and drift off."""
@@ -124,14 +125,6 @@ def test_a_box_falls_between_two_walls():
             simulate(scene, solution.torques, seconds=0.5).outcome is SimulatedOutcome.MOVED
         )
     assert any(fell)
-
-
-@pytest.mark.parametrize("family", FAMILIES)
-def test_families_are_the_same_scenes_each_time(family):
-    first, again = (next(holding_scenes(family, 1)).problem() for _ in range(2))
-    np.testing.assert_array_equal(first.positions, again.positions)
-    np.testing.assert_array_equal(first.jacobian, again.jacobian)
-    assert first.contact_count >= 2 and first.joint_count >= 1
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from graspless_pin import Stability
 from graspless_pin.simulation import SimulatedOutcome
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("family", ["corner", "groove"])
 def test_no_verdict_is_contradicted(family):
     cases = holding.compared(family, 1)

@@ -110,6 +110,7 @@ def by_cells(outcome, shape, depth):
         points |= new
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("seed", range(3))
 def test_the_points_are_those_of_a_search_cell_by_cell(seed):
     """Seeded blobs of three outcomes."""
@@ -140,9 +141,6 @@ def test_rounds_begin_with_those_before():
     assert sizes[0] == 20 and sizes == sorted({*sizes}) and len(sizes) >= 4
     whole = study(PLANE).samples
     np.testing.assert_allclose(made.samples[:], whole[:], rtol=1e-15)
-
-
-def test_a_number_of_samples_ends_it():
     for limit in (20, 57, 400):
         *_, last = rounds(adaptive(samples=limit), disc)
         assert len(last) == limit

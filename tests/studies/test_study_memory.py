@@ -72,6 +72,7 @@ def most_bytes(call):
     return most
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", ["out.parquet", "out.csv"])
 def test_memory_grows_by_bytes_a_sample(tmp_path, name):
     """Four times the samples; where somebody keeps their rows, this sees it."""
