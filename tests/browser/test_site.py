@@ -29,12 +29,14 @@ def test_the_site_follows_the_reader_into_the_dark_and_back(page: Page, site: Pa
     page.get_by_title("Follow the system").click()
 
 
-def test_tables_and_pages_fit_the_screen(page: Page, site: Path):
+@pytest.mark.sampled(1)
+@pytest.mark.parametrize("part", range(4))
+def test_tables_and_pages_fit_the_screen(page: Page, site: Path, part: int):
     """Printed output and code may scroll in themselves."""
     page.set_viewport_size({"width": WIDTH, "height": 800})
     files = [file for file in sorted(site.rglob("*.html")) if file.name != "404.html"]
     assert len(files) > 35
-    for file in files:
+    for file in files[part::4]:
         page.goto(file.as_uri())
         assert page.evaluate("document.documentElement.scrollWidth") <= WIDTH, file
         wide = page.locator(".md-typeset__scrollwrap").evaluate_all(
@@ -68,12 +70,9 @@ def test_the_copy_buttons_copy_commands_and_nothing_else(page: Page, site: Path,
 
 LOOKED_AT = (
     ".",
-    "first_steps",
     "keys",
     "model",
     "notebook_paper_figures",
-    "tutorial_pushing",
-    "api/solving",
 )
 
 
@@ -92,4 +91,4 @@ def test_pages_are_accessible_and_show_their_pictures(page: Page, site: Path, sc
         assert all(width > 300 for _, width in shown), name
         other = "dark" if scheme == "light" else "light"
         assert not [source for source, _ in shown if source.endswith(f"only-{other}")], name
-        assert shown or name in ("keys", "api/solving")
+        assert shown or name == "keys"

@@ -20,7 +20,6 @@ from accessibility import serious_violations
 from PIL import Image
 from playwright.sync_api import Locator, Page, expect
 
-from graspless_pin.errors import ArgumentError
 from graspless_pin.scene import Scene, load_scene
 from graspless_pin.viewer import Viewer, changed_scene, view
 from graspless_pin.visualization import DARK, LIGHT, Role
@@ -72,11 +71,6 @@ def enter(page: Page, label: str, value: str) -> None:
     number = row(page, label).locator("input[inputmode]")
     number.fill(value)
     number.press("Enter")
-
-
-def choose_smallest_torque(page: Page) -> None:
-    page.locator("input[value='1: largest margin']").first.click()
-    page.get_by_role("option", name="2: smallest torque").click()
 
 
 def choose_colours(page: Page, before: str, after: str) -> None:
@@ -149,16 +143,12 @@ def bluish(pixels: np.ndarray) -> int:
 
 
 def test_the_page_shows_what_the_library_computes(allegro, opened):
+    """At first, after a slider is moved and numbers are typed, and for the other algorithm."""
     page = opened()
-    settled(page, allegro.solve().margin)
+    before = margin(page)
     text = page.locator("#graspless-torques").inner_text()
     figures = [float(line) for line in text.splitlines() if not re.search("[a-z]", line)]
     np.testing.assert_allclose(figures, allegro.solve().torques, atol=5.1e-5)
-
-
-def test_a_slider_moved_in_the_page_changes_the_margin(allegro, opened):
-    page = opened()
-    before = margin(page)
     as_loaded = page.get_by_role("button", name="As loaded")
     place = as_loaded.bounding_box()
     control = row(page, "friction, supports")
@@ -181,26 +171,15 @@ def test_a_slider_moved_in_the_page_changes_the_margin(allegro, opened):
     as_loaded.click()
     settled(page, before)
     expect(thumb).to_have_attribute("aria-valuenow", "0.35")
-
-
-def test_the_other_algorithm_and_its_margin(allegro, opened):
-    page = opened()
-    choose_smallest_torque(page)
+    page.locator("input[value='1: largest margin']").first.click()
+    page.get_by_role("option", name="2: smallest torque").click()
     settled(page, allegro.solve("torque", margin=0.1).margin)
     enter(page, "e0 [N]", "0.4")
     result = page.locator("#graspless-result")
     expect(result).to_contain_text("at margin 0.4 N", timeout=PATIENCE)
     expect(result).to_contain_text(f"{allegro.solve('torque', margin=0.4).max_torque:.4f}")
-
-
-def test_what_cannot_be_held_says_why_not(allegro, opened):
-    page = opened()
-    choose_smallest_torque(page)
     enter(page, "e0 [N]", "12")  # a margin is at most half of max_normal_force
-    result = page.locator("#graspless-result")
-    expect(result).to_contain_text("why not", timeout=PATIENCE)
-    expect(result).to_contain_text("infeasible")
-    expect(result).to_have_attribute("data-found", "false")
+    expect(result).to_have_attribute("data-found", "false", timeout=PATIENCE)
 
 
 def test_the_object_is_dragged_by_its_upper_arrow(allegro, opened):
@@ -229,8 +208,9 @@ def test_the_object_is_dragged_by_its_upper_arrow(allegro, opened):
     page.wait_for_timeout(500)  # let the next page have none
 
 
-def test_the_scene_is_drawn_and_layers_can_be_hidden(allegro, opened, tmp_path):
+def test_the_scene_is_drawn_layers_can_be_hidden_and_the_page_can_turn_dark(opened, tmp_path):
     page = opened()
+    assert looked_at(page, WHOLE, lambda shot: np.median(middle(shot)) > 200.0)
     assert looked_at(page, WHOLE, lambda shot: bluish(shot) > 500)
     still(page)
     shown = drawing(page, tmp_path / "light.png")
@@ -247,6 +227,16 @@ def test_the_scene_is_drawn_and_layers_can_be_hidden(allegro, opened, tmp_path):
     gone = looked_at(page, WHOLE, lambda shot: bluish(shot) < 0.4 * arrows)
     page.get_by_label("normal force").click()  # as it was, for the next page
     assert gone
+    legend = page.locator("#graspless-legend")
+    assert all(LIGHT.roles[role] in legend.inner_html() for role in Role)
+    choose_colours(page, "as the system", "dark")
+    is_dark = looked_at(page, WHOLE, lambda shot: np.median(middle(shot)) < 60.0)
+    assert all(DARK.roles[role] in legend.inner_html() for role in Role)
+    drawing(page, tmp_path / "dark.png")
+    # As it was, for the next page: closing this one at once might leave the server in the dark.
+    choose_colours(page, "dark", "as the system")
+    expect(page.locator("html")).to_have_attribute("data-mantine-color-scheme", "light")
+    assert is_dark
 
 
 LEGIBILITY = """(root) => {
@@ -307,22 +297,6 @@ def test_the_readings_are_legible(allegro, opened, dark):
         assert not item["cut"], item
 
 
-def test_the_page_can_turn_dark(allegro, opened, tmp_path):
-    page = opened()
-    assert looked_at(page, WHOLE, lambda shot: np.median(middle(shot)) > 200.0)
-    page.get_by_role("tab", name="Layers").click()
-    legend = page.locator("#graspless-legend")
-    assert all(LIGHT.roles[role] in legend.inner_html() for role in Role)
-    choose_colours(page, "as the system", "dark")
-    is_dark = looked_at(page, WHOLE, lambda shot: np.median(middle(shot)) < 60.0)
-    assert all(DARK.roles[role] in legend.inner_html() for role in Role)
-    drawing(page, tmp_path / "dark.png")
-    # As it was, for the next page: closing this one at once might leave the server in the dark.
-    choose_colours(page, "dark", "as the system")
-    expect(page.locator("html")).to_have_attribute("data-mantine-color-scheme", "light")
-    assert is_dark
-
-
 def test_what_is_drawn_is_numbered_and_seen_from_presets(opened):
     """Numbers, axes, gravity and scale as text; the keyboard reaches the views."""
     page = opened()
@@ -340,18 +314,16 @@ def test_what_is_drawn_is_numbered_and_seen_from_presets(opened):
     assert "Joint joint_1.0 is nearest its limit" in page.locator("#graspless-result").inner_text()
 
 
-@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
-def test_a_phone_shows_the_margin_and_reaches_the_controls(page, viewers, allegro, dark):
+def test_a_phone_shows_the_margin_and_reaches_the_controls(page, viewers, allegro):
     """And follows its reader into the dark; axe finds nothing serious in the panels."""
     page.set_viewport_size({"width": 500, "height": 600})
-    page.emulate_media(color_scheme="dark" if dark else "light")
+    page.emulate_media(color_scheme="dark")
     page.goto(viewers[False].url)
     headline = page.locator("#graspless-headline")
     expect(headline).to_contain_text(f"{allegro.solve().margin:.4f} N", timeout=PATIENCE)
     page.get_by_role("alert").get_by_role("button").first.click()
     expect(headline).to_be_in_viewport()
-    scheme = "dark" if dark else "light"
-    expect(page.locator("html")).to_have_attribute("data-mantine-color-scheme", scheme)
+    expect(page.locator("html")).to_have_attribute("data-mantine-color-scheme", "dark")
     for name in ("Fit", "Undo", "Save as scene file"):
         button = page.get_by_role("button", name=name, exact=True)
         button.scroll_into_view_if_needed()
@@ -360,7 +332,7 @@ def test_a_phone_shows_the_margin_and_reaches_the_controls(page, viewers, allegr
     def shows_the_scene(pixels: np.ndarray) -> bool:
         ground = np.median(pixels.reshape(-1, 3), axis=0)
         differs = (np.abs(pixels - ground).max(axis=2) > 25.0).mean() > 0.1
-        return bool(differs) and bool(ground.max() < 60.0) is dark
+        return bool(differs) and bool(ground.max() < 60.0)
 
     def hides_nothing(pixels: np.ndarray) -> bool:
         return bool((np.abs(pixels - np.median(pixels, axis=(0, 1))).max(axis=2) < 25.0).all())
@@ -428,13 +400,6 @@ def test_it_listens_on_this_machine_only_and_stops(allegro):
     viewer.wait()
     with socket.socket() as probe:
         assert probe.connect_ex(("127.0.0.1", port)) != 0
-
-
-def test_impossible_addresses_are_refused(allegro):
-    with pytest.raises(ArgumentError, match="host"):
-        view(allegro, host="198.51.100.1")
-    with pytest.raises(ArgumentError, match="port"):
-        view(allegro, port=70_000)
 
 
 def test_a_motion_is_shown_when_it_is_asked_for(page: Page):

@@ -161,6 +161,7 @@ class Oracle:
         return float(found.fun) if found.status == 0 else np.nan
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("example", "axis"),
     [
@@ -273,9 +274,6 @@ def test_the_schema_and_messages_know_it(package, tmp_path):
     file.write_text(file.read_text().replace("cone: ribbed", "cone: ribed"))
     result = command(package, "solve", str(file))
     assert "did you mean 'ribbed'?" in result.stderr
-
-
-def test_what_needs_coulombs_law_refuses(package, tmp_path):
     file = scene_of(tmp_path, "cuboid_at_rest.yaml")
     direction = command(package, "solve", str(file), "--sign-rule", "direction")
     assert "'direction' is about Coulomb's law" in direction.stderr

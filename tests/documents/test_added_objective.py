@@ -13,7 +13,6 @@ from page_blocks import ROOT
 from scipy.optimize import linprog
 
 from graspless_pin import QuasistaticProblem, enumerate_modes, load_scene
-from graspless_pin.errors import SceneError
 from graspless_pin.report import read_solution
 from graspless_pin.report.verify import verify_document
 
@@ -208,7 +207,6 @@ def test_the_command_line_asks_for_it(package, expected, tmp_path):
         (("--algorithm", "total_torque", "--scale", "limits"),
          "scale: is no option of the algorithm 'total_torque' and would change nothing here"),
         (("--margin", "0.1"), "ask for 'torque' or 'total_torque', or leave it out"),
-        (("--evenness", "0.1"), "evenness: is no option of the algorithm 'margin'"),
         (("--algorithm", "total"), "'total' is not one of 'margin', 'torque', 'total_torque'"),
     ],
 )  # fmt: skip
@@ -226,11 +224,6 @@ def test_a_wrong_figure_in_a_scene_is_told_with_its_line(package, scenes, tmp_pa
     shown = command(package, "solve", str(file))
     assert shown.returncode == 2
     assert f"{file}:{line}: solve.evenness: found -2" in shown.stderr
-
-
-def test_a_package_without_it_says_what_it_knows(scenes):
-    with pytest.raises(SceneError, match=r"solve\.algorithm: found 'total_torque'; .*'torque'"):
-        load_scene(scenes[JAW])
 
 
 def test_the_schemas_have_its_name_and_figure(package):

@@ -1,4 +1,4 @@
-"""What a kept `Evaluation` costs: the memory of 200 of them, as tracemalloc counts it."""
+"""What a kept `Evaluation` costs: the memory of 100 of them, as tracemalloc counts it."""
 
 import gc
 import tracemalloc
@@ -14,7 +14,7 @@ from graspless_pin.scene import Scene
 
 MOST = 20_000 if core is not None else 22_000
 """Bytes; the numpy beside the loops keeps a little more."""
-KEPT = 200
+KEPT = 100
 
 
 @pytest.fixture(scope="module")
@@ -40,9 +40,7 @@ def cost(evaluate: Callable[[], Evaluation]) -> float:
         tracemalloc.stop()
 
 
-@pytest.mark.parametrize(
-    ("algorithm", "moved"), [("margin", "hand"), ("margin", "object"), ("torque", "both")]
-)
+@pytest.mark.parametrize(("algorithm", "moved"), [("margin", "object"), ("torque", "both")])
 def test_a_kept_evaluation_is_small(scene, algorithm, moved):
     evaluator = Evaluator(scene, algorithm=algorithm)
     rng = np.random.default_rng(0)

@@ -20,7 +20,7 @@ def found(request: pytest.FixtureRequest) -> HandPlacement:
     options = {**scene.solve_options, "algorithm": request.param, "margin": 0.1}
     scene = scene.with_changes(solve_options=options)
     options = {"aim": "press", "verdict_nodes": NODES, "verdicts": None, "seed": 3}
-    return place_hand(scene, candidates=40, workers=1, **options)
+    return place_hand(scene, candidates=20, workers=1, **options)
 
 
 def written(scene: Scene, folder: Path) -> Scene:

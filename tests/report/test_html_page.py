@@ -6,6 +6,7 @@ import re
 import shutil
 import sys
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -31,7 +32,7 @@ from graspless_pin import (
     minimize_torque,
     optimize,
 )
-from graspless_pin.errors import ArgumentError, GrasplessPinError
+from graspless_pin.errors import GrasplessPinError
 from graspless_pin.report import solution_document
 from graspless_pin.report.html import case_of_document, case_of_scene, report_html
 from graspless_pin.visualization import Role
@@ -42,10 +43,15 @@ def number(text: str) -> float:
     return float(text.replace("−", "-").split()[0])
 
 
+@cache
+def solved_allegro():
+    scene, solution = solved(ALLEGRO)
+    return scene, solution, contact_force_bounds(solution.problem, solution.torques)
+
+
 @pytest.fixture(scope="module")
 def allegro():
-    scene, solution = solved(ALLEGRO)
-    bounds = contact_force_bounds(solution.problem, solution.torques)
+    scene, solution, bounds = solved_allegro()
     return scene, solution, report_html(case_of_scene(scene, solution, ALLEGRO), bounds)
 
 
@@ -54,14 +60,19 @@ def page(allegro) -> Element:
     return read_html(allegro[2])
 
 
-def test_it_is_small(allegro):
+def test_it_is_small_and_its_colours_follow_the_page(page: Element, allegro):
     assert len(allegro[2].encode()) < 5_000_000
+    # No drawing has a fixed colour of the light palette.
+    text = allegro[2]
+    drawings = "".join(re.findall(r"<svg.*?</svg>", text, flags=re.DOTALL))
+    assert "currentColor" in drawings and f"var(--{Role.CONE})" in drawings
+    colors = set(re.findall(r"#[0-9a-f]{6}\b", drawings))
+    assert colors <= {"#ffffff", "#000000", "#b0b0b0"}, colors
 
 
-def test_it_says_which_cones_there_are(allegro, page: Element):
-    scene, _, _ = allegro
+def test_it_says_which_cones_there_are(page: Element):
     assert "32 cone edges" in page.text
-    rounded = scene.with_changes(cone="round")
+    rounded = solved(AT_REST)[0].with_changes(cone="round")
     text = read_html(report_html(case_of_scene(rounded, rounded.solve("margin")))).text
     assert "round cones" in text and "cone edges" not in text
 
@@ -82,18 +93,7 @@ def test_nothing_is_fetched(allegro, page: Element):
     assert "@import" not in allegro[2] and "url(http" not in allegro[2]
 
 
-def test_ids_are_unique_and_links_lead_somewhere(page: Element):
-    ids = [item.attributes["id"] for item in page.everything() if "id" in item.attributes]
-    assert len(ids) == len(set(ids))
-    for element in page.everything():
-        for name in ("href", "xlink:href"):
-            target = element.attributes.get(name) or ""
-            assert not target.startswith("#") or target[1:] in ids
-        for reference in (element.attributes.get("aria-labelledby") or "").split():
-            assert reference in ids
-
-
-def test_the_sections(page: Element):
+def test_sections_and_links_between_them(page: Element):
     assert [item.text for item in page.all("h1")] == [
         "Allegro hand keeps a box from sliding down a slope"
     ]
@@ -107,6 +107,14 @@ def test_the_sections(page: Element):
         "Modes examined",
         "How to reproduce",
     ]
+    ids = [item.attributes["id"] for item in page.everything() if "id" in item.attributes]
+    assert len(ids) == len(set(ids))
+    for element in page.everything():
+        for name in ("href", "xlink:href"):
+            target = element.attributes.get(name) or ""
+            assert not target.startswith("#") or target[1:] in ids
+        for reference in (element.attributes.get("aria-labelledby") or "").split():
+            assert reference in ids
 
 
 def test_the_torques(allegro, page: Element):
@@ -133,9 +141,8 @@ def test_the_contacts(allegro, page: Element):
     assert len(page.section("friction").all("svg")) == len(rows) == 7
 
 
-def test_the_ranges(allegro, page: Element):
-    _, solution, _ = allegro
-    bounds = contact_force_bounds(solution.problem, solution.torques)
+def test_the_ranges(page: Element):
+    _, _, bounds = solved_allegro()
     rows = page.section("ranges").rows()
     for index, row in enumerate(rows):
         for k, text in enumerate(row[1:]):
@@ -215,15 +222,6 @@ def test_what_does_not_see_is_told(page: Element):
     assert "the object box" in words and "supported by slope" in words and "7 contact" in words
 
 
-def test_colours_follow_the_page(allegro, page: Element):
-    """No drawing has a fixed colour of the light palette."""
-    text = allegro[2]
-    drawings = "".join(re.findall(r"<svg.*?</svg>", text, flags=re.DOTALL))
-    assert "currentColor" in drawings and f"var(--{Role.CONE})" in drawings
-    colors = set(re.findall(r"#[0-9a-f]{6}\b", drawings))
-    assert colors <= {"#ffffff", "#000000", "#b0b0b0"}, colors
-
-
 def test_why_not():
     scene, solution = solved(SLIDING, sliding_rule="constrained")
     page = read_html(report_html(case_of_scene(scene, solution)))
@@ -249,6 +247,7 @@ def test_a_document_brings_its_scene(tmp_path):
     assert [row[1] for row in page.section("contacts").rows()] == list(scene.contacts.bodies)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("loops", "said"), [("yes", "yes"), ("no", "no: numpy did their work"), (None, None)]
 )
@@ -279,6 +278,7 @@ def test_no_file_that_a_document_names_is_opened(tmp_path, monkeypatch):
     assert opened == []
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [("mass: 1.0", "mass: 1.1", "changed since"), ("friction:", "frictoin:", "changed since")],
@@ -319,20 +319,10 @@ def test_a_problem_from_arrays():
     assert "touching" not in head.text
     rows = page.section("joints").rows()
     assert [row[4] for row in rows] == ["+2.0000", "+∞"]
-
-
-def test_a_tampered_document_fails_on_the_page():
     document = through_json(maximize_margin(pinched_block()))
     document["contacts"][0]["force"][1] += 0.1
     page = read_html(report_html(case_of_document(document)))
     assert "FAILED" in {row[1] for row in page.section("modes").rows()}
-
-
-def test_an_incomplete_document_is_refused():
-    document = through_json(maximize_margin(pinched_block()))
-    del document["max_torque"]
-    with pytest.raises(ArgumentError, match="document: the document lacks the key 'max_torque'"):
-        report_html(case_of_document(document))
 
 
 def test_names_cannot_break_the_page():
@@ -381,10 +371,9 @@ def test_ranges_that_take_too_long_are_marked(allegro):
                 assert number(last) == pytest.approx(b, abs=1e-4)
 
 
-def test_marks_are_only_spoken_of_where_there_are_some(allegro):
+def test_marks_are_only_spoken_of_where_there_are_some():
     """All ranges can be proven where only the margin at worst is not."""
-    scene, solution, _ = allegro
-    bounds = contact_force_bounds(solution.problem, solution.torques)
+    scene, solution, bounds = solved_allegro()
     unsure = replace(bounds, status=Status.LIMIT_REACHED)
     assert unsure.proven.all()
     section = read_html(report_html(case_of_scene(scene, solution), unsure)).section("ranges")
@@ -394,10 +383,6 @@ def test_marks_are_only_spoken_of_where_there_are_some(allegro):
     assert "torques determine the force" in section.text
     assert "The margins reached go from 0 to 0.7437" in section.text
     assert "--ranges-time" in section.text
-
-
-def test_ranges_without_any_time_to_hold_the_torques(allegro):
-    scene, solution, _ = allegro
     nothing = replace(
         contact_force_bounds(solution.problem, solution.torques, time_limit=0.0),
         status=Status.NOT_FOUND_IN_LIMIT,

@@ -122,9 +122,7 @@ def test_the_document_is_complete_and_holds_the_torques():
     assert model.opt.cone != mujoco.mjtCone.mjCONE_PYRAMIDAL
     weight = hand_of(scene).gravity_torques(scene.gravity)
     np.testing.assert_allclose(made.idle, [weight[names.index(motor)] for motor in made.motors])
-
-
-def test_a_hand_that_weighs_nothing_falls_nowhere():
+    # A hand that weighs nothing falls nowhere.
     scene = load_scene(BALL).with_changes(count_own_weight=False)
     _, model, data = built(scene)
     np.testing.assert_allclose((data.qfrc_bias - data.qfrc_passive)[: model.nu], 0.0, atol=1e-12)
@@ -189,7 +187,7 @@ def test_a_link_inside_a_support_does_not_meet_it():
     assert "support/block/0" not in {name for name in tips if name.startswith("hand")}
 
 
-def test_what_moves_is_refused(tmp_path):
+def test_what_moves_bad_torques_and_missing_friction_are_refused(tmp_path):
     moving = load_scene(PAPER / "cuboid_sliding_up.yaml")
     with pytest.raises(SceneError, match=r"cuboid_sliding_up.yaml: motion: .* leave the key out"):
         simulation_model(moving, np.zeros(2))
@@ -197,9 +195,6 @@ def test_what_moves_is_refused(tmp_path):
     belt = replace(scene.supports[0], velocity=np.array([0.1, 0, 0, 0, 0, 0]))
     with pytest.raises(SceneError, match="support 'slope' moves"):
         simulation_model(scene.with_changes(supports=(belt,)), np.zeros(2))
-
-
-def test_bad_torques_and_missing_friction_are_refused():
     scene = load_scene(PAPER / "cuboid_at_rest.yaml")
     with pytest.raises(ArgumentError, match=r"torques: has shape \(3,\)"):
         simulation_model(scene, np.zeros(3))

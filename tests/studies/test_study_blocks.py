@@ -50,7 +50,7 @@ def test_margins_are_those_of_samples_alone(tmp_path):
 def test_a_run_that_stops_inside_a_block_gives_the_same_table(tmp_path, monkeypatch):
     """What a sample learns from is computed again, its rows are not."""
     made, whole, parts = blocked(), tmp_path / "whole.parquet", tmp_path / "parts.parquet"
-    run_study(made, whole, workers=2, progress=False)
+    run_study(made, whole, executor=Here(), workers=1, progress=False)
     rows = [*evaluate_each(made, [*enumerate(made.samples)])]
     identity = {"format": JOURNAL_FORMAT, "fingerprint": made.fingerprint, "versions": versions()}
     journal = Journal(parts.with_name(f"{parts.name}.journal"), identity)
@@ -73,6 +73,7 @@ EVERYTHING = {
 }
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("vary", [VARY, EVERYTHING], ids=["loads", "everything"])
 @pytest.mark.parametrize("method", ["sobol", "grid"])
 def test_a_row_depends_on_those_before_it_in_its_block_alone(vary, method):
@@ -156,9 +157,7 @@ def test_an_internal_error_in_a_search_costs_one_sample_and_is_told(monkeypatch)
         assert (row["status"], row["found"]) == ("failed", False)
         assert row["error"].startswith("internal error in sample_evaluation.py, line ")
         assert row["error"].endswith(": IndexError: ours")
-
-
-def test_an_internal_error_in_the_first_look_ends_no_study(monkeypatch):
+    # In the first look it ends no study.
     monkeypatch.setattr(Scene, "problem", lambda *_: 1 / 0)
     check_study(blocked(count=8))
 
@@ -248,6 +247,7 @@ def test_what_is_refused_is_so_for_values_that_were_seen():
                 assert made.scene_at(sample, parts).friction == {"default": sample[0]}
 
 
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("file", sorted(PAPER.parent.rglob("*.yaml")), ids=lambda file: file.stem)
 def test_contacts_and_joints_read_nothing_of_what_only_bears_on_them(file):
     """Every field that they are made of is read here: of those that are not, rows are renewed."""

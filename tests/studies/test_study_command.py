@@ -3,23 +3,15 @@
 from contextlib import suppress
 
 import pytest
-import typer
 from study_tools import FRICTION, ROOT, Here, data, study_file
-from typer.testing import CliRunner
+from tests.cli.cli_tools import LINES, run
 
 from graspless_pin.cli import study
 from graspless_pin.errors import StudyError
 from graspless_pin.studies import load_study, read_results, run_study
 from graspless_pin.studies.run import check_study
 
-APP = typer.Typer()
-APP.command()(study.study)
 EXAMPLES = sorted((ROOT / "examples" / "studies").glob("*.yaml"))
-
-
-def command(*arguments):
-    words = [str(argument) for argument in arguments]
-    return CliRunner().invoke(APP, words, catch_exceptions=False)
 
 
 @pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.stem)
@@ -34,40 +26,23 @@ def test_example_studies_can_run(file, tmp_path):
 def test_a_study_from_the_command_line(tmp_path):
     file = study_file(tmp_path, data({"friction": FRICTION}))
     output = tmp_path / "new" / "out.parquet"
-    result = command(file, "-o", output, "--workers", 1)
+    result = run("study", file, "-o", output, "--workers", 1)
     assert result.exit_code == 0
     assert "3 samples: 3 found, 0 infeasible, 0 failed\nlargest margin 4.768 N at" in result.stdout
     assert f"{output} after" in result.stdout
     assert "3/3" in result.stderr
     assert len(read_results(output)) == 3
-    again = command(file, "-o", output, "--no-progress")
+    again = run("study", file, "-o", output, "--no-progress")
     assert again.exit_code == 0 and again.stderr == ""
-    told = command(file, "-o", output)
+    told = run("study", file, "-o", output)
     assert (
         told.stderr == f"{output} is complete: nothing is left to compute (--fresh begins anew)\n"
     )
 
 
-ON_A_FLOOR = """
-gravity: [0, 0, -9.8]
-friction: 0.3
-hand:
-  robot: lever_100mm
-  base_pose: {position: [-0.1, -0.1, 0.0], rpy: [3.141592653589793, 0, 0]}
-object:
-  name: box
-  shape: {type: box, size: [0.2, 0.2, 0.2]}
-  mass: 1.0
-supports:
-  - name: floor
-    shape: {type: half_space}
-    pose: {position: [0, 0, -0.1]}
-"""
-
-
 @pytest.mark.parametrize(("need_hand", "code"), [(True, 4), (False, 0)])
 def test_a_hand_that_touches_nothing_is_no_success(tmp_path, need_hand, code):
-    (tmp_path / "scene.yaml").write_text(ON_A_FLOOR, encoding="utf-8")
+    (tmp_path / "scene.yaml").write_text(LINES, encoding="utf-8")
     way = {"what": "hand", "along": [0, 1, 0]}
     made = {
         "scene": "scene.yaml",
@@ -75,7 +50,7 @@ def test_a_hand_that_touches_nothing_is_no_success(tmp_path, need_hand, code):
         "compute": {"need_hand": need_hand},
     }
     output = tmp_path / "out.csv"
-    result = command(study_file(tmp_path, made), "-o", output, "--workers", 1, "--no-progress")
+    result = run("study", study_file(tmp_path, made), "-o", output, "--workers", 1, "--no-progress")
     assert result.exit_code == code, result.stdout
     lines, told = result.stdout.splitlines(), read_results(output)["findings"]
     if need_hand:
@@ -103,7 +78,7 @@ def test_going_on_is_told(tmp_path, capsys):
 def test_nothing_found(tmp_path):
     file = study_file(tmp_path, data({"friction": {"values": [0.0]}}))
     run_study(load_study(file), tmp_path / "out.csv", executor=Here(), progress=False)
-    result = command(file, "-o", tmp_path / "out.csv")
+    result = run("study", file, "-o", tmp_path / "out.csv")
     assert result.exit_code == 1
     assert result.stdout.startswith("1 sample: 0 found, 1 infeasible, 0 failed\n")
 
@@ -119,7 +94,7 @@ def test_nothing_found(tmp_path):
 def test_bad_input(tmp_path, monkeypatch, options, message):
     monkeypatch.chdir(tmp_path)
     study_file(tmp_path, data({"friction": FRICTION}))
-    result = command("study.yaml", *options)
+    result = run("study", "study.yaml", *options)
     assert result.exit_code == 2 and result.stdout == ""
     assert result.stderr.startswith(message)
     assert "Traceback" not in result.stderr
@@ -131,6 +106,6 @@ def test_interrupted(tmp_path, monkeypatch):
 
     monkeypatch.setattr(study, "compute_study", interrupted)
     file = study_file(tmp_path, data({"friction": FRICTION}))
-    result = command(file, "-o", tmp_path / "out.csv")
+    result = run("study", file, "-o", tmp_path / "out.csv")
     assert result.exit_code == 130
     assert result.stderr == "interrupted; run the same command again to go on\n"
