@@ -23,8 +23,6 @@ KINDS = {"", "python", "console", "yaml", "xml", "text", "bibtex"}
 PATH = re.compile(r"`((?:examples|docs|robots|src|tests|benchmarks)/[\w./-]*)`")
 REPOSITORY = ("examples", "docs", "robots", "src", "tests", "benchmarks", "Makefile")
 UNTIL_INTERRUPTED = {"view"}
-SLOW = {"placing": 0, "studies": 0, "holding": 1, "own_hand": 1, "planning": 1, "report": 1}
-"""Pages on which much is computed: of these one is followed, all of them with ``--all-cases``."""
 COMMENT_GOES_ON = re.compile(r"\A(?: +# .*\n)+")
 
 
@@ -39,17 +37,7 @@ def a_fresh_clone(tmp_path, monkeypatch):
     monkeypatch.setenv("COLUMNS", "120")
 
 
-@pytest.mark.parametrize(
-    "page",
-    [
-        pytest.param(
-            page,
-            id=str(page.relative_to(ROOT)),
-            marks=[pytest.mark.sampled(SLOW[page.stem])] if page.stem in SLOW else [],
-        )
-        for page in PAGES
-    ],
-)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_page_does_as_it_says(page):
     """Blocks run in the order of reading; a later one may use what an earlier one has made."""
     names = {"__name__": "__main__"}
