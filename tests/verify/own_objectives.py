@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scenes import scene  # pyright: ignore[reportMissingImports] - tests/core, by conftest
 
-from graspless_pin import Objective, ProgramBuilder, QuasistaticProblem
+from graspless_pin import Objective, ProgramBuilder, QuasistaticProblem, optimize
 from graspless_pin.programs.forces import ForceCoordinates
 
 _PAGE = Path(__file__).parents[2] / "docs" / "objectives.md"
@@ -107,3 +108,23 @@ class LeastSideways(Objective):
 
     def unit(self, problem: QuasistaticProblem, coordinates: ForceCoordinates) -> float:
         return coordinates.force_scale
+
+
+LIMITED = {"torque_limits": ([-3.0, -7.0], [2.0, 11.0]), "gravity_torques": [0.4, -0.2]}
+WEIGHTS = (2.0, 1.0, 1.0, 1.0, 1.0, 1.0)
+SOLUTIONS = {
+    "squared shares": lambda: optimize(scene("rest"), SquaredShares(0.1)),
+    "of uneven limits": lambda: optimize(scene("rest").with_changes(**LIMITED), SquaredShares(0.1)),
+    "weighted margin": lambda: optimize(scene("rest"), WeightedMargin(WEIGHTS)),
+    "helped": lambda: optimize(scene("rest"), Helped()),
+    "helped down": lambda: optimize(scene("down"), Helped(), sign_rule="exact"),
+    "coulomb": lambda: optimize(scene("rest"), SquaredShares(0.1), static_friction="coulomb"),
+    "in a mode": lambda: optimize(
+        scene("rest"), SquaredShares(0.1), mode=optimize(scene("rest"), SquaredShares(0.1)).mode
+    ),
+    "infeasible forces": lambda: optimize(scene("rest"), SquaredShares(40.0)),
+    "infeasible modes": lambda: optimize(
+        scene("up"), WeightedMargin(WEIGHTS), sliding_rule="constrained"
+    ),
+}
+"""A solution of each kind."""

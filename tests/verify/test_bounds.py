@@ -4,12 +4,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from own_objectives import SOLUTIONS
 from scenes import scene  # pyright: ignore[reportMissingImports] - tests/core, by conftest
 from verified_documents import documented
 
-from graspless_pin import QuasistaticProblem, maximize_margin, minimize_torque
+from graspless_pin import QuasistaticProblem, maximize_margin, minimize_torque, optimize
 from graspless_pin.report.verify.bounds import proven_bound
-from graspless_pin.report.verify.multipliers import StatedMultipliers, stated_multipliers
+from graspless_pin.report.verify.multipliers import stated_multipliers
 from graspless_pin.report.verify.reading import read_forces, read_problem
 
 COULOMB = {
@@ -24,32 +25,43 @@ COULOMB = {
 }
 
 
-def made_up(own: StatedMultipliers, rng: np.random.Generator) -> dict[str, Any]:
+OWN = ("squared shares", "of uneven limits", "weighted margin", "helped")
+
+
+def made_up(stated: dict[str, Any], signed: set[str], rng: np.random.Generator) -> dict[str, Any]:
     """Multipliers like others, larger, or with any number in some places."""
-    factor = rng.choice([1.0, 1.001, 2.0, 1e3, 1e12])
-    made = {key: factor * value for key, value in vars(own).items()}
-    for key, value in made.items():
+    factor, made = rng.choice([1.0, 1.001, 2.0, 1e3, 1e12]), {}
+    for key, values in stated.items():
+        if key == "faces":
+            made[key] = [[c, k, v * factor * rng.choice([0.5, 1.0, 2.0])] for c, k, v in values]
+            continue
+        flat = factor * np.array(values, dtype=float)
         if rng.random() < 0.3:
-            made[key] = np.abs(value + factor * rng.normal(size=value.shape))
-    contacts, faces = np.nonzero(made["faces"])
-    listed = [
-        [int(c), int(k), float(made["faces"][c, k])] for c, k in zip(contacts, faces, strict=True)
-    ]
-    return {key: value.tolist() for key, value in made.items()} | {"faces": listed}
+            flat = flat + factor * rng.normal(size=flat.shape)
+        made[key] = (flat if key in signed else np.abs(flat)).tolist()
+    return made
 
 
-@pytest.mark.parametrize("make", COULOMB.values(), ids=COULOMB)
-def test_no_multipliers_prove_more_than_the_optimum(make):
-    document = documented(make())
+@pytest.mark.parametrize("name", [*COULOMB, *OWN])
+def test_no_multipliers_prove_more_than_the_optimum(name):
+    if name in OWN:
+        own = SOLUTIONS[name]()
+        document = documented(optimize(own.problem, own.objective, static_friction="coulomb"))
+    else:
+        document = documented(COULOMB[name]())
     problem = read_problem(document)
-    forces = read_forces([c["force"] for c in document["contacts"]], problem, "forces")
-    best, free = problem.objective(forces), np.ones((problem.count, 2, 2), dtype=bool)
-    own = stated_multipliers(document["proof"]["nodes"][0]["multipliers"], problem, "own")
+    columns, blocks = (problem.own.values, problem.own.rows.blocks) if problem.own else (None, ())
+    rows = [contact["force"] for contact in document["contacts"]]
+    best = problem.objective(read_forces(rows, problem, "forces", columns))
+    free = np.ones((problem.count, 2, 2), dtype=bool)
+    stated = document["proof"]["nodes"][0]["multipliers"]
+    own = stated_multipliers(stated, problem, "own")
     assert proven_bound(problem, own, free, 50.0) == pytest.approx(best, rel=1e-6)
     assert proven_bound(problem, own, free, 50.0, objective=False) <= 0.0
+    signed = {"balance", *(key for key, sign, _ in blocks if sign == "any")}
     rng = np.random.default_rng(3)
-    for _ in range(200):
-        m = stated_multipliers(made_up(own, rng), problem, "made up")
+    for _ in range(80):
+        m = stated_multipliers(made_up(stated, signed, rng), problem, "made up")
         assert proven_bound(problem, m, free, 50.0) <= best + 1e-6 * problem.unit
         assert proven_bound(problem, m, free, 50.0, objective=False) <= 0.0
 
@@ -72,6 +84,7 @@ def turning(seed: int) -> QuasistaticProblem:
     )  # fmt: skip
 
 
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("seed", range(20))
 def test_multipliers_that_cancel_prove_nothing_by_their_rounding(seed):
     """The torque follows from the balance: multipliers of both, however large, cancel exactly."""

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rest_documents import slope
 from scenes import scene  # pyright: ignore[reportMissingImports] - tests/core, by conftest
 from tampering import falsehood, originals, refused
-from test_rest import slope
 from verified_documents import documented
 
 from graspless_pin import QuasistaticProblem, maximize_margin, minimize_torque
@@ -131,6 +131,7 @@ def documents():
     return originals()
 
 
+@pytest.mark.sampled(24)
 @pytest.mark.parametrize("name", ANSWER)
 @pytest.mark.parametrize("index", range(13))
 def test_large_figures_of_an_answer_widen_no_tolerance(documents, name, index):

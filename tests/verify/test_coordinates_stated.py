@@ -14,6 +14,7 @@ from two_bodies import (  # pyright: ignore[reportMissingImports] - tests/core, 
     on_a_rail,
     stacked,
 )
+from verified_documents import refused
 
 from graspless_pin import (
     QuasistaticProblem,
@@ -130,14 +131,6 @@ def test_documents_of_every_kind_are_proven(name):
         assert refused(made)
 
 
-def refused(made):
-    """Whether a document is refused: it fails, or is none."""
-    try:
-        return not verify_document(made).passed
-    except ValueError:
-        return True
-
-
 def forged(name, change, **parts):
     made = copy.deepcopy(document(name, **parts))
     change(made)
@@ -155,13 +148,16 @@ def test_another_entry_of_the_matrix_is_refused(row):
     assert refused(forged("pushed", change))
 
 
+def without_reaction(made):
+    """Contacts between the boxes, as many as on the floor, act on the upper one alone."""
+    own = 3 * (len(made["contacts"]) // 2)
+    for row in made["wrench_matrix"][:6]:
+        row[own : 2 * own] = [0.0] * own
+
+
 @pytest.mark.parametrize("name", ["flat", "slope", "pushed"])
 def test_a_reaction_that_is_left_out_is_refused(name):
-    def change(made):
-        for row in made["wrench_matrix"][:6]:
-            row[12:24] = [0.0] * 12
-
-    assert refused(forged(name, change))
+    assert refused(forged(name, without_reaction))
 
 
 def test_an_infeasible_answer_is_held_to_its_load():
@@ -205,7 +201,8 @@ def test_a_document_whose_coordinates_do_not_fit_is_refused(change):
 
 
 @pytest.mark.parametrize(
-    ("name", "nodes"), [("flat", 100), ("rail", 100), ("hinge", 100), ("hybrid", 3000)]
+    ("name", "nodes"),
+    [("flat", 100), ("rail", 100), ("hinge", 100), ("hybrid", 3000), ("slope", 20_000)],
 )
 def test_rest_is_proven(name, nodes):
     made = document(name, node_limit=nodes)
@@ -214,20 +211,9 @@ def test_rest_is_proven(name, nodes):
     assert verification.proven, str(verification)
 
 
-def test_rest_of_a_stack_on_a_slope_is_proven():
-    made = document("slope", node_limit=20_000)
-    assert made["stability"]["status"] == "strong"
-    verification = verify_document(made)
-    assert verification.proven, str(verification)
-
-
 def test_forgeries_of_rest_on_a_slope_are_refused():
     """On three corners each, where the proof is short."""
     assert verify_document(document("three", node_limit=2000)).proven
-
-    def without_reaction(one):
-        for row in one["wrench_matrix"][:6]:
-            row[9:18] = [0.0] * 9
 
     def light(one):
         one["object_inertia"] = (0.5 * np.array(one["object_inertia"])).tolist()
@@ -250,10 +236,6 @@ def test_a_stack_on_a_belt_keeps_its_motion():
     assert made["stability"]["status"] == "strong"
     verification = verify_document(made)
     assert verification.proven, str(verification)
-
-    def without_reaction(one):
-        for row in one["wrench_matrix"][:6]:
-            row[9:18] = [0.0] * 9
 
     def one_goal_less(one):
         last = max((node for node in one["stability"]["proof"]["nodes"] if node["sides"]),

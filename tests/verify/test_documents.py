@@ -7,10 +7,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from scenes import scene  # pyright: ignore[reportMissingImports] - tests/core, by conftest
-from verified_documents import SCALES, SOLUTIONS, changed, documented, scaled, slab
+from verified_documents import SCALES, SOLUTIONS, changed, documented, failed, scaled, slab
 
 import graspless_pin.report.verify
 from graspless_pin import QuasistaticProblem, maximize_margin, minimize_torque
@@ -32,11 +31,6 @@ STATUS = {
 }
 
 
-def failed(document):
-    """Names of the checks that do not hold."""
-    return [check.name for check in verify_document(document).checks if check.passed is False]
-
-
 @pytest.mark.parametrize("name", SOLUTIONS)
 def test_all_that_a_document_claims_is_proven(made, name):
     document = made(name)
@@ -48,11 +42,12 @@ def test_all_that_a_document_claims_is_proven(made, name):
         assert document["status"] == STATUS.get(name, "optimal")
 
 
-@pytest.mark.parametrize("name", ["tree", "exact tree", "infeasible modes"])
+@pytest.mark.parametrize("name", ["tree", "exact tree", "infeasible modes", "own squared shares"])
 def test_proofs_over_modes_have_several_leaves(made, name):
     assert len(made(name)["proof"]["nodes"]) > 2
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("force", "length"), SCALES)
 def test_proofs_hold_at_every_scale(force, length):
     for problem, sign_rule in (
@@ -98,6 +93,7 @@ FIGURES = {
 }
 
 
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize(("force", "length"), SCALES)
 @pytest.mark.parametrize(("path", "check"), FIGURES.values(), ids=FIGURES)
 def test_each_figure_is_worked_out_again(path, check, force, length):
@@ -117,14 +113,7 @@ def test_figures_that_ought_to_vanish_are_worked_out_again(made, key):
         assert failed(changed(made("tree"), "certificate", key, to=off))
 
 
-def test_a_larger_common_violation_is_refused(made):
-    document = made("infeasible forces")
-    stated = document["certificate"]["infeasibility"]
-    assert stated > 0.01
-    false = changed(document, "certificate", "infeasibility", to=1.001 * stated)
-    assert failed(false) == ["smallest common violation"]
-
-
+@pytest.mark.sampled(10)
 @pytest.mark.parametrize("name", SOLUTIONS)
 def test_another_status_is_refused(made, name):
     """With its own message and flag: only one status is true of a solution."""
@@ -148,10 +137,6 @@ def test_the_words_of_a_status_are_held_against_it(made):
     false = changed(made("tree"), "message", to="optimal in the given virtual-sliding mode")
     assert failed(false) == ["message and status agree"]
     assert "found and status agree" in failed(changed(made("tree"), "found", to=False))
-
-
-def test_a_unit_that_is_another_one(made):
-    assert failed(changed(made("tree"), "max_torque_unit", to="N")) == ["its unit as stated"]
 
 
 def test_a_proof_that_is_withdrawn_is_not_proven(made):
@@ -243,10 +228,3 @@ def test_the_checker_imports_numpy_alone():
             for name in names:
                 own = name.startswith("graspless_pin.report.verify.")
                 assert own or name in allowed or name.split(".")[0] in allowed, (file.name, name)
-
-
-def test_frames_that_are_none_are_refused(made):
-    normal = made("margin")["contacts"][0]["normal"]
-    tilted = np.add(normal, [0.0, 0.0, 1e-4]).tolist()
-    false = changed(made("margin"), "contacts", 0, "normal", to=tilted)
-    assert "orthonormal frames, tangential sliding" in failed(false)

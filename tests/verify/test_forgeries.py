@@ -6,18 +6,10 @@ import json
 import numpy as np
 import pytest
 from scenes import scene  # pyright: ignore[reportMissingImports] - tests/core, by conftest
-from verified_documents import changed, documented, scaled
+from verified_documents import changed, documented, failed, refused, scaled
 
 from graspless_pin import QuasistaticProblem, maximize_margin, minimize_torque
 from graspless_pin.report.verify import verify_document
-
-
-def refused(document):
-    """Whether a document is refused; one that is malformed is, too."""
-    try:
-        return not verify_document(document).passed
-    except ValueError:
-        return True
 
 
 def set_optimum(document, value):
@@ -92,9 +84,9 @@ def test_a_forged_motion_is_none():
             assert refused(false)
 
 
-def test_sliding_is_held_against_all_velocities():
+def test_sliding_is_held_against_all_velocities(made):
     """A motion that lifts the object off and slides 1e-12 as fast beside it is none."""
-    document = documented(minimize_torque(scene("rest"), 0.1))
+    document = made("tree")
     motion = np.array(document["proof"]["motion"]["object"])
     assert verify_document(document).proven
     lifting = motion.copy()
@@ -113,8 +105,7 @@ def test_one_large_limit_hides_no_unbalanced_load():
         joint["torque_contact"] = joint["torque"] = 0.0
     document["margin"] = document["max_torque"] = 0.0
     set_optimum(document, 0.0)
-    names = [check.name for check in verify_document(document).checks if not check.passed]
-    assert "balance of forces" in names
+    assert "balance of forces" in failed(document)
 
 
 def test_a_strict_answer_is_not_optimal_for_coulomb_friction(made):
@@ -139,10 +130,6 @@ def test_twice_the_torque_shows_at_micro_scale():
     assert refused(document)
 
 
-def test_a_right_answer_is_accepted_at_mega_scale():
-    assert verify_document(documented(minimize_torque(scaled(scene("rest"), 1e6, 1e3), 1e5))).proven
-
-
 def test_an_infeasible_scene_with_a_large_limit_is_not_optimal():
     """A placeholder in one limit makes no negative margin an optimum."""
     problem = scene("rest").with_changes(friction=0.01)
@@ -154,7 +141,8 @@ def test_an_infeasible_scene_with_a_large_limit_is_not_optimal():
     assert verify_document(document).proven
 
 
-@pytest.mark.parametrize("name", ["tree", "exact tree", "infeasible modes"])
+@pytest.mark.parametrize("name", ["tree", "exact tree", "infeasible modes", "own squared shares",
+                                  "own infeasible modes"])  # fmt: skip
 def test_no_leaf_of_a_proof_can_be_left_out(made, name):
     nodes = made(name)["proof"]["nodes"]
     leaves = [i for i, node in enumerate(nodes) if node["kind"] in ("bound", "kinematic")]
@@ -197,84 +185,6 @@ def test_a_proof_of_forces_proves_nothing_of_motions(made):
     forged = changed(made("infeasible in a mode"), "status", to="infeasible_mode")
     forged["message"] = made("infeasible mode")["message"]
     assert refused(forged)
-
-
-def test_the_reach_of_a_proof_is_not_shortened(made):
-    assert refused(changed(made("tree"), "certificate", "force_reach", to=49.9))
-
-
-MALFORMED = {
-    "a huge whole number": (["margin"], 10**400),
-    "not a number": (["margin"], float("nan")),
-    "infinity": (["contacts", 0, "force"], [float("inf"), 0.0, 0.0]),
-    "a text": (["contacts", 0, "friction"], "0.3"),
-    "nothing": (["contacts", 0, "position"], None),
-    "too few": (["contacts", 0, "normal"], [0.0, 1.0]),
-    "too many": (["external_wrench"], [0.0] * 7),
-    "nested": (["contacts", 0, "signs"], [[1, 1]]),
-    "true": (["required_margin"], True),
-    "no list": (["joints"], {}),
-    "no contact": (["contacts"], []),
-    "a contact that is none": (["contacts", 0], "finger"),
-    "far too large": (["certificate", "bound"], 1e300),
-    "too many edges": (["cone_edges"], 10**9),
-    "half an edge": (["cone_edges"], 6.5),
-    "another sign": (["contacts", 0, "signs"], [2, 0]),
-    "another rule": (["rules", "sign_rule"], "loose"),
-    "another algorithm": (["algorithm"], "both"),
-    "another status": (["status"], "perfect"),
-    "no certificate": (["certificate"], None),
-    "no proof": (["proof"], None),
-    "a node that is none": (["proof", "nodes"], [None]),
-    "no node": (["proof", "nodes"], []),
-    "too many nodes": (["proof", "nodes"], [{"kind": "contact", "contact": 0}] * 20_000),
-    "a contact that is not there": (["proof", "nodes"], [{"kind": "contact", "contact": 99}]),
-    "a contact beyond the last": (["proof", "nodes"], [{"kind": "contact", "contact": 6}]),
-    "a face without a multiplier": (["multipliers", "faces"], [[0, 0]]),
-    "another unit": (["joints", 0, "unit"], "lbf"),
-    "limits out of order": (["joints", 0, "lower"], 99.0),
-    "a negative limit": (["contacts", 0, "max_normal_force"], -1.0),
-    "another format": (["format"], 3),
-    "a format that is true": (["format"], True),
-}
-
-
-@pytest.mark.parametrize(("path", "value"), MALFORMED.values(), ids=MALFORMED)
-def test_what_is_no_document_gets_one_message(made, path, value):
-    with pytest.raises(ValueError, match=r".") as caught:
-        verify_document(changed(made("tree"), *path, to=value))
-    assert type(caught.value) is ValueError
-    assert len(str(caught.value)) < 300
-    assert "unpack" not in str(caught.value)
-
-
-def test_no_key_can_be_left_out(made):
-    """Nor can a value be of another kind: a message, never anything else."""
-    rng = np.random.default_rng(1)
-    for name in ("tree", "infeasible modes"):
-        document = made(name)
-        paths = list(places(document))
-        for index in rng.choice(len(paths), 50, replace=False):
-            *way, last = paths[index]
-            for value in (None, "x", [], {}, 1e308, -1, True, KeyError):
-                false = copy.deepcopy(document)
-                place = false
-                for key in way:
-                    place = place[key]
-                if value is KeyError:
-                    del place[last]
-                else:
-                    place[last] = value
-                refused(false)
-
-
-def places(value, path=()):
-    """The way to every value of a document."""
-    items = value.items() if isinstance(value, dict) else enumerate(value)
-    for key, item in items:
-        yield (*path, key)
-        if isinstance(item, dict | list):
-            yield from places(item, (*path, key))
 
 
 def test_documents_without_a_format_are_refused(made):

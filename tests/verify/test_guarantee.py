@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from verified_documents import failed
 
 from graspless_pin import QuasistaticProblem, Torque, optimize
 from graspless_pin.report import solution_document
@@ -47,10 +48,6 @@ def _document(kind: str) -> dict[str, Any]:
 
 def document(kind: str) -> dict[str, Any]:
     return copy.deepcopy(_document(kind))
-
-
-def failed(changed: dict[str, Any]) -> list[str]:
-    return [one.name for one in verify_document(changed).checks if one.passed is False]
 
 
 def test_guaranteed_torques_are_proven_and_their_gaps_worked_out_again() -> None:

@@ -106,6 +106,7 @@ def row_by_row(problem, own, low, high):
 SEEDS = range(12)
 
 
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("name", ["rest", "up"])
 @pytest.mark.parametrize("seed", SEEDS)
 def test_each_row_bounds_each_of_its_columns(seed, name):
@@ -124,6 +125,7 @@ def test_each_row_bounds_each_of_its_columns(seed, name):
     np.testing.assert_allclose(found[1][~known], np.maximum(FAR, found[0][~known]), atol=room)
 
 
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("name", ["rest", "up"])
 @pytest.mark.parametrize("seed", SEEDS)
 def test_no_column_is_outside_its_bounds(seed, name):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scenes import scene  # pyright: ignore[reportMissingImports] - tests/core, by conftest
-from verified_documents import changed, documented
+from verified_documents import changed, documented, failed
 
 from graspless_pin import maximize_margin, minimize_torque
 from graspless_pin.algorithms.solution_proof import ModeProver
@@ -15,11 +15,6 @@ LIMITS = (50.0, 1e3, 1e7, 1e8, 1e12)
 EFFORTS = (0.1, 0.5)
 
 
-def failed(document):
-    """Names of the checks that do not hold."""
-    return [check.name for check in verify_document(document).checks if check.passed is False]
-
-
 def answers(problem):
     """The answers of both algorithms and both scales, and the name of each."""
     yield "margin", maximize_margin(problem)
@@ -27,6 +22,7 @@ def answers(problem):
         yield scale, minimize_torque(problem, 0.1, scale=scale)
 
 
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize("limit", LIMITS)
 @pytest.mark.parametrize("name", SCENES)
 def test_weak_motors_are_proven_too_weak(name, limit):
@@ -40,6 +36,7 @@ def test_weak_motors_are_proven_too_weak(name, limit):
     assert infeasible >= 3
 
 
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("mass", [0.5, 2.0, 5.0, 20.0])
 @pytest.mark.parametrize("name", SCENES)
 def test_heavy_objects_are_proven_too_heavy(name, mass):
@@ -52,6 +49,7 @@ def test_heavy_objects_are_proven_too_heavy(name, mass):
         assert verify_document(document).proven, (kind, failed(document))
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("limit", [1e3, 7.7e4, 1e7, 1e8, 1e10, 1e12])
 def test_a_weak_cuboid_is_proven_so_with_far_limits_at_some_contacts(limit):
     limits = np.full(6, 50.0)
@@ -66,6 +64,7 @@ def test_a_weak_cuboid_is_proven_so_with_far_limits_at_some_contacts(limit):
             assert verify_document(document).proven, failed(document)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("limit", [50.0, 1e8])
 @pytest.mark.parametrize("name", SCENES)
 def test_a_document_states_what_its_search_has_proven(name, limit):
@@ -100,15 +99,15 @@ def test_a_proof_that_stays_open_is_not_written(monkeypatch):
 # figures of answers that were found
 
 
-def test_an_answer_states_no_common_violation():
-    document = documented(minimize_torque(scene("rest"), 0.1))
+def test_an_answer_states_no_common_violation(made):
+    document = made("tree")
     false = changed(document, "certificate", "infeasibility", to=1e3)
     assert failed(false) == ["states no infeasibility"]
 
 
 @pytest.mark.parametrize("key", ["normal_upper", "normal_lower", "torque_upper", "share_lower"])
-def test_each_multiplier_of_an_answer_is_worked_out_again_or_has_no_constraint(key):
-    document = documented(minimize_torque(scene("rest"), 0.1))
+def test_each_multiplier_of_an_answer_is_worked_out_again_or_has_no_constraint(key, made):
+    document = made("tree")
     count = len(document["multipliers"][key])
     false = changed(document, "multipliers", key, to=[1e6] * count)
     assert failed(false)

@@ -3,30 +3,26 @@
 import copy
 import traceback
 from collections import Counter
+from itertools import count
 
 import pytest
+import rest_documents
 import test_coordinates_stated
-import test_kept_motions
-import test_own_objectives
-import test_rest
-from verified_documents import SOLUTIONS, documented
+from verified_documents import changed
 
 from graspless_pin.report.verify import verify_document
 
-OWN = test_own_objectives.SOLUTIONS
-DOCUMENTS = {
-    **{name: (lambda name=name: documented(SOLUTIONS[name]()), ())
-       for name in ("tree", "round tree", "infeasible modes")},
-    **{name: (lambda name=name: documented(OWN[name]()), ("objective", "multipliers"))
-       for name in ("helped", "squared shares")},
-    **{name: (lambda name=name: test_rest.document(name), ("stability", "joint_inertia"))
-       for name in ("slope", "walls", "pressed", "corners")},
-    **{name: (lambda name=name: test_kept_motions.document(name), ("stability",))
-       for name in ("kept", "lost")},
-    "two boxes": (lambda: test_coordinates_stated.document("pushed"),
-                  ("wrench_matrix", "passive_units")),
+REST = {"slope": ("stability", "joint_inertia"), "walls": ("stability", "joint_inertia"),
+        "pressed": ("stability", "joint_inertia"), "corners": ("stability", "joint_inertia"),
+        "kept": ("stability",), "lost": ("stability",)}  # fmt: skip
+PARTS = {
+    "tree": (), "round tree": (), "infeasible modes": (),
+    "own helped": ("objective", "multipliers"), "own squared shares": ("objective", "multipliers"),
+    **REST, "two boxes": ("wrench_matrix", "passive_units"),
 }  # fmt: skip
+"""Documents, and the parts of them that are looked at; (): all."""
 INDICES = ("contact", "children", "goal")
+GONE = object()
 
 
 def places(value, seen, most, path=()):
@@ -45,14 +41,14 @@ def places(value, seen, most, path=()):
 def others(value):
     """What cannot stand in the place of a value."""
     if isinstance(value, list):
-        return [value[:-1], [*value, *value[-1:]], "x", None]
+        return [value[:-1], [*value, *value[-1:]], "x", {}, None]
     if isinstance(value, dict):
         return [[], None]
     if isinstance(value, str):
         return ["x", 1, None]
     if isinstance(value, int) and not isinstance(value, bool):
         return [value - 1, -1, 99, 10**6, 0.5, True]
-    return ["x", True, -1.0]
+    return ["x", True, -1.0, 1e308]
 
 
 def refusal(document):
@@ -66,22 +62,125 @@ def refusal(document):
         return True
 
 
-@pytest.mark.parametrize("name", DOCUMENTS)
-def test_no_refusal_is_left_to_chance(name):
+@pytest.mark.sampled(12)
+@pytest.mark.parametrize("share", range(4))
+@pytest.mark.parametrize("name", PARTS)
+def test_no_refusal_is_left_to_chance(name, share, made):
     """No message of Python or numpy about what is read, and no index from behind."""
-    make, parts = DOCUMENTS[name]
-    document = make()
-    most = 2 if name == "tree" else 1
-    for path, value in places(document, Counter(), most):
-        if parts and path[0] not in parts:
-            continue
+    if name == "two boxes":
+        document = test_coordinates_stated.document("pushed")
+    else:
+        document = rest_documents.document(name) if name in REST else made(name)
+    parts, numbers = PARTS[name], count()
+    for path, value in places(document, Counter(), 2 if name == "tree" else 1):
         *way, last = path
-        for other in others(value):
+        for other in [*others(value), *([GONE] if isinstance(last, str) else [])]:
+            if (parts and path[0] not in parts) or next(numbers) % 4 != share:
+                continue
             false = copy.deepcopy(document)
             place = false
             for key in way:
                 place = place[key]
-            place[last] = other
+            if other is GONE:
+                del place[last]
+            else:
+                place[last] = other
             refused = refusal(false)
             if last in INDICES and isinstance(other, int) and not 0 <= other < 99:
                 assert refused or value == other, (path, other)
+
+
+WRONG = (
+    # What the message has to say.
+    ("friction must not be negative", ["contacts", 1, "friction"], -1e-3),
+    ("max_normal_force must be positive", ["contacts", 1, "max_normal_force"], 0.0),
+    ("lower must not be above upper", ["joints", 1, "lower"], 11.0),
+    ("required_margin must not be negative", ["required_margin"], -1e-3),
+    ("regularization must not be negative", ["regularization"], -1e-3),
+    ("torque_gravity must be a number", ["joints", 1, "torque_gravity"], None),
+    ("cone_edges is 2; it must be a whole number, 3 to 4096", ["cone_edges"], 2),
+    ("a sign of contact 1 is -2; it must be a whole number, -1 to 1",
+     ["contacts", 1, "signs"], [-2, 1]),
+    ("format version is not 2", ["format"], 1),
+    ("friction of contact 1 is 1e+61; it must be a number up to 1e+60",
+     ["contacts", 1, "friction"], 1e61),
+    ("required_margin is list; it must be a number", ["required_margin"], [0.1]),
+    ("max_torque_unit is 'lbf'; it must be one of N m, N", ["max_torque_unit"], "lbf"),
+    ("contacts is of 0 entries; it must be a list of 1 to 4096", ["contacts"], []),
+    ("joint's upper is a huge whole number", ["joints", 0, "upper"], 10**80),
+    *((message, ["proof", "nodes"], [{"kind": "kinematic", "combination": entries}])
+      for message, entries in (
+          ("0 to 2", [[0, 3, 1.0]]),
+          ("0 to 5", [[6, 0, 1.0]]),
+          ("of 2 entries; it must be a list of 3", [[0, 1]]),
+          ("of 4 entries; it must be a list of 3", [[0, 1, 1.0, 1.0]]),
+          ("of 19 entries; it must be a list of 0 to 18", [[0, 1, 1.0]] * 19),
+      )),
+    *((message, ["multipliers", "faces"], [entry])
+      for message, entry in (
+          ("must be a list of 3", [0, 0]),
+          ("must be a list of 3", [0, 0, 1.0, 1.0]),
+          ("a contact of multipliers is", [6, 0, 1.0]),
+          ("a face of multipliers is", [0, 6, 1.0]),
+      )),
+    ("", ["margin"], 10**400),
+    ("", ["margin"], float("nan")),
+    ("", ["contacts", 0, "force"], [float("inf"), 0.0, 0.0]),
+    ("", ["contacts", 0, "friction"], "0.3"),
+    ("", ["contacts", 0, "position"], None),
+    ("", ["contacts", 0, "normal"], [0.0, 1.0]),
+    ("", ["external_wrench"], [0.0] * 7),
+    ("", ["contacts", 0, "signs"], [[1, 1]]),
+    ("", ["required_margin"], True),
+    ("", ["joints"], {}),
+    ("", ["contacts", 0], "finger"),
+    ("", ["certificate", "bound"], 1e300),
+    ("", ["cone_edges"], 10**9),
+    ("", ["cone_edges"], 6.5),
+    ("", ["rules", "sign_rule"], "loose"),
+    ("", ["algorithm"], "both"),
+    ("", ["status"], "perfect"),
+    ("", ["certificate"], None),
+    ("", ["proof"], None),
+    ("", ["proof", "nodes"], [None]),
+    ("", ["proof", "nodes"], []),
+    ("", ["proof", "nodes"], [{"kind": "contact", "contact": 0}] * 20_000),
+    ("", ["proof", "nodes"], [{"kind": "contact", "contact": 99}]),
+    ("", ["proof", "nodes"], [{"kind": "contact", "contact": 6}]),
+    ("", ["joints", 0, "unit"], "lbf"),
+    ("", ["format"], True),
+)  # fmt: skip
+WRONG_OBJECTIVES = (
+    (["objective"], None),
+    (["algorithm"], "own"),
+    (["objective", "keeps"], ["balance", "torque"]),
+    (["objective", "unit"], 0.0),
+    (["objective", "columns", 0, "curvature"], [-1.0, 2.0]),
+    (["objective", "force_curvature", 0, 0], -1.0),
+    (["objective", "columns", 0, "values"], [0.0]),
+    (["objective", "rows", 0, "forces"], [[7, 0, 0, 1.0]]),
+    (["objective", "rows", 0, "forces"], [[0, 6, 0, 1.0]]),
+    (["objective", "rows", 0, "forces"], [[0, 0, 3, 1.0]]),
+    (["objective", "rows", 0, "forces"], [[0, 0, -1, 1.0]]),
+    (["objective", "rows", 0, "forces"], [[0, -1, 0, 1.0]]),
+    (["objective", "terms", "balance"], [[0, 9, 1.0]]),
+    (["objective", "rows", 0, "shape"], [4096, 4096]),
+    (["objective", "rows", 0, "high"], [1.0, 1.0]),
+    (["objective", "rows", 0, "sign"], "both"),
+    (["objective", "face_margins", 0], "0.1"),
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "message", "path", "value"),
+    [*(("tree", *one) for one in WRONG),
+     *(("own squared shares", "", *one) for one in WRONG_OBJECTIVES)],
+    ids=lambda one: repr(one)[:40],
+)  # fmt: skip
+def test_what_is_no_document_gets_one_message(made, name, message, path, value):
+    with pytest.raises(ValueError, match=r".") as caught:
+        verify_document(changed(made(name), *path, to=value))
+    assert type(caught.value) is ValueError
+    assert message in str(caught.value)
+    assert len(str(caught.value)) < 300
+    assert "unpack" not in str(caught.value)

@@ -4,7 +4,7 @@ import copy
 
 import numpy as np
 import pytest
-from verified_documents import Document, changed, documented
+from verified_documents import Document, changed, documented, failed
 
 from graspless_pin import QuasistaticProblem, maximize_margin
 from graspless_pin.report.verify import verify_document
@@ -40,6 +40,7 @@ def document(turned: float, sign_rule: str = "strict") -> Document:
     return documented(maximize_margin(slider(turned), sign_rule=sign_rule))
 
 
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize("turned", [0.0, 1e-8, DOES_NOT, COUNTS, 1e-4, 1e-2])
 @pytest.mark.parametrize("sign_rule", ["strict", "exact", "nonzero"])
 def test_documents_near_the_threshold_are_proven(turned, sign_rule):
@@ -54,8 +55,7 @@ def test_a_motion_that_is_too_slow_is_refused():
     forged = copy.deepcopy(true)
     for contact, other in zip(forged["contacts"], less["contacts"], strict=True):
         contact["tangents"] = other["tangents"]
-    names = [check.name for check in verify_document(forged).checks if check.passed is False]
-    assert "the mode has a virtual motion (22)" in names
+    assert "the mode has a virtual motion (22)" in failed(forged)
 
 
 def test_a_motion_that_is_fast_enough_cannot_be_excluded():

@@ -5,55 +5,31 @@ import itertools
 
 import numpy as np
 import pytest
-from own_objectives import Helped, LargestOf, LeastSideways, SquaredShares, WeightedMargin
+from own_objectives import (
+    SOLUTIONS,
+    WEIGHTS,
+    Helped,
+    LargestOf,
+    LeastSideways,
+    SquaredShares,
+    WeightedMargin,
+)
 from random_scenes import general_scene  # pyright: ignore[reportMissingImports] - tests/core
 from scenes import scene  # pyright: ignore[reportMissingImports] - tests/core, by conftest
-from verified_documents import SCALES, changed, documented, scaled
+from verified_documents import SCALES, changed, documented, failed, places, refused, scaled
 
 from graspless_pin import Objective, ProgramBuilder, maximize_margin, minimize_torque, optimize
 from graspless_pin.errors import ArgumentError
 from graspless_pin.report.reading import read_solution
 from graspless_pin.report.verify import own_objective, verify_document
-from graspless_pin.report.verify.bounds import column_box, largest_objective, proven_bound
-from graspless_pin.report.verify.multipliers import stated_multipliers
-from graspless_pin.report.verify.reading import read_forces, read_problem
-
-LIMITED = {"torque_limits": ([-3.0, -7.0], [2.0, 11.0]), "gravity_torques": [0.4, -0.2]}
-WEIGHTS = (2.0, 1.0, 1.0, 1.0, 1.0, 1.0)
-SOLUTIONS = {
-    "squared shares": lambda: optimize(scene("rest"), SquaredShares(0.1)),
-    "of uneven limits": lambda: optimize(scene("rest").with_changes(**LIMITED), SquaredShares(0.1)),
-    "weighted margin": lambda: optimize(scene("rest"), WeightedMargin(WEIGHTS)),
-    "helped": lambda: optimize(scene("rest"), Helped()),
-    "helped down": lambda: optimize(scene("down"), Helped(), sign_rule="exact"),
-    "coulomb": lambda: optimize(scene("rest"), SquaredShares(0.1), static_friction="coulomb"),
-    "in a mode": lambda: optimize(
-        scene("rest"), SquaredShares(0.1), mode=optimize(scene("rest"), SquaredShares(0.1)).mode
-    ),
-    "infeasible forces": lambda: optimize(scene("rest"), SquaredShares(40.0)),
-    "infeasible modes": lambda: optimize(
-        scene("up"), WeightedMargin(WEIGHTS), sliding_rule="constrained"
-    ),
-}
+from graspless_pin.report.verify.bounds import column_box, largest_objective
+from graspless_pin.report.verify.reading import read_problem
 
 
-@pytest.fixture(scope="module")
-def own():
-    known = {}
-
-    def make(name):
-        if name not in known:
-            known[name] = documented(SOLUTIONS[name]())
-        return known[name]
-
-    return make
-
-
-def refused(document):
-    try:
-        return not verify_document(document).passed
-    except ValueError:
-        return True
+@pytest.fixture
+def own(made):
+    """Make a document by the name of its kind; not to be changed in place."""
+    return lambda name: made(f"own {name}")
 
 
 @pytest.mark.parametrize("name", SOLUTIONS)
@@ -83,10 +59,6 @@ def test_documents_with_round_cones_are_refused_by_name(own):
         verify_document(forged)
     with pytest.raises(ArgumentError, match="no document with round cones"):
         read_solution(forged)
-
-
-def test_proofs_over_modes_have_several_leaves(own):
-    assert len(own("squared shares")["proof"]["nodes"]) > 2
 
 
 @pytest.mark.parametrize(("force", "length"), SCALES)
@@ -157,9 +129,8 @@ def test_a_worse_answer_is_not_optimal(own):
             value = group["values"][0] = min(worse["margin"], group["values"][0])
         forged["objective"]["value"] = forged["certificate"]["bound"] = value
         forged["certificate"] |= {"gap": 0.0, "duality_gap": 0.0, "primal_residual": 0.0}
-        failed = {c.name for c in verify_document(forged).checks if c.passed is False}
-        assert "optimal over all modes" in failed
-        assert "value as stated" not in failed
+        assert "optimal over all modes" in failed(forged)
+        assert "value as stated" not in failed(forged)
 
 
 def test_columns_obey_their_rows_and_bounds(own):
@@ -167,53 +138,10 @@ def test_columns_obey_their_rows_and_bounds(own):
     forged = copy.deepcopy(own("squared shares"))
     forged["objective"]["columns"][0]["values"] = [0.0, 0.0]
     forged["objective"]["value"] = forged["certificate"]["bound"] = 0.0
-    failed = {c.name for c in verify_document(forged).checks if c.passed is False}
-    assert "constraints of the objective" in failed
+    assert "constraints of the objective" in failed(forged)
     helped = copy.deepcopy(own("helped"))
     helped["objective"]["columns"][0]["bounds"][0][0] = 1e3
     assert refused(helped)
-
-
-@pytest.mark.parametrize("name", ["squared shares", "infeasible modes"])
-def test_no_leaf_can_be_left_out(own, name):
-    nodes = own(name)["proof"]["nodes"]
-    leaves = [i for i, node in enumerate(nodes) if node["kind"] in ("bound", "kinematic")]
-    for index in leaves:
-        fewer = nodes[:index] + nodes[index + 1 :]
-        assert refused(changed(own(name), "proof", "nodes", to=fewer))
-
-
-@pytest.mark.parametrize(
-    "name", ["squared shares", "of uneven limits", "weighted margin", "helped"]
-)
-def test_no_multipliers_prove_more_than_the_optimum(name):
-    """However they are made up: for Coulomb friction, where one leaf has to do."""
-    solution = SOLUTIONS[name]()
-    coulomb = optimize(solution.problem, solution.objective, static_friction="coulomb")
-    document = documented(coulomb)
-    problem = read_problem(document)
-    assert problem.own is not None
-    rows = [contact["force"] for contact in document["contacts"]]
-    best = problem.objective(read_forces(rows, problem, "forces", problem.own.values))
-    own = document["proof"]["nodes"][0]["multipliers"]
-    free, rng = np.ones((problem.count, 2, 2), dtype=bool), np.random.default_rng(5)
-    m = stated_multipliers(own, problem, "own")
-    assert proven_bound(problem, m, free, 50.0) == pytest.approx(best, rel=1e-6)
-    signed = {"balance", *(name for name, sign, _ in problem.own.rows.blocks if sign == "any")}
-    for _ in range(200):
-        factor = rng.choice([1.0, 1.001, 2.0, 1e3])
-        made = {}
-        for key, value in own.items():
-            flat = factor * np.array(value, dtype=float)
-            if key == "faces":
-                made[key] = [[c, k, v * factor] for c, k, v in value]
-                continue
-            if rng.random() < 0.3:
-                flat = flat + factor * rng.normal(size=flat.shape)
-            made[key] = (flat if key in signed else np.abs(flat)).tolist()
-        m = stated_multipliers(made, problem, "made up")
-        assert proven_bound(problem, m, free, 50.0) <= best + 1e-6 * problem.unit
-        assert proven_bound(problem, m, free, 50.0, objective=False) <= 0.0
 
 
 def test_boxes_that_rows_imply_are_worked_out(own):
@@ -276,40 +204,11 @@ def test_torque_limits_that_an_objective_leaves_out_are_told(own):
     assert not with_them["torques within limits"].given
 
 
-MALFORMED = {
-    "no objective": (["objective"], None),
-    "an algorithm beside it": (["algorithm"], "own"),
-    "no cones": (["objective", "keeps"], ["balance", "torque"]),
-    "no unit": (["objective", "unit"], 0.0),
-    "a concave cost": (["objective", "columns", 0, "curvature"], [-1.0, 2.0]),
-    "a concave cost of forces": (["objective", "force_curvature", 0, 0], -1.0),
-    "another size": (["objective", "columns", 0, "values"], [0.0]),
-    "a row that is not there": (["objective", "rows", 0, "forces"], [[7, 0, 0, 1.0]]),
-    "a contact that is not there": (["objective", "rows", 0, "forces"], [[0, 6, 0, 1.0]]),
-    "an axis that is not there": (["objective", "rows", 0, "forces"], [[0, 0, 3, 1.0]]),
-    "an axis below the first": (["objective", "rows", 0, "forces"], [[0, 0, -1, 1.0]]),
-    "a contact below the first": (["objective", "rows", 0, "forces"], [[0, -1, 0, 1.0]]),
-    "a column that is not there": (["objective", "terms", "balance"], [[0, 9, 1.0]]),
-    "too many rows": (["objective", "rows", 0, "shape"], [4096, 4096]),
-    "equalities with two sides": (["objective", "rows", 0, "high"], [1.0, 1.0]),
-    "another sign": (["objective", "rows", 0, "sign"], "both"),
-    "no number": (["objective", "face_margins", 0], "0.1"),
-}
-
-
-@pytest.mark.parametrize(("path", "value"), MALFORMED.values(), ids=MALFORMED)
-def test_what_is_no_objective_gets_one_message(own, path, value):
-    with pytest.raises(ValueError, match=r".") as caught:
-        verify_document(changed(own("squared shares"), *path, to=value))
-    assert type(caught.value) is ValueError
-    assert len(str(caught.value)) < 300
-
-
 def test_any_value_may_be_wrong(own):
     """A message, never anything else, from the checker and from the reader."""
     document, rng = own("helped"), np.random.default_rng(1)
     paths = [("objective", *path) for path in places(document["objective"])]
-    for index in rng.choice(len(paths), min(len(paths), 50), replace=False):
+    for index in rng.choice(len(paths), min(len(paths), 15), replace=False):
         *way, last = paths[index]
         for value in (None, "x", [], {}, 1e308, -1, True):
             false = copy.deepcopy(document)
@@ -322,14 +221,6 @@ def test_any_value_may_be_wrong(own):
                 read_solution(false)
             except ArgumentError as error:
                 assert len(str(error)) < 400
-
-
-def places(value, path=()):
-    items = value.items() if isinstance(value, dict) else enumerate(value)
-    for key, item in items:
-        yield (*path, key)
-        if isinstance(item, dict | list):
-            yield from places(item, (*path, key))
 
 
 class _Loose(Objective):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scenes import scene  # pyright: ignore[reportMissingImports] - tests/core, by conftest
-from verified_documents import SCALES, changed, documented, scaled
+from verified_documents import SCALES, changed, documented, failed, scaled
 
 from graspless_pin import QuasistaticProblem, maximize_margin, minimize_torque
 from graspless_pin.report.verify import verify_document
@@ -85,6 +85,7 @@ SPOILT = {
 }
 
 
+@pytest.mark.sampled(14)
 @pytest.mark.parametrize("name", SPOILT)
 @pytest.mark.parametrize(("force", "length"), SCALES)
 def test_forces_meet_each_constraint_to_a_millionth_of_load_or_limit(name, force, length):
@@ -117,8 +118,8 @@ def test_a_contact_does_not_pull(pull):
     assert found["kinetic friction against sliding"]
 
 
-def test_each_stated_figure_is_right_to_a_billionth():
-    document = documented(minimize_torque(scene("rest"), 0.1))
+def test_each_stated_figure_is_right_to_a_billionth(made):
+    document = made("tree")
     problem, forces = answer(document)
     sizes = {
         ("margin",): max(problem.force, np.abs(forces.f).max()),
@@ -136,16 +137,12 @@ def test_each_stated_figure_is_right_to_a_billionth():
                 assert verify_document(false).passed is passes, (path, off)
 
 
-def names_that_fail(document):
-    return [check.name for check in verify_document(document).checks if check.passed is False]
-
-
 @pytest.mark.parametrize("key", ["force", "length"])
-def test_scales_are_right_to_a_billionth(key):
-    document = documented(minimize_torque(scene("rest"), 0.1))
+def test_scales_are_right_to_a_billionth(key, made):
+    document = made("tree")
     for off, failing in ((0.5e-9, []), (-0.5e-9, []), (2e-9, [f"{key} scale"])):
         stated = document["scales"][key] * (1.0 + off)
-        assert names_that_fail(changed(document, "scales", key, to=stated)) == failing
+        assert failed(changed(document, "scales", key, to=stated)) == failing
 
 
 def test_the_reach_is_1e8_loads_or_the_largest_limit():
@@ -159,7 +156,7 @@ def test_the_reach_is_1e8_loads_or_the_largest_limit():
         (reach / 10.0, ["reach of the proof"]),
     ):
         false = changed(document, "certificate", "force_reach", to=stated)
-        assert names_that_fail(false)[:1] == failing
+        assert failed(false)[:1] == failing
 
 
 def test_a_bound_that_is_off_by_a_few_millionths_is_refused():
@@ -173,7 +170,7 @@ def test_a_bound_that_is_off_by_a_few_millionths_is_refused():
     for off, failing in ((5e-7, []), (3e-6, ["bound over all modes"]), (-3e-6, [])):
         false = changed(document, "certificate", "bound", to=bound + off * size)
         false["certificate"]["gap"] = gap - off * size
-        assert names_that_fail(false) == failing
+        assert failed(false) == failing
 
 
 def test_a_bound_beyond_the_value_closes_no_gap():
@@ -184,7 +181,7 @@ def test_a_bound_beyond_the_value_closes_no_gap():
     ):
         document = documented(solution)
         document["proof"] |= {"complete": False, "missing": "too long", "mode_multipliers": None}
-        assert names_that_fail(document) == []
+        assert failed(document) == []
         problem = read_problem(document)
         for off, failing in ((5e-7, []), (3e-6, ["gap is closed"]), (0.1, ["gap is closed"])):
             for way in (1.0, -1.0):
@@ -193,7 +190,7 @@ def test_a_bound_beyond_the_value_closes_no_gap():
                 )
                 false["certificate"]["bound"] += sign * way * off * problem.unit
                 false["certificate"]["gap"] -= way * off * problem.unit
-                assert names_that_fail(false) == failing
+                assert failed(false) == failing
 
 
 def test_tangents_are_orthonormal_and_sliding_is_tangential():
@@ -201,49 +198,20 @@ def test_tangents_are_orthonormal_and_sliding_is_tangential():
     name = "orthonormal frames, tangential sliding"
     for off, fails in ((1e-6, False), (1e-5, True)):
         tangents = np.array(document["contacts"][0]["tangents"])
+        normal = (np.array(document["contacts"][0]["normal"]) + off * tangents[0]).tolist()
+        assert (name in failed(changed(document, "contacts", 0, "normal", to=normal))) is fails
         longer = changed(document, "contacts", 0, "tangents", to=((1.0 + off) * tangents).tolist())
-        assert (name in names_that_fail(longer)) is fails
+        assert (name in failed(longer)) is fails
         sliding = np.array(document["contacts"][2]["sliding"])
         normal = np.array(document["contacts"][2]["normal"])
         lifted = sliding + off * np.linalg.norm(sliding) * normal
         false = changed(document, "contacts", 2, "sliding", to=lifted.tolist())
-        assert (name in names_that_fail(false)) is fails
+        assert (name in failed(false)) is fails
 
 
-BAD = {
-    "friction must not be negative": (["contacts", 1, "friction"], -1e-3),
-    "max_normal_force must be positive": (["contacts", 1, "max_normal_force"], 0.0),
-    "lower must not be above upper": (["joints", 1, "lower"], 11.0),
-    "required_margin must not be negative": (["required_margin"], -1e-3),
-    "regularization must not be negative": (["regularization"], -1e-3),
-    "torque_gravity must be a number": (["joints", 1, "torque_gravity"], None),
-    "cone_edges is 2; it must be a whole number, 3 to 4096": (["cone_edges"], 2),
-    "a sign of contact 1 is -2; it must be a whole number, -1 to 1": (
-        ["contacts", 1, "signs"], [-2, 1]
-    ),
-    "format version is not 2": (["format"], 1),
-    "friction of contact 1 is 1e+61; it must be a number up to 1e+60": (
-        ["contacts", 1, "friction"], 1e61
-    ),
-    "required_margin is list; it must be a number": (["required_margin"], [0.1]),
-    "max_torque_unit is 'lbf'; it must be one of N m, N": (["max_torque_unit"], "lbf"),
-    "contacts is of 0 entries; it must be a list of 1 to 4096": (["contacts"], []),
-    "joint's upper is a huge whole number": (["joints", 0, "upper"], 10**40 * 10**40),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("message", BAD)
-def test_what_cannot_be_is_refused_by_name(message):
-    path, value = BAD[message]
-    document = changed(documented(minimize_torque(scene("rest"), 0.1)), *path, to=value)
-    with pytest.raises(ValueError, match=r"must|version") as caught:
-        verify_document(document)
-    assert message in str(caught.value)
-
-
-def test_figures_of_zero_size_are_read_as_zero():
+def test_figures_of_zero_size_are_read_as_zero(made):
     """A subnormal friction or limit is no number to compute with."""
-    document = documented(minimize_torque(scene("rest"), 0.1))
+    document = made("tree")
     assert read_problem(changed(document, "contacts", 0, "friction", to=1e-70)).mu[0] == 0.0
     assert read_problem(changed(document, "contacts", 0, "friction", to=1e-59)).mu[0] == 1e-59
 
@@ -261,31 +229,7 @@ def test_the_unit_is_that_of_the_largest_torque(lever, unit):
     assert document["max_torque_unit"] == unit
     assert verify_document(document).proven
     other = {"N": "N m", "N m": "N"}[unit]
-    assert names_that_fail(changed(document, "max_torque_unit", to=other)) == ["its unit as stated"]
-
-
-BAD_ENTRIES = {
-    "an axis that is none": ([[0, 3, 1.0]], "0 to 2"),
-    "a contact that is none": ([[6, 0, 1.0]], "0 to 5"),
-    "two figures": ([[0, 1]], "of 2 entries; it must be a list of 3"),
-    "four figures": ([[0, 1, 1.0, 1.0]], "of 4 entries; it must be a list of 3"),
-    "too many entries": ([[0, 1, 1.0]] * 19, "of 19 entries; it must be a list of 0 to 18"),
-}
-
-
-@pytest.mark.parametrize(("entries", "message"), BAD_ENTRIES.values(), ids=BAD_ENTRIES)
-def test_entries_of_a_combination_that_are_none(entries, message):
-    document = documented(minimize_torque(scene("rest"), 0.1))
-    leaf = {"kind": "kinematic", "combination": entries}
-    with pytest.raises(ValueError, match=message):
-        verify_document(changed(document, "proof", "nodes", to=[leaf]))
-
-
-@pytest.mark.parametrize("entry", [[0, 0], [0, 0, 1.0, 1.0], [6, 0, 1.0], [0, 6, 1.0]])
-def test_entries_of_multipliers_that_are_none(entry):
-    document = documented(minimize_torque(scene("rest"), 0.1))
-    with pytest.raises(ValueError, match=r"a (face|contact) of multipliers is|must be a list of 3"):
-        verify_document(changed(document, "multipliers", "faces", to=[entry]))
+    assert failed(changed(document, "max_torque_unit", to=other)) == ["its unit as stated"]
 
 
 @pytest.mark.parametrize(
@@ -306,11 +250,11 @@ def test_the_gap_has_its_unit(make, unit):
 
 def test_an_open_answer_states_no_infeasibility():
     document = documented(minimize_torque(scene("rest"), 0.1, time_limit=0.0))
-    assert names_that_fail(document) == []
+    assert failed(document) == []
     false = changed(document, "certificate", "infeasibility", to=1e-3)
-    assert names_that_fail(false) == ["states no infeasibility"]
+    assert failed(false) == ["states no infeasibility"]
     nothing = changed(document, "certificate", "infeasibility", to=-1e-3)
-    assert names_that_fail(nothing) == []
+    assert failed(nothing) == []
 
 
 def test_shares_of_wide_limits_are_held_to_their_own_size():
@@ -323,7 +267,7 @@ def test_shares_of_wide_limits_are_held_to_their_own_size():
     for off in (1e-3, -1e-3):
         false = changed(document, "certificate", "bound", to=value * (1.0 + off))
         false["certificate"]["gap"] = -value * off
-        assert names_that_fail(false)
+        assert failed(false)
 
 
 def test_contacts_at_one_point_have_the_length_of_the_load_or_a_metre():
@@ -339,4 +283,4 @@ def test_contacts_at_one_point_have_the_length_of_the_load_or_a_metre():
         assert document["scales"]["length"] == length
         assert verify_document(document).proven
         false = changed(document, "scales", "length", to=2.0 * length)
-        assert "length scale" in names_that_fail(false)
+        assert "length scale" in failed(false)

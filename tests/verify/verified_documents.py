@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from graspless_pin import (
     minimize_torque,
 )
 from graspless_pin.report import solution_document
+from graspless_pin.report.verify import verify_document
 
 Document = dict[str, Any]
 
@@ -64,6 +66,27 @@ def changed(document: Document, *path: str | int, to: Any) -> Document:
         place = place[key]
     place[path[-1]] = to
     return copied
+
+
+def refused(document: Document) -> bool:
+    """Whether a document is refused: a claim is false, or it is none at all."""
+    try:
+        return not verify_document(document).passed
+    except ValueError:
+        return True
+
+
+def failed(document: Document) -> list[str]:
+    """Names of the checks that do not hold."""
+    return [check.name for check in verify_document(document).checks if check.passed is False]
+
+
+def places(value: Any, path: tuple[str | int, ...] = ()) -> Iterator[tuple[str | int, ...]]:
+    """The ways to all values of a document."""
+    for key, item in value.items() if isinstance(value, dict) else enumerate(value):
+        yield (*path, key)
+        if isinstance(item, dict | list):
+            yield from places(item, (*path, key))
 
 
 def slab(seed: int = 3, contacts: int = 7, **options: Any) -> QuasistaticProblem:
