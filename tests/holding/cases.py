@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin import QuasistaticProblem
+from graspless_pin.holding.dynamics import Dynamics, scaled_dynamics
+from graspless_pin.problem.inertias import hybrid_contacts, whole_inertia
 
 GRAVITY = 9.81
 HALF = 0.05
@@ -63,3 +65,13 @@ def hybrid_on_wall(friction: float = 0.5) -> QuasistaticProblem:
     """The same with a hybrid finger: its one column commands the normal force."""
     problem = pressed_on_wall(friction)
     return problem.with_changes(joint_inertia=[[0.0]])
+
+
+def dynamics_of(problem: QuasistaticProblem, torques: ArrayLike = ()) -> Dynamics:
+    """The dynamics under torques; accelerations up to 0.001 of load over mass are rest."""
+    inertia = whole_inertia(problem)
+    assert inertia is not None
+    given = np.array(torques, dtype=np.float64)
+    made = scaled_dynamics(problem, given, inertia, hybrid_contacts(problem), 1e-3)
+    assert made is not None
+    return made

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,17 +12,34 @@ from graspless_pin import QuasistaticProblem
 Array = NDArray[np.float64]
 
 
+class Otherwise(NamedTuple):
+    """The same bodies, torques and units.
+
+    Attributes:
+        problem: The bodies.
+        torques: (L,) in other units.
+        force: How many of the other units of force one is.
+        both: (6, 6) turns twists and wrenches.
+    """
+
+    problem: QuasistaticProblem
+    torques: Array
+    force: float
+    both: Array
+
+
 def told_otherwise(
     problem: QuasistaticProblem, torques: Array, rng: np.random.Generator
-) -> tuple[QuasistaticProblem, Array]:
+) -> Otherwise:
     """Turn the frame and each pair of tangents, put contacts in another order, change the units.
 
-    Mass keeps its unit: forces and lengths of others make other times.
+    Mass keeps its unit: forces and lengths of others make other times. What slides does so at
+    another speed.
     """
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     turn *= np.linalg.det(turn)
     both, order = np.kron(np.eye(2), turn), rng.permutation(problem.contact_count)
-    force, length = 10.0 ** rng.uniform(-3.0, 3.0, 2)
+    force, length, speed = 10.0 ** rng.uniform(-3.0, 3.0, 3)
     scale = np.repeat([1.0, length], 3)
     assert problem.object_inertia is not None
     assert problem.joint_inertia is not None
@@ -36,7 +55,7 @@ def told_otherwise(
         positions=length * problem.positions[order] @ turn.T,
         normals=problem.normals[order] @ turn.T,
         tangents=tangents[order],
-        sliding=problem.sliding[order] @ turn.T,
+        sliding=speed * problem.sliding[order] @ turn.T,
         friction=problem.friction[order],
         external_wrench=force * scale * (both @ problem.external_wrench),
         jacobian=turned.reshape(3 * len(order), problem.joint_count),
@@ -46,7 +65,7 @@ def told_otherwise(
         max_normal_force=force * problem.max_normal_force[order],
         torque_limits=(-np.inf, np.inf),
     )
-    return changed, force * lever * torques
+    return Otherwise(changed, force * lever * torques, float(force), both)
 
 
 def off_the_plane(

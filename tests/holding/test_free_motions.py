@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -52,6 +52,7 @@ def slips(problem, motion):
     return motion[:3] + np.cross(motion[3:6], problem.positions) - joints
 
 
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("name", AT_REST)
 def test_examples_at_rest(name):
     problem = load_scene(EXAMPLES / f"{name}.yaml").with_changes(motion=None).problem()
@@ -160,6 +161,7 @@ def same_space(first, second):
     return len(first) == len(second) == np.linalg.matrix_rank(np.vstack([first, second]), tol=1e-6)
 
 
+@settings(max_examples=30)
 @given(st.integers(0, 10_000), st.floats(-3, 3))
 def test_frame_units_order_and_tangents_change_no_motion(seed, unit):
     rng = np.random.default_rng(seed)
@@ -190,6 +192,7 @@ def test_frame_units_order_and_tangents_change_no_motion(seed, unit):
         assert np.abs((slip * normals).sum(axis=1)).max() < 1e-9
 
 
+@settings(max_examples=30)
 @given(st.integers(0, 10_000))
 def test_their_number_is_what_ranks_tell(seed):
     """Nullities of the exact constraint matrices, all at once and for the joints alone."""

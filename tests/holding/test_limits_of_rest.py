@@ -47,7 +47,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 def disturbed(**options: Any) -> Any:
     return guaranteed_disturbance(
         block_on_slope(0.5, 0.0), [], [PUSH, TURN],
-        characteristic_length=1.0, precision=0.1, node_limit=100, **options,
+        characteristic_length=1.0, precision=0.1, **{"node_limit": 100, **options},
     )  # fmt: skip
 
 
@@ -96,7 +96,7 @@ def test_a_direction_that_was_not_reached_is_told_from_one_that_bears_nothing(cl
 
 
 def test_with_time_enough_nothing_is_another() -> None:
-    free, timed = disturbed(), disturbed(time_limit=1e9)
+    free, timed = disturbed(node_limit=20), disturbed(node_limit=20, time_limit=1e9)
     assert free.complete.all()
     assert timed.complete.all()
     np.testing.assert_array_equal(free.guaranteed, timed.guaranteed)
@@ -128,18 +128,10 @@ def test_torque_errors_that_are_borne_when_the_time_is_over_are(
     assert found.complete == (clock.now <= seconds)
 
 
-def test_robustness_with_time_enough_is_the_whole() -> None:
-    found = robustness(
-        hybrid_on_wall(), [25.0], precision=0.4, node_limit=20, time_limit=1e9
-    )  # fmt: skip
-    assert found.complete
-    assert found.relies_on == robustness(hybrid_on_wall(), [25.0], node_limit=20).relies_on
-
-
 def test_changes_that_hold_are_those_found_by_then(clock: Clock) -> None:
     problem = hybrid_on_wall().with_changes(torque_limits=(0.0, 40.0))
     counts = list[int]()
-    for seconds in (0.0, 4.0, 60.0, 1e9):
+    for seconds in (0.0, 60.0, 1e9):
         found = what_would_hold(problem, [9.0], node_limit=40, time_limit=seconds)
         counts.append(len(found.changes))
         assert found.complete == (seconds == 1e9)

@@ -6,7 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cases import block_between_walls, block_on_slope, hybrid_on_wall, pressed_on_wall
+from cases import (
+    block_between_walls,
+    block_on_slope,
+    dynamics_of,
+    hybrid_on_wall,
+    pressed_on_wall,
+)
 from numpy.typing import NDArray
 
 from graspless_pin.holding.bounds import (
@@ -16,7 +22,6 @@ from graspless_pin.holding.bounds import (
     least_along,
     outcome_bound,
 )
-from graspless_pin.holding.dynamics import Dynamics, scaled_dynamics
 from graspless_pin.holding.unstable_motion import find_motion, is_outcome
 from graspless_pin.holding.verdict import ContactState, DualBound
 from graspless_pin.problem import QuasistaticProblem
@@ -30,16 +35,6 @@ MOVING: tuple[tuple[QuasistaticProblem, tuple[float, ...]], ...] = (
 )
 
 
-def dynamics_of(problem: QuasistaticProblem, torques: tuple[float, ...]) -> Dynamics:
-    count = problem.joint_count
-    inertia = np.zeros((6 + count, 6 + count))
-    inertia[:6, :6], inertia[6:, 6:] = problem.object_inertia, problem.joint_inertia
-    hybrid = np.full(count, -1)
-    made = scaled_dynamics(problem, np.array(torques), inertia, hybrid, 1e-3)
-    assert made is not None
-    return made
-
-
 @pytest.mark.parametrize("case", range(len(MOVING)))
 def test_no_multipliers_prove_less_than_an_outcome_has(case: int) -> None:
     dynamics = dynamics_of(*MOVING[case])
@@ -50,7 +45,7 @@ def test_no_multipliers_prove_less_than_an_outcome_has(case: int) -> None:
     u, rng = dynamics.slips(y), np.random.default_rng(case)
     count = len(forces)
     tight = np.inf
-    for _ in range(500):
+    for _ in range(250):
         states = _states_of(forces, u, rng)
         size = 10.0 ** rng.uniform(-3.0, 1.0)
         dual = DualBound(
@@ -99,28 +94,16 @@ def test_the_least_product_with_an_arc_is_that_of_many_directions() -> None:
     np.testing.assert_allclose(least_along(vectors, center, width), products.min(axis=1), atol=1e-6)
 
 
-@pytest.mark.parametrize("compiled", [False, True])
+@pytest.mark.sampled(7)
+@pytest.mark.usefixtures("form")
 @pytest.mark.parametrize("loaded", [0.0, 0.05])
 @pytest.mark.parametrize(
     ("problem", "torques"), [*MOVING, (hybrid_on_wall(), (15.0,))], ids=lambda _: ""
 )
 def test_what_is_remembered_is_found_where_it_proves_something(
-    problem: QuasistaticProblem,
-    torques: tuple[float, ...],
-    loaded: float,
-    compiled: bool,
-    monkeypatch: pytest.MonkeyPatch,
+    problem: QuasistaticProblem, torques: tuple[float, ...], loaded: float
 ) -> None:
-    if not compiled:
-        monkeypatch.setattr("graspless_pin.holding.bounds.core", None)
-    columns = len(torques)
-    hybrid = np.full(columns, -1)
-    if columns and not np.any(problem.joint_inertia):
-        hybrid[0] = problem.contact_count - 1
-    inertia = np.zeros((6 + columns, 6 + columns))
-    inertia[:6, :6], inertia[6:, 6:] = problem.object_inertia, problem.joint_inertia
-    dynamics = scaled_dynamics(problem, np.array(torques), inertia, hybrid, 1e-3)
-    assert dynamics is not None
+    dynamics = dynamics_of(problem, torques)
     count, n, rng = dynamics.contact_count, len(dynamics.load), np.random.default_rng(0)
     own = np.where(dynamics.is_commanded, 0.1 * rng.normal(size=count), 0.0)
     dynamics = replace(dynamics, spread=0.1 * rng.normal(size=n), commanded_spread=own)
@@ -134,7 +117,7 @@ def test_what_is_remembered_is_found_where_it_proves_something(
         ))  # fmt: skip
         known.remember(duals[-1])
     goal = dynamics.load, np.zeros((count, 3))
-    for _ in range(6):
+    for _ in range(3):
         states = States.unknown(count)
         for contact, kind in enumerate(rng.choice(list(ContactState), count)):
             center, width = rng.uniform(-4.0, 4.0), rng.uniform(0.0, 1.5)
@@ -165,13 +148,9 @@ def test_compiled_sweeps_find_what_numpy_finds(case: int, monkeypatch: pytest.Mo
     np.testing.assert_allclose(dynamics.motion(found), dynamics.motion(expected), atol=1e-7)
 
 
-@pytest.mark.parametrize("compiled", [False, True])
-def test_closed_contacts_part_within_a_tolerance_that_is_paid_for(
-    compiled: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.usefixtures("form")
+def test_closed_contacts_part_within_a_tolerance_that_is_paid_for() -> None:
     """The multiplier of a row that vanishes but for the tolerance, alone in the bound."""
-    if not compiled:
-        monkeypatch.setattr("graspless_pin.holding.bounds.core", None)
     dynamics = dynamics_of(*MOVING[0])
     count, n = dynamics.contact_count, len(dynamics.load)
     states, normal = States.unknown(count).changed(1, ContactState.CLOSED), np.zeros(count)

@@ -46,6 +46,13 @@ def test_the_rest_relies_on_the_finger_alone(commanded: Robustness) -> None:
     assert "joint_1: tolerates -" in str(commanded)
 
 
+def test_with_time_enough_nothing_is_another(commanded: Robustness) -> None:
+    found = robustness(hybrid_on_wall(), [25.0], precision=0.4, node_limit=20, time_limit=1e9)
+    assert found.complete
+    assert found.relies_on == commanded.relies_on
+    assert str(found) == str(commanded)
+
+
 def test_nothing_is_said_of_what_may_move() -> None:
     found = robustness(block_between_walls(0.5), [])
     assert found.without == found.less == ()

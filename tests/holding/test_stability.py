@@ -54,6 +54,7 @@ def test_a_block_between_walls_that_nothing_presses_may_fall() -> None:
     assert "may fail" in str(said)
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("inertia", [1e-5, 1e-4, 1.0])
 @pytest.mark.parametrize(("force", "status"), [
     (9.7, Stability.NONE), (11.0, Stability.STRONG), (25.0, Stability.STRONG),
