@@ -5,7 +5,9 @@ from __future__ import annotations
 import io
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache, partial
 from pathlib import Path
 
 import trimesh
@@ -103,6 +105,13 @@ convex: {tip: hull}
 concavity: 0.05
 """
 
+SOLVE = """\
+import sys
+from graspless_pin.cli.commands import app
+for scene in sys.argv[1:]:
+    app(["solve", scene, "--json", f"{scene}.json"], standalone_mode=False)
+"""
+
 STUDY = """\
 name: few
 scene: scene.yaml
@@ -121,12 +130,19 @@ class Seed:
     Attributes:
         name: Of the file.
         commands: Command lines that read it.
-        files: All files of the folder by name, this one among them.
+        others: All files of the folder by name, this one among them unless it is `made`.
+        made: Computes this one when it is asked for.
     """
 
     name: str
     commands: tuple[tuple[str, ...], ...]
-    files: dict[str, bytes]
+    others: dict[str, bytes]
+    made: Callable[[], bytes] | None = None
+
+    @property
+    def files(self) -> dict[str, bytes]:
+        """All files of the folder by name."""
+        return self.others if self.made is None else self.others | {self.name: self.made()}
 
 
 def meshes() -> dict[str, bytes]:
@@ -196,17 +212,22 @@ def seeds(folder: Path) -> list[Seed]:
             }
             commands = (("solve", "pushed.yaml"), ("inspect", "hand.urdf"))
             found.append(Seed(name, commands, used))
-    for scene in ("scene.yaml", "given.yaml", "sliding.yaml"):
-        document = folder / "solution.json"
-        for name, content in base.items():
-            (folder / name).write_bytes(content)
+    for name, content in base.items():
+        (folder / name).write_bytes(content)
+    scenes = ("scene.yaml", "given.yaml", "sliding.yaml")
+
+    @cache
+    def documents() -> dict[str, bytes]:
         # Not in this process: solvers start threads, which no fork takes along.
-        words = [sys.executable, "-m", "graspless_pin.cli", "solve", scene, "--json", document.name]
+        words = [sys.executable, "-c", SOLVE, *scenes]
         subprocess.run(words, cwd=folder, check=True, stdout=subprocess.DEVNULL)  # noqa: S603
-        content = document.read_bytes()
+        return {scene: (folder / f"{scene}.json").read_bytes() for scene in scenes}
+
+    for scene in scenes:
         commands = (
             ("verify", "solution.json"),
             ("report", "solution.json", "-o", "out.html", "--no-ranges"),
         )
-        found += [Seed("solution.json", commands, base | {"solution.json": content})] * 2
+        made = partial(lambda scene: documents()[scene], scene)
+        found += [Seed("solution.json", commands, base, made)] * 2
     return found

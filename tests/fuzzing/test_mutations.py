@@ -47,7 +47,9 @@ def test_what_breaks_no_rule():
 
 def test_mutations_are_seeded_and_change_something():
     content = b"a: 1\nb: [2, 3]\nc: {d: text}\n"
-    spoilt = [spoil("scene.yaml", content, Random(f"7-{i}")) for i in range(60)]  # noqa: S311
-    again = [spoil("scene.yaml", content, Random(f"7-{i}")) for i in range(60)]  # noqa: S311
+    spoilt, again = (
+        [spoil("scene.yaml", content, Random(f"7-{i}")) for i in range(20)]  # noqa: S311
+        for _ in range(2)
+    )
     assert spoilt == again
-    assert sum(item != content for item in spoilt) > 54 and len(set(spoilt)) > 45
+    assert sum(item != content for item in spoilt) > 17 and len(set(spoilt)) > 15

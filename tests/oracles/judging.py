@@ -10,7 +10,7 @@ import json
 from dataclasses import dataclass
 from enum import StrEnum
 from fractions import Fraction
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 from tests.oracles.exact_optimum import Best, ExactScene, Mode, Question
@@ -92,13 +92,24 @@ def ask(problem: QuasistaticProblem, question: Question, *, search: str = "auto"
     )
 
 
+@lru_cache(maxsize=16)
+def exact_scene(
+    problem: QuasistaticProblem,
+    question: Question,
+    slack: Fraction = Fraction(0),
+    still: Fraction = Fraction(0),
+) -> ExactScene:
+    """Return the exact scene of a problem; what was solved of it is kept for its next answer."""
+    return ExactScene(problem, question, slack, still)
+
+
 def judge(case: Case) -> Verdict:
     """Solve a case both ways and compare."""
     problem = case.problem
     try:
         solution = ask(problem, case.question)
     except ArgumentError as refusal:
-        scene = ExactScene(problem, case.question)
+        scene = exact_scene(problem, case.question)
         told = f"{spread(scene)}: {refusal}"
         return Verdict(unanswered(scene, Outcome.REFUSED), told, found=bool(scene.optimum()))
     verdict = compare(problem, case.question, solution)
@@ -117,7 +128,7 @@ def documented(case: Case, solution: TorqueSolution, verdict: Verdict) -> Verdic
     if verification.proven:
         return verdict
     left = [f"{one.name}: {one.detail}" for one in verification.checks if one.passed is not True]
-    scene = ExactScene(case.problem, case.question)
+    scene = exact_scene(case.problem, case.question)
     outcome = unanswered(scene, Outcome.UNVERIFIED)
     told = f"its document is not proven: {'; '.join(left)[:300]}; {spread(scene)}"
     return Verdict(outcome, told, verdict.error, verdict.found)
@@ -125,7 +136,7 @@ def documented(case: Case, solution: TorqueSolution, verdict: Verdict) -> Verdic
 
 def compare(problem: QuasistaticProblem, question: Question, solution: TorqueSolution) -> Verdict:
     """Hold one answer against the exact optimum."""
-    return _Comparison(ExactScene(problem, question), solution).verdict()
+    return _Comparison(exact_scene(problem, question), solution).verdict()
 
 
 def unanswered(scene: ExactScene, outcome: Outcome) -> Outcome:
@@ -283,7 +294,7 @@ class _Comparison:
         return f"answer {own}, exact {exact}, {spread(self.scene)}"
 
     def _with(self, slack: Fraction, still: Fraction = Fraction(0)) -> ExactScene:
-        return ExactScene(self.scene.problem, self.scene.question, slack, still)
+        return exact_scene(self.scene.problem, self.scene.question, slack, still)
 
     def _fault(self) -> str:
         """What the solution says of itself that is not so; empty if nothing."""

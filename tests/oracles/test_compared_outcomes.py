@@ -6,29 +6,16 @@ import numpy as np
 import pytest
 from tests.oracles.compared_outcomes import compared, contradiction, outcome_case, report
 from tests.oracles.outcomes import enumerate_outcomes
-from tests.oracles.rest_cases import RestCase
+from tests.oracles.test_outcomes import slot
 
 from graspless_pin import QuasistaticProblem, Stability, stability
 
-G = 9.81
 
-
-def walls(friction, weight=G):
-    """A body between two walls: weak, or none where they are smooth, or strong without weight."""
-    positions, normals = np.diag([0.05] * 3)[[0, 0]] * [[-1.0], [1.0]], np.eye(3)[[0, 0]]
-    normals[1] *= -1.0
-    case = RestCase(
-        positions,
-        normals,
-        np.full(2, friction),
-        np.array([0.0, 0.0, -weight, 0.0, 0.0, 0.0]),
-        np.zeros((6, 0)),
-        np.zeros(0),
-        np.diag([1.0] * 3 + [1e-3] * 3),
-        np.zeros((0, 0)),
-    )
+def walls(friction):
+    """A body between two walls: weak, or none where they are smooth."""
+    case = slot(friction)
     problem = QuasistaticProblem(
-        positions, normals, case.external_wrench, friction=case.friction, cone="round",
+        case.positions, case.normals, case.external_wrench, friction=case.friction, cone="round",
         object_inertia=case.object_inertia,
     )  # fmt: skip
     return case, stability(problem, []), enumerate_outcomes(case, sectors=8)

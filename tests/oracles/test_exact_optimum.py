@@ -141,6 +141,7 @@ def least_norm(exact: ExactScene, mode: tuple[tuple[int, int] | None, ...]) -> f
     return float(np.linalg.norm(apart[:-1]) / weights.sum()) if apart[-1] > 1e-14 else 0.0
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("seed", range(3))
 def test_speed_is_that_of_the_least_motion(seed):
     exact = ExactScene(general_scene(seed, 3, joints=(1, 3)), STRICT)
@@ -163,6 +164,7 @@ def test_a_threshold_leaves_slow_motions_out():
     assert exact.optimum(speed) == slow and exact.optimum(speed * (1 + Fraction(1, 10**6))) is None
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("seed", range(3))
 def test_speed_knows_no_reference_point_and_no_scale(seed):
     problem = QuasistaticProblem(
@@ -182,6 +184,7 @@ def test_speed_knows_no_reference_point_and_no_scale(seed):
     assert any(speeds[0])
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("seed", range(6))
 def test_search_is_the_listing_of_all_modes(seed):
     question = Question(
@@ -221,6 +224,7 @@ PAPER = {
 }
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("case", PAPER, ids=" ".join)
 def test_paper_figures(case):
     name, sign_rule, sliding_rule = case
@@ -252,6 +256,7 @@ def ordinary(seed: int) -> tuple[QuasistaticProblem, Question]:
     return makers[seed % 7](), question
 
 
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("seed", range(21))
 def test_enumeration_agrees_at_ordinary_scales(seed):
     problem, question = ordinary(seed)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from benchmarks import rows
 from benchmarks.against import judged, main
-from benchmarks.ratios import ALLOWED, LEAST_ROUNDS, ratio_of, ratios_of
+from benchmarks.ratios import LEAST_ROUNDS, ratio_of, ratios_of
 
 EVEN = [1.0, 1.02, 0.99, 1.01, 1.0, 0.98, 1.03]
 
@@ -46,16 +46,10 @@ def test_the_spread_holds_the_true_ratio_as_often_as_it_says() -> None:
 
 
 @pytest.mark.parametrize(
-    ("factor", "slower"), [(1.0, False), (0.5, False), (1.04, False), (1.06, True), (2.0, True)]
+    ("factor", "slower"), [(1.0, False), (0.5, False), (1.0499, False), (1.0501, True), (2.0, True)]
 )
 def test_what_is_clearly_above_the_allowance_is_slower(factor: float, slower: bool) -> None:
     assert ratio_of([factor * each for each in EVEN], EVEN).slower is slower
-
-
-def test_the_allowance_is_a_twentieth() -> None:
-    assert not ratio_of([ALLOWED] * 7, [1.0] * 7).slower
-    assert ratio_of([1.0501] * 7, [1.0] * 7).slower
-    assert not ratio_of([1.0499] * 7, [1.0] * 7).slower
 
 
 def test_what_lies_within_the_spread_is_not_slower() -> None:
@@ -113,15 +107,12 @@ def test_the_verdict_says_what_the_base_lacks_and_what_differs() -> None:
     assert "graspless-pin 1" not in text
 
 
-def test_a_row_that_this_version_lost_fails() -> None:
+def test_a_row_that_this_version_lost_fails_and_so_does_nothing_to_compare() -> None:
     new = printed({"a": 1.0}, missing={"b": "ValueError: broken"})
     text, passed = judged([(new, printed({"a": 1.0, "b": 1.0}))] * LEAST_ROUNDS)
     assert not passed
-    assert "NOT MEASURED HERE: b: ValueError: broken" in text
-
-
-def test_nothing_to_compare_fails() -> None:
     assert not judged([(printed({"a": 1.0}), printed({"b": 1.0}))] * LEAST_ROUNDS)[1]
+    assert "NOT MEASURED HERE: b: ValueError: broken" in text
 
 
 def test_the_fastest_pass_counts_after_a_first_one() -> None:
