@@ -63,6 +63,7 @@ def factor_of(index: int) -> float:
     return minimum_friction(problem_of(index), **options_of(index)).factor
 
 
+@pytest.mark.sampled(9)
 @CASES
 def test_force_bounds(index: int):
     problem, torques, bounds = problem_of(index), held_torques(index), bounds_of(index)
@@ -93,6 +94,7 @@ def test_force_bounds(index: int):
     assert close(bounds.largest_margin, max(forces.best_case()[0] for forces in sets))
 
 
+@pytest.mark.sampled(12)
 @CASES
 @pytest.mark.parametrize("held", [True, False], ids=["held", "free"])
 def test_disturbances(index: int, held: bool):
@@ -128,6 +130,7 @@ def reached(intervals: list[tuple[float, float]]) -> float:
     return end
 
 
+@pytest.mark.sampled(9)
 @CASES
 def test_least_friction(index: int):
     problem, factor = problem_of(index), factor_of(index)
@@ -153,6 +156,7 @@ def test_least_friction(index: int):
         )
 
 
+@pytest.mark.sampled(0)
 def test_the_scenes_cover_what_they_should():
     assert len(SCENES) == 26 and {contacts for *_, contacts in SCENES} == {2, 3, 4}
     bounds = [bounds_of(index) for index in range(len(SCENES))]

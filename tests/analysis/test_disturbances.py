@@ -85,11 +85,12 @@ def test_the_length_weighs_moments():
     np.testing.assert_allclose(half.magnitudes, 2.0 * one.magnitudes, rtol=1e-5)
 
 
-@pytest.mark.parametrize("name", ["sphere", "rest", "up", "down"])
+@pytest.mark.parametrize("name", ["sphere", "up"])
 def test_fixed_torques_hold_less_than_free_ones(name):
     problem = scene(name)
-    free = disturbance_margin(problem)
-    held = disturbance_margin(problem, maximize_margin(problem).torques)
+    ways = np.vstack([np.eye(6), -np.eye(6)])
+    free = disturbance_margin(problem, directions=ways)
+    held = disturbance_margin(problem, maximize_margin(problem).torques, ways)
     assert (held.magnitudes <= free.magnitudes + 1e-5).all()
     assert (held.magnitudes < free.magnitudes - 0.1).any()
 

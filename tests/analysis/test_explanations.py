@@ -4,14 +4,47 @@ import time
 
 import numpy as np
 import pytest
-from test_suggested_friction import pushed
-from tests.core.random_scenes import general_scene
+from tests.core.random_scenes import general_scene, infeasible_scene
 from tests.core.scenes import scene
 
-from graspless_pin import Status, TorqueSolution, maximize_margin, minimize_torque
+from graspless_pin import (
+    QuasistaticProblem,
+    Status,
+    TorqueSolution,
+    maximize_margin,
+    minimize_torque,
+)
 from graspless_pin.algorithms import explanation as explanation_module
 from graspless_pin.algorithms.explanation import Suggestion, explain
-from graspless_pin.errors import ArgumentError
+from graspless_pin.errors import ArgumentError, UndecidedMotionError
+
+MU = 0.5
+LIMIT = 2.0
+
+
+def pushed(**changes) -> QuasistaticProblem:
+    """A block of 10 N slides on the floor, pushed by a finger of at most 2 N and pulled by 1 N.
+
+    The push is as high as the floor's friction, so only forces along x and z matter.
+    """
+    jacobian = np.zeros((12, 1))
+    jacobian[0, 0] = 0.1
+    arguments = {
+        "positions": [
+            [-0.05, 0, -0.05],
+            [0.05, 0.05, -0.05],
+            [0.05, -0.05, -0.05],
+            [-0.05, 0, -0.05],
+        ],
+        "normals": [[1, 0, 0], [0, 0, 1], [0, 0, 1], [0, 0, 1]],
+        "external_wrench": [-1, 0, -10, 0, 0.05, 0],
+        "jacobian": jacobian,
+        "friction": [0.0, MU, MU, MU],
+        "torque_limits": (-0.1 * LIMIT, 0.1 * LIMIT),
+        "sliding": [[0, 0, 0], [0.1, 0, 0], [0.1, 0, 0], [0.1, 0, 0]],
+    }
+    return QuasistaticProblem(**{**arguments, **changes})
+
 
 MARGIN, HELP = "the required margin", "an extra external wrench"
 FRICTION, NORMAL = "all friction coefficients", "every normal-force limit"
@@ -134,3 +167,79 @@ def test_what_is_printed_has_limits_of_its_own(monkeypatch):
 def test_limits_out_of_range_are_refused(name, value):
     with pytest.raises(ArgumentError, match=name):
         explain(minimize_torque(scene("rest"), 20.0), **{name: value})
+
+
+INFEASIBLE = [infeasible_scene(seed, contacts) for seed in range(6) for contacts in (3, 5)]
+
+
+@pytest.mark.sampled(5)
+@pytest.mark.parametrize("problem", INFEASIBLE)
+def test_every_suggestion_makes_the_scene_feasible(problem):
+    solution = maximize_margin(problem)
+    assert not solution.found
+    explanation = explain(solution)
+    assert explanation.suggestions
+    for suggestion in explanation.suggestions:
+        assert maximize_margin(suggestion.problem, **suggestion.rules.options()).found
+    assert explanation.cause in solution.explanation
+
+
+def test_where_nothing_can_carry_the_weight_help_from_outside_is_all_that_is_suggested():
+    problem = QuasistaticProblem(
+        [[0.05, 0, 0], [-0.05, 0, 0]],
+        [[-1.0, 0, 0], [1.0, 0, 0]],
+        [0, 0, -5.0, 0, 0, 0],
+        friction=0.0,
+    )
+    suggestions = explain(maximize_margin(problem)).suggestions
+    assert len(suggestions) == 1
+    np.testing.assert_allclose(suggestions[0].problem.external_wrench, 0.0, atol=0.06)
+
+
+def test_the_sliding_cuboid_names_its_conflict_and_weaker_rules():
+    explanation = explain(maximize_margin(scene("up"), sliding_rule="constrained"))
+    assert len(explanation.conflicting_contacts) >= 2
+    text = str(explanation)
+    assert "nonzero" in text and "coulomb" in text
+
+
+def of_friction(explanation) -> Suggestion:
+    (found,) = (item for item in explanation.suggestions if "friction" in item.text)
+    return found
+
+
+def test_half_the_friction_need_not_be_none():
+    """The finger's 2 N less the pull leave 1 N for friction: a tenth of the weight, not half."""
+    solution = maximize_margin(pushed())
+    assert not solution.found
+    suggestion = of_friction(explain(solution))
+    words, _, last = suggestion.text.partition(" would have to be ")
+    factor = float(last.removesuffix(" times as large"))
+    assert words == "all friction coefficients"
+    assert factor == pytest.approx(0.1 / MU, abs=2e-4) and factor <= 0.1 / MU
+    np.testing.assert_allclose(suggestion.problem.friction, factor * pushed().friction)
+    assert maximize_margin(suggestion.problem).found
+    assert not maximize_margin(pushed(friction=[0, 0.1001, 0.1001, 0.1001])).found
+
+
+def test_where_nothing_pushes_there_must_be_no_friction():
+    """Nothing holds against the least friction, so none may be there, and a person says so."""
+    free = pushed(torque_limits=(0.0, 0.0), external_wrench=[0, 0, -10, 0, 0, 0])
+    suggestion = of_friction(explain(maximize_margin(free)))
+    assert suggestion.text == "the contacts would have to be without friction"
+    assert (suggestion.problem.friction == 0.0).all()
+    assert maximize_margin(suggestion.problem).found
+    text = str(explain(maximize_margin(free)))
+    assert "- the contacts would have to be without friction" in text
+    assert "0 times as large" not in text
+
+
+def test_what_no_solver_decides_on_is_left_out(monkeypatch):
+    """The suggestions that need no search of their own stay."""
+
+    def search(*_, **__):
+        raise UndecidedMotionError("not decided")
+
+    monkeypatch.setattr(explanation_module, "branch_and_bound", search)
+    found = explain(maximize_margin(pushed())).suggestions
+    assert [item.text.split(" would")[0] for item in found] == ["all friction coefficients"]

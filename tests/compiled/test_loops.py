@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import strategies as st
 
 from graspless_pin import Scene, compiled, load_scene
 from graspless_pin.problem import QuasistaticProblem
@@ -21,8 +20,6 @@ ARRAYS = (
     "positions", "normals", "tangents", "external_wrench", "jacobian", "friction", "sliding",
     "gravity_torques", "lower_torque", "upper_torque",
 )  # fmt: skip
-NUMBERS = [0.0, 1.0, -1.0, np.inf, -np.inf, np.nan]
-NOT_FINITE = st.sampled_from([np.nan, np.inf, -np.inf])
 
 needs_loops = pytest.mark.skipif(
     compiled.core is None, reason="the loops are not compiled: there is no C compiler"
@@ -47,6 +44,7 @@ def test_without_the_loops_no_module_has_them(without_loops: None) -> None:
     assert not holders
 
 
+@pytest.mark.sampled(4)
 @needs_loops
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_every_example_is_the_same_problem(path: Path, outcome, by_numpy) -> None:
@@ -92,44 +90,34 @@ TWO = np.ones(2)
 POSES = np.repeat(np.eye(4)[None], 2, axis=0)
 
 
+def sets_arguments(**changes):
+    values = {
+        "kinds": [1], "bodies": [0], "centers": ONES[:1], "half_extents": ONES[:1],
+        "reaches": [1], "planes": [[0] * 4], "starts": [0, 0], "faces": np.ones((0, 4)),
+    }  # fmt: skip
+    return tuple((values | changes).values())
+
+
 @needs_loops
 @pytest.mark.parametrize(
-    ("name", "arguments"),
+    "changes",
     [
-        (
-            "ConvexSets",
-            ([1], [1], ONES[:1], ONES[:1], [1], [[0] * 4], [0, 0], np.ones((0, 4))),
-        ),
-        (
-            "ConvexSets",
-            ([1], [0], ONES[:1], ONES[:1], [1], [[0] * 4], [0, 1], np.ones((2, 4))),
-        ),
-        (
-            "ConvexSets",
-            ([1], [0], ONES[:1], ONES[:1], [1], [[0] * 4], [-1, 2], np.ones((2, 4))),
-        ),
-        (
-            "ConvexSets",
-            ([3], [0], ONES[:1], ONES[:1], [1], [[0] * 4], [0, 0], np.ones((0, 4))),
-        ),
-        (
-            "ConvexSets",
-            ([1], [0], ONES, ONES[:1], [1], [[0] * 4], [0, 0], np.ones((0, 4))),
-        ),
+        {"bodies": [1]}, {"starts": [0, 1], "faces": np.ones((2, 4))},
+        {"starts": [-1, 2], "faces": np.ones((2, 4))}, {"kinds": [3]}, {"centers": ONES},
     ],
+    ids=str,
 )  # fmt: skip
-def test_what_does_not_fit_is_refused(name: str, arguments: tuple) -> None:
+def test_sets_that_do_not_fit_are_refused(changes) -> None:
+    assert compiled.core is not None
+    compiled.core.ConvexSets(*sets_arguments())
     with pytest.raises(ValueError):
-        getattr(compiled.core, name)(*arguments)
+        compiled.core.ConvexSets(*sets_arguments(**changes))
 
 
 @needs_loops
 def test_one_pose_for_each_set() -> None:
     assert compiled.core is not None
-    sets = compiled.core.ConvexSets(
-        [compiled.core.BALL], [0], ONES[:1], ONES[:1], np.ones(1), [[0] * 4], [0, 0],
-        np.ones((0, 4)),
-    )  # fmt: skip
+    sets = compiled.core.ConvexSets(*sets_arguments(kinds=[compiled.core.BALL]))
     pairs = compiled.core.BodyPairs(sets, [0], [0])
     with pytest.raises(ValueError, match="one pose for each set"):
         pairs.within(POSES, 5e-3)

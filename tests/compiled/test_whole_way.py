@@ -33,6 +33,7 @@ def answers(path: Path) -> dict[str, Any]:
     return found
 
 
+@pytest.mark.sampled(6)
 @pytest.mark.skipif(
     compiled.core is None, reason="the loops are not compiled: there is no C compiler"
 )

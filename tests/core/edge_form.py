@@ -11,10 +11,18 @@ from itertools import product
 import numpy as np
 from scipy.optimize import linprog
 
-from graspless_pin import QuasistaticProblem
+from graspless_pin import QuasistaticProblem, SlidingMode
 
 Mode = tuple[tuple[int, int] | None, ...]
 """Per contact the signs s_l1, s_l2, or None where b_l = 0."""
+
+
+def letters_of(mode: SlidingMode) -> Mode:
+    """A mode of the package as these letters."""
+    return tuple(
+        (int(signs[0]), int(signs[1])) if chosen else None
+        for chosen, signs in zip(mode.selection, mode.signs, strict=True)
+    )
 
 
 def feasible_modes(problem: QuasistaticProblem, sign_rule: str, sliding_rule: str) -> list[Mode]:

@@ -6,12 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scenes import scene, structured_arguments
+from scenes import scene
 
 from graspless_pin import (
     QuasistaticProblem,
     contact_force_bounds,
-    enumerate_modes,
     explain,
     margin_torque_curve,
     maximize_margin,
@@ -19,20 +18,12 @@ from graspless_pin import (
 )
 from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.formulation import formulate
-from graspless_pin.algorithms.margin_torque_curve import CurveSearch
-from graspless_pin.algorithms.options import Limits, SolveOptions
 from graspless_pin.algorithms.search import SearchResult, SearchState, threshold_optima
 from graspless_pin.bounds import LARGEST, LARGEST_REGULARIZATION
 from graspless_pin.errors import ArgumentError
 from graspless_pin.modes.rules import Rules
 from graspless_pin.problem.checks import real_number
-from graspless_pin.programs.active_set_polish import polished
-from graspless_pin.programs.answers import checked_answer
 from graspless_pin.programs.objectives import Margin
-from graspless_pin.programs.program import Program
-from graspless_pin.solvers import Outcome, solve
-
-NONE = np.zeros(0)
 
 
 def pinch(limit: float = 10.0, friction: float = 0.0, **options: Any) -> QuasistaticProblem:
@@ -88,50 +79,6 @@ def test_the_largest_number_is_taken(name, most):
     assert real_number(name, np.nextafter(most, np.inf), 0.0, finite=False) > most
 
 
-def line(cost: float, lb: float, ub: float) -> Program:
-    """Minimise a cost times x between bounds."""
-    return Program(
-        np.zeros(1), np.array([cost]), np.zeros((0, 1)), NONE, np.zeros((0, 1)), NONE, NONE,
-        np.array([lb]), np.array([ub]), np.array([[lb], [ub]]),
-    )  # fmt: skip
-
-
-@pytest.mark.parametrize("cost", [-0.3, -1e-3, -5.0, 0.3, 1e-3, 5.0])
-def test_a_variable_is_brought_to_the_bound_that_its_cost_pushes_it_to(cost):
-    """An answer a hair away from the bound, as interior points leave it."""
-    end = 1.0 if cost < 0.0 else -1.0
-    found = polished(line(cost, -1.0, 1.0), (np.array([end * (1.0 - 1e-6)]), NONE, NONE))
-    assert found is not None and found[0] == pytest.approx([end], abs=1e-15)
-
-
-def test_no_answer_proves_no_bound():
-    for one in (line(1.0, 0.0, 1.0), line(-1.0, 0.0, 1e5)):
-        answer = checked_answer(one, lambda _: None, "", np.inf)
-        assert answer.outcome is Outcome.FAILED
-        assert answer.bound == -np.inf and answer.value == np.inf
-
-
-def test_a_kept_solver_is_told_of_each_bound_that_changed():
-    """One of the two alone, there and back again."""
-    program = formulate(pinch(10.0, 0.5), Margin()).program
-    free = solve(program)
-    normal = int(np.argmax(np.isclose(free.x, free.x[0])))
-    assert free.outcome is Outcome.SOLVED
-    lb, ub = program.lb.copy(), program.ub.copy()
-    ub[normal] = 0.4 * free.x[normal]
-    less = solve(program.bounded(program.lb, ub))
-    assert less.outcome is Outcome.SOLVED and less.value > free.value + 1e-3
-    lb[normal] = 1.2 * free.x[normal]
-    more = solve(program.bounded(lb, program.ub))
-    assert more.outcome is Outcome.SOLVED and more.value > free.value + 1e-3
-    for one, known in ((program, free), (program.bounded(program.lb, ub), less),
-                       (program.bounded(lb, program.ub), more)):  # fmt: skip
-        for _ in range(2):
-            again = solve(one)
-            assert again.value == pytest.approx(known.value, abs=1e-7)
-            assert again.solver == "piqp"  # no other solver had to be asked
-
-
 def test_components_that_vary_by_a_millionth_of_the_load_are_determined():
     problem = scene("up")
     bounds = contact_force_bounds(problem, maximize_margin(problem).torques)
@@ -181,21 +128,6 @@ def test_an_answer_hangs_on_the_threshold_where_others_differ_by_a_millionth(own
     assert Threshold(None).optima(None, None) is None
 
 
-@pytest.mark.parametrize("seed", [2, 4, 9])
-def test_a_mode_is_extended_as_far_as_any_is(seed):
-    """A curve of a mode that leaves out a contact would hide what lies below."""
-    problem = QuasistaticProblem(**structured_arguments(seed, "slab", 4))
-    options = SolveOptions()
-    search = CurveSearch(formulate(problem, Margin()), options, Limits.of(options))
-    modes = list(enumerate_modes(problem))
-    maximal = list(enumerate_modes(problem, maximal=True))
-    assert len(maximal) < len(modes)
-    for mode in modes:
-        extended = search._extended(mode)
-        assert extended is not None and extended in maximal
-        assert (extended.signs[mode.selection] == mode.signs[mode.selection]).all()
-
-
 def heavy(limit: float = 0.5, **options: Any) -> QuasistaticProblem:
     """Two fingers pinch a weight of 10 N with joints that only close, too weakly."""
     jacobian = np.zeros((6, 2))
@@ -231,15 +163,3 @@ def test_a_limit_of_nothing_on_both_sides_opens_on_both():
     still = heavy().with_changes(torque_limits=(0.0, 0.0))
     found = suggestion(still, "every torque limit")
     assert (found.problem.upper_torque > 0.9).all() and (found.problem.lower_torque < -0.9).all()
-
-
-@pytest.mark.parametrize("limit", [2.0, 5.0, 8.0])
-def test_larger_normal_forces_are_suggested_as_small_as_may_be(limit):
-    problem = heavy(5.0, max_normal_force=limit)
-    found = suggestion(problem, "every normal-force limit")
-    more = float(found.text.split("larger by ")[1].split()[0])
-    np.testing.assert_allclose(found.problem.max_normal_force, limit + more)
-    assert maximize_margin(found.problem, static_friction="coulomb").found
-    # The least normal force is the weight's half over what of friction is along the weight.
-    least = problem.with_changes(max_normal_force=limit + 0.98 * more)
-    assert not maximize_margin(least, static_friction="coulomb").found

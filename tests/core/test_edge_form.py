@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from edge_form import best_over, feasible_modes, optimum_in_mode
+from edge_form import best_over, feasible_modes, letters_of, optimum_in_mode
 from scenes import assert_holds, random_problem, structured_arguments
 
 from graspless_pin import QuasistaticProblem, enumerate_modes, maximize_margin, minimize_torque
@@ -48,26 +48,39 @@ def make(kind: str, seed: int, contacts: int, slides: int) -> tuple[QuasistaticP
     return problem, 0.6 * largest
 
 
-def test_all_modes_and_both_optima():
+@cache
+def optima(case, sign: str, sliding: str) -> tuple[int, float | None, float | None]:
+    """How many modes there are, and the best margin and torque over them."""
+    problem, required = make(*case)
+    modes = feasible_modes(problem, sign, sliding)
+    return len(modes), best_over(problem, modes, None), best_over(problem, modes, required)
+
+
+@pytest.mark.sampled(7)
+@pytest.mark.parametrize(("case", "sign", "sliding"), RUNS)
+def test_all_modes_and_both_optima(case, sign, sliding):
+    (problem, required), rules = make(*case), {"sign_rule": sign, "sliding_rule": sliding}
+    count, margin, torque = optima(case, sign, sliding)
+    assert len(list(enumerate_modes(problem, **rules))) == count
+    for search in SEARCHES:
+        largest = maximize_margin(problem, **rules, search=search)
+        smallest = minimize_torque(problem, required, **rules, search=search)
+        assert largest.found == (margin is not None)
+        assert smallest.found == (torque is not None)
+        if margin is not None:
+            assert largest.margin == pytest.approx(margin, rel=1e-6, abs=1e-6)
+            assert_holds(largest)
+        if torque is not None:
+            assert smallest.max_torque == pytest.approx(torque, rel=1e-6, abs=1e-6)
+            assert_holds(smallest)
+
+
+@pytest.mark.sampled(0)
+def test_the_cases_differ_from_each_other():
     """Some optima are worse than Coulomb's, some do not exist, and rules differ."""
     worse_margins, worse_torques, missing, by_rule = 0, 0, 0, {}
     for case, sign, sliding in RUNS:
-        run, (problem, required) = (case, sign, sliding), make(*case)
-        rules = {"sign_rule": sign, "sliding_rule": sliding}
-        modes = feasible_modes(problem, sign, sliding)
-        margin, torque = best_over(problem, modes, None), best_over(problem, modes, required)
-        assert len(list(enumerate_modes(problem, **rules))) == len(modes), run
-        for search in SEARCHES:
-            largest = maximize_margin(problem, **rules, search=search)
-            smallest = minimize_torque(problem, required, **rules, search=search)
-            assert largest.found == (margin is not None), run
-            assert smallest.found == (torque is not None), run
-            if margin is not None:
-                assert largest.margin == pytest.approx(margin, rel=1e-6, abs=1e-6), run
-                assert_holds(largest)
-            if torque is not None:
-                assert smallest.max_torque == pytest.approx(torque, rel=1e-6, abs=1e-6), run
-                assert_holds(smallest)
+        (problem, required), (_, margin, torque) = make(*case), optima(case, sign, sliding)
         coulomb = optimum_in_mode(problem, None, None), optimum_in_mode(problem, None, required)
         assert coulomb[0] is not None and coulomb[1] is not None
         worse_margins += margin is not None and margin < coulomb[0] - 1e-3
@@ -88,15 +101,13 @@ def test_coulomb_friction_is_one_program_in_edge_weights(case):
     assert smallest.max_torque == pytest.approx(torque, rel=1e-6, abs=1e-6)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("seed", [0, 3])
 def test_one_given_mode(seed):
     problem, required = make("planar", seed, 3, 0)
     some_found = False
     for mode in enumerate_modes(problem):
-        letters = tuple(
-            (int(signs[0]), int(signs[1])) if chosen else None
-            for chosen, signs in zip(mode.selection, mode.signs, strict=True)
-        )
+        letters = letters_of(mode)
         margin = optimum_in_mode(problem, letters, None)
         solution = maximize_margin(problem, mode=mode)
         assert solution.found == (margin is not None)
@@ -109,6 +120,7 @@ def test_one_given_mode(seed):
     assert some_found
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("case", [("pinch", 4, 3, 0), ("pinch", 2, 3, 0), ("planar", 5, 3, 0)])
 def test_smallest_share_of_the_limits(case):
     problem, required = make(*case)

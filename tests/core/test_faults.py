@@ -1,20 +1,22 @@
 """Solvers that fail, lie, mix up problems or give up: nothing that is stated is wrong."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import cache, partial
 from itertools import product
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from random_scenes import general_scene, slope_scene
-from scenes import SOLVERS, assert_holds, random_problem, scene
+from scenes import SOLVERS, assert_holds, scene
 from scipy import optimize
-from test_kinematics import assert_conflict, assert_witness
+from test_kinematics import WRONG_PROGRAMS, WRONG_SQUARES
 
 from graspless_pin import (
     QuasistaticProblem,
     Status,
+    TorqueSolution,
     contact_force_bounds,
     disturbance_margin,
     explain,
@@ -25,13 +27,12 @@ from graspless_pin import (
 )
 from graspless_pin.algorithms import dual_degeneracy, force_extremes, formulation
 from graspless_pin.algorithms import margin_torque_curve as curve_module
+from graspless_pin.algorithms.disturbances import DisturbanceMargin
+from graspless_pin.algorithms.force_bounds import ContactForceBounds
 from graspless_pin.algorithms.options import SolveOptions
 from graspless_pin.algorithms.torque import torque_objective
 from graspless_pin.algorithms.warm_start import reaches_margin, solve_from
-from graspless_pin.errors import UndecidedMotionError
-from graspless_pin.modes.feasibility import Requirement, Witness
-from graspless_pin.modes.kinematics import VirtualKinematics
-from graspless_pin.modes.rules import Rules, SignRule
+from graspless_pin.modes.rules import Rules
 from graspless_pin.programs.answers import Answer, failed
 from graspless_pin.programs.objectives import Margin
 from graspless_pin.programs.program import Program
@@ -42,6 +43,7 @@ Found = tuple[np.ndarray, np.ndarray, np.ndarray]
 Backend = Callable[[Program], Found | None]
 RULES = Rules.parse()
 RANGES = ("sphere", "small")
+OPEN = (Status.UNVERIFIED, Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT)
 PROBLEMS = {
     **{name: (lambda name=name: scene(name)) for name in ("sphere", "rest", "up")},
     "free": lambda: general_scene(3, 4),
@@ -85,6 +87,15 @@ def lies() -> dict[str, Callable[[Backend], Backend]]:
 
         return asked
 
+    def of_the_opposite(backend: Backend) -> Backend:
+        """A feasible point that is far from optimal: that of the opposite objective."""
+
+        def asked(program: Program) -> Found | None:
+            raw, other = backend(program), backend(replace(program, c=-program.c))
+            return raw if raw is None or other is None else (other[0], raw[1], raw[2])
+
+        return asked
+
     nan = np.nan
     return {
         "fails": changed(lambda *_: None),
@@ -97,10 +108,12 @@ def lies() -> dict[str, Callable[[Backend], Backend]]:
         "multipliers that are none": changed(lambda _, x, y, z: (x, nan * y, nan * z)),
         "infinite": changed(lambda _, x, y, z: (x + np.inf, y - np.inf, z + np.inf)),
         "of another program": of_another,
+        "not optimal": of_the_opposite,
     }
 
 
 LIES = lies()
+MENDED = ("a point that is off", "multipliers without end", "of another program", "not optimal")
 
 
 @pytest.fixture(params=list(LIES))
@@ -152,6 +165,19 @@ def assert_right(found, expected, figure: str) -> None:
         assert sign * found.certificate.bound >= sign * best - 1e-5
 
 
+@pytest.mark.parametrize("how", LIES)
+def test_where_one_solver_lies_another_answers(how, monkeypatch):
+    """Unless the multipliers tell which constraints are active: then the answer is put right."""
+    expected = honest("up", "margin")
+    monkeypatch.setitem(solving._BACKENDS, "piqp", LIES[how](solving._BACKENDS["piqp"]))
+    found = maximize_margin(fresh("up"), solver="piqp")
+    assert found.found
+    assert found.certificate.solver != "piqp" or how in MENDED
+    assert found.margin == pytest.approx(expected.margin, rel=1e-6)
+    assert_holds(found)
+
+
+@pytest.mark.sampled(24)
 @pytest.mark.parametrize("name", list(PROBLEMS))
 def test_no_lie_of_all_solvers_becomes_an_answer(name, lying):
     # Listing all modes takes long where no program is answered.
@@ -161,6 +187,7 @@ def test_no_lie_of_all_solvers_becomes_an_answer(name, lying):
         assert_right(found, honest(name, "torque"), "max_torque")
 
 
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("name", ["up", "small"])
 def test_no_lie_becomes_an_answer_of_a_warm_search(name, lying):
     objective = Margin()
@@ -176,19 +203,18 @@ def test_no_lie_becomes_an_answer_of_a_warm_search(name, lying):
         assert reached in (None, best.found and required < 1.0)
 
 
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("name", RANGES)
 def test_no_lie_becomes_a_range_of_forces(name, lying):
     expected = honest(name, "bounds")
-    found = contact_force_bounds(fresh(name), expected.torques, time_limit=0.3)
-    if not found.found:
-        limits = Status.UNVERIFIED, Status.NOT_FOUND_IN_LIMIT
-        assert found.status in (*limits, expected.status)
-        return
-    assert_range(found, expected)
+    assert_range(contact_force_bounds(fresh(name), expected.torques, time_limit=0.3), expected)
 
 
 def assert_range(found, expected) -> None:
     """What is proven is right; what is not was reached, so it lies inside."""
+    if not found.found:
+        assert found.status in OPEN
+        return
     inside = 1e-5 * found.problem.scales.force
     assert (found.lower[found.proven] <= expected.lower[found.proven] + inside).all()
     assert (found.upper[found.proven] >= expected.upper[found.proven] - inside).all()
@@ -232,79 +258,70 @@ def choices() -> Iterator[tuple[str, Callable[[int], bool]]]:
 
 
 CHOICES = dict(choices())
-SEARCHES = ("auto", "enumerate")
-some_fail = pytest.mark.parametrize("which", list(CHOICES))
+SEARCHES, FRICTIONS = ("auto", "enumerate"), ("virtual_sliding", "coulomb")
 
 
-@some_fail
-@pytest.mark.parametrize("name", ["sphere", "up", "small"])
-def test_a_program_without_an_answer_leaves_right_bounds(name, which):
-    for search, friction in product(SEARCHES, ("virtual_sliding", "coulomb")):
-        if (name, friction) not in HONEST:
-            HONEST[name, friction] = maximize_margin(fresh(name), static_friction=friction)
-        with pytest.MonkeyPatch.context() as patch:
-            patched(patch, CHOICES[which])
-            found = maximize_margin(fresh(name), search=search, static_friction=friction)
-        assert_right(found, HONEST[name, friction], "margin")
+def margin_of(name: str, search: str, friction: str) -> TorqueSolution:
+    return maximize_margin(fresh(name), search=search, static_friction=friction)
 
 
-@some_fail
-@pytest.mark.parametrize("options", [{}, {"static_friction": "coulomb"}], ids=["strict", "coulomb"])
-def test_ranges_of_forces_with_programs_without_an_answer(which, options, monkeypatch):
-    expected = honest("small", "bounds")
-    if options:
-        problem = fresh("small")
-        expected = HONEST.setdefault(
-            ("small", "coulomb bounds"), contact_force_bounds(problem, expected.torques, **options)
-        )
-    patched(monkeypatch, CHOICES[which])
-    found = contact_force_bounds(fresh("small"), expected.torques, **options)
+def ranges_of(friction: str) -> ContactForceBounds:
+    torques = honest("small", "bounds").torques
+    return contact_force_bounds(fresh("small"), torques, static_friction=friction)
+
+
+def disturbances_of(name: str) -> DisturbanceMargin:
+    return disturbance_margin(fresh(name), directions=np.vstack([np.eye(6)[:3], -np.eye(6)[:3]]))
+
+
+def assert_disturbances(found, expected) -> None:
     if found.found:
-        assert_range(found, expected)
+        np.testing.assert_allclose(found.magnitudes, expected.magnitudes, rtol=1e-5, atol=1e-5)
     else:
-        assert found.status in (Status.UNVERIFIED, Status.NOT_FOUND_IN_LIMIT)
-
-
-def directions() -> np.ndarray:
-    return np.vstack([np.eye(6)[:3], -np.eye(6)[:3]])
-
-
-@some_fail
-@pytest.mark.parametrize("name", ["sphere", "small"])
-def test_disturbances_with_programs_without_an_answer(name, which, monkeypatch):
-    key = name, "disturbances"
-    if key not in HONEST:
-        HONEST[key] = disturbance_margin(fresh(name), directions=directions())
-    patched(monkeypatch, CHOICES[which])
-    found = disturbance_margin(fresh(name), directions=directions())
-    if found.found:
-        np.testing.assert_allclose(found.magnitudes, HONEST[key].magnitudes, rtol=1e-5, atol=1e-5)
-    else:
-        assert found.status in (
-            Status.UNVERIFIED, Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT
-        )  # fmt: skip
+        assert found.status in OPEN
         assert np.isnan(found.magnitudes).all()
 
 
-@some_fail
-@pytest.mark.parametrize("name", ["rest", "up"])
-def test_curves_with_programs_without_an_answer(name, which, monkeypatch):
-    key = name, "curve"
-    if key not in HONEST:
-        HONEST[key] = margin_torque_curve(fresh(name))
-    expected = HONEST[key]
-    patched(monkeypatch, CHOICES[which])
-    found = margin_torque_curve(fresh(name))
+def assert_curve(found, expected) -> None:
     if found.status is Status.OPTIMAL:
-        at = np.linspace(0.0, expected.largest_margin, 23)
+        at = np.linspace(0.0, expected.largest_margin, 23)[:-1]
         np.testing.assert_allclose(
-            found.torque_at(at[:-1]), expected.torque_at(at[:-1]), rtol=1e-5, atol=1e-5
+            found.torque_at(at), expected.torque_at(at), rtol=1e-5, atol=1e-5
         )
         assert found.largest_margin == pytest.approx(expected.largest_margin, abs=1e-5)
     else:
-        assert found.status in (
-            Status.UNVERIFIED, Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT
-        )  # fmt: skip
+        assert found.status in OPEN
+
+
+ANALYSES: dict[str, tuple[Callable[[], Any], Callable[[Any, Any], None]]] = {
+    **{
+        " ".join(key): (partial(margin_of, *key), partial(assert_right, figure="margin"))
+        for key in product(("sphere", "up", "small"), SEARCHES, FRICTIONS)
+    },
+    **{f"ranges {one}": (partial(ranges_of, one), assert_range) for one in FRICTIONS},
+    **{
+        f"disturbances {one}": (partial(disturbances_of, one), assert_disturbances)
+        for one in ("sphere", "small")
+    },
+    **{
+        f"curve {one}": (lambda one=one: margin_torque_curve(fresh(one)), assert_curve)
+        for one in ("rest", "up")
+    },
+}
+
+
+@cache
+def expected_of(name: str) -> Any:
+    return ANALYSES[name][0]()
+
+
+@pytest.mark.sampled(42)
+@pytest.mark.parametrize("which", CHOICES)
+@pytest.mark.parametrize("name", ANALYSES)
+def test_programs_without_an_answer_leave_right_figures(name, which, monkeypatch):
+    expected, (ask, check) = expected_of(name), ANALYSES[name]
+    patched(monkeypatch, CHOICES[which])
+    check(ask(), expected)
 
 
 def on_a_slope(friction: float) -> QuasistaticProblem:
@@ -316,7 +333,7 @@ def on_a_slope(friction: float) -> QuasistaticProblem:
     )  # fmt: skip
 
 
-@some_fail
+@pytest.mark.parametrize("which", CHOICES)
 def test_the_least_friction_with_programs_without_an_answer(which, monkeypatch):
     patched(monkeypatch, CHOICES[which])
     for friction in (0.2, 0.01):
@@ -329,7 +346,8 @@ def test_the_least_friction_with_programs_without_an_answer(which, monkeypatch):
         assert right < 16.0 or not found.found
 
 
-@some_fail
+@pytest.mark.sampled(4)
+@pytest.mark.parametrize("which", CHOICES)
 def test_what_an_explanation_suggests_helps(which, monkeypatch):
     problem = scene("rest").with_changes(torque_limits=([-0.2, -10.0], [0.2, 10.0]))
     solution = minimize_torque(problem, 0.1)
@@ -341,168 +359,7 @@ def test_what_an_explanation_suggests_helps(which, monkeypatch):
         assert minimize_torque(suggestion.problem, 0.1, **suggestion.rules.options()).found
 
 
-# Routines of scipy behind the virtual motions
-
-
-def questions() -> list[tuple[QuasistaticProblem, SignRule, list[Requirement]]]:
-    """Requirements on a few contacts, some of which no motion meets."""
-    found = []
-    for seed in range(12):
-        rng = np.random.default_rng(seed)
-        problem = random_problem(seed, 4) if seed % 3 else scene(("rest", "up")[seed % 2])
-        for rule in SignRule:
-            contacts = rng.choice(
-                problem.contact_count, size=int(rng.integers(1, 5)), replace=False
-            )
-            pairs = [(int(a), int(b)) for a, b in rng.choice((-1, 1), (len(contacts), 2))]
-            asked = [
-                Requirement(int(contact), pair)
-                for contact, pair in zip(sorted(contacts), pairs, strict=True)
-            ]
-            if rule is SignRule.EXACT:
-                asked[0] = Requirement(asked[0].contact, (0, asked[0].signs[1]))
-            found.append((problem, rule, asked))
-    return found
-
-
-def wrong_squares() -> dict[str, Callable[..., Any]]:
-    """Nonnegative least squares that lie."""
-    before: dict[int, np.ndarray] = {}
-
-    def of_another(matrix: np.ndarray, target: np.ndarray):
-        weights, size = NNLS(matrix, target)
-        stale = before.get(len(weights), weights)
-        before[len(weights)] = weights
-        return stale, size
-
-    def gives_up(*_: Any):
-        raise RuntimeError("Maximum number of iterations reached")
-
-    def answering(make: Callable[[np.ndarray], np.ndarray]):
-        return lambda matrix, target: (make(NNLS(matrix, target)[0]), 0.0)
-
-    def first(weights: np.ndarray) -> np.ndarray:
-        return np.append(1.0, np.zeros(len(weights) - 1)) if len(weights) else weights
-
-    return {
-        "gives up": gives_up,
-        "zeros": answering(np.zeros_like),
-        "ones": answering(np.ones_like),
-        "the first": answering(first),
-        "negative": answering(lambda weights: -weights),
-        "of both signs": answering(lambda weights: weights - weights.mean()),
-        "not a number": answering(lambda weights: np.nan * weights),
-        "one that is none": answering(lambda weights: np.where(weights > 0, weights, np.nan)),
-        "infinite": answering(lambda weights: weights + np.inf),
-        "a bit off": answering(
-            lambda weights: weights * (1.0 + 1e-3 * np.sin(np.arange(len(weights))))
-        ),
-        "of another": of_another,
-    }
-
-
-NNLS = optimize.nnls
-LINPROG = optimize.linprog
-WRONG_SQUARES = wrong_squares()
-
-
-def wrong_programs() -> dict[str, Callable[..., Any]]:
-    """Linear programs that lie."""
-
-    def answering(status: int, x: Callable, marginals: Callable):
-        def solved(*arguments: Any, **options: Any):
-            answer = LINPROG(*arguments, **options)
-            return SimpleNamespace(
-                status=status, message="as asked", x=x(answer.x),
-                ineqlin=SimpleNamespace(marginals=marginals(answer.ineqlin.marginals)),
-            )  # fmt: skip
-
-        return solved
-
-    same = np.copy
-    return {
-        "right": answering(0, same, same),
-        "time is over": answering(1, same, same),
-        "infeasible": answering(2, same, same),
-        "unbounded": answering(3, same, same),
-        "zeros": answering(0, np.zeros_like, np.zeros_like),
-        "ones": answering(0, np.ones_like, np.ones_like),
-        "minus ones": answering(0, np.ones_like, lambda z: -np.ones_like(z)),
-        "turned": answering(0, lambda x: np.append(-x[:-1], 1.0), lambda z: -z),
-        "never a motion": answering(0, np.zeros_like, same),
-        "not a number": answering(0, lambda x: np.nan * x, lambda z: np.nan * z),
-    }
-
-
-WRONG_PROGRAMS = wrong_programs()
-
-
-def assert_no_wrong_verdicts() -> int:
-    """All verdicts are right and prove themselves, or none is given; return how many there are."""
-    count = 0
-    for problem, rule, asked in questions():
-        try:
-            verdict = VirtualKinematics(problem).solve(asked, rule)
-        except UndecidedMotionError:
-            continue
-        count += 1
-        if isinstance(verdict, Witness):
-            assert_witness(problem, rule, asked, verdict)
-        else:
-            assert_conflict(problem, rule, asked, verdict)
-            assert_combination(problem, rule, asked, verdict)
-    return count
-
-
-def assert_combination(problem, rule, asked, conflict) -> None:
-    """No motion sees more of the combination than the threshold."""
-    v = conflict.combination
-    signs = {(contact, component): sign for contact, component, sign in conflict.signs}
-    given = {requirement.contact: requirement.signs for requirement in asked}
-    for (contact, component), sign in signs.items():
-        assert sign * v[contact, 1 + component] > 0.0
-    for contact, pair in given.items():
-        for component in range(2):
-            if (contact, component) not in signs:
-                free = rule is SignRule.EXACT and pair[component] == 0
-                assert free or v[contact, 1 + component] == 0.0
-    unnamed = [contact for contact in range(len(v)) if contact not in given]
-    assert not v[unnamed].any()
-    frames = np.concatenate([problem.normals[:, :, None], problem.tangents], axis=2)
-    world = np.einsum("lij,lj->li", frames, v).ravel()
-    motions = np.hstack([problem.W.T, -problem.J])
-    size = np.linalg.norm(motions, axis=0)
-    motions = motions[:, size > 0.0] / size[size > 0.0]
-    left, values, _ = np.linalg.svd(motions, full_matrices=False)
-    seen = left[:, values > 1e-8 * values.max()]
-    assert np.linalg.norm(seen.T @ world) < 1e-6
-    if rule is SignRule.NONZERO:
-        along = np.array([np.multiply(given[c], v[c, 1:]).min() for c in given])
-        assert along.sum() == pytest.approx(1.0)
-    else:
-        assert sum(sign * v[c, 1 + k] for (c, k), sign in signs.items()) == pytest.approx(1.0)
-
-
-def test_right_routines_decide_all_questions():
-    assert assert_no_wrong_verdicts() == len(questions())
-
-
-@pytest.mark.parametrize("how", list(WRONG_SQUARES))
-def test_no_wrong_least_squares_become_a_verdict(how, monkeypatch):
-    monkeypatch.setattr(optimize, "nnls", WRONG_SQUARES[how])
-    # The linear program decides instead, but not where its motion is one at the border of its box.
-    assert assert_no_wrong_verdicts() >= 0.65 * len(questions())
-
-
-@pytest.mark.parametrize("how", list(WRONG_PROGRAMS))
-@pytest.mark.parametrize("squares", ["gives up", "zeros"])
-def test_no_wrong_linear_program_becomes_a_verdict(how, squares, monkeypatch):
-    monkeypatch.setattr(optimize, "nnls", WRONG_SQUARES[squares])
-    monkeypatch.setattr(optimize, "linprog", WRONG_PROGRAMS[how])
-    decided = assert_no_wrong_verdicts()
-    assert decided > 0 or how != "right"
-
-
+@pytest.mark.sampled(24)
 @pytest.mark.parametrize("how", [*WRONG_SQUARES])
 @pytest.mark.parametrize("name", list(PROBLEMS))
 def test_no_wrong_routine_becomes_an_optimum(name, how, monkeypatch):
@@ -541,7 +398,7 @@ def test_a_failed_program_in_a_mode_is_unverified(outcome, monkeypatch):
 
 def test_torques_of_a_carried_optimum_are_checked():
     """A start that belongs to another problem changes no answer."""
-    for name, other in product(PROBLEMS, repeat=2):
+    for name, other in zip(PROBLEMS, [*PROBLEMS][1:] + [*PROBLEMS][:1], strict=True):
         for objective, what, figure in (
             (Margin(), "margin", "margin"),
             (torque_objective(0.01), "torque", "max_torque"),

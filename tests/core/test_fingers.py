@@ -94,19 +94,6 @@ def test_hybrid_fingers_command_their_normal_forces():
     assert_holds(smallest)
 
 
-def test_a_hybrid_finger_is_a_hand_made_column():
-    fingers = [FingerContacts(ControlMode.HYBRID, [0], max_force=12.0)]
-    problem = solve_cuboid([*fingers, FingerContacts(ControlMode.POSITION, [5])])
-    by_hand = np.zeros((18, 1))
-    by_hand[:3, 0] = [0.0, 1.0, 0.0]
-    np.testing.assert_array_equal(problem.jacobian, by_hand)
-    arguments = cuboid_arguments() | {"jacobian": by_hand, "torque_limits": (0.0, 12.0)}
-    expected = maximize_margin(QuasistaticProblem(**arguments))
-    solution = maximize_margin(problem)
-    assert solution.margin == pytest.approx(expected.margin, rel=1e-7)
-    assert solution.torques[0] <= 12.0 + 1e-6
-
-
 def test_the_largest_commanded_force_is_respected():
     push = [FingerContacts(ControlMode.HYBRID, [0], max_force=4.0)]
     space = assemble_joint_space(UP["normals"], push)
@@ -118,13 +105,6 @@ def test_the_largest_commanded_force_is_respected():
     options |= {"torque_limits": enough.torque_limits}
     solution = maximize_margin(QuasistaticProblem(**UP, **options))
     np.testing.assert_allclose(solution.torques, [5.0], atol=1e-6)
-
-
-def test_the_commanded_force_is_not_negative():
-    """A column against the normal would need f_com < 0, which a hybrid finger cannot command."""
-    options = {"friction": 0.5, "jacobian": [[0.0], [0.0], [-1.0]]}
-    assert maximize_margin(QuasistaticProblem(**UP, **options, torque_limits=(-10.0, 10.0))).found
-    assert not maximize_margin(QuasistaticProblem(**UP, **options, torque_limits=(0.0, 10.0))).found
 
 
 def test_a_position_finger_is_the_environment():

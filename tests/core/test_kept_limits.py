@@ -1,12 +1,9 @@
 """A limit is a limit: however large the load, torques and normal forces stay within theirs."""
 
-from fractions import Fraction
-
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from scipy.optimize import linprog
 from tests.oracles.exact_optimum import ExactScene, Question
 from tests.oracles.judging import Outcome, judge
 from tests.oracles.scale_scenes import weak_case
@@ -45,35 +42,12 @@ def pressed(weight: float, *, feet: bool = True, **changes) -> QuasistaticProble
     )
 
 
-def largest_margin(problem: QuasistaticProblem) -> float:
-    """Algorithm 1 of Coulomb friction by HiGHS, the hand's forces in units of its strength."""
-    count, unit = problem.contact_count, np.ones(3 * problem.contact_count)
-    unit[:-6] = problem.scales.force
-    W, H = problem.W * unit, (problem.H.T * unit)
-    normal, J = problem.N.T * unit, problem.J.T * unit
-    ones = np.ones((len(H), 1))
-    result = linprog(
-        np.append(np.zeros(len(unit)), -1.0),
-        A_ub=np.vstack([
-            np.hstack([H, ones]), np.hstack([-normal, np.ones((count, 1))]),
-            np.hstack([J, np.zeros((len(J), 1))]), np.hstack([-J, np.zeros((len(J), 1))]),
-        ]),
-        b_ub=np.concatenate([
-            np.zeros(len(H) + count), problem.upper_torque, -problem.lower_torque
-        ]),
-        A_eq=np.hstack([W / problem.scales.force, np.zeros((6, 1))]),
-        b_eq=-problem.external_wrench / problem.scales.force,
-        bounds=[(None, None)] * (len(unit) + 1),
-    )  # fmt: skip
-    assert result.status == 0
-    return float(result.x[-1])
-
-
 def beyond(problem: QuasistaticProblem, solution) -> float:
     """How many times what may be the answer exceeds its limits, in rational numbers."""
     return float(ExactScene(problem, Question()).beyond_limits(solution.contact_forces))
 
 
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("cone", ["edges", "round"])
 @pytest.mark.parametrize("weight", 10.0 ** np.arange(8.5))
 def test_torques_stay_within_limits_under_any_load(weight, cone):
@@ -91,14 +65,6 @@ def test_torques_stay_within_limits_under_any_load(weight, cone):
         assert solution.status is Status.OPTIMAL
         assert np.abs(solution.torques).max() <= LIMIT * (1.0 + 1e-6)
         assert beyond(problem, solution) <= 1.0
-
-
-@pytest.mark.parametrize("weight", 10.0 ** np.arange(6.5))
-def test_the_margin_is_that_of_exact_limits(weight):
-    problem = pressed(weight)
-    solution = maximize_margin(problem, static_friction="coulomb")
-    assert solution.margin == pytest.approx(largest_margin(problem), abs=1e-6 * weight, rel=1e-6)
-    assert verify_document(solution_document(solution)).proven
 
 
 def test_a_load_that_limits_are_lost_in_is_a_refusal_with_its_own_words():
@@ -166,17 +132,7 @@ def test_tolerances_are_what_the_docs_say():
     np.testing.assert_allclose(none.limit_tolerances[0], 1e-9 * load, rtol=1e-12)
 
 
-def test_the_oracle_counts_a_limit_that_is_exceeded():
-    problem = pressed(1e6)
-    scene = ExactScene(problem, Question())
-    forces = maximize_margin(problem).contact_forces.copy()
-    assert scene.beyond_limits(forces) <= 1
-    forces[-1, 0] *= 1.0 + 3e-6
-    assert scene.beyond_limits(forces) > 1
-    assert scene.miss(forces) < Fraction(1, 10**9)
-
-
-@settings(max_examples=25)
+@settings(max_examples=8)
 @example(2334)  # unverified, where a limit is a hundred-millionth of the load
 @example(4697)
 @given(st.integers(0, 20_000))

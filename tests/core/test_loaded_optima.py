@@ -70,6 +70,7 @@ def found_of(problem, objective, rows, *, together=True) -> Found:
     return Found(figures[found], torques[found], found)
 
 
+@pytest.mark.sampled(14)
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize("objective", OBJECTIVES, ids=lambda one: type(one).__name__)
 def test_what_is_found_is_the_optimum_of_each_problem(name, objective):
@@ -91,6 +92,7 @@ def test_what_is_found_is_the_optimum_of_each_problem(name, objective):
             assert np.abs(torques).max() == pytest.approx(solution.value, rel=1e-7, abs=1e-9)
 
 
+@pytest.mark.sampled(0)
 def test_most_states_are_found():
     found = [
         found_of(make(), objective, loaded(make(), 3)[1]).found.mean()

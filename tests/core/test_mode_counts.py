@@ -1,16 +1,16 @@
-"""How many virtual-sliding modes are feasible, and what holds among them."""
+"""How many virtual-sliding modes are feasible, what holds among them, and limits of a listing."""
 
 import itertools
+from functools import cache
 
 import numpy as np
 import pytest
+from random_scenes import slope_scene
 from scenes import random_problem, scene
 
-from graspless_pin import SlidingMode, enumerate_modes
-from graspless_pin.modes.enumeration import requirements_of
-from graspless_pin.modes.feasibility import Witness
+from graspless_pin import SlidingMode, Status, enumerate_modes, minimize_torque, solve_each_mode
+from graspless_pin.errors import ArgumentError, OverrunError
 from graspless_pin.modes.kinematics import VirtualKinematics
-from graspless_pin.modes.rules import SignRule
 
 COUNTS = [
     ("sphere", "strict", "exempt", 121),
@@ -25,8 +25,10 @@ COUNTS = [
     ("up", "exact", "exempt", 81),
     ("up", "exact", "constrained", 138),
 ]
+MAXIMAL = {"rest": 262, "up": 16, "down": 16}
 
 
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize(("name", "sign", "sliding", "count"), COUNTS)
 def test_counts(name, sign, sliding, count):
     modes = list(enumerate_modes(scene(name), sign_rule=sign, sliding_rule=sliding))
@@ -34,23 +36,9 @@ def test_counts(name, sign, sliding, count):
     assert len(set(modes)) == count
 
 
-@pytest.mark.parametrize(
-    ("name", "count", "maximal"), [("rest", 987, 262), ("up", 25, 16), ("down", 25, 16)]
-)
-def test_maximal_counts(name, count, maximal):
-    problem = scene(name)
-    everything = list(enumerate_modes(problem))
-    largest = list(enumerate_modes(problem, maximal=True))
-    assert (len(everything), len(largest)) == (count, maximal)
-    # By brute force: a mode is maximal when no listed mode with more contacts agrees with it.
-    selections = np.array([mode.selection for mode in everything])
-    signs = np.array([mode.signs for mode in everything])
-    expected = set()
-    for mode in everything:
-        agrees = ((signs == mode.signs) | (mode.signs == 0)).all(axis=(1, 2))
-        if (agrees & (selections >= mode.selection).all(axis=1)).sum() == 1:  # itself
-            expected.add(mode)
-    assert set(largest) == expected
+@pytest.mark.parametrize(("name", "count"), MAXIMAL.items())
+def test_maximal_counts(name, count):
+    assert len(list(enumerate_modes(scene(name), maximal=True))) == count
 
 
 @pytest.mark.parametrize("sign", ["strict", "exact", "nonzero"])
@@ -133,9 +121,68 @@ def test_listing_is_lazy(monkeypatch):
     assert solved > 987
 
 
-@pytest.mark.parametrize("sign", ["strict", "exact", "nonzero"])
-def test_every_listed_mode_has_a_virtual_motion(sign):
-    problem = scene("sphere")
-    kinematics = VirtualKinematics(problem)
-    for mode in enumerate_modes(problem, sign_rule=sign):
-        assert isinstance(kinematics.solve(requirements_of(mode), SignRule(sign)), Witness)
+MANY = 24  # contacts: more modes than can be listed
+
+
+def figures(solutions):
+    return [(one.mode, one.margin) for one in solutions if one.found]
+
+
+@cache
+def modes_at_rest(*, maximal):
+    return list(enumerate_modes(scene("rest"), maximal=maximal))
+
+
+def test_as_many_modes_are_solved_as_nodes_are_allowed():
+    every = list(solve_each_mode(scene("up")))
+    assert all(one.status is not Status.NOT_FOUND_IN_LIMIT for one in every)
+    for limit in (1, 3, 7):
+        some = list(solve_each_mode(scene("up"), node_limit=limit))
+        assert len(some) == limit + 1
+        assert some[-1].status is Status.NOT_FOUND_IN_LIMIT
+        assert figures(some) == figures(every[:limit])
+    limited = list(solve_each_mode(scene("up"), node_limit=len(every), time_limit=1e9))
+    assert figures(limited) == figures(every)
+    assert len(limited) == len(every)
+
+
+@pytest.mark.parametrize("algorithm", ["margin", "torque"])
+def test_no_time_gives_no_mode_but_the_word_that_it_was_over(algorithm):
+    (last,) = solve_each_mode(slope_scene(1, MANY), algorithm, time_limit=0.0)
+    assert last.status is Status.NOT_FOUND_IN_LIMIT
+    assert not last.found
+    assert "limit" in last.status.message
+
+
+@pytest.mark.parametrize(("maximal", "limit"), [(False, 100), (True, 3000)])
+def test_a_listing_of_modes_ends_at_its_limit_by_an_error(maximal, limit):
+    every, listed = modes_at_rest(maximal=maximal), []
+    with pytest.raises(OverrunError, match=f"after {limit} partial modes"):
+        listed.extend(
+            each for each in enumerate_modes(scene("rest"), maximal=maximal, node_limit=limit)
+        )
+    assert 0 < len(listed) < len(every)
+    assert listed == every[: len(listed)]
+    with pytest.raises(OverrunError):
+        next(enumerate_modes(slope_scene(1, MANY), maximal=maximal, time_limit=0.0))
+
+
+def test_a_listing_within_its_limits_is_whole():
+    limited = enumerate_modes(scene("rest"), maximal=True, node_limit=10**9, time_limit=np.inf)
+    assert list(limited) == modes_at_rest(maximal=True)
+
+
+@pytest.mark.parametrize(
+    ("options", "name"),
+    [({"node_limit": -1}, "node_limit"), ({"time_limit": -1.0}, "time_limit"),
+     ({"time_limit": "soon"}, "time_limit")],
+)  # fmt: skip
+def test_limits_of_a_listing_are_checked_at_once(options, name):
+    with pytest.raises(ArgumentError, match=name):
+        enumerate_modes(scene("rest"), **options)
+
+
+def test_the_search_by_listing_ends_when_the_time_is_over():
+    problem = slope_scene(4, 8)
+    found = minimize_torque(problem, 0.01, search="enumerate", time_limit=0.0)
+    assert found.status is Status.NOT_FOUND_IN_LIMIT

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import qpsolvers
 from edge_form import Mode, constraints_in_mode, feasible_modes
-from scenes import random_problem, scene
+from scenes import scene
 from scipy.optimize import linprog
 from scipy.sparse import csc_matrix
 
@@ -70,6 +70,7 @@ def test_the_page_runs(page):
     assert page["even"].status is page["careful"].status is Status.OPTIMAL
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("index", range(2))
 def test_squared_shares_are_the_least_over_all_modes(page, index):
     problem = problems()[index]
@@ -84,6 +85,7 @@ def test_squared_shares_are_the_least_over_all_modes(page, index):
     assert solution.certificate.bound == pytest.approx(solution.value, abs=1e-6)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("index", range(2))
 def test_a_weighted_margin_is_the_largest_over_all_modes(page, index):
     problem = problems()[index]
@@ -164,14 +166,3 @@ def test_figures_without_a_hash_are_refused_with_the_way_out(weights):
     assert "tuples" in str(caught.value)
     assert optimize(problem, WeightedAlone(weights)).found
     assert optimize(problem, Weighted((1.0, 2.0))).found
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_values_are_those_of_the_forces(seed):
-    problem = random_problem(seed)
-    largest = maximize_margin(problem)
-    if not largest.found:
-        pytest.skip("nothing is feasible")
-    assert largest.value == pytest.approx(largest.margin, abs=1e-6 * problem.scales.force)
-    least = minimize_torque(problem, 0.0)
-    assert least.value == pytest.approx(least.max_torque, rel=1e-6, abs=1e-6)

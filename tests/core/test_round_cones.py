@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_scenes import general_scene, slope_scene
 from scenes import scene
@@ -34,7 +34,7 @@ from graspless_pin.programs.answers import (
 from graspless_pin.programs.assembly import built
 from graspless_pin.programs.forces import force_coordinates
 from graspless_pin.programs.objectives import Margin, Torque
-from graspless_pin.solvers import Outcome, conic_backends, solve, solving
+from graspless_pin.solvers import Outcome, solve, solving
 from graspless_pin.solvers.conic_backends import by_clarabel, by_cuts
 from graspless_pin.solvers.other_backends import by_qpsolvers
 from graspless_pin.solvers.piqp_engines import by_piqp
@@ -55,21 +55,7 @@ def turned(problem, angles):
     return problem.with_changes(tangents=np.stack([c * t1 + s * t2, c * t2 - s * t1], axis=2))
 
 
-def test_each_constraint_is_one_row_of_clarabels(monkeypatch):
-    problem, forms, form_of = rounded(scene("rest")), [], conic_backends._form_of
-    program = built(Margin(), problem, force_coordinates(problem))
-    monkeypatch.setattr(
-        conic_backends, "_form_of", lambda *of: forms.append(form_of(*of)) or forms[-1]
-    )
-    assert by_clarabel(program) is not None
-    low, high = program.sides
-    m, flat = len(program.b), len(program.b) + program.flat_count
-    fixed = (program.lb == 0.0) & (program.ub == 0.0)
-    one_sided = [high[m:flat], -low[m:flat], program.ub[~fixed], -program.lb[~fixed]]
-    count = m + 3 * program.cone_count + sum(int(np.isfinite(one).sum()) for one in one_sided)
-    assert forms[0].matrix.shape == (count, int((~fixed).sum()))
-
-
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("number", range(12))
 def test_optima_are_those_of_an_independent_model(number):
     for one in comparisons(number):
@@ -98,6 +84,7 @@ def test_a_hand_solved_case():
     np.testing.assert_allclose(np.linalg.norm(solution.contact_forces[:, :2], axis=1), push / 2.0)
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("number", [1, 3, 5])
 def test_pyramids_converge_to_round_cones(number):
     """From below in the margin, from above in the torque, with the square of the edges."""
@@ -113,6 +100,7 @@ def test_pyramids_converge_to_round_cones(number):
         assert -1e-7 <= over <= 40.0 / edges**2
 
 
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("number", [1, 3, 5])
 @pytest.mark.parametrize("objective", [Margin(), Torque(E0), Margin(1e-3)])
 def test_tangent_cuts_find_what_clarabel_finds(number, objective):
@@ -135,6 +123,7 @@ def test_any_solver_serves_round_cones(solver):
     assert solution.value == pytest.approx(maximize_margin(round_scene(1)).value, rel=1e-7)
 
 
+@pytest.mark.sampled(10)
 @pytest.mark.parametrize("lie", LIES)
 @pytest.mark.parametrize("number", [0, 1])
 def test_no_lie_about_round_programs_becomes_an_answer(number, lie, monkeypatch):
@@ -156,6 +145,7 @@ def test_no_lie_about_round_programs_becomes_an_answer(number, lie, monkeypatch)
             assert found.status is right.status or found.status in OPEN
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("number", range(6))
 def test_any_multipliers_prove_a_bound(number):
     """However wrong: those of cones are taken for the next that are in the cone."""
@@ -169,18 +159,6 @@ def test_any_multipliers_prove_a_bound(number):
     assert program.dual_bound(y, z) == pytest.approx(best, abs=1e-8)
     z = z + 1e-3 * rng.normal(size=len(z))
     assert program.dual_bound(y, z) <= best + 1e-9
-
-
-def test_a_force_outside_its_round_cone_is_a_violation():
-    problem = block_on_a_table()
-    program = built(Torque(0.0), problem, force_coordinates(problem))
-    x, _, _ = by_clarabel(program) or pytest.fail("Clarabel has no answer")
-    assert program.residual(x) <= PRIMAL_TOLERANCE
-    outside = x.copy()
-    outside[1] += 20.0
-    cones = (program.G @ outside - program.l)[program.flat_count :].reshape(-1, 3)
-    beyond = np.hypot(cones[:, 1], cones[:, 2]) - cones[:, 0]
-    assert program.residual(outside) >= beyond.max() > 1.0
 
 
 def test_infeasible_round_programs_are_proven_so():
@@ -197,6 +175,7 @@ def test_infeasible_round_programs_are_proven_so():
     assert elastic(enough).cone_count == program.cone_count
 
 
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("number", [1, 3, 5])
 def test_gradients_are_differences(number):
     problem = round_scene(number)
@@ -220,6 +199,7 @@ def test_gradients_are_differences(number):
     assert (found[0] - found[1]) / 2e-4 == pytest.approx(float(margin[0]), rel=1e-3)
 
 
+@settings(max_examples=20)
 @given(st.lists(st.floats(0.0, 7.0), min_size=5, max_size=5))
 def test_tangents_do_not_matter_under_coulombs_law(angles):
     problem = rounded(general_scene(3, 5))
@@ -306,6 +286,7 @@ def test_the_papers_scenes_with_round_cones(name):
     np.testing.assert_allclose(ours.magnitudes, theirs.magnitudes, rtol=1e-3)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("factor", [1e-9, 1e-4, 1e5, 1e9])
 def test_scales_change_nothing_but_what_they_must(factor):
     problem = rounded(slope_scene(3, 4))
@@ -333,10 +314,3 @@ def test_a_scene_has_round_cones_by_name():
     assert loaded.with_changes(cone="round").solve("margin").value == pytest.approx(fine, rel=1e-4)
     with pytest.raises(ArgumentError, match="cone: found 'square'; needs 'edges' or 'round'"):
         loaded.with_changes(cone="square").problem()
-
-
-def test_an_unknown_cone_is_refused_by_name():
-    with pytest.raises(
-        ArgumentError, match=r"cone: is 'square'; it must be one of 'edges', 'round'"
-    ):
-        general_scene(1, 3).with_changes(cone="square")

@@ -94,6 +94,7 @@ def assert_agreement(
         assert_holds(first)
 
 
+@pytest.mark.sampled(16)
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 @pytest.mark.parametrize("pair", PAIRS, ids="+".join)
 @pytest.mark.parametrize("name", ["sphere", "rest", "up", "down"])
@@ -101,6 +102,7 @@ def test_paper_scenes(name, pair, algorithm):
     assert_agreement(scene(name), algorithm, pair, enumerate_too=True)
 
 
+@pytest.mark.sampled(30)
 @pytest.mark.parametrize(("family", "seed", "contacts"), SMALL)
 def test_small_random_scenes(family, seed, contacts):
     problem = problem_of(family, seed, contacts)
@@ -108,6 +110,7 @@ def test_small_random_scenes(family, seed, contacts):
         assert_agreement(problem, algorithm, pair, enumerate_too=True)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("family", "seed", "contacts"), SMALL[::13])
 def test_small_random_scenes_under_every_pair(family, seed, contacts):
     problem = problem_of(family, seed, contacts)
@@ -115,6 +118,7 @@ def test_small_random_scenes_under_every_pair(family, seed, contacts):
         assert_agreement(problem, algorithm, pair)
 
 
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize(("family", "seed", "contacts"), LARGE)
 def test_large_random_scenes(family, seed, contacts):
     problem = problem_of(family, seed, contacts)
@@ -131,6 +135,7 @@ def test_virtual_motions_of_very_different_speeds(seed, algorithm):
     assert_agreement(problem, algorithm, ("strict", "exempt"))
 
 
+@pytest.mark.sampled(0)
 def test_small_scenes_cover_found_and_not_found():
     assert len(SMALL) == 100 and {contacts for _, _, contacts in SMALL} == set(range(2, 9))
     cases = {case for _, seed, _ in SMALL for case in cases_of(seed)}
@@ -143,6 +148,7 @@ def test_small_scenes_cover_found_and_not_found():
     assert statuses.count(Status.INFEASIBLE_MODES) >= 3
 
 
+@pytest.mark.sampled(0)
 def test_virtual_sliding_rule_binds_on_slopes():
     """In many scenes strict, nonzero and Coulomb friction give three or two different answers."""
     scenes = [problem_of("slope", seed, 4 + seed % 2) for seed in range(90)]
