@@ -29,12 +29,12 @@ TIGHT = 1e-5
 
 @pytest.fixture(scope="module")
 def torques() -> np.ndarray:
-    return minimize_torque(scene("up"), 0.1).torques
+    return minimize_torque(scene("rest"), 0.1).torques
 
 
 @pytest.fixture(scope="module")
 def complete(torques) -> ContactForceBounds:
-    return contact_force_bounds(scene("up"), torques)
+    return contact_force_bounds(scene("rest"), torques)
 
 
 def stopped_clock(looks: int) -> Callable[[], float]:
@@ -47,7 +47,7 @@ def bounds_after(monkeypatch, torques, looks: int) -> ContactForceBounds:
     """The bounds where the time is over at a look at the clock."""
     with monkeypatch.context() as patch:
         patch.setattr(time, "monotonic", stopped_clock(looks))
-        return contact_force_bounds(scene("up"), torques, time_limit=1.0)
+        return contact_force_bounds(scene("rest"), torques, time_limit=1.0)
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +56,7 @@ def looks(torques) -> int:
     clock = itertools.count()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(time, "monotonic", lambda: float(next(clock)))
-        bounds = contact_force_bounds(scene("up"), torques, time_limit=1e9)
+        bounds = contact_force_bounds(scene("rest"), torques, time_limit=1e9)
     assert bounds.status is Status.OPTIMAL
     return next(clock)
 
@@ -76,9 +76,9 @@ def assert_inside(partial: ContactForceBounds, complete: ContactForceBounds) -> 
 
 def test_no_time_at_all():
     """Coulomb's law alone needs no search for a mode, so the torques are seen to be held."""
-    torques = minimize_torque(scene("up"), 0.1, static_friction="coulomb").torques
+    torques = minimize_torque(scene("rest"), 0.1, static_friction="coulomb").torques
     bounds, complete = (
-        contact_force_bounds(scene("up"), torques, static_friction="coulomb", time_limit=limit)
+        contact_force_bounds(scene("rest"), torques, static_friction="coulomb", time_limit=limit)
         for limit in (0.0, None)
     )
     assert bounds.found and bounds.status is Status.LIMIT_REACHED
@@ -92,7 +92,7 @@ def test_no_time_at_all():
 
 
 def test_no_time_to_hold_the_torques(torques):
-    bounds = contact_force_bounds(scene("up"), torques, time_limit=0.0)
+    bounds = contact_force_bounds(scene("rest"), torques, time_limit=0.0)
     assert bounds.status in (Status.LIMIT_REACHED, Status.NOT_FOUND_IN_LIMIT)
     assert bounds.found == np.isfinite(bounds.upper).all() != np.isnan(bounds.upper).any()
     assert not bounds.proven.any()
@@ -116,7 +116,7 @@ def test_ranges_that_are_proven_before_the_margins_are(monkeypatch, torques, loo
 
 def test_what_was_reached_is_held_by_a_mode(monkeypatch, torques, looks):
     """Each end lies between the extremes of single modes, worked out apart, and so do margins."""
-    problem = scene("up")
+    problem = scene("rest")
     bounds = bounds_after(monkeypatch, torques, looks // 3)
     assert bounds.found and not bounds.proven.all()
     rows = component_rows(problem)
@@ -142,7 +142,7 @@ def test_a_search_without_an_answer_leaves_the_rest(monkeypatch, torques, comple
         return search_modes(*arguments, **options)
 
     monkeypatch.setattr(force_extremes, "search_modes", search)
-    bounds = contact_force_bounds(scene("up"), torques)
+    bounds = contact_force_bounds(scene("rest"), torques)
     assert bounds.status is Status.LIMIT_REACHED
     assert bounds.proven.sum() >= bounds.proven.size - 1
     assert_inside(bounds, complete)
@@ -151,7 +151,7 @@ def test_a_search_without_an_answer_leaves_the_rest(monkeypatch, torques, comple
 def test_a_search_that_denies_all_forces_proves_nothing_of_torques_that_are_held(
     monkeypatch, torques
 ):
-    extremes = ForceExtremes(scene("up"), torques, SolveOptions.parse())
+    extremes = ForceExtremes(scene("rest"), torques, SolveOptions.parse())
     assert extremes.feasibility() is Status.OPTIMAL
 
     def search(state, *_):
@@ -168,7 +168,7 @@ def test_a_search_that_denies_all_forces_proves_nothing_of_torques_that_are_held
 
 @pytest.mark.parametrize("cone", ["edges", "round"])
 def test_a_margin_is_proven_where_every_distance_and_range_that_it_rests_on_is(monkeypatch, cone):
-    problem = scene("up").with_changes(cone=cone)
+    problem = scene("rest").with_changes(cone=cone)
     torques = minimize_torque(problem, 0.1).torques
     bounds = contact_force_bounds(problem, torques)
     extremes = ForceExtremes(problem, torques, SolveOptions.parse())
@@ -201,14 +201,14 @@ def test_torques_whose_modes_no_solver_decides_on(monkeypatch, torques):
         return undecided(state)
 
     monkeypatch.setattr(force_extremes, "search_modes", search)
-    bounds = contact_force_bounds(scene("up"), torques)
+    bounds = contact_force_bounds(scene("rest"), torques)
     assert bounds.status is Status.UNVERIFIED and not bounds.found
     assert np.isnan(bounds.lower).all() and not bounds.proven.any()
 
 
 def test_enough_time_changes_nothing(torques, complete):
     for limit in (1e6, np.inf):
-        bounds = contact_force_bounds(scene("up"), torques, time_limit=limit)
+        bounds = contact_force_bounds(scene("rest"), torques, time_limit=limit)
         assert bounds.status is Status.OPTIMAL and bounds.proven.all()
         np.testing.assert_array_equal(bounds.lower, complete.lower)
         np.testing.assert_array_equal(bounds.upper, complete.upper)
