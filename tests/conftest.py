@@ -120,10 +120,27 @@ def form(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str
     return request.param
 
 
+SOURCES_OF_SITE = ("docs", "mkdocs_hooks", "mkdocs.yml", "src", "examples", "robots", "README.md")
+
+
+def _made_since(folder: Path, root: Path) -> bool:
+    """Whether a site was built after its sources changed."""
+    last = folder / "search" / "search_index.json"
+    if not last.is_file():
+        return False
+    built = last.stat().st_mtime
+    files = [file for name in SOURCES_OF_SITE for file in [root / name, *(root / name).rglob("*")]]
+    return all(
+        file.stat().st_mtime < built for file in files if file.is_file() and file.suffix != ".pyc"
+    )
+
+
 @pytest.fixture(scope="session")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The documentation site, built once for the tests of all workers, without a warning."""
-    own = tmp_path_factory.getbasetemp()
+    """The documentation site: that of `make docs`, else built once, without a warning."""
+    root, own = Path(__file__).parents[1], tmp_path_factory.getbasetemp()
+    if _made_since(root / "site", root):
+        return root / "site"
     common = own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
     folder, part = common / "site", own / "site.part"
     with portalocker.Lock(common / "site.lock", timeout=300.0):
@@ -131,7 +148,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
             command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet"]
             built = subprocess.run(  # noqa: S603 - our own command
                 [*command, "--site-dir", str(part)],
-                cwd=Path(__file__).parents[1],
+                cwd=root,
                 env=os.environ | {"NO_MKDOCS_2_WARNING": "1"},
                 capture_output=True,
                 text=True,

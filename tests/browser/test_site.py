@@ -29,7 +29,6 @@ def test_the_site_follows_the_reader_into_the_dark_and_back(page: Page, site: Pa
     page.get_by_title("Follow the system").click()
 
 
-@pytest.mark.sampled(1)
 @pytest.mark.parametrize("part", range(4))
 def test_tables_and_pages_fit_the_screen(page: Page, site: Path, part: int):
     """Printed output and code may scroll in themselves."""
