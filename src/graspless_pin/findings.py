@@ -1,6 +1,6 @@
 """What is wrong without being an error: one record for it, from wherever it is found.
 
-Whoever finds something says it with `tell`. Inside `heard` it is kept; else it is a Python warning.
+What is found is emitted: inside `capture` it is kept, else it becomes a Python warning.
 """
 
 from __future__ import annotations
@@ -153,11 +153,11 @@ def plain_findings(findings: Iterable[Finding]) -> list[dict[str, Any]]:
 _LISTENER: ContextVar[list[Finding] | None] = ContextVar("listener", default=None)
 
 
-def tell(*findings: Finding) -> None:
-    """Say what was found: to whoever listens, else as Python warnings.
+def emit(*findings: Finding) -> None:
+    """Pass on what was found: to the innermost `capture`, else as Python warnings.
 
     Warns:
-        GrasplessPinWarning: Nobody listens; the warning has the finding.
+        GrasplessPinWarning: Outside any `capture`; the warning has the finding.
     """
     listener = _LISTENER.get()
     for finding in findings:
@@ -168,8 +168,8 @@ def tell(*findings: Finding) -> None:
 
 
 @contextmanager
-def heard() -> Iterator[list[Finding]]:
-    """Listen to what is told inside, in this thread; nothing of it becomes a warning."""
+def capture() -> Iterator[list[Finding]]:
+    """Collect what is emitted inside, in this thread; nothing of it becomes a warning."""
     found: list[Finding] = []
     token = _LISTENER.set(found)
     try:

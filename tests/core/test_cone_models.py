@@ -122,7 +122,8 @@ def optimum_of_model(problem: QuasistaticProblem, *, margin: bool) -> float | No
     All contacts have a cone. The variables are the forces and e or t.
     """
     M, torque, gravity = problem.contact_count, problem.J.T, problem.gravity_torques
-    faces, normal = block_diag(*hull_rows(problem)), block_diag(*problem.normals[:, None])
+    faces = np.asarray(block_diag(*hull_rows(problem)))
+    normal = block_diag(*problem.normals[:, None])
     # Each part: its rows on the forces, the column of e or t, and its right side.
     parts = [
         (faces, margin, np.zeros(len(faces))), (-normal, margin, np.zeros(M)),

@@ -10,7 +10,7 @@ from graspless_pin.programs.active_set import active_set_of, solved_on
 from graspless_pin.programs.active_set_polish import polished
 from graspless_pin.programs.answers import checked_answer, proven
 from graspless_pin.programs.program import FARTHEST, Program
-from graspless_pin.programs.reductions import UNREACHED, opened
+from graspless_pin.programs.reductions import UNREACHED, without_far_limits
 from graspless_pin.solvers import Outcome
 
 NONE = np.zeros(0)
@@ -105,7 +105,7 @@ def test_a_solver_that_bears_no_large_figures_is_asked_for_a_shrunk_program(size
 def test_limits_that_no_double_resolves_are_kept_from_solvers():
     near, far = 0.9e8, 1.1e8
     one = program(rows=((1.0, -far, near), (1.0, -near, far), (1.0, -far, far)), bounds=(-far, far))
-    easier = opened(one)
+    easier = without_far_limits(one)
     np.testing.assert_array_equal(easier.l, [-np.inf, -near, -np.inf])
     np.testing.assert_array_equal(easier.u, [near, np.inf, UNREACHED])
     assert (easier.lb[0], easier.ub[0]) == (-np.inf, np.inf)

@@ -13,7 +13,7 @@ import trimesh
 
 from graspless_pin import Hand
 from graspless_pin.errors import MeshError
-from graspless_pin.findings import FindingCode, heard
+from graspless_pin.findings import FindingCode, capture
 from graspless_pin.geometry.bodies.mesh_files import parse_mesh
 from graspless_pin.geometry.bodies.meshes import hull_points
 from graspless_pin.geometry.bodies.shapes import MeshShape
@@ -66,12 +66,12 @@ def test_an_object_is_the_same_whatever_the_frame(
 ) -> None:
     shape = MeshShape(written(tmp_path, up, meter), 2.0)
     expected = in_order(2.0 * CORNERS)
-    with heard() as told:
+    with capture() as told:
         corners = hull_points(shape.path, 2.0)
     np.testing.assert_allclose(in_order(corners), expected, atol=1e-12)
     turned = up in ("Y_UP", "X_UP")
     assert [one.code for one in told] == [FindingCode.MESH_AXES] * turned
-    with heard():
+    with capture():
         drawn, filled = shape.surface(), shape.filling()
     np.testing.assert_allclose(in_order(drawn.vertices), expected, atol=1e-12)
     np.testing.assert_allclose(filled.centroid, 2.0 * CORNERS.mean(axis=0), atol=1e-12)

@@ -12,7 +12,7 @@ from tests.oracles import dense_meshes
 from tests.oracles.dense_meshes import ring
 
 from graspless_pin import Hand
-from graspless_pin.findings import FindingCode, heard
+from graspless_pin.findings import FindingCode, capture
 from graspless_pin.geometry.bodies import decomposition
 from graspless_pin.geometry.bodies.dense_hulls import (
     DENSE_CUT,
@@ -76,7 +76,7 @@ def test_a_dense_mesh_is_cut_with_fewer_triangles_and_says_how_far_they_are_off(
     monkeypatch.setattr(
         decomposition, "_cut", lambda solid, *_: [given.append(solid), np.array(solid.vertices)][1:]
     )
-    with heard() as told:
+    with capture() as told:
         for _ in range(2):  # it is said of pieces that are kept, too
             decomposition.convex_pieces(mesh, "the ring")
     assert [one.code for one in told] == 2 * [FindingCode.SIMPLIFIED_HULL]
@@ -84,7 +84,7 @@ def test_a_dense_mesh_is_cut_with_fewer_triangles_and_says_how_far_they_are_off(
     assert solid.is_watertight and 0.9 * DENSE_CUT < len(solid.faces) <= DENSE_CUT
     assert solid.volume == pytest.approx(mesh.volume, rel=2e-3)
     mesh.export(tmp_path / "ring.ply")
-    with heard() as told:  # nothing of the hull, which stands for nothing
+    with capture() as told:  # nothing of the hull, which stands for nothing
         MeshShape(tmp_path / "ring.ply", convex="decompose").pieces()
     assert [one.code for one in told] == [FindingCode.SIMPLIFIED_HULL]
     assert "10000 stand for it where it is cut" in told[0].message
@@ -96,7 +96,7 @@ def test_a_dense_mesh_is_cut_with_fewer_triangles_and_says_how_far_they_are_off(
 def test_objects_and_links_say_so_and_masses_are_of_the_whole_mesh(tmp_path: Path) -> None:
     egg(6).export(tmp_path / "egg.stl")
     shape = MeshShape(tmp_path / "egg.stl")
-    with heard() as of_object:
+    with capture() as of_object:
         geometry = shape.pieces()[0]
         filled = shape.filling()
     assert {one.code for one in of_object} == {FindingCode.SIMPLIFIED_HULL}
@@ -106,7 +106,7 @@ def test_objects_and_links_say_so_and_masses_are_of_the_whole_mesh(tmp_path: Pat
         '<robot name="egg"><link name="palm"><collision><geometry><mesh filename="egg.stl"/>'
         "</geometry></collision></link></robot>"
     )
-    with heard() as of_link:
+    with capture() as of_link:
         hand = Hand.from_urdf(tmp_path / "egg.urdf")
     assert [one.code for one in of_link] == [FindingCode.SIMPLIFIED_HULL]
     assert "of link 'palm'" in of_link[0].message

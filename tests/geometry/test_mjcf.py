@@ -15,7 +15,7 @@ import trimesh
 
 from graspless_pin import Hand
 from graspless_pin.errors import GrasplessPinWarning, RobotError
-from graspless_pin.findings import FindingCode, heard
+from graspless_pin.findings import FindingCode, capture
 from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.hand.tree import KinematicTree, build_tree
 from graspless_pin.geometry.hand.urdf import UrdfDocument, read_urdf
@@ -343,7 +343,7 @@ def test_a_driven_tendon_is_an_actuator_with_mujoco_s_torques(tmp_path: Path) ->
 def test_motors_that_cannot_be_told_apart_are_named(tmp_path: Path, motors: str, said: str) -> None:
     if "body" in motors:
         motors = '<adhesion name="e" body="palm" ctrlrange="0 1" gain="1"/>'
-    with heard() as told:
+    with capture() as told:
         hand = Hand.from_urdf(chains(tmp_path, motors=motors))
     messages = [one.message for one in told if one.code is FindingCode.SHARED_TENDON]
     assert messages

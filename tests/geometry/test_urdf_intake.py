@@ -8,7 +8,7 @@ import trimesh
 from hand_tools import joint, link, write_urdf
 
 from graspless_pin.errors import GrasplessPinWarning, MeshError, RobotError
-from graspless_pin.findings import FindingCode, Severity, heard
+from graspless_pin.findings import FindingCode, Severity, capture
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.hand.mounts import Mount
 from graspless_pin.geometry.inspection.audit import audit_urdf
@@ -101,7 +101,7 @@ def test_a_shape_of_size_zero_is_left_out_and_told(tmp_path):
         "</link>", f"<collision><geometry>{MESH.format('box.stl')}</geometry></collision></link>"
     )
     file = write_urdf(tmp_path, TWO + HINGE + feet + FOOT)
-    with heard() as told:
+    with capture() as told:
         hand = Hand.from_urdf(file)
     assert [one.code for one in told] == [FindingCode.EMPTY_SHAPE]
     assert "link 'foot' has a sphere of radius 0, which is left out" in told[0].message

@@ -27,7 +27,7 @@ import numpy as np
 from scipy.optimize import linprog
 
 from graspless_pin import load_scene
-from graspless_pin.findings import heard
+from graspless_pin.findings import capture
 from graspless_pin.geometry.bodies.shapes import shape_of
 
 ICUB = "share/iCub/robots/left_hand_mk3/model.urdf"
@@ -164,7 +164,7 @@ def place_pair(packages: Path, robot: str, more: str, folder: Path) -> Outcome:
     times = time.monotonic() - begin, sum(cpu.values()), cpu.get("place", np.nan)
     if said:
         return Outcome(np.nan, 0, np.nan, *times, squeezes=False, said=said, refused=refused)
-    with heard():
+    with capture():
         scene = load_scene(folder / "placed.yaml")
     assert scene.hand is not None and (folder / "report.html").stat().st_size > 10_000
     document = json.loads((folder / "solution.json").read_text())

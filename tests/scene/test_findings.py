@@ -10,7 +10,7 @@ from scene_tools import EXAMPLES, hand_of
 
 from graspless_pin import Scene, load_scene
 from graspless_pin.errors import GrasplessPinWarning, SceneError
-from graspless_pin.findings import Finding, FindingCode, Severity, gravest_first, heard, tell
+from graspless_pin.findings import Finding, FindingCode, Severity, capture, emit, gravest_first
 from graspless_pin.geometry import Box, Sphere, Support
 from graspless_pin.report import scene_solution_text, solution_document
 from graspless_pin.report.reading import read_solution
@@ -41,7 +41,7 @@ def loaded(tmp_path: Path, *changes: tuple[str, str]) -> Scene:
         text = text.replace(old, new)
     file = tmp_path / "scene.yaml"
     file.write_text(text, encoding="utf-8")
-    with heard():
+    with capture():
         return load_scene(file)
 
 
@@ -295,13 +295,13 @@ def test_python_hears_of_what_loading_finds(tmp_path):
 
 def test_what_is_heard_warns_nobody():
     told = Finding(FindingCode.NO_VIDEO, "video", "there is none", "save a page")
-    with heard() as outer:
-        with heard() as inner:
-            tell(told)
+    with capture() as outer:
+        with capture() as inner:
+            emit(told)
         assert inner == [told]
         assert outer == []
     with pytest.warns(GrasplessPinWarning, match="there is none; save a page"):
-        tell(told)
+        emit(told)
 
 
 def test_findings_are_sorted_and_said_once():

@@ -26,7 +26,7 @@ def test_example_studies_can_run(file, tmp_path):
 def test_a_study_from_the_command_line(tmp_path):
     file = study_file(tmp_path, data({"friction": FRICTION}))
     output = tmp_path / "new" / "out.parquet"
-    result = run("study", file, "-o", output, "--workers", 1)
+    result = run("study", file, "-o", output, "--workers", "1")
     assert result.exit_code == 0
     assert "3 samples: 3 found, 0 infeasible, 0 failed\nlargest margin 4.768 N at" in result.stdout
     assert f"{output} after" in result.stdout
@@ -50,7 +50,9 @@ def test_a_hand_that_touches_nothing_is_no_success(tmp_path, need_hand, code):
         "compute": {"need_hand": need_hand},
     }
     output = tmp_path / "out.csv"
-    result = run("study", study_file(tmp_path, made), "-o", output, "--workers", 1, "--no-progress")
+    result = run(
+        "study", study_file(tmp_path, made), "-o", output, "--workers", "1", "--no-progress"
+    )
     assert result.exit_code == code, result.stdout
     lines, told = result.stdout.splitlines(), read_results(output)["findings"]
     if need_hand:

@@ -201,9 +201,9 @@ class _DirectionSearch:
     def _rubbing(self, x: FloatArray) -> dict[int, float]:
         """Angles of the sliding that the friction in x opposes, where there is friction."""
         friction = x[self._formulation.cone_columns[0]]
-        rubs = np.hypot(friction[:, 0], friction[:, 1]) > NO_FRICTION
+        with_friction = np.hypot(friction[:, 0], friction[:, 1]) > NO_FRICTION
         angles = np.arctan2(-friction[:, 1], -friction[:, 0]).tolist()
-        return {one: angles[i] for i, one in enumerate(self._cones) if rubs[i]}
+        return {one: angles[i] for i, one in enumerate(self._cones) if with_friction[i]}
 
     def _widest(
         self, node: _Node, rubbing: dict[int, float], exact: Sectors, exclusion: Exclusion

@@ -187,7 +187,7 @@ class ForceExtremes:
     def _surfaces(self) -> list[_Surface]:
         """Return all that forces keep a distance from, but the normal-force limits."""
         rows, force = self.rows, self.coordinates.force_scale
-        flat = list(force * rows.normal[rows.bare])
+        flat = list(force * rows.normal[rows.without_cone])
         if not rows.cones.second_order:
             return [_Surface(one) for one in [*(-force * rows.cones.rows), *flat]]
         width = 2.0 * np.pi / _SECTORS

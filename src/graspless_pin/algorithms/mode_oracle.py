@@ -150,12 +150,12 @@ class ModeOracle:
         if self._always_selected or len(formulation.layers) > 1:
             return None
         friction = x[formulation.cone_columns[0]]
-        rubs = np.abs(friction) > NO_FRICTION
+        with_friction = np.abs(friction) > NO_FRICTION
         opposed = -np.sign(friction)
         chosen, contacts = formulation.cone_index, formulation.cone_contacts
-        if not np.logical_and.reduce(rubs, axis=None):
-            opposed *= rubs
-            some = np.logical_or.reduce(rubs, axis=1)
+        if not np.logical_and.reduce(with_friction, axis=None):
+            opposed *= with_friction
+            some = np.logical_or.reduce(with_friction, axis=1)
             chosen, opposed = chosen[some], opposed[some]
             contacts = tuple(chosen.tolist())
         known = self._glimpse(contacts, opposed.ravel())

@@ -15,7 +15,7 @@ import typer
 from graspless_pin.atomic_write import draft_of
 from graspless_pin.cli.outcome import ExitCode, echo_note, number_of, plain_errors
 from graspless_pin.errors import ArgumentError
-from graspless_pin.findings import Finding, FindingCode, heard, tell
+from graspless_pin.findings import Finding, FindingCode, capture, emit
 from graspless_pin.geometry.bodies.shapes import SHAPES, MeshShape, Shape
 from graspless_pin.progress import waiting_for
 from graspless_pin.scene import scene_json_schema
@@ -124,9 +124,9 @@ def new(
         found: list[Finding] = []
 
         def text(target: Path) -> str:
-            with waiting_for("reading the robot and the object"), heard() as told:
+            with waiting_for("reading the robot and the object"), capture() as told:
                 made.append(new_scene_text(about, target))
-            tell(*told)
+            emit(*told)
             found.extend(told)
             return made[0].text
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from graspless_pin.errors import ArgumentError, GrasplessPinError
-from graspless_pin.findings import Finding, Severity, gravest_first, heard, is_serious
+from graspless_pin.findings import Finding, Severity, capture, gravest_first, is_serious
 from graspless_pin.intake.text import printable
 from graspless_pin.progress import waiting_for
 from graspless_pin.solution.certificate import UNDECIDED
@@ -49,7 +49,7 @@ _LEFT_OUT = " [...] "
 def plain_errors() -> Iterator[None]:
     """Show findings and errors of this package as one message each, without a traceback."""
     token = _SAID.set(_Said())
-    with heard() as found:
+    with capture() as found:
         try:
             yield
         except GrasplessPinError as error:

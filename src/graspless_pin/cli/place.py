@@ -9,7 +9,7 @@ import typer
 
 from graspless_pin.cli.outcome import ExitCode, echo_note, loaded_scene, plain_errors, three_numbers
 from graspless_pin.errors import ArgumentError
-from graspless_pin.findings import tell
+from graspless_pin.findings import emit
 from graspless_pin.holding.verdict import BRIEF_NODE_LIMIT
 from graspless_pin.planning import place_hand
 from graspless_pin.progress import waiting_for
@@ -96,7 +96,7 @@ def place(
         loaded = loaded_scene(scene)
         if loaded.hand is not None and len(loaded.hand.mounts) > 1 and not together:
             echo_note("each mount is placed by itself; --together moves all as one body")
-        tell(*figure_findings(loaded))
+        emit(*figure_findings(loaded))
 
         def text(target: Path) -> str:
             with waiting_for("placing the hand") as say:

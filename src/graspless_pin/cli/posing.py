@@ -9,7 +9,7 @@ import numpy as np
 import typer
 
 from graspless_pin.cli.outcome import ExitCode, loaded_scene, plain_errors
-from graspless_pin.findings import tell
+from graspless_pin.findings import emit
 from graspless_pin.progress import waiting_for
 from graspless_pin.scene import Scene, close_fingers, settle
 
@@ -66,5 +66,5 @@ def settle_scene(scene: _Source, output: _Output, overwrite: _Overwrite = False)
 
 def _save(scene: Scene, output: Path, said: str, *, overwrite: bool) -> None:
     written = scene.save(output, overwrite=overwrite)
-    tell(*scene.findings)
+    emit(*scene.findings)
     typer.echo(f"{said}\nwrote {written}")

@@ -18,7 +18,7 @@ from graspless_pin.cli.outcome import (
 from graspless_pin.cli.simulate import simulated_words
 from graspless_pin.cli.solve import told
 from graspless_pin.errors import ArgumentError, SceneError
-from graspless_pin.findings import tell
+from graspless_pin.findings import emit
 from graspless_pin.holding.verdict import BRIEF_NODE_LIMIT
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.progress import waiting_for
@@ -127,7 +127,7 @@ def _case(source: Path, scene_file: Path | None, verdict_nodes: int | None) -> C
         if scene_file is not None:
             raise ArgumentError("--scene", "goes with a solution document (.json) alone")
         scene = loaded_scene(source)
-        tell(*scene.findings)
+        emit(*scene.findings)
         with waiting_for("solving"):
             solution, verdict, said = scene.solve(), None, ""
         if verdict_nodes is not None:

@@ -19,7 +19,7 @@ from graspless_pin.cli.outcome import (
     three_numbers,
 )
 from graspless_pin.errors import ArgumentError
-from graspless_pin.findings import tell
+from graspless_pin.findings import emit
 from graspless_pin.holding.stability import stability
 from graspless_pin.holding.verdict import StabilityVerdict
 from graspless_pin.modes.rules import StaticFriction
@@ -89,7 +89,7 @@ def simulate_scene(
     """
     with plain_errors():
         loaded = loaded_scene(scene)
-        tell(*loaded.findings)
+        emit(*loaded.findings)
         force = three_numbers("--push", push)
         if save is not None and save.suffix.lower() not in (".html", ".mp4"):
             raise ArgumentError("--save", f"needs a file that ends in .html or .mp4, got '{save}'")

@@ -14,7 +14,7 @@ from graspless_pin.algorithms.torque import TorqueScale
 from graspless_pin.cli.objective_options import asking_by_name
 from graspless_pin.cli.outcome import echo_findings, exit_code, loaded_scene, plain_errors
 from graspless_pin.errors import ArgumentError
-from graspless_pin.findings import tell
+from graspless_pin.findings import emit
 from graspless_pin.holding.verdict import BRIEF_NODE_LIMIT, NODE_LIMIT, StabilityVerdict
 from graspless_pin.modes.rules import SignRule, SlidingRule, StaticFriction
 from graspless_pin.progress import waiting_for
@@ -95,7 +95,7 @@ def solve_scene(
     """
     with plain_errors():
         loaded = loaded_scene(scene)
-        tell(*loaded.findings)
+        emit(*loaded.findings)
         given: dict[str, Any] = {
             "margin": margin,
             "sign_rule": sign_rule,
@@ -167,5 +167,5 @@ def told(
             missing = f"no verdict: {error}"
     with waiting_for("checking the proof"):
         solution, verdict = accepted(solution, scene, verdict)
-    said = missing if verdict is None else verdict.said("--verdict-nodes {}")
+    said = missing if verdict is None else verdict.full_message("--verdict-nodes {}")
     return solution, verdict, said if solution.found else ""

@@ -31,7 +31,7 @@ _EXACT = 1e-8
 
 
 def balance(
-    problem: QuasistaticProblem, torques: FloatArray, bearable: FloatArray | None = None
+    problem: QuasistaticProblem, torques: FloatArray, friction_limits: FloatArray | None = None
 ) -> Balance | None:
     """Find the contact forces that leave least of load and torques unbalanced.
 
@@ -40,16 +40,20 @@ def balance(
     Args:
         problem: Contacts, load and joints.
         torques: (L,) of the motors.
-        bearable: (M,) N, friction that each contact bears at most; None: mu f_n.
+        friction_limits: (M,) N, friction that each contact bears at most; None: mu f_n.
     """
     jacobian, load = in_loads(problem, torques)
     count = problem.contact_count
-    if bearable is not None and not bearable.any():
+    if friction_limits is not None and not friction_limits.any():
         found = pushed(jacobian[:, 0], load)
         if found is not None:
             return found
-    most = np.full(count, np.nan) if bearable is None else bearable / problem.scales.force
-    enough = BALANCE_TOLERANCE if bearable is None else _HOPELESS
+    most = (
+        np.full(count, np.nan)
+        if friction_limits is None
+        else friction_limits / problem.scales.force
+    )
+    enough = BALANCE_TOLERANCE if friction_limits is None else _HOPELESS
     return least_residual(jacobian, load, free_friction(problem), most, enough)
 
 

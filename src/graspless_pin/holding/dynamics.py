@@ -151,7 +151,7 @@ def world_forces(problem: QuasistaticProblem, forces: FloatArray) -> FloatArray:
     return read_only(world)
 
 
-def rubs(problem: QuasistaticProblem) -> NDArray[np.bool_]:
+def slides_with_friction(problem: QuasistaticProblem) -> NDArray[np.bool_]:
     """Return the (M,) contacts that slide with friction."""
     return problem.is_sliding & (problem.friction > 0.0)
 
@@ -193,7 +193,7 @@ def scaled_dynamics(
     h = back.T @ load
     size = float(np.linalg.norm(h))
     if size == 0.0:
-        if not rubs(problem).any():
+        if not slides_with_friction(problem).any():
             return None
         size = 1.0
     rows, pushes = jacobian @ back, acting @ back

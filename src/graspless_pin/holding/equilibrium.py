@@ -57,7 +57,7 @@ def least_residual(
     jacobian: FloatArray,
     load: FloatArray,
     friction: FloatArray,
-    bearable: FloatArray,
+    friction_limits: FloatArray,
     enough: float,
 ) -> Balance | None:
     """Find the contact forces that leave least of the load unbalanced.
@@ -66,7 +66,7 @@ def least_residual(
         jacobian: (M, 3, k) G in units of the load.
         load: (k,) g in those units.
         friction: (M,) coefficients.
-        bearable: (M,) friction that each contact bears at most, in loads; NaN: mu f_n.
+        friction_limits: (M,) friction that each contact bears at most, in loads; NaN: mu f_n.
         enough: Once at least so much is known to be left, the search ends: the forces are then
             those of cones that are too wide, and the proof stands.
 
@@ -74,11 +74,11 @@ def least_residual(
         The forces; None where the solver has no answer.
     """
     # Most loads balance inside polygons in the cones, by one program.
-    inside = _program(jacobian, load, _INSCRIBED * friction, _INSCRIBED * bearable)
+    inside = _program(jacobian, load, _INSCRIBED * friction, _INSCRIBED * friction_limits)
     found = _balance(inside.solve(), jacobian, load, friction, 1)
     if found is not None and found.residual <= _EXACT:
         return found
-    simplex = _program(jacobian, load, friction, bearable)
+    simplex = _program(jacobian, load, friction, friction_limits)
     best: Balance | None = None
     for _ in range(_MOST_ROUNDS):
         found = _balance(simplex.solve(), jacobian, load, friction, 1 + simplex.solves)
@@ -86,18 +86,18 @@ def least_residual(
             return best
         best, forces = found, found.forces
         sides = np.hypot(forces[:, 1], forces[:, 2])
-        most = np.where(np.isnan(bearable), friction * forces[:, 0], bearable)
+        most = np.where(np.isnan(friction_limits), friction * forces[:, 0], friction_limits)
         outside = np.flatnonzero(sides > most + _OUTSIDE * np.maximum(1.0, forces[:, 0]))
         # Tangent planes lie outside the cones: forces inside leave no less.
         if not len(outside) or best.residual > enough:
             return best
         toward = forces[outside, 1:] / sides[outside, None]
-        _add_planes(simplex, outside, toward, friction, bearable)
+        _add_planes(simplex, outside, toward, friction, friction_limits)
     return best
 
 
 def _program(
-    jacobian: FloatArray, load: FloatArray, friction: FloatArray, bearable: FloatArray
+    jacobian: FloatArray, load: FloatArray, friction: FloatArray, friction_limits: FloatArray
 ) -> Simplex:
     """Return the program of the least residual, with the first planes around cones or disks."""
     count, size = len(jacobian), 3 * len(jacobian) + 1
@@ -112,7 +112,9 @@ def _program(
     balance[:, -1] = -1.0
     simplex.add_rows(balance, -above, -load)
     contacts = np.repeat(np.arange(count), _DIRECTIONS)
-    _add_planes(simplex, contacts, np.tile(around(_DIRECTIONS), (count, 1)), friction, bearable)
+    _add_planes(
+        simplex, contacts, np.tile(around(_DIRECTIONS), (count, 1)), friction, friction_limits
+    )
     return simplex
 
 
@@ -161,13 +163,13 @@ def _add_planes(
     contacts: NDArray[np.int_],
     directions: FloatArray,
     friction: FloatArray,
-    bearable: FloatArray,
+    friction_limits: FloatArray,
 ) -> None:
-    """Add d.f_t <= mu f_n, or d.f_t <= what is bearable."""
+    """Add d.f_t <= mu f_n, or d.f_t <= the given limit."""
     rows = np.zeros((len(contacts), len(friction) + 1, 3))
-    in_cone = np.isnan(bearable[contacts])
+    in_cone = np.isnan(friction_limits[contacts])
     planes = np.column_stack([np.where(in_cone, -friction[contacts], 0.0), directions])
     rows[np.arange(len(contacts)), contacts] = planes
-    high = np.where(in_cone, 0.0, bearable[contacts])
+    high = np.where(in_cone, 0.0, friction_limits[contacts])
     rows = rows.reshape(len(contacts), -1)[:, : 3 * len(friction) + 1]
     simplex.add_rows(rows, np.full(len(contacts), -np.inf), high)

@@ -200,12 +200,12 @@ class LoadLine:
         limit = FORCE_LIMIT * self.problem.scales.force
         for end, own in zip(ends, loads, strict=True):
             problem, torques = self.at(end)
-            borne = np.maximum(self._commanded(end), least)
-            found = balance(problem, torques, problem.friction * borne)
+            normal_forces = np.maximum(self._commanded(end), least)
+            found = balance(problem, torques, problem.friction * normal_forces)
             if found is None:
                 return None
             forces = found.forces * problem.scales.force
-            if not is_certificate(problem, torques, forces, borne, self._dynamics(end)):
+            if not is_certificate(problem, torques, forces, normal_forces, self._dynamics(end)):
                 return None
             world = world_forces(problem, forces)
             proofs.append(RestProof(own, world, None, limit if own else np.inf))

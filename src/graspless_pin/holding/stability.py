@@ -29,8 +29,8 @@ from graspless_pin.holding.dynamics import (
     free_friction,
     free_motions,
     rolling_without_scene,
-    rubs,
     scaled_dynamics,
+    slides_with_friction,
     world_forces,
 )
 from graspless_pin.holding.equilibrium import BALANCE_TOLERANCE, least_residual
@@ -269,7 +269,7 @@ def _verdict(blank: StabilityVerdict, limits: _Limits) -> StabilityVerdict:
         return replace(blank, message=why)
     commanded = _commanded(blank)
     # Where friction rubs its power has no sign: no certificate is one.
-    known, proof = (blank, None) if rubs(problem).any() else (
+    known, proof = (blank, None) if slides_with_friction(problem).any() else (
         _certified(blank, (), commanded, dynamics)
     )  # fmt: skip
     if known.rest_forces is not None and proof is not None:
@@ -340,15 +340,15 @@ def _certified(
     on proven loads may leave their cones: neither are forces of rest.
     """
     problem, torques = known.problem, known.torques
-    borne = commanded.copy()
+    normal_forces = commanded.copy()
     for load in loads:
-        borne[load.contact] = max(borne[load.contact], load.force)
-    found = balance(problem, torques, problem.friction * borne)
+        normal_forces[load.contact] = max(normal_forces[load.contact], load.force)
+    found = balance(problem, torques, problem.friction * normal_forces)
     if found is None:
         return known, None
     known = replace(known, programs=known.programs + found.programs)
     forces = found.forces * problem.scales.force
-    if not is_certificate(problem, torques, forces, borne, dynamics):
+    if not is_certificate(problem, torques, forces, normal_forces, dynamics):
         return known, None
     world = world_forces(problem, forces)
     if not loads and found.is_rest:
@@ -361,7 +361,7 @@ def _searched(
     known: StabilityVerdict, dynamics: Dynamics, commanded: FloatArray, limits: _Limits
 ) -> StabilityVerdict:
     """Find the loads of the fingers, look for a motion, then branch."""
-    if rubs(known.problem).any():
+    if slides_with_friction(known.problem).any():
         return _under_motion(known, dynamics, limits)
     most = _force_limit(known.problem, dynamics)
     least = commanded / dynamics.force_unit
@@ -437,7 +437,7 @@ def _none(
     forces = None if dynamics is None else find_motion(dynamics)
     motion, said = None, "loses its motion" if problem.is_sliding.any() else "fails"
     said += f": {'keeping the motion' if problem.is_sliding.any() else 'rest'} is no outcome"
-    if dynamics is not None and forces is None and rubs(problem).any():
+    if dynamics is not None and forces is None and slides_with_friction(problem).any():
         found = other_motion(dynamics, _force_limit(problem, dynamics), limits.passed)
         known = replace(known, programs=known.programs + found.programs, nodes=found.nodes)
         forces = found.motion

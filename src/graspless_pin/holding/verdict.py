@@ -320,7 +320,7 @@ class StabilityVerdict:
             return not self.free_motions
         return self.growth_rate == 0.0
 
-    def said(self, option: str = "node_limit={}") -> str:
+    def full_message(self, option: str = "node_limit={}") -> str:
         """Return the message, and where more nodes might decide, how to ask for them.
 
         Args:
@@ -328,16 +328,16 @@ class StabilityVerdict:
         """
         if not self.next_nodes:
             return self.message
-        told = f"{self.message}; try {option.format(self.next_nodes)}"
+        message = f"{self.message}; try {option.format(self.next_nodes)}"
         if not self.nodes:
-            return told
+            return message
         seconds = self.seconds / self.nodes * self.next_nodes
         amount, unit = (seconds, "s") if seconds < 60.0 else (seconds / 60.0, "min")
-        return f"{told} (about {max(float(f'{amount:.1g}'), 1.0):g} {unit})"
+        return f"{message} (about {max(float(f'{amount:.1g}'), 1.0):g} {unit})"
 
     def __str__(self) -> str:
         """Return the message, and how to ask for more."""
-        return self.said()
+        return self.full_message()
 
     def __repr__(self) -> str:
         """Return the status and the message, not the arrays."""
@@ -349,9 +349,9 @@ _NOTICED = 0.2
 _MOST_NAMED = 3
 
 
-def parted(said: str) -> tuple[str, str]:
+def parted(message: str) -> tuple[str, str]:
     """Return what a verdict leads with, such as "holds", and what it goes on with."""
-    lead, *rest = re.split("[:;] ", said, maxsplit=1)
+    lead, *rest = re.split("[:;] ", message, maxsplit=1)
     return lead, "".join(rest)
 
 
@@ -361,18 +361,18 @@ def strong_words(verdict: StabilityVerdict) -> str:
     proof = f"{count} LP{'s' if count != 1 else ''}"
     feedback = f"; needs position feedback: {free} free motion{'s' if free != 1 else ''}"
     if verdict.problem.is_sliding.any():
-        said = f"keeps its motion: nothing else is an outcome (proof: {proof})"
-        return said + (feedback if free else "")
+        message = f"keeps its motion: nothing else is an outcome (proof: {proof})"
+        return message + (feedback if free else "")
     if small is None or small.unknown:
         why = "not looked at" if small is None else small.unknown
-        said = f"stays at the first instant; small motions not known: {why} (proof: {proof})"
-        return said + (feedback if free else "")
+        message = f"stays at the first instant; small motions not known: {why} (proof: {proof})"
+        return message + (feedback if free else "")
     if not small.moving:
         return f"holds: the object provably stays at rest ({proof}); no small motion grows"
     grows = f"{small.moving}, growing at {_rounded(small.growth):g} /s"
     if isinf(small.stiffness):
-        said = f"stays at the first instant; then {grows}: no joint feedback stops it"
-        return f"{said} (proof: {proof})"
+        message = f"stays at the first instant; then {grows}: no joint feedback stops it"
+        return f"{message} (proof: {proof})"
     least = _rounded(small.stiffness, up=True)
     return (
         f"holds with joint feedback of at least {least:g} {small.unit}; without it {grows} "
@@ -396,14 +396,14 @@ def finger_words(verdict: StabilityVerdict, fingers: Mapping[str, str]) -> str:
     names = [problem.joint_names[joint] for joint in moving]
     of = sorted({fingers[name] for name in names if name in fingers})
     kind, who = ("finger", of) if of else ("joint", names)
-    told = ", ".join(map(repr, who[:_MOST_NAMED])) + (", ..." if len(who) > _MOST_NAMED else "")
-    moves = f"{kind} {told} moves by itself"
+    listed = ", ".join(map(repr, who[:_MOST_NAMED])) + (", ..." if len(who) > _MOST_NAMED else "")
+    moves = f"{kind} {listed} moves by itself"
     if len(who) > 1:
-        moves = f"{kind}s {told} move by themselves"
-    borne = "weight and contact forces" if problem.jacobian[:, moving].any() else "weight"
+        moves = f"{kind}s {listed} move by themselves"
+    loads = "weight and contact forces" if problem.jacobian[:, moving].any() else "weight"
     rest = f"{_rounded(float(left[most])):g} {problem.joint_units[most]}"
     return (
-        f"fails: {moves}: torques do not balance {borne}, {rest} are left over at joint "
+        f"fails: {moves}: torques do not balance {loads}, {rest} are left over at joint "
         f"{problem.joint_names[most]!r}; the object stays in this outcome, which is not proven to "
         "be the only one"
     )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from textwrap import fill
 
-from graspless_pin.findings import heard
+from graspless_pin.findings import capture
 from graspless_pin.holding.verdict import Stability, StabilityVerdict, parted
 from graspless_pin.planning.placing_candidates import NODES, PlacingFault
 from graspless_pin.planning.placing_plan import PlacingAim
@@ -40,7 +40,7 @@ class PlacedHand(Brief):
     @cached_property
     def solution(self) -> TorqueSolution:
         """The torques of Algorithm 1, solved for when they are first asked for."""
-        with heard():
+        with capture():
             return self.scene.solve("margin", node_limit=NODES)
 
     @property
@@ -51,7 +51,7 @@ class PlacedHand(Brief):
     def __str__(self) -> str:
         """Margins, links and verdict."""
         lines = [f"{self._margins}; touches with {', '.join(self.touching)}"]
-        lines += [] if self.verdict is None else [self.verdict.said("--verdict-nodes {}")]
+        lines += [] if self.verdict is None else [self.verdict.full_message("--verdict-nodes {}")]
         return "\n".join(fill(line, COLUMNS) for line in lines)
 
     @property

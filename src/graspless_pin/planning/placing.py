@@ -22,7 +22,7 @@ from graspless_pin.errors import (
     StateFault,
     internal_error,
 )
-from graspless_pin.findings import heard
+from graspless_pin.findings import capture
 from graspless_pin.geometry.posing.displaced_hands import displaced_hand
 from graspless_pin.geometry.posing.opposing import fingers_that_close
 from graspless_pin.holding.verdict import BRIEF_NODE_LIMIT, Stability, StabilityVerdict
@@ -325,7 +325,7 @@ def _with_verdict(
     with suppress(SceneError):  # made in Python in a way of its own
         place = replace(place, scene=scene_as_written(place.scene))
     try:
-        with heard():
+        with capture():
             verdict = _verdict(place.scene, place.solution, nodes, deadline)
         return replace(place, verdict=verdict)
     except ArgumentError:  # a link without mass

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import GrasplessPinError, StateError, internal_error
-from graspless_pin.findings import heard
+from graspless_pin.findings import capture
 from graspless_pin.geometry.bodies.collision import PlacedBodies
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.geometry.poses import invert
@@ -114,7 +114,7 @@ def try_candidates(plan: PlacingPlan, numbers: Sequence[int]) -> Iterator[TriedC
 def try_candidate(plan: PlacingPlan, number: int) -> TriedCandidate:
     """Try one candidate; it depends on the plan and its number alone."""
     try:
-        with heard():
+        with capture():
             return _tried(plan, number)
     except GrasplessPinError:
         raise

@@ -79,7 +79,7 @@ def outcome_boundary(
     named = len(names) <= _MOST_NAMED
     for kind, name in enumerate(names):
         here = places[kinds == kind]
-        label = legend_text(_told(outcome, name)) if named else None
+        label = legend_text(_in_words(outcome, name)) if named else None
         axes.scatter(*here.T, s=6.0, color=colors[kind], linewidths=0.0, label=label)
     axes.add_collection(LineCollection([*segments], colors=LIGHT.text, linewidths=1.2))
     axes.set_xlabel(quantity(x))
@@ -95,7 +95,7 @@ def outcome_boundary(
     return axes
 
 
-def _told(outcome: str, name: str) -> str:
+def _in_words(outcome: str, name: str) -> str:
     return _WORDS.get((outcome, name)) or plain_text(name)
 
 

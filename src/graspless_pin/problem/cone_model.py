@@ -187,7 +187,7 @@ class ConeModel(ABC):
         tangents: FloatArray,
         friction: FloatArray,
         sliding: FloatArray,
-        bare: NDArray[np.bool_],
+        without_cone: NDArray[np.bool_],
     ) -> FloatArray:
         """Return (M, 3) the force per newton of normal force where there is no cone, else zeros.
 
@@ -196,18 +196,18 @@ class ConeModel(ABC):
             tangents: (M, 3, 2) unit tangents.
             friction: (M,) coefficients.
             sliding: (M, 3) sliding velocities; n alone where they are zero.
-            bare: (M,) contacts without a cone.
+            without_cone: (M,) contacts without a cone.
 
         Raises:
             ArgumentError: If the model does not tell kinetic friction, or one that drives the
                 sliding or is larger than the coefficient allows.
         """
         if self.is_coulomb:
-            return kinetic_directions(normals, friction, sliding, bare)
-        directions = np.where(bare[:, None], normals, 0.0)
-        rubs = np.flatnonzero(bare & sliding.any(axis=1) & (friction > 0.0))
-        if len(rubs):
-            ways = np.einsum("mji,mj->mi", tangents[rubs], sliding[rubs])
+            return kinetic_directions(normals, friction, sliding, without_cone)
+        directions = np.where(without_cone[:, None], normals, 0.0)
+        sliding_contacts = np.flatnonzero(without_cone & sliding.any(axis=1) & (friction > 0.0))
+        if len(sliding_contacts):
+            ways = np.einsum("mji,mj->mi", tangents[sliding_contacts], sliding[sliding_contacts])
             ways /= np.linalg.norm(ways, axis=1, keepdims=True)
             along = self.kinetic_friction(ways)
             power = np.einsum("mi,mi->m", ways, along)
@@ -217,8 +217,8 @@ class ConeModel(ABC):
                     f"of the cone '{self.name}' must be against the sliding and at most 1; it is "
                     f"{along.tolist()!r:.100} for directions {ways.tolist()!r:.100}",
                 )
-            directions[rubs] += np.einsum(
-                "mij,mj->mi", tangents[rubs], friction[rubs, None] * along
+            directions[sliding_contacts] += np.einsum(
+                "mij,mj->mi", tangents[sliding_contacts], friction[sliding_contacts, None] * along
             )
         return read_only(directions)
 

@@ -338,11 +338,11 @@ class QuasistaticProblem:
         A sliding or frictionless contact has one edge: the kinetic friction's direction
         n - mu v/|v| normalised, or n.
         """
-        bare = self.kinetic_directions
-        lengths = np.where(self.has_cone, 1.0, np.linalg.norm(bare, axis=1))
-        bare = bare / lengths[:, None]
+        directions = self.kinetic_directions
+        lengths = np.where(self.has_cone, 1.0, np.linalg.norm(directions, axis=1))
+        directions = directions / lengths[:, None]
         edges = self.cone_section.edges
-        return cone_blocks(self.frames, self.friction, self.has_cone, edges, bare)
+        return cone_blocks(self.frames, self.friction, self.has_cone, edges, directions)
 
     @cached_property
     def H(self) -> FloatArray:
@@ -354,8 +354,8 @@ class QuasistaticProblem:
         strikes its row.
         """
         faces = self.cone_section.faces
-        bare = np.zeros_like(self.normals)
-        return cone_blocks(self.frames, self.friction, self.has_cone, faces, bare)
+        directions = np.zeros_like(self.normals)
+        return cone_blocks(self.frames, self.friction, self.has_cone, faces, directions)
 
     @property
     def J(self) -> FloatArray:

@@ -242,7 +242,7 @@ class Elastic(Objective):
             program.rows(
                 name, sign * forces.balance, sign * forces.wrench, {s: -float(self.wrench)}
             )
-        program.bound_normals(np.where(forces.bare, margin, -np.inf), np.inf)
+        program.bound_normals(np.where(forces.without_cone, margin, -np.inf), np.inf)
 
     def _given(self, forces: ForceRows) -> tuple[FloatArray, FloatArray]:
         """(L,) by how much the upper and the lower torque limits give way."""

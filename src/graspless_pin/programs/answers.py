@@ -19,7 +19,12 @@ import numpy as np
 from graspless_pin.problem.checks import FloatArray, all_within
 from graspless_pin.programs.active_set_polish import polished
 from graspless_pin.programs.program import FARTHEST, Program
-from graspless_pin.programs.reductions import bearable, near_multipliers, opened, shrunk
+from graspless_pin.programs.reductions import (
+    clipped,
+    near_multipliers,
+    rescaled,
+    without_far_limits,
+)
 
 
 def elastic(program: Program) -> Program:
@@ -166,10 +171,10 @@ def checked_answer(program: Program, backend: Backend, name: str, cutoff: float)
     Returns:
         A solved or infeasible answer, or a failed one with the bound that is proven all the same.
     """
-    near = opened(program)
+    near = without_far_limits(program)
     factors = [1.0, *(factor for factor in _SHRUNK_BY if near.has_sides_beyond(factor))]
     if near.has_sides_beyond(FARTHEST):
-        # Interior points are led there, and end after all their steps: shrunk, the program has
+        # Interior points are led there, and end after all their steps: rescaled, the program has
         # nothing so far away.
         factors.sort(key=lambda factor: factor != _SHRUNK_BY[0])
     best = -np.inf
@@ -184,8 +189,8 @@ def checked_answer(program: Program, backend: Backend, name: str, cutoff: float)
 def _tried(
     program: Program, near: Program, factor: float, backend: Backend, name: str, cutoff: float
 ) -> Answer:
-    """Ask a solver for a program shrunk by a factor, and hold its answer against the program."""
-    raw = asked(backend, near if factor == 1.0 else shrunk(near, factor))
+    """Ask a solver for a program rescaled by a factor, and hold its answer against the program."""
+    raw = asked(backend, near if factor == 1.0 else rescaled(near, factor))
     if raw is None:
         return failed(-np.inf)
     x, y, z = raw
@@ -226,8 +231,8 @@ def asked(backend: Backend, program: Program) -> Multipliers | None:
         backend: The solver.
         program: The program.
     """
-    borne = bearable(program)
-    raw = None if borne is None else backend(borne)
+    within_range = clipped(program)
+    raw = None if within_range is None else backend(within_range)
     return None if raw is None or not all_within(raw, _LARGEST) else raw
 
 

@@ -111,7 +111,7 @@ def _likeness(mask: bytes, friction: bytes, _sliding: bytes, section: Section) -
     layout = layout_of(mask)
     cones = face_rows(layout, np.frombuffer(friction)[layout.cones], section)
     n, normal = layout.size, layout.picks
-    parts = [cones.rows, normal, -normal[layout.bare]]
+    parts = [cones.rows, normal, -normal[layout.without_cone]]
     sides = np.ones((sum(map(len, parts)), n + 1), order="F")
     sides[:, :-1] = np.concatenate(parts)
     return Likeness(
@@ -133,7 +133,7 @@ def shared_arguments(
         "sides": likeness.sides,
         "face_count": likeness.face_count,
         "reach": likeness.reach,
-        "has_cone": ~likeness.layout.bare,
+        "has_cone": ~likeness.layout.without_cone,
         "friction": likeness.friction,
         "slopes": likeness.friction * likeness.section.distances[0],
         "directions": likeness.section.directions,

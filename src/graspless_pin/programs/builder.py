@@ -205,19 +205,19 @@ class ProgramBuilder:
         forces = self.forces
         level = 1.0 if weights is None else weights
         if not isinstance(margin, Columns):
-            low = np.where(forces.bare, margin * level, -np.inf)
+            low = np.where(forces.without_cone, margin * level, -np.inf)
             self.bound_normals(low, forces.limit - margin * level)
             return
-        unit, bare = forces.coordinates.force_scale, np.flatnonzero(forces.bare)
+        unit, without_cone = forces.coordinates.force_scale, np.flatnonzero(forces.without_cone)
         strict = forces.coordinates.strictness
         self.rows(
             "normal_upper", forces.normal, forces.limit, {margin: level},
             unit=unit, strict=None if strict is None else strict.normal,
         )  # fmt: skip
-        own = level if weights is None else weights[bare]
+        own = level if weights is None else weights[without_cone]
         self.rows(
-            "normal_lower", -forces.normal[bare], 0.0, {margin: own},
-            unit=unit, shape=(len(forces.normal),), places=bare,
+            "normal_lower", -forces.normal[without_cone], 0.0, {margin: own},
+            unit=unit, shape=(len(forces.normal),), places=without_cone,
         )  # fmt: skip
 
     def bound_normals(self, low: ArrayLike, high: ArrayLike) -> None:

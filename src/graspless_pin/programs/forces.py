@@ -106,7 +106,7 @@ def _directions(problem: QuasistaticProblem, layout: ForceLayout) -> FloatArray:
     directions = problem.frames.swapaxes(1, 2)
     if len(layout.cones) < problem.contact_count:
         directions = directions.copy()
-        np.copyto(directions[:, 0], problem.kinetic_directions, where=layout.bare[:, None])
+        np.copyto(directions[:, 0], problem.kinetic_directions, where=layout.without_cone[:, None])
     return directions
 
 
@@ -158,9 +158,9 @@ class ForceRows:
         return self.coordinates.layout.picks
 
     @property
-    def bare(self) -> NDArray[np.bool_]:
+    def without_cone(self) -> NDArray[np.bool_]:
         """(M,) contacts without a cone: there no cone implies n^T f >= e."""
-        return self.coordinates.layout.bare
+        return self.coordinates.layout.without_cone
 
     def cone_box(self, reach: float) -> FloatArray:
         """Return (2, n) bounds of forces inside cones with normal components up to ``reach``."""
@@ -197,9 +197,9 @@ def _effects(problem: QuasistaticProblem, coordinates: ForceCoordinates) -> Floa
     layout, local = coordinates.layout, contact_map(problem)
     effects: FloatArray = local.reshape(-1, local.shape[2])[layout.axes]
     if len(layout.cones) < len(local):
-        bare = layout.bare
-        kinetic = problem.kinetic_directions[bare, None] @ problem.frames[bare]
-        effects[layout.normal[bare]] = (kinetic @ local[bare])[:, 0]
+        without_cone = layout.without_cone
+        kinetic = problem.kinetic_directions[without_cone, None] @ problem.frames[without_cone]
+        effects[layout.normal[without_cone]] = (kinetic @ local[without_cone])[:, 0]
     return effects
 
 

@@ -29,7 +29,7 @@ class ForceLayout:
         cones: (c,) indices of the contacts with a cone.
         cone_contacts: The same as plain integers.
         friction: (c, 2) their columns of t1 and t2.
-        bare: (M,) bool, contacts without one.
+        without_cone: (M,) bool, contacts without one.
         owner: (n,) contact of each column.
         axes: (n,) index of each column's axis among the contacts' n, t1, t2, one after the other.
         places: (n, 3) places of each column's entries in the flat (3M, n) basis.
@@ -42,7 +42,7 @@ class ForceLayout:
     cones: NDArray[np.int_]
     cone_contacts: tuple[int, ...]
     friction: NDArray[np.int_]
-    bare: NDArray[np.bool_]
+    without_cone: NDArray[np.bool_]
     owner: NDArray[np.int_]
     axes: NDArray[np.int_]
     places: NDArray[np.int_]
@@ -70,7 +70,7 @@ def layout_of(mask: bytes) -> ForceLayout:
         "tangent": np.where(has_cone[:, None], normal[:, None] + _FRAME[1:], -1),
         "cones": cones,
         "friction": normal[cones, None] + _FRAME[1:],
-        "bare": ~has_cone,
+        "without_cone": ~has_cone,
         "owner": owner,
         "axes": 3 * owner + np.arange(size) - normal[owner],
         "places": places,

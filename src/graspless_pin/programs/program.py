@@ -85,7 +85,7 @@ Terms = Mapping[Columns, ArrayLike]
 
 FARTHEST = 1e8
 """Bounds are proven for variables up to this size: double precision resolves no more."""
-LARGEST_BORNE = 1e15
+LARGEST_FIGURE = 1e15
 """Solvers are given no larger figure: HiGHS takes none in rows, and crashes on sides of 1e20."""
 _LARGEST_FOR_BLAS = 8192
 """Entries from which on BLAS spreads a product over threads: on a busy machine their waiting for
@@ -188,7 +188,7 @@ class Program:
         """
         if "worst" not in self.__dict__:
             _ = self.is_linear, self.rows, self._sparse, self.sides, self.pattern, self.worst
-            _ = self.is_far, self.farthest, self.highest, self.has_bearable_rows
+            _ = self.is_far, self.farthest, self.highest, self.has_rows_in_range
         return changed(self, "reach", lb=lb, ub=ub, worst=min(self.worst, cutoff))
 
     @cached_property
@@ -204,9 +204,9 @@ class Program:
         return bool(far.any() or (np.isinf(self.l) & np.isinf(self.u)).any())
 
     @cached_property
-    def has_bearable_rows(self) -> bool:
+    def has_rows_in_range(self) -> bool:
         """Whether solvers bear all its figures but sides of G and bounds."""
-        return all_within((self.P, self.c, self.b, self.rows.T), LARGEST_BORNE)
+        return all_within((self.P, self.c, self.b, self.rows.T), LARGEST_FIGURE)
 
     def has_sides_beyond(self, size: float) -> bool:
         """Return whether any limit or right-hand side is larger than a size."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.problem.checks import FloatArray
-from graspless_pin.programs.program import FARTHEST, LARGEST_BORNE, Program
+from graspless_pin.programs.program import FARTHEST, LARGEST_FIGURE, Program
 
 UNREACHED = 1e12
 """Stands for a limit that is out of reach."""
@@ -41,7 +41,7 @@ def without_fixed(program: Program) -> tuple[Program, NDArray[np.bool_] | None]:
     return smaller, kept
 
 
-def opened(program: Program) -> Program:
+def without_far_limits(program: Program) -> Program:
     """Return the program without the limits that are too far away for double precision.
 
     Solvers are asked for this one, and their answers are held against all limits.
@@ -66,18 +66,18 @@ def opened(program: Program) -> Program:
     )
 
 
-def bearable(program: Program) -> Program | None:
+def clipped(program: Program) -> Program | None:
     """Return a program without figures that no solver bears; None where it hangs on them.
 
     Libraries below crash on them or print. Limits so far away are left out, as if there were none.
     """
-    if not program.has_bearable_rows:
+    if not program.has_rows_in_range:
         return None
     if not program.is_far:
         return program
-    if program.has_sides_beyond(LARGEST_BORNE):
-        program = _without_sides_beyond(program, LARGEST_BORNE)
-    return None if program.has_sides_beyond(LARGEST_BORNE) else program
+    if program.has_sides_beyond(LARGEST_FIGURE):
+        program = _without_sides_beyond(program, LARGEST_FIGURE)
+    return None if program.has_sides_beyond(LARGEST_FIGURE) else program
 
 
 def _without_sides_beyond(program: Program, size: float) -> Program:
@@ -93,7 +93,7 @@ def _without_sides_beyond(program: Program, size: float) -> Program:
 
 
 def near_multipliers(program: Program, z: FloatArray) -> FloatArray:
-    """Return multipliers of G without those of sides that `opened` leaves out.
+    """Return multipliers of G without those of sides that `without_far_limits` leaves out.
 
     They are a solver's noise, which a far side would make as large as the objective.
     """
@@ -101,7 +101,7 @@ def near_multipliers(program: Program, z: FloatArray) -> FloatArray:
     return np.where(far, 0.0, z)
 
 
-def shrunk(program: Program, factor: float) -> Program:
+def rescaled(program: Program, factor: float) -> Program:
     """Return the program in variables that are smaller by a factor; its multipliers stay.
 
     Args:

@@ -49,7 +49,7 @@ def accepted(
     of_rest = rest_checks(document, read_problem(document))
     lost = [one for one in of_rest if one.passed is not True]
     if lost and verdict is not None and verdict.status is not Stability.UNDECIDED:
-        why = f"undecided: its proof does not pass the check ({_told(lost)})"
+        why = f"undecided: its proof does not pass the check ({_message(lost)})"
         verdict = undecided_verdict(
             verdict.problem,
             verdict.torques,
@@ -77,9 +77,9 @@ def _without(
         status=status,
         _forces=None,
         _mode=None,
-        _explanation=f"Its document does not pass the check: {_told([*refused, *lost])}.",
+        _explanation=f"Its document does not pass the check: {_message([*refused, *lost])}.",
     )
 
 
-def _told(checks: Sequence[Check]) -> str:
+def _message(checks: Sequence[Check]) -> str:
     return "; ".join(f"{one.name}: {one.detail}" for one in checks)

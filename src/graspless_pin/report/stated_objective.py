@@ -82,11 +82,11 @@ class StatedObjective(Objective):
             own = {columns: of("normal_upper", count)}
             program.rows("normal_upper", forces.normal, forces.limit, own, unit=force)
         if "normal_lower" in kept:
-            bare = np.flatnonzero(forces.bare)
-            own = {columns: of("normal_lower", count)[bare]}
+            without_cone = np.flatnonzero(forces.without_cone)
+            own = {columns: of("normal_lower", count)[without_cone]}
             program.rows(
-                "normal_lower", -forces.normal[bare], 0.0, own, unit=force, shape=(count,),
-                places=bare,
+                "normal_lower", -forces.normal[without_cone], 0.0, own, unit=force, shape=(count,),
+                places=without_cone,
             )  # fmt: skip
         if "torque" in kept:
             program.torque_limits()

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple, TypeVar
 
 from graspless_pin.caching import Latest
-from graspless_pin.findings import heard, tell
+from graspless_pin.findings import capture, emit
 from graspless_pin.geometry.hand.assembly import AssembledMounts
 from graspless_pin.geometry.robots.description import RobotDescription
 from graspless_pin.scene.scene_schema import SceneEntry
@@ -80,18 +80,18 @@ class SceneParts:
         """
 
         def listened() -> tuple[_Made, tuple[Any, ...]]:
-            with heard() as found:
+            with capture() as found:
                 made = make()
             return made, tuple(found)
 
         made, found = self.latest.of(name, sources, listened)
-        tell(*found)
+        emit(*found)
         return made
 
     def hand(self, key: str, make: Callable[[], AssembledMounts]) -> AssembledMounts:
         """Return the hand of a key, and tell what looks wrong with it each time."""
         if key in self.hands:
-            tell(*self.hands[key].findings)
+            emit(*self.hands[key].findings)
         else:
             self.hands[key] = make()
         self.hands.move_to_end(key)

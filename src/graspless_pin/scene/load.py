@@ -17,7 +17,7 @@ from pydantic import BaseModel
 
 from graspless_pin.bounds import LARGEST_LOAD_OVER_LIMIT, LONGEST_NAME, SMALLEST_LOAD
 from graspless_pin.errors import SceneError
-from graspless_pin.findings import Finding, Severity, heard, tell
+from graspless_pin.findings import Finding, Severity, capture, emit
 from graspless_pin.geometry.bodies.materials import Materials
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject
 from graspless_pin.geometry.hand.assembly import AssembledMounts, assembled_mounts, fields_of
@@ -171,11 +171,11 @@ def build_scene(kind: type[_Scene], source: YamlSource, parts: SceneParts | None
         )
     parts = parts or SceneParts()
     entry = parts.validated(source)
-    with heard() as found:
+    with capture() as found:
         scene = _scene(kind, source, parts, entry)
     of_hand = () if scene.hand is None else scene.hand.findings
     placed = [one if one in of_hand else source.placed(one) for one in found]
-    tell(*placed)
+    emit(*placed)
     vars(scene)["load_findings"] = tuple(one for one in placed if one not in of_hand)
     vars(scene)["_stated"] = StatedFields.of(source)
     if entry.warnings == "error":
@@ -288,7 +288,7 @@ def _built(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> _Built:
         "count_own_weight": entry.hand is None or entry.hand.count_own_weight,
         "hybrid_force_limit": None if entry.hand is None else entry.hand.hybrid_force_limit,
     }
-    tell(*entry_findings(entry, materials))
+    emit(*entry_findings(entry, materials))
     return _Built(tuple(bodies), made, others)
 
 

@@ -20,7 +20,7 @@ from scipy.linalg import null_space
 from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import ArgumentError, GrasplessPinError, SceneError
-from graspless_pin.findings import heard
+from graspless_pin.findings import capture
 from graspless_pin.geometry.contact.convex_sets import is_hull
 from graspless_pin.geometry.posing.displaced_hands import bent_hand
 from graspless_pin.holding.dynamics import NEGLIGIBLE, motion_units
@@ -182,7 +182,7 @@ def small_motions(scene: SceneFields, torques: ArrayLike) -> SmallMotions:
         torques: (L,) of the motors, N m (N).
     """
     try:
-        with heard():
+        with capture():
             scene, problem, at = _rest(scene, torques, ARMATURE)
     except GrasplessPinError as error:
         why = str(error).removeprefix(f"{scene.name}: ").partition("; ")[0]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.findings import FindingCode, heard, tell
+from graspless_pin.findings import FindingCode, capture, emit
 from graspless_pin.geometry.bodies.object_and_supports import ManipulatedObject, Support
 from graspless_pin.geometry.bodies.shapes import HalfSpace, Shape
 from graspless_pin.geometry.hand.effort_limits import is_placeholder
@@ -109,9 +109,9 @@ def new_scene_text(new: NewScene, target: Path) -> NewSceneText:
         visuals_collide=new.visuals_collide or robot.visuals_collide,
         root_link=new.root_link or robot.root_link,
     )
-    with heard() as found:
+    with capture() as found:
         hand = Hand.assemble([Mount(robot)], effort_limits=new.efforts)
-    tell(*(one for one in found if one.code not in _LIMITS))
+    emit(*(one for one in found if one.code not in _LIMITS))
     T_support = pose_matrix(np.zeros(3), (0.0, new.slope, 0.0))
     support = Support("slope" if new.slope else "table", HalfSpace(), T_support)
     density = _DENSITY if new.mass is None and new.density is None else new.density
@@ -119,7 +119,7 @@ def new_scene_text(new: NewScene, target: Path) -> NewSceneText:
         new.name, new.shape, np.eye(4), mass=new.mass, density=density
     )
     lying = lying_object(target_object, support)
-    tell(*unit_findings(lying, beside_hand=True))
+    emit(*unit_findings(lying, beside_hand=True))
     path_text = paths_beside(target)
     weight = 9.81 * lying.mass
     efforts, left_open, kept = _efforts(new, hand)

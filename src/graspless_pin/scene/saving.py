@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 from graspless_pin.atomic_write import draft_of
 from graspless_pin.errors import GrasplessPinWarning, SceneError
-from graspless_pin.findings import heard
+from graspless_pin.findings import capture
 from graspless_pin.geometry.hand.model import Hand
 from graspless_pin.intake.files import is_file, read_text
 from graspless_pin.intake.yaml_edit import edited_yaml, same_data, yaml_of
@@ -95,7 +95,7 @@ def scene_as_written(scene: _Scene) -> _Scene:
     Raises:
         SceneError: As of `scene_text`.
     """
-    with heard():
+    with capture():
         again = _written(scene, scene.path or Path("scene.yaml"))[1]
     return scene.with_changes(hand=again.hand, object=again.object)
 
@@ -108,9 +108,9 @@ def _written(scene: SceneFields, target: Path) -> tuple[str, SceneFields]:
         source = YamlSource.read(scene.path)
         meant = stated_scene(build_scene(SceneFields, source), path_text)
         data = _rebased(source, path_text)
-        text = edited_yaml(read_text(scene.path, SCENE), _said_again(data, meant, wanted, scene))
+        text = edited_yaml(read_text(scene.path, SCENE), _updated(data, meant, wanted, scene))
     else:
-        data = _said_again({}, {"hand": None}, wanted, scene)
+        data = _updated({}, {"hand": None}, wanted, scene)
         if scene.name == target.stem:
             del data["name"]
         entry = validated(YamlSource(target, data), SceneEntry)
@@ -131,16 +131,16 @@ def paths_beside(target: Path) -> PathText:
     return path_text
 
 
-def _said_again(data: Any, meant: Any, wanted: Any, scene: SceneFields) -> dict[str, Any]:
+def _updated(data: Any, meant: Any, wanted: Any, scene: SceneFields) -> dict[str, Any]:
     """Return what a file has to say to mean what is wanted, given what it says and that means."""
     if scene.hand is not None:
-        hand = _said_of_hand(data.get("hand"), meant["hand"], wanted["hand"], scene.hand)
+        hand = _updated_hand(data.get("hand"), meant["hand"], wanted["hand"], scene.hand)
         data = data | {"hand": hand}
         meant = meant | {"hand": wanted["hand"]}
-    return _said(data, meant, wanted)
+    return _updated_part(data, meant, wanted)
 
 
-def _said_of_hand(data: Any, meant: Any, wanted: Any, hand: Hand) -> Any:
+def _updated_hand(data: Any, meant: Any, wanted: Any, hand: Hand) -> Any:
     if meant is None or _robots(meant) != _robots(wanted):
         meant = {"mounts": wanted["mounts"], **_stated_alone(hand)}
         mounts = [_plainly(mount) for mount in wanted["mounts"]]
@@ -153,17 +153,17 @@ def _said_of_hand(data: Any, meant: Any, wanted: Any, hand: Hand) -> Any:
     pairs = [*zip(meant["mounts"], wanted["mounts"], strict=True)]
     if "mounts" in data:
         each = zip(data["mounts"], pairs, strict=True)
-        data = data | {"mounts": [_said(said, *pair) for said, pair in each]}
+        data = data | {"mounts": [_updated_part(updated, *pair) for updated, pair in each]}
     else:
-        data = _said(data, *pairs[0])
+        data = _updated_part(data, *pairs[0])
     degrees = data.get("q_deg")
     if not degrees:
-        return _said(data, meant_own, wanted_own)
+        return _updated_part(data, meant_own, wanted_own)
     merged = data | {"q": merged_angles(data.get("q"), degrees)}
-    said = _said(merged, meant_own, wanted_own)
-    q, q_deg = parted_angles(said["q"], degrees)
-    said |= {"q": q, "q_deg": q_deg}
-    return {name: said[name] for name in said if name != "q" or q or "q" in data}
+    updated = _updated_part(merged, meant_own, wanted_own)
+    q, q_deg = parted_angles(updated["q"], degrees)
+    updated |= {"q": q, "q_deg": q_deg}
+    return {name: updated[name] for name in updated if name != "q" or q or "q" in data}
 
 
 def _robots(stated: dict[str, Any]) -> list[dict[str, Any]]:
@@ -183,61 +183,63 @@ def _stated_alone(hand: Hand) -> dict[str, Any]:
     return alone | {"hybrid_force_limit": None, "material": None, "count_own_weight": True}
 
 
-def _said(data: Any, meant: Any, wanted: Any, key: str = "") -> Any:
-    """Return what a part of a file has to say: see `_said_again`."""
+def _updated_part(data: Any, meant: Any, wanted: Any, key: str = "") -> Any:
+    """Return what a part of a file has to say: see `_updated`."""
     if same_data(meant, wanted):
         return data
     if key not in _WHOLE and all(isinstance(one, list) for one in (data, meant, wanted)):
-        return _said_items(data, meant, wanted)
+        return _updated_items(data, meant, wanted)
     maps = isinstance(meant, dict) and isinstance(wanted, dict) and isinstance(data, dict | None)
     if key in _WHOLE or not maps:
         return _plainly(wanted, key)
-    said = dict(data or {})
+    updated = dict(data or {})
     if wanted.keys() == _POSE:
-        return _said_pose(said, meant, wanted)
+        return _updated_pose(updated, meant, wanted)
     if key == "shape" and meant["type"] != wanted["type"]:
         return _plainly(wanted)
     for name in {**meant, **wanted}:
         value = wanted.get(name)
         if value is None or (not value and name in _MAY_BE_EMPTY):
-            said.pop(name, None)
+            updated.pop(name, None)
         elif name not in meant or not same_data(meant[name], value):
-            said[name] = _said(said.get(name), meant.get(name), value, name)
+            updated[name] = _updated_part(updated.get(name), meant.get(name), value, name)
     if key == "q":  # not what follows a joint that has moved
-        said = {name: value for name, value in said.items() if name in wanted}
+        updated = {name: value for name, value in updated.items() if name in wanted}
     if key == "object":
         reshaped = not same_data(meant["shape"], wanted["shape"])
         if reshaped or not same_data(meant["mass"], wanted["mass"]):
-            said.pop("density", None)
-            said["mass"] = wanted["mass"]
+            updated.pop("density", None)
+            updated["mass"] = wanted["mass"]
         if reshaped:  # the centroid has moved
-            said["center_of_mass"] = wanted["center_of_mass"]
-    return said
+            updated["center_of_mass"] = wanted["center_of_mass"]
+    return updated
 
 
-def _said_items(data: list[Any], meant: list[Any], wanted: list[Any]) -> list[Any]:
+def _updated_items(data: list[Any], meant: list[Any], wanted: list[Any]) -> list[Any]:
     """Return what a list of a file has to say; supports are told by their names."""
     known = {_name(item, index): index for index, item in enumerate(meant)}
-    said = []
+    updated = []
     for index, item in enumerate(wanted):
         old = known.get(_name(item, index))
-        said.append(_plainly(item) if old is None else _said(data[old], meant[old], item))
-    return said
+        updated.append(
+            _plainly(item) if old is None else _updated_part(data[old], meant[old], item)
+        )
+    return updated
 
 
 def _name(item: Any, index: int) -> Any:
     return item.get("name", index) if isinstance(item, dict) else index
 
 
-def _said_pose(said: dict[str, Any], meant: dict[str, Any], wanted: dict[str, Any]) -> Any:
+def _updated_pose(updated: dict[str, Any], meant: dict[str, Any], wanted: dict[str, Any]) -> Any:
     if not same_data(meant["position"], wanted["position"]):
-        said["position"] = wanted["position"]
+        updated["position"] = wanted["position"]
     if not same_data(meant["matrix"], wanted["matrix"]):
-        forms = [name for name in said if name != "position"]
+        forms = [name for name in updated if name != "position"]
         for name in forms:
-            del said[name]
-        said |= stated_rotation(wanted["matrix"], *forms)
-    return said
+            del updated[name]
+        updated |= stated_rotation(wanted["matrix"], *forms)
+    return updated
 
 
 def _plainly(wanted: Any, key: str = "") -> Any:

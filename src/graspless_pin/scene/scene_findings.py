@@ -10,7 +10,7 @@ import numpy as np
 
 from graspless_pin.algorithms.named_objectives import users_of
 from graspless_pin.errors import GrasplessPinError, StateError, StateFault
-from graspless_pin.findings import Finding, FindingCode, gravest_first, heard
+from graspless_pin.findings import Finding, FindingCode, capture, gravest_first
 from graspless_pin.geometry.contact.broad_phase import near_pairs
 from graspless_pin.geometry.contact.contact_points import ContactArrays
 from graspless_pin.geometry.contact.distances import nearest_separation, separation
@@ -42,7 +42,7 @@ def findings_of(scene: SceneFields) -> tuple[Finding, ...]:
     Where the scene has no problem in this state, what would need one is left out: asking for the
     problem says why.
     """
-    with heard() as told:
+    with capture() as told:
         found = [*_figures(scene)]
         if scene.hand is not None:
             found += [*_joints(scene.hand), *_shallow_overlaps(scene)]

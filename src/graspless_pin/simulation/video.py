@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from graspless_pin.atomic_write import draft_of
 from graspless_pin.child_process import ChildProcess
 from graspless_pin.errors import GrasplessPinError, SceneError
-from graspless_pin.findings import Finding, FindingCode, tell
+from graspless_pin.findings import Finding, FindingCode, emit
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.simulation.model import OBJECT
 from graspless_pin.simulation.protocol import Simulation, load_mujoco
@@ -64,7 +64,7 @@ def write_video(simulation: Simulation, path: Path) -> bool:
 
 
 def _without(reason: str) -> bool:
-    tell(
+    emit(
         Finding(FindingCode.NO_VIDEO, "video", f"there is no video: {reason}", "save .html instead")
     )
     return False

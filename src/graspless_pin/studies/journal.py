@@ -36,7 +36,7 @@ _CHECKSUM_DIGITS = 8
 _NOWHERE = -1
 """Where the line of a sample begins that has none."""
 
-_Told = TypeVar("_Told")
+_Item = TypeVar("_Item")
 _Columns = dict[str, list[Any]]
 """Rows that have the same columns: each column's cells."""
 
@@ -177,12 +177,12 @@ class Journal:
             StudyError: If the file has changed since it was opened.
         """
 
-        def told(columns: _Columns) -> Iterator[Row]:
+        def rows_of(columns: _Columns) -> Iterator[Row]:
             return (
                 dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)
             )
 
-        return self._told(samples, told)
+        return self._read(samples, rows_of)
 
     def cells(self, samples: Iterable[int], names: Sequence[str]) -> Iterator[tuple[Any, ...]]:
         """Read the cells of some columns of samples that have a row; None where it has no cell.
@@ -191,17 +191,17 @@ class Journal:
             StudyError: If the file has changed since it was opened.
         """
 
-        def told(columns: _Columns) -> Iterator[tuple[Any, ...]]:
+        def rows_of(columns: _Columns) -> Iterator[tuple[Any, ...]]:
             none = [None] * len(columns["sample"])
             return zip(*[columns.get(name, none) for name in names], strict=True)
 
-        return self._told(samples, told)
+        return self._read(samples, rows_of)
 
-    def _told(
-        self, samples: Iterable[int], tell: Callable[[_Columns], Iterable[_Told]]
-    ) -> Iterator[_Told]:
-        """Yield what is told of the row of each sample, a line at a time."""
-        lines: dict[int, dict[int, _Told]] = {}
+    def _read(
+        self, samples: Iterable[int], rows_of: Callable[[_Columns], Iterable[_Item]]
+    ) -> Iterator[_Item]:
+        """Yield what a function makes of the row of each sample, a line at a time."""
+        lines: dict[int, dict[int, _Item]] = {}
         for sample in samples:
             place = self._places[sample]
             line = lines.get(place)
@@ -213,7 +213,7 @@ class Journal:
                     raise StudyError(f"{self.path}: was changed while it was in use") from None
                 if len(lines) == _LINES_KEPT:
                     lines.pop(next(iter(lines)))
-                line = lines[place] = dict(zip(columns["sample"], tell(columns), strict=True))
+                line = lines[place] = dict(zip(columns["sample"], rows_of(columns), strict=True))
             yield line[sample]
 
     def append(self, rows: Iterable[Row]) -> None:

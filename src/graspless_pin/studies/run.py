@@ -30,7 +30,7 @@ from rich.progress import (
 from graspless_pin.atomic_write import remove_stale_drafts
 from graspless_pin.child_processes import usable_cores
 from graspless_pin.errors import GrasplessPinError, SceneError, StudyError
-from graspless_pin.findings import heard
+from graspless_pin.findings import capture
 from graspless_pin.problem.checks import whole_number
 from graspless_pin.scene.load import build_scene
 from graspless_pin.scene.scene import Scene
@@ -154,7 +154,7 @@ def _fault_of_one(study: Study, sample: Sample) -> GrasplessPinError | None:
 
     def error_of(tree: Tree) -> GrasplessPinError | None:
         try:
-            with heard():
+            with capture():
                 build_scene(Scene, replace(study.scene, data=tree))
         except GrasplessPinError as error:
             return error

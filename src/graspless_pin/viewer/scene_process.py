@@ -221,7 +221,7 @@ def with_verdict(answer: SettingsAnswer) -> SettingsAnswer:
     motion = None
     if found.motion is not None:
         motion = draw_motion(found.problem, found.motion, scene=answer.scene)
-    said = found.said("graspless-pin solve --verdict-nodes {}")
+    said = found.full_message("graspless-pin solve --verdict-nodes {}")
     return replace(answer, verdict=said, stability=found.status, lasts=found.lasts, motion=motion)
 
 

@@ -71,11 +71,14 @@ def draw_motion(
     """
     if scene is None:
         center = np.zeros(3) if origin is None else origin
-        bare = draw_contacts(problem, origin=center)
+        contacts_alone = draw_contacts(problem, origin=center)
         drawn = (Role.CONTACT, Role.CONE, Role.SLIDING)
-        kept = tuple(mesh for mesh in bare.meshes if mesh.role not in drawn)
-        marks = tuple(mark for mark in bare.marks if mark.contact is None)
-        picture, size = replace(bare, meshes=kept, marks=marks), bare.radius / 1.2
+        kept = tuple(mesh for mesh in contacts_alone.meshes if mesh.role not in drawn)
+        marks = tuple(mark for mark in contacts_alone.marks if mark.contact is None)
+        picture, size = (
+            replace(contacts_alone, meshes=kept, marks=marks),
+            contacts_alone.radius / 1.2,
+        )
     else:
         center, picture = scene.object.center_of_mass_world, draw_bodies(scene)
         size = object_radius(picture)

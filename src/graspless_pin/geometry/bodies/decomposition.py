@@ -34,7 +34,7 @@ from graspless_pin.errors import (
     MeshError,
     OverrunError,
 )
-from graspless_pin.findings import Finding, FindingCode, tell
+from graspless_pin.findings import Finding, FindingCode, emit
 from graspless_pin.geometry.bodies.coacd_call import ITERATIONS, SEED, run_coacd
 from graspless_pin.geometry.bodies.dense_hulls import hull_corners, simplified_for_cutting
 from graspless_pin.geometry.bodies.polytopes import hull_of
@@ -144,14 +144,14 @@ def convex_pieces(mesh: trimesh.Trimesh, label: str, cut: Cut = Cut()) -> tuple[
     except (QhullError, ValueError) as error:
         raise MeshError(f"{label} encloses no volume: all its vertices lie in one plane") from error
     if _is_convex(mesh):
-        tell(*simplified)
+        emit(*simplified)
         return _read_only([hull])
     vertices, faces, simplified = simplified_for_cutting(vertices, faces, label)
     if simplified:
-        tell(*simplified)
+        emit(*simplified)
         mesh = trimesh.Trimesh(vertices, faces, process=False)
     if not mesh.is_watertight:
-        tell(
+        emit(
             Finding(
                 FindingCode.OPEN_MESH,
                 label,
@@ -295,7 +295,7 @@ def _write(file: Path, pieces: tuple[FloatArray, ...]) -> None:
         with draft_of(file) as draft, draft.open("wb") as stream:
             np.savez(stream, points=np.concatenate(pieces), counts=counts)
     except OSError as error:
-        tell(
+        emit(
             Finding(
                 FindingCode.NO_CACHE,
                 str(file.parent),

@@ -11,7 +11,7 @@ import numpy as np
 
 from graspless_pin.bounds import LARGEST_LENGTH, SMALLEST_LENGTH
 from graspless_pin.errors import MeshError
-from graspless_pin.findings import Finding, FindingCode, tell
+from graspless_pin.findings import Finding, FindingCode, emit
 from graspless_pin.geometry.bodies.dense_hulls import hull_corners
 from graspless_pin.problem.checks import FloatArray
 
@@ -133,7 +133,7 @@ def hull_points(path: Path, scale: MeshScale) -> FloatArray:
             hull is simplified.
     """
     points, found = _hull_points(path, scale, file_state(path))
-    tell(*found)
+    emit(*found)
     warn_of_scale(f"mesh '{path}' with scale {scale}", points, "needs scale 0.001")
     return points
 
@@ -151,7 +151,7 @@ def warn_of_scale(what: str, points: FloatArray, remedy: str) -> None:
     """
     extent = float(np.ptp(points, axis=0).max())
     if not SMALLEST_MESH <= extent <= LARGEST_MESH:
-        tell(
+        emit(
             Finding(
                 FindingCode.MESH_SCALE,
                 what,

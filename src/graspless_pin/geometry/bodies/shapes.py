@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.findings import Finding, FindingCode, heard, tell
+from graspless_pin.findings import Finding, FindingCode, capture, emit
 from graspless_pin.geometry.bodies.decomposition import (
     DEFAULT_CONCAVITY,
     DEFAULT_TIME_LIMIT,
@@ -280,11 +280,11 @@ class MeshShape(Shape):
         if self.convex == "hull":
             points = hull_points(self.path, self.scale)
             return (convex_geometry(points, f"mesh file '{self.path}'"),)
-        with heard() as said:
+        with capture() as said:
             hull_points(self.path, self.scale)
-        tell(*(one for one in said if one.code is not FindingCode.SIMPLIFIED_HULL))  # pieces stand
+        emit(*(one for one in said if one.code is not FindingCode.SIMPLIFIED_HULL))  # pieces stand
         pieces, found = _decomposed(self, file_state(self.path))
-        tell(*found)
+        emit(*found)
         return pieces
 
     def filling(self) -> Filling:
@@ -302,7 +302,7 @@ class MeshShape(Shape):
             problem = "has parts that lie in each other"
         else:
             problem = "is not watertight"
-        tell(
+        emit(
             Finding(
                 FindingCode.OPEN_MESH,
                 str(self.path),
@@ -384,6 +384,6 @@ def _decomposed(
     """Cut a mesh; the same geometries and findings again for an object that was only moved."""
     mesh = scaled_mesh(shape.path, shape.scale)
     label = f"mesh file '{shape.path}'"
-    with heard() as found:
+    with capture() as found:
         pieces = convex_pieces(mesh, label, shape.cut())
     return tuple(convex_geometry(piece, label) for piece in pieces), tuple(found)

@@ -15,7 +15,7 @@ import pinocchio as pin  # pyright: ignore[reportMissingImports]
 from numpy.typing import ArrayLike, NDArray
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.findings import Finding, heard, tell
+from graspless_pin.findings import Finding, capture, emit
 from graspless_pin.geometry.hand.actuation import Actuation, plan_actuation
 from graspless_pin.geometry.hand.configuration import joint_positions
 from graspless_pin.geometry.hand.effort_limits import (
@@ -108,7 +108,7 @@ class AssembledMounts:
         """
         joined = self.joined
         own = expand_overrides(joined.tree, joined.fingers, given, joined.tendons)
-        with heard() as found:
+        with capture() as found:
             limits = resolve_effort_limits(
                 joined.tree,
                 self.actuation,
@@ -117,7 +117,7 @@ class AssembledMounts:
                 joined.outer_joints,
                 joined.tensions,
             )
-        tell(*found)
+        emit(*found)
         return limits, tuple(found)
 
     def at_bases(self, poses: Sequence[ArrayLike]) -> AssembledMounts:
@@ -146,7 +146,7 @@ def assembled_mounts(
         control: See `Hand.assemble`.
         armature: See `Hand.assemble`.
     """
-    with heard() as found:
+    with capture() as found:
         joined = join_mounts(mounts)
         tree = joined.tree
         mounted = tuple(
@@ -164,7 +164,7 @@ def assembled_mounts(
         actuation = plan_actuation(tree, plan, joined.tendons)
         for joint, value in joint_armatures(tree, joined.fingers, armature or {}).items():
             tree.pinocchio_model.armature[joint] = value
-    tell(*found)
+    emit(*found)
     return AssembledMounts(joined, mounted, plan, actuation, tuple(found))
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.errors import RobotError
-from graspless_pin.findings import Finding, FindingCode, tell
+from graspless_pin.findings import Finding, FindingCode, emit
 from graspless_pin.geometry.pickling import Record
 from graspless_pin.geometry.robots.description import JointCoupling
 from graspless_pin.problem.checks import FloatArray, read_only
@@ -64,7 +64,7 @@ def resolve_couplings(joint_names: Sequence[str], couplings: Iterable[JointCoupl
     dangling = dangling_couplings(joint_names, follows.values())
     if dangling:
         listed = ", ".join(f"{joint!r} -> {leader!r}" for joint, leader in dangling)
-        tell(
+        emit(
             Finding(
                 FindingCode.DANGLING_MIMIC,
                 ", ".join(joint for joint, _ in dangling),
@@ -174,7 +174,7 @@ def limits_that_agree(
     for row in contradicting:
         name = joint_names[row]
         followed = ", ".join(joint_names[leaders[column]] for column in coupling.drivers([row]))
-        tell(
+        emit(
             Finding(
                 FindingCode.CONTRADICTING_LIMITS,
                 f"joint {name}",

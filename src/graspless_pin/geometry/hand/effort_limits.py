@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.errors import ArgumentError
-from graspless_pin.findings import Finding, FindingCode, tell
+from graspless_pin.findings import Finding, FindingCode, emit
 from graspless_pin.geometry.hand.actuation import Actuation
 from graspless_pin.geometry.hand.fingers import driving_joints
 from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
@@ -170,7 +170,7 @@ def resolve_effort_limits(
         (FindingCode.UNKNOWN_EFFORT, told, "the robot file declares unknown", unsure),
     ):
         if listed:
-            tell(
+            emit(
                 Finding(
                     code,
                     ", ".join(names),

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.errors import MeshError
-from graspless_pin.findings import tell
+from graspless_pin.findings import emit
 from graspless_pin.geometry.bodies.decomposition import (
     Cut,
     convex_pieces,
@@ -91,7 +91,7 @@ def link_geometries(
             points = convex_pieces(surface, what, cut)
         elif len(points[0]) > DENSE_MESH:
             points[0], found = hull_corners(points[0], what)
-            tell(*found)
+            emit(*found)
         shapes = [convex_geometry(corners, what) for corners in points]
     joint, T = int(item.parentJoint), np.array(item.placement.homogeneous)
     return tuple(LinkGeometry(link, joint, shape, T) for shape in shapes)

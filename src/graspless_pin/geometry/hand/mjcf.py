@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import RobotError
-from graspless_pin.findings import Finding, FindingCode, tell
+from graspless_pin.findings import Finding, FindingCode, emit
 from graspless_pin.geometry.hand.mjcf_motors import Mimic, couplings, motor_joints, motors
 from graspless_pin.geometry.hand.mjcf_source import (
     MjcfSource,
@@ -139,7 +139,7 @@ class _Writer:
         model = self._model
         top, inside = self._robot_bodies()
         if np.any(model.jnt_stiffness[inside[model.jnt_bodyid]] > 0.0):
-            tell(
+            emit(
                 Finding(
                     FindingCode.LEFT_OUT_SPRINGS, self._source.path.name,
                     f"{self._source.path}: has joints with springs; their torques are left out",

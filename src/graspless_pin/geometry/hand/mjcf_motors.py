@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graspless_pin.errors import RobotError
-from graspless_pin.findings import Finding, FindingCode, tell
+from graspless_pin.findings import Finding, FindingCode, emit
 from graspless_pin.geometry.hand.coupling import groups_that_share
 from graspless_pin.geometry.hand.mjcf_source import MjcfSource
 from graspless_pin.geometry.hand.urdf_tendons import DrawnTendon
@@ -139,7 +139,7 @@ def _is_of_robot(source: MjcfSource, actuator: int, inside: NDArray[np.bool_]) -
 
 
 def _leave_out(source: MjcfSource, name: str, why: str) -> None:
-    tell(
+    emit(
         Finding(
             FindingCode.SHARED_TENDON, name, f"{source.path}: actuator {name!r} {why}",
             "give its joints' limits, or declare it under tendons in a robot file",

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import RobotError
-from graspless_pin.findings import Finding, FindingCode, tell
+from graspless_pin.findings import Finding, FindingCode, emit
 from graspless_pin.geometry.poses import roll_pitch_yaw
 from graspless_pin.problem.checks import FloatArray
 
@@ -53,7 +53,7 @@ def read_mjcf(path: Path) -> MjcfSource:
     """
     mujoco = _load_mujoco(path)
     # Its own way to warn is a log file in the current folder.
-    heard = mujoco.get_mju_user_warning()
+    capture = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda _: None)
     try:
         with warnings.catch_warnings(record=True, action="always") as remarks:
@@ -64,9 +64,9 @@ def read_mjcf(path: Path) -> MjcfSource:
         said = " ".join(str(error).split())
         raise RobotError(f"{path}: MuJoCo cannot read this MJCF ({said})") from error
     finally:
-        mujoco.set_mju_user_warning(heard)
+        mujoco.set_mju_user_warning(capture)
     for text in dict.fromkeys(str(item.message) for item in remarks):
-        tell(
+        emit(
             Finding(
                 FindingCode.READER_REMARK,
                 path.name,
@@ -77,7 +77,7 @@ def read_mjcf(path: Path) -> MjcfSource:
     hinges = (model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE) & (model.jnt_limited == 1)
     widest = float(np.rad2deg(np.ptp(model.jnt_range[hinges], axis=1)).max(initial=0.0))
     if spec.compiler.degree and 0.0 < widest <= 2.0 * np.pi:
-        tell(
+        emit(
             Finding(
                 FindingCode.ANGLE_IN_RADIANS,
                 path.name,

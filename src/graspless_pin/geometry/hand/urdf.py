@@ -22,7 +22,7 @@ from types import MappingProxyType
 
 from graspless_pin.child_process import ChildProcess
 from graspless_pin.errors import CrashError, OverrunError, RobotError
-from graspless_pin.findings import Finding, FindingCode, tell
+from graspless_pin.findings import Finding, FindingCode, emit
 from graspless_pin.geometry.hand.urdf_links import (
     LinkMesh,
     check_link,
@@ -167,7 +167,7 @@ def disabled_pairs(urdf: Path, prefix: str = "") -> frozenset[frozenset[str]]:
         with errors_of_text(file, _SRDF):
             root = parse_xml(read_bytes(file, _SRDF))
     except RobotError as error:
-        tell(
+        emit(
             Finding(
                 FindingCode.READER_REMARK,
                 urdf.stem,

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from graspless_pin.bounds import LARGEST_LENGTH
 from graspless_pin.errors import MeshError, RobotError
-from graspless_pin.findings import Finding, FindingCode, tell
+from graspless_pin.findings import Finding, FindingCode, emit
 from graspless_pin.intake.files import is_file
 
 _DIMENSIONS = {
@@ -113,7 +113,7 @@ def _has_size(where: str, shape: ET.Element) -> bool:
             raise RobotError(f"{where} has {what}={shape.get(key)!r}, which is negative")
         if least == 0.0:
             subject = where.partition(": ")[2]
-            tell(
+            emit(
                 Finding(
                     FindingCode.EMPTY_SHAPE,
                     subject.replace("'", ""),

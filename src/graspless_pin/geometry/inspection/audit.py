@@ -16,7 +16,7 @@ import numpy as np
 import trimesh
 
 from graspless_pin.errors import ArgumentError, MeshError, RobotError
-from graspless_pin.findings import Finding, FindingCode, gravest_first, heard
+from graspless_pin.findings import Finding, FindingCode, capture, gravest_first
 from graspless_pin.geometry.bodies.mesh_files import MESH, dae_frame
 from graspless_pin.geometry.bodies.meshes import LARGEST_MESH, SMALLEST_MESH
 from graspless_pin.geometry.hand.configuration import joint_positions
@@ -212,7 +212,7 @@ def audit_urdf(
     findings: list[Finding] = []
     joined: JoinedMounts | None = None
     loads = False
-    with heard() as told:
+    with capture() as told:
         try:
             root = parse_robot(robot.urdf_path, robot.package_dirs, robot.xacro_args)
             if robot.root_link is not None:
@@ -280,7 +280,7 @@ def _audit_shapes(root: ET.Element) -> Iterator[Finding]:
     """Find links that are seen but never touched."""
     links = root.findall("link")
     solid = [link for link in links if link.find("collision") is not None]
-    bare = [
+    without_collision = [
         link.get("name", "")
         for link in links
         if link not in solid and link.find("visual") is not None
@@ -294,10 +294,10 @@ def _audit_shapes(root: ET.Element) -> Iterator[Finding]:
             "(visuals_collide: true in the scene's hand or a robot file), or give the contacts in "
             "the scene",
         )
-    elif bare:
+    elif without_collision:
         yield Finding(
             FindingCode.NO_COLLISION,
-            f"links {', '.join(bare)}",
+            f"links {', '.join(without_collision)}",
             "are drawn but have no collision geometry: nothing touches them",
             "add <collision> shapes to those that may touch the object, or give visuals_collide: "
             "true in the scene's hand or a robot file",

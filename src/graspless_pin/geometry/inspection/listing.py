@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from graspless_pin.errors import MeshError, RobotError
-from graspless_pin.findings import heard
+from graspless_pin.findings import capture
 from graspless_pin.geometry.hand.effort_limits import is_placeholder, spread_names, urdf_efforts
 from graspless_pin.geometry.hand.mounts import JoinedMounts, Mount, join_mounts
 from graspless_pin.geometry.hand.tree import KinematicTree
@@ -147,7 +147,7 @@ def _record(name: str) -> RobotRecord:
     if robot.root_link is not None:
         origin += f", from the link {robot.root_link} on"
     try:
-        with heard():  # the audit says it
+        with capture():  # the audit says it
             joined = join_mounts([Mount(robot)], with_shapes=False)
             if not joined.palms:  # shapes tell whether it ends in a jaw
                 joined = join_mounts([Mount(robot)])

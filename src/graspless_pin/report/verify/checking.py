@@ -260,9 +260,11 @@ class _Checker:
     def _describes(self, forces: Forces, selected: np.ndarray, signs: np.ndarray) -> Check:
         """Without any rule the mode only describes the friction."""
         friction = forces.local[:, 1:] * self.problem.cone[:, None]
-        rubs = np.abs(friction) > tolerances.force(self.problem)
-        ok = (selected == (signs != 0).any(axis=1)).all() and (signs[rubs] != 0).all()
-        return holds("signs describe the friction", ok, f"{int(rubs.sum())} components rub")
+        with_friction = np.abs(friction) > tolerances.force(self.problem)
+        ok = (selected == (signs != 0).any(axis=1)).all() and (signs[with_friction] != 0).all()
+        return holds(
+            "signs describe the friction", ok, f"{int(with_friction.sum())} components rub"
+        )
 
     def _opposes(self, forces: Forces, selected: np.ndarray, signs: np.ndarray) -> Check:
         friction = forces.local[:, 1:] * self.problem.cone[:, None]
@@ -329,8 +331,8 @@ class _Checker:
         # Friction of the solution's own signs, where there is any.
         friction = forces.local[:, 1:] * problem.cone[:, None]
         least = tolerances.force(problem)
-        rubs = np.stack([friction < -least, friction > least], axis=2)
-        bound = proven_bound(problem, m, rubs, reach)
+        with_friction = np.stack([friction < -least, friction > least], axis=2)
+        bound = proven_bound(problem, m, with_friction, reach)
         own, met = value - bound, tolerances.objective(problem, value, bound)
         shown = f"of no constraint: {', '.join(strays) or 'none'}"
         return [

@@ -74,7 +74,7 @@ class _Direction:
         stated = {key: entry(self.claim, key, self.name) for key in _CLAIMS}
         if not any(stated.values()) and all(stated[key] is None for key in _FIGURES):
             return [holds(f"{self.name} was not reached", passed=True, detail="claims nothing")]
-        return [self._borne(), self._last(largest), *self._failing()]
+        return [self._is_supported(), self._last(largest), *self._failing()]
 
     def _figure(self, key: str) -> float:
         return number(entry(self.claim, key, self.name), f"{key} of {self.name}")
@@ -84,7 +84,7 @@ class _Direction:
 
     # what is borne
 
-    def _borne(self) -> Check:
+    def _is_supported(self) -> Check:
         """Check that spans from zero on reach as far as is claimed."""
         name, wanted = f"{self.name} is borne", self._figure("guaranteed")
         spans, reached, shown = entry(self.claim, "spans", self.name), 0.0, f"up to {wanted:.6g} N"
@@ -121,8 +121,8 @@ class _Direction:
             common = np.minimum(*loads)
             for own, proof in zip(bodies, proofs, strict=True):
                 forces = own.forces("forces", proof, where)
-                borne = np.maximum(own.commanded, common)
-                checks.append(certificate(where, own, forces, borne, self.limit))
+                normal_forces = np.maximum(own.commanded, common)
+                checks.append(certificate(where, own, forces, normal_forces, self.limit))
             return checks
         for proof, least, (own, dynamics, limit) in zip(proofs, loads, parts, strict=True):
             if dynamics is not None:

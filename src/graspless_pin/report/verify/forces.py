@@ -135,6 +135,6 @@ def _over_limits(problem: Problem, forces: Forces) -> float:
 
 def _kinetic(problem: Problem, forces: Forces) -> float:
     """How far forces are from the kinetic friction where they have no cone, N."""
-    bare = ~problem.cone
+    without_cone = ~problem.cone
     along = forces.local[:, :1] * problem.directions
-    return float(np.abs(forces.f - along)[bare].max(initial=0.0))
+    return float(np.abs(forces.f - along)[without_cone].max(initial=0.0))

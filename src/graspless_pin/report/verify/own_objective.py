@@ -134,8 +134,8 @@ class OwnObjective:
         if "normal_upper" in self.keeps:
             parts.append(normal + self.normal_upper @ columns - limit)
         if "normal_lower" in self.keeps:
-            bare = np.isneginf(faces)
-            parts.append(np.where(bare, self.normal_lower @ columns - normal, -np.inf))
+            without_cone = np.isneginf(faces)
+            parts.append(np.where(without_cone, self.normal_lower @ columns - normal, -np.inf))
         return float(np.concatenate(parts).max(initial=0.0))
 
 

@@ -212,11 +212,13 @@ class TreeWalk:
         if objective and bound <= largest_objective(problem, self.reach):
             return bound, 0.0
         # What refutes all forces proves by how much without the objective.
-        bare = bound
+        without_objective = bound
         if objective:
-            bare = proven_bound(problem, m, state.friction, self.reach, objective=False)
-        refutes = objective or bare > 0.0
-        return (np.inf if refutes else -np.inf), violation(problem, m, bare)
+            without_objective = proven_bound(
+                problem, m, state.friction, self.reach, objective=False
+            )
+        refutes = objective or without_objective > 0.0
+        return (np.inf if refutes else -np.inf), violation(problem, m, without_objective)
 
     def _excluded(self, state: State, combination: object, where: str) -> bool:
         if self.projection is None:
