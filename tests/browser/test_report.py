@@ -176,7 +176,7 @@ def test_every_role_can_be_switched_off(opened: Opened):
     values = roles_of(page)
     assert {str(role) for role in (Role.HAND, Role.CONE, Role.VIRTUAL_SLIDING)} <= set(values)
     for value in values:
-        box = page.locator(f"#view input[value={value}]")
+        box = page.locator(f'#view input[value="{value}"]')
         box.check()
         assert (np.abs(drawing(page) - empty).sum(axis=2) > 30).sum() > 20, value
         box.uncheck()

@@ -68,7 +68,7 @@ def test_no_maximal_mode_is_lost(name, sign):
         agreeing = [mode for mode in modes if agree(decisions, mode)]
         assert all(agree(propagated, mode) for mode in agreeing)
         narrowed += propagated.key != decisions.key
-    assert narrowed > 2 or sign == "exact"
+    assert narrowed > 0 or sign == "exact"
 
 
 def turning_about_a_corner() -> QuasistaticProblem:

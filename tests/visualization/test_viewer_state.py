@@ -81,7 +81,7 @@ def test_an_internal_error_is_shown_at_its_state(paper, monkeypatch):
 
 def test_an_internal_error_in_a_verdict_is_shown(paper, monkeypatch):
     shown = answer_settings(paper, initial_settings(paper))
-    monkeypatch.setattr(Scene, "stability", lambda *_, **__: 1 / 0)
+    monkeypatch.setattr("graspless_pin.scene.scene_stability.verdict_of", lambda *_, **__: 1 / 0)
     judged = with_verdict(shown)
     assert judged.solution is shown.solution and judged.stability is None
     assert "no verdict: internal error in scene_stability.py" in str(judged.verdict)
@@ -91,7 +91,7 @@ def test_an_internal_error_in_a_verdict_is_shown(paper, monkeypatch):
         raise ArgumentError("joint_inertia", "no mass")
 
     monkeypatch.undo()
-    monkeypatch.setattr("graspless_pin.scene.scene.verdict_of", refuse)
+    monkeypatch.setattr("graspless_pin.scene.scene_stability.verdict_of", refuse)
     judged = with_verdict(answer_settings(paper, initial_settings(paper)))
     assert judged.verdict == "no verdict: joint_inertia: no mass"
     assert judged.stability is None
