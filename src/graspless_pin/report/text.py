@@ -80,7 +80,11 @@ def _worst_margin(bounds: ContactForceBounds, solution: TorqueSolution) -> str:
     least = figure(bounds.smallest_margin, solution.problem.scales.force)
     proven = bounds.status is Status.OPTIMAL
     unproven = "" if proven else " or less (not proven)"
-    return f"At worst, these torques leave a margin of {least} N{unproven}, {bounds.covers}."
+    beyond = ": a contact may be pressed so far beyond max_normal_force"
+    pressed = beyond if least.startswith("-") else ""
+    return (
+        f"At worst, these torques leave a margin of {least} N{unproven}, {bounds.covers}{pressed}."
+    )
 
 
 def _count(number: int, noun: str) -> str:

@@ -11,7 +11,7 @@ from graspless_pin.geometry.bodies.collision import CollisionBody, PlacedBodies
 from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays
 from graspless_pin.geometry.contact.finding import contact_arrays
 from graspless_pin.geometry.contact.motion import checked_twist, classified, contacts_that_stay
-from graspless_pin.scene.fields import SceneFields, label_of
+from graspless_pin.scene.fields import SceneFields, label_of, place_of
 from graspless_pin.scene.motion_and_contacts import (
     Motion,
     SceneContacts,
@@ -44,6 +44,8 @@ def touching_of(scene: SceneFields) -> ContactArrays:
                 max_penetration=overlap,
                 max_points=points,
             )
+        except StateError as error:
+            raise error.at(place_of(scene, "object", "pose")) from error
         except SceneError as error:
             raise error.at(label_of(scene)) from error
 

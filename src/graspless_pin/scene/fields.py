@@ -26,7 +26,7 @@ from graspless_pin.records import changed
 from graspless_pin.scene.motion_and_contacts import GivenContact, Motion
 from graspless_pin.scene.scene_schema import SceneEntry
 from graspless_pin.scene.validation_errors import checked_key
-from graspless_pin.scene.yaml_source import YamlSource
+from graspless_pin.scene.yaml_source import YamlSource, key_text
 from graspless_pin.suggestions import names_in_words, what_to_pass
 
 _Check = Callable[[str, Any], Any]
@@ -232,3 +232,11 @@ def checked_scene(scene: object) -> SceneFields:
 def label_of(scene: SceneFields) -> str:
     """Return what messages call a scene."""
     return scene.name if scene.path is None else str(scene.path)
+
+
+def place_of(scene: SceneFields, *key: str) -> str:
+    """Return what messages call a part of a scene: file, line and key where it is as stated."""
+    stated = scene._stated
+    if stated is None or key[0] in stated.changed:
+        return label_of(scene)
+    return f"{stated.file.where(key)}: {key_text(key)}"
