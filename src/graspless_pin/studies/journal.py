@@ -182,7 +182,7 @@ class Journal:
                 dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)
             )
 
-        return self._read(samples, rows_of)
+        return self._of_samples(samples, rows_of)
 
     def cells(self, samples: Iterable[int], names: Sequence[str]) -> Iterator[tuple[Any, ...]]:
         """Read the cells of some columns of samples that have a row; None where it has no cell.
@@ -195,9 +195,9 @@ class Journal:
             none = [None] * len(columns["sample"])
             return zip(*[columns.get(name, none) for name in names], strict=True)
 
-        return self._read(samples, rows_of)
+        return self._of_samples(samples, rows_of)
 
-    def _read(
+    def _of_samples(
         self, samples: Iterable[int], rows_of: Callable[[_Columns], Iterable[_Item]]
     ) -> Iterator[_Item]:
         """Yield what a function makes of the row of each sample, a line at a time."""
