@@ -10,6 +10,7 @@ from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from textwrap import shorten
 from typing import Any
 
 import numpy as np
@@ -207,6 +208,7 @@ def load_scene(path: str | Path) -> Scene:
 
 
 _MOST = 8
+_WIDEST = 60
 
 
 def scene_line(scene: Scene) -> str:
@@ -232,9 +234,9 @@ def scene_screen(scene: Scene) -> str:
         lines.append("hand      none")
     else:
         hand = scene.hand
-        fingers = ", ".join(hand.fingers) or "no fingers"
+        fingers = shorten(", ".join(hand.fingers) or "no fingers", _WIDEST, placeholder=" ...")
         lines.append(
-            f"hand      {_shortened(fingers)}: {_count(len(hand.joint_names), 'joint')}, "
+            f"hand      {fingers}: {_count(len(hand.joint_names), 'joint')}, "
             f"{len(hand.actuated_joint_names)} under force control"
         )
     for support in scene.supports[:_MOST]:
@@ -282,7 +284,3 @@ def _point(values: FloatArray) -> str:
 
 def _count(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
-
-
-def _shortened(text: str) -> str:
-    return text if len(text) <= 60 else f"{text[:57]}..."
