@@ -64,6 +64,46 @@ CASES = {
         "8: object.name: has the character U+D800, which cannot be printed",
     ),
     "position": ("position: [0, 0, 0]", "position: [1.0e+13, 0, 0]", "11: object.pose.position[0]"),
+    "weak contacts": (
+        FRICTION,
+        "friction: 0.3\nmax_normal_force: 1.0e-20",
+        "3: max_normal_force: is 1e-20 N, and the object weighs 9.8 N; it may weigh at most",
+    ),
+    "no force": (
+        FRICTION,
+        "friction: 0.3\nmax_normal_force: 1.0e-31",
+        "3: max_normal_force: found 1e-31; needs a finite number > 0, from 1e-30 to 1e+30",
+    ),
+    "regularization": (
+        FRICTION,
+        "friction: 0.3\nsolve: {regularization: 1.0e+20}",
+        "3: solve.regularization: found 1e+20; needs a finite number >= 0, at most 1e+09",
+    ),
+    "margin": (
+        FRICTION,
+        "friction: 0.3\nsolve: {margin: 1.0e+200}",
+        "3: solve.margin: found 1e+200; needs a finite number >= 0, at most 1e+30",
+    ),
+    "cone edges": (
+        FRICTION,
+        "friction: 0.3\ncone_edges: 100000",
+        "3: cone_edges: found 100000; needs a whole number >= 3, at most 1024",
+    ),
+    "points": (
+        FRICTION,
+        "friction: 0.3\npoints_per_patch: 65",
+        "3: points_per_patch: found 65; needs a whole number >= 3, at most 64",
+    ),
+    "tolerance": (
+        FRICTION,
+        "friction: 0.3\ncontact_tolerance: 1.0e+20",
+        "3: contact_tolerance: found 1e+20; needs",
+    ),
+    "limit": (
+        "  q: {hinge: 0.0}",
+        "  effort_limits: {hinge: 1.0e+31}",
+        "6: hand.effort_limits.hinge: found 1e+31; needs",
+    ),
     "mounts": (ONE_HAND, f"  mounts:\n{MOUNTS}", "4: hand.mounts: found [{'prefix': 'p0_', "),
     "supports": (
         "supports:\n",
