@@ -74,6 +74,7 @@ def contacts_of(scene: SceneFields) -> SceneContacts:
     """
     touching = touching_of(scene)
     sources = touching, scene.motion, scene.supports, scene.object, scene.hand
+    # Kept beside `Scene.contacts`: checks and problems of one state ask here, and as records.
     return scene._kept.of("contacts", sources, lambda: _after_motion(scene, touching))
 
 

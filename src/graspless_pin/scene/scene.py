@@ -1,7 +1,4 @@
-"""A scene: hand, object and supports at one moment, and the way to a `QuasistaticProblem`.
-
-Check what a scene is changed to, where it is changed.
-"""
+"""A scene: hand, object and supports at one moment, and the way to a `QuasistaticProblem`."""
 
 from __future__ import annotations
 

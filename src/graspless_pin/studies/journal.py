@@ -191,14 +191,14 @@ class Journal:
             StudyError: If the file has changed since it was opened.
         """
 
-        def rows_of(columns: _Columns) -> Iterator[tuple[Any, ...]]:
+        def cells_of(columns: _Columns) -> Iterator[tuple[Any, ...]]:
             none = [None] * len(columns["sample"])
             return zip(*[columns.get(name, none) for name in names], strict=True)
 
-        return self._of_samples(samples, rows_of)
+        return self._of_samples(samples, cells_of)
 
     def _of_samples(
-        self, samples: Iterable[int], rows_of: Callable[[_Columns], Iterable[_Item]]
+        self, samples: Iterable[int], make: Callable[[_Columns], Iterable[_Item]]
     ) -> Iterator[_Item]:
         """Yield what a function makes of the row of each sample, a line at a time."""
         lines: dict[int, dict[int, _Item]] = {}
@@ -213,7 +213,7 @@ class Journal:
                     raise StudyError(f"{self.path}: was changed while it was in use") from None
                 if len(lines) == _LINES_KEPT:
                     lines.pop(next(iter(lines)))
-                line = lines[place] = dict(zip(columns["sample"], rows_of(columns), strict=True))
+                line = lines[place] = dict(zip(columns["sample"], make(columns), strict=True))
             yield line[sample]
 
     def append(self, rows: Iterable[Row]) -> None:

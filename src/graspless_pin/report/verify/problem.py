@@ -7,7 +7,6 @@ from functools import cached_property
 
 import numpy as np
 
-from graspless_pin.report.verify import zeros
 from graspless_pin.report.verify.own_objective import OwnObjective
 
 FOUND_STATES = ("optimal", "optimal_in_mode", "limit_reached", "strong")
@@ -31,6 +30,15 @@ MESSAGES = {
     "infeasible_strong": "infeasible: rest is the only outcome of no torques",
 }
 """How the message of each status begins."""
+# What counts as zero in the data: smaller figures are rounding.
+_AT_REST = 1e-12
+"""Sliding that is slower is none, m/s."""
+_LEAST_LEVER = 1e-12
+"""Of the longest lever of all joints: shorter ones count as that long."""
+_LEAST_MARGIN = 1e-20
+"""Of the smallest limit of normal forces: smaller required margins count as zero."""
+_NO_ARM = 1e-12
+"""Of what makes them: distances and moments below are rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +178,7 @@ class Problem:
     @cached_property
     def slides(self) -> np.ndarray:
         """(M,) contacts in actual sliding."""
-        return np.linalg.norm(self.v, axis=1) > zeros.AT_REST
+        return np.linalg.norm(self.v, axis=1) > _AT_REST
 
     @cached_property
     def cone(self) -> np.ndarray:
@@ -204,9 +212,9 @@ class Problem:
         farthest = float(np.linalg.norm(self.p - self.p.mean(axis=0), axis=1).max())
         force, moment = self._load
         reach = float(np.linalg.norm(self.p, axis=1).max())
-        if farthest > zeros.NO_ARM * reach:
+        if farthest > _NO_ARM * reach:
             return farthest
-        least = zeros.NO_ARM * (float(np.linalg.norm(self.w[3:])) + reach * force)
+        least = _NO_ARM * (float(np.linalg.norm(self.w[3:])) + reach * force)
         return moment / force if force > 0.0 and moment > least else 1.0
 
     @cached_property
@@ -214,7 +222,7 @@ class Problem:
         """F, the load, N; without one the required margin, or the smallest limit far above it."""
         force, moment = self._load
         limit = float(self.limit.min())
-        counts = 0.0 < self.e0 >= zeros.LEAST_MARGIN * limit
+        counts = 0.0 < self.e0 >= _LEAST_MARGIN * limit
         by_margin = counts and not self.is_margin and not self.w.any()
         return max(force, moment / self.length) or (self.e0 if by_margin else limit)
 
@@ -237,7 +245,7 @@ class Problem:
         longest = float(levers.max(initial=0.0))
         if longest == 0.0:
             return np.full(len(levers), self.force * self.length)
-        return self.force * np.maximum(levers, zeros.LEAST_LEVER * longest)
+        return self.force * np.maximum(levers, _LEAST_LEVER * longest)
 
     @cached_property
     def shared(self) -> tuple[np.ndarray, np.ndarray]:
