@@ -23,16 +23,8 @@ SPHERE = PAPER / "sphere_on_slope.yaml"
 HEAVY = spoilt("friction: 0.3", "friction: 0.3\nmax_normal_force: 1")
 
 
-def shell(*arguments: str | Path, folder: Path = ROOT) -> subprocess.CompletedProcess[str]:
-    """Run the installed program in a process of its own."""
-    program = Path(sys.executable).with_name("graspless-pin")
-    return subprocess.run(  # noqa: S603 - our own program
-        [program, *arguments], cwd=folder, capture_output=True, text=True, check=False, timeout=600
-    )
-
-
 def test_exit_code_0_prints_the_tables():
-    result = run("solve", ALLEGRO)
+    result = run("solve", ALLEGRO, "--no-verdict")
     assert result.exit_code == 0 and result.stderr == ""
     for word in ("joint", "gravity", "of limit", "touching", "of mu", "slides", "certificate"):
         assert word in result.stdout
@@ -95,20 +87,16 @@ def test_exit_code_1_says_why_and_writes_the_document(tmp_path):
 
 
 def test_the_program_itself(tmp_path):
-    """Streams and exit codes 0, 1, 2 of the real process, C++ output included."""
+    """Streams and exit code of the real process, C++ output included."""
     trimesh.creation.box((0.2, 0.2, 0.2)).export(tmp_path / "box.stl")
-    mesh = spoilt("{type: box, size: [0.2, 0.2, 0.2]}", "{type: mesh, path: box.stl}")
-    (tmp_path / "scene.yaml").write_text(mesh)
-    found = shell("solve", "scene.yaml", "--no-verdict", "--json", "-", folder=tmp_path)
-    assert (found.returncode, found.stderr) == (0, "")
-    assert json.loads(found.stdout)["found"] is True
-    (tmp_path / "heavy.yaml").write_text(HEAVY)
-    heavy = shell("solve", "heavy.yaml", "--json", "-", folder=tmp_path)
+    mesh = spoilt("{type: box, size: [0.2, 0.2, 0.2]}", "{type: mesh, path: box.stl}", HEAVY)
+    (tmp_path / "heavy.yaml").write_text(mesh)
+    heavy = subprocess.run(  # noqa: S603 - our own program
+        [Path(sys.executable).with_name("graspless-pin"), "solve", "heavy.yaml", "--json", "-"],
+        cwd=tmp_path, capture_output=True, text=True, check=False, timeout=600,
+    )  # fmt: skip
     assert (heavy.returncode, heavy.stderr) == (1, "")
     assert json.loads(heavy.stdout)["found"] is False
-    bad = shell("solve", "none.yaml", "--json", "-", folder=tmp_path)
-    assert (bad.returncode, bad.stdout) == (2, "")
-    assert bad.stderr == "error: none.yaml: there is no such file; check the path\n"
 
 
 @pytest.mark.parametrize("there", [True, False], ids=["compiled", "numpy"])

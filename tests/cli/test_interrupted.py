@@ -26,17 +26,21 @@ class Interrupting:
         return None
 
 sys.meta_path.insert(0, Interrupting())
-sys.argv = ["graspless-pin", "schema", "--help"]
+sys.argv = ["graspless-pin", {command!r}, "--help"]
 main()
 """
 
 
 def run(
-    module: str, *, caught: str = "()", handler: str = "default_int_handler"
+    module: str,
+    *,
+    caught: str = "()",
+    handler: str = "default_int_handler",
+    command: str = "schema",
 ) -> subprocess.CompletedProcess[str]:
     # Where the tests run in the background, a child would inherit that Ctrl-C is ignored.
     before = f"signal.signal(signal.SIGINT, signal.{handler})"
-    script = SCRIPT.format(module=module, caught=caught, before=before)
+    script = SCRIPT.format(module=module, caught=caught, before=before, command=command)
     return subprocess.run(  # noqa: S603 - our own interpreter and a fixed program
         [sys.executable, "-c", script], capture_output=True, text=True, check=False
     )
@@ -53,7 +57,7 @@ def test_while_libraries_are_loaded(module, caught):
 
 
 def test_a_process_that_was_told_to_ignore_it_does():
-    result = run("typer", handler="SIG_IGN")
+    result = run("typer", handler="SIG_IGN", command="--help")
     assert result.returncode == 0 and "Usage" in result.stdout
 
 

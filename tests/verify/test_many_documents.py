@@ -1,6 +1,8 @@
 """One document for each waypoint of a path and for each sample of a study, and all are proven."""
 
 import json
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -88,10 +90,18 @@ def study(tmp_path):
     return file
 
 
-def test_each_sample_of_a_study_has_a_proven_document(study, tmp_path):
+@pytest.fixture
+def here(monkeypatch):
+    """The option that has samples computed in this process, as a scheduler in it would."""
+    threads = nullcontext((ThreadPoolExecutor(1), 1))
+    monkeypatch.setattr("graspless_pin.cli.study.dask_executor", lambda _: threads)
+    return "--dask", "here"
+
+
+def test_each_sample_of_a_study_has_a_proven_document(study, tmp_path, here):
     folder, output = tmp_path / "proofs", tmp_path / "out.csv"
-    call = ("study", study, "-o", output, "--workers", 1, "--no-progress", "--proofs", folder)
-    assert run(*call).exit_code == 0
+    call = ("study", study, "-o", output, "--no-progress", "--proofs", folder)
+    assert run(*call, "--workers", 1).exit_code == 0
     files = sorted(folder.iterdir())
     assert [file.name for file in files] == ["sample_000000.json", "sample_000002.json"]
     documents = [json.loads(file.read_text(encoding="utf-8")) for file in files]
@@ -101,17 +111,17 @@ def test_each_sample_of_a_study_has_a_proven_document(study, tmp_path):
     # What is complete stays; a document that is missing is made again.
     files[1].unlink()
     kept = files[0].stat().st_mtime_ns
-    assert run(*call).exit_code == 0
+    assert run(*call, *here).exit_code == 0
     assert sorted(folder.iterdir()) == files and output.read_bytes() == table
     again = files[0].stat().st_mtime_ns
-    assert run(*call).exit_code == 0
+    assert run(*call, *here).exit_code == 0
     assert files[0].stat().st_mtime_ns == again >= kept
 
 
-def test_documents_that_cannot_be_written_end_a_study(study, tmp_path):
+def test_documents_that_cannot_be_written_end_a_study(study, tmp_path, here):
     folder = tmp_path / "proofs"
     (folder / "sample_000000.json" / "inside").mkdir(parents=True)
-    result = run("study", study, "-o", tmp_path / "out.csv", "--workers", 1, "--no-progress",
-                 "--proofs", folder)  # fmt: skip
+    output = tmp_path / "out.csv"
+    result = run("study", study, "-o", output, "--no-progress", "--proofs", folder, *here)
     assert result.exit_code == 2
     assert "sample_000000.json" in result.stderr
