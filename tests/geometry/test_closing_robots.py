@@ -228,7 +228,7 @@ def test_every_robot_is_closed_here():
     assert set(GRIPS) == set(robot_names())
 
 
-@pytest.mark.sampled(10)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize(("name", "shape"), CASES)
 def test_fingers_close_until_they_touch_and_their_contacts_are_right(name, shape):
     result, target = closed(name, shape)
@@ -257,7 +257,7 @@ def test_fingers_close_until_they_touch_and_their_contacts_are_right(name, shape
     assert len(at_one_point) >= (len(shapes) if shape == "sphere" else min(2, GRIPS[name].touching))
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("name", [name for name, grip in GRIPS.items() if grip.touching > 2])
 def test_wrapping_goes_on_until_nothing_can_move(name):
     grip, hand = GRIPS[name], opened(name)

@@ -71,7 +71,7 @@ def support_points(contacts: tuple[ContactPoint, ...], expected: np.ndarray) -> 
     return max(distances.min(axis=0).max(), distances.min(axis=1).max())
 
 
-@pytest.mark.sampled(24)
+@pytest.mark.sampled(14)
 @pytest.mark.parametrize("support", SUPPORTS)
 @pytest.mark.parametrize("thing", OBJECTS)
 def test_support_points_in_random_poses(thing: str, support: str) -> None:
@@ -98,7 +98,7 @@ def test_support_points_in_random_poses(thing: str, support: str) -> None:
                 assert np.allclose(contact.normal, sign * world[:3, 2], atol=1e-9)
 
 
-@pytest.mark.sampled(16)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("support", SUPPORTS)
 @pytest.mark.parametrize("thing", OBJECTS)
 def test_a_micrometre_moves_no_support_point_by_more_than_that(thing: str, support: str) -> None:
@@ -212,7 +212,7 @@ def test_the_gap_of_two_hulls_lies_between_the_bounds_of_a_linear_program(seed: 
         assert largest < 1e-7
 
 
-@pytest.mark.sampled(28)
+@pytest.mark.sampled(14)
 @pytest.mark.parametrize(("first", "second"), PAIRS)
 @pytest.mark.parametrize("gap", [0.0, 1e-6, -1e-6, -1e-5])
 def test_at_a_hair_of_a_gap_the_overlap_is_never_taken_for_a_deeper_one(

@@ -67,7 +67,7 @@ def by_body(contacts: tuple[ContactPoint, ...]) -> dict[str, list[ContactPoint]]
     return found
 
 
-@settings(max_examples=25)
+@settings(max_examples=12)
 @example(seed=1504, places=[0, 1, 2, 3, 4], labels=["a", "b", "c", "e", "thing", "d"])
 @given(
     seed=st.integers(0, 10**6),
@@ -104,7 +104,7 @@ def test_relabelled_reordered_and_moved_together_the_contacts_are_the_same(seed,
             assert np.linalg.norm(one.position - other.position) > 9e-4, name
 
 
-@settings(max_examples=20)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 10**6))
 def test_pieces_in_any_order_and_under_any_name_touch_alike(seed):
     # A bar in four blocks of different lengths, on a floor and against a plate.
@@ -145,7 +145,7 @@ def area(polygon: Polygon) -> float:
     )
 
 
-@settings(max_examples=40)
+@settings(max_examples=25)
 @given(
     millimetres=st.lists(
         st.tuples(st.integers(-100, 100), st.integers(-100, 100)),

@@ -9,7 +9,7 @@ FEWER_SECTORS = 8
 SLICE = [(2 + (number % 4 == 0), number) for number in range(20)]
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(("contacts", "number"), SLICE)
 def test_verdicts_agree_with_the_enumeration(contacts, number):
     line = compared(contacts, number, FEWER_SECTORS if contacts == 3 else None)
@@ -17,7 +17,7 @@ def test_verdicts_agree_with_the_enumeration(contacts, number):
     assert line.verdict != "undecided"
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize(("contacts", "number"), [(2, 74), (3, 91), (3, 123)])
 def test_commanded_forces_leave_no_relaxation_without_an_answer(contacts, number):
     line = compared(contacts, number, FEWER_SECTORS)

@@ -64,14 +64,14 @@ def turned(problem: QuasistaticProblem, torques: np.ndarray, seed: int) -> bool:
     )
 
 
-@settings(max_examples=5)
+@settings(max_examples=3)
 @given(st.sampled_from(range(len(BY_HAND))), st.integers(0, 2**32 - 1))
 def test_verdicts_known_by_hand_are_the_same_told_otherwise(case: int, seed: int) -> None:
     problem, torques = BY_HAND[case]
     assert not turned(problem, np.array(torques), seed)
 
 
-@settings(max_examples=5)
+@settings(max_examples=3)
 @given(st.sampled_from(range(len(DECLARED))), st.integers(0, 2**32 - 1))
 def test_verdicts_on_motions_known_by_hand_are_the_same_told_otherwise(
     case: int, seed: int
@@ -81,14 +81,14 @@ def test_verdicts_on_motions_known_by_hand_are_the_same_told_otherwise(
     assert stability(other, others).status is stability(problem, torques).status
 
 
-@settings(max_examples=10)
+@settings(max_examples=6)
 @given(st.integers(2, 4), st.integers(0, 10**6))
 def test_verdicts_on_random_bodies_are_the_same_told_otherwise(contacts: int, seed: int) -> None:
     case, problem = outcome_case(contacts, seed)
     assert not turned(problem, case.torques, seed)
 
 
-@settings(max_examples=6)
+@settings(max_examples=4)
 @given(st.integers(2, 3), st.integers(0, 10**6))
 def test_verdicts_on_declared_motions_are_the_same_told_otherwise(contacts: int, seed: int) -> None:
     case, _, problem = kept_problem(contacts, seed)
@@ -117,7 +117,7 @@ def still_said(problem: QuasistaticProblem, torques: np.ndarray, size: float, se
 SIZES = st.floats(-9.0, -4.0).map(lambda exponent: 10.0**exponent)
 
 
-@settings(max_examples=5)
+@settings(max_examples=3)
 @given(st.sampled_from(range(len(BY_HAND))), SIZES, st.integers(0, 2**32 - 1))
 def test_corners_that_are_no_plane_turn_no_verdict(case: int, size: float, seed: int) -> None:
     problem, torques = BY_HAND[case]

@@ -94,7 +94,7 @@ def test_the_least_product_with_an_arc_is_that_of_many_directions() -> None:
     np.testing.assert_allclose(least_along(vectors, center, width), products.min(axis=1), atol=1e-6)
 
 
-@pytest.mark.sampled(7)
+@pytest.mark.sampled(4)
 @pytest.mark.usefixtures("form")
 @pytest.mark.parametrize("loaded", [0.0, 0.05])
 @pytest.mark.parametrize(

@@ -61,7 +61,7 @@ def changed_lines(scene: Scene, path: Path) -> dict[str, str]:
     return {a.strip(): b.strip() for a, b in zip(old, new, strict=True) if a != b}
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
 def test_examples(file: Path, tmp_path: Path) -> None:
     """As they are their text stays; from elsewhere and from nothing they are the same problem."""

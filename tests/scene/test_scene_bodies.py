@@ -92,7 +92,7 @@ def test_a_box_on_a_belt_beside_a_step_against_a_wall(tmp_path):
     assert (on_wall[:, 0] < 0.0).all()
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("suffix", ["stl", "obj", "dae", "ply", "glb"])
 def test_a_block_stands_in_a_second_object_that_is_fixed(tmp_path, monkeypatch, suffix):
     """A tray of 0.01 m walls; cut into pieces, it takes the block in: of its hull it is full."""

@@ -16,7 +16,7 @@ def copied(scene: Scene) -> Scene:
     return pickle.loads(pickle.dumps(scene))  # noqa: S301 - our own bytes
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
 def test_a_copy_gives_the_same_problem(file):
     scene = load_scene(file)

@@ -64,7 +64,7 @@ def test_a_step_leaves_at_rest_what_friction_stops(family, number):
     *_, scene = holding_scenes(family, number + 1)
     for solution in (scene.solve("margin"), scene.solve("torque", margin=0.1)):
         assert scene.stability(solution.torques).status == "strong"
-        run = simulate(scene, solution.torques, seconds=2.0, protocol="step").runs[0]
+        run = simulate(scene, solution.torques, seconds=1.0, protocol="step").runs[0]
         assert run.outcome == "held"
         assert run.displacement < 5e-5
 

@@ -100,6 +100,7 @@ def document(name, solve="margin", *, node_limit=None):
     return plain(solution, verdict=verdict)
 
 
+@pytest.mark.sampled(12)
 @pytest.mark.parametrize("name", PROBLEMS)
 @pytest.mark.parametrize("solve", SOLVES)
 def test_answers_are_proven_by_their_documents(name, solve):
@@ -202,7 +203,7 @@ def test_a_document_whose_coordinates_do_not_fit_is_refused(change):
 
 @pytest.mark.parametrize(
     ("name", "nodes"),
-    [("flat", 100), ("rail", 100), ("hinge", 100), ("hybrid", 3000), ("three", 2000)],
+    [("flat", 100), ("rail", 100), ("hinge", 100), ("hybrid", 3000)],
 )
 def test_rest_is_proven(name, nodes):
     made = document(name, node_limit=nodes)
@@ -213,7 +214,8 @@ def test_rest_is_proven(name, nodes):
 
 def test_forgeries_of_rest_on_a_slope_are_refused():
     """On three corners each, where the proof is short."""
-    assert verify_document(document("three", node_limit=2000)).proven
+    made = document("three", node_limit=2000)
+    assert made["stability"]["status"] == "strong" and verify_document(made).proven
 
     def light(one):
         one["object_inertia"] = (0.5 * np.array(one["object_inertia"])).tolist()

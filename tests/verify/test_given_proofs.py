@@ -27,6 +27,7 @@ def nothing_solves(monkeypatch):
     return forbid
 
 
+@pytest.mark.sampled(7)
 @pytest.mark.parametrize("name", [
     "margin", "torque", "coulomb", "regularized margin", "one-sided joints", "no motion needed",
     "in a mode", "infeasible in a mode", "infeasible forces", "infeasible margin",

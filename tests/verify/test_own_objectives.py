@@ -61,6 +61,7 @@ def test_documents_with_round_cones_are_refused_by_name(own):
         read_solution(forged)
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(("force", "length"), SCALES)
 def test_proofs_hold_at_every_scale(force, length):
     problem = scaled(scene("rest"), force, length)
