@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 from cutting_faults import crashes, never, no_pieces, slow
+from cutting_here import cut_here
 
 from graspless_pin import progress
 from graspless_pin.child_process import ChildProcess
@@ -87,7 +88,10 @@ def test_an_ell_becomes_two_bars_which_are_kept(
             convex_pieces(mesh, "ell", Cut(concavity))
 
 
-def test_pieces_do_not_depend_on_the_way_the_faces_turn() -> None:
+def test_pieces_do_not_depend_on_the_way_the_faces_turn(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    cut_here(monkeypatch)
     inside_out = ell()
     inside_out.invert()
     assert volume(convex_pieces(inside_out, "ell")) == pytest.approx(0.007, rel=1e-3)
@@ -154,7 +158,10 @@ def test_a_cache_that_is_none(cache: Path, tmp_path: Path, monkeypatch: pytest.M
     assert len(list((tmp_path / ".cache" / "graspless_pin" / "convex").iterdir())) == 1
 
 
-def test_an_open_mesh_is_wrapped_and_says_so() -> None:
+def test_an_open_mesh_is_wrapped_and_says_so(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    cut_here(monkeypatch)
     mesh = ell()
     mesh.update_faces(np.arange(len(mesh.faces)) > 0)
     with pytest.warns(GrasplessPinWarning, match="ell is not watertight"):
@@ -191,8 +198,11 @@ def test_the_time_limit_is_for_all_parts_of_a_mesh(monkeypatch: pytest.MonkeyPat
     assert len(convex_pieces(joined(*parts), "ells")) == 3
 
 
-def test_a_mesh_has_no_more_pieces_than_asked_for() -> None:
+def test_a_mesh_has_no_more_pieces_than_asked_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """They are merged, so that all of it is still inside; a limit that is met changes nothing."""
+    cut_here(monkeypatch)
     mesh = ell()
     free = convex_pieces(mesh, "ell", Cut(0.1))
     assert len(free) == 2

@@ -12,15 +12,13 @@ import pytest
 import trimesh
 import yaml
 from cutting_faults import never
+from cutting_here import cut_here
 from hand_tools import joint, link, write_urdf
 from planar_fingers import ball
 
 from graspless_pin import load_scene
-from graspless_pin.errors import (
-    ArgumentError,
-    RobotError,
-    SceneError,
-)
+from graspless_pin.child_process import ChildProcess
+from graspless_pin.errors import ArgumentError, RobotError, SceneError
 from graspless_pin.geometry.bodies import decomposition
 from graspless_pin.geometry.contact.finding import find_contacts
 from graspless_pin.geometry.hand.model import Hand
@@ -45,6 +43,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def cache(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A cache folder of these tests alone."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
+    cut_here(monkeypatch)
 
 
 @pytest.fixture
@@ -209,6 +208,7 @@ def test_bad_choices_in_a_scene_are_located(urdf, choice, message):
 
 
 def test_a_scene_may_set_the_time_of_a_cut(urdf, monkeypatch):
+    monkeypatch.setattr(decomposition, "ChildProcess", ChildProcess)
     monkeypatch.setattr(decomposition, "run_coacd", never)
     choice = {"convex": "decompose", "concavity": 0.03, "decompose_time_limit": 0.2}
     message = r"hook\.stl of link 'hook' is not cut into convex pieces after 0\.2 s; simplify"

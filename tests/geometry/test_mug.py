@@ -16,6 +16,7 @@ import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
 import pytest
 import trimesh
+from cutting_here import cut_here
 from hand_tools import joint, link, random_pose, write_urdf
 from planar_fingers import body
 from scipy.spatial.transform import Rotation
@@ -65,6 +66,7 @@ def cut(tmp_path_factory: pytest.TempPathFactory) -> Iterator[MeshShape]:
     whole_mug().export(path)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(shared))
+        cut_here(patch)
         yield MeshShape(path, convex="decompose", concavity=0.05)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 from scene_tools import loaded
+from tests.geometry.cutting_here import cut_here
 
 from graspless_pin.errors import SceneError
 
@@ -97,6 +98,7 @@ def test_a_box_on_a_belt_beside_a_step_against_a_wall(tmp_path):
 def test_a_block_stands_in_a_second_object_that_is_fixed(tmp_path, monkeypatch, suffix):
     """A tray of 0.01 m walls; cut into pieces, it takes the block in: of its hull it is full."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    cut_here(monkeypatch)
     outside = trimesh.creation.box(bounds=[[-0.1, -0.06, 0.0], [0.1, 0.06, 0.05]])
     inside = trimesh.creation.box(bounds=[[-0.09, -0.05, 0.01], [0.09, 0.05, 0.06]])
     file = tmp_path / f"tray.{suffix}"
