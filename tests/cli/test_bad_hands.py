@@ -1,7 +1,6 @@
 """URDFs and meshes named by a scene: what is broken, missing or meant to do harm."""
 
 import os
-from itertools import pairwise
 
 import pytest
 import trimesh
@@ -58,10 +57,6 @@ def test_missing_files(tmp_path):
             "<a/>",
             "hand.urdf: a URDF starts with <robot> and an MJCF with <mujoco>, this file with <a>",
         ),
-        (urdf(""), "hand.urdf: the robot has no <link>"),
-        (urdf(2 * LINK), "hand.urdf: two links are called 'base'; rename one"),
-        (urdf(LINK + '<link name="other"/>'), "hand.urdf: a robot has one root link, found base"),
-        (jointed(kind="ball"), "hand.urdf: joint 'hinge' has the unknown type 'ball'"),
         (jointed(limit='lower="a" upper="1"'), "hand.urdf: joint 'hinge'"),
         (meshed("palm.stl"), "palm.stl"),
         (meshed("package://nowhere/palm.stl"), "package://nowhere/palm.stl"),
@@ -90,14 +85,6 @@ def test_xml_entities_stay_inert(tmp_path, header, capfd):
     assert_refused(result, "hand.urdf: the file declares a DOCTYPE or XML entities")
     seen = capfd.readouterr()
     assert HIDDEN not in result.output + result.stderr + seen.out + seen.err
-
-
-def test_entities_cannot_grow_without_bound(tmp_path):
-    entities = '<!ENTITY a "ha">' + "".join(
-        f'<!ENTITY {c} "{10 * f"&{b};"}">' for b, c in pairwise("abcdefghij")
-    )
-    text = urdf('<link name="&j;"/>', f"<!DOCTYPE robot [{entities}]>")
-    assert_refused(with_urdf(tmp_path, text), "declares a DOCTYPE or XML entities")
 
 
 def test_a_file_that_may_not_be_read(tmp_path, monkeypatch):

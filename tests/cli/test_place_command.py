@@ -22,7 +22,7 @@ def place(*options: str) -> tuple[str, ...]:
 
 def test_new_place_and_solve_are_three_commands() -> None:
     assert run("new", pincher(Path()), "box:0.06,0.04,0.06", "--effort", "0.4").exit_code == 0
-    placed = run(*place("--candidates", "30", "--verdict-nodes", "0", "--approach", "0,0,-1"))
+    placed = run(*place("--candidates", "16", "--verdict-nodes", "0", "--approach", "0,0,-1"))
     assert placed.exit_code == 0 and placed.stderr == ""
     assert placed.stdout.startswith("margin ")
     assert placed.stdout.endswith("wrote placed.yaml\nnow: graspless-pin solve placed.yaml\n")
@@ -39,18 +39,18 @@ def test_new_place_and_solve_are_three_commands() -> None:
 
 def test_all_places_are_a_table_and_any_rank_can_be_written() -> None:
     run("new", pincher(Path()), "box:0.06,0.04,0.06", "--effort", "0.4")
-    options = "--candidates", "12", "--verdict-nodes", "0", "--approach", "0,0,-1"
+    options = "--candidates", "10", "--verdict-nodes", "0", "--approach", "0,0,-1"
     told = run(*place(*options, "--all")).stdout.splitlines()
     head = next(k for k, line in enumerate(told) if line.split()[:2] == ["rank", "margin"])
     rows = [line.split() for line in told[head + 2 :] if line.split()[0].isdigit()]
-    assert [int(row[0]) for row in rows] == list(range(1, len(rows) + 1)) and len(rows) > 3
+    assert [int(row[0]) for row in rows] == list(range(1, len(rows) + 1)) and len(rows) > 2
     assert run(*place(*options, "--overwrite", "--rank", str(len(rows)))).exit_code == 0
     assert load_scene("placed.yaml").solve().margin == pytest.approx(float(rows[-1][1]), rel=1e-2)
 
 
 def test_two_points_press_but_do_not_carry() -> None:
     run("new", pincher(Path()), "box:0.06,0.04,0.06", "--effort", "0.4")
-    options = "--candidates", "12", "--verdict-nodes", "0", "--approach", "0,0,-1"
+    options = "--candidates", "8", "--verdict-nodes", "0", "--approach", "0,0,-1"
     none = run(*place(*options, "--carry"))  # the box turns about the line between the two
     assert none.exit_code == 1 and "the hand cannot carry the object by itself" in none.stdout
     pressed = run(*place(*options, "--press"))

@@ -3,11 +3,9 @@
 import coal  # pyright: ignore[reportMissingImports]
 import numpy as np
 import pytest
-from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from graspless_pin.geometry.bodies.collision import BodyShapes, CollisionBody, PlacedBodies
-from graspless_pin.geometry.bodies.polytopes import PARALLEL_ANGLE, box_of
 from graspless_pin.geometry.contact.contact_points import BodyKind, ContactArrays, ContactPoint
 from graspless_pin.geometry.contact.finding import find_contacts
 
@@ -74,37 +72,3 @@ def test_contact_arrays_are_the_contacts() -> None:
     assert not twice[0].position.flags.writeable
     with pytest.raises(IndexError):
         arrays[2]
-
-
-@settings(max_examples=60)
-@given(x=PART, y=PART, z=PART)
-def test_a_box_tells_its_highest_face(x: float, y: float, z: float) -> None:
-    point = np.array([x, y, z])
-    box = box_of(HALF)
-    face, height, on_face = box.highest_face(point)
-    outside = np.sort(np.abs(point) - HALF)
-    normal = box.face_normals[face]
-    assert height == pytest.approx(outside[-1], abs=1e-15)
-    assert normal @ point - np.abs(normal) @ HALF == pytest.approx(height, abs=1e-15)
-    if abs(outside[-2] - 1e-9) > 1e-12 and abs(height) > 1e-15:  # rounding decides at the rim
-        assert on_face == (height <= 0.0 or outside[-2] <= 1e-9)
-
-
-@settings(max_examples=60)
-@given(x=PART, y=PART, z=PART)
-def test_a_box_tells_its_farthest_corners(x: float, y: float, z: float) -> None:
-    direction = np.array([x, y, z])
-    if np.linalg.norm(direction) < 1e-3:
-        direction = np.array([1.0, 0.0, 0.0])
-    direction /= np.linalg.norm(direction)
-    box = box_of(HALF)
-    expected = [
-        vertex
-        for vertex in box.vertices
-        if all(
-            abs(part) <= PARALLEL_ANGLE or np.sign(corner) == np.sign(part)
-            for part, corner in zip(direction, vertex, strict=True)
-        )
-    ]
-    for _ in range(2):  # made, then remembered
-        np.testing.assert_array_equal(box.feature(direction), expected)

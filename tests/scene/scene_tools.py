@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+from tests.cli.cli_tools import LINES
 
 from graspless_pin import Hand, QuasistaticProblem
 from graspless_pin.scene import Scene, load_scene
@@ -18,21 +19,7 @@ PAPER = EXAMPLES / "paper"
 ALLEGRO = EXAMPLES / "allegro_box_on_slope.yaml"
 
 # A 1 kg box of 0.2 m on the floor, touched on its -y face by the lever, mounted as in the paper.
-BOX = """\
-gravity: [0, 0, -9.8]
-friction: 0.3
-hand:
-  robot: lever_100mm
-  base_pose: {position: [-0.1, -0.1, 0.0], rpy: [3.141592653589793, 0, 0]}
-object:
-  name: box
-  shape: {type: box, size: [0.2, 0.2, 0.2]}
-  mass: 1.0
-supports:
-  - name: floor
-    shape: {type: half_space}
-    pose: {position: [0, 0, -0.1]}
-"""
+BOX = LINES.replace("  q: {hinge: 0.0}\n", "").replace("  pose: {position: [0, 0, 0]}\n", "")
 
 
 def content(source: Path | str) -> dict[str, Any]:

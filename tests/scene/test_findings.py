@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scene_tools import EXAMPLES, hand_of
+from tests.cli.cli_tools import LINES, spoilt
 
 from graspless_pin import Scene, load_scene
 from graspless_pin.errors import GrasplessPinWarning, SceneError
@@ -15,30 +16,11 @@ from graspless_pin.geometry import Box, Sphere, Support
 from graspless_pin.report import scene_solution_text, solution_document
 from graspless_pin.report.reading import read_solution
 
-TEXT = """\
-gravity: [0, 0, -9.8]
-friction: 0.3
-hand:
-  robot: lever_100mm
-  base_pose: {position: [-0.1, -0.1, 0.0], rpy: [3.141592653589793, 0, 0]}
-  q: {hinge: 0.0}
-object:
-  name: box
-  shape: {type: box, size: [0.2, 0.2, 0.2]}
-  mass: 1.0
-  pose: {position: [0, 0, 0]}
-supports:
-  - name: floor
-    shape: {type: half_space}
-    pose: {position: [0, 0, -0.1]}
-"""
-
 
 def loaded(tmp_path: Path, *changes: tuple[str, str]) -> Scene:
-    text = TEXT
+    text = LINES
     for old, new in changes:
-        assert text.count(old) == 1, old
-        text = text.replace(old, new)
+        text = spoilt(old, new, text)
     file = tmp_path / "scene.yaml"
     file.write_text(text, encoding="utf-8")
     with capture():
@@ -286,7 +268,7 @@ def test_a_margin_of_zero_and_a_search_cut_short_are_found(tmp_path):
 
 def test_python_hears_of_what_loading_finds(tmp_path):
     file = tmp_path / "scene.yaml"
-    file.write_text(TEXT.replace("rpy: [3.14", "rpy: [0, 90, 3.14"), encoding="utf-8")
+    file.write_text(LINES.replace("rpy: [3.14", "rpy: [0, 90, 3.14"), encoding="utf-8")
     file.write_text(file.read_text().replace("793, 0, 0]", "793]"), encoding="utf-8")
     with pytest.warns(GrasplessPinWarning, match=r"scene.yaml:5: hand.base_pose.rpy: ") as caught:
         load_scene(file)

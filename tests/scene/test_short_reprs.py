@@ -34,13 +34,13 @@ def shown() -> dict[str, object]:
         "contacts": scene.contacts, "problem": scene.problem(), "solution": solution,
         "proof": solution.proof, "evidence": solution.evidence, "mode": solution.mode,
         "certificate": solution.certificate, "verdict": plain.stability(solution.torques),
-        "forces": contact_force_bounds(problem, solution.torques),
-        "disturbances": disturbance_margin(problem, solution.torques),
+        "forces": contact_force_bounds(problem, solution.torques, time_limit=0.1),
+        "disturbances": disturbance_margin(problem, solution.torques, directions=np.eye(6)),
         "curve": margin_torque_curve(problem), "gradients": optimum_gradients(solution),
         "robustness": robustness(problem, solution.torques, time_limit=0.0),
         "evaluation": Evaluator(plain).evaluate(),
         "places": place_hand(
-            load_scene(EXAMPLES / "trihand_push_box.yaml"), candidates=4, verdict_nodes=0,
+            load_scene(EXAMPLES / "trihand_push_box.yaml"), candidates=1, verdict_nodes=0,
             workers=1,
         ),
     }  # fmt: skip
@@ -58,7 +58,7 @@ def test_they_tell_what_is_what(shown) -> None:
         "<Hand allegro_right: 16 joints, 16 actuators; fingers: index, middle, ring, thumb>"
     )
     assert repr(shown["disturbances"]).startswith(
-        "DisturbanceMargin(status=OPTIMAL, directions=<array (76, 6)>, magnitudes=<array (76,)>"
+        "DisturbanceMargin(status=OPTIMAL, directions=<array (6, 6)>, magnitudes="
     )
     assert repr(shown["object"]).startswith(
         "ManipulatedObject(name='box', shape=Box(size=(0.12, 0.16, 0.1)), mass=1, "

@@ -7,40 +7,21 @@ import json
 from functools import cache
 from typing import Any
 
-import numpy as np
 import pytest
+from tests.holding.cases import block_between_walls, pressed_in_slot
 from verified_documents import failed
 
-from graspless_pin import QuasistaticProblem, Torque, optimize
+from graspless_pin import Torque, optimize
 from graspless_pin.report import solution_document
 from graspless_pin.report.verify import verify_document
-
-G = 9.81
-
-
-def slot(joints: int = 1) -> QuasistaticProblem:
-    """A cube between two walls that a linear finger presses on one of them, or none does."""
-    half = 0.05
-    corners = [(x, y, z) for x in (-half, half) for y in (-half, half) for z in (-half, half)]
-    normals = [(-np.sign(x), 0.0, 0.0) for x, _, _ in corners]
-    jacobian, limits = np.zeros((24, 0)), (0.0, 0.0)
-    if joints:
-        corners, normals = [*corners, (half, 0.0, 0.0)], [*normals, (-1.0, 0.0, 0.0)]
-        jacobian, limits = np.zeros((27, 1)), (0.0, 40.0)
-        jacobian[24] = -1.0
-    inertia = np.diag([1.0] * 3 + [1.7e-3] * 3)
-    return QuasistaticProblem(
-        corners, normals, [0.0, 0.0, -G, 0.0, 0.0, 0.0], jacobian, friction=0.5,
-        torque_limits=limits, joint_units=["N"] * joints,
-        object_inertia=inertia, joint_inertia=0.01 * np.eye(joints),
-    )  # fmt: skip
 
 
 @cache
 def _document(kind: str) -> dict[str, Any]:
-    problem = slot(0 if kind == "infeasible_strong" else 1)
-    if kind == "strong_not_found":
-        problem = problem.with_changes(torque_limits=(0.0, 5.0))
+    problem = block_between_walls(0.5)
+    if kind != "infeasible_strong":
+        most = 5.0 if kind == "strong_not_found" else 40.0
+        problem = pressed_in_slot().with_changes(torque_limits=(0.0, most))
     found = optimize(problem, Torque(0.1), stability="strong", static_friction="coulomb")
     assert found.status.name.lower() == kind
     return json.loads(json.dumps(solution_document(found)))
