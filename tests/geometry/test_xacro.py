@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cutting_here import Here
 
 from graspless_pin.errors import RobotError
 from graspless_pin.geometry.hand import urdf
@@ -59,12 +60,20 @@ def test_a_xacro_file_is_the_hand_that_it_stands_for(claw: Path, tmp_path: Path)
     np.testing.assert_allclose(right.shape.halfSide, [0.005, 0.005, 0.02])
 
 
+@pytest.fixture
+def here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Expand files in this process."""
+    monkeypatch.setattr(urdf, "ChildProcess", Here)
+
+
+@pytest.mark.usefixtures("here")
 def test_one_that_declares_no_xacro_is_one_by_its_name(claw: Path) -> None:
     plain = claw.with_name("claw.xacro")
     plain.write_text("<robot name='claw'><link name='${1 + 1}'/></robot>")
     assert read_urdf(plain).root == "2"
 
 
+@pytest.mark.usefixtures("here")
 def test_a_robot_file_gives_packages_and_arguments(claw: Path, tmp_path: Path) -> None:
     robot = tmp_path / "claw.yaml"
     robot.write_text("name: claw\nurdf: claw.urdf.xacro\nxacro_args: {effort: '0.5'}\n")
@@ -75,6 +84,7 @@ def test_a_robot_file_gives_packages_and_arguments(claw: Path, tmp_path: Path) -
     assert report.joints == ("left_joint", "right_joint")
 
 
+@pytest.mark.usefixtures("here")
 @pytest.mark.parametrize(("old", "new", "said"), [
     ("claw_parts", "other_parts", "other_parts"),
     ('<xacro:arg name="effort" default="0.7"/>', "", "effort.*go under xacro_args in a robot file"),
