@@ -221,14 +221,6 @@ def test_all_yaml_has_the_same_bounds(tmp_path, name, kind):
         READERS[name](file)
 
 
-def test_numbers_of_clocks_are_text(tmp_path):
-    """YAML 1.1 takes 1:30 for 90."""
-    file = tmp_path / "scene.yaml"
-    file.write_text("friction: 1:30\nobject: {}\n", encoding="utf-8")
-    with pytest.raises(SceneError, match="friction: found '1:30'; needs a finite number"):
-        load_scene(file)
-
-
 DEEP = '<robot name="r">' + 10_000 * "<a>" + 10_000 * "</a>" + "</robot>"
 
 
