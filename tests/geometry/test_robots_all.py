@@ -64,7 +64,7 @@ def test_every_robot_file_is_listed_here():
     assert set(robot_names()) == set(ROBOTS) | LEVERS
 
 
-@pytest.mark.sampled(7)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("name", ROBOTS)
 def test_fingers_actuators_and_sources(name):
     robot, hand = load_robot(name), unposed(name)
@@ -82,7 +82,7 @@ def test_fingers_actuators_and_sources(name):
     assert np.all((lower < 0) & (upper > 0) & np.isfinite(upper))
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("control", [None, "force"])
 @pytest.mark.parametrize("name", ROBOTS)
 def test_jacobians_match_finite_differences_and_rnea(name, control):

@@ -223,7 +223,7 @@ def test_without_lies_all_is_decided_and_every_site_is_asked(
     assert asked == set(SITES)
 
 
-@pytest.mark.sampled(12)
+@pytest.mark.sampled(9)
 @pytest.mark.parametrize("how", list(LIES))
 @pytest.mark.parametrize("sites", [*([site] for site in SITES), list(SITES)], ids="+".join)
 def test_no_wrong_program_becomes_a_verdict(
@@ -366,7 +366,7 @@ SQUARES = {
 }
 
 
-@pytest.mark.sampled(9)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("which", SQUARES)
 def test_no_wrong_squares_become_a_verdict(which: str, monkeypatch: pytest.MonkeyPatch) -> None:
     lie_in_squares(monkeypatch, *SQUARES[which])
@@ -444,7 +444,7 @@ def test_without_lies_the_bracket_is_narrow() -> None:
     assert found.possible == pytest.approx(0.25 * GRAVITY, rel=1e-3)
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("how", list(LIES))
 @pytest.mark.parametrize("site", ["rest", "relaxation"])
 def test_no_wrong_program_widens_what_is_guaranteed(
@@ -456,7 +456,7 @@ def test_no_wrong_program_widens_what_is_guaranteed(
         assert_true_bracket()
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("which", SQUARES)
 def test_no_wrong_squares_widen_what_is_guaranteed(
     which: str, monkeypatch: pytest.MonkeyPatch

@@ -100,7 +100,7 @@ def documents():
     return originals()
 
 
-@pytest.mark.sampled(10)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("name", ANSWER)
 @pytest.mark.parametrize("index", range(13))
 def test_large_figures_of_an_answer_widen_no_tolerance(documents, name, index):

@@ -100,7 +100,7 @@ def document(name, solve="margin", *, node_limit=None):
     return plain(solution, verdict=verdict)
 
 
-@pytest.mark.sampled(12)
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("name", PROBLEMS)
 @pytest.mark.parametrize("solve", SOLVES)
 def test_answers_are_proven_by_their_documents(name, solve):

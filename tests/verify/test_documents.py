@@ -94,7 +94,7 @@ FIGURES = {
 }
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(("force", "length"), SCALES)
 @pytest.mark.parametrize(("path", "check"), FIGURES.values(), ids=FIGURES)
 def test_each_figure_is_worked_out_again(path, check, force, length):

@@ -62,7 +62,7 @@ def refusal(document):
         return True
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize("share", range(4))
 @pytest.mark.parametrize("name", PARTS)
 def test_no_refusal_is_left_to_chance(name, share, made):
