@@ -59,7 +59,7 @@ def test_the_worst_direction_is_reported():
 
 
 def test_default_directions_cover_forces_and_moments():
-    problem = scene("rest")
+    problem = scene("sphere")
     found = disturbance_margin(problem)
     again = disturbance_margin(problem)
     np.testing.assert_array_equal(found.directions, again.directions)

@@ -98,13 +98,14 @@ def test_no_time_to_hold_the_torques(torques):
     assert not bounds.proven.any()
 
 
-@pytest.mark.parametrize("share", [0.2, 0.5, 0.95])
-def test_ever_more_time_proves_ever_more(monkeypatch, torques, complete, looks, share):
-    bounds = bounds_after(monkeypatch, torques, int(share * looks))
-    assert bounds.status is Status.LIMIT_REACHED
-    assert_inside(bounds, complete)
-    earlier = bounds_after(monkeypatch, torques, int(0.7 * share * looks))
-    assert (bounds.proven | ~earlier.proven).all()
+def test_ever_more_time_proves_ever_more(monkeypatch, torques, complete, looks):
+    earlier = np.zeros((6, 3), dtype=bool)
+    for share in (0.2, 0.5, 0.95):
+        bounds = bounds_after(monkeypatch, torques, int(share * looks))
+        assert bounds.status is Status.LIMIT_REACHED
+        assert_inside(bounds, complete)
+        assert (bounds.proven | ~earlier).all()
+        earlier = bounds.proven
 
 
 def test_ranges_that_are_proven_before_the_margins_are(monkeypatch, torques, looks):
@@ -124,14 +125,14 @@ def test_what_was_reached_is_held_by_a_mode(monkeypatch, torques, looks):
         ForceSet(problem, mode, torques=torques, normal_limit=False)
         for mode in enumerate_modes(problem, maximal=True)
     ]
-    most = np.max([forces.maxima(rows) for forces in sets], axis=0).reshape(-1, 3)
-    least = -np.max([forces.maxima(-rows) for forces in sets], axis=0).reshape(-1, 3)
+    ends = np.max([forces.maxima(np.vstack([rows, -rows])) for forces in sets], axis=0)
+    most, least = ends.reshape(2, -1, 3) * [[[1.0]], [[-1.0]]]
     assert (bounds.upper <= most + TIGHT).all() and (bounds.lower >= least - TIGHT).all()
     np.testing.assert_allclose(bounds.upper[bounds.proven], most[bounds.proven], atol=TIGHT)
     np.testing.assert_allclose(bounds.lower[bounds.proven], least[bounds.proven], atol=TIGHT)
 
 
-@pytest.mark.parametrize("failing", [5, 20, 40])
+@pytest.mark.parametrize("failing", [5, 40])
 def test_a_search_without_an_answer_leaves_the_rest(monkeypatch, torques, complete, failing):
     """One range is then only reached, or a margin; all others are proven as ever."""
     calls = itertools.count()
@@ -168,13 +169,13 @@ def test_a_search_that_denies_all_forces_proves_nothing_of_torques_that_are_held
 
 @pytest.mark.parametrize("cone", ["edges", "round"])
 def test_a_margin_is_proven_where_every_distance_and_range_that_it_rests_on_is(monkeypatch, cone):
-    problem = scene("rest").with_changes(cone=cone)
+    problem = scene("sphere" if cone == "round" else "rest").with_changes(cone=cone)
     torques = minimize_torque(problem, 0.1).torques
     bounds = contact_force_bounds(problem, torques)
     extremes = ForceExtremes(problem, torques, SolveOptions.parse())
     extremes.feasibility()
     real, calls = extremes.largest, itertools.count()
-    every = np.ones((6, 3), dtype=bool)
+    every = np.ones((problem.contact_count, 3), dtype=bool)
 
     def margin(unproven: int, ranges: np.ndarray) -> Extreme:
         nonlocal calls
@@ -192,7 +193,7 @@ def test_a_margin_is_proven_where_every_distance_and_range_that_it_rests_on_is(m
     assert whole.value == pytest.approx(bounds.smallest_margin, abs=TIGHT)
     assert not margin(0, every).proven and not margin(1, every).proven
     one_open = every.copy()
-    one_open[4, 0] = False
+    one_open[-2, 0] = False
     assert not margin(-1, one_open).proven
 
 
@@ -207,17 +208,14 @@ def test_torques_whose_modes_no_solver_decides_on(monkeypatch, torques):
 
 
 def test_enough_time_changes_nothing(torques, complete):
-    for limit in (1e6, np.inf):
-        bounds = contact_force_bounds(scene("rest"), torques, time_limit=limit)
-        assert bounds.status is Status.OPTIMAL and bounds.proven.all()
-        np.testing.assert_array_equal(bounds.lower, complete.lower)
-        np.testing.assert_array_equal(bounds.upper, complete.upper)
-        assert bounds.smallest_margin == complete.smallest_margin
-        assert bounds.largest_margin == complete.largest_margin
+    bounds = contact_force_bounds(scene("rest"), torques, time_limit=np.inf)
+    assert bounds.status is Status.OPTIMAL and bounds.proven.all()
+    for name in ("lower", "upper", "smallest_margin", "largest_margin"):
+        np.testing.assert_array_equal(getattr(bounds, name), getattr(complete, name))
     assert not bounds.proven.flags.writeable
 
 
-@pytest.mark.sampled(8)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("pair", PAIRS, ids="+".join)
 @pytest.mark.parametrize("looks", [0, 5, 20, 60])
 def test_a_free_ray_is_not_denied_for_want_of_time(monkeypatch, pair, looks):

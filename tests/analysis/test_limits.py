@@ -45,25 +45,15 @@ def test_disturbances_that_were_not_proven_are_no_number():
     assert np.isnan(over.magnitudes).all()
 
 
-def test_the_least_friction_says_whether_it_is_proven():
+def test_what_ended_early_says_so():
     problem = scene("rest")
-    full = minimum_friction(problem)
-    assert full.proven
+    assert minimum_friction(problem).proven
     limited = minimum_friction(problem, **NO_TIME)
-    assert not limited.proven
-    assert np.isnan(limited.factor)
-
-
-def test_a_curve_that_was_limited_says_so():
-    problem = scene("rest")
+    assert not limited.proven and np.isnan(limited.factor)
     assert margin_torque_curve(problem, **ONE_NODE).status in ENDED
     assert margin_torque_curve(problem, **NO_TIME).status is not Status.OPTIMAL
-
-
-def test_rules_are_compared_within_limits():
-    comparison = compare_rules(scene("rest"), "torque", **ONE_NODE)
-    statuses = {solution.status for solution in comparison.solutions.values()}
-    assert statuses & set(ENDED)
+    compared = compare_rules(problem, "torque", **ONE_NODE).solutions.values()
+    assert {solution.status for solution in compared} & set(ENDED)
 
 
 def test_the_sensitivity_takes_limits():

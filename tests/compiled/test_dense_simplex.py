@@ -35,13 +35,16 @@ def random_program(rng: np.random.Generator, *, whole: bool) -> Program:
     return rows, low, high, cost, lb, ub
 
 
+def made(program: Program) -> Simplex:
+    own = Simplex(*program[3:])
+    own.add_rows(*program[:3])
+    return own
+
+
 def by_highs(monkeypatch: pytest.MonkeyPatch, program: Program) -> SimplexAnswer:
-    rows, low, high, cost, lb, ub = program
     with monkeypatch.context() as patched:
         patched.setattr(simplex, "core", None)
-        other = Simplex(cost, lb, ub)
-        other.add_rows(rows, low, high)
-        return other.solve()
+        return made(program).solve()
 
 
 def check(answer: SimplexAnswer, expected: SimplexAnswer, program: Program) -> None:
@@ -69,7 +72,7 @@ def test_programs_that_change_have_the_answers_of_highs(
     monkeypatch: pytest.MonkeyPatch, whole: bool
 ) -> None:
     rng, seen = np.random.default_rng(int(whole)), set[SimplexOutcome]()
-    for _ in range(250):
+    for _ in range(100):
         rows, low, high, cost, lb, ub = random_program(rng, whole=whole)
         own = Simplex(rng.permutation(cost), lb - 1.0, ub + 1.0)
         first = int(rng.integers(1, len(rows)))
@@ -97,10 +100,8 @@ def test_programs_that_change_have_the_answers_of_highs(
 def test_the_dictionary_leaves_no_small_program_to_highs(whole: bool) -> None:
     """A mistake may hide behind the other solver's answer."""
     rng = np.random.default_rng(3)
-    for _ in range(100):
-        rows, low, high, cost, lb, ub = random_program(rng, whole=whole)
-        own = Simplex(cost, lb, ub)
-        own.add_rows(rows, low, high)
+    for _ in range(50):
+        own = made(random_program(rng, whole=whole))
         assert simplex._OUTCOMES[own._engine.solve()[0]] != SimplexOutcome.FAILED
 
 
@@ -108,8 +109,7 @@ def test_a_hundred_changes_leave_no_rounding(monkeypatch: pytest.MonkeyPatch) ->
     rng = np.random.default_rng(5)
     rows, low, high, cost, lb, ub = random_program(rng, whole=False)
     lb, ub = np.maximum(lb, -50.0), np.minimum(ub, 50.0)
-    own = Simplex(cost, lb, ub)
-    own.add_rows(rows, low - 5.0, high + 5.0)
+    own = made((rows, low - 5.0, high + 5.0, cost, lb, ub))
     for _ in range(100):
         cost = rng.normal(size=len(cost))
         own.set_cost(cost)
@@ -129,9 +129,7 @@ def test_a_corner_where_many_rows_meet_is_left(monkeypatch: pytest.MonkeyPatch) 
         cost = rng.normal(size=4)
         bounds = np.array([np.inf, np.inf, np.inf, 1.0])
         program = faces, below, np.zeros(len(faces)), cost, -most, bounds
-        own = Simplex(cost, -most, bounds)
-        own.add_rows(*program[:3])
-        check(own.solve(), by_highs(monkeypatch, program), program)
+        check(made(program).solve(), by_highs(monkeypatch, program), program)
 
 
 def test_what_the_dictionary_gives_up_is_solved_by_highs(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -142,11 +140,8 @@ def test_what_the_dictionary_gives_up_is_solved_by_highs(monkeypatch: pytest.Mon
             return 3, np.zeros(0), np.zeros(0)
 
     program = random_program(np.random.default_rng(1), whole=False)
-    rows, low, high, cost, lb, ub = program
     monkeypatch.setattr(simplex, "core", SimpleNamespace(DenseSimplex=GivesUp))
-    own = Simplex(cost, lb, ub)
-    own.add_rows(rows, low, high)
-    answer = own.solve()
+    answer = made(program).solve()
     assert answer.outcome is SimplexOutcome.OPTIMAL
     check(answer, by_highs(monkeypatch, program), program)
 

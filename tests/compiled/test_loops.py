@@ -99,22 +99,6 @@ def sets_arguments(**changes):
 
 
 @needs_loops
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"bodies": [1]}, {"starts": [0, 1], "faces": np.ones((2, 4))},
-        {"starts": [-1, 2], "faces": np.ones((2, 4))}, {"kinds": [3]}, {"centers": ONES},
-    ],
-    ids=str,
-)  # fmt: skip
-def test_sets_that_do_not_fit_are_refused(changes) -> None:
-    assert compiled.core is not None
-    compiled.core.ConvexSets(*sets_arguments())
-    with pytest.raises(ValueError):
-        compiled.core.ConvexSets(*sets_arguments(**changes))
-
-
-@needs_loops
 def test_one_pose_for_each_set() -> None:
     assert compiled.core is not None
     sets = compiled.core.ConvexSets(*sets_arguments(kinds=[compiled.core.BALL]))
@@ -153,34 +137,32 @@ def start_arguments(**changes):
     return tuple((values | changes).values())
 
 
-@needs_loops
-@pytest.mark.parametrize(
-    "changes",
-    [
+WRONG = {
+    "ConvexSets": [
+        {"bodies": [1]}, {"starts": [0, 1], "faces": np.ones((2, 4))},
+        {"starts": [-1, 2], "faces": np.ones((2, 4))}, {"kinds": [3]}, {"centers": ONES},
+    ],
+    "PaperPrograms": [
         {"axes": [0, 6]}, {"axes": [-1, 3]}, {"axes": [0]}, {"face_count": 1}, {"face_count": -1},
         {"friction": np.ones(3)}, {"reach": np.ones((2, 3))},
     ],
-    ids=str,
-)  # fmt: skip
-def test_programs_that_do_not_fit_are_refused(changes) -> None:
-    assert compiled.core is not None
-    with pytest.raises(ValueError):
-        compiled.core.PaperPrograms(*program_arguments(**changes))
-
-
-@needs_loops
-@pytest.mark.parametrize(
-    "changes",
-    [
+    "Start": [
         {"rows": [9]}, {"rows": [-1, 8]}, {"at_bounds": [3]}, {"upper": np.ones(2, bool)},
         {"x": np.ones(2)}, {"weights": np.ones(2)}, {"count": 7}, {"count": 12},
         {"signs": np.ones((3, 2))}, {"contacts": [2]}, {"own_signs": np.ones(3)},
         {"motion": np.ones(6)},
     ],
-    ids=str,
-)  # fmt: skip
-def test_an_optimum_of_other_programs_is_refused(changes) -> None:
-    assert compiled.core is not None
-    compiled.core.Start(*start_arguments())
-    with pytest.raises(ValueError):
-        compiled.core.Start(*start_arguments(**changes))
+}  # fmt: skip
+FITTING = {
+    "ConvexSets": sets_arguments, "PaperPrograms": program_arguments, "Start": start_arguments
+}  # fmt: skip
+
+
+@needs_loops
+@pytest.mark.parametrize("kind", WRONG)
+def test_what_does_not_fit_is_refused(kind) -> None:
+    make = getattr(compiled.core, kind)
+    make(*FITTING[kind]())
+    for changes in WRONG[kind]:
+        with pytest.raises(ValueError):
+            make(*FITTING[kind](**changes))

@@ -64,6 +64,22 @@ def scene(name: str) -> QuasistaticProblem:
     return QuasistaticProblem(**cuboid_arguments({"rest": 0.0, "up": 1.0, "down": -1.0}[name]))
 
 
+def slider(turn: float, *, scale: float = 1.0) -> QuasistaticProblem:
+    """A slider on three floor and two wall points, its tangents turned by an angle, rad."""
+    points = [[0.1, 0.1, -0.1], [-0.1, 0.1, -0.1], [0, -0.05, -0.1], [0.1, -0.1, -0.1],
+              [-0.1, -0.1, -0.1]]  # fmt: skip
+    normals, along = [[0.0, 0.0, 1.0]] * 3 + [[0.0, 1.0, 0.0]] * 2, np.array([1.0, 0.0, 0.0])
+    c, s = np.cos(turn), np.sin(turn)
+    tangents = [
+        np.column_stack([c * along + s * across, c * across - s * along])
+        for across in np.cross(normals, along)
+    ]
+    wrench = np.array([6.0, -5.0, -10.0, -0.5 * scale, -0.6 * scale, 0.0])
+    return QuasistaticProblem(
+        scale * np.array(points), normals, wrench, friction=0.5, tangents=tangents, cone_edges=8
+    )
+
+
 def random_arguments(
     seed: int, contacts: int = 3, *, slides: int = 0, joints: int | None = None
 ) -> dict[str, Any]:

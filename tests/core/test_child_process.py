@@ -1,68 +1,32 @@
 """A process of our own: what it answers, how it dies, and that it never stays behind."""
 
 import os
-import re
 import signal
 import subprocess
 import sys
 import time
-import warnings
 from pathlib import Path
 
 import pytest
+from child_calls import (
+    PATIENCE,
+    dies,
+    fails,
+    fails_stubbornly,
+    holds_the_process,
+    prints,
+    squares,
+    yields_then,
+)
 
 from graspless_pin.child_process import ChildProcess
 from graspless_pin.errors import (
     ArgumentError,
     CrashError,
-    GrasplessPinWarning,
     OverrunError,
     StateError,
     StateFault,
 )
-
-PATIENCE = 300.0
-
-
-class Stubborn(Exception):  # noqa: N818 - what it is called does not matter
-    """Cannot be made again from its arguments."""
-
-    def __init__(self, one, two):
-        super().__init__(f"{one} and {two}")
-
-
-def squares(count):
-    yield from (number**2 for number in range(count))
-
-
-def fails(error):
-    raise error
-
-
-def fails_stubbornly():
-    raise Stubborn(1, 2)
-
-
-def yields_then(action, *arguments):
-    yield "first"
-    yield action(*arguments)
-
-
-def dies(number):
-    os.kill(os.getpid(), number)
-    time.sleep(PATIENCE)
-
-
-def holds_the_process():
-    """A call in C that lets no other thread run, for years."""
-    return re.match(r"(a+)+$", 60 * "a" + "b")
-
-
-def prints():
-    print("to Python's standard output")
-    os.write(1, b"to the descriptor\n")
-    warnings.warn("noise", GrasplessPinWarning, stacklevel=1)
-    return sys.stdin.read()
 
 
 @pytest.fixture
@@ -116,11 +80,10 @@ def test_a_process_that_dies_is_an_error(child, number):
         child.call(len, "gone")
 
 
-def test_an_exit_is_an_error(child):
+@pytest.mark.parametrize("leave", [os._exit, sys.exit])
+def test_an_exit_is_an_error(child, leave):
     with pytest.raises(CrashError, match="the process ended with exit code 3"):
-        child.call(os._exit, 3)
-    with pytest.raises(CrashError, match="the process ended with exit code 4"), ChildProcess() as o:
-        o.call(sys.exit, 4)
+        child.call(leave, 3)
 
 
 @pytest.mark.parametrize("hang", [(holds_the_process,), (time.sleep, PATIENCE)])
@@ -135,7 +98,7 @@ def test_a_limit_holds_for_each_item_and_in_native_calls(child, hang):
 
 
 def test_loading_does_not_count_for_the_limit(child):
-    """Modules are imported before the time begins."""
+    """Modules are imported before the time begins: numpy's alone take longer."""
     from graspless_pin.problem.checks import all_finite
 
     assert child.call(all_finite, (), limit=0.2) is True
@@ -187,7 +150,7 @@ ORPHAN = """
 import sys, time
 sys.path.insert(0, sys.argv[1])
 from graspless_pin import child_process
-from test_child_process import holds_the_process
+from child_calls import holds_the_process
 child_process._ORPHAN_SLACK = 0.1
 child = child_process.ChildProcess()
 print(child._process.pid, flush=True)

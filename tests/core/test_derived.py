@@ -8,13 +8,10 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 from random_scenes import general_scene
-from scenes import scene
 
 from graspless_pin import maximize_margin, minimize_torque
-from graspless_pin.algorithms.formulation import formulate, shared_parts
+from graspless_pin.algorithms.formulation import shared_parts
 from graspless_pin.caching import MOST_SOURCES, Bounded, Derived, Latest
-from graspless_pin.problem.contact_map import contact_map
-from graspless_pin.programs.objectives import Margin
 
 
 class Source:
@@ -86,16 +83,6 @@ def test_a_problem_dies_with_its_last_holder_whatever_was_solved():
     shared_parts(general_scene(2, 5))
     gc.collect()
     assert kinematics() is None
-
-
-def test_what_is_derived_is_shared_between_calls_on_one_problem():
-    problem = scene("rest")
-    assert contact_map(problem) is contact_map(problem)
-    once, again = (formulate(problem, Margin()) for _ in range(2))
-    assert once.program is again.program
-    assert once.kinematics is again.kinematics
-    other = problem.with_changes(friction=0.5)
-    assert formulate(other, Margin()).program is not once.program
 
 
 ARRAY = np.ones(3)

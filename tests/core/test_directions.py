@@ -192,14 +192,14 @@ def test_turned_tangents_change_nothing_beyond_the_gap(number):
     assert pair.closed
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("number", [0, 2, 6, 9, 14])
 def test_listing_of_sectors_agrees(number):
     one = listed(number)
     assert one.agrees, one
 
 
-@pytest.mark.sampled(3)
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize("case", CASES)
 def test_directions_allow_no_more_than_exact_signs(case):
     """Opposite vectors have opposite components, and vanish along the same tangents."""
@@ -226,11 +226,11 @@ def test_sliding_contacts_that_have_to_slide_virtually(name):
 def test_the_gap_is_what_was_asked_for():
     problem = random_problem(2, 3)
     coarse, fine = (
-        maximize_margin(problem, sign_rule="direction", direction_gap=gap) for gap in (1e-2, 1e-4)
+        maximize_margin(problem, sign_rule="direction", direction_gap=gap) for gap in (1e-1, 1e-3)
     )
     assert coarse.status is fine.status is Status.OPTIMAL
     assert coarse.certificate.nodes < fine.certificate.nodes
-    for one, gap in ((coarse, 1e-2), (fine, 1e-4)):
+    for one, gap in ((coarse, 1e-1), (fine, 1e-3)):
         assert one.certificate.gap == pytest.approx(one.certificate.bound - one.margin)
         assert 0.0 <= one.certificate.gap <= gap * one.margin
     assert fine.margin <= coarse.certificate.bound

@@ -1,7 +1,6 @@
 """Cases at the edge of what the core is asked for, each with its answer known by hand."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,14 +15,9 @@ from graspless_pin import (
     maximize_margin,
     minimize_torque,
 )
-from graspless_pin.algorithms.branch_and_bound import branch_and_bound
-from graspless_pin.algorithms.formulation import formulate
-from graspless_pin.algorithms.search import SearchResult, SearchState, threshold_optima
 from graspless_pin.bounds import LARGEST, LARGEST_REGULARIZATION
 from graspless_pin.errors import ArgumentError
-from graspless_pin.modes.rules import Rules
 from graspless_pin.problem.checks import real_number
-from graspless_pin.programs.objectives import Margin
 
 
 def pinch(limit: float = 10.0, friction: float = 0.0, **options: Any) -> QuasistaticProblem:
@@ -86,46 +80,6 @@ def test_components_that_vary_by_a_millionth_of_the_load_are_determined():
     for width, open_ in ((0.9e-6, False), (1.1e-6, True), (1e-4, True), (0.0, False)):
         one = replace(bounds, upper=bounds.lower + width * load)
         assert one.indeterminate.all() == open_ and one.indeterminate.any() == open_
-
-
-class Threshold:
-    """A search that ended near the threshold, and others with optima that are given."""
-
-    def __init__(self, own: float | None) -> None:
-        formulation = formulate(scene("rest"), Margin())
-        state = SearchState(formulation, Rules.parse(), "piqp")
-        result = branch_and_bound(state)
-        formulation.kinematics.undecided_near = True
-        assert state.best is not None
-        state.best = None if own is None else replace(state.best, value=own)
-        self.result: SearchResult = result
-        self.unit = formulation.unit
-
-    def optima(self, slow: float | None, fast: float | None):
-        answers = iter([slow, fast])
-
-        def search(_formulation):
-            value = next(answers)
-            best = None if value is None else SimpleNamespace(value=value)
-            return SimpleNamespace(state=SimpleNamespace(best=best))
-
-        return threshold_optima(self.result, search)  # pyright: ignore[reportArgumentType]
-
-
-@pytest.mark.parametrize("own", [-0.2, -1.0, -500.0])
-def test_an_answer_hangs_on_the_threshold_where_others_differ_by_a_millionth(own):
-    size = max(1.0, abs(own))
-    near = Threshold(own)
-    assert near.optima(own, own) is None
-    assert near.optima(own - 0.9e-6 * size, own + 0.9e-6 * size) is None
-    for slow, fast in ((own - 1.1e-6 * size, own), (own, own + 1.1e-6 * size)):
-        told = near.optima(slow, fast)
-        assert told == (near.unit * slow, near.unit * fast)
-    told = near.optima(own, None)
-    assert told is not None and told[0] == near.unit * own and np.isnan(told[1])
-    told = Threshold(None).optima(own, None)
-    assert told is not None and told[0] == near.unit * own and np.isnan(told[1])
-    assert Threshold(None).optima(None, None) is None
 
 
 def heavy(limit: float = 0.5, **options: Any) -> QuasistaticProblem:

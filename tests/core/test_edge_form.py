@@ -56,7 +56,7 @@ def optima(case, sign: str, sliding: str) -> tuple[int, float | None, float | No
     return len(modes), best_over(problem, modes, None), best_over(problem, modes, required)
 
 
-@pytest.mark.sampled(7)
+@pytest.mark.sampled(4)
 @pytest.mark.parametrize(("case", "sign", "sliding"), RUNS)
 def test_all_modes_and_both_optima(case, sign, sliding):
     (problem, required), rules = make(*case), {"sign_rule": sign, "sliding_rule": sliding}

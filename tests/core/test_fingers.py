@@ -14,7 +14,6 @@ from graspless_pin import (
 )
 
 NORMALS = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0], [0, 0.6, 0.8]])
-UP = {"positions": [[0, 0, -0.1]], "normals": [[0, 0, 1]], "external_wrench": [0, 0, -5, 0, 0, 0]}
 
 
 def test_force_fingers_are_stacked_block_by_block():
@@ -67,7 +66,7 @@ def test_a_position_finger_has_no_column():
     assert assemble_joint_space(NORMALS, []).jacobian.shape == (12, 0)
 
 
-def solve_cuboid(fingers, **options):
+def held_cuboid(fingers):
     """The paper's cuboid at rest with its two fingers (contacts 0 and 5) controlled otherwise."""
     arguments = cuboid_arguments()
     space = assemble_joint_space(np.array(arguments["normals"]), fingers)
@@ -81,7 +80,7 @@ def solve_cuboid(fingers, **options):
 
 def test_hybrid_fingers_command_their_normal_forces():
     hybrid = [FingerContacts(ControlMode.HYBRID, [contact]) for contact in (0, 5)]
-    problem = solve_cuboid(hybrid)
+    problem = held_cuboid(hybrid)
     solution = maximize_margin(problem)
     assert solution.found
     normal = np.einsum("ij,ij->i", problem.normals, solution.contact_forces)
@@ -95,25 +94,24 @@ def test_hybrid_fingers_command_their_normal_forces():
 
 
 def test_the_largest_commanded_force_is_respected():
-    push = [FingerContacts(ControlMode.HYBRID, [0], max_force=4.0)]
-    space = assemble_joint_space(UP["normals"], push)
-    options = {"friction": 0.5, "jacobian": space.jacobian, "torque_limits": space.torque_limits}
-    assert not maximize_margin(QuasistaticProblem(**UP, **options)).found
-    enough = assemble_joint_space(
-        UP["normals"], [FingerContacts(ControlMode.HYBRID, [0], max_force=6.0)]
+    weak, strong = (
+        assemble_joint_space([[0, 0, 1]], [FingerContacts(ControlMode.HYBRID, [0], max_force=most)])
+        for most in (4.0, 6.0)
     )
-    options |= {"torque_limits": enough.torque_limits}
-    solution = maximize_margin(QuasistaticProblem(**UP, **options))
+    problem = QuasistaticProblem(
+        [[0, 0, -0.1]], [[0, 0, 1]], [0, 0, -5, 0, 0, 0], weak.jacobian,
+        friction=0.5, torque_limits=weak.torque_limits,
+    )  # fmt: skip
+    assert not maximize_margin(problem).found
+    solution = maximize_margin(problem.with_changes(torque_limits=strong.torque_limits))
     np.testing.assert_allclose(solution.torques, [5.0], atol=1e-6)
 
 
 def test_a_position_finger_is_the_environment():
-    problem = solve_cuboid([FingerContacts(ControlMode.POSITION, [0, 5])])
+    problem = held_cuboid([FingerContacts(ControlMode.POSITION, [0, 5])])
     assert problem.joint_count == 0
     solution = maximize_margin(problem)
-    assert solution.found
-    assert solution.torques.shape == (0,)
-    assert solution.max_torque == 0.0
+    assert solution.torques.shape == (0,) and solution.max_torque == 0.0
     assert solution.margin == pytest.approx(1.6504, rel=2e-4)
     smallest = minimize_torque(problem, 0.1)
     assert smallest.found

@@ -116,6 +116,6 @@ def test_many_units_in_words():
     assert units_text(()) == "N m"
 
 
-def test_a_comparison_of_rules_has_the_unit_of_the_joints():
-    assert "max |torque| [N m]" in str(compare_rules(problem()))
-    assert "max |torque| [N]" in str(compare_rules(problem(("N", "N"))))
+@pytest.mark.parametrize("unit", JointUnit)
+def test_a_comparison_of_rules_has_the_unit_of_the_joints(unit):
+    assert f"max |torque| [{unit}]" in str(compare_rules(problem((unit, unit))))

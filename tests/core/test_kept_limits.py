@@ -132,10 +132,14 @@ def test_tolerances_are_what_the_docs_say():
     np.testing.assert_allclose(none.limit_tolerances[0], 1e-9 * load, rtol=1e-12)
 
 
-@settings(max_examples=8)
+@settings(max_examples=5)
 @example(2334)  # unverified, where a limit is a hundred-millionth of the load
-@example(4697)
 @given(st.integers(0, 20_000))
 def test_weak_hands_agree_with_the_exact_optimum(seed):
     verdict = judge(weak_case(5 * seed + 4))
     assert verdict.outcome is not Outcome.WRONG, verdict
+
+
+@pytest.mark.sampled(0)  # it takes seconds
+def test_a_weak_hand_with_many_modes():
+    assert judge(weak_case(5 * 4697 + 4)).outcome is not Outcome.WRONG

@@ -64,13 +64,13 @@ def oracle(problem, rule, requirements):
     return exists(problem, tuple(mode), str(rule))
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(questions(list(ANY_SIGNS)))
 def test_verdicts_agree_with_linprog_and_prove_themselves(question):
     assert_right_verdict(*question)
 
 
-@settings(max_examples=30)
+@settings(max_examples=12)
 @given(questions(list(ANY_SIGNS)), st.integers(0, 2000))
 def test_what_matters_most_changes_no_verdict(question, seed):
     problem, rule, requirements = question
@@ -139,12 +139,6 @@ def assert_conflict(problem, rule, requirements, conflict):
             assert not oracle(problem, rule, requirements_)
 
 
-@pytest.mark.parametrize("rule", list(ANY_SIGNS))
-def test_nothing_asked_is_feasible(rule):
-    verdict = VirtualKinematics(scene("rest")).solve([], rule)
-    assert isinstance(verdict, Witness)
-
-
 def test_one_rigid_body_cannot_slide_apart():
     """Two supports on one table cannot both slide outwards along the line between them."""
     problem = QuasistaticProblem(
@@ -203,7 +197,7 @@ def test_an_undecided_motion_leaves_margins_undecided_and_is_an_error_of_a_listi
 def fixed_questions() -> list[tuple[QuasistaticProblem, SignRule, list[Requirement]]]:
     """Requirements on a few contacts, some of which no motion meets."""
     found = []
-    for seed in range(12):
+    for seed in range(8):
         rng = np.random.default_rng(seed)
         problem = random_problem(seed, 4) if seed % 3 else scene(("rest", "up")[seed % 2])
         for rule in SignRule:
@@ -343,6 +337,7 @@ def test_right_routines_decide_all_fixed_questions():
     assert assert_no_wrong_verdicts() == len(fixed_questions())
 
 
+@pytest.mark.sampled(8)
 @pytest.mark.parametrize("how", list(WRONG_SQUARES))
 def test_no_wrong_least_squares_become_a_verdict(how, monkeypatch):
     monkeypatch.setattr(optimize, "nnls", WRONG_SQUARES[how])
@@ -350,7 +345,7 @@ def test_no_wrong_least_squares_become_a_verdict(how, monkeypatch):
     assert assert_no_wrong_verdicts() >= 0.65 * len(fixed_questions())
 
 
-@pytest.mark.sampled(8)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("how", list(WRONG_PROGRAMS))
 @pytest.mark.parametrize("squares", ["gives up", "zeros"])
 def test_no_wrong_linear_program_becomes_a_verdict(how, squares, monkeypatch):

@@ -98,18 +98,6 @@ def test_forces_that_no_double_resolves_are_not_said_to_be_optimal():
     assert resolved.status is Status.OPTIMAL
 
 
-def test_the_scale_does_not_depend_on_the_reference_point():
-    problem = scene("up")
-    shift = np.array([0.3, -0.2, 0.5])
-    force, moment = problem.external_wrench.reshape(2, 3)
-    moved = problem.with_changes(
-        positions=problem.positions - shift,
-        external_wrench=np.concatenate([force, moment - np.cross(shift, force)]),
-    )
-    assert moved.scales.force == pytest.approx(problem.scales.force, rel=1e-12)
-    assert moved.scales.length == pytest.approx(problem.scales.length, rel=1e-12)
-
-
 def test_a_limit_that_stands_for_none_does_not_hide_a_margin():
     """Without a load the margin is the scale, though the limits are 1e14 times as large."""
     problem = scene("rest").with_changes(external_wrench=np.zeros(6), max_normal_force=2e12)
@@ -119,18 +107,6 @@ def test_a_limit_that_stands_for_none_does_not_hide_a_margin():
     assert document["scales"]["force"] == pytest.approx(0.02)
     assert solution.margin >= 0.02 * (1.0 - 1e-6)
     assert verify_document(document).proven
-
-
-def test_without_a_load_the_required_margin_sets_the_scale():
-    problem = scene("rest").with_changes(
-        external_wrench=np.zeros(6), max_normal_force=5e10, torque_limits=(-np.inf, np.inf)
-    )
-    assert problem.scales.force == 5e10
-    solution = minimize_torque(problem, 0.1)
-    if solution.found:
-        assert solution.margin >= 0.1 - 1e-7
-        residual = problem.W @ solution.contact_forces.ravel()
-        assert np.abs(residual[:3]).max() <= 1e-7
 
 
 @st.composite

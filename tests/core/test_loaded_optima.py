@@ -11,7 +11,6 @@ from scenes import scene
 from graspless_pin import Margin, QuasistaticProblem, SolveOptions, Torque, TorqueShare, compiled
 from graspless_pin.algorithms.carried import LoadedOptima, are_for
 from graspless_pin.algorithms.solve import solve_problem
-from graspless_pin.algorithms.warm_start import solve_from
 from graspless_pin.problem.cones import CONE_MODELS
 
 pytestmark = pytest.mark.skipif(compiled.core is None, reason="nothing was compiled")
@@ -115,27 +114,6 @@ def test_what_is_found_depends_on_the_states_before_it_alone(objective):
         np.testing.assert_array_equal(other.found, expected.found)
         np.testing.assert_array_equal(other.figures, expected.figures)
         np.testing.assert_array_equal(other.torques, expected.torques)
-
-
-def test_what_a_search_has_learned_begins_a_state_where_no_loop_does():
-    problem = scene("rest")
-    figures, torques = np.empty((1, 6)), np.empty((1, problem.joint_count))
-    optima = LoadedOptima(problem, Margin(), SolveOptions())
-    optima._may_begin = False
-    own = np.concatenate([
-        problem.friction, problem.external_wrench, problem.lower_torque, problem.upper_torque,
-        problem.gravity_torques, problem.max_normal_force,
-    ])[None]  # fmt: skip
-    assert optima.carry_on(problem, own, 0, figures, torques) == 0
-    solution, start = solve_from(problem, Margin(), SolveOptions())
-    optima.learn(problem, start)
-    assert optima.carry_on(problem, own, 0, figures, torques) == 1
-    assert torques[0] == pytest.approx(solution.torques, abs=1e-7)
-    # What served comes first for the next state, before a place where nothing could be carried.
-    (start_of_state,) = optima._pool
-    optima._pool.insert(0, None)
-    assert optima.carry_on(problem, own, 0, figures, torques) == 1
-    assert optima._pool == [start_of_state, None]
 
 
 @pytest.mark.parametrize("wrong", ["rows", "columns", "figures", "torques", "begin"])

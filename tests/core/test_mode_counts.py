@@ -14,21 +14,23 @@ from graspless_pin.modes.kinematics import VirtualKinematics
 
 COUNTS = [
     ("sphere", "strict", "exempt", 121),
-    ("rest", "strict", "exempt", 987),
     ("up", "strict", "exempt", 25),
     ("down", "strict", "exempt", 25),
     ("up", "strict", "constrained", 14),
     ("down", "strict", "constrained", 14),
     ("sphere", "exact", "exempt", 639),
-    ("rest", "exact", "exempt", 4983),
-    ("rest", "nonzero", "exempt", 3011),
     ("up", "exact", "exempt", 81),
     ("up", "exact", "constrained", 138),
 ]
 MAXIMAL = {"rest": 262, "up": 16, "down": 16}
 
 
-@pytest.mark.sampled(6)
+@cache
+def modes_of(name, *, maximal):
+    return list(enumerate_modes(scene(name), maximal=maximal))
+
+
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize(("name", "sign", "sliding", "count"), COUNTS)
 def test_counts(name, sign, sliding, count):
     modes = list(enumerate_modes(scene(name), sign_rule=sign, sliding_rule=sliding))
@@ -36,14 +38,20 @@ def test_counts(name, sign, sliding, count):
     assert len(set(modes)) == count
 
 
+@pytest.mark.sampled(0)
+@pytest.mark.parametrize(("sign", "count"), [("exact", 4983), ("nonzero", 3011)])
+def test_many_counts(sign, count):
+    test_counts("rest", sign, "exempt", count)
+
+
 @pytest.mark.parametrize(("name", "count"), MAXIMAL.items())
 def test_maximal_counts(name, count):
-    assert len(list(enumerate_modes(scene(name), maximal=True))) == count
+    assert len(modes_of(name, maximal=True)) == count
 
 
 @pytest.mark.parametrize("sign", ["strict", "exact", "nonzero"])
 def test_maximal_modes_cover_all_modes(sign):
-    problem = random_problem(2, 3)
+    problem = random_problem(2, 2 if sign == "exact" else 3)
     everything = list(enumerate_modes(problem, sign_rule=sign))
     largest = list(enumerate_modes(problem, sign_rule=sign, maximal=True))
     assert 0 < len(largest) < len(everything)
@@ -70,21 +78,13 @@ def extends(larger: SlidingMode, smaller: SlidingMode) -> bool:
 
 @pytest.mark.parametrize("sign", ["strict", "exact", "nonzero"])
 def test_every_restriction_of_a_feasible_mode_is_feasible(sign):
-    problem = scene("rest") if sign == "strict" else scene("sphere")
-    listed = set(enumerate_modes(problem, sign_rule=sign))
+    listed = set(enumerate_modes(scene("sphere"), sign_rule=sign))
     for mode in listed:
         for contact in np.flatnonzero(mode.selection):
             selection, signs = mode.selection.copy(), mode.signs.copy()
             selection[contact] = False
             signs[contact] = 0
             assert SlidingMode(selection, signs) in listed
-
-
-@pytest.mark.parametrize(("sliding", "selected"), [("exempt", False), ("constrained", True)])
-def test_contacts_in_actual_sliding(sliding, selected):
-    problem = scene("up")
-    for mode in enumerate_modes(problem, sliding_rule=sliding):
-        assert (mode.selection[problem.is_sliding] == selected).all()
 
 
 def test_frictionless_contacts_are_never_selected():
@@ -117,7 +117,7 @@ def test_listing_is_lazy(monkeypatch):
     first = list(itertools.islice(modes, 3))
     assert len(set(first)) == 3
     assert solved < 40
-    list(modes)
+    assert len(list(modes)) == 987 - 3
     assert solved > 987
 
 
@@ -126,11 +126,6 @@ MANY = 24  # contacts: more modes than can be listed
 
 def figures(solutions):
     return [(one.mode, one.margin) for one in solutions if one.found]
-
-
-@cache
-def modes_at_rest(*, maximal):
-    return list(enumerate_modes(scene("rest"), maximal=maximal))
 
 
 def test_as_many_modes_are_solved_as_nodes_are_allowed():
@@ -156,7 +151,7 @@ def test_no_time_gives_no_mode_but_the_word_that_it_was_over(algorithm):
 
 @pytest.mark.parametrize(("maximal", "limit"), [(False, 100), (True, 3000)])
 def test_a_listing_of_modes_ends_at_its_limit_by_an_error(maximal, limit):
-    every, listed = modes_at_rest(maximal=maximal), []
+    every, listed = modes_of("rest", maximal=maximal), []
     with pytest.raises(OverrunError, match=f"after {limit} partial modes"):
         listed.extend(
             each for each in enumerate_modes(scene("rest"), maximal=maximal, node_limit=limit)
@@ -168,8 +163,8 @@ def test_a_listing_of_modes_ends_at_its_limit_by_an_error(maximal, limit):
 
 
 def test_a_listing_within_its_limits_is_whole():
-    limited = enumerate_modes(scene("rest"), maximal=True, node_limit=10**9, time_limit=np.inf)
-    assert list(limited) == modes_at_rest(maximal=True)
+    limited = enumerate_modes(scene("up"), maximal=True, node_limit=10**9, time_limit=np.inf)
+    assert list(limited) == modes_of("up", maximal=True)
 
 
 @pytest.mark.parametrize(

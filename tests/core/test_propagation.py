@@ -21,8 +21,9 @@ def stiff_cuboid() -> QuasistaticProblem:
 PROBLEMS = {
     "rest": lambda: scene("rest"),
     "stiff": stiff_cuboid,
-    "slope-5": lambda: slope_scene(2, 5),
-    "slope-7": lambda: slope_scene(4, 7),
+    "slope-4": lambda: slope_scene(3, 4),
+    "slope-5": lambda: slope_scene(1, 5),
+    "slope-6": lambda: slope_scene(2, 6),
 }
 
 
@@ -50,17 +51,17 @@ def some_decisions(rng: np.random.Generator, mode: SlidingMode) -> Decisions:
 
 
 CASES = [(name, sign) for name in PROBLEMS for sign in ("strict", "nonzero")]
-CASES += [("stiff", "exact"), ("slope-5", "exact")]
+CASES += [("stiff", "exact"), ("slope-4", "exact")]
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize(("name", "sign"), CASES)
 def test_no_maximal_mode_is_lost(name, sign):
     problem, rng = PROBLEMS[name](), np.random.default_rng(7)
     propagation = Propagation(problem, VirtualKinematics(problem), Rules.parse(sign))
     modes = list(enumerate_modes(problem, sign_rule=sign, maximal=True))
     narrowed = 0
-    for index in rng.integers(len(modes), size=25):
+    for index in rng.integers(len(modes), size=15):
         decisions = some_decisions(rng, modes[index])
         probe = bool(rng.integers(2))
         propagated = propagation.propagate(decisions, probe=probe)

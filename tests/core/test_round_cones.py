@@ -55,7 +55,7 @@ def turned(problem, angles):
     return problem.with_changes(tangents=np.stack([c * t1 + s * t2, c * t2 - s * t1], axis=2))
 
 
-@pytest.mark.sampled(4)
+@pytest.mark.sampled(3)
 @pytest.mark.parametrize("number", range(12))
 def test_optima_are_those_of_an_independent_model(number):
     for one in comparisons(number):
@@ -123,7 +123,7 @@ def test_any_solver_serves_round_cones(solver):
     assert solution.value == pytest.approx(maximize_margin(round_scene(1)).value, rel=1e-7)
 
 
-@pytest.mark.sampled(10)
+@pytest.mark.sampled(6)
 @pytest.mark.parametrize("lie", LIES)
 @pytest.mark.parametrize("number", [0, 1])
 def test_no_lie_about_round_programs_becomes_an_answer(number, lie, monkeypatch):
@@ -199,7 +199,7 @@ def test_gradients_are_differences(number):
     assert (found[0] - found[1]) / 2e-4 == pytest.approx(float(margin[0]), rel=1e-3)
 
 
-@settings(max_examples=20)
+@settings(max_examples=8)
 @given(st.lists(st.floats(0.0, 7.0), min_size=5, max_size=5))
 def test_tangents_do_not_matter_under_coulombs_law(angles):
     problem = rounded(general_scene(3, 5))
@@ -270,7 +270,7 @@ def test_the_smallest_margin_of_a_round_cone():
     assert bounds.largest_margin == pytest.approx((mu * pull - push / 2.0) / widening, rel=1e-7)
 
 
-@pytest.mark.parametrize("name", ["rest", "sphere"])
+@pytest.mark.parametrize("name", ["up", "sphere"])
 def test_the_papers_scenes_with_round_cones(name):
     pyramids = scene(name)
     problem = rounded(pyramids)

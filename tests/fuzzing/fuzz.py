@@ -10,6 +10,7 @@ folder, output and limits of its own. Prints what broke the rules, with the numb
 from __future__ import annotations
 
 import argparse
+import importlib
 import os
 import resource
 import shutil
@@ -25,8 +26,6 @@ from random import Random
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-import matplotlib.pyplot  # noqa: F401 - loaded once, for reports
-import pandas  # noqa: F401 - loaded once, for studies
 import spoiling
 import spoilt_seeds as seeds
 
@@ -144,6 +143,9 @@ def end(status: int, usage: resource.struct_rusage, folder: Path) -> Outcome:
 
 def run(cases: list[Case], folder: Path, jobs: int) -> dict[int, Outcome]:
     """Run all cases, some at a time."""
+    for words, module in (("report", "matplotlib.pyplot"), ("study", "pandas")):
+        if any(item.command[0] == words for item in cases):
+            importlib.import_module(module)  # once, and not in each process
     waiting = list(reversed(cases))
     running: dict[int, tuple[Case, Path, float]] = {}
     outcomes: dict[int, Outcome] = {}

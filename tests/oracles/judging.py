@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from enum import StrEnum
 from fractions import Fraction
 from functools import lru_cache, partial
 
 import numpy as np
 from tests.oracles.exact_optimum import Best, ExactScene, Mode, Question
+from tests.oracles.outcome import Outcome
 from tests.oracles.scale_scenes import Case
 
 from graspless_pin import (
@@ -45,18 +45,6 @@ ROUNDING = Fraction(1, 10**12)
 
 
 _ROUNDED = (Fraction(0), ROUNDING, STILL)
-
-
-class Outcome(StrEnum):
-    """How an answer and the exact optimum compare."""
-
-    AGREE = "agree"
-    REFUSED = "refused"
-    TOO_LARGE = "load too large"
-    UNVERIFIED = "unverified"
-    THRESHOLD = "hangs on the threshold"
-    TOLERANCE = "hangs on the tolerance"
-    WRONG = "WRONG"
 
 
 @dataclass(frozen=True)

@@ -22,8 +22,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from tabulate import tabulate
-from tests.oracles.judging import Outcome, judge
-from tests.oracles.scale_scenes import scale_case, weak_case
+from tests.oracles.outcome import Outcome
 
 COUNT = 2500
 WEAK = 5
@@ -45,6 +44,9 @@ class Judged(NamedTuple):
 
 def judged(seed: int) -> Judged:
     """Judge one scene; an error of any kind is a wrong answer."""
+    from tests.oracles.judging import judge
+    from tests.oracles.scale_scenes import scale_case, weak_case
+
     try:
         verdict = judge(weak_case(seed) if seed % WEAK == WEAK - 1 else scale_case(seed))
     except Exception as error:  # whatever the package raises is told

@@ -1,13 +1,12 @@
 """The judge of answers: false answers are wrong, and a lost worker is one line."""
 
-import os
-import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from tests.oracles.exact_optimum import Question
 from tests.oracles.judging import RESOLVED, Outcome, ask, compare, exact_scene
+from tests.oracles.lost_worker import ends_or_sleeps
 from tests.oracles.scale_scenes import FAMILIES, scale_case
 from tests.oracles.scales import Judged, passes, run, summary
 from tests.oracles.test_exact_optimum import four_points
@@ -116,7 +115,7 @@ def test_the_package_says_where_it_hangs_on_the_threshold(turn, outcome):
 
 
 def test_scenes_are_of_every_scale_and_limit():
-    cases = [scale_case(seed) for seed in range(400)]
+    cases = [scale_case(seed) for seed in range(250)]
     again = scale_case(7)
     np.testing.assert_array_equal(again.problem.jacobian, cases[7].problem.jacobian)
     assert {case.family for case in cases} == set(FAMILIES)
@@ -125,13 +124,13 @@ def test_scenes_are_of_every_scale_and_limit():
     loads = [np.abs(problem.external_wrench[:3]).max() for problem in problems]
     assert min(lengths) < 1e-8 and max(lengths) > 1e8
     assert min(load for load in loads if load) < 1e-7 and max(loads) > 1e9
-    assert sum(not problem.external_wrench.any() for problem in problems) > 20
+    assert sum(not problem.external_wrench.any() for problem in problems) > 12
     assert {problem.contact_count for problem in problems} == {2, 3, 4}
     assert {problem.joint_count for problem in problems} == {0, 1, 2, 3, 4}
-    assert sum(bool((problem.friction == 0.0).any()) for problem in problems) > 60
-    assert sum(bool(problem.is_sliding.any()) for problem in problems) > 30
+    assert sum(bool((problem.friction == 0.0).any()) for problem in problems) > 37
+    assert sum(bool(problem.is_sliding.any()) for problem in problems) > 18
     widths = np.concatenate([problem.upper_torque - problem.lower_torque for problem in problems])
-    assert (widths == 0.0).sum() > 50 and np.isinf(widths).sum() > 100
+    assert (widths == 0.0).sum() > 30 and np.isinf(widths).sum() > 60
     shares = [
         problem.max_normal_force / load
         for problem, load in zip(problems, loads, strict=True)
@@ -175,20 +174,12 @@ def test_an_answer_that_is_missing_near_the_load_is_wrong():
         assert compare(changed, scale_case(3).question, solution).outcome == outcome
 
 
-def _ends_or_sleeps(seed: int) -> Judged:
-    if seed == 2:
-        os._exit(7)
-    if seed == 5:
-        time.sleep(600.0)
-    return Judged(seed, Outcome.AGREE, "", 1e-9, found=True)
-
-
 def test_a_process_that_is_lost_or_never_ends_is_one_wrong_scene():
-    lines = sorted(run(range(6), 2, _ends_or_sleeps, limit=2.0))
+    lines = sorted(run(range(6), 2, ends_or_sleeps, limit=2.0))
     assert [line.seed for line in lines] == list(range(6))
     assert [line.seed for line in lines if line.outcome == Outcome.WRONG] == [2, 5]
     assert "ended with 7" in lines[2].detail
-    assert "no answer in 2 s" in lines[5].detail and "_ends_or_sleeps" in lines[5].detail
+    assert "no answer in 2 s" in lines[5].detail and "ends_or_sleeps" in lines[5].detail
     assert not passes(lines)
     fine = [line for line in lines if line.outcome == Outcome.AGREE]
     assert passes(fine) and "1.0e-09" in summary(fine)

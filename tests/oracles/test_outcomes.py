@@ -107,7 +107,7 @@ BY_HAND = {
 @pytest.mark.parametrize("name", BY_HAND)
 def test_cases_solved_by_hand(name):
     case, status, accelerations, forces = BY_HAND[name]
-    answer = enumerate_outcomes(case, sectors=8)
+    answer = enumerate_outcomes(case, sectors=6)
     moves = status != "strong" and accelerations is not None
     assert (answer.status, answer.rest, answer.moving) == (status, status != "none", moves)
     assert (answer.outcome is not None) is moves
@@ -129,10 +129,10 @@ def seeded(seed, contacts=2):
     return random_rest_case(rng, contacts, fingers, joints)
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(5)
 @pytest.mark.parametrize("seed", range(16))
 def test_answers_are_consistent(seed):
-    case = seeded(seed, 2 + (seed % 4 == 0))
+    case = seeded(seed, 2 + (seed % 8 == 0))
     answer = enumerate_outcomes(case, sectors=8)
     assert answer.status != "between"
     if answer.outcome is not None:
@@ -143,7 +143,7 @@ def test_answers_are_consistent(seed):
         assert len(case.torques) > 0
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("seed", range(6))
 def test_rotation_and_order_change_nothing(seed):
     case = seeded(seed)

@@ -35,14 +35,14 @@ def test_the_spread_leaves_out_what_the_sign_test_allows(rounds: int, left_out: 
 
 def test_the_spread_holds_the_true_ratio_as_often_as_it_says() -> None:
     rng = np.random.default_rng(0)
-    trials, truth = 2000, 1.1
+    trials, truth = 1000, 1.1
     for rounds in (7, 9, 15):
         noise = rng.lognormal(sigma=0.2, size=(2, trials, rounds))
         held = [
             one.low <= truth <= one.high
             for one in (ratio_of(truth * a, b) for a, b in zip(*noise, strict=True))
         ]
-        assert 0.95 - 0.01 <= np.mean(held) <= 0.99 + 0.01
+        assert 0.95 - 0.015 <= np.mean(held) <= 0.99 + 0.01
 
 
 @pytest.mark.parametrize(
@@ -54,11 +54,8 @@ def test_what_is_clearly_above_the_allowance_is_slower(factor: float, slower: bo
 
 def test_what_lies_within_the_spread_is_not_slower() -> None:
     one = ratio_of([1.5, 1.5, 1.5, 1.5, 0.9, 1.5, 1.5], [1.0] * 7)
-    assert one.ratio == 1.5
-    assert not one.slower
-
-
-def test_nine_rounds_see_past_one_that_was_disturbed() -> None:
+    assert one.ratio == 1.5 and not one.slower
+    # Nine rounds see past one that was disturbed.
     disturbed = [1.0] * 8 + [5.0]
     assert ratio_of([1.2] * 9, disturbed).slower
     assert not ratio_of(disturbed, [1.0] * 9).slower
