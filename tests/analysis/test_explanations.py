@@ -121,7 +121,7 @@ def test_a_limit_that_has_no_side_keeps_none():
 
 def hard() -> TorqueSolution:
     """An infeasible scene whose explanation takes seconds, and searches of more than one node."""
-    problem = general_scene(1, 24)
+    problem = general_scene(1, 18)
     best = maximize_margin(problem, node_limit=1)
     return minimize_torque(problem, 1.05 * best.certificate.bound)
 

@@ -216,6 +216,18 @@ def structured_arguments(seed: int, kind: str, contacts: int, *, slides: int = 0
     }
 
 
+def rescaled(problem: QuasistaticProblem, force: float, length: float = 1.0) -> QuasistaticProblem:
+    """The problem in other units of force and length; none of its joints is linear."""
+    torque = force * length
+    return problem.with_changes(
+        positions=length * problem.positions, jacobian=length * problem.jacobian,
+        external_wrench=force * problem.external_wrench * np.repeat([1.0, length], 3),
+        torque_limits=(torque * problem.lower_torque, torque * problem.upper_torque),
+        max_normal_force=force * problem.max_normal_force,
+        gravity_torques=torque * problem.gravity_torques,
+    )  # fmt: skip
+
+
 def assert_holds(solution: TorqueSolution, tolerance: float = 1e-5) -> None:
     """Check forces, torques and mode against the problem's letters, without the package's checks.
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from tests.core.random_scenes import slope_scene
 from tests.core.scenes import random_problem, scene
-from tests.oracles.directions import listed, turned
+from tests.oracles.directions import listed, solved, turned
 
 from graspless_pin import (
     QuasistaticProblem,
@@ -141,7 +141,7 @@ CASES = [
 def test_friction_opposes_the_motion_of_the_answer(case, margin):
     """The rule itself, from the problem's matrices: touching, opposite, and not too slow."""
     family, seed, contacts = case
-    solution = _solved(family(seed, contacts), margin)
+    solution = solved(family(seed, contacts), margin)
     if not solution.found:
         assert solution.status is Status.INFEASIBLE_MODES
         return
@@ -175,7 +175,7 @@ def test_some_cases_are_split_and_some_hang_on_it():
     """So that the cases above look at more than relaxations."""
     nodes, lower = [], 0
     for family, seed, contacts in CASES:
-        solution = _solved(family(seed, contacts), None)
+        solution = solved(family(seed, contacts), None)
         free = maximize_margin(solution.problem, static_friction="coulomb")
         nodes.append(solution.certificate.nodes)
         lower += solution.found and solution.margin < 0.99 * free.margin
@@ -206,7 +206,7 @@ def test_directions_allow_no_more_than_exact_signs(case):
     family, seed, contacts = case
     problem = family(seed, contacts).with_changes(cone="round")
     exact = maximize_margin(problem, sign_rule="exact")
-    strictest = _solved(problem, None)
+    strictest = solved(problem, None)
     if strictest.found:
         assert strictest.margin <= exact.margin * (1.0 + 1e-6)
 
@@ -325,9 +325,3 @@ def test_what_needs_signs_refuses_the_rule_by_name(what):
         REFUSED[what]()
     assert what in str(caught.value)
     assert "'strict', 'exact' or 'nonzero'" in str(caught.value)
-
-
-def _solved(problem: QuasistaticProblem, margin: float | None) -> TorqueSolution:
-    if margin is None:
-        return maximize_margin(problem, sign_rule="direction")
-    return minimize_torque(problem, margin, sign_rule="direction")

@@ -324,20 +324,16 @@ def test_programs_without_an_answer_leave_right_figures(name, which, monkeypatch
     check(ask(), expected)
 
 
-def on_a_slope(friction: float) -> QuasistaticProblem:
-    """A point on a slope of 30 degrees, which needs a friction of tan 30 degrees."""
-    tangents = [[[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]]]
-    return QuasistaticProblem(
-        [[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]], [-5.0, 0, -5.0 * np.sqrt(3), 0, 0, 0],
-        friction=friction, tangents=tangents, cone_edges=4,
-    )  # fmt: skip
-
-
 @pytest.mark.parametrize("which", CHOICES)
 def test_the_least_friction_with_programs_without_an_answer(which, monkeypatch):
+    """A point on a slope of 30 degrees needs a friction of tan 30 degrees."""
     patched(monkeypatch, CHOICES[which])
     for friction in (0.2, 0.01):
-        found = minimum_friction(on_a_slope(friction))
+        point = QuasistaticProblem(
+            [[0, 0, 0]], [[0, 0, 1]], [-5.0, 0, -5.0 * np.sqrt(3), 0, 0, 0],
+            friction=friction, tangents=[[[1, 0], [0, 1], [0, 0]]], cone_edges=4,
+        )  # fmt: skip
+        found = minimum_friction(point)
         right = np.tan(np.pi / 6.0) / friction
         if found.proven and right < 16.0:
             assert found.factor == pytest.approx(right, rel=1e-5)
@@ -386,14 +382,12 @@ def test_a_failed_program_in_a_mode_is_unverified(outcome, monkeypatch):
     if outcome is Outcome.FAILED:
         patched(monkeypatch, lambda _: True)
     found = minimize_torque(fresh("rest"), 1e9 if outcome is Outcome.INFEASIBLE else 0.0, mode=mode)
-    assert (
-        found.status
-        is {
-            Outcome.SOLVED: Status.OPTIMAL_IN_MODE,
-            Outcome.INFEASIBLE: Status.INFEASIBLE_IN_MODE,
-            Outcome.FAILED: Status.UNVERIFIED,
-        }[outcome]
-    )
+    expected = {
+        Outcome.SOLVED: Status.OPTIMAL_IN_MODE,
+        Outcome.INFEASIBLE: Status.INFEASIBLE_IN_MODE,
+        Outcome.FAILED: Status.UNVERIFIED,
+    }
+    assert found.status is expected[outcome]
 
 
 def test_torques_of_a_carried_optimum_are_checked():

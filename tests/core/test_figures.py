@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import scene
+from scenes import rescaled, scene
 
 from graspless_pin import load_scene, maximize_margin, minimize_torque
 from graspless_pin.algorithms.force_bounds import contact_force_bounds
@@ -60,12 +60,7 @@ def test_the_margin_at_worst_prints_no_rounding(tmp_path):
 
 @pytest.mark.parametrize("weight", [1e-6, 1.0, 1e6])
 def test_tables_print_neither_signed_zeros_nor_rounding(weight):
-    problem = scene("rest")
-    problem = problem.with_changes(
-        external_wrench=weight * problem.external_wrench,
-        max_normal_force=weight * problem.max_normal_force,
-        torque_limits=(weight * problem.lower_torque, weight * problem.upper_torque),
-    )
+    problem = rescaled(scene("rest"), weight)
     for solution in (maximize_margin(problem), minimize_torque(problem, 0.1 * weight)):
         cells = str(solution).partition("joint ")[2].partition("point [m]")[0].split()
         assert not {"+0", "-0", "+0.0000", "-0.0000"}.intersection(cells)

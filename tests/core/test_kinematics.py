@@ -64,21 +64,14 @@ def oracle(problem, rule, requirements):
     return exists(problem, tuple(mode), str(rule))
 
 
-@settings(max_examples=30)
-@given(questions(list(ANY_SIGNS)))
-def test_verdicts_agree_with_linprog_and_prove_themselves(question):
-    assert_right_verdict(*question)
-
-
-@settings(max_examples=12)
-@given(questions(list(ANY_SIGNS)), st.integers(0, 2000))
-def test_what_matters_most_changes_no_verdict(question, seed):
+@settings(max_examples=40)
+@given(questions(list(ANY_SIGNS)), st.none() | st.integers(0, 2000))
+def test_verdicts_agree_with_linprog_and_prove_themselves(question, seed):
+    """Whatever is said to matter most."""
     problem, rule, requirements = question
-    importance = np.random.default_rng(seed).uniform(0.03, 1.0, (len(requirements), 2))
-    assert_right_verdict(problem, rule, requirements, importance)
-
-
-def assert_right_verdict(problem, rule, requirements, importance=None):
+    importance = None
+    if seed is not None:
+        importance = np.random.default_rng(seed).uniform(0.03, 1.0, (len(requirements), 2))
     verdict = VirtualKinematics(problem).solve(requirements, rule, importance)
     assert isinstance(verdict, Witness) == oracle(problem, rule, requirements)
     if isinstance(verdict, Witness):

@@ -10,6 +10,7 @@ from scenes import (
     assert_holds,
     cuboid_arguments,
     random_arguments,
+    rescaled,
     scene,
     sphere_arguments,
     structured_arguments,
@@ -134,18 +135,6 @@ def solved(problem, which, options, factor=1.0):
     return minimize_torque(problem, 0.05 * factor, scale=which, **options)
 
 
-def changed(problem, force=1.0, length=1.0):
-    """The problem in other units of force and length; no joint of these is linear."""
-    wrench = force * problem.external_wrench * np.repeat([1.0, length], 3)
-    limits = tuple(force * length * side for side in (problem.lower_torque, problem.upper_torque))
-    return problem.with_changes(
-        positions=length * problem.positions, jacobian=length * problem.jacobian,
-        external_wrench=wrench, torque_limits=limits,
-        max_normal_force=force * problem.max_normal_force,
-        gravity_torques=force * length * problem.gravity_torques,
-    )  # fmt: skip
-
-
 def assert_alike(one, two, which, force, length):
     assert two.status is one.status
     if one.found:
@@ -168,7 +157,7 @@ def test_other_units_change_nothing(question, force, length):
     arguments, which, options = question
     problem = QuasistaticProblem(**arguments)
     one = solved(problem, which, options)
-    two = solved(changed(problem, force, length), which, options, factor=force)
+    two = solved(rescaled(problem, force, length), which, options, factor=force)
     assert_alike(one, two, which, force, length)
 
 

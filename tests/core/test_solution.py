@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 from random_scenes import general_scene
-from scenes import assert_holds, cuboid_arguments, scene
+from scenes import assert_holds, cuboid_arguments, rescaled, scene
 
 from graspless_pin import QuasistaticProblem, SlidingMode, Status, maximize_margin, minimize_torque
 
@@ -224,15 +224,7 @@ def test_figures_of_any_size_are_printed_with_their_digits(size):
     """As those of the same scene of everyday size, but for the power of ten."""
     problem = scene("rest")
     solution, other = (
-        minimize_torque(
-            problem.with_changes(
-                external_wrench=problem.external_wrench * factor,
-                max_normal_force=50.0 * factor,
-                torque_limits=(-10.0 * factor, 10.0 * factor),
-            ),
-            0.1 * factor,
-        )
-        for factor in (1.0, size)
+        minimize_torque(rescaled(problem, factor), 0.1 * factor) for factor in (1.0, size)
     )
     plain, scaled = str(solution), str(other)
     assert f"margin e = {0.1 * size:.6g} N" in scaled

@@ -207,9 +207,8 @@ def test_wrong_coordinates_are_named(changes, said):
     ],
 )
 def test_wrong_bodies_are_named(changes, said):
-    arguments = {
-        "points": np.zeros((2, 3)), "bodies": [[0, -1], [1, 0]], "centers": np.zeros((2, 3))
-    }  # fmt: skip
+    zeros = np.zeros((2, 3))
+    arguments = {"points": zeros, "bodies": [[0, -1], [1, 0]], "centers": zeros}
     assert body_wrench_matrix(**arguments).shape == (12, 6)
     with pytest.raises(ArgumentError, match=said):
         body_wrench_matrix(**arguments | changes)
