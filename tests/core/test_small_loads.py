@@ -71,7 +71,8 @@ def test_no_margin_and_no_load_is_too_small():
     child = subprocess.run(command, capture_output=True, text=True, timeout=300)  # noqa: S603
     assert (child.returncode, child.stderr[-3000:]) == (0, ""), child.stderr[-2000:]
     told = product((FEASIBLE, INFEASIBLE), CASES)
-    statuses = dict(zip(told, map(json.loads, child.stdout.splitlines()), strict=True))
+    answered = map(json.loads, child.stdout.splitlines())
+    statuses: dict[object, list[str]] = dict(zip(told, answered, strict=True))
     # What needs forces far beyond the load's reach was said to be infeasible.
     found = {*chain(*(statuses[FEASIBLE, case] for case in CASES))}
     assert not {"INFEASIBLE_FORCES", "INFEASIBLE_MODES"} & found
