@@ -63,7 +63,7 @@ def factor_of(index: int) -> float:
     return minimum_friction(problem_of(index), **options_of(index)).factor
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(4)
 @CASES
 def test_force_bounds(index: int):
     problem, torques, bounds = problem_of(index), held_torques(index), bounds_of(index)
@@ -94,7 +94,7 @@ def test_force_bounds(index: int):
     assert close(bounds.largest_margin, max(forces.best_case()[0] for forces in sets))
 
 
-@pytest.mark.sampled(6)
+@pytest.mark.sampled(5)
 @CASES
 @pytest.mark.parametrize("held", [True, False], ids=["held", "free"])
 def test_disturbances(index: int, held: bool):
@@ -130,7 +130,7 @@ def reached(intervals: list[tuple[float, float]]) -> float:
     return end
 
 
-@pytest.mark.sampled(5)
+@pytest.mark.sampled(4)
 @CASES
 def test_least_friction(index: int):
     problem, factor = problem_of(index), factor_of(index)
