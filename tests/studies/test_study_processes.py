@@ -1,7 +1,6 @@
 """Studies in other processes: any number of workers, killed runs, dying workers, Dask."""
 
 import os
-import random
 import signal
 import subprocess
 import sys
@@ -10,10 +9,12 @@ from concurrent.futures import Executor, wait
 from pathlib import Path
 from typing import Any
 
+import dask
 import pandas as pd
 import pytest
 from distributed import Client, LocalCluster
-from faulty_evaluations import hangs_at_seven, misbehaves, tells_threads
+from distributed.utils import get_mp_context
+from faulty_evaluations import crashes_at_the_end, hangs_at_seven, misbehaves
 from study_tools import FRICTION, SLOPE, Here, data, study, study_file
 
 from graspless_pin.errors import StudyError
@@ -31,11 +32,9 @@ SLOW = {"minimum_friction": True}  # tens of milliseconds a sample, so that a ki
 RUN = """
 print("once", flush=True)  # a script without a guard for its worker processes
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from graspless_pin.studies import load_study, run_study
 file, output, workers = *sys.argv[1:3], int(sys.argv[3])
-executor = None if workers else ThreadPoolExecutor(1)  # without processes it starts sooner
-run_study(load_study(file), output, executor=executor, workers=workers or 1, progress=False)
+run_study(load_study(file), output, workers=workers, progress=False)
 """
 
 
@@ -53,65 +52,31 @@ def here(made, file):
     return run_study(made, file, executor=Here(), workers=1, progress=False)
 
 
-def test_the_number_of_processes_does_not_matter(tmp_path):
-    made = load_study(study_file(tmp_path, sobol()))
-    here(made, tmp_path / "one.parquet")
-    table = run_study(made, tmp_path / "more.parquet", workers=2, progress=False)
-    assert len(table) == SAMPLES
-    one, more = ((tmp_path / f"{name}.parquet").read_bytes() for name in ("one", "more"))
-    assert one == more
-
-
-def test_processes_have_one_thread_of_linear_algebra(tmp_path, monkeypatch):
-    """The parent keeps as many as it had. What starts slowly and is not needed, they leave."""
-    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "7")
-    monkeypatch.setattr("graspless_pin.studies.executors.evaluate_each", tells_threads)
-    table = run_study(
-        study({"friction": FRICTION}), tmp_path / "out.csv", workers=1, progress=False
-    )
-    assert set(table["error"]) == {"1 1 []"} and os.environ["OPENBLAS_NUM_THREADS"] == "7"
-
-
-@pytest.fixture(scope="module")
-def slow_table(tmp_path_factory):
-    """The file of the slow study's table."""
-    folder = tmp_path_factory.mktemp("slow")
-    here(load_study(study_file(folder, sobol(compute=SLOW))), folder / "whole.parquet")
-    return (folder / "whole.parquet").read_bytes()
-
-
-def test_a_study_killed_twice_gives_the_same_table(tmp_path, slow_table):
+def test_a_killed_study_goes_on_and_gives_the_table_of_one_process(tmp_path):
+    """Killed with one worker process, it goes on with two."""
     file = study_file(tmp_path, sobol(compute=SLOW))
     output, journal = tmp_path / "out.parquet", tmp_path / "out.parquet.journal"
-    rng = random.Random(1)  # noqa: S311 - when to kill is no secret
-    rows = 0
-    for workers in (2, 0):
-        child = started(tmp_path, file, output, workers)
-        until = rows + rng.randint(1, SAMPLES // 8)
-        while rows_in(journal) < until:
-            assert child.poll() is None, "the study ended before it was killed"
-            time.sleep(0.002)
-        tasks = Path(f"/proc/{child.pid}/task").glob("*/children")
-        children = [pid for task in tasks for pid in task.read_text().split()]
-        assert len(children) >= workers
-        child.kill()
-        # What its workers print as they start would be read here, too; on standard error Python
-        # tells that a killed process leaves semaphores.
-        assert child.communicate()[0] == "once\n"
-        assert_end(children)
-        assert not output.exists()
-        rows = rows_in(journal)
-    last = started(tmp_path, file, output, 0)
-    assert (*last.communicate(), last.returncode) == ("once\n", "", 0)
-    assert output.read_bytes() == slow_table
-    assert len(read_results(output)) == SAMPLES and rows < SAMPLES
-
-
-def assert_end(processes):
+    killed = started(tmp_path, file, output, workers=1)
+    while rows_in(journal) < 3:
+        assert killed.poll() is None, "the study ended before it was killed"
+        time.sleep(0.002)
+    tasks = Path(f"/proc/{killed.pid}/task").glob("*/children")
+    children = [pid for task in tasks for pid in task.read_text().split()]
+    assert len(children) == 1
+    killed.kill()
+    # What its workers print as they start would be read here, too; on standard error Python
+    # tells that a killed process leaves semaphores.
+    assert killed.communicate()[0] == "once\n"
     deadline = time.monotonic() + 300.0
-    while any(map(is_running, processes)):
+    while any(map(is_running, children)):
         assert time.monotonic() < deadline, "workers outlive their parent"
         time.sleep(0.02)
+    assert not output.exists() and 3 <= rows_in(journal) < SAMPLES
+    last = started(tmp_path, file, output, workers=2)
+    assert (*last.communicate(), last.returncode) == ("once\n", "", 0)
+    here(load_study(file), tmp_path / "whole.parquet")
+    assert output.read_bytes() == (tmp_path / "whole.parquet").read_bytes()
+    assert len(read_results(output)) == SAMPLES
 
 
 def started(folder, file, output, workers):
@@ -138,54 +103,47 @@ def is_running(pid):
         return False
 
 
-TOLD = {
-    3: ("crashed", "the process was ended by SIGSEGV, and so was a second one"),
-    7: ("out_of_time", "took longer than 3 s (sample_time_limit)"),
-}
+CRASHED = ("crashed", "the process was ended by SIGSEGV, and so was a second one")
+OUT_OF_TIME = ("out_of_time", "took longer than 3 s (sample_time_limit)")
 
 
-def assert_bad_samples_are_rows(tmp_path, monkeypatch, **options):
+def assert_bad_samples_are_rows(tmp_path, monkeypatch, evaluation, expected, **options):
     """They have outcomes of their own; all others are as they always are."""
     content = sobol(compute={"sample_time_limit": 3}, description=str(tmp_path / "died"))
     made = load_study(study_file(tmp_path, content))
-    expected = here(made, tmp_path / "whole.csv")
-    monkeypatch.setattr("graspless_pin.studies.executors.evaluate_each", misbehaves)
+    good = here(made, tmp_path / "whole.csv")
+    monkeypatch.setattr("graspless_pin.studies.executors.evaluate_each", evaluation)
     table: Any = run_study(made, tmp_path / "out.csv", progress=False, **options)
-    bad = list(TOLD)
-    assert list(zip(table["status"][bad], table["error"][bad], strict=True)) == [*TOLD.values()]
+    bad = list(expected)
+    assert list(zip(table["status"][bad], table["error"][bad], strict=True)) == [*expected.values()]
     assert not table["found"][bad].any() and table["margin_N"][bad].isna().all()
     pd.testing.assert_frame_equal(
-        table.drop(index=bad).drop(columns="error"), expected.drop(index=bad).drop(columns="error")
+        table.drop(index=bad).drop(columns="error"), good.drop(index=bad).drop(columns="error"),
+        check_exact=True,
+    )  # fmt: skip
+    pd.testing.assert_frame_equal(read_results(tmp_path / "out.csv"), table)
+    return table
+
+
+def test_samples_that_crash_or_hang_are_rows(tmp_path, monkeypatch):
+    table = assert_bad_samples_are_rows(
+        tmp_path, monkeypatch, misbehaves, {3: CRASHED, 23: OUT_OF_TIME}, workers=1
     )
     assert (tmp_path / "died").exists()
     told = "24 samples: 22 found, 0 infeasible, 0 failed, 1 crashed, 1 out of time\n"
     assert results_summary(table).startswith(told)
     assert "first failure at sample 3: the process was ended by SIGSEGV" in results_summary(table)
-    pd.testing.assert_frame_equal(read_results(tmp_path / "out.csv"), table)
-
-
-def test_samples_that_crash_or_hang_are_rows(tmp_path, monkeypatch):
-    assert_bad_samples_are_rows(tmp_path, monkeypatch, workers=2)
-
-
-def test_samples_that_crash_or_hang_on_dask_are_rows(tmp_path, monkeypatch, cluster):
-    with dask_executor(cluster.scheduler_address) as (executor, _):
-        before = processes_of(cluster)
-        assert_bad_samples_are_rows(tmp_path, monkeypatch, executor=executor, workers=2)
-        assert len(before) == 2
-        assert processes_of(cluster) == before, "workers of Dask died"
-
-
-def processes_of(cluster) -> Any:
-    """Return the process of each worker: a task may go to the same one every time."""
-    with Client(cluster) as client:
-        return client.run(os.getpid)
 
 
 def test_an_interrupt_does_not_wait_for_a_sample_that_hangs(tmp_path, monkeypatch):
-    """And keeps the rows before it, those of its chunk too."""
+    """And keeps the rows before it, those of its chunk too.
+
+    A worker process has one thread of linear algebra, the parent as many as it had. What starts
+    slowly and is not needed, a worker leaves.
+    """
     hanging = tmp_path / "hanging"
     made = load_study(study_file(tmp_path, sobol(description=str(hanging))))
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "7")
     monkeypatch.setattr("graspless_pin.studies.executors.evaluate_each", hangs_at_seven)
 
     def wait_for_the_hang(running, **options):
@@ -200,6 +158,8 @@ def test_an_interrupt_does_not_wait_for_a_sample_that_hangs(tmp_path, monkeypatc
     monkeypatch.setattr("graspless_pin.studies.executors._CHUNK_SECONDS", 1e3)
     with pytest.raises(KeyboardInterrupt):
         run_study(made, tmp_path / "out.csv", workers=1, progress=False)
+    assert hanging.read_text(encoding="utf-8") == "1 1 []"
+    assert os.environ["OPENBLAS_NUM_THREADS"] == "7"
     # Rows that come fast are sent together, never more than were there before.
     assert 3 <= rows_in(tmp_path / "out.csv.journal") <= 7
     monkeypatch.undo()
@@ -214,46 +174,56 @@ def test_processes_that_do_not_start_are_told(tmp_path, monkeypatch):
     assert not (tmp_path / "out.csv").exists()
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def cluster():
-    with LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, host="127.0.0.1", silence_logs=50,
-        dashboard_address=NO_DASHBOARD, scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
-    ) as running:  # fmt: skip
-        yield running
+    """Two workers. Their processes are forked from one that has loaded what they need."""
+    with dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"}):
+        get_mp_context().set_forkserver_preload(["distributed", "graspless_pin.studies"])
+        with LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, host="127.0.0.1", silence_logs=50,
+            dashboard_address=NO_DASHBOARD, scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
+        ) as running:  # fmt: skip
+            yield running
 
 
-def test_dask_gives_the_same_table_where_workers_are_lost(tmp_path, cluster, slow_table):
-    """Each is killed once while it has samples; its nanny starts another one."""
-    made = load_study(study_file(tmp_path, sobol(compute=SLOW)))
-    before = processes_of(cluster)
+def processes_of(client) -> dict[str, int]:
+    """The process of each worker: a task may go to the same one every time."""
+    return client.run(os.getpid)
+
+
+def test_dask_gives_the_same_table_where_a_worker_is_lost_and_a_sample_crashes(
+    tmp_path, monkeypatch, cluster
+):
+    """A worker is killed while it has samples; its nanny starts another one. No sample ends one."""
     with (
         dask_executor(cluster.scheduler_address) as (executor, threads),
         Client(cluster) as client,
     ):
-        assert threads == 2
-        assert os.getpid() not in {executor.submit(os.getpid).result() for _ in range(8)}
-        losing = Losing(executor, {3: 0, 8: 1}, [*before.values()])
-        run_study(made, tmp_path / "dask.parquet", executor=losing, workers=threads, progress=False)
+        before = processes_of(client)
+        assert threads == len(before) == 2 and os.getpid() not in before.values()
+        losing = Losing(executor, client, before)
+        assert_bad_samples_are_rows(
+            tmp_path, monkeypatch, crashes_at_the_end, {23: CRASHED}, executor=losing, workers=2
+        )
         client.wait_for_workers(2, timeout=300)
-    assert losing.alone == [False, False] and losing.submitted > 8
-    assert not {*before.values()} & {*processes_of(cluster).values()}
-    assert (tmp_path / "dask.parquet").read_bytes() == slow_table
+        kept = {*processes_of(client).values()} & {*before.values()}
+        assert losing.lost is not None and kept == {*before.values()} - {losing.lost}
 
 
 class Losing(Executor):
-    """Gives work to an executor, some of whose processes it kills on the way."""
+    """Gives work to an executor of Dask, and kills one of its processes that is computing."""
 
-    def __init__(self, executor, losses, processes):
-        self.executor, self.losses, self.processes = executor, losses, processes
-        self.submitted, self.alone = 0, []
+    def __init__(self, executor, client, processes):
+        self.executor, self.client, self.processes = executor, client, processes
+        self.submitted, self.lost = 0, None
 
     def submit(self, fn, /, *args, **kwargs):
         future = self.executor.submit(fn, *args, **kwargs)
         self.submitted += 1
-        if self.submitted in self.losses:
-            self.alone.append(future.done())
-            os.kill(self.processes[self.losses[self.submitted]], signal.SIGKILL)
+        busy = [worker for worker, tasks in self.client.processing().items() if tasks]
+        if self.lost is None and self.submitted >= 8 and busy:
+            self.lost = self.processes[busy[0]]
+            os.kill(self.lost, signal.SIGKILL)
         return future
 
 
