@@ -4,11 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from planning_scenes import (
-    example,
-    nearby,
-    with_hybrid_finger,
-)
+from planning_scenes import example, nearby, with_hybrid_finger
 
 from graspless_pin import maximize_margin, minimize_torque
 from graspless_pin.errors import ArgumentError, NoSolutionError
@@ -97,15 +93,8 @@ def test_gaps_are_the_differences_of_gaps(name):
         gradient.gaps, [answer.contacts.points[k].distance for k in gradient.contacts]
     )
     for column, joint in enumerate(np.eye(len(q))):
-        high, low = (
-            np.array(
-                [
-                    evaluator.scene_at(q + sign * STEP * joint).contacts.points[k].distance
-                    for k in gradient.contacts
-                ]
-            )
-            for sign in (1.0, -1.0)
-        )
+        ends = [evaluator.scene_at(q + sign * STEP * joint).contacts.points for sign in (1.0, -1.0)]
+        high, low = (np.array([end[k].distance for k in gradient.contacts]) for end in ends)
         np.testing.assert_allclose(
             gradient.gap_gradient[:, column], (high - low) / (2.0 * STEP), atol=1e-6
         )

@@ -212,17 +212,16 @@ def test_required_margin(name, algorithm):
     assert slope == pytest.approx((high - low) / 2e-4, rel=1e-3)
 
 
+def pinch(jacobian, **options):
+    """Two contacts that face each other, without a load."""
+    points, normals = [[0, -0.1, 0], [0, 0.1, 0]], [[0, 1, 0], [0, -1, 0]]
+    options |= {"friction": 0.5, "torque_limits": (-1.0, 1.0)}
+    return QuasistaticProblem(points, normals, np.zeros(6), jacobian, **options)
+
+
 def test_by_hand():
     """A finger 0.1 m long presses 10 N of force at most: e = 50 - f_n, and f_n = tau / 0.1."""
-    problem = QuasistaticProblem(
-        [[0, -0.1, 0], [0, 0.1, 0]],
-        [[0, 1, 0], [0, -1, 0]],
-        np.zeros(6),
-        np.array([[0, -0.1, 0, 0, 0, 0]]).T,
-        friction=0.5,
-        cone_edges=4,
-        torque_limits=(-1.0, 1.0),
-    )
+    problem = pinch(np.array([[0, -0.1, 0, 0, 0, 0]]).T, cone_edges=4)
     gradients = optimum_gradients(maximize_margin(problem))
     s = 0.5 * np.sqrt(0.5)
     per_newton = s / np.hypot(1.0, s)
@@ -238,15 +237,7 @@ def test_fingers_that_limit_together_are_flagged():
     """Two equal fingers against each other: more strength of one alone changes nothing."""
     jacobian = np.zeros((6, 2))
     jacobian[1, 0], jacobian[4, 1] = -0.1, 0.1
-    problem = QuasistaticProblem(
-        [[0, -0.1, 0], [0, 0.1, 0]],
-        [[0, 1, 0], [0, -1, 0]],
-        np.zeros(6),
-        jacobian,
-        friction=0.5,
-        torque_limits=(-1.0, 1.0),
-    )
-    gradients = optimum_gradients(maximize_margin(problem, static_friction="coulomb"))
+    gradients = optimum_gradients(maximize_margin(pinch(jacobian), static_friction="coulomb"))
     assert gradients.degenerate
     np.testing.assert_array_equal(gradients.unique["lower_torque"], [False, False])
     np.testing.assert_array_equal(gradients.unique["upper_torque"], [True, True])

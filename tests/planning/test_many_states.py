@@ -10,7 +10,7 @@ from planning_scenes import example, nearby, shifted, with_hybrid_finger
 
 from graspless_pin import Margin, SolveOptions, compiled
 from graspless_pin.errors import ArgumentError, CrashError
-from graspless_pin.planning import EvaluatedStates, Evaluator, StateStatus, many_states
+from graspless_pin.planning import Evaluator, StateStatus, many_states
 from graspless_pin.planning.configurations import Configurations
 from graspless_pin.planning.state_solver import StateSolver
 from graspless_pin.scene import batch_states
@@ -34,13 +34,6 @@ def varied(count: int, seed: int = 0) -> tuple[Evaluator, dict[str, Any]]:
     twists[7::12] = 0.0
     poses = np.array([shifted(T, step) for step in steps])
     return evaluator, {"q": q, "T_world_object": poses, "twist": twists}
-
-
-def assert_same(one: EvaluatedStates, other: EvaluatedStates) -> None:
-    np.testing.assert_array_equal(one.statuses, other.statuses)
-    np.testing.assert_array_equal(one.contact_counts, other.contact_counts)
-    np.testing.assert_allclose(one.margins, other.margins, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(one.bounds, other.bounds, rtol=0, atol=2e-7)
 
 
 @pytest.mark.parametrize("need_hand", [True, False])
@@ -80,30 +73,44 @@ def test_each_state_is_what_evaluate_finds(need_hand):
     assert kept[5].reason
 
 
+FOLLOWED = ("trihand_push_box", "allegro_push_up_slope", "allegro_tumble_box")
+
+
 @pytest.mark.skipif(compiled.core is None, reason="nothing was compiled")
-@pytest.mark.parametrize("algorithm", ["margin", "torque"])
-def test_states_that_are_like_none_before_are_answered_by_loops(algorithm, monkeypatch):
-    evaluator = Evaluator(example("allegro_box_on_slope"), algorithm=algorithm)
-    rng, (lower, upper) = np.random.default_rng(3), evaluator.joint_limits
-    q = np.clip(evaluator.configuration() + rng.uniform(-0.02, 0.02, (40, 16)), lower, upper)
+@pytest.mark.parametrize(
+    ("name", "algorithm", "spread"),
+    [
+        ("allegro_box_on_slope", "margin", 0.01),
+        ("allegro_box_on_slope", "torque", 0.01),
+        *(pytest.param(name, "margin", 1e-4, marks=pytest.mark.sampled(4)) for name in FOLLOWED),
+    ],
+)
+def test_states_that_are_like_none_before_are_answered_by_loops(
+    name, algorithm, spread, monkeypatch
+):
+    """Also those of an object that the hand follows. Others have learned nothing."""
+    evaluator = Evaluator(example(name), algorithm=algorithm)
+    rng = np.random.default_rng(5)
+    q = np.array([nearby(evaluator, rng, spread) for _ in range(32)])
     alone: list[Any] = []
     solved = StateSolver.solved
     monkeypatch.setattr(StateSolver, "solved", lambda *a: alone.append(a) or solved(*a))
 
     found = evaluator.evaluate_many(q, workers=1)
 
-    assert len(alone) <= 10
-    assert len(set(found.contact_counts.tolist())) > 2
-    expected = [Evaluator(evaluator.scene, algorithm=algorithm).evaluate(one) for one in q[::2]]
-    for k, answer in enumerate(expected):
-        assert found.statuses[2 * k] is answer.status
+    assert len(alone) <= 12
+    assert len(set(found.contact_counts.tolist())) > (2 if spread > 1e-3 else 0)
+    for k in range(0, len(q), 2):
+        answer = Evaluator(evaluator.scene, algorithm=algorithm).evaluate(q[k])
+        assert found.statuses[k] is answer.status
         if answer.found:
             bound = answer.solution.certificate.bound
-            assert found.bounds[2 * k] == pytest.approx(bound, abs=2e-7)
+            assert found.bounds[k] == pytest.approx(bound, abs=2e-7)
         if algorithm == "margin":
-            assert found.margins[2 * k] == pytest.approx(answer.margin, abs=1e-9)
+            within = 1e-9 if name == "allegro_box_on_slope" else 1e-6
+            assert found.margins[k] == pytest.approx(answer.margin, abs=within)
         elif answer.found:
-            torques = np.abs(found.torques[2 * k]).max(), np.abs(answer.torques).max()
+            torques = np.abs(found.torques[k]).max(), np.abs(answer.torques).max()
             assert torques[0] == pytest.approx(torques[1], abs=1e-9)
 
 
@@ -144,12 +151,14 @@ def test_processes_find_the_same_and_go_on_after_one_died():
 
     there = evaluator.evaluate_many(**states, workers=2)
 
-    assert_same(there, here)
+    np.testing.assert_array_equal(there.statuses, here.statuses)
+    np.testing.assert_array_equal(there.contact_counts, here.contact_counts)
+    np.testing.assert_allclose(there.margins, here.margins, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(there.bounds, here.bounds, rtol=0, atol=2e-7)
     solver = StateSolver(Configurations(evaluator.scene), Margin(), SolveOptions())
+    state = many_states.checked_states(9, **{name: of[:1] for name, of in states.items()})
     with pytest.raises(CrashError):
-        many_states.gathered(
-            end_the_process, solver, many_states.checked_states(9, **states), 2, None
-        )
+        many_states.gathered(end_the_process, solver, state, 2, None)
     feasible = evaluator.are_feasible(**states, margin=margin, workers=2)
     np.testing.assert_array_equal(feasible, here.margins >= margin)
     with pytest.raises(ArgumentError, match=r"unknown joint 'thumb'"):
@@ -250,28 +259,6 @@ def test_a_margin_is_asked_for_as_of_one_state():
     assert evaluator.are_feasible(q, margin=best + 0.01).tolist() == [False, False]
     with pytest.raises(ArgumentError, match="margin: is -1"):
         evaluator.are_feasible(q, margin=-1.0)
-
-
-@pytest.mark.sampled(2)
-@pytest.mark.skipif(compiled.core is None, reason="nothing was compiled")
-@pytest.mark.parametrize(
-    "name", ["trihand_push_box", "allegro_push_up_slope", "allegro_tumble_box"]
-)
-def test_states_of_an_object_that_the_hand_follows_are_answered_by_loops(name, monkeypatch):
-    evaluator = Evaluator(example(name))
-    rng = np.random.default_rng(5)
-    q = np.array([nearby(evaluator, rng, 1e-4) for _ in range(24)])
-    alone: list[Any] = []
-    solved = StateSolver.solved
-    monkeypatch.setattr(StateSolver, "solved", lambda *a: alone.append(a) or solved(*a))
-
-    found = evaluator.evaluate_many(q, workers=1)
-
-    assert len(alone) <= 12
-    for k, one in enumerate(q):
-        answer = Evaluator(evaluator.scene).evaluate(one)  # which has learned nothing
-        assert found.statuses[k] is answer.status
-        assert found.margins[k] == pytest.approx(answer.margin, abs=1e-6)
 
 
 def test_a_hand_that_moves_by_itself_is_left_to_the_search():

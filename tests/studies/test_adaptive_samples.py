@@ -45,7 +45,7 @@ def three(x, y):
     return int(x > 0.3) + int(x > 0.3 and y > 1.1)
 
 
-def places(made, samples):
+def places(samples):
     """(samples, 2) whole places on the finest grid."""
     steps = [(0.0, 0.8, 4), (0.5, 2.5, 3)]
     values = np.array(samples)
@@ -56,27 +56,6 @@ def places(made, samples):
         ],
         axis=1,
     )
-
-
-@pytest.mark.parametrize("outcome", [disc, three])
-def test_the_border_is_found_as_on_the_whole_finest_grid(outcome):
-    """Each finest cell whose corners differ has them all sampled; few others are."""
-    made = adaptive(depth=DEPTH)
-    *_, last = rounds(made, outcome)
-    found = {tuple(place) for place in places(made, last[:]).tolist()}
-    assert len(found) == len(last)
-    n, m = 4 * 2**DEPTH, 3 * 2**DEPTH
-    told = np.array(
-        [[outcome(0.8 * i / n, 0.5 + 2.0 * j / m) for j in range(m + 1)] for i in range(n + 1)]
-    )
-    mixed = 0
-    for i, j in product(range(n), range(m)):
-        corners = [(i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1)]
-        if len({told[corner] for corner in corners}) > 1:
-            mixed += 1
-            assert found.issuperset(corners)
-    assert mixed > n
-    assert len(found) < 8 * mixed < (n + 1) * (m + 1)
 
 
 def by_cells(outcome, shape, depth):
@@ -110,25 +89,36 @@ def by_cells(outcome, shape, depth):
         points |= new
 
 
-@pytest.mark.sampled(1)
-@pytest.mark.parametrize("seed", range(3))
-def test_the_points_are_those_of_a_search_cell_by_cell(seed):
+def blobs(seed):
     """Seeded blobs of three outcomes."""
     rng = np.random.default_rng(seed)
     centers, kinds = rng.uniform(0.0, 1.0, (6, 2)), rng.integers(0, 3, 6)
 
-    def at(i, j):
-        place = np.array([i / (4 * 2**DEPTH), j / (3 * 2**DEPTH)])
+    def outcome(x, y):
+        place = np.array([x / 0.8, (y - 0.5) / 2.0])
         return int(kinds[np.argmin(np.linalg.norm(centers - place, axis=1))])
 
-    def outcome(x, y):
-        (place,) = places(None, [(x, y)])
-        return at(*place)
+    return outcome
 
+
+@pytest.mark.sampled(3)
+@pytest.mark.parametrize("outcome", [disc, three, *map(blobs, range(3))])
+def test_the_points_are_those_of_a_search_cell_by_cell(outcome):
+    """Each cell of the finest grid whose corners differ has them all sampled; few others are."""
     *_, last = rounds(adaptive(depth=DEPTH), outcome)
-    expected = by_cells(at, (4, 3), DEPTH)
-    assert {tuple(place) for place in places(None, last[:]).tolist()} == expected
-    assert len(last) > 100
+    found = {tuple(place) for place in places(last[:]).tolist()}
+    n, m = 4 * 2**DEPTH, 3 * 2**DEPTH
+    told = [[outcome(0.8 * i / n, 0.5 + 2.0 * j / m) for j in range(m + 1)] for i in range(n + 1)]
+    assert found == by_cells(lambda i, j: told[i][j], (4, 3), DEPTH)
+    assert len(found) == len(last)
+    mixed = 0
+    for i, j in product(range(n), range(m)):
+        corners = [(i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1)]
+        if len({told[i][j] for i, j in corners}) > 1:
+            mixed += 1
+            assert found.issuperset(corners)
+    assert mixed > n
+    assert len(found) < 8 * mixed < (n + 1) * (m + 1)
 
 
 def test_rounds_begin_with_those_before():
@@ -183,18 +173,15 @@ def test_a_study_is_refined_where_nothing_holds_any_more(tmp_path):
     made = Study.from_data(data(HELD, **SAMPLED))
     check_study(made)
     table = run_study(made, tmp_path / "out.csv", executor=Here(), progress=False)
-    whole = study(
-        {name: {**entry, "steps": 17} for name, entry in HELD.items()},
-    )
+    whole = study({name: {**entry, "steps": 17} for name, entry in HELD.items()})
     every: Any = run_study(whole, tmp_path / "whole.csv", executor=Here(), progress=False)
     assert 0 < every["found"].sum() < len(every)
     names = ["friction.default", "slope_deg"]
-    outcomes = {
-        tuple(np.round([row[name] for name in names], 9)): row["found"]
-        for _, row in every.iterrows()
-    }
-    for _, row in table.iterrows():
-        assert outcomes[tuple(np.round([row[name] for name in names], 9))] == row["found"]
+    outcomes, told = (
+        dict(zip(map(tuple, rows[names].to_numpy().round(9)), rows["found"], strict=True))
+        for rows in (every, table)
+    )
+    assert told.items() <= outcomes.items() and len(told) == len(table)
     assert 9 < len(table) < len(every) / 2
     about = read_results(tmp_path / "out.csv").attrs["graspless_pin"]
     assert about["samples"] == len(table) and about["method"] == "adaptive"
@@ -237,34 +224,32 @@ def test_the_border_of_a_mode(tmp_path):
     assert len({*table["mode"].dropna()}) > 1 and len(table) > len(found)
 
 
+FINE = {
+    f"hand.q.{joint}": {"from": 0.0, "to": 0.1, "steps": 2000}
+    for joint in ("finger_1/hinge", "finger_6/hinge")
+} | {name: {**entry, "steps": 2000} for name, entry in PLANE.items()}
+
+
 @pytest.mark.parametrize(
-    ("sampling", "message"),
+    ("vary", "sampling", "message"),
     [
-        ({}, "adaptive needs 'depth', how often it may halve, or 'samples'"),
-        ({"depth": 0}, "sampling.depth: found 0"),
-        ({"samples": 19}, "sampling.samples: is 19, and the grid to begin with has 20; take more"),
-        ({"depth": 2, "border": "mode"}, "needs compute: {mode: true}"),
-        ({"depth": 2, "border": "margin_N"}, "sampling.border"),
-        ({"depth": 2, "method": "grid"}, "'depth' goes with adaptive alone"),
+        (PLANE, {}, "adaptive needs 'depth', how often it may halve, or 'samples'"),
+        (PLANE, {"depth": 0}, "sampling.depth: found 0"),
+        (PLANE, {"samples": 19}, "sampling.samples: is 19, and the grid to begin with has 20"),
+        (PLANE, {"depth": 2, "border": "mode"}, "needs compute: {mode: true}"),
+        (PLANE, {"depth": 2, "border": "margin_N"}, "sampling.border"),
+        (PLANE, {"depth": 2, "method": "grid"}, "'depth' goes with adaptive alone"),
+        (FINE, {"depth": 16}, "sampling.depth: makes a grid that is too fine"),
+        *(
+            ({"friction.default": entry}, {"depth": 2}, message)
+            for entry, message in (
+                ({"values": [0.1, 0.2]}, "refines 1 to 4 ranges, and 0 vary"),
+                ({"from": 0.1, "to": 0.2}, "a range on a grid needs 'steps'"),
+            )
+        ),
     ],
 )
-def test_bad_sampling_is_told(sampling, message):
+def test_bad_sampling_is_told(vary, sampling, message):
     with pytest.raises(StudyError) as told:
-        adaptive(**sampling)
+        adaptive(vary, **sampling)
     assert message in str(told.value)
-
-
-def test_ranges_that_cannot_be_refined_are_told():
-    listed = {"friction.default": {"values": [0.1, 0.2]}}
-    with pytest.raises(StudyError, match="refines 1 to 4 ranges, and 0 vary"):
-        adaptive(listed, depth=2)
-    unstepped = {"friction.default": {"from": 0.1, "to": 0.2}}
-    with pytest.raises(StudyError, match="a range on a grid needs 'steps'"):
-        adaptive(unstepped, depth=2)
-    fine = {
-        f"hand.q.{joint}": {"from": 0.0, "to": 0.1, "steps": 2000}
-        for joint in ("finger_1/hinge", "finger_6/hinge")
-    }
-    fine |= {name: {**entry, "steps": 2000} for name, entry in PLANE.items()}
-    with pytest.raises(StudyError, match=r"sampling\.depth: makes a grid that is too fine"):
-        adaptive(fine, depth=16)

@@ -23,137 +23,155 @@ GRID = "{method: grid}"
 
 # What is replaced, by what, and the message after the file's name.
 LOADING = {
-    "no scene": ("scene: SCENE\n", "", ":1: scene: is missing; needs text"),
-    "no such scene": (
-        "SCENE",
-        "cuboid.yaml",
-        ":1: scene: there is no file",
-    ),
-    "unknown key": (
-        "sampling:",
-        "samping:",
-        ":6: samping: unknown key; did you mean 'sampling'? known: compute,",
-    ),
-    "unknown key of a variable": (
-        "steps: 3",
-        "step: 3",
-        ":3: vary['friction.default'].step: unknown key; did you mean 'steps'?",
-    ),
-    "empty range": (
-        "from: 0.2, to: 0.6",
-        "from: 0.6, to: 0.2",
-        ":3: vary['friction.default']: the range from 0.6 to 0.2 is empty; 'from' is the smaller",
-    ),
-    "no steps": (
-        ", steps: 3",
-        "",
-        ":3: vary['friction.default']: a range on a grid needs 'steps', how many values",
-    ),
-    "one step of a range": ("steps: 3", "steps: 1", ":3: vary['friction.default']: one step has"),
-    "many steps of one value": ("to: 0.6", "to: 0.2", ": from 0.2 to 0.2 is one value, not 3"),
-    "no time": (
-        "algorithm: margin",
-        "sample_time_limit: 0",
-        ":7: compute.sample_time_limit: found 0; needs a finite number > 0, at most 1e+06",
-    ),
-    "unknown unit": (
-        "unit: deg",
-        "unit: degree",
-        ":5: vary.slope.unit: 'degree' is no known unit; did you mean 'deg'? known: 1, m, cm,",
-    ),
-    "unit of something else": (
-        "unit: deg",
-        "unit: mm",
-        ":5: vary.slope.unit: 'mm' is no unit of angle; needs rad, deg",
-    ),
-    "two targets": (TURN, TURN + ", key: friction", ":4: vary.slope: found key and turn; give one"),
-    "unknown body": (
-        "what: all",
-        "what: [all, wall]",
-        ":5: vary.slope.turn: what: 'wall' is nothing in the scene; did you mean 'all'? known:",
-    ),
-    "unknown frame": (
-        "what: all",
-        "what: all, frame: moon",
-        ":5: vary.slope.turn: frame: 'moon' is no body; known: object, cuboid, slope, hand,",
-    ),
-    "text turns": (VALUES, "values: [up]", "vary.slope.values: 'turn' needs numbers"),
-    "the same key twice": (
-        VALUES + ", turn: " + TURN,
-        "values: [0.3], key: friction",
-        ":4: vary.slope: sets friction, which 'friction.default' sets already; keep one of them",
-    ),
-    "key that is computed": (
-        "friction.default: " + RANGE,
-        "solve.algorithm: {values: [torque]}",
-        ": sets solve.algorithm, which 'compute' sets already; keep one of them",
-    ),
-    "margin for Algorithm 1": (
-        "algorithm: margin",
-        "algorithm: margin, margin: 0.2",
-        ":7: compute.margin: is no option of the algorithm 'margin' and would change nothing",
-    ),
-    "too many samples": (
-        "steps: 3",
-        "steps: 10000000, scale: linear}\n  max_normal_force: {from: 10, to: 20, steps: 2",
-        ": makes 20000000 samples; at most 10000000 are possible",
-    ),
-    "list": (LINES, "[]", ": a study is a mapping with the keys scene, vary"),
-    "nothing": (LINES, "", ": the file is empty; a study needs scene and vary"),
+    "scene: SCENE\n": {"": ":1: scene: is missing; needs text"},
+    "SCENE": {"cuboid.yaml": ":1: scene: there is no file"},
+    "sampling:": {"samping:": ":6: samping: unknown key; did you mean 'sampling'? known: compute,"},
+    "steps: 3": {
+        "step: 3": ":3: vary['friction.default'].step: unknown key; did you mean 'steps'?",
+        "steps: 1": ":3: vary['friction.default']: one step has",
+        "steps: 10000000, scale: linear}\n  max_normal_force: {from: 10, to: 20, steps: 2": (
+            ": makes 20000000 samples; at most 10000000 are possible"
+        ),
+    },
+    "from: 0.2, to: 0.6": {
+        "from: 0.6, to: 0.2": (
+            ":3: vary['friction.default']: the range from 0.6 to 0.2 is empty; 'from' is the "
+            "smaller"
+        ),
+    },
+    ", steps: 3": {
+        "": ":3: vary['friction.default']: a range on a grid needs 'steps', how many values",
+    },
+    "to: 0.6": {"to: 0.2": ": from 0.2 to 0.2 is one value, not 3"},
+    "algorithm: margin": {
+        "sample_time_limit: 0": (
+            ":7: compute.sample_time_limit: found 0; needs a finite number > 0, at most 1e+06"
+        ),
+        "algorithm: margin, margin: 0.2": (
+            ":7: compute.margin: is no option of the algorithm 'margin' and would change nothing"
+        ),
+    },
+    "unit: deg": {
+        "unit: degree": (
+            ":5: vary.slope.unit: 'degree' is no known unit; did you mean 'deg'? known: 1, m, cm,"
+        ),
+        "unit: mm": ":5: vary.slope.unit: 'mm' is no unit of angle; needs rad, deg",
+    },
+    TURN: {TURN + ", key: friction": ":4: vary.slope: found key and turn; give one"},
+    "what: all": {
+        "what: [all, wall]": (
+            ":5: vary.slope.turn: what: 'wall' is nothing in the scene; did you mean 'all'? known:"
+        ),
+        "what: all, frame: moon": (
+            ":5: vary.slope.turn: frame: 'moon' is no body; known: object, cuboid, slope, hand,"
+        ),
+    },
+    VALUES: {"values: [up]": "vary.slope.values: 'turn' needs numbers"},
+    "values: [45], unit: deg, turn: " + TURN: {
+        "values: [0.3], key: friction": (
+            ":4: vary.slope: sets friction, which 'friction.default' sets already; keep one of them"
+        ),
+    },
+    "friction.default: " + RANGE: {
+        "solve.algorithm: {values: [torque]}": (
+            ": sets solve.algorithm, which 'compute' sets already; keep one of them"
+        ),
+    },
+    LINES: {
+        "[]": ": a study is a mapping with the keys scene, vary",
+        "": ": the file is empty; a study needs scene and vary",
+    },
+    "friction.default": {
+        "supports.slop.friction": (
+            ":3: vary['supports.slop.friction'].key: supports.slop.friction: has no item called "
+            "'slop'; did you mean 'slope'? known: slope"
+        ),
+        "supports.1.friction": ": has no item 1; it has 1, counted from 0",
+        "object.mass.kilo": ": object.mass is 1.0 and has no keys below it",
+        "solve.margin": (
+            ":3: vary['solve.margin']: is no option of the algorithm 'margin' and would change"
+        ),
+        "materials.rubber.cardboard": (
+            ":3: vary['materials.rubber.cardboard']: sets materials.rubber.cardboard, which counts "
+            "nowhere, for the object is of no material, hand and supports are of no material"
+        ),
+    },
+    GRID: {
+        "{samples: 3}": ":6: sampling: a grid has as many samples as its",
+        "{method: sobol}": ":6: sampling: sobol needs 'samples', how many",
+        "{method: sobol, samples: true}": (
+            ":6: sampling.samples: found True; needs a whole number >= 1"
+        ),
+        "{method: sobol, samples: 4}": (
+            ":3: vary['friction.default'].steps: goes with a grid; leave it out"
+        ),
+        "{method: random}": (
+            ":6: sampling.method: found 'random'; needs 'grid', 'latin_hypercube', 'sobol' or "
+            "'adaptive'"
+        ),
+    },
+    RANGE: {
+        "{values: [1], from: 0, to: 1}": ": found values and a range;",
+        "{from: 0, to: 1, steps: 2, scale: log}": (
+            ": a log scale needs positive values, found from 0"
+        ),
+        "{values: [a], unit: '1'}": ".unit: goes with numbers only",
+        "{values: [1], unit: kg}": ": 'kg' is no unit of plain numbers; needs 1",
+        "{values: [1], set: [{key: object.mass}, {key: gravity.0}]}": (
+            "set: its keys are measured in different units: object.mass (mass), gravity.0 "
+            "(acceleration)"
+        ),
+    },
 }
 
 # Refused by the scene: what is replaced, by what, and the message.
 CHECKING = {
-    "unknown scene key": (
-        "friction.default",
-        "object.mas",
-        ":3: vary['object.mas']: at 0.2: {scene}:24: object.mas: unknown key; did you mean 'mass'?",
-    ),
-    "value out of bounds": (
-        "from: 0.2",
-        "from: -0.2",
-        ":3: vary['friction.default']: at -0.2: {scene}:6: friction.default: found -0.2; needs a "
-        "finite number >= 0",
-    ),
-    "truth value for a mass": (
-        "friction.default: " + RANGE,
-        "object.mass: {values: [1, true]}",
-        ":3: vary['object.mass']: at True: {scene}:27: object.mass: found True; needs a finite "
-        "number > 0",
-    ),
-    "number for a name": (
-        "friction.default: " + RANGE,
-        "solve.sign_rule: {values: [strict, loose]}",
-        "vary['solve.sign_rule']: at 'loose': {scene}:33: solve.sign_rule: found 'loose'; needs",
-    ),
-    "number for a pose that turns": (
-        "friction.default: " + RANGE,
-        "object.pose: {values: {lying: {position: [0, 0, 0]}, standing: 3}}",
-        ":3: vary['object.pose']: at 'standing': {scene}:28: object.pose: found 3; needs a mapping",
-    ),
-    "unknown solver": (
-        "algorithm: margin",
-        "algorithm: margin, solver: simplex",
-        ": compute.solver: 'simplex' is not installed; available: clarabel,",
-    ),
-    "unknown joint": (
-        "friction.default: " + RANGE,
-        "hand.q.hinge: {values: [0.1]}",
-        ":3: vary['hand.q.hinge']: at 0.1: {scene}:10: hand: q: unknown joint 'hinge'; known: "
-        "finger_1/hinge, finger_6/hinge",
-    ),
-    "unknown name of friction": (
-        "friction.default",
-        "friction.hands",
-        ":3: vary['friction.hands']: at 0.2: {scene}:4: scene: friction['hands']: names no body; "
-        "did you mean 'hand'?",
-    ),
-    "column of the results": (
-        "friction.default: " + RANGE,
-        "status: {values: [0.1], key: friction}",
-        ":3: vary.status: its column would be called 'status' like another one of the results;",
-    ),
+    "friction.default": {
+        "object.mas": (
+            ":3: vary['object.mas']: at 0.2: {scene}:24: object.mas: unknown key; did you mean "
+            "'mass'?"
+        ),
+        "friction.hands": (
+            ":3: vary['friction.hands']: at 0.2: {scene}:4: scene: friction['hands']: names no "
+            "body; did you mean 'hand'?"
+        ),
+    },
+    "from: 0.2": {
+        "from: -0.2": (
+            ":3: vary['friction.default']: at -0.2: {scene}:6: friction.default: found -0.2; needs "
+            "a finite number >= 0"
+        ),
+    },
+    "friction.default: " + RANGE: {
+        "object.mass: {values: [1, true]}": (
+            ":3: vary['object.mass']: at True: {scene}:27: object.mass: found True; needs a finite "
+            "number > 0"
+        ),
+        "solve.sign_rule: {values: [strict, loose]}": (
+            "vary['solve.sign_rule']: at 'loose': {scene}:33: solve.sign_rule: found 'loose'; needs"
+        ),
+        "object.pose: {values: {lying: {position: [0, 0, 0]}, standing: 3}}": (
+            ":3: vary['object.pose']: at 'standing': {scene}:28: object.pose: found 3; needs a "
+            "mapping"
+        ),
+        "hand.q.hinge: {values: [0.1]}": (
+            ":3: vary['hand.q.hinge']: at 0.1: {scene}:10: hand: q: unknown joint 'hinge'; known: "
+            "finger_1/hinge, finger_6/hinge"
+        ),
+        "status: {values: [0.1], key: friction}": (
+            ":3: vary.status: its column would be called 'status' like another one of the results;"
+        ),
+    },
+    "algorithm: margin": {
+        "algorithm: margin, solver: simplex": (
+            ": compute.solver: 'simplex' is not installed; available: clarabel,"
+        ),
+    },
 }
+
+
+def cases(mistakes):
+    return [(old, *case) for old, those in mistakes.items() for case in those.items()]
 
 
 def changed(folder, old, new):
@@ -163,57 +181,7 @@ def changed(folder, old, new):
     return file
 
 
-KEYS = {
-    "supports.slop.friction": (
-        ":3: vary['supports.slop.friction'].key: supports.slop.friction: has no item called "
-        "'slop'; did you mean 'slope'? known: slope"
-    ),
-    "supports.1.friction": ": has no item 1; it has 1, counted from 0",
-    "object.mass.kilo": ": object.mass is 1.0 and has no keys below it",
-    "solve.margin": (
-        ":3: vary['solve.margin']: is no option of the algorithm 'margin' and would change"
-    ),
-    "materials.rubber.cardboard": (
-        ":3: vary['materials.rubber.cardboard']: sets materials.rubber.cardboard, which counts "
-        "nowhere, for the object is of no material, hand and supports are of no material"
-    ),
-}
-"""A key that varies, and the message."""
-SAMPLING = {
-    "{samples: 3}": ":6: sampling: a grid has as many samples as its",
-    "{method: sobol}": ":6: sampling: sobol needs 'samples', how many",
-    "{method: sobol, samples: true}": ":6: sampling.samples: found True; needs a whole number >= 1",
-    "{method: sobol, samples: 4}": (
-        ":3: vary['friction.default'].steps: goes with a grid; leave it out"
-    ),
-    "{method: random}": (
-        ":6: sampling.method: found 'random'; needs 'grid', 'latin_hypercube', 'sobol' or "
-        "'adaptive'"
-    ),
-}
-"""How samples are taken, and the message."""
-RANGES = {
-    "{values: [1], from: 0, to: 1}": ": found values and a range;",
-    "{from: 0, to: 1, steps: 2, scale: log}": ": a log scale needs positive values, found from 0",
-    "{values: [a], unit: '1'}": ".unit: goes with numbers only",
-    "{values: [1], unit: kg}": ": 'kg' is no unit of plain numbers; needs 1",
-    "{values: [1], set: [{key: object.mass}, {key: gravity.0}]}": (
-        "set: its keys are measured in different units: object.mass (mass), gravity.0 "
-        "(acceleration)"
-    ),
-}
-"""What varies friction, and the message."""
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        *(pytest.param(*case, id=name) for name, case in LOADING.items()),
-        *(("friction.default", key, message) for key, message in KEYS.items()),
-        *((GRID, new, message) for new, message in SAMPLING.items()),
-        *((RANGE, new, message) for new, message in RANGES.items()),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "message"), cases(LOADING))
 def test_a_mistake_is_named(tmp_path, old, new, message):
     file = changed(tmp_path, old, new)
     with pytest.raises(StudyError) as error:
@@ -222,7 +190,7 @@ def test_a_mistake_is_named(tmp_path, old, new, message):
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize(("old", "new", "message"), CHECKING.values(), ids=CHECKING)
+@pytest.mark.parametrize(("old", "new", "message"), cases(CHECKING))
 def test_what_no_scene_can_be_is_refused_before_anything_runs(tmp_path, old, new, message):
     loaded = load_study(changed(tmp_path, old, new))
     here = Here()

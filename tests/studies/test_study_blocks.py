@@ -5,7 +5,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from study_tools import HEIGHT, PAPER, SLOPE, Here, data, study
+from study_tools import HEIGHT, PAPER, Here, data, study
 
 from graspless_pin import compiled, load_scene
 from graspless_pin.algorithms.carried import LoadedOptima
@@ -78,17 +78,17 @@ EVERYTHING = {
 @pytest.mark.parametrize("method", ["sobol", "grid"])
 def test_a_row_depends_on_those_before_it_in_its_block_alone(vary, method):
     """Bit for bit: not on those after it, nor on whether rows come one by one."""
-    made = replace(study(vary, sampling={"method": "sobol", "samples": 32, "seed": 5}), block=16)
+    made = replace(study(vary, sampling={"method": "sobol", "samples": 16, "seed": 5}), block=8)
     samples = [*enumerate(made.samples)]
     if method == "grid":  # neighbours that have most values in common
         samples = [*enumerate(sorted((one for _, one in samples), key=lambda one: one[3:]))]
     whole = [*evaluate_each(made, samples)]
-    assert [row["sample"] for row in whole] == [*range(32)]
+    assert [row["sample"] for row in whole] == [*range(16)]
     assert {"optimal", "failed"} <= {row["status"] for row in whole} or vary is VARY
     assert [*evaluate_each(made, samples, one_by_one=True)] == whole
-    for count in (1, 5, 17, 30):
+    for count in (1, 5, 9):
         assert [*evaluate_each(made, samples[:count])] == whole[:count]
-    assert [*evaluate_each(made, samples[16:])] == whole[16:]
+    assert [*evaluate_each(made, samples[8:])] == whole[8:]
 
 
 @pytest.mark.skipif(compiled.core is None, reason="nothing was compiled")
@@ -116,10 +116,8 @@ def test_an_internal_error_in_a_loop_costs_one_sample_and_is_told(monkeypatch, o
     made = blocked(count=16, block=16)
     samples = [*enumerate(made.samples)]
     whole = [*evaluate_each(made, samples)]
-    bad, carry_on = (
-        stated_sample(made.scene_at(samples[5][1]), {}, ALL_CHECKS, None).loads,
-        LoadedOptima.carry_on,
-    )
+    bad = stated_sample(made.scene_at(samples[5][1]), {}, ALL_CHECKS, None).loads
+    carry_on = LoadedOptima.carry_on
 
     def broken(self, problem, loads, begin, figures, torques):
         end = carry_on(self, problem, loads, begin, figures, torques)
@@ -201,33 +199,6 @@ def test_what_a_sample_takes_from_the_one_before_is_what_it_would_make(method):
         taken += before is not None and stated.kind.state is before.kind.state
         before = stated
     assert taken if method == "grid" else taken < len(samples)
-
-
-def test_values_that_were_seen_make_the_scene_that_is_built():
-    """On a grid, whatever order: a scene has the fields of one that is built by itself."""
-    vary = {
-        "friction": {"values": {"even": 0.3, "slope": {"default": 0.3, "slope": 0.5}}},
-        "cone_edges": {"values": [8, 16]},
-        "solve.algorithm": {"values": ["margin", "torque"]},
-        "max_normal_force": {"values": [10.0, 20.0]},
-        "tangent_axes.0.0": {"values": [1.0, 0.5]},
-        "object.mass": {"values": [1.0, 2.0]},
-        "slope": {"values": [45.0, 40.0], "unit": "deg", "turn": SLOPE["turn"]},
-    }
-    made, parts, known = study(vary), SampleParts(), 0
-    rng = np.random.default_rng(2)
-    for number in [*range(24), *rng.permutation(len(made.samples))[:40].tolist()]:
-        sample = made.samples[int(number)]
-        built = parts.last
-        scene, fresh = made.scene_at(sample, parts), made.scene_at(sample)
-        known += parts.last is built
-        assert scene.friction == fresh.friction and scene.solve_options == fresh.solve_options
-        ours, theirs = scene.problem(), fresh.problem()
-        for name in ("positions", "tangents", "friction", "external_wrench", "max_normal_force"):
-            np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name), strict=True)
-        assert ours.cone_edges == theirs.cone_edges
-        assert scene.asked() == fresh.asked()
-    assert known
 
 
 def test_what_is_refused_is_so_for_values_that_were_seen():

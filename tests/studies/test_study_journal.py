@@ -2,13 +2,11 @@
 
 import json
 import os
-import random
 import subprocess
 import sys
 import zlib
 
 import numpy as np
-import pandas as pd
 import pytest
 from study_tools import FRICTION, Here, study
 
@@ -42,10 +40,6 @@ def rows_of(file, identity=IDENTITY, **options):
     rows = {row["sample"]: row for row in opened.rows(numbers)}
     opened.close()
     return rows
-
-
-def test_rows_are_read_back(journal):
-    assert rows_of(journal) == {row["sample"]: row for row in ROWS}
 
 
 @pytest.mark.parametrize(
@@ -102,6 +96,7 @@ def test_no_flipped_bit_changes_a_row(journal):
             refused += 1
             assert str(error).startswith(f"{journal}:"), error
             assert "--fresh" in str(error) or "--overwrite" in str(error)
+            assert journal.read_bytes() == damaged
         else:
             assert place == len(sound) - 1, place
             assert rows == {number: expected[number] for number in (3, 0)}
@@ -132,31 +127,6 @@ def test_notes_without_a_line_end_are_kept(journal):
     with pytest.raises(StudyError, match="is no journal of a study"):
         rows_of(journal)
     assert journal.read_bytes() == b"notes"
-
-
-def test_a_damaged_journal_never_makes_another_table(tmp_path):
-    """Whole runs on flips of seeded bits: the same table, or a refusal by name."""
-    made = study({"friction.default": FRICTION})
-    whole = run_study(made, tmp_path / "whole.csv", executor=Here(), workers=1, progress=False)
-    file, journal = tmp_path / "out.csv", tmp_path / "out.csv.journal"
-    with pytest.raises(StudyError, match="pulled the plug"):
-        run_study(made, file, executor=Here(2), workers=1, progress=False)
-    sound = journal.read_bytes()
-    assert sound.count(b"\n") == 3
-    rng = random.Random(5)  # noqa: S311 - which bits is no secret
-    bits = [rng.randrange(8 * len(sound)) for _ in range(10)]
-    for bit in (*bits, 8 * len(sound) - 3):
-        file.unlink(missing_ok=True)
-        damaged = bytearray(sound)
-        damaged[bit // 8] ^= 1 << bit % 8
-        journal.write_bytes(damaged)
-        try:
-            table = run_study(made, file, executor=Here(), workers=1, progress=False)
-        except StudyError as error:
-            assert str(journal) in str(error)
-            assert not file.exists() and journal.read_bytes() == bytes(damaged)
-        else:
-            pd.testing.assert_frame_equal(table, whole)
 
 
 @pytest.mark.parametrize("name", ["out.parquet", "out.csv"])

@@ -9,7 +9,7 @@ from concurrent.futures import Executor, wait
 from pathlib import Path
 from typing import Any
 
-import dask
+import dask.config
 import pandas as pd
 import pytest
 from distributed import Client, LocalCluster

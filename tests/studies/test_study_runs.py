@@ -115,16 +115,9 @@ def test_guaranteed_torques_and_verdicts_have_their_column(tmp_path):
 
 
 def test_analyses_have_columns(tmp_path):
-    made = study(
-        {"friction": {"values": [0.3]}},
-        compute={
-            "algorithm": "torque",
-            "margin": 0.1,
-            "force_bounds": True,
-            "disturbance_margin": True,
-            "minimum_friction": True,
-        },
-    )
+    analyses = {"force_bounds": True, "disturbance_margin": True, "minimum_friction": True}
+    compute = {"algorithm": "torque", "margin": 0.1, **analyses}
+    made = study({"friction": {"values": [0.3]}}, compute=compute)
     row = run(made, tmp_path / "out.csv").iloc[0]
     solution = load_scene(CUBOID).solve("torque", margin=0.1)
     assert row["max_torque_Nm"] == solution.max_torque
@@ -194,6 +187,11 @@ def test_another_studys_output_is_kept(tmp_path):
     run(other, file)
     before = file.read_bytes()
     here = Here()
+    note = tmp_path / "note.csv"  # nor is any other file written over
+    note.write_text("a,b\n1,2\n", encoding="utf-8")
+    with pytest.raises(StudyError, match=r"holds no results of a study.*--overwrite"):
+        run(study(), note)
+    assert note.read_text(encoding="utf-8") == "a,b\n1,2\n"
     for options in ({}, {"fresh": True}):
         with pytest.raises(StudyError, match=r"holds the results of another study.*--overwrite"):
             run(study(), file, here, **options)
@@ -214,14 +212,6 @@ def test_a_journal_beside_a_finished_study_is_kept(tmp_path, line):
     journal.write_text(f"{line}\n", encoding="utf-8")
     pd.testing.assert_frame_equal(run(study(), tmp_path / "out.csv"), table)
     assert journal.read_text(encoding="utf-8") == f"{line}\n"
-
-
-def test_another_file_is_kept(tmp_path):
-    file = tmp_path / "out.csv"
-    file.write_text("a,b\n1,2\n", encoding="utf-8")
-    with pytest.raises(StudyError, match=r"holds no results of a study.*--overwrite"):
-        run(study(), file)
-    assert file.read_text(encoding="utf-8") == "a,b\n1,2\n"
 
 
 def test_another_studys_journal_is_kept(tmp_path):
@@ -291,15 +281,6 @@ def test_a_damaged_result_is_no_result(tmp_path):
             read_results(tmp_path / f"b{name}")
 
 
-def test_torque_columns_follow_the_joints(tmp_path):
-    one = {"finger_1/finger": "force", "finger_6/finger": "position"}
-    made = study({"fingers": {"values": {"both": "force", "one": one}, "key": "hand.control"}})
-    table = run(made, tmp_path / "out.csv")
-    assert table["fingers"].tolist() == ["both", "one"]
-    assert table["torque_finger_6/hinge_Nm"].isna().tolist() == [False, True]
-    assert table["found"].all()
-
-
 def test_the_largest_torque_stands_under_its_unit(tmp_path):
     """Of a hand with a linear joint alone N; where both kinds are, each has its column."""
     gripper = ROOT / "examples" / "panda_slide_cuboid_up_slope.yaml"
@@ -311,6 +292,11 @@ def test_the_largest_torque_stands_under_its_unit(tmp_path):
         "torque_panda_finger_joint1_N",
     ]
     assert table["max_torque_N"][0] == lone.scene_at(lone.samples[0]).solve().max_torque
+    one = {"finger_1/finger": "force", "finger_6/finger": "position"}
+    made = study({"fingers": {"values": {"both": "force", "one": one}, "key": "hand.control"}})
+    table = run(made, tmp_path / "one.csv")
+    assert table["fingers"].tolist() == ["both", "one"] and table["found"].all()
+    assert table["torque_finger_6/hinge_Nm"].isna().tolist() == [False, True]
     hybrid = {"finger_1/finger": "force", "finger_6/finger": "hybrid"}
     fingers = {"values": {"hybrid": hybrid, "both": "force"}, "key": "hand.control"}
     mixed = study({"fingers": fingers, **vary})

@@ -36,14 +36,10 @@ def test_a_key_is_set_and_the_rest_stays():
     assert by_body["finger_1/tip"] == 0.3
 
 
-@pytest.mark.parametrize("key", ["supports.slope.pose.rpy.1", "supports.0.pose.rpy.1"])
-def test_items_of_lists_go_by_name_or_index(key):
-    scene = at({key: {"values": [30], "unit": "deg"}})
-    normal = scene.supports[0].T_world_support[:3, 2]
-    np.testing.assert_allclose(normal, [0.5, 0.0, np.sqrt(0.75)], atol=TIGHT)
-
-
-def test_what_the_scene_leaves_out_can_be_set():
+def test_items_of_lists_go_by_name_or_index_and_what_is_left_out_can_be_set():
+    for key in ("supports.slope.pose.rpy.1", "supports.0.pose.rpy.1"):
+        normal = at({key: {"values": [30], "unit": "deg"}}).supports[0].T_world_support[:3, 2]
+        np.testing.assert_allclose(normal, [0.5, 0.0, np.sqrt(0.75)], atol=TIGHT)
     scene = at(
         {"object.pose.position.2": {"values": [0.001]}, "max_normal_force": {"values": [20]}}
     )
@@ -54,15 +50,12 @@ def test_what_the_scene_leaves_out_can_be_set():
 
 
 def test_joint_names_may_hold_dots():
-    made = Study.from_data(
-        {
-            "scene": str(PAPER.parent / "allegro_box_on_slope.yaml"),
-            "vary": {
-                "hand.q.joint_1.0": {"values": [20], "unit": "deg"},
-                "hand.effort_limits.joint_1.0": {"values": [0.5]},
-            },
-        }
-    )
+    vary = {
+        "hand.q.joint_1.0": {"values": [20], "unit": "deg"},
+        "hand.effort_limits.joint_1.0": {"values": [0.5]},
+    }
+    path = str(PAPER.parent / "allegro_box_on_slope.yaml")
+    made = Study.from_data({"scene": path, "vary": vary})
     hand = made.scene_at(made.samples[0]).hand
     assert hand is not None
     assert hand.q["joint_1.0"] == pytest.approx(np.deg2rad(20))
@@ -92,18 +85,11 @@ def test_several_keys_follow_one_value():
 @pytest.mark.parametrize("file", ["cuboid_at_rest", "cuboid_sliding_up", "cuboid_sliding_down"])
 @pytest.mark.parametrize("angle", [40.0, 55.0])
 def test_turning_everything_is_tilting_gravity_the_other_way(file, angle):
-    path = str(PAPER / f"{file}.yaml")
-    turned = Study.from_data(
-        {
-            "scene": path,
-            "vary": {"slope": {"values": [angle], "unit": "deg", "turn": SLOPE["turn"]}},
-        }
-    )
-    way = {"what": "gravity", "axis": [0, -1, 0], "as_in_scene": 45}
-    tilted = Study.from_data(
-        {"scene": path, "vary": {"slope": {"values": [angle], "unit": "deg", "turn": way}}}
-    )
-    margins = [item.scene_at((angle,)).solve("margin").margin for item in (turned, tilted)]
+    path, margins = str(PAPER / f"{file}.yaml"), []
+    for way in (SLOPE["turn"], {"what": "gravity", "axis": [0, -1, 0], "as_in_scene": 45}):
+        vary = {"slope": {"values": [angle], "unit": "deg", "turn": way}}
+        scene = Study.from_data({"scene": path, "vary": vary}).scene_at((angle,))
+        margins.append(scene.solve("margin").margin)
     assert margins[0] == pytest.approx(margins[1], abs=1e-6)
     assert abs(margins[0] - load_scene(path).solve("margin").margin) > 1e-4
 
@@ -155,13 +141,8 @@ def test_anchors_of_the_scene_are_copies(tmp_path):
     file = tmp_path / "scene.yaml"
     file.write_text(yaml.safe_dump(content), encoding="utf-8")
     assert "*id" in file.read_text(encoding="utf-8")
-    made = Study.from_data(
-        {
-            "scene": str(file),
-            "vary": {"x": {"values": [1.0], "move": {"what": "one", "along": [1, 0, 0]}}},
-        }
-    )
-    tree = made.tree_at((1.0,))
+    vary = {"x": {"values": [1.0], "move": {"what": "one", "along": [1, 0, 0]}}}
+    tree = Study.from_data({"scene": str(file), "vary": vary}).tree_at((1.0,))
     assert tree["supports"][1]["pose"]["position"][0] == 6.0
     assert tree["supports"][2]["pose"]["position"][0] == 5.0
 
@@ -191,23 +172,44 @@ ANYTHING = {
 }
 
 
-def test_parts_that_are_kept_change_nothing():
-    """Every array of every sample is bit for bit that of the scene built anew."""
-    path = str(PAPER.parent / "allegro_box_on_slope.yaml")
-    sampling = {"method": "sobol", "samples": 24, "seed": 2}
-    made = Study.from_data({"scene": path, "vary": ANYTHING, "sampling": sampling})
-    parts = SampleParts()
-    for sample in made.samples:
+ON_A_GRID = {
+    "friction": {"values": {"even": 0.3, "slope": {"default": 0.3, "slope": 0.5}}},
+    "cone_edges": {"values": [8, 16]},
+    "solve.algorithm": {"values": ["margin", "torque"]},
+    "max_normal_force": {"values": [10.0, 20.0]},
+    "tangent_axes.0.0": {"values": [1.0, 0.5]},
+    "object.mass": {"values": [1.0, 2.0]},
+    "slope": {"values": [45.0, 40.0], "unit": "deg", "turn": SLOPE["turn"]},
+}
+
+
+@pytest.mark.parametrize("grid", [False, True])
+def test_parts_that_are_kept_change_nothing(grid):
+    """Every array of every sample is bit for bit that of the scene built anew, in any order."""
+    if grid:
+        made = study(ON_A_GRID)
+        mixed = np.random.default_rng(2).permutation(len(made.samples))[:20]
+        samples = [*made.samples[:12], *(made.samples[int(number)] for number in mixed)]
+    else:
+        path = str(PAPER.parent / "allegro_box_on_slope.yaml")
+        sampling = {"method": "sobol", "samples": 24, "seed": 2}
+        made = Study.from_data({"scene": path, "vary": ANYTHING, "sampling": sampling})
+        samples = made.samples
+    parts, known = SampleParts(), 0
+    for sample in samples:
         assert made.tree_at(sample, parts) == made.tree_at(sample)
+        before = parts.last
         kept, fresh = (made.scene_at(sample, use) for use in (parts, None))
-        assert kept.solve_options == fresh.solve_options
+        known += parts.last is before
+        assert kept.friction == fresh.friction and kept.solve_options == fresh.solve_options
+        assert kept.asked() == fresh.asked()
         kept, fresh = kept.problem(), fresh.problem()
         for name, value in vars(fresh).items():
             if isinstance(value, np.ndarray):
                 assert getattr(kept, name).tobytes() == value.tobytes(), name
         assert kept.cone_edges == fresh.cone_edges
         np.testing.assert_array_equal(kept.object_inertia, fresh.object_inertia)
-    assert len(parts.robots) == len(parts.hands) == 1
+    assert known if grid else len(parts.robots) == len(parts.hands) == 1
 
 
 @pytest.mark.parametrize(
@@ -256,19 +258,20 @@ def of_materials(folder, vary: dict[str, Any]) -> Study:
     return load_study(study_file(folder, {"scene": "scene.yaml", "vary": vary}))
 
 
-def test_the_coefficient_of_a_pair_varies(tmp_path):
-    made = of_materials(tmp_path, {"materials.rubber.cardboard": {"values": [0.2, 0.4]}})
+STEEL = {"object.material": {"values": ["cardboard", "steel"]}}
+
+
+@pytest.mark.parametrize(
+    ("vary", "expected"),
+    [
+        ({"materials.rubber.cardboard": {"values": [0.2, 0.4]}}, [0.2, 0.4]),
+        (STEEL | {"materials.rubber.steel": {"values": [0.3]}}, [0.9, 0.3]),
+    ],
+)
+def test_the_coefficient_of_a_pair_varies(tmp_path, vary, expected):
+    made = of_materials(tmp_path, vary)
     found = [made.scene_at(sample).problem().friction[0] for sample in made.samples]
-    assert found == [0.2, 0.4]
-    made = of_materials(
-        tmp_path,
-        {
-            "object.material": {"values": ["cardboard", "steel"]},
-            "materials.rubber.steel": {"values": [0.3]},
-        },
-    )
-    found = [made.scene_at(sample).problem().friction[0] for sample in made.samples]
-    assert found == [0.9, 0.3]
+    assert found == expected
 
 
 @pytest.mark.parametrize("pair", ["ruber.cardboard", "rubber.steel", "rubber.rubber"])
