@@ -40,6 +40,7 @@ def cost(evaluate: Callable[[], Evaluation]) -> float:
         tracemalloc.stop()
 
 
+@pytest.mark.sampled(2)
 @pytest.mark.parametrize(
     ("algorithm", "moved", "required"),
     [("margin", "object", 0.0), ("torque", "both", 0.0), ("torque", "hand", 20.0)],

@@ -14,10 +14,14 @@ from graspless_pin.planning import HandPlacement
 NODES = 30
 
 
-@pytest.fixture(scope="module", params=["margin", "torque"])
+@pytest.fixture(
+    scope="module",
+    params=[("trihand_push_box", "margin"), ("panda_slide_cuboid_up_slope", "torque")],
+)
 def found(request: pytest.FixtureRequest) -> HandPlacement:
-    scene = load_scene(EXAMPLES / "trihand_push_box.yaml").with_changes(motion=None)
-    options = {**scene.solve_options, "algorithm": request.param, "margin": 0.1}
+    name, algorithm = request.param
+    scene = load_scene(EXAMPLES / f"{name}.yaml").with_changes(motion=None)
+    options = {**scene.solve_options, "algorithm": algorithm, "margin": 0.1}
     scene = scene.with_changes(solve_options=options)
     options = {"aim": "press", "verdict_nodes": NODES, "verdicts": None, "seed": 3}
     return place_hand(scene, candidates=8, workers=1, **options)

@@ -35,7 +35,6 @@ from graspless_pin.studies import Study
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 THREADS = 4
-ROUNDS = 2
 DOWN = np.array([0.0, 0.0, -9.81])
 
 
@@ -55,20 +54,19 @@ def assert_shared(make: Callable[[], Any], *uses: Callable[[Any], Any]) -> None:
     """
     alone = make()
     expected = [use(alone) for use in uses]
-    for _ in range(ROUNDS):
-        shared = make()
-        start = threading.Barrier(THREADS)
+    shared = make()
+    start = threading.Barrier(THREADS)
 
-        def work(first: int, shared: Any = shared, start: threading.Barrier = start) -> list[Any]:
-            start.wait()
-            order = [(first + step) % len(uses) for step in range(len(uses))]
-            results = {index: uses[index](shared) for index in order}
-            return [results[index] for index in range(len(uses))]
+    def work(first: int) -> list[Any]:
+        start.wait()
+        order = [(first + step) % len(uses) for step in range(len(uses))]
+        results = {index: uses[index](shared) for index in order}
+        return [results[index] for index in range(len(uses))]
 
-        with ThreadPoolExecutor(THREADS) as pool:
-            for found in pool.map(work, range(THREADS)):
-                for one, other in zip(found, expected, strict=True):
-                    np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
+    with ThreadPoolExecutor(THREADS) as pool:
+        for found in pool.map(work, range(THREADS)):
+            for one, other in zip(found, expected, strict=True):
+                np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
 
 
 def allegro() -> Scene:

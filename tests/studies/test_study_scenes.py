@@ -1,5 +1,6 @@
 """What a study changes in its scene: keys, several keys at once, bodies moved and turned."""
 
+from collections import Counter
 from typing import Any
 
 import numpy as np
@@ -224,9 +225,15 @@ def test_parts_that_are_kept_change_nothing(grid):
 )
 def test_only_what_a_variable_touches_is_made_again(monkeypatch, keys, geometry, hands):
     """Contacts on the hand and on supports are looked for once, or once for each pose."""
-    calls = {"contact_arrays": 0, "assembled_mounts": 0}
+    calls: Counter[str] = Counter()
     for module, name in ((contact_arrays, "contact_arrays"), (load, "assembled_mounts")):
-        monkeypatch.setattr(module, name, counted(calls, name, getattr(module, name)))
+        function = getattr(module, name)
+
+        def counted(*args, name=name, function=function, **options):
+            calls[name] += 1
+            return function(*args, **options)
+
+        monkeypatch.setattr(module, name, counted)
     path = str(PAPER.parent / "allegro_box_on_slope.yaml")
     vary = {key: ANYTHING[key] for key in keys if "values" in ANYTHING[key]}
     made = Study.from_data({"scene": path, "vary": vary})
@@ -234,14 +241,6 @@ def test_only_what_a_variable_touches_is_made_again(monkeypatch, keys, geometry,
     for sample in made.samples:
         made.scene_at(sample, parts).problem()
     assert calls == {"contact_arrays": geometry, "assembled_mounts": hands}
-
-
-def counted(calls, name, function):
-    def call(*args, **options):
-        calls[name] += 1
-        return function(*args, **options)
-
-    return call
 
 
 MATERIALS = """\
