@@ -28,7 +28,8 @@ class WithoutAbsent(PathFinder):
 absent = set(sys.argv[1].split())
 sys.meta_path[sys.meta_path.index(PathFinder)] = WithoutAbsent
 from graspless_pin.cli import main
-for words in (["solve", sys.argv[2]], ["report", sys.argv[2], "-o", sys.argv[3]]):
+scene, report = sys.argv[2:]
+for words in (["solve", scene], ["report", scene, "-o", report, "--ranges-time", "0.5"]):
     sys.argv = ["graspless-pin", *words]
     try:
         main()

@@ -30,7 +30,7 @@ LOCAL_SCHEMES = ("file", "data", "blob", "about")
 
 @pytest.fixture(scope="module")
 def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[BrowserContext]:
-    """One browser for the tests of a module, at 1280 x 800.
+    """One browser for the tests of a module, at 1280 x 800, of which every other pixel is drawn.
 
     Not longer: while playwright runs, its event loop counts as running for all other tests.
     """
@@ -46,6 +46,7 @@ def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[BrowserContex
             executable_path=CHROMIUM,
             args=FLAGS,
             viewport={"width": 1280, "height": 800},
+            device_scale_factor=0.5,
         )
         context.set_default_timeout(PATIENCE)
         expect.set_options(timeout=PATIENCE)

@@ -121,7 +121,7 @@ def box_of(page: Page, what: str) -> Any:
 def drawing(page: Page) -> Pixels:
     """The pixels of the 3-D view, labels and all."""
     page.evaluate("() => new Promise((done) => requestAnimationFrame(() => setTimeout(done, 50)))")
-    image = Image.open(io.BytesIO(page.locator("#view .stage").screenshot()))
+    image = Image.open(io.BytesIO(page.locator("#view .stage").screenshot(scale="css")))
     return np.asarray(image.convert("RGB")).astype(np.int16)
 
 

@@ -91,7 +91,7 @@ def settled(page: Page, expected: float) -> None:
 
 def drawing(page: Page, file: Path | None = None) -> np.ndarray:
     """(H, W, 3) pixels of the page."""
-    png = page.screenshot(path=file)
+    png = page.screenshot(path=file, scale="css")
     return np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(float)
 
 

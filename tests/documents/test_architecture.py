@@ -15,11 +15,11 @@ PACKAGE = ROOT / "src" / "graspless_pin"
 SCENE = str(ROOT / "examples" / "allegro_box_on_slope.yaml")
 NAME = re.compile(r"`([\w.]+)`")
 
-# A fresh process: what an earlier test has left in a cache would not be entered again. Calls while
-# modules are loaded are no part of what runs.
+# A fresh process, and a fork of it for each run: what an earlier one has left in a cache would not be
+# entered again. Calls while modules are loaded are no part of what runs.
 TRACE = """
-import json, sys
-import numpy as np
+import json, os, sys
+import coal, numpy as np, pinocchio, scipy.optimize
 from graspless_pin import Evaluator, load_scene
 
 entered = {}
@@ -46,9 +46,14 @@ def batch(file):
     evaluator = Evaluator(scene)
     evaluator.evaluate_many(np.tile(evaluator.configuration(), (3, 1)))
 
-{"one": one, "batch": batch}[sys.argv[1]](sys.argv[2])
-sys.setprofile(None)
-print(json.dumps(list(entered.values())))
+for run in (one, batch):
+    child = os.fork()
+    if child == 0:
+        run(sys.argv[1])
+        sys.setprofile(None)
+        print(json.dumps({run.__name__: list(entered.values())}), flush=True)
+        os._exit(0)
+    os.waitpid(child, 0)
 """
 
 
@@ -63,12 +68,13 @@ def modules_below(heading: str) -> list[str]:
 
 
 @cache
-def entered(what: str) -> list[str]:
-    """Modules in the order in which functions of theirs are first called."""
+def entered() -> dict[str, list[str]]:
+    """Of one solve and of a batch the modules as functions of theirs are first called."""
     done = subprocess.run(  # noqa: S603 - our own text
-        [sys.executable, "-c", TRACE, what, SCENE], capture_output=True, text=True, check=True
+        [sys.executable, "-c", TRACE, SCENE], capture_output=True, text=True, check=True
     )
-    return json.loads(done.stdout)
+    one, batch = map(json.loads, done.stdout.splitlines())
+    return {**one, **batch}
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +100,7 @@ def test_the_table_has_each_package_once_and_the_lowest_first(layers):
     ("what", "heading"), [("one", "## How one solve runs"), ("batch", "## How one batch runs")]
 )
 def test_modules_run_in_the_order_of_the_page(what, heading):
-    named, ran = modules_below(heading), entered(what)
+    named, ran = modules_below(heading), entered()[what]
     assert len(named) > 10
     assert set(named) <= set(ran)
     assert named == sorted(named, key=ran.index)
@@ -102,6 +108,6 @@ def test_modules_run_in_the_order_of_the_page(what, heading):
 
 def test_no_package_that_runs_is_missing(layers):
     tables = modules_below("## How one solve runs") + modules_below("## How one batch runs")
-    ran = {name.split(".")[0] for what in ("one", "batch") for name in entered(what)}
+    ran = {name.split(".")[0] for names in entered().values() for name in names}
     core = {name for name in ran if layers.get(name, layers["intake"]) < layers["intake"]}
     assert core == {name.split(".")[0] for name in tables}

@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import os
 import re
 import shlex
 import tomllib
@@ -28,13 +29,14 @@ COMMENT_GOES_ON = re.compile(r"\A(?: +# .*\n)+")
 
 @pytest.fixture(autouse=True)
 def a_fresh_clone(tmp_path, monkeypatch):
-    """A working folder that looks like a clone, in which pages may write files."""
+    """A working folder that looks like a clone, in which pages may write files; and one core."""
     for name in REPOSITORY:
         (tmp_path / name).symlink_to(ROOT / name)
     (tmp_path / "out").mkdir()
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "Agg")
     monkeypatch.setenv("COLUMNS", "120")
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0}, raising=False)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))

@@ -78,7 +78,7 @@ def test_bars_of_joints_of_any_name(name):
         drawn(axes)
 
 
-@pytest.mark.sampled(2)
+@pytest.mark.sampled(1)
 @pytest.mark.parametrize("name", ["$\\frac$", "_x^{", "two\nlines", "x" * 200])
 def test_columns_of_any_name(name):
     for text in (name, f"{name}_m", f"friction.{name}"):

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from report_cases import (
     ALLEGRO,
-    AT_REST,
     SLIDING,
+    SPHERE,
     Element,
     micro_block,
     pinched_block,
@@ -72,7 +72,7 @@ def test_it_is_small_and_its_colours_follow_the_page(page: Element, allegro):
 
 def test_it_says_which_cones_there_are(page: Element):
     assert "32 cone edges" in page.text
-    rounded = solved(AT_REST)[0].with_changes(cone="round")
+    rounded = solved(SPHERE)[0].with_changes(cone="round")
     text = read_html(report_html(case_of_scene(rounded, rounded.solve("margin")))).text
     assert "round cones" in text and "cone edges" not in text
 
@@ -237,9 +237,9 @@ def test_why_not():
 
 
 def test_a_document_brings_its_scene(tmp_path):
-    scene, solution = solved(AT_REST)
+    scene, solution = solved(SPHERE)
     document = through_json(solution, scene)
-    case = case_of_document(document, AT_REST)
+    case = case_of_document(document, SPHERE)
     assert case.missing == "" and case.command is not None
     assert case.picture.of(Role.OBJECT) and case.picture.of(Role.HAND)
     page = read_html(report_html(case))
@@ -262,13 +262,13 @@ def test_it_says_whether_compiled_loops_ran(loops, said):
 
 
 def test_no_file_that_a_document_names_is_opened(tmp_path, monkeypatch):
-    scene, solution = solved(AT_REST)
+    scene, solution = solved(SPHERE)
     document = through_json(solution, scene)
     opened = []
     monkeypatch.setattr("os.open", lambda path, *_: opened.append(path))
     secret = tmp_path / "secret.yaml"
     secret.write_text("password: tulip\n", encoding="utf-8")
-    for name in (str(AT_REST), str(secret), "../scene.yaml", 7, None):
+    for name in (str(SPHERE), str(secret), "../scene.yaml", 7, None):
         document["provenance"]["scene_file"] = name
         case = case_of_document(document)
         assert "scene file" in case.missing and case.command is None
@@ -285,7 +285,7 @@ def test_no_file_that_a_document_names_is_opened(tmp_path, monkeypatch):
 )
 def test_another_scene_is_not_drawn(tmp_path, old, new, message):
     file = tmp_path / "scene.yaml"
-    shutil.copy(AT_REST, file)
+    shutil.copy(SPHERE, file)
     scene, solution = solved(file)
     document = through_json(solution, scene)
     text = file.read_text(encoding="utf-8")
@@ -301,11 +301,11 @@ def test_another_scene_is_not_drawn(tmp_path, old, new, message):
 
 
 def test_a_scene_changed_in_python_has_no_command():
-    scene, _ = solved(AT_REST)
+    scene, _ = solved(SPHERE)
     changed = scene.with_changes(gravity=np.array([0.0, 0.0, -5.0]))
     case = case_of_scene(changed, changed.solve())
     assert case.command is None and case.missing == ""
-    assert case_of_scene(scene, scene.solve(), AT_REST).command is not None
+    assert case_of_scene(scene, scene.solve(), SPHERE).command is not None
     # Its document cannot be drawn from the file either.
     again = case_of_document(through_json(case.solution, changed), changed.path)
     assert "now leads to another problem" in again.missing
@@ -328,7 +328,7 @@ def test_a_problem_from_arrays():
 def test_names_cannot_break_the_page():
     """A name with markup stays a name, in text, drawings and data."""
     evil = "</script><script>alert(1)</script>&\"'"
-    scene, solution = solved(AT_REST)
+    scene, solution = solved(SPHERE)
     named = scene.with_changes(name=evil)
     page = read_html(report_html(case_of_scene(named, solution)))
     assert page.all("h1")[0].text == evil
@@ -348,9 +348,9 @@ def test_without_the_extra(monkeypatch, module, allegro):
         report_html(case)
 
 
-def test_ranges_that_take_too_long_are_marked(allegro):
+def test_ranges_that_take_too_long_are_marked():
     """Where a limit came before the proof the page has what was reached, and says so."""
-    scene, solution, _ = allegro
+    scene, solution = solved(SPHERE)
     bounds = contact_force_bounds(solution.problem, solution.torques, node_limit=4)
     page = read_html(report_html(case_of_scene(scene, solution), bounds))
     assert bounds.status is Status.LIMIT_REACHED and not bounds.proven.all()
@@ -383,6 +383,7 @@ def test_marks_are_only_spoken_of_where_there_are_some():
     assert "torques determine the force" in section.text
     assert "The margins reached go from 0 to 0.7437" in section.text
     assert "--ranges-time" in section.text
+    scene, solution = solved(SPHERE)
     nothing = replace(
         contact_force_bounds(solution.problem, solution.torques, time_limit=0.0),
         status=Status.NOT_FOUND_IN_LIMIT,

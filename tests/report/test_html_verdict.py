@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from report_cases import AT_REST, WALLS, Element, read_html, solved
+from report_cases import AT_REST, WALLS, Element, read_html, solved, through_json
 
 from graspless_pin import Scene, StabilityVerdict, TorqueSolution
 from graspless_pin.errors import ArgumentError
@@ -18,8 +18,14 @@ Weak = tuple[Scene, TorqueSolution, StabilityVerdict]
 
 
 @pytest.fixture(scope="module")
-def weak() -> Weak:
-    scene, solution = solved(WALLS)
+def weak(tmp_path_factory: pytest.TempPathFactory) -> Weak:
+    """Between the two walls a rod, which touches each along a line."""
+    box, rod = "{type: box, size: [0.1, 0.06, 0.1]}", "{type: cylinder, radius: 0.03, length: 0.1}"
+    text = WALLS.read_text(encoding="utf-8")
+    text = text.replace(box, f"{rod}\n  pose: {{rpy_deg: [0, 90, 0]}}")
+    file = tmp_path_factory.mktemp("walls") / "walls.yaml"
+    file.write_text(text, encoding="utf-8")
+    scene, solution = solved(file)
     return scene, solution, scene.stability(solution.torques)
 
 
@@ -61,16 +67,14 @@ def test_rest_that_is_proven():
 
 def test_a_motion_that_may_happen(weak: Weak, weak_page: Element):
     scene, solution, verdict = weak
-    assert status(weak_page).startswith(
-        "May fail: the object can slip down, 9.3 m/s² (contacts 2, 3,"
-    )
+    assert status(weak_page).startswith("May fail: the object can slip down, ")
     assert verdict.motion is not None
     rows = weak_page.section("motion").rows()
     assert [row[2] for row in rows] == [str(state) for state in verdict.motion.states]
     normal = np.einsum("ij,ij->i", solution.problem.normals, verdict.motion.contact_forces)
     np.testing.assert_allclose([float(row[3]) for row in rows], normal, atol=5.1e-5)
     # Where nobody asked, the page says so.
-    page = read_html(report_html(case_of_scene(scene, solution)))
+    page = read_html(report_html(case_of_document(through_json(solution))))
     assert status(page).endswith("Whether the object stays was not asked.")
 
 
@@ -93,7 +97,7 @@ def test_a_document_says_the_same_without_its_scene(weak: Weak):
     scene, solution, verdict = weak
     document = json.loads(json.dumps(solution_document(solution, scene, verdict)))
     alone = read_html(report_html(case_of_document(document)))
-    whole = read_html(report_html(case_of_document(document, WALLS)))
+    whole = read_html(report_html(case_of_document(document, scene.path)))
     assert status(alone) == status(whole)
     first, second = (model_of(page, "motion-view") for page in (alone, whole))
     assert first["paths"] == second["paths"][:1]  # the object's; no link is known
@@ -116,8 +120,8 @@ def test_a_declared_motion_that_is_lost():
     "spoil",
     [
         lambda motion: motion.pop("states"),
-        lambda motion: motion.update(states=["flying"] * 10),
-        lambda motion: motion.update(states=["free"] * 10),
+        lambda motion: motion.update(states=["flying"] * 6),
+        lambda motion: motion.update(states=["free"] * 6),
         lambda motion: motion["states"].pop(),
         lambda motion: motion.update(object_acceleration=[1.0]),
         lambda motion: motion.update(point_acceleration="fast"),

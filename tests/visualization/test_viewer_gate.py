@@ -42,8 +42,10 @@ GIZMO = {
 
 
 @pytest.fixture(scope="module")
-def viewer() -> Iterator[Viewer]:
-    running = view(load_scene(SCENE), port=0)
+def viewer(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Viewer]:
+    file = tmp_path_factory.mktemp("viewed") / "scene.yaml"
+    file.write_text(SCENE.read_text(encoding="utf-8"), encoding="utf-8")
+    running = view(load_scene(file), port=0)
     yield running
     running.stop()
 
@@ -287,29 +289,26 @@ def test_a_reader_who_likes_the_dark_gets_it(viewer):
     assert status(viewer, "/dark", {})[0] == 403
 
 
-def test_it_saves_what_it_shows_under_a_free_name(tmp_path):
-    file = tmp_path / "scene.yaml"
-    file.write_text(SCENE.read_text(encoding="utf-8"), encoding="utf-8")
-    running = view(load_scene(file), port=0)
-    try:
-        mass = control(running, "mass [kg]")._impl.uuid
-        save = control(running, "Save as scene file")._impl.uuid
-        with connected(running) as page:
-            send(page, CAMERA)
-            send(page, update(mass, 1.5))
-            settled(running, mass=1.5)
-            for _ in range(2):  # the same again is not written again
-                send(page, update(save, True))  # noqa: FBT003
-                wait_until(lambda: "scene_1.yaml" in running._saying.content)
-        assert sorted(one.name for one in tmp_path.iterdir()) == ["scene.yaml", "scene_1.yaml"]
-        saved = load_scene(tmp_path / "scene_1.yaml")
+def test_it_saves_what_it_shows_under_a_free_name(viewer):
+    folder = viewer.scene.path.parent
+    mass = control(viewer, "mass [kg]")._impl.uuid
+    save = control(viewer, "Save as scene file")._impl.uuid
+    with connected(viewer) as page:
+        send(page, CAMERA)
+        send(page, update(mass, 1.5))
+        settled(viewer, mass=1.5)
+        for _ in range(2):  # the same again is not written again
+            send(page, update(save, True))  # noqa: FBT003
+            wait_until(lambda: "scene_1.yaml" in viewer._saying.content)
+        assert sorted(one.name for one in folder.iterdir()) == ["scene.yaml", "scene_1.yaml"]
+        saved = load_scene(folder / "scene_1.yaml")
         assert saved.object.mass == 1.5
-        shown = running.evaluation.solution
+        shown = viewer.evaluation.solution
         assert shown is not None and saved.solve().margin == pytest.approx(shown.margin)
         with pytest.raises(SceneError, match="is there already"):
-            running.save(tmp_path / "scene_1.yaml")
-    finally:
-        running.stop()
+            viewer.save(folder / "scene_1.yaml")
+        send(page, update(control(viewer, "steps")._impl.uuid, "As loaded"))
+        settled(viewer)
 
 
 def hostile(viewer: Viewer) -> list[Any]:
