@@ -60,14 +60,14 @@ scene = load_scene("examples/allegro_push_up_slope.yaml")
 scene = scene.with_changes(cone="ribbed", cone_edges=12, tangent_axes=[(1.0, 0.6, 0.3)])
 evaluator = Evaluator(scene)
 start = np.array([scene.hand.q[name] for name in evaluator.joint_names])
-q = start + 1e-3 * np.random.default_rng(1).normal(size=(20, len(start)))
+q = start + 1e-3 * np.random.default_rng(1).normal(size=(6, len(start)))
 many = evaluator.evaluate_many(q, workers=1)
 alone = [evaluator.evaluate(one) for one in q]
 table = run_study(Study.from_data({
     "scene": "examples/paper/cuboid_at_rest.yaml",
     "vary": {
         "cone": {"values": ["edges", "ribbed", "round"]},
-        "friction.default": {"from": 0.3, "to": 0.6, "steps": 4},
+        "friction.default": {"from": 0.3, "to": 0.6, "steps": 2},
     },
 }), "study.csv", workers=1, progress=False)
 paper = load_scene("examples/paper/cuboid_at_rest.yaml")
@@ -232,7 +232,7 @@ def test_a_block_slides_down_along_the_ribs_first(package, tmp_path, slope, held
 
 def test_the_commands_know_it(package, tmp_path):
     """Solve, verify and report a scene with it; the verdict is undecided and says why."""
-    file = scene_of(tmp_path, "cuboid_at_rest.yaml")
+    file = scene_of(tmp_path, "sphere_on_slope.yaml")
     document, page = tmp_path / "solution.json", tmp_path / "page.html"
     solved = command(package, "solve", str(file), "--json", str(document))
     assert solved.returncode == 0, solved.stderr
@@ -243,7 +243,7 @@ def test_the_commands_know_it(package, tmp_path):
     verified = command(package, "verify", str(document))
     assert verified.returncode == 0, verified.stdout + verified.stderr
     assert "cones 'ribbed'" in verified.stdout
-    for options in ([str(file), "--ranges"], [str(document)]):
+    for options in ([str(file), "--ranges"], [str(document), "--no-ranges"]):
         reported = command(package, "report", *options, "-o", str(page))
         assert reported.returncode == 0, reported.stderr
         assert "ribbed cones of" in page.read_text()
@@ -257,7 +257,7 @@ def test_a_checker_that_does_not_know_the_name_checks_the_document(package, tmp_
     from graspless_pin.report.verify import verify_document
 
     file, target = scene_of(tmp_path, "cuboid_at_rest.yaml"), tmp_path / "solution.json"
-    command(package, "solve", str(file), "--json", str(target))
+    command(package, "solve", str(file), "--no-verdict", "--json", str(target))
     document = read_document(target)
     assert verify_document(document).proven
     with pytest.raises(
@@ -291,7 +291,7 @@ def test_the_evaluator_and_studies_solve_it_as_it_is(package):
     found = json.loads(result.stdout)
     assert found["many"] == pytest.approx(found["alone"], rel=1e-6, nan_ok=True)
     assert found["study"] == pytest.approx(found["solved"], rel=1e-6, nan_ok=True)
-    assert np.isfinite(found["many"]).sum() >= 10
-    pyramids, ribbed, _ = np.reshape(found["study"], (3, 4))
+    assert np.isfinite(found["many"]).sum() >= 3
+    pyramids, ribbed, _ = np.reshape(found["study"], (3, 2))
     assert (ribbed < pyramids).all()
     assert "slide with the cone 'ribbed'" in found["refused"]

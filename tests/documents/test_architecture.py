@@ -15,8 +15,8 @@ PACKAGE = ROOT / "src" / "graspless_pin"
 SCENE = str(ROOT / "examples" / "allegro_box_on_slope.yaml")
 NAME = re.compile(r"`([\w.]+)`")
 
-# A fresh process, and a fork of it for each run: what an earlier one has left in a cache would not be
-# entered again. Calls while modules are loaded are no part of what runs.
+# A fresh process, and a fork of it for each run: what an earlier one has left in a cache would not
+# be entered again. Calls while modules are loaded are no part of what runs.
 TRACE = """
 import json, os, sys
 import coal, numpy as np, pinocchio, scipy.optimize

@@ -10,26 +10,13 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from graspless_pin import QuasistaticProblem, maximize_margin
-from graspless_pin.plots import margin_heat_map, margin_plot, outcome_boundary, torque_bars
+from graspless_pin.plots import margin_heat_map, margin_plot, outcome_boundary
 from graspless_pin.plots.canvas import legend_text, plain_text
 
 NAMES = [
     "$\\frac$", "$x", "a$b$c", "_x^{", "two\nlines", "a\ttab", "bell\x07", "\\$", "a\\$b$c", "50 %",
     "😀", "x" * 200,
 ]  # fmt: skip
-
-
-def held(name: str) -> QuasistaticProblem:
-    """A finger of one joint presses a block onto a floor."""
-    return QuasistaticProblem(
-        [[0, 0, 0.1], [0, 0, -0.1]],
-        [[0, 0, -1], [0, 0, 1]],
-        [0, 0, -1, 0, 0, 0],
-        [[0], [0], [0.1], [0], [0], [0]],
-        friction=0.5,
-        joint_names=[name],
-    )
 
 
 def drawn(axes: Axes) -> Axes:
@@ -67,15 +54,6 @@ def test_a_long_name_is_cut_in_its_middle():
     assert legend_text("_x").strip() == "_x"
     assert not legend_text("_x").startswith("_")
     assert legend_text("x") == "x"
-
-
-@pytest.mark.sampled(4)
-@pytest.mark.parametrize("name", NAMES)
-def test_bars_of_joints_of_any_name(name):
-    axes = torque_bars(maximize_margin(held(name)), Figure().add_subplot())
-    assert len(axes.get_yticklabels()) == 1
-    if name != "😀":  # matplotlib's own fonts have no picture of it, and it says so
-        drawn(axes)
 
 
 @pytest.mark.sampled(1)

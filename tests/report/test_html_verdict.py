@@ -66,7 +66,7 @@ def test_rest_that_is_proven():
 
 
 def test_a_motion_that_may_happen(weak: Weak, weak_page: Element):
-    scene, solution, verdict = weak
+    _, solution, verdict = weak
     assert status(weak_page).startswith("May fail: the object can slip down, ")
     assert verdict.motion is not None
     rows = weak_page.section("motion").rows()

@@ -21,7 +21,7 @@ from websockets.sync.client import ClientConnection, connect
 from websockets.sync.connection import Connection
 from websockets.typing import Origin, Subprotocol
 
-from graspless_pin.errors import CrashError, GrasplessPinError, SceneError
+from graspless_pin.errors import GrasplessPinError, SceneError
 from graspless_pin.scene import load_scene
 from graspless_pin.viewer import Viewer, changed_scene, scene_process, view
 from graspless_pin.viewer.auth import MOST_BYTES, Gate
@@ -435,7 +435,5 @@ def test_a_scene_that_kills_its_solver_is_shown_without_torques(monkeypatch):
     try:
         assert running.evaluation.solution is None
         assert "SIGSEGV" in running.evaluation.reason
-        with pytest.raises(CrashError):
-            running._solving.evaluate(running.evaluation.settings)
     finally:
         running.stop()
