@@ -14,6 +14,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).parents[1]
+SMALL = ROOT / "examples" / "paper" / "sphere_on_slope.yaml"
 SCENE = ROOT / "examples" / "allegro_box_on_slope.yaml"
 CHILD = """
 import sys
@@ -28,8 +29,8 @@ class WithoutAbsent(PathFinder):
 absent = set(sys.argv[1].split())
 sys.meta_path[sys.meta_path.index(PathFinder)] = WithoutAbsent
 from graspless_pin.cli import main
-scene, report = sys.argv[2:]
-for words in (["solve", scene], ["report", scene, "-o", report, "--ranges-time", "0.5"]):
+small, scene, report = sys.argv[2:]
+for words in (["solve", small], ["report", scene, "-o", report, "--ranges-time", "0.5"]):
     sys.argv = ["graspless-pin", *words]
     try:
         main()
@@ -94,7 +95,8 @@ def test_what_run_does_needs_nothing_but_the_extra_report(tmp_path: Path) -> Non
     if not {"viser", "pandas", "mujoco"} <= absent:
         pytest.skip("nothing but the extra report is installed here")
     report = tmp_path / "report.html"
-    words = [sys.executable, "-c", CHILD, " ".join(absent), str(SCENE), str(report)]
+    given = [" ".join(absent), str(SMALL), str(SCENE), str(report)]
+    words = [sys.executable, "-c", CHILD, *given]
     done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=300)  # noqa: S603
     assert done.returncode == 0, done.stderr
     assert report.stat().st_size > 100_000
