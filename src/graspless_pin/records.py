@@ -88,8 +88,8 @@ def _value(value: Any) -> str:
             return f"<{len(value)} items>" if value else "()"
         case _:
             # Records that hold arrays have no equality, and their long repr is not made.
-            told = getattr(type(value), "__dataclass_params__", None)
-            text = repr(value) if told and (told.eq or not told.repr) else ""
+            parameters = getattr(type(value), "__dataclass_params__", None)
+            text = repr(value) if parameters and (parameters.eq or not parameters.repr) else ""
             return text if 0 < len(text) <= 2 * _LONGEST else f"<{type(value).__name__}>"
 
 

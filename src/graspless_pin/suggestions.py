@@ -56,8 +56,8 @@ def what_to_pass(argument: str, value: object, wanted: str) -> str:
     kind = type(value).__name__
     known = "str" if isinstance(value, PurePath) else kind
     advice = _INSTEAD.get((argument, known))
-    said = f"; {advice}" if advice else ""
-    return f"is {_a(kind)}; it must be {_a(wanted)}{said}"
+    ending = f"; {advice}" if advice else ""
+    return f"is {_a(kind)}; it must be {_a(wanted)}{ending}"
 
 
 def _a(noun: str) -> str:

@@ -392,9 +392,9 @@ class LoadedOptima:
             figures: (K, 6), see there.
             torques: (K, L), see there.
         """
-        told = loads, begin, self._pool, self._may_begin, figures, torques
+        arguments = loads, begin, self._pool, self._may_begin, figures, torques
         with LOOPS_LOCK:
-            return self._loops.optima(problem, *told)
+            return self._loops.optima(problem, *arguments)
 
 
 @lru_cache(maxsize=64)

@@ -153,8 +153,8 @@ class _DirectionSearch:
 
     def _friction(self, node: _Node) -> Sectors:
         """Return what a node says of contacts with friction."""
-        told = {one: node.sectors.get(one) for one in self._cones}
-        return {one: way for one, way in told.items() if way is not None or one in node.released}
+        sectors = {one: node.sectors.get(one) for one in self._cones}
+        return {one: way for one, way in sectors.items() if way is not None or one in node.released}
 
     def _solve(self, friction: Sectors) -> Answer:
         """Solve the program with friction opposite to sectors; None: without friction."""

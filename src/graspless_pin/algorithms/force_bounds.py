@@ -124,9 +124,9 @@ class ContactForceBounds(Brief):
         return f"{' .. '.join(ends)}{mark}"
 
     def _margins(self) -> str:
-        said = f"{self._margin_range()}, {self.covers}"
+        words = f"{self._margin_range()}, {self.covers}"
         squeezed = self.squeeze_words()
-        return f"{said}\n{squeezed}" if squeezed else said
+        return f"{words}\n{squeezed}" if squeezed else words
 
     def _margin_range(self) -> str:
         ends, load = (self.smallest_margin, self.largest_margin), self.problem.scales.force

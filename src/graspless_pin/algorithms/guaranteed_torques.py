@@ -69,22 +69,22 @@ def guaranteed(
     if not best.found:
         return best
     if unknown:
-        said = undecided_verdict(best.problem, best.torques, unknown)
-        return _none_found(best, [(best, said)])
+        verdict = undecided_verdict(best.problem, best.torques, unknown)
+        return _none_found(best, [(best, verdict)])
     search = _Search(best, optimum, options, limits)
-    said = search.judged(best, options.verdict_nodes)
-    if said.status is Stability.STRONG:
-        return _certified(best, best, said, 1)
-    found = [one for one in map(search.first, (search.led(said), search.guesses())) if one]
+    verdict = search.judged(best, options.verdict_nodes)
+    if verdict.status is Stability.STRONG:
+        return _certified(best, best, verdict, 1)
+    found = [one for one in map(search.first, (search.led(verdict), search.guesses())) if one]
     if not found and options.verdict_nodes > _FIRST_NODES:
-        open_still = [one for one, told in search.tried[1:] if told.status is Stability.UNDECIDED]
+        open_still = [one for one, known in search.tried[1:] if known.status is Stability.UNDECIDED]
         again = search.first(open_still, options.verdict_nodes)
         found = [] if again is None else [again]
     if not found:
         return _none_found(best, search.tried)
     sign = 1.0 if best.objective.maximizes else -1.0
-    candidate, said = search.improved(*max(found, key=lambda one: sign * one[0].value))
-    return _certified(best, candidate, said, len(search.tried))
+    candidate, verdict = search.improved(*max(found, key=lambda one: sign * one[0].value))
+    return _certified(best, candidate, verdict, len(search.tried))
 
 
 @dataclass
@@ -107,28 +107,28 @@ class _Search:
 
     def judged(self, candidate: TorqueSolution, nodes: int = _FIRST_NODES) -> StabilityVerdict:
         """Return the verdict on a candidate's torques, after so many sets of outcomes at most."""
-        said = stability(
+        verdict = stability(
             self.best.problem,
             candidate.torques,
             node_limit=min(nodes, self.options.verdict_nodes),
             time_limit=self.limits.within(self.options).time_limit,
         )
-        self.tried.append((candidate, said))
-        return said
+        self.tried.append((candidate, verdict))
+        return verdict
 
     def first(
         self, candidates: Iterable[TorqueSolution], nodes: int = _FIRST_NODES
     ) -> Tried | None:
         """Return the first candidate whose torques are guaranteed."""
         for candidate in candidates:
-            said = self.judged(candidate, nodes)
-            if said.status is Stability.STRONG:
-                return candidate, said
+            verdict = self.judged(candidate, nodes)
+            if verdict.status is Stability.STRONG:
+                return candidate, verdict
             if self.limits.passed:
                 break
         return None
 
-    def led(self, said: StabilityVerdict) -> Iterator[TorqueSolution]:
+    def led(self, verdict: StabilityVerdict) -> Iterator[TorqueSolution]:
         """Yield torques inside the half-spaces that the motions met leave.
 
         Under a declared motion the power of friction has no sign, and motions teach nothing.
@@ -136,12 +136,12 @@ class _Search:
         problem, objective = self.best.problem, self.best.objective
         if problem.is_sliding.any():
             return
-        first, scale = said, problem.scales.joints
+        first, scale = verdict, problem.scales.joints
         for share in _FRICTION_LEFT:
-            said = first
+            verdict = first
             cuts, last = list[tuple[FloatArray, float]](), self.best.torques
             for _ in range(_STEPS):
-                met = [half_space(problem, one, share) for one in counterexamples(said, _OTHERS)]
+                met = [half_space(problem, one, share) for one in counterexamples(verdict, _OTHERS)]
                 known = len(cuts)
                 cuts += [one for one in met if np.abs(one[0] * scale).max(initial=0.0) > _STILL]
                 if len(cuts) == known:
@@ -155,7 +155,7 @@ class _Search:
                 if (change <= _SAME * scale).all():
                     break
                 yield candidate
-                said = self.tried[-1][1]
+                verdict = self.tried[-1][1]
 
     def guesses(self) -> Iterator[TorqueSolution]:
         """Yield optima with less friction at resting contacts that no joint moves.
@@ -174,18 +174,18 @@ class _Search:
             if held is not None:
                 yield held
 
-    def improved(self, found: TorqueSolution, said: StabilityVerdict) -> Tried:
+    def improved(self, found: TorqueSolution, verdict: StabilityVerdict) -> Tried:
         """Return guaranteed torques on the way to the best case's, by halving what is left."""
         known, far = found.torques, self.best.torques
         for _ in range(_HALVINGS):
             middle = 0.5 * (known + far)
             candidate = self._at(middle)
-            verdict = None if candidate is None else self.judged(candidate)
-            if candidate is None or verdict is None or verdict.status is not Stability.STRONG:
+            judged = None if candidate is None else self.judged(candidate)
+            if candidate is None or judged is None or judged.status is not Stability.STRONG:
                 far = middle
             else:
-                known, found, said = middle, candidate, verdict
-        return found, said
+                known, found, verdict = middle, candidate, judged
+        return found, verdict
 
     def _held(self, found: TorqueSolution) -> TorqueSolution | None:
         """Return the optimum of the problem itself with the torques of another."""
@@ -241,7 +241,7 @@ def _certified(
 
 def _none_found(best: TorqueSolution, tried: list[Tried]) -> TorqueSolution:
     """Return that no torques were found, and that there are none where there is no choice."""
-    verdict = next(said for one, said in reversed(tried) if one is best)
+    verdict = next(judged for one, judged in reversed(tried) if one is best)
     moves = verdict.status in (Stability.WEAK, Stability.NONE)
     proven = moves and not best.problem.joint_count
     return replace(

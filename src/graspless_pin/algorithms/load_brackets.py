@@ -74,14 +74,14 @@ class LoadBracket(Brief):
         """Return the three figures in words."""
         if not self.reached:
             return NOT_REACHED
-        said = f"rest is the only outcome up to {self.guaranteed:.4g} {unit}"
+        message = f"rest is the only outcome up to {self.guaranteed:.4g} {unit}"
         if self.failure is None:
-            said += f"; nothing else was found up to {self.possible:.4g} {unit}"
-            return said if self.complete else f"{said}, when the time was over"
-        said += f"; at {self.failing:.4g} {unit} it {self.failure}"
+            message += f"; nothing else was found up to {self.possible:.4g} {unit}"
+            return message if self.complete else f"{message}, when the time was over"
+        message += f"; at {self.failing:.4g} {unit} it {self.failure}"
         if self.failure.status is Stability.NONE:
-            return said
-        return f"{said}; forces balance up to {self.possible:.4g} {unit} at least"
+            return message
+        return f"{message}; forces balance up to {self.possible:.4g} {unit} at least"
 
 
 def bracket_limits(
@@ -145,11 +145,11 @@ def load_bracket(
         if not ends or limits.passed:
             break
         end = ends[-1]
-        said = line.proof(guaranteed, end, limits.end)
-        if isinstance(said, SpanProof):
-            spans.append(said)
+        proof = line.proof(guaranteed, end, limits.end)
+        if isinstance(proof, SpanProof):
+            spans.append(proof)
             guaranteed = ends.pop()
-        elif said is Unproven.MOVES:
+        elif proof is Unproven.MOVES:
             high, ends, below = end, [], 2.0 * below
         elif end - guaranteed > 0.5 * precision * end:
             ends.append(0.5 * (guaranteed + end))

@@ -89,8 +89,8 @@ def _error(less: LoadBracket, more: LoadBracket, scale: float, unit: str) -> str
         f"{sign}{scale * one.guaranteed:.3g}" if one.reached else f"{sign}(not reached)"
         for sign, one in (("-", less), ("+", more))
     ]
-    said = f"tolerates {' to '.join(ends)} {unit}"
-    return f"{said}, fails at {' and '.join(fails)} {unit}" if fails else f"{said} (end of search)"
+    text = f"tolerates {' to '.join(ends)} {unit}"
+    return f"{text}, fails at {' and '.join(fails)} {unit}" if fails else f"{text} (end of search)"
 
 
 def robustness(

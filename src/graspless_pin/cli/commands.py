@@ -78,10 +78,10 @@ def _loaded(name: str) -> Any:
     module, function = _COMMANDS[name].split(".")
     called = getattr(import_module(f"graspless_pin.cli.{module}"), function)
     begin()
-    said, title, examples = (inspect.getdoc(called) or "").partition("Examples:\n")
+    description, title, examples = (inspect.getdoc(called) or "").partition("Examples:\n")
     shown = "\n\n".join([title.strip(), *map(str.strip, examples.splitlines())])
     alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-    alone.command(name, help=said, epilog=shown)(called)
+    alone.command(name, help=description, epilog=shown)(called)
     return typer.main.get_command(alone)
 
 

@@ -124,10 +124,10 @@ def new(
         found: list[Finding] = []
 
         def text(target: Path) -> str:
-            with waiting_for("reading the robot and the object"), capture() as told:
+            with waiting_for("reading the robot and the object"), capture() as emitted:
                 made.append(new_scene_text(about, target))
-            emit(*told)
-            found.extend(told)
+            emit(*emitted)
+            found.extend(emitted)
             return made[0].text
 
         typer.echo(f"wrote {write_scene_file(output, text, overwrite=overwrite)}")

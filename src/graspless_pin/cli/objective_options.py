@@ -45,8 +45,8 @@ def _further_figures(known: Container[str]) -> Iterator[inspect.Parameter]:
         )
         if key in known or not plain:
             continue
-        said = [one.description for one in metadata if getattr(one, "description", "")]
-        option = typer.Option(help="".join(said[-1:]))
+        descriptions = [one.description for one in metadata if getattr(one, "description", "")]
+        option = typer.Option(help="".join(descriptions[-1:]))
         yield inspect.Parameter(
             key,
             inspect.Parameter.KEYWORD_ONLY,

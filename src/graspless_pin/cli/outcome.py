@@ -48,7 +48,7 @@ _LEFT_OUT = " [...] "
 @contextmanager
 def plain_errors() -> Iterator[None]:
     """Show findings and errors of this package as one message each, without a traceback."""
-    token = _SAID.set(_Said())
+    token = _PRINTED.set(_Printed())
     with capture() as found:
         try:
             yield
@@ -60,7 +60,7 @@ def plain_errors() -> Iterator[None]:
             raise typer.Exit(ExitCode.BAD_INPUT) from None
         finally:
             echo_findings(found)
-            _SAID.reset(token)
+            _PRINTED.reset(token)
 
 
 def loaded_scene(path: Path) -> Scene:
@@ -80,7 +80,7 @@ def exit_code(solution: TorqueSolution) -> ExitCode:
 
 
 @dataclass
-class _Said:
+class _Printed:
     """What a command has said on standard error, and how many bytes more it may."""
 
     findings: set[Finding] = field(default_factory=set)
@@ -114,13 +114,13 @@ def three_numbers(option: str, text: str) -> list[float]:
     return numbers
 
 
-_SAID: ContextVar[_Said] = ContextVar("said")
+_PRINTED: ContextVar[_Printed] = ContextVar("printed")
 
 
 def echo_error(message: str) -> None:
     """Print an error on standard error, cut to a few lines."""
     text = f"error: {shortened(message, _ERROR_BYTES)}"
-    _SAID.get().room -= len(text.encode())
+    _PRINTED.get().room -= len(text.encode())
     typer.echo(text, err=True)
 
 
@@ -152,14 +152,14 @@ def echo_findings(findings: Iterable[Finding]) -> None:
 
     A line each, as wide as it comes; on a terminal in colour and within its width.
     """
-    said = _SAID.get()
-    left = [one for one in gravest_first(findings) if one not in said.findings]
-    said.findings.update(left)
+    printed = _PRINTED.get()
+    left = [one for one in gravest_first(findings) if one not in printed.findings]
+    printed.findings.update(left)
     wide = sys.stderr.isatty()
     for index, one in enumerate(left):
         text = f"{shortened(str(one), _ERROR_BYTES)} [{one.code}]"
-        said.room -= len(text.encode()) + len("warning: ") + 1
-        if said.room < 0:
+        printed.room -= len(text.encode()) + len("warning: ") + 1
+        if printed.room < 0:
             echo_note(f"{len(left) - index} findings more, see scene.findings")
             return
         if wide:

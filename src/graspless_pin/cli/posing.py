@@ -60,11 +60,11 @@ def settle_scene(scene: _Source, output: _Output, overwrite: _Overwrite = False)
         way = rested.object.T_world_object[:3, 3] - loaded.object.T_world_object[:3, 3]
         down = float(way @ loaded.gravity) / float(np.linalg.norm(loaded.gravity))
         word = "down" if down >= 0.0 else "up"
-        said = f"object '{rested.object.name}' goes {word} by {1e3 * abs(down):.3f} mm"
-        _save(rested, output, said, overwrite=overwrite)
+        moved = f"object '{rested.object.name}' goes {word} by {1e3 * abs(down):.3f} mm"
+        _save(rested, output, moved, overwrite=overwrite)
 
 
-def _save(scene: Scene, output: Path, said: str, *, overwrite: bool) -> None:
+def _save(scene: Scene, output: Path, moved: str, *, overwrite: bool) -> None:
     written = scene.save(output, overwrite=overwrite)
     emit(*scene.findings)
-    typer.echo(f"{said}\nwrote {written}")
+    typer.echo(f"{moved}\nwrote {written}")

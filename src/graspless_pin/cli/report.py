@@ -16,7 +16,7 @@ from graspless_pin.cli.outcome import (
     plain_errors,
 )
 from graspless_pin.cli.simulate import simulated_words
-from graspless_pin.cli.solve import told
+from graspless_pin.cli.solve import proven_and_verdict
 from graspless_pin.errors import ArgumentError, SceneError
 from graspless_pin.findings import emit
 from graspless_pin.holding.verdict import BRIEF_NODE_LIMIT
@@ -129,12 +129,12 @@ def _case(source: Path, scene_file: Path | None, verdict_nodes: int | None) -> C
         scene = loaded_scene(source)
         emit(*scene.findings)
         with waiting_for("solving"):
-            solution, verdict, said = scene.solve(), None, ""
+            solution, verdict, note = scene.solve(), None, ""
         if verdict_nodes is not None:
-            solution, verdict, said = told(scene, solution, verdict_nodes)
+            solution, verdict, note = proven_and_verdict(scene, solution, verdict_nodes)
         echo_findings(solution.findings)
-        if said and verdict is None:
-            echo_note(said)
+        if note and verdict is None:
+            echo_note(note)
         return case_of_scene(scene, solution, source, verdict)
     document = read_document(source)
     try:

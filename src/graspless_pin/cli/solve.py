@@ -115,9 +115,9 @@ def solve_scene(
         options = {name: value for name, value in given.items() if value is not None}
         with waiting_for("solving"):
             solution = loaded.solve(algorithm, **options)
-        verdict, said, bounds = None, "", None
+        verdict, note, bounds = None, "", None
         if not no_verdict:
-            solution, verdict, said = told(loaded, solution, verdict_nodes)
+            solution, verdict, note = proven_and_verdict(loaded, solution, verdict_nodes)
         echo_findings(solution.findings)
         if solution.found and not no_verdict:
             bounds = _forces(solution)
@@ -126,7 +126,7 @@ def solve_scene(
 
             write_document(solution_document(solution, loaded, verdict), json_file)
         if json_file != "-":
-            typer.echo(scene_solution_text(loaded, solution, said, bounds))
+            typer.echo(scene_solution_text(loaded, solution, note, bounds))
     raise typer.Exit(exit_code(solution))
 
 
@@ -144,7 +144,7 @@ def _forces(solution: TorqueSolution) -> ContactForceBounds | None:
         )
 
 
-def told(
+def proven_and_verdict(
     scene: Scene, solution: TorqueSolution, nodes: int | None = None
 ) -> tuple[TorqueSolution, StabilityVerdict | None, str]:
     """Return a solution as far as it is proven, whether the object stays, and what is said of it.
@@ -167,5 +167,5 @@ def told(
             missing = f"no verdict: {error}"
     with waiting_for("checking the proof"):
         solution, verdict = accepted(solution, scene, verdict)
-    said = missing if verdict is None else verdict.full_message("--verdict-nodes {}")
-    return solution, verdict, said if solution.found else ""
+    note = missing if verdict is None else verdict.full_message("--verdict-nodes {}")
+    return solution, verdict, note if solution.found else ""

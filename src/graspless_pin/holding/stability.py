@@ -97,14 +97,14 @@ def motion_words(problem: QuasistaticProblem, motion: DynamicOutcome) -> str:
     linear, angular = motion.object_acceleration[:3], motion.object_acceleration[3:]
     turning = float(np.linalg.norm(np.cross(angular, problem.positions), axis=1).max(initial=0.0))
     least, load = _NOTICED * motion.point_acceleration, problem.external_wrench[:3]
-    said = []
+    parts = []
     if np.linalg.norm(linear) > least or turning <= least:
-        said.append(_moving(_unit(linear), _unit(load), motion.states))
+        parts.append(_moving(_unit(linear), _unit(load), motion.states))
     if turning > least:
         axis = _unit(angular)
         word = "tilt" if abs(float(axis @ _unit(load))) < _NEAR else "turn"
-        said.append(f"{word} about {_axis(axis)}")
-    return f"{' and '.join(said)}{fast}"
+        parts.append(f"{word} about {_axis(axis)}")
+    return f"{' and '.join(parts)}{fast}"
 
 
 def _moving(way: FloatArray, load: FloatArray, states: tuple[ContactState, ...]) -> str:
@@ -129,17 +129,17 @@ def _axis(way: FloatArray) -> str:
 
 def state_words(states: Sequence[ContactState], words: Mapping[ContactState, str] = _STATES) -> str:
     """Return which contacts are in which states."""
-    said = []
+    parts = []
     for state, word in words.items():
         which = [str(index) for index, own in enumerate(states) if own is state]
         if len(which) == len(states):
-            said.append(f"all contacts {word}")
+            parts.append(f"all contacts {word}")
         elif which[1:]:
-            said.append(f"contacts {', '.join(which)} {word}")
+            parts.append(f"contacts {', '.join(which)} {word}")
         elif which:
             verb, *after = word.split()
-            said.append(" ".join([f"contact {which[0]} {verb}s", *after]))
-    return "; ".join(said)
+            parts.append(" ".join([f"contact {which[0]} {verb}s", *after]))
+    return "; ".join(parts)
 
 
 def _unit(vector: FloatArray) -> FloatArray:
@@ -400,9 +400,9 @@ def _unproven(known: StabilityVerdict, limits: _Limits, left: str) -> StabilityV
 
 
 def _weak(known: StabilityVerdict, motion: DynamicOutcome) -> StabilityVerdict:
-    said = "may lose its motion" if known.problem.is_sliding.any() else "may fail"
-    said += f": the object can {motion_words(known.problem, motion)}"
-    return replace(known, status=Stability.WEAK, motion=motion, message=said)
+    message = "may lose its motion" if known.problem.is_sliding.any() else "may fail"
+    message += f": the object can {motion_words(known.problem, motion)}"
+    return replace(known, status=Stability.WEAK, motion=motion, message=message)
 
 
 def _under_motion(known: StabilityVerdict, dynamics: Dynamics, limits: _Limits) -> StabilityVerdict:
@@ -435,22 +435,22 @@ def _none(
     if not proves_unrest(problem, torques, proof) > BALANCE_TOLERANCE:
         return replace(known, message="undecided: no forces of rest found, and no proof of it")
     forces = None if dynamics is None else find_motion(dynamics)
-    motion, said = None, "loses its motion" if problem.is_sliding.any() else "fails"
-    said += f": {'keeping the motion' if problem.is_sliding.any() else 'rest'} is no outcome"
+    motion, message = None, "loses its motion" if problem.is_sliding.any() else "fails"
+    message += f": {'keeping the motion' if problem.is_sliding.any() else 'rest'} is no outcome"
     if dynamics is not None and forces is None and slides_with_friction(problem).any():
         found = other_motion(dynamics, _force_limit(problem, dynamics), limits.passed)
         known = replace(known, programs=known.programs + found.programs, nodes=found.nodes)
         forces = found.motion
         if found.tree is not None and found.tree.is_empty:
-            said += ", and nothing else is: rubbing contacts jam"
+            message += ", and nothing else is: rubbing contacts jam"
     may_bend = problem.joint_count > 0 and not problem.is_sliding.any()
     if dynamics is not None and forces is None and may_bend:
         forces = _with_object_at_rest(known, dynamics)
     if dynamics is not None and forces is not None:
         motion = outcome_record(problem, dynamics, forces)
-        said += f"; the object can {motion_words(problem, motion)}"
+        message += f"; the object can {motion_words(problem, motion)}"
     known = replace(
-        known, status=Stability.NONE, motion=motion, no_rest=read_only(proof), message=said
+        known, status=Stability.NONE, motion=motion, no_rest=read_only(proof), message=message
     )
     if known.moves is MovingPart.FINGER:
         return replace(known, message=finger_words(known, {}))

@@ -101,8 +101,8 @@ def other_kind(path: Path, wanted: str, found: str | None) -> str:
     if found is None or found == wanted:
         return ""
     advice = _WHAT_TO_DO.get(found, "give a file of {language}")
-    told = advice.format(path=path, language=_LANGUAGES.get(wanted, "text"))
-    return f"{path}: is {_a(found)}, not {_a(wanted)}; {told}"
+    hint = advice.format(path=path, language=_LANGUAGES.get(wanted, "text"))
+    return f"{path}: is {_a(found)}, not {_a(wanted)}; {hint}"
 
 
 def encoding_in_words(content: bytes, start: int) -> str:

@@ -99,8 +99,8 @@ class Evaluator:
             "regularization": regularization,
             **options,
         }
-        told = {name: value for name, value in given.items() if value is not None}
-        chosen = {**scene.solve_options, **told}
+        stated = {name: value for name, value in given.items() if value is not None}
+        chosen = {**scene.solve_options, **stated}
         self.required_margin = real_number("required_margin", chosen.get("margin", 0.1), 0.0)
         self.scene = scene
         how = objective_and_options(**chosen)

@@ -129,10 +129,10 @@ class HandPlacement(Brief):
         )
         width = len(str(max(self.faults.values(), default=0)))
         lines += [f"{count:{width + 2}} {fault.words}" for fault, count in self.faults.items()]
-        told = list(self.errors.items())
-        lines += [f"{error} (x {count}); please report it" for error, count in told[:_MOST_ERRORS]]
-        if len(told) > _MOST_ERRORS:
-            lines.append(f"... and {len(told) - _MOST_ERRORS} other internal errors")
+        bugs = list(self.errors.items())
+        lines += [f"{error} (x {count}); please report it" for error, count in bugs[:_MOST_ERRORS]]
+        if len(bugs) > _MOST_ERRORS:
+            lines.append(f"... and {len(bugs) - _MOST_ERRORS} other internal errors")
         if not self.places:
             lines.append(self.advice)
         return "\n".join(lines)

@@ -300,15 +300,15 @@ def _ranked(
     What else verdicts raise than what is meant is counted among the errors.
     """
     places = dict(enumerate(_place(plan, one) for one in good))
-    told: set[int] = set()
+    asked_already: set[int] = set()
     while True:
         ranks = sorted(
             places, key=lambda index: (*_order(plan, good[index], places[index].verdict), index)
         )
-        unasked = [index for index in ranks[:asked] if index not in told]
+        unasked = [index for index in ranks[:asked] if index not in asked_already]
         if not unasked or time.monotonic() > deadline:
             return tuple(places[index] for index in ranks)
-        told.add(unasked[0])
+        asked_already.add(unasked[0])
         places[unasked[0]] = _with_verdict(places[unasked[0]], nodes, deadline, errors)
 
 

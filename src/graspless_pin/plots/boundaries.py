@@ -61,16 +61,16 @@ def outcome_boundary(
     if outcome not in table:
         known = ", ".join(str(key) for key in table)
         raise ArgumentError("outcome", f"is {outcome!r}; the table has the columns {known}")
-    told = np.array([str(value) for value in table[outcome]])
+    outcomes = np.array([str(value) for value in table[outcome]])
     places, first, where = np.unique(
         np.column_stack([across, up]), axis=0, return_index=True, return_inverse=True
     )
-    if (told != told[first][where.ravel()]).any():
+    if (outcomes != outcomes[first][where.ravel()]).any():
         raise ArgumentError(
             "table", f"has samples of different {outcome!r} at one place; choose rows that vary "
             f"only {x!r} and {y!r}"
         )  # fmt: skip
-    names, kinds = np.unique(told[first], return_inverse=True)
+    names, kinds = np.unique(outcomes[first], return_inverse=True)
     segments = boundary_segments(places, kinds)
     axes = axes_for(ax, size=(6.4, 4.8))
     from matplotlib import colormaps
@@ -123,8 +123,8 @@ def boundary_segments(places: FloatArray, kinds: NDArray[np.integer[Any]]) -> Fl
     middles = np.stack(
         [0.5 * (places[corners[:, a]] + places[corners[:, b]]) for a, b in edges], axis=1
     )
-    told = kinds[corners]
-    crossed = np.stack([told[:, a] != told[:, b] for a, b in edges], axis=1)
+    corner_kinds = kinds[corners]
+    crossed = np.stack([corner_kinds[:, a] != corner_kinds[:, b] for a, b in edges], axis=1)
     two = crossed.sum(axis=1) == 2
     pairs = middles[two][crossed[two]].reshape(-1, 2, 2)
     three = crossed.all(axis=1)

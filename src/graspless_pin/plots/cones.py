@@ -80,8 +80,8 @@ def friction_section(solution: TorqueSolution, contact: int, ax: Axes | None = N
     axes.set_ylabel("$f_{t2}$ [N]")
     use = friction_use(problem, solution.contact_forces)[contact]
     share = "" if np.isnan(use) else f", {100.0 * use:.0f} % used"
-    told = shown(normal, problem.scales.force, "", force_rounding(problem)[contact])
-    axes.set_title(f"contact {contact}: {state}{share}\n$f_n$ = {told} N", fontsize="medium")
+    label = shown(normal, problem.scales.force, "", force_rounding(problem)[contact])
+    axes.set_title(f"contact {contact}: {state}{share}\n$f_n$ = {label} N", fontsize="medium")
     if ax is None:
         named = [
             one for one in (*axes.lines, *axes.patches) if not str(one.get_label()).startswith("_")

@@ -127,8 +127,8 @@ def _check(objective: Objective, **figures: float) -> None:
     """Refuse figures that are not numbers from 0 on."""
     for name, value in figures.items():
         if type(value) is not float or not 0.0 <= value <= _ORDINARY:
-            told = name.removeprefix("required_")
-            object.__setattr__(objective, name, real_number(told, value, 0.0))
+            argument = name.removeprefix("required_")
+            object.__setattr__(objective, name, real_number(argument, value, 0.0))
 
 
 class Side(NamedTuple):

@@ -80,7 +80,7 @@ def simulation_text(
         bodies: (M,) names of what touches at the problem's contacts.
         bounds: Force ranges for the same problem and torques.
     """
-    parts = [_WORDS[simulation.outcome], str(Table(_runs(simulation), _RUNS))]
+    parts = [_headline(simulation), str(Table(_runs(simulation), _RUNS))]
     for link, support in simulation.model.left_out:
         parts.append(f"note: link {link} stands in support {support}: the two do not meet")
     if not bounds.found:
@@ -89,6 +89,16 @@ def simulation_text(
     parts += [_force_table(simulation, forces, bounds), f"ranges go {bounds.covers}"]
     parts += [*filter(None, [bounds.squeeze_words(bodies)]), *_largest_excess(simulation, forces)]
     return "\n\n".join(parts)
+
+
+def _headline(simulation: Simulation) -> str:
+    """Return the outcome, and with which bodies it is another one."""
+    others = [
+        f"{run.contact_model.name} bodies: {run.outcome}"
+        for run in simulation.runs
+        if run.outcome is not simulation.outcome
+    ]
+    return _WORDS[simulation.outcome] + (f" ({', '.join(others)})" if others else "")
 
 
 def _runs(simulation: Simulation) -> list[list[object]]:

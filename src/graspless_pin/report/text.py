@@ -55,8 +55,8 @@ def _serious(solution: TorqueSolution) -> str:
     if not found:
         return ""
     codes = ", ".join(code if count == 1 else f"{code} ({count})" for code, count in found.items())
-    told = f"serious: {codes}: this may not be the answer to what was meant"
-    return f"{fill(told, COLUMNS, break_on_hyphens=False)}\n"
+    warning = f"serious: {codes}: this may not be the answer to what was meant"
+    return f"{fill(warning, COLUMNS, break_on_hyphens=False)}\n"
 
 
 def _remarks(
@@ -98,6 +98,6 @@ def _touching(scene: Scene) -> list[str]:
         finger = None
         if scene.hand is not None and point.kind is BodyKind.HAND:
             finger = scene.hand.finger_of(point.body)
-        told = finger is None or finger in point.body
-        names.append(point.body if told else f"{point.body} ({finger})")
+        is_shown = finger is None or finger in point.body
+        names.append(point.body if is_shown else f"{point.body} ({finger})")
     return names

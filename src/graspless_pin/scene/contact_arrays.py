@@ -110,10 +110,10 @@ def _after_motion(scene: SceneFields, touching: ContactArrays) -> SceneContacts:
 
 def _nothing_touches(scene: SceneFields) -> str:
     """Return what to say of a scene without contacts."""
-    said = f"nothing touches object {scene.object.name!r}"
+    message = f"nothing touches object {scene.object.name!r}"
     if scene.given_contacts is not None:
-        return f"{said}; contacts is an empty list: fill it, or leave it out to have them found"
+        return f"{message}; contacts is an empty list: fill it, or leave it out to have them found"
     return (
-        f"{said} within {scene.contact_tolerance:g} m; move the hand or the object, or raise "
+        f"{message} within {scene.contact_tolerance:g} m; move the hand or the object, or raise "
         "contact_tolerance"
     )

@@ -150,14 +150,14 @@ def box_around(made: ManipulatedObject) -> tuple[FloatArray, FloatArray]:
 
 def _meant(made: ManipulatedObject, density: float, size: FloatArray) -> str:
     """Return which other unit would make a density possible, and what it would be then."""
-    said = {
+    words_by_factor = {
         1e-3: f"the mass looks like grams, {1e-3 * made.mass:.3g} kg?",
         1e9: f"the size looks like millimetres, {_lengths(1e-3 * size)} m?",
         1e3: f"the density looks like g/cm^3, {1e3 * density:.3g} kg/m^3?",
         1e6: f"it looks like millimetres and grams, {_lengths(1e-3 * size)} m and "
         f"{1e-3 * made.mass:.3g} kg?",
     }
-    for factor, words in said.items():
+    for factor, words in words_by_factor.items():
         if _DENSITIES[0] <= factor * density <= _DENSITIES[1]:
             return f": {words}"
     return ""

@@ -55,10 +55,10 @@ def _one(kind: type, example: str = "", *, optional: bool = False) -> _Check:
     def check(name: str, value: Any) -> Any:
         if isinstance(value, kind) or (optional and value is None):
             return value
-        said = f", e.g. {example}" if example else ""
+        hint = f", e.g. {example}" if example else ""
         none = " or None" if optional else ""
         raise ArgumentError(
-            name, f"found {reprlib.repr(value)}; needs a {kind.__name__}{none}{said}"
+            name, f"found {reprlib.repr(value)}; needs a {kind.__name__}{none}{hint}"
         )
 
     return check

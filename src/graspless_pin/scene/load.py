@@ -72,8 +72,8 @@ def _hand(file: YamlSource, parts: SceneParts, entry: HandEntry) -> Hand:
         (("hand", "mounts", index) if entry.mounts else ("hand",), prefix, item)
         for index, (prefix, item) in enumerate(entry.mount_entries())
     ]
-    said = [value for name, value in entry if name not in _NOT_OF_THE_MOUNTS]
-    sources = [one if isinstance(one, BaseModel) else repr(one) for one in (*said, *entry.mounts)]
+    common = [value for name, value in entry if name not in _NOT_OF_THE_MOUNTS]
+    sources = [one if isinstance(one, BaseModel) else repr(one) for one in (*common, *entry.mounts)]
     mounts = parts.stage("mounts", (*sources,), lambda: _mounts(file, parts, entry, places))
     tree, q = mounts.joined.tree, entry.positions()
     positions = parts.stage(
@@ -207,8 +207,8 @@ class _Built(NamedTuple):
 
 
 def _scene(kind: type[_Scene], file: YamlSource, parts: SceneParts, entry: SceneEntry) -> _Scene:
-    said = entry.object, entry.hand, entry.materials, entry.contacts, entry.motion
-    built = parts.stage("built", (*said, *entry.supports), lambda: _built(file, parts, entry))
+    entries = entry.object, entry.hand, entry.materials, entry.contacts, entry.motion
+    built = parts.stage("built", (*entries, *entry.supports), lambda: _built(file, parts, entry))
     _check_weight(file, entry, built.object)
     last, known = parts.last, {}
     if last is not None and last.scene.path != file.path:
@@ -270,9 +270,9 @@ def _built(file: YamlSource, parts: SceneParts, entry: SceneEntry) -> _Built:
     bodies = [*names, *links]
     _check_names(file, entry, links)
     made = build_object(file, parts, entry.object)
-    said = entry.object, entry.hand, *entry.supports
+    entries = entry.object, entry.hand, *entry.supports
     materials = parts.stage(
-        "materials", (repr(entry.materials), *said), lambda: _materials(file, parts, entry)
+        "materials", (repr(entry.materials), *entries), lambda: _materials(file, parts, entry)
     )
     others = {
         "hand": hand,

@@ -223,24 +223,24 @@ def _efforts(new: NewScene, hand: Hand) -> tuple[str, tuple[str, ...], dict[str,
     """Return the lines of the limits, which are left open, and which of the files' stay."""
     lines = [f"    {flow_of(name)}: {limit:g}\n" for name, limit in new.efforts.items()]
     left_open = []
-    said = dict(zip(hand.actuation.names, hand.effort_limits[1].tolist(), strict=True))
+    stated = dict(zip(hand.actuation.names, hand.effort_limits[1].tolist(), strict=True))
     doubted = [
         name for one in hand.findings if one.code in _LIMITS for name in one.subject.split(", ")
     ]
     for name in doubted:
         if new.effort is not None:
-            lines.append(f"    {flow_of(name)}: {new.effort:g} # the file says {said[name]:g}\n")
-        elif not is_placeholder(said[name]):
-            lines.append(f"    {flow_of(name)}: {said[name]:g} # the file's, of unknown origin\n")
+            lines.append(f"    {flow_of(name)}: {new.effort:g} # the file says {stated[name]:g}\n")
+        elif not is_placeholder(stated[name]):
+            lines.append(f"    {flow_of(name)}: {stated[name]:g} # the file's, of unknown origin\n")
         else:
-            lines.append(f"    {flow_of(name)}: # fill in; the file says {said[name]:g}\n")
+            lines.append(f"    {flow_of(name)}: # fill in; the file says {stated[name]:g}\n")
             left_open.append(name)
     kept: dict[str, float] = {}
     if new.effort is not None:
         unsaid = {*hand.actuation.passive, *doubted, *new.efforts}
         for name in hand.fingers.keys() & new.efforts:
             unsaid.update(driving_joints(hand.tree, hand.fingers[name]))
-        kept = {name: limit for name, limit in said.items() if name not in unsaid}
+        kept = {name: limit for name, limit in stated.items() if name not in unsaid}
     if not lines:
         empty = "  # effort_limits: {} # N m, N: by joint or finger, instead of the robot's\n"
         return empty, (), kept

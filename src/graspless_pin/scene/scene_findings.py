@@ -42,14 +42,14 @@ def findings_of(scene: SceneFields) -> tuple[Finding, ...]:
     Where the scene has no problem in this state, what would need one is left out: asking for the
     problem says why.
     """
-    with capture() as told:
+    with capture() as emitted:
         found = [*_figures(scene)]
         if scene.hand is not None:
             found += [*_joints(scene.hand), *_shallow_overlaps(scene)]
             found += state_findings(scene, StateChecks(need_hand=False))
         found += _touching(scene)
     of_hand = () if scene.hand is None else scene.hand.findings
-    return gravest_first([*scene.load_findings, *of_hand, *_placed(scene, found), *told])
+    return gravest_first([*scene.load_findings, *of_hand, *_placed(scene, found), *emitted])
 
 
 def _placed(scene: SceneFields, found: Iterable[Finding]) -> Iterable[Finding]:
@@ -152,7 +152,7 @@ def _joints(hand: Hand) -> Iterator[Finding]:
             f"{np.radians(angle):.4g} rad",
             ("hand", "q", name),
         )
-    told = {
+    declared = {
         name
         for one in hand.findings
         if one.code in (FindingCode.PLACEHOLDER_EFFORT, FindingCode.UNKNOWN_EFFORT)
@@ -163,7 +163,7 @@ def _joints(hand: Hand) -> Iterator[Finding]:
         for name, unit, lower, upper in zip(
             hand.actuation.names, hand.effort_units, *hand.effort_limits, strict=True
         )
-        if max(-lower, upper) >= _UNLIMITED_EFFORT[unit] and name not in told
+        if max(-lower, upper) >= _UNLIMITED_EFFORT[unit] and name not in declared
     }
     if endless:
         yield Finding(

@@ -83,13 +83,13 @@ def _contacts_by_words(solution: TorqueSolution) -> dict[str, list[int]]:
 
     A force along the normal is as far from the sides of its cone as friction and its size allow.
     """
-    told: dict[str, list[int]] = {}
+    by_limit: dict[str, list[int]] = {}
     use = friction_use(solution.problem, solution.contact_forces)
     for limit, contacts in limiting_contacts(solution).items():
         for contact in contacts:
             unused = limit is ContactLimit.SLIP and use[contact] <= _UNUSED
-            told.setdefault(_AVAILABLE_FRICTION if unused else limit, []).append(contact)
-    return told
+            by_limit.setdefault(_AVAILABLE_FRICTION if unused else limit, []).append(contact)
+    return by_limit
 
 
 def margin_limit_words(solution: TorqueSolution, bodies: Sequence[str] | None = None) -> str:
@@ -126,10 +126,10 @@ def joint_limit_words(solution: TorqueSolution) -> str:
     torque, size = float(torques[joint]), torque_size(problem, torques)
     left = torque_rounding(problem, solution.contact_torques)[joint]
     limit = (problem.upper_torque if torque >= 0.0 else problem.lower_torque)[joint]
-    told = shown(torque, size, "+", left)
-    if told == "0":
+    figure = shown(torque, size, "+", left)
+    if figure == "0":
         return ""
     return (
-        f"Joint {problem.joint_names[joint]} is nearest its limit: {told} of "
+        f"Joint {problem.joint_names[joint]} is nearest its limit: {figure} of "
         f"{limit:+.6g} {problem.joint_units[joint]}, {100.0 * shares[joint]:.1f} %."
     )

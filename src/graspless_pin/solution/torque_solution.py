@@ -81,8 +81,8 @@ def solution_doubts(
         )
     load = problem.scales.force
     if margin is not None and margin <= _NOTHING * load:
-        told = figure(margin, load)
-        size = "zero" if told == "0" else f"{told} N, next to nothing beside {load:.3g} N"
+        printed = figure(margin, load)
+        size = "zero" if printed == "0" else f"{printed} N, next to nothing beside {load:.3g} N"
         yield Finding(
             FindingCode.NO_RESERVE,
             "solution",

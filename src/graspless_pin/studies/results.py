@@ -183,12 +183,12 @@ def _write_parquet(parts: Iterator[pd.DataFrame], about: dict[str, Any], file: P
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    said = {KEY: json.dumps(about), _ATTRS: json.dumps({KEY: about})}
+    added = {KEY: json.dumps(about), _ATTRS: json.dumps({KEY: about})}
     with ExitStack() as stack:
         writer = None
         for part in parts:
             content = pa.Table.from_pandas(part, preserve_index=False)
-            content = content.replace_schema_metadata({**(content.schema.metadata or {}), **said})
+            content = content.replace_schema_metadata({**(content.schema.metadata or {}), **added})
             if writer is None:
                 writer = stack.enter_context(pq.ParquetWriter(file, content.schema))
             writer.write_table(content)
@@ -371,16 +371,16 @@ def results_summary(table: pd.DataFrame | str | Path) -> str:
         found += int(part["found"].sum())
         for why in Failure:
             failures[why] += int((part["status"] == why.value).sum())
-        told = part[FINDINGS].notna() if FINDINGS in part else part["found"] & False
-        sound = part["found"] & ~told
+        has_findings = part[FINDINGS].notna() if FINDINGS in part else part["found"] & False
+        sound = part["found"] & ~has_findings
         serious += int((part["found"] & ~sound).sum())
         margins = part.loc[sound, "margin_N"]
         if len(margins):
             high, low = part.loc[margins.idxmax()], part.loc[margins.idxmin()]
             largest = high if largest is None or high.margin_N > largest.margin_N else largest
             smallest = low if smallest is None or low.margin_N < smallest.margin_N else smallest
-        if finding is None and told.any():
-            finding = part.loc[told.idxmax()]
+        if finding is None and has_findings.any():
+            finding = part.loc[has_findings.idxmax()]
         failed = part["status"].isin([*Failure])
         if failure is None and failed.any():
             failure = part.loc[failed.idxmax()]

@@ -32,10 +32,10 @@ def of_findings(scene: Scene, found: Sequence[Finding]) -> Row:
         scene: The scene of the sample; what its files told counts, too.
         found: See `state_findings`.
     """
-    told = (*scene.load_findings, *(() if scene.hand is None else scene.hand.findings))
-    if not (told or found):
+    loaded = (*scene.load_findings, *(() if scene.hand is None else scene.hand.findings))
+    if not (loaded or found):
         return {}
-    serious = [one for one in gravest_first([*told, *found]) if one.severity is Severity.SERIOUS]
+    serious = [one for one in gravest_first([*loaded, *found]) if one.severity is Severity.SERIOUS]
     return {FINDINGS: "; ".join(dict.fromkeys(one.code for one in serious))} if serious else {}
 
 

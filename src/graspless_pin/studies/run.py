@@ -74,15 +74,15 @@ def rounds_of(
     """
     border = study.entry.sampling.border or "found"
     outcomes: dict[str, int] = {}
-    told = array("q")
-    while len(told) < len(study.samples):
-        numbers = range(len(told), len(study.samples))
+    known = array("q")
+    while len(known) < len(study.samples):
+        numbers = range(len(known), len(study.samples))
         yield study, numbers
         if not isinstance(study.samples, AdaptiveSamples):
             return
         for row in rows(numbers):
-            told.append(outcomes.setdefault(str(row.get(border)), len(outcomes)))
-        samples = study.samples.refined(np.array(told))
+            known.append(outcomes.setdefault(str(row.get(border)), len(outcomes)))
+        samples = study.samples.refined(np.array(known))
         study = replace(study, samples=samples)
 
 

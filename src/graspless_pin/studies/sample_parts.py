@@ -63,9 +63,9 @@ class SampleParts(SceneParts):
         if self.last is None:
             return
         entry, built, scene = self.last
-        said = scene.load_findings or (scene.hand is not None and scene.hand.findings)
+        has_findings = scene.load_findings or (scene.hand is not None and scene.hand.findings)
         # What is found is told of each scene, and what is refused has to be looked for in each.
-        self._last = None if said or entry.warnings == "error" else (sample, scene)
+        self._last = None if has_findings or entry.warnings == "error" else (sample, scene)
         if built.names != self._names or len(self._fields) > _MOST_FIELDS:
             self._fields, self._names = {}, built.names
         keys = [{location[0] for location, *_ in one.targets} for one in variables]

@@ -285,14 +285,14 @@ def _mixed(
         halved: (variables,) which ones cells have an extent along.
     """
     counts = np.where(halved, (shape - 1) // sides, shape)
-    found, told = [], []
+    found, outcomes_found = [], []
     # A point on a border belongs to the cells on both sides of it.
     for before in product(*[(0, 1) if half else (0,) for half in halved.tolist()]):
         cells = (coordinates - np.array(before)) // sides
         inside = ((cells >= 0) & (cells < counts)).all(axis=1)
         found.append(np.ravel_multi_index(tuple(cells[inside].T), tuple(counts)))
-        told.append(outcomes[inside])
-    keys, values = np.concatenate(found), np.concatenate(told)
+        outcomes_found.append(outcomes[inside])
+    keys, values = np.concatenate(found), np.concatenate(outcomes_found)
     order = np.argsort(keys, kind="stable")
     keys, values = keys[order], values[order]
     begins = np.flatnonzero(np.diff(keys, prepend=-1))

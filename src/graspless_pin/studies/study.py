@@ -256,13 +256,13 @@ def _check_algorithm(
 
 def _fingerprint(entry: StudyEntry, tree: Tree, folder: Path) -> str:
     """Hash what is varied and computed, the scene, and the files that the scene names."""
-    said = entry.model_dump(mode="json", exclude={"name", "description", "scene"})
+    stated = entry.model_dump(mode="json", exclude={"name", "description", "scene"})
     files = {
         text: hashlib.sha256(read_bytes(folder / text, _NAMED)).hexdigest()
         for text in sorted(set(_texts(tree)))
         if text.lower().endswith(_FILES) and is_file(folder / text)
     }
-    content = json.dumps([said, tree, files], sort_keys=True, default=str)
+    content = json.dumps([stated, tree, files], sort_keys=True, default=str)
     return hashlib.sha256(content.encode()).hexdigest()
 
 

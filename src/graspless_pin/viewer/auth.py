@@ -78,17 +78,17 @@ def with_reader(answer: Any) -> Any:
     return answer
 
 
-def told_scheme(path: str, told: Callable[[bool], object]) -> bool:
+def is_scheme_request(path: str, prefers_dark: Callable[[bool], object]) -> bool:
     """Pass on what a request says of its reader; return whether it is such a request.
 
     Args:
         path: What is asked for, without the token.
-        told: Called with whether the reader prefers a dark page.
+        prefers_dark: Called with whether the reader prefers a dark page.
     """
     name = path.strip("/")
     if name not in SCHEMES:
         return False
-    told(name == "dark")
+    prefers_dark(name == "dark")
     return True
 
 
@@ -313,7 +313,7 @@ def _processed(gate: Gate, inner: Any, connection: Any, request: Any) -> Any:
         response = connection.respond(HTTPStatus.FORBIDDEN, f"{why}\n")
     else:
         path = gate.inner_path(request.path)
-        if told_scheme(path, gate.scheme_told):
+        if is_scheme_request(path, gate.scheme_told):
             response = connection.respond(HTTPStatus.NO_CONTENT, "")
         else:
             response = inner(connection, replace(request, path=path))

@@ -329,10 +329,10 @@ class Viewer:
 
     def _save_at_page(self) -> None:
         try:
-            said = f"saved as {self.save()}"
+            message = f"saved as {self.save()}"
         except GrasplessPinError as error:
-            said = f"not saved: {error}"
-        self._saying.content = note_html("graspless-saved", said)
+            message = f"not saved: {error}"
+        self._saying.content = note_html("graspless-saved", message)
 
     def _ask(self, settings: Settings) -> None:
         """Ask for other settings; the newest ones win over those not yet worked out."""
@@ -376,8 +376,8 @@ class Viewer:
             self._show(self._solving.judge())
         except CrashError as error:
             if not self._stopped.is_set():
-                said = f"no verdict: a solver failed and took its process along: {error}"
-                self._show(replace(shown, verdict=said))
+                message = f"no verdict: a solver failed and took its process along: {error}"
+                self._show(replace(shown, verdict=message))
         except Exception as error:
             _log.exception("the verdict cannot be shown")
             self._show(replace(shown, verdict=f"no verdict: {words_of(error)}"))

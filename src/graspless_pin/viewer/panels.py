@@ -81,8 +81,8 @@ def verdict_html(result: SettingsAnswer, *, dark: bool) -> str:
     if solution is None or not solution.found:
         return ""
     color = _verdict_color(result, dark=dark)
-    said = result.verdict or "does it hold?: being worked out"
-    lead, words = parted(said.replace("^2", "²"))
+    message = result.verdict or "does it hold?: being worked out"
+    lead, words = parted(message.replace("^2", "²"))
     return (
         f'<div id="graspless-verdict" data-status="{result.stability or ""}" style="{_TEXT}">'
         f'<div style="border-left:4px solid {color};padding-left:8px;margin-bottom:8px">'
@@ -136,16 +136,16 @@ def headline_html(result: SettingsAnswer, *, dark: bool) -> str:
 
     The place of three lines is kept: what stands below does not move when the verdict comes.
     """
-    solution, said = result.solution, "no torques"
+    solution, message = result.solution, "no torques"
     color = _verdict_color(result, dark=dark)
     if solution is not None and solution.found:
         lead, _ = parted(result.verdict or "")
-        said = f"margin e <b>{shown(solution.margin, solution.problem.scales.force)}</b> N"
-        said += f" · {escape(lead)}" if lead else ""
+        message = f"margin e <b>{shown(solution.margin, solution.problem.scales.force)}</b> N"
+        message += f" · {escape(lead)}" if lead else ""
     return (
         f'<div id="graspless-headline" style="{_TEXT};font-size:15px;padding-bottom:4px;'
         f'min-height:{_HEADLINE}">'
-        f'<div style="border-left:4px solid {color};padding-left:8px">{said}</div></div>'
+        f'<div style="border-left:4px solid {color};padding-left:8px">{message}</div></div>'
     )
 
 

@@ -197,13 +197,13 @@ def came_and_went(before: Sequence[str], after: Sequence[str]) -> str:
         after: The same in the other state.
     """
     counts, now = Counter(before), Counter(after)
-    said = []
+    changes = []
     for verb, change in (("gone", counts - now), ("new", now - counts)):
         if change:
             total = change.total()
             names = ", ".join(f"{name} ({count})" for name, count in change.items())
-            said.append(f"{total} contact{'s' * (total > 1)} {verb}: {names}")
-    return "; ".join(said)
+            changes.append(f"{total} contact{'s' * (total > 1)} {verb}: {names}")
+    return "; ".join(changes)
 
 
 def with_verdict(answer: SettingsAnswer) -> SettingsAnswer:
@@ -221,8 +221,8 @@ def with_verdict(answer: SettingsAnswer) -> SettingsAnswer:
     motion = None
     if found.motion is not None:
         motion = draw_motion(found.problem, found.motion, scene=answer.scene)
-    said = found.full_message("graspless-pin solve --verdict-nodes {}")
-    return replace(answer, verdict=said, stability=found.status, lasts=found.lasts, motion=motion)
+    words = found.full_message("graspless-pin solve --verdict-nodes {}")
+    return replace(answer, verdict=words, stability=found.status, lasts=found.lasts, motion=motion)
 
 
 def free_name(scene: Scene) -> Path:

@@ -280,9 +280,9 @@ class MeshShape(Shape):
         if self.convex == "hull":
             points = hull_points(self.path, self.scale)
             return (convex_geometry(points, f"mesh file '{self.path}'"),)
-        with capture() as said:
+        with capture() as notes:
             hull_points(self.path, self.scale)
-        emit(*(one for one in said if one.code is not FindingCode.SIMPLIFIED_HULL))  # pieces stand
+        emit(*(one for one in notes if one.code is not FindingCode.SIMPLIFIED_HULL))  # pieces stand
         pieces, found = _decomposed(self, file_state(self.path))
         emit(*found)
         return pieces

@@ -159,7 +159,7 @@ def resolve_effort_limits(
         elif is_placeholder(upper[row], on_arm=name in arm_joints):
             doubtful[name] = f"{name!r} ({upper[row]:g})"
     unsure = "; ".join(f"{', '.join(names)}: {note}" for note, names in noted.items())
-    told = [name for name in actuation.names if name in unknown and name not in overrides]
+    declared = [name for name in actuation.names if name in unknown and name not in overrides]
     for code, names, what, listed in (
         (
             FindingCode.PLACEHOLDER_EFFORT,
@@ -167,7 +167,7 @@ def resolve_effort_limits(
             "look like placeholders",
             ", ".join(doubtful.values()),
         ),
-        (FindingCode.UNKNOWN_EFFORT, told, "the robot file declares unknown", unsure),
+        (FindingCode.UNKNOWN_EFFORT, declared, "the robot file declares unknown", unsure),
     ):
         if listed:
             emit(

@@ -61,8 +61,8 @@ def read_mjcf(path: Path) -> MjcfSource:
             _strip(spec)
             model = spec.compile()
     except (ValueError, OSError) as error:
-        said = " ".join(str(error).split())
-        raise RobotError(f"{path}: MuJoCo cannot read this MJCF ({said})") from error
+        message = " ".join(str(error).split())
+        raise RobotError(f"{path}: MuJoCo cannot read this MJCF ({message})") from error
     finally:
         mujoco.set_mju_user_warning(capture)
     for text in dict.fromkeys(str(item.message) for item in remarks):

@@ -86,9 +86,9 @@ def expanded(path: Path, package_dirs: Sequence[Path], arguments: Mapping[str, s
                 limit=_SECONDS,
             )
     except ValueError as error:
-        said = " ".join(str(error).split())
+        message = " ".join(str(error).split())
         hint = "; values of its <xacro:arg> go under xacro_args in a robot file"
-        raise RobotError(f"{path}: xacro cannot expand this file ({said}){hint}") from None
+        raise RobotError(f"{path}: xacro cannot expand this file ({message}){hint}") from None
     except OverrunError:
         raise RobotError(f"{path}: xacro did not expand this file in {_SECONDS:g} s") from None
     except CrashError as error:

@@ -210,8 +210,8 @@ def find_mesh(
 def looked_for(candidates: Sequence[Path]) -> str:
     """Return where a mesh was looked for, in words: the likeliest places."""
     more = len(candidates) - _PLACES
-    told = ", ".join(str(file) for file in candidates[:_PLACES]) or "nowhere"
-    return told if more <= 0 else f"{told} and {more} more places"
+    places = ", ".join(str(file) for file in candidates[:_PLACES]) or "nowhere"
+    return places if more <= 0 else f"{places} and {more} more places"
 
 
 def _candidates(path: Path, written: str, package_dirs: Sequence[Path]) -> Iterable[Path]:

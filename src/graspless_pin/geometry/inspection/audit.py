@@ -67,13 +67,13 @@ def audit_meshes(robot: RobotDescription, root: ET.Element) -> Iterator[Finding]
 
 def _audit_axes(robot: RobotDescription, meshes: Sequence[ET.Element]) -> Iterator[Finding]:
     """Find DAEs of which another axis than z is up: one finding for all."""
-    said = {}
+    up_axes = {}
     for mesh in meshes:
         file, _ = find_mesh(robot.urdf_path, mesh.get("filename", ""), robot.package_dirs)
         if file is not None and file.suffix.lower() == ".dae":
             with suppress(MeshError):  # found already
-                said[file.name] = dae_frame(file, read_bytes(file, MESH))[1]
-    turned = [f"{name} ({up})" for name, up in said.items() if up not in ("", "Z_UP")]
+                up_axes[file.name] = dae_frame(file, read_bytes(file, MESH))[1]
+    turned = [f"{name} ({up})" for name, up in up_axes.items() if up not in ("", "Z_UP")]
     if turned:
         more = f" and {len(turned) - 3} more" if len(turned) > 3 else ""
         yield Finding(
@@ -212,7 +212,7 @@ def audit_urdf(
     findings: list[Finding] = []
     joined: JoinedMounts | None = None
     loads = False
-    with capture() as told:
+    with capture() as emitted:
         try:
             root = parse_robot(robot.urdf_path, robot.package_dirs, robot.xacro_args)
             if robot.root_link is not None:
@@ -234,8 +234,8 @@ def audit_urdf(
                 else item
                 for item in findings
             ]
-    said = {item.code for item in findings}
-    findings += [item for item in told if item.code not in said]
+    codes = {item.code for item in findings}
+    findings += [item for item in emitted if item.code not in codes]
     return _report(robot, joined, findings, loads=loads)
 
 

@@ -136,7 +136,7 @@ def _verdict(case: Case) -> dict[str, Any]:
     stated, motion = case.document.get("stability"), read_motion(case.document)
     if stated is None:
         return {"verdict": None, "motion_view": None}
-    lead, said = parted(str(stated["message"]).replace("^2", "²"))
+    lead, words = parted(str(stated["message"]).replace("^2", "²"))
     status = Stability(stated["status"])
     mark = _MARKS[status]
     under_motion = case.solution.problem.is_sliding.any()
@@ -144,7 +144,7 @@ def _verdict(case: Case) -> dict[str, Any]:
     if status is Stability.STRONG and not lasts:
         mark = "care"
     context: dict[str, Any] = {
-        "verdict": {"lead": lead[:1].upper() + lead[1:], "said": said, "mark": mark},
+        "verdict": {"lead": lead[:1].upper() + lead[1:], "words": words, "mark": mark},
         "motion_view": None,
     }
     if case.motion is None or motion is None:

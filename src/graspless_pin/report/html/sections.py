@@ -202,11 +202,11 @@ def joined_ranges(
         over = "both" if cells == others else "rule"
         rows.append({"contact": contact, "over": over, "cells": cells})
         if over == "rule":
-            told = [
+            findings = [
                 {"words": "same", "open": False} if cell == other else other
                 for cell, other in zip(cells, others, strict=True)
             ]
-            rows.append({"contact": contact, "over": "rest", "cells": told})
+            rows.append({"contact": contact, "over": "rest", "cells": findings})
     return rows
 
 

@@ -88,10 +88,10 @@ def _limits(problem: Problem) -> str:
         if own.any():
             ends = np.concatenate([problem.lower[own], problem.upper[own]])
             finite = np.abs(ends[np.isfinite(ends)])
-            said = _span(float(finite.min()), float(finite.max())) if finite.size else "none"
+            span = _span(float(finite.min()), float(finite.max())) if finite.size else "none"
             free = int((np.isinf(problem.lower[own]) | np.isinf(problem.upper[own])).sum())
-            said += f" {unit}" if finite.size else ""
-            shown.append(f"joints {said}" + (f" ({free} without)" if free and finite.size else ""))
+            span += f" {unit}" if finite.size else ""
+            shown.append(f"joints {span}" + (f" ({free} without)" if free and finite.size else ""))
     return "; ".join(shown)
 
 

@@ -197,13 +197,13 @@ class _Checker:
         document, problem = self.document, self.problem
         found = truth(entry(document, "found", "the document"), "found")
         message = text(entry(document, "message", "the document"), "message")
-        said = message.startswith(MESSAGES[self.status])
+        agree = message.startswith(MESSAGES[self.status])
         scales = entry(document, "scales", "the document")
         force, length = (number(entry(scales, key, "scales"), key) for key in ("force", "length"))
         good = problem.force > 0.0 and np.isfinite(problem.force)
         return [
             holds("found and status agree", found == (self.status in FOUND_STATES), self.status),
-            holds("message and status agree", said, message[:60]),
+            holds("message and status agree", agree, message[:60]),
             holds("the load has a size", good, f"{problem.force:.3g} N"),
             agrees("force scale", force, problem.force, tolerances.SAME * problem.force, "N"),
             agrees("length scale", length, problem.length, tolerances.SAME * problem.length, "m"),

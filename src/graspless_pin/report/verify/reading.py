@@ -70,7 +70,7 @@ def read_problem(document: dict[str, Any]) -> Problem:
     friction_rules = ("virtual_sliding", "coulomb")
     options = {"sign_rule": sign_rules, "sliding_rule": sliding_rules,
                "static_friction": friction_rules}  # fmt: skip
-    said = {key: word(entry(rules, key, "rules"), key, known) for key, known in options.items()}
+    words = {key: word(entry(rules, key, "rules"), key, known) for key, known in options.items()}
     scale = word(entry(document, "scale", where), "scale", ("absolute", "limits"))
     frames = np.concatenate([column("normal", (3,))[:, None], column("tangents", (2, 3))], axis=1)
     problem = Problem(
@@ -94,9 +94,9 @@ def read_problem(document: dict[str, Any]) -> Problem:
         e0=number(entry(document, "required_margin", where), "required_margin"),
         by_limits=algorithm == "torque" and scale == "limits",
         epsilon=number(entry(document, "regularization", where), "regularization"),
-        sign_rule=said["sign_rule"],
-        constrained=said["sliding_rule"] == "constrained",
-        coulomb=said["static_friction"] == "coulomb",
+        sign_rule=words["sign_rule"],
+        constrained=words["sliding_rule"] == "constrained",
+        coulomb=words["static_friction"] == "coulomb",
         own=own,
         corners=corners,
         kinetic=kinetic,

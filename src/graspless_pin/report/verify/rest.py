@@ -221,9 +221,9 @@ class _Verdict:
             checks.append(agrees("acceleration limit", stated, self.limit, tolerance, "m/s^2"))
             rest += f": points that accelerate by up to {self.limit:.3g} m/s^2 are at rest"
         checks += [given("resolution of accelerations", rest), *self._words()]
-        told = {key: self.stated[key] for key in _TOLD if self.stated.get(key) is not None}
-        if told:
-            shown = ", ".join(f"{key} {str(value)[:20]}" for key, value in told.items())
+        claims = {key: self.stated[key] for key in _TOLD if self.stated.get(key) is not None}
+        if claims:
+            shown = ", ".join(f"{key} {str(value)[:20]}" for key, value in claims.items())
             checks.append(given("what small motions do, and what moves", shown))
         if self.status == "undecided":
             return [*checks, holds("whether the object stays", passed=True,
@@ -244,11 +244,11 @@ class _Verdict:
 
     def _words(self) -> list[Check]:
         """Return the check that the sentence does not say what another status would."""
-        said = text(self.stated.get("message", ""), "message of stability")
+        message = text(self.stated.get("message", ""), "message of stability")
         others = [word for status, words in _WORDS.items() if status != self.status
                   for word in words]  # fmt: skip
-        good = not said.startswith(tuple(others))
-        return [holds("the sentence and the status agree", good, said[:60] or "no sentence")]
+        good = not message.startswith(tuple(others))
+        return [holds("the sentence and the status agree", good, message[:60] or "no sentence")]
 
     def _rest(self) -> Check:
         local = self.bodies.forces("rest_forces", self.stated, "stability")
@@ -300,7 +300,7 @@ class _Verdict:
         gaps = np.minimum(against / F, np.where(problem.slides, 0.0, slips) / unit)
         gaps = np.maximum(gaps, np.minimum(np.abs(f[:, 0]) / F, np.maximum(u[:, 0], 0.0) / unit))
         speed = self._fastest(acceleration[: len(problem.w)])
-        told = number(entry(motion, "point_acceleration", where), "point_acceleration")
+        claimed = number(entry(motion, "point_acceleration", where), "point_acceleration")
         most = tolerances.motion(self.resolution)
         checks = [
             within("a motion obeys the dynamics", left, most, "loads"),
@@ -308,7 +308,7 @@ class _Verdict:
             within("it penetrates nothing", -float(u[:, 0].min()) / unit, most, "loads over mass"),
             within("friction opposes its slip, and what parts bears nothing", float(gaps.max()),
                    most, "loads"),
-            agrees("its largest acceleration", told, speed, most * unit, "m/s^2"),
+            agrees("its largest acceleration", claimed, speed, most * unit, "m/s^2"),
         ]  # fmt: skip
         if self.status == "weak":
             detail = f"{speed:.6g} m/s^2, limit {self.limit:.6g}"
