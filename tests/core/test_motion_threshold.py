@@ -121,7 +121,6 @@ def test_witnesses_and_conflicts_prove_themselves(turn):
         else:
             assert isinstance(verdict, Conflict)
             v = verdict.combination
-            assert v is not None
             along = np.array(signs) * v[:, 1:]
             assert along.min() >= 0.0
             assert along.sum() == pytest.approx(1.0)

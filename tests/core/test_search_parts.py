@@ -10,21 +10,23 @@ from scenes import scene, structured_arguments
 
 from graspless_pin import (
     QuasistaticProblem,
+    SlidingMode,
     Status,
     maximize_margin,
 )
 from graspless_pin.algorithms import branch_and_bound as searching
 from graspless_pin.algorithms import search
-from graspless_pin.algorithms.branch_and_bound import (
-    branch_and_bound,
-)
+from graspless_pin.algorithms.branch_and_bound import branch_and_bound
 from graspless_pin.algorithms.formulation import formulate
 from graspless_pin.algorithms.mode_oracle import ModeOracle
+from graspless_pin.algorithms.mode_tree import ModePart, ModeTree
 from graspless_pin.algorithms.options import NO_LIMITS, Limits, SolveOptions
 from graspless_pin.algorithms.search import SearchState
+from graspless_pin.algorithms.searching import search_modes
 from graspless_pin.modes.rules import Rules
 from graspless_pin.programs.answers import Answer, failed
 from graspless_pin.programs.objectives import Margin, Torque
+from graspless_pin.solution.proof import ContactSplit
 
 RULES = Rules.parse()
 SPLIT = [
@@ -165,6 +167,26 @@ def test_rounding_of_equal_bounds_does_not_lead_the_search_about(
 
     nodes = proves_less(0.0)
     assert {proves_less(1e-9) for _ in range(4)} == {nodes}
+
+
+def test_two_sets_of_forces_that_oppose_each_other_split_that_contact():
+    """Each set alone has a mode behind it; both together have none."""
+    one = state_of(scene("rest"))
+    found = search_modes(one, SolveOptions(), NO_LIMITS).state.best
+    assert found is not None
+    assert isinstance(ModeOracle(one.formulation, RULES).mode_for(found.x), SlidingMode)
+    size = one.formulation.coordinates.layout.size
+    two = replace(one.formulation, layers=(0, size))
+    tree, oracle = ModeTree(two, RULES), ModeOracle(two, RULES)
+    every = ModePart.every_mode(two.problem, RULES)
+    for contact, component in ((0, 1), (2, 0), (4, 1)):
+        x = np.concatenate([found.x[:size], found.x[:size]])
+        column = one.formulation.coordinates.tangent[contact, component]
+        x[[column, size + column]] = 0.01, -0.01
+        assert oracle.mode_for(x) is None and oracle.conflict_for(x, every) is None
+        split = tree.split(every, x, None)
+        assert split is not None and split[0] == ContactSplit(contact)
+        assert len(split[1]) == 5  # released, or one of four pairs of signs
 
 
 def test_what_is_left_of_a_time_limit_goes_to_the_searches_that_follow():

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from graspless_pin.algorithms.mode_oracle import NO_FRICTION
+from graspless_pin.algorithms.formulation import NO_FRICTION
 from graspless_pin.algorithms.options import Limits
 from graspless_pin.algorithms.search import SearchResult, SearchState, finished
 from graspless_pin.errors import ArgumentError

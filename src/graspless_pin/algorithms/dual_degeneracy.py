@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import null_space
 
-from graspless_pin.algorithms.formulation import Formulation, formulate
-from graspless_pin.algorithms.mode_oracle import NO_FRICTION
+from graspless_pin.algorithms.formulation import NO_FRICTION, Formulation, formulate
 from graspless_pin.modes.rules import StaticFriction
 from graspless_pin.problem.checks import FloatArray
 from graspless_pin.programs.marginals import Marginals, marginals

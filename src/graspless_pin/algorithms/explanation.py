@@ -21,7 +21,7 @@ from graspless_pin.algorithms.options import NO_LIMITS, Limits, SolveOptions
 from graspless_pin.algorithms.search import SearchState
 from graspless_pin.algorithms.solve import solve_problem
 from graspless_pin.errors import UndecidedMotionError
-from graspless_pin.modes.feasibility import Conflict
+from graspless_pin.modes.feasibility import Blocked, Conflict
 from graspless_pin.modes.rules import Rules, SignRule, SlidingRule, StaticFriction
 from graspless_pin.problem import QuasistaticProblem
 from graspless_pin.problem.checks import FloatArray
@@ -252,9 +252,9 @@ def _conflicting_contacts(solution: TorqueSolution) -> tuple[int, ...]:
     if answer.outcome is not Outcome.SOLVED:
         return ()
     with suppress(UndecidedMotionError):
-        verdict = state.oracle.mode_for(answer.x, {})
-        if isinstance(verdict, Conflict):
-            return tuple(sorted({item[0] for item in verdict.signs} | set(verdict.contacts)))
+        verdict = state.oracle.mode_for(answer.x)
+        if isinstance(verdict, Conflict | Blocked):
+            return tuple(sorted(verdict.involved))
     return ()
 
 

@@ -22,6 +22,9 @@ from graspless_pin.programs.objectives import Objective
 from graspless_pin.programs.program import Program
 from graspless_pin.solvers import Answer, Outcome, solve
 
+NO_FRICTION = 1e-8
+"""Friction below this share of the load counts as none."""
+
 
 @dataclass(frozen=True, eq=False)
 class Formulation:
@@ -65,9 +68,11 @@ class Formulation:
             return columns[None]
         return np.array(self.layers)[:, None, None] + columns
 
-    def friction_columns(self, contact: int) -> NDArray[np.int_]:
-        """(layers, 2) columns of one contact's friction components."""
-        return np.array(self.layers)[:, None] + self.coordinates.tangent[contact]
+    def friction_size(self, x: FloatArray) -> FloatArray:
+        """(M, 2) the largest friction along t1 and t2 in x, of whichever set of forces."""
+        size = np.zeros((self.problem.contact_count, 2))
+        size[self.cone_index] = np.abs(x[self.cone_columns]).max(axis=0, initial=0.0)
+        return size
 
     def solve(self, lb: FloatArray, ub: FloatArray, solver: str, *, cutoff: float) -> Answer:
         """Solve the program under other bounds; values above the cutoff count as infeasible."""

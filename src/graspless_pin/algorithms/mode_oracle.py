@@ -7,31 +7,17 @@ from functools import cached_property
 
 import numpy as np
 
-from graspless_pin.algorithms.formulation import Formulation
+from graspless_pin.algorithms.formulation import NO_FRICTION, Formulation
+from graspless_pin.algorithms.mode_tree import ModePart
 from graspless_pin.modes.enumeration import mode_of, requirements_of, sign_pairs
-from graspless_pin.modes.feasibility import Conflict, Requirement, Witness
+from graspless_pin.modes.feasibility import Blocked, Conflict, Requirement, Witness
 from graspless_pin.modes.rules import Rules, SignRule, SlidingMode, SlidingRule, StaticFriction
 from graspless_pin.modes.witness_heuristics import CLEARLY
 from graspless_pin.problem.checks import FloatArray
 
-NO_FRICTION = 1e-8
-"""Friction below this share of the load counts as none."""
 _LEAST_IMPORTANCE = 1e-3
 
 SignPair = tuple[int, int]
-
-
-@dataclass(frozen=True)
-class Opposition:
-    """Two sets of forces of one program have friction of opposite signs along one tangent.
-
-    Attributes:
-        contact: Index of the contact.
-        component: 0 for t1, 1 for t2.
-    """
-
-    contact: int
-    component: int
 
 
 @dataclass
@@ -55,46 +41,67 @@ class ModeOracle:
     is_clear: bool = False
     witness: FloatArray | None = None
 
-    def mode_for(
-        self, x: FloatArray, decided: dict[int, SignPair]
-    ) -> SlidingMode | Conflict | Opposition | None:
+    def mode_for(self, x: FloatArray) -> SlidingMode | Conflict | Blocked | None:
         """Return a feasible mode that admits the friction in x.
 
         Args:
             x: Solution of the program.
-            decided: Sign pairs that the search has already fixed for some contacts.
 
         Returns:
-            A mode; or the conflict among its nonzero friction components, or the opposition of
-            two sets of forces, that excludes every mode; or None if only the signs of vanishing
-            components stand in the way.
+            A mode; or what excludes every mode that admits x; or None if only the signs of
+            vanishing components stand in the way, or two sets of forces whose friction has opposite
+            signs.
         """
         self.witness = None
         if self.rules.static_friction is StaticFriction.COULOMB:
             return self.describe(x)
-        if not decided:
-            mode = self._at_once(x)
-            if mode is not None:
-                self.is_clear = True
-                return mode
-        self.is_clear = False
+        mode = self._at_once(x)
+        self.is_clear = mode is not None
+        if mode is not None:
+            return mode
+        every = ModePart.every_mode(self.formulation.problem, self.rules)
+        known = self._required(x, every)
+        if known is None:
+            return None
+        verdict = self._asked(x, known)
+        return verdict if isinstance(verdict, Conflict) else self._complete(known, verdict, every)
+
+    def conflict_for(self, x: FloatArray, part: ModePart) -> Conflict | Blocked | None:
+        """Return what excludes every mode of a part that admits the friction in x; None: nothing.
+
+        Args:
+            x: Solution of the program.
+            part: The modes.
+        """
+        known = self._required(x, part)
+        if known is None:
+            return None
+        verdict = self._asked(x, known)
+        return verdict if isinstance(verdict, Conflict) else self._blocked(known, part)
+
+    def _required(self, x: FloatArray, part: ModePart) -> list[Requirement] | None:
+        """Return what the friction in x and all modes of a part ask of the virtual motion.
+
+        Signs of components in which neither has one are 0. None: two sets of forces have friction
+        of opposite signs.
+        """
         friction = self._friction(x)
-        if isinstance(friction, Opposition):
-            return friction
-        needed = [
-            Requirement(contact, decided.get(contact, (-a, -b)))
-            for contact, (a, b) in friction.items()
-            if a or b
-        ]
-        always = self._always_selected
-        # What does not depend on the signs of vanishing components: necessary for every mode.
-        known = [*needed, *(Requirement(contact, (0, 0)) for contact in always)]
+        if friction is None:
+            return None
+        required = []
+        for contact, selected in enumerate(part.selected.tolist()):
+            own = part.signs(contact) if selected else (0, 0)
+            along = friction.get(contact, (0, 0))
+            a, b = (-sign or known for sign, known in zip(along, own, strict=True))
+            if a or b or selected:
+                required.append(Requirement(contact, (a, b)))
+        return required
+
+    def _asked(self, x: FloatArray, known: list[Requirement]) -> Witness | Conflict:
+        """Ask for a motion that does not depend on the signs of vanishing components."""
         rule = SignRule.STRICT if self.rules.sign is SignRule.EXACT else self.rules.sign
         self.kinematic_programs += 1
-        verdict = self.formulation.kinematics.solve(known, rule, self._importance(x, known))
-        if isinstance(verdict, Conflict):
-            return verdict
-        return self._complete(known, verdict)
+        return self.formulation.kinematics.solve(known, rule, self._importance(x, known))
 
     def _importance(self, x: FloatArray, known: list[Requirement]) -> FloatArray:
         """How much the friction along each required sign matters to the forces in x.
@@ -102,10 +109,7 @@ class ModeOracle:
         Conflicts among large friction forces cost the most to resolve, so splitting on them
         raises the bounds of the children the most.
         """
-        size = np.zeros((self.formulation.problem.contact_count, 2))
-        friction = np.abs(x[self.formulation.cone_columns]).max(axis=0, initial=0.0)
-        size[self.formulation.cone_index] = friction
-        size = size[[requirement.contact for requirement in known]]
+        size = self.formulation.friction_size(x)[[one.contact for one in known]]
         return np.sqrt(np.maximum(size / size.max(initial=1e-300), _LEAST_IMPORTANCE))
 
     def heuristic_mode(self, x: FloatArray) -> SlidingMode | None:
@@ -137,8 +141,7 @@ class ModeOracle:
 
     def describe(self, x: FloatArray) -> SlidingMode:
         """Return the mode that only describes the friction in x, feasible or not."""
-        friction = self._friction(x)
-        signs = {} if isinstance(friction, Opposition) else friction
+        signs = self._friction(x) or {}
         requirements = tuple(
             Requirement(contact, (-a, -b)) for contact, (a, b) in signs.items() if a or b
         )
@@ -211,16 +214,18 @@ class ModeOracle:
         self.witness = self.motion
         return signs
 
-    def _friction(self, x: FloatArray) -> dict[int, SignPair] | Opposition:
-        """Signs of the friction at each contact with a cone, 0 where a component vanishes."""
+    def _friction(self, x: FloatArray) -> dict[int, SignPair] | None:
+        """Signs of the friction at each contact with a cone, 0 where a component vanishes.
+
+        None: two sets of forces have opposite signs.
+        """
         values = x[self.formulation.cone_columns]
         signs = np.sign(values).astype(int)
         signs[np.abs(values) <= NO_FRICTION] = 0
         contacts = self.formulation.cone_contacts
         if len(signs) > 1:
-            opposed = np.argwhere((signs > 0).any(axis=0) & (signs < 0).any(axis=0))
-            if len(opposed):
-                return Opposition(contacts[opposed[0, 0]], int(opposed[0, 1]))
+            if ((signs > 0).any(axis=0) & (signs < 0).any(axis=0)).any():
+                return None
             signs = np.sign(signs.sum(axis=0))[None]
         return dict(zip(contacts, map(tuple, signs[0].tolist()), strict=True))
 
@@ -232,8 +237,8 @@ class ModeOracle:
         return [int(contact) for contact in np.flatnonzero(self.formulation.problem.is_sliding)]
 
     def _complete(
-        self, known: list[Requirement], witness: Witness
-    ) -> SlidingMode | Conflict | None:
+        self, known: list[Requirement], witness: Witness, part: ModePart
+    ) -> SlidingMode | Blocked | None:
         """Fill in the signs that the friction leaves open, first as the witness moves.
 
         A witness that moves along every open component proves its own signs.
@@ -252,7 +257,7 @@ class ModeOracle:
             velocities, shown, self.rules.sign
         ):
             return self._witnessed(shown, witness)
-        blocked = self._blocked(known)
+        blocked = self._blocked(known, part)
         if blocked is not None:
             return blocked
         options = []
@@ -270,41 +275,34 @@ class ModeOracle:
         self.witness = self.formulation.kinematics.scaled_motion(witness.coordinates)
         return mode_of(self.formulation.problem, known)
 
-    def _blocked(self, known: list[Requirement]) -> Conflict | None:
-        """Look for a component that the known signs let move neither way.
-
-        Where both components of a selected contact must move, that is a conflict of those signs
-        with the selection of the contact.
-        """
+    def _blocked(self, known: list[Requirement], part: ModePart) -> Blocked | None:
+        """Look for a component that must move and that what is known lets move neither way."""
         if self.rules.sign is not SignRule.STRICT:
             return None
         for index, (contact, signs) in enumerate(known):
             for component in range(2):
-                conflicts = [] if signs[component] else self._resting(known, index, component)
-                if not conflicts:
+                if signs[component]:
                     continue
-                items = {item for conflict in conflicts for item in conflict.signs}
-                items = {item for item in items if item[:2] != (contact, component)}
-                owners = {owner for conflict in conflicts for owner in conflict.contacts}
-                owners = (owners | {contact}) - {owner for owner, _, _ in items}
-                return Conflict(tuple(sorted(items)), tuple(sorted(owners)), None)
+                conflicts = self._resting(known, index, component, part.left(contact, component))
+                if conflicts:
+                    return Blocked(contact, component, conflicts)
         return None
 
-    def _resting(self, known: list[Requirement], index: int, component: int) -> list[Conflict]:
-        """Conflicts that let a component of a known contact move neither way; none: it may."""
+    def _resting(
+        self, known: list[Requirement], index: int, component: int, ways: list[int]
+    ) -> tuple[Conflict, ...]:
+        """Conflicts that let a component of a known contact move none of the ways; none: it may."""
         contact, signs = known[index]
         conflicts: list[Conflict] = []
-        for sign in (1, -1):
+        for sign in ways:
             pair = (sign, signs[1]) if component == 0 else (signs[0], sign)
             tried = [*known[:index], Requirement(contact, pair), *known[index + 1 :]]
             self.kinematic_programs += 1
             verdict = self.formulation.kinematics.solve(tried, self.rules.sign)
             if isinstance(verdict, Witness):
-                return []
+                return ()
             conflicts.append(verdict)
-            if verdict.signs == ((contact, component, sign),):
-                break  # its combination, turned round, lets it not move the other way either
-        return conflicts
+        return tuple(conflicts)
 
     def _first_feasible(
         self, options: list[list[Requirement]], chosen: tuple[Requirement, ...]

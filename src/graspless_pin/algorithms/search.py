@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -14,7 +13,6 @@ from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.modes.enumeration import requirements_of
 from graspless_pin.modes.feasibility import Conflict, Requirement
 from graspless_pin.modes.kinematics import VirtualKinematics
-from graspless_pin.modes.propagation import Propagation
 from graspless_pin.modes.rules import Rules, SlidingMode, StaticFriction
 from graspless_pin.modes.witness_heuristics import CLEARLY
 from graspless_pin.problem.checks import FloatArray
@@ -72,17 +70,6 @@ class SearchState:
     def __post_init__(self) -> None:
         """Make the oracle."""
         self.oracle = ModeOracle(self.formulation, self.rules)
-
-    @cached_property
-    def consequences(self) -> Propagation:
-        """What follows from decisions, shared by all searches among these motions."""
-        problem = self.formulation.problem
-        kinematics = self.formulation.kinematics
-        key = Propagation, self.rules, problem.has_cone.tobytes(), problem.is_sliding.tobytes()
-        known: Propagation | None = kinematics.known.get(key)
-        if known is None:
-            known = kinematics.known[key] = Propagation(problem, kinematics, self.rules)
-        return known
 
     @property
     def unproven(self) -> bool:

@@ -34,7 +34,7 @@ def search_exhaustively(state: SearchState, limits: Limits) -> SearchResult:
         return SearchResult(Status.INFEASIBLE_FORCES, state)
     if answer.outcome is Outcome.FAILED:
         return SearchResult(Status.UNVERIFIED, state)
-    mode = state.oracle.mode_for(answer.x, {})
+    mode = state.oracle.mode_for(answer.x)
     state.modes_examined = 1
     if isinstance(mode, SlidingMode) and state.accept(answer, mode):
         return finished(state)

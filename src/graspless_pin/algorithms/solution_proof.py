@@ -1,8 +1,8 @@
 """The whole proof of a solution, found or not: what its document carries for those who check it.
 
-Make the proof of an optimum over all modes, or that there is none: a tree that others can check.
-
-It is made anew from the bound alone: how the optimum was found plays no part in it.
+The tree is that of the search (`mode_tree`), gone through again when a document is asked for: now
+that the bound is known it takes a small part of the search's time, and no solution has to keep the
+multipliers of every node. How the optimum was found plays no part in it.
 """
 
 from __future__ import annotations
@@ -12,21 +12,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from graspless_pin.algorithms.formulation import Formulation, formulate
-from graspless_pin.algorithms.mode_oracle import NO_FRICTION
-from graspless_pin.algorithms.mode_sets import ModePart, SignItem
+from graspless_pin.algorithms.mode_oracle import ModeOracle
+from graspless_pin.algorithms.mode_tree import ModePart, ModeTree
 from graspless_pin.errors import UndecidedMotionError
 from graspless_pin.modes.enumeration import requirements_of
-from graspless_pin.modes.feasibility import Conflict, Requirement
 from graspless_pin.modes.kinematics import Witness
-from graspless_pin.modes.rules import Rules, SignRule, StaticFriction
+from graspless_pin.modes.rules import Rules, StaticFriction
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.programs.dual_refinement import certain_bound, sharpened
 from graspless_pin.programs.program import Program
 from graspless_pin.solution import UNDECIDED, Status, TorqueSolution
 from graspless_pin.solution.proof import (
     BoundLeaf,
-    ConflictSplit,
-    ContactSplit,
     DualVariables,
     KinematicLeaf,
     ModeProof,
@@ -39,9 +36,6 @@ from graspless_pin.tree_search import TreeSearch
 MOST_LEAVES = 1000
 """Proofs with more leaves are not written."""
 _CLOSE = 1e-7
-_CORRECTIONS = 2
-_SHORT = 0.1
-"""Combinations shorter than this share of the threshold are not brought nearer to zero."""
 _THIN = 1e-9
 """Multipliers below this share of the largest are left out where the proof does without them."""
 _WORSE = 1e-6
@@ -50,7 +44,7 @@ _WORSE = 1e-6
 
 @dataclass(eq=False)
 class ModeProver:
-    """Splits all modes until every part is closed.
+    """Splits all modes until every part is closed by multipliers or a combination.
 
     Attributes:
         formulation: The program.
@@ -63,6 +57,11 @@ class ModeProver:
     rules: Rules
     solver: str
     target: float
+
+    def __post_init__(self) -> None:
+        """Make the tree that the search splits, too."""
+        self.tree = ModeTree(self.formulation, self.rules)
+        self.oracle = ModeOracle(self.formulation, self.rules)
 
     def prove(self, root: ModePart | None, known: DualVariables | None = None) -> ModeProof:
         """Return the proof over a part of all modes.
@@ -94,26 +93,11 @@ class ModeProver:
     def _closes(self, bound: float) -> bool:
         return bound >= self.target - _CLOSE * max(1.0, abs(self.target))
 
-    def bounds(self, part: ModePart | None) -> tuple[FloatArray, FloatArray]:
-        """Return bounds of the variables: friction opposes the sliding that is left to it."""
-        program = self.formulation.program
-        if part is None:
-            return program.lb, program.ub
-        lb, ub = program.lb.copy(), program.ub.copy()
-        cones = self.formulation.cone_index
-        gone = part.released[cones, None]
-        for columns in self.formulation.cone_columns:
-            ub[columns[gone | ~part.minus[cones]]] = 0.0
-            lb[columns[gone | ~part.plus[cones]]] = 0.0
-        return lb, ub
-
     def _node(self, part: ModePart | None) -> tuple[ProofNode | str, list[ModePart]]:
         """Return the node of a part with its children, or why there is none."""
-        if part is not None and part.selected.any():
-            wanted = part.requirements()
-            v = self._excluded(wanted, self._reading(part, wanted))
-            if v is not None:
-                return KinematicLeaf(v), []
+        excluded = None if part is None else self.tree.exclusion(part)
+        if excluded is not None:
+            return excluded, []
         answer = self.solved(part)
         if answer.outcome is Outcome.FAILED:
             return "a program stayed without an answer", []
@@ -125,7 +109,9 @@ class ModeProver:
             return "that a part has no forces is not proven of the farthest", []
         if part is None:
             return "the relaxation does not prove the bound", []
-        return self._split(part, answer.x)
+        found = self.oracle.conflict_for(answer.x, part)
+        split = self.tree.split(part, answer.x, found)
+        return split or ("a mode with a virtual motion seems better than the bound", [])
 
     def solved(self, part: ModePart | None, cutoff: float | None = None) -> Answer:
         """Return the answer to the program of a part.
@@ -137,7 +123,7 @@ class ModeProver:
         if cutoff is None:
             room = _CLOSE * max(1.0, abs(self.target)) if np.isfinite(self.target) else 0.0
             cutoff = self.target - 0.5 * room
-        return self.formulation.solve(*self.bounds(part), self.solver, cutoff=cutoff)
+        return self.formulation.solve(*self.tree.bounds(part), self.solver, cutoff=cutoff)
 
     def _leaf(
         self, part: ModePart | None, y: FloatArray, z: FloatArray, *, refuting: bool
@@ -150,7 +136,7 @@ class ModeProver:
             z: Of the rows.
             refuting: Whether the multipliers prove that the part has no forces of interest.
         """
-        program = self.formulation.program.bounded(*self.bounds(part))
+        program = self.formulation.program.bounded(*self.tree.bounds(part))
         for kept in (_thinned(z), z):
             refined = sharpened(program, y, kept)
             if self._closes(certain_bound(program, *refined)):
@@ -166,148 +152,6 @@ class ModeProver:
         thin = _thinned(z)
         enough = program.infeasibility_bound(y, thin) >= (1.0 - _WORSE) * proven
         return BoundLeaf(y, thin if enough else z, objective=False)
-
-    def _excluded(self, wanted: list[Requirement], rule: SignRule) -> FloatArray | None:
-        """Return a combination that excludes every wanted motion; None: there is none."""
-        verdict = self.formulation.kinematics.solve(wanted, rule)
-        if not isinstance(verdict, Conflict) or verdict.combination is None:
-            return None
-        return self._sharpened(verdict.combination, wanted, rule)
-
-    def _sharpened(
-        self, combination: FloatArray, wanted: list[Requirement], rule: SignRule
-    ) -> FloatArray:
-        """Return a combination of which motions see as little as rounding allows."""
-        kinematics = self.formulation.kinematics
-        seen, v = kinematics.seen, combination
-        still = np.zeros(v.shape, dtype=bool)
-        for contact, signs in wanted:
-            still[contact, 0] = True
-            still[contact, 1:] = [rule is SignRule.EXACT and not sign for sign in signs]
-        # First by what takes part already, so that conflicts stay small.
-        for places in (still & (v != 0.0), still):
-            for _ in range(_CORRECTIONS):
-                visible = np.einsum("mk,mkd->d", v, seen)
-                if np.linalg.norm(visible) < _SHORT * kinematics.threshold:
-                    return v
-                v = v.copy()
-                v[places] -= np.linalg.lstsq(seen[places].T, visible)[0]
-        return v
-
-    def _reading(self, part: ModePart, wanted: list[Requirement]) -> SignRule:
-        """How a sign of 0 is read: under `exact` as an open one, unless no sign is open."""
-        if self.rules.sign is not SignRule.EXACT:
-            return self.rules.sign
-        known = all(part.knows(one.contact) for one in wanted)
-        return SignRule.EXACT if known else SignRule.STRICT
-
-    def _split(self, part: ModePart, x: FloatArray) -> tuple[ProofNode | str, list[ModePart]]:
-        """Split a part where the friction of its optimum has no motion behind it."""
-        size, known = self._required(part, x)
-        rule = SignRule.STRICT if self.rules.sign is SignRule.EXACT else self.rules.sign
-        importance = np.sqrt(np.maximum(size / max(size.max(initial=0.0), 1e-300), 1e-3))
-        importance = importance[[one.contact for one in known]]
-        verdict = self.formulation.kinematics.solve(known, rule, importance)
-        if isinstance(verdict, Conflict) and verdict.combination is not None:
-            v = self._sharpened(verdict.combination, known, rule)
-            return self._items_split(part, self._items(part, [v], None, size), (v,), None)
-        if self.rules.sign is SignRule.STRICT:
-            found = self._by_opened(part, known, size)
-            if found is not None:
-                return found
-        return self._by_contact(part, size)
-
-    def _required(self, part: ModePart, x: FloatArray) -> tuple[FloatArray, list[Requirement]]:
-        """(M, 2) sizes of the friction, and what it and the part ask of the virtual motion."""
-        count = len(part.selected)
-        friction = np.zeros((count, 2))
-        friction[self.formulation.cone_index] = x[self.formulation.cone_columns[0]]
-        opposed = np.where(np.abs(friction) > NO_FRICTION, -np.sign(friction), 0.0).astype(int)
-        known = []
-        for contact in range(count):
-            own = part.signs(contact) if part.selected[contact] else (0, 0)
-            a, b = (int(r) or o for r, o in zip(opposed[contact], own, strict=True))
-            if a or b or part.selected[contact]:
-                known.append(Requirement(contact, (a, b)))
-        return np.abs(friction), known
-
-    def _by_opened(
-        self, part: ModePart, known: list[Requirement], size: FloatArray
-    ) -> tuple[ConflictSplit, list[ModePart]] | None:
-        """Return the split where a required contact can slide neither way along one tangent."""
-        for index, (contact, signs) in enumerate(known):
-            for component in range(2):
-                if signs[component]:
-                    continue
-                combinations = []
-                for sign in part.left(contact, component):
-                    pair = (sign, signs[1]) if component == 0 else (signs[0], sign)
-                    tried = [*known[:index], Requirement(contact, pair), *known[index + 1 :]]
-                    v = self._excluded(tried, self.rules.sign)
-                    if v is None:
-                        break
-                    combinations.append(v)
-                if len(combinations) < len(part.left(contact, component)):
-                    continue
-                opened = contact, component
-                items = self._items(part, combinations, opened, size)
-                return self._items_split(part, items, tuple(combinations), opened)
-        return None
-
-    def _items(
-        self,
-        part: ModePart,
-        combinations: list[FloatArray],
-        opened: tuple[int, int] | None,
-        size: FloatArray,
-    ) -> list[SignItem]:
-        """Return what combinations are made of; first what the part knows, then by friction."""
-        signs, chosen = {}, set()
-        for v in combinations:
-            for contact, axis in np.argwhere(v):
-                chosen.add(int(contact))
-                if axis and (int(contact), int(axis) - 1) != opened:
-                    signs[int(contact), int(axis) - 1] = int(np.sign(v[contact, axis]))
-        if opened is not None:
-            chosen.add(opened[0])
-        items = [(c, k, s) for (c, k), s in signs.items()]
-        items.sort(key=lambda item: (
-            item[2] != part.signs(item[0])[item[1]],
-            not part.selected[item[0]],
-            -size[item[0], item[1]],
-        ))  # fmt: skip
-        alone = sorted(chosen - {c for c, _, _ in items})
-        return items + [(c, 0, 0) for c in alone]
-
-    @staticmethod
-    def _items_split(
-        part: ModePart,
-        items: list[SignItem],
-        combinations: tuple[FloatArray, ...],
-        opened: tuple[int, int] | None,
-    ) -> tuple[ConflictSplit, list[ModePart]]:
-        children: list[ModePart] = []
-        rest: ModePart | None = part
-        for item in items:
-            if rest is None:
-                break
-            broken = rest.breaking(item)
-            if broken is not None:
-                children.append(broken)
-            rest = rest.holding(item)
-        return ConflictSplit(tuple(items), combinations, opened), children
-
-    def _by_contact(
-        self, part: ModePart, size: FloatArray
-    ) -> tuple[ContactSplit | str, list[ModePart]]:
-        """Return the split of the contact with the most friction of which not all is known."""
-        unknown = [c for c in range(len(size)) if not part.knows(c)]
-        if not unknown:
-            return "a mode with a virtual motion seems better than the bound", []
-        contact = max(unknown, key=lambda one: (float(size[one].sum()), part.selected[one]))
-        children = [] if part.selected[contact] else [part.breaking((contact, 0, 0))]
-        children += [part.with_pair(contact, pair) for pair in part.pairs(contact)]
-        return ContactSplit(contact), [child for child in children if child is not None]
 
 
 def _thinned(z: FloatArray) -> FloatArray:
@@ -374,7 +218,7 @@ def _of_found(solution: TorqueSolution) -> SolutionProof:
     if not tree.complete and has_modes:
         answer = prover.solved(own, np.inf)
         if answer.outcome is Outcome.SOLVED:
-            bounded = formulation.program.bounded(*prover.bounds(own))
+            bounded = formulation.program.bounded(*prover.tree.bounds(own))
             in_mode = sharpened(bounded, answer.y, answer.z)
     return SolutionProof(tree, solution.motion, in_mode=in_mode)
 

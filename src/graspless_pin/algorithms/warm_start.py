@@ -223,7 +223,7 @@ def _read_mode(state: _WarmState) -> None:
         if admitted is not None:
             state.accept(relaxation, before, admitted)
             return
-    verdict = state.oracle.mode_for(relaxation.x, {})
+    verdict = state.oracle.mode_for(relaxation.x)
     if isinstance(verdict, SlidingMode):
         state.accept(relaxation, verdict)
 

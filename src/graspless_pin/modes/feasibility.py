@@ -33,13 +33,37 @@ class Conflict:
         combination: (M, 3) weights of the contact velocities along n, t1, t2. Those of the items
             have their signs and a sum of 1 (under ``nonzero``: the smaller of each contact's two);
             the part of them that any motion can see is shorter than the threshold, so no motion of
-            unit contact velocities slides as fast as the threshold in all items. None where two
-            conflicts, one for either sign of a component that must move, make this one.
+            unit contact velocities slides as fast as the threshold in all items.
     """
 
     signs: tuple[tuple[int, int, int], ...]
     contacts: tuple[int, ...]
-    combination: FloatArray | None
+    combination: FloatArray
+
+    @property
+    def involved(self) -> frozenset[int]:
+        """All contacts that take part."""
+        return frozenset([*self.contacts, *(contact for contact, _, _ in self.signs)])
+
+
+@dataclass(frozen=True, eq=False)
+class Blocked:
+    """A proof that requirements let a selected contact slide neither way along one tangent.
+
+    Attributes:
+        contact: Index of the contact.
+        component: 0 for t1, 1 for t2.
+        conflicts: One for each sign that was left to the component.
+    """
+
+    contact: int
+    component: int
+    conflicts: tuple[Conflict, ...]
+
+    @property
+    def involved(self) -> frozenset[int]:
+        """All contacts that take part."""
+        return frozenset([self.contact]).union(*(one.involved for one in self.conflicts))
 
 
 @dataclass(frozen=True, eq=False)

@@ -67,7 +67,6 @@ class VirtualKinematics:
         nearest: Witnesses by guess, which need no search.
         threshold: The slowest sliding that counts.
         undecided_near: Whether a motion was refused that a tenth of the threshold may admit.
-        known: What others have found out about these motions, by all that it depends on.
     """
 
     def __init__(self, problem: QuasistaticProblem, threshold: float = THRESHOLD) -> None:
@@ -78,7 +77,6 @@ class VirtualKinematics:
         self.nearest = NearestMotions(self.rows, CLEARLY * threshold)
         self.threshold = threshold
         self.undecided_near = False
-        self.known: dict[Hashable, Any] = {}
         self._found: dict[Hashable, Witness | Conflict] = Bounded(MOST_KEPT)
         self._touching: dict[tuple[tuple[int, ...], tuple[int, ...]], Touching] = Bounded(MOST_KEPT)
 

@@ -1,0 +1,284 @@
+"""Parts of the set of all modes: how the search and a proof bound them, and split them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graspless_pin.algorithms.formulation import NO_FRICTION, Formulation
+from graspless_pin.modes.feasibility import Blocked, Conflict, Requirement
+from graspless_pin.modes.rules import (
+    Rules,
+    SignRule,
+    SlidingMode,
+    SlidingRule,
+    candidate_contacts,
+)
+from graspless_pin.problem import QuasistaticProblem
+from graspless_pin.problem.checks import FloatArray
+from graspless_pin.solution.proof import ConflictSplit, ContactSplit, KinematicLeaf
+
+SignItem = tuple[int, int, int]
+"""Contact, component and sign of a virtual sliding; the sign 0: the contact is selected."""
+_CORRECTIONS = 2
+_SHORT = 0.1
+"""Combinations shorter than this share of the threshold are not brought nearer to zero."""
+
+
+@dataclass(frozen=True, eq=False)
+class ModePart:
+    """All modes that select some contacts, leave others, and have certain signs.
+
+    Attributes:
+        selected: (M,) contacts that each of the modes selects.
+        released: (M,) contacts that none of them selects.
+        minus: (M, 2) whether a contact, if selected, may have the sign -1 along t1, t2.
+        zero: (M, 2) whether it may have the sign 0.
+        plus: (M, 2) whether it may have the sign 1.
+    """
+
+    selected: NDArray[np.bool_]
+    released: NDArray[np.bool_]
+    minus: NDArray[np.bool_]
+    zero: NDArray[np.bool_]
+    plus: NDArray[np.bool_]
+
+    @classmethod
+    def every_mode(cls, problem: QuasistaticProblem, rules: Rules) -> ModePart:
+        """Return all modes that obey the rules on signs and selections."""
+        every = np.ones((problem.contact_count, 2), dtype=bool)
+        always = problem.is_sliding & (rules.sliding is SlidingRule.CONSTRAINED)
+        zero = every & (rules.sign is SignRule.EXACT)
+        return cls(always, ~candidate_contacts(problem, rules), every, zero, every)
+
+    @classmethod
+    def one_mode(cls, mode: SlidingMode) -> ModePart:
+        """Return one mode alone."""
+        signs = mode.signs
+        return cls(mode.selection, ~mode.selection, signs < 0, signs == 0, signs > 0)
+
+    def knows(self, contact: int) -> bool:
+        """Whether all its modes agree on a contact: released, or selected with the same signs."""
+        is_one = all(len(self.left(contact, component)) == 1 for component in range(2))
+        return bool(self.released[contact] or (self.selected[contact] and is_one))
+
+    def signs(self, contact: int) -> tuple[int, int]:
+        """Signs of a contact that all its modes have; 0 where there are several, or zero is."""
+        first, second = self.left(contact, 0), self.left(contact, 1)
+        return first[0] if len(first) == 1 else 0, second[0] if len(second) == 1 else 0
+
+    def requirements(self) -> list[Requirement]:
+        """Return what all its modes ask of the virtual motion."""
+        return [Requirement(c, self.signs(c)) for c in np.flatnonzero(self.selected).tolist()]
+
+    def left(self, contact: int, component: int) -> list[int]:
+        """Return the signs along one tangent that are left to a contact."""
+        ways = zip((-1, 0, 1), (self.minus, self.zero, self.plus), strict=True)
+        return [sign for sign, there in ways if there[contact, component]]
+
+    def pairs(self, contact: int) -> list[tuple[int, int]]:
+        """Return the pairs of signs that are left to a contact."""
+        first, second = self.left(contact, 0), self.left(contact, 1)
+        return [(a, b) for a in first for b in second if a or b]
+
+    def holding(self, item: SignItem) -> ModePart | None:
+        """Return the modes of it that have an item; None: none does."""
+        contact, component, sign = item
+        selected = self.selected.copy()
+        selected[contact] = True
+        part = replace(self, selected=selected)
+        if sign:
+            part = part._only(contact, component, sign)
+        return part._settled(contact)
+
+    def breaking(self, item: SignItem) -> ModePart | None:
+        """Return the modes of it that lack an item; None: none does."""
+        contact, component, sign = item
+        if not sign:
+            released = self.released.copy()
+            released[contact] = True
+            return replace(self, released=released)._settled(contact)
+        name = "minus" if sign < 0 else "plus"
+        there = getattr(self, name).copy()
+        there[contact, component] = False
+        return replace(self, **{name: there})._settled(contact)
+
+    def with_pair(self, contact: int, pair: tuple[int, int]) -> ModePart | None:
+        """Return the modes of it that select a contact with two signs."""
+        part = self.holding((contact, 0, 0))
+        for component, sign in enumerate(pair):
+            part = part and part._only(contact, component, sign)._settled(contact)
+        return part
+
+    def _only(self, contact: int, component: int, sign: int) -> ModePart:
+        ways = {}
+        for name, value in (("minus", -1), ("zero", 0), ("plus", 1)):
+            there = getattr(self, name).copy()
+            there[contact, component] &= sign == value
+            ways[name] = there
+        return replace(self, **ways)
+
+    def _settled(self, contact: int) -> ModePart | None:
+        """Return the part, a contact without signs released; None: it holds no mode."""
+        if self.pairs(contact):
+            return None if self.selected[contact] and self.released[contact] else self
+        if self.selected[contact]:
+            return None
+        released = self.released.copy()
+        released[contact] = True
+        return replace(self, released=released)
+
+
+@dataclass(frozen=True, eq=False)
+class ModeTree:
+    """Bounds parts of all modes and splits them, so that no mode is left out.
+
+    Attributes:
+        formulation: The program.
+        rules: The reading of the virtual-sliding constraint.
+    """
+
+    formulation: Formulation
+    rules: Rules
+
+    def bounds(self, part: ModePart | None) -> tuple[FloatArray, FloatArray]:
+        """Return bounds of the variables: friction opposes the sliding that is left to it.
+
+        Eqs. (27) and (31): it vanishes at contacts that no mode of the part selects.
+
+        Args:
+            part: The modes; None: friction needs no virtual sliding at all.
+        """
+        program = self.formulation.program
+        if part is None:
+            return program.lb, program.ub
+        lb, ub = program.lb.copy(), program.ub.copy()
+        cones = self.formulation.cone_index
+        gone = part.released[cones, None]
+        for columns in self.formulation.cone_columns:
+            ub[columns[gone | ~part.minus[cones]]] = 0.0
+            lb[columns[gone | ~part.plus[cones]]] = 0.0
+        return lb, ub
+
+    def exclusion(self, part: ModePart) -> KinematicLeaf | None:
+        """Return why no virtual motion is behind any mode of a part; None: one may be."""
+        if not part.selected.any():
+            return None
+        wanted = part.requirements()
+        # Under `exact` a sign of 0 is read as an open one, unless no sign is open.
+        rule = self.rules.sign
+        if rule is SignRule.EXACT and not all(part.knows(one.contact) for one in wanted):
+            rule = SignRule.STRICT
+        verdict = self.formulation.kinematics.solve(wanted, rule)
+        if not isinstance(verdict, Conflict):
+            return None
+        return KinematicLeaf(self._sharpened(verdict, wanted, rule))
+
+    def split(
+        self, part: ModePart, x: FloatArray, found: Conflict | Blocked | None
+    ) -> tuple[ConflictSplit | ContactSplit, list[ModePart]] | None:
+        """Split a part in which no mode admits the friction of its optimum.
+
+        Args:
+            part: The modes.
+            x: The optimum.
+            found: What excludes every mode of the part that admits it, by
+                `ModeOracle.conflict_for`; None: that is not known.
+
+        Returns:
+            How it is split, and the parts, the most promising one last; None: it is one mode.
+        """
+        size = self.formulation.friction_size(x)
+        if found is None:
+            return self._by_contact(part, x, size)
+        rule = SignRule.STRICT if self.rules.sign is SignRule.EXACT else self.rules.sign
+        conflicts, opened = (found,), None
+        if isinstance(found, Blocked):
+            conflicts, opened = found.conflicts, (found.contact, found.component)
+        chosen = set(np.flatnonzero(part.selected).tolist())
+        combinations = tuple(
+            self._sharpened(one, [Requirement(c, (0, 0)) for c in one.involved | chosen], rule)
+            for one in conflicts
+        )
+        items = _items(part, combinations, opened, size)
+        children: list[ModePart] = []
+        rest: ModePart | None = part
+        for item in items:
+            if rest is None:
+                break
+            broken = rest.breaking(item)
+            if broken is not None:
+                children.append(broken)
+            rest = rest.holding(item)
+        return ConflictSplit(tuple(items), combinations, opened), children
+
+    def _by_contact(
+        self, part: ModePart, x: FloatArray, size: FloatArray
+    ) -> tuple[ContactSplit, list[ModePart]] | None:
+        """Return the split of the contact with the most friction of which not all is known.
+
+        One at which two sets of forces oppose each other comes first.
+        """
+        unknown = [c for c in range(len(size)) if not part.knows(c)]
+        if not unknown:
+            return None
+        friction = x[self.formulation.cone_columns]
+        opposed = np.zeros(len(size))
+        opposed[self.formulation.cone_index] = np.minimum(
+            friction.max(axis=0, initial=0.0), -friction.min(axis=0, initial=0.0)
+        ).max(axis=1, initial=0.0)
+        contact = max(
+            unknown,
+            key=lambda one: (opposed[one] > NO_FRICTION, size[one].sum(), part.selected[one]),
+        )
+        children = [] if part.selected[contact] else [part.breaking((contact, 0, 0))]
+        children += [part.with_pair(contact, pair) for pair in part.pairs(contact)]
+        return ContactSplit(contact), [child for child in children if child is not None]
+
+    def _sharpened(
+        self, conflict: Conflict, wanted: list[Requirement], rule: SignRule
+    ) -> FloatArray:
+        """Return a combination of which motions see as little as rounding allows."""
+        kinematics = self.formulation.kinematics
+        seen, v = kinematics.seen, conflict.combination
+        still = np.zeros(v.shape, dtype=bool)
+        for contact, signs in wanted:
+            still[contact, 0] = True
+            still[contact, 1:] = [rule is SignRule.EXACT and not sign for sign in signs]
+        # First by what takes part already, so that conflicts stay small.
+        for places in (still & (v != 0.0), still):
+            for _ in range(_CORRECTIONS):
+                visible = np.einsum("mk,mkd->d", v, seen)
+                if np.linalg.norm(visible) < _SHORT * kinematics.threshold:
+                    return v
+                v = v.copy()
+                v[places] -= np.linalg.lstsq(seen[places].T, visible)[0]
+        return v
+
+
+def _items(
+    part: ModePart,
+    combinations: Sequence[FloatArray],
+    opened: tuple[int, int] | None,
+    size: FloatArray,
+) -> list[SignItem]:
+    """Return what combinations are made of; first what the part knows, then by friction."""
+    signs, chosen = {}, set()
+    for v in combinations:
+        for contact, axis in np.argwhere(v):
+            chosen.add(int(contact))
+            if axis and (int(contact), int(axis) - 1) != opened:
+                signs[int(contact), int(axis) - 1] = int(np.sign(v[contact, axis]))
+    if opened is not None:
+        chosen.add(opened[0])
+    items = [(c, k, s) for (c, k), s in signs.items()]
+    items.sort(key=lambda item: (
+        item[2] != part.signs(item[0])[item[1]],
+        not part.selected[item[0]],
+        -size[item[0], item[1]],
+    ))  # fmt: skip
+    alone = sorted(chosen - {c for c, _, _ in items})
+    return items + [(c, 0, 0) for c in alone]
