@@ -10,6 +10,9 @@ MADE_OF := pyproject.toml constraints.txt hatch_build.py $(wildcard src/grasples
 export PIP_CONSTRAINT := constraints.txt
 export PIP_BUILD_CONSTRAINT := $(PIP_CONSTRAINT)
 
+# Tests start many processes that load the same modules: each is compiled once, whatever is set here.
+unexport PYTHONDONTWRITEBYTECODE
+
 TESTS ?= tests
 # One more than there are cores: every fifth second, a test waits for a browser or another process.
 WORKERS ?= $(shell $(PYTHON) -c 'import os; print(1 + (os.cpu_count() or 1))')
