@@ -195,9 +195,10 @@ class ModeTree:
         if found is None:
             return self._by_contact(part, x, size)
         rule = SignRule.STRICT if self.rules.sign is SignRule.EXACT else self.rules.sign
-        conflicts, opened = (found,), None
         if isinstance(found, Blocked):
             conflicts, opened = found.conflicts, (found.contact, found.component)
+        else:
+            conflicts, opened = (found,), None
         chosen = set(np.flatnonzero(part.selected).tolist())
         combinations = tuple(
             self._sharpened(one, [Requirement(c, (0, 0)) for c in one.involved | chosen], rule)
