@@ -2,11 +2,14 @@
 
 import re
 import sys
+from dataclasses import replace
 
 import pytest
 from cli_tools import EXAMPLES, LINES, PAPER, assert_refused, run, spoilt
 
-from graspless_pin.simulation import video
+from graspless_pin import load_scene
+from graspless_pin.cli.simulate import simulated_words
+from graspless_pin.simulation import SimulatedOutcome, simulate, video
 from graspless_pin.simulation.protocol import load_mujoco
 
 BALL = EXAMPLES / "allegro_sphere_on_slope.yaml"
@@ -41,6 +44,16 @@ def test_a_scene_that_moves_has_a_time_lapse_and_is_held_by_feedback(tmp_path):
     held = run("simulate", BALL, "--feedback", "2", *BRIEFLY)
     assert held.exit_code == 0
     assert held.stdout.startswith("held: the object stays")
+
+
+def test_the_first_line_names_bodies_with_another_outcome():
+    scene = load_scene(CUBOID)
+    found = simulate(scene, scene.solve().torques, seconds=0.01)
+    stiff, soft = found.runs
+    assert found.outcome is stiff.outcome is SimulatedOutcome.HELD
+    crept = replace(found, runs=(stiff, replace(soft, outcome=SimulatedOutcome.CREPT)))
+    first = simulated_words(scene, crept).splitlines()[0]
+    assert first == "held: the object stays (soft bodies: crept)"
 
 
 def test_options_change_the_outcome():

@@ -61,8 +61,9 @@ def test_a_xacro_file_is_the_hand_that_it_stands_for(claw: Path, tmp_path: Path)
 
 
 @pytest.fixture
-def here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Expand files in this process."""
+def here(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Expand files in this process, which then goes back to its folder."""
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(urdf, "ChildProcess", Here)
 
 

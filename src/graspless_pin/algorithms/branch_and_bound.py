@@ -16,7 +16,7 @@ import numpy as np
 from graspless_pin.algorithms.mode_tree import ModePart, ModeTree
 from graspless_pin.algorithms.options import NO_LIMITS, Limits
 from graspless_pin.algorithms.search import SearchResult, SearchState, closeness, finished
-from graspless_pin.modes.rules import SlidingMode, StaticFriction
+from graspless_pin.modes.rules import SignRule, SlidingMode, StaticFriction
 from graspless_pin.solution import Status
 from graspless_pin.solvers import Answer, Outcome
 from graspless_pin.tree_search import TreeSearch
@@ -124,6 +124,10 @@ def _children(
     split = tree.split(part, answer.x, conflict)
     if split is None:
         return None
-    # Those that turn friction come first: where all bounds are equal, one contact after the other
-    # would be released in vain. The last one is visited first.
-    return sorted(split[1], key=lambda child: -np.count_nonzero(child.released))
+    children = split[1]
+    if state.rules.sign is SignRule.EXACT:
+        # Where a contact may slide along one tangent alone, contacts would be released in vain, one
+        # after the other: those children that turn friction come first. The last one is visited
+        # first.
+        children = sorted(children, key=lambda child: -np.count_nonzero(child.released))
+    return children
