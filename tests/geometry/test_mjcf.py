@@ -17,8 +17,9 @@ from graspless_pin import Hand
 from graspless_pin.errors import GrasplessPinWarning, RobotError
 from graspless_pin.findings import FindingCode, capture
 from graspless_pin.geometry.hand.mounts import Mount
+from graspless_pin.geometry.hand.reading import read_robot
+from graspless_pin.geometry.hand.robot_model import RobotModel
 from graspless_pin.geometry.hand.tree import KinematicTree, build_tree
-from graspless_pin.geometry.hand.urdf import UrdfDocument, read_urdf
 from graspless_pin.geometry.inspection.audit import audit_urdf
 from graspless_pin.simulation.protocol import load_mujoco
 
@@ -93,8 +94,8 @@ def claw(tmp_path: Path) -> Path:
     return path
 
 
-def tree_of(path: Path, root_link: str | None = None) -> tuple[UrdfDocument, KinematicTree]:
-    document = read_urdf(path, root_link=root_link)
+def tree_of(path: Path, root_link: str | None = None) -> tuple[RobotModel, KinematicTree]:
+    document = read_robot(path, root_link=root_link)
     return document, build_tree([(document, np.eye(4))])
 
 
@@ -199,7 +200,7 @@ def test_limits_efforts_and_couplings(claw: Path) -> None:
     assert efforts["bend"] == pytest.approx(0.7)
     assert efforts["curl"] == pytest.approx(0.6)
     assert efforts["reach"] >= 1e30
-    (mimic,) = document.mimics
+    (mimic,) = document.couplings
     assert (mimic.joint, dict(mimic.follows), mimic.offset) == ("end", {"curl": 0.8}, 0.0)
 
 
@@ -219,7 +220,7 @@ def test_equalities_couple_from_where_positions_begin(
     wire = f'<fixed name="wire">{arms}</fixed>' if "wire" in equality else ""
     text = HAND.replace("</tendon>", f"{wire}</tendon>")
     claw.write_text(text.replace("<tendon>", f"<equality>{equality}</equality><tendon>", 1))
-    coupling = {m.joint: m for m in tree_of(claw)[0].mimics}[joint]
+    coupling = {m.joint: m for m in tree_of(claw)[0].couplings}[joint]
     assert dict(coupling.follows) == follows
     assert coupling.offset == pytest.approx(offset)
 

@@ -173,10 +173,6 @@ LOOP = joint("i", "a", "b") + joint("j", "b", "a")
             TWO + joint("j", "a", "b").replace('xyz="0.1 0.02 0"', 'xyz="0.1 0.02"'),
             "joint 'j' has joint origin xyz='0.1 0.02', which is not 3 numbers",
         ),
-        (
-            TWO + joint("j", "a", "b", extra='<dynamics damping="x"/>'),
-            "robot.urdf: Pinocchio cannot load this URDF",
-        ),
     ],
 )
 def test_bad_urdfs(tmp_path, body, message):

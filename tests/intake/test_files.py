@@ -10,7 +10,7 @@ import trimesh
 from graspless_pin import Hand, load_scene
 from graspless_pin.errors import GrasplessPinError, MeshError, RobotError, SceneError
 from graspless_pin.geometry.bodies.meshes import hull_points, load_mesh
-from graspless_pin.geometry.hand.urdf import read_urdf
+from graspless_pin.geometry.hand.reading import read_robot
 from graspless_pin.geometry.inspection.audit import audit_urdf
 from graspless_pin.geometry.robots.files import load_robot
 from graspless_pin.intake.files import FileKind, check_file, is_file, read_bytes, read_text
@@ -22,7 +22,7 @@ READERS = {
     "scene.yaml": load_scene,
     "study.yaml": load_study,
     "robot.yaml": load_robot,
-    "hand.urdf": read_urdf,
+    "hand.urdf": read_robot,
     "inspected.urdf": audit_urdf,
     "mesh.stl": load_mesh,
     "mesh.obj": load_mesh,
@@ -239,7 +239,7 @@ def test_bounds_of_xml(tmp_path, content, message):
     file = tmp_path / "hand.urdf"
     file.write_bytes(content)
     with pytest.raises(RobotError, match=f"hand.urdf: .*{message}"):
-        read_urdf(file)
+        read_robot(file)
 
 
 def test_a_dae_cannot_hide_its_entities(tmp_path):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from graspless_pin.geometry.bodies.triangles import (
     slab_triangles,
 )
 from graspless_pin.geometry.hand.model import Hand
-from graspless_pin.geometry.hand.urdf_visuals import LinkVisual
+from graspless_pin.geometry.hand.robot_model import LinkMesh, LinkShape
 from graspless_pin.problem.checks import FloatArray, read_only
 from graspless_pin.scene import Scene
 from graspless_pin.solution import TorqueSolution
@@ -231,11 +230,8 @@ def hand_triangles(hand: Hand, *, max_faces: int = 1500) -> Iterator[tuple[str, 
         hand: The hand at its configuration.
         max_faces: Most triangles of one shape; finer meshes are simplified.
     """
-    visuals: dict[str, list[LinkVisual]] = {}
-    for visual in hand.tree.visuals:
-        visuals.setdefault(visual.link, []).append(visual)
     drawn: set[str] = set()
-    for link, items in visuals.items():
+    for link, items in hand.tree.visuals.items():
         try:
             surfaces = [_visual_triangles(item, max_faces) for item in items]
         except MeshError:
@@ -249,11 +245,17 @@ def hand_triangles(hand: Hand, *, max_faces: int = 1500) -> Iterator[tuple[str, 
             yield body.name, triangles.moved(body.T_world_geometry)
 
 
-def _visual_triangles(visual: LinkVisual, max_faces: int) -> Triangles:
-    """Return the triangles of one visual shape in its link's frame."""
-    surface = (
-        file_triangles(visual.shape, visual.scale, max_faces, upright=False)
-        if isinstance(visual.shape, Path)
-        else visual.shape.surface()
-    )
-    return surface.moved(visual.T_link_visual)
+def _visual_triangles(visual: LinkShape, max_faces: int) -> Triangles:
+    """Return the triangles of one visual shape in its link's frame.
+
+    Raises:
+        MeshError: Its mesh is missing or cannot be read.
+    """
+    shape = visual.shape
+    if not isinstance(shape, LinkMesh):
+        surface = shape.surface()
+    elif shape.file is None:
+        raise MeshError(f"the mesh {shape.written!r} is missing")
+    else:
+        surface = file_triangles(shape.file, shape.scale, max_faces, upright=False)
+    return surface.moved(visual.T_link_shape)

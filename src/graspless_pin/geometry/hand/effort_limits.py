@@ -13,7 +13,6 @@ from graspless_pin.findings import Finding, FindingCode, emit
 from graspless_pin.geometry.hand.actuation import Actuation
 from graspless_pin.geometry.hand.fingers import driving_joints
 from graspless_pin.geometry.hand.tree import KinematicTree, unknown_name
-from graspless_pin.geometry.hand.urdf import UNBOUNDED
 from graspless_pin.geometry.robots.description import FingerSpec
 
 PLACEHOLDER_EFFORT = 100.0
@@ -187,11 +186,8 @@ def resolve_effort_limits(
 
 def urdf_efforts(tree: KinematicTree) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the URDF's (lower, upper) efforts of the n movable joints, infinite if unbounded."""
-    lower = np.array(tree.pinocchio_model.lowerEffortLimit)
-    upper = np.array(tree.pinocchio_model.upperEffortLimit)
-    lower[lower <= -UNBOUNDED] = -np.inf
-    upper[upper >= UNBOUNDED] = np.inf
-    return lower, upper
+    model = tree.pinocchio_model
+    return np.array(model.lowerEffortLimit), np.array(model.upperEffortLimit)
 
 
 def _pair(name: str, limit: EffortLimit) -> tuple[float, float]:

@@ -1,109 +1,41 @@
-"""Write an MJCF as the elements of a URDF, so that one reader, one audit and one tree serve both.
+"""The record of a robot from an MJCF.
 
-MuJoCo reads the file: defaults, included files and inferred inertias are its own. What a URDF has
-no word for is refused by name, or left out where forces at rest do not depend on it.
-
-The shapes of an MJCF's bodies as a URDF has them.
+MuJoCo reads the file: defaults, included files and inferred inertias are its own. What a tree of
+rigid links has no word for is refused by name, or left out where forces at rest do not depend on
+it.
 """
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from graspless_pin.errors import RobotError
+from graspless_pin.errors import ArgumentError, RobotError
 from graspless_pin.findings import Finding, FindingCode, emit
+from graspless_pin.geometry.bodies.shapes import Box, Capsule, Cylinder, Shape, Sphere
 from graspless_pin.geometry.hand.mjcf_motors import Mimic, couplings, motor_joints, motors
-from graspless_pin.geometry.hand.mjcf_source import (
-    MjcfSource,
-    add_ends,
-    add_origin,
-    read_mjcf,
-    rotation_and_position,
-    words,
+from graspless_pin.geometry.hand.mjcf_source import MjcfSource, pose, read_mjcf
+from graspless_pin.geometry.hand.robot_model import (
+    LinkMesh,
+    LinkShape,
+    RobotJoint,
+    RobotLink,
+    RobotModel,
+    root_of_tree,
 )
-from graspless_pin.geometry.hand.urdf_tendons import write_tendon
+from graspless_pin.geometry.poses import invert
+from graspless_pin.geometry.robots.description import JointCoupling
 from graspless_pin.problem.checks import FloatArray
 
 
-def add_geom(source: MjcfSource, link: ET.Element, kind: str, geom: int) -> None:
-    """Add a geom to a link.
-
-    Args:
-        source: The file.
-        link: The ``<link>``.
-        kind: ``collision`` or ``visual``.
-        geom: Its index.
-
-    Raises:
-        RobotError: If a collision shape is none that a URDF can have, or a mesh has no file.
-    """
-    model, kinds = source.model, source.mujoco.mjtGeom
-    R, p = rotation_and_position(model.geom_quat[geom], model.geom_pos[geom])
-    shape, size = model.geom_type[geom], model.geom_size[geom]
-    radius, length = repr(float(size[0])), repr(2.0 * float(size[1]))
-    if shape == kinds.mjGEOM_MESH:
-        attributes, turned, moved = _mesh(source, int(model.geom_dataid[geom]))
-        R, p = R @ turned, p + R @ moved
-    elif shape == kinds.mjGEOM_BOX:
-        attributes = "box", {"size": words(2.0 * size)}
-    elif shape == kinds.mjGEOM_SPHERE:
-        attributes = "sphere", {"radius": radius}
-    elif shape == kinds.mjGEOM_CYLINDER:
-        attributes = "cylinder", {"radius": radius, "length": length}
-    elif shape == kinds.mjGEOM_CAPSULE:
-        attributes = "capsule", {"radius": radius, "length": length}
-    elif kind == "visual":
-        return
-    else:
-        word = kinds(shape).name.removeprefix("mjGEOM_").lower()
-        raise RobotError(
-            f"{source.path}: body {link.get('name')!r} has the collision shape {word!r}; use "
-            "boxes, spheres, cylinders, capsules or meshes"
-        )
-    element = ET.SubElement(link, kind)
-    add_origin(element, R, p)
-    ET.SubElement(ET.SubElement(element, "geometry"), attributes[0], attrib=attributes[1])
-
-
-def _mesh(
-    source: MjcfSource, mesh: int
-) -> tuple[tuple[str, dict[str, str]], FloatArray, FloatArray]:
-    """Return a mesh's element, and the pose of its file's frame in MuJoCo's own for it."""
-    model = source.model
-    name = model.mesh(mesh).name
-    asset = source.spec.mesh(name)
-    scale, (about, origin) = (
-        np.array(asset.scale),
-        rotation_and_position(asset.refquat, asset.refpos),
-    )
-    if not asset.file:
-        raise RobotError(
-            f"{source.path}: the mesh {name!r} has no file; write its vertices into one"
-        )
-    if np.ptp(scale) > 0.0 and not np.allclose(about, np.eye(3)):
-        raise RobotError(
-            f"{source.path}: the mesh {name!r} is turned and then scaled by {asset.scale}, "
-            "different along its axes; turn its file instead"
-        )
-    # MuJoCo's vertex is R_m^T (S R_ref^T (v - p_ref) - p_m) of the file's v.
-    turned, moved = rotation_and_position(model.mesh_quat[mesh], model.mesh_pos[mesh])
-    folder = Path(source.spec.modelfiledir or source.path.parent)
-    file = folder / source.spec.compiler.meshdir / asset.file
-    attributes = {"filename": str(file.resolve()), "scale": words(scale)}
-    return (
-        ("mesh", attributes),
-        turned.T @ about.T,
-        -turned.T @ (scale * (about.T @ origin) + moved),
-    )
-
-
-def mjcf_robot(path: Path) -> ET.Element:
-    """Read an MJCF and return the ``<robot>`` that says the same.
+def robot_of_mjcf(
+    path: Path, *, visuals_collide: bool = False, with_shapes: bool = True
+) -> RobotModel:
+    """Read an MJCF.
 
     The robot is the tree of bodies that has motors; with a free joint to the world, or none, it is
     where the hand is mounted, else it hangs on a link called ``world``, as several trees do, and
@@ -113,29 +45,34 @@ def mjcf_robot(path: Path) -> ET.Element:
 
     Args:
         path: The file; files that it includes and meshes are found as MuJoCo does.
+        visuals_collide: Whether links without collision shapes collide with their visual ones.
+        with_shapes: Whether the shapes of the links are read.
 
     Raises:
         RobotError: If MuJoCo is not installed or refuses the file, or it has ball joints, closed
-            loops, couplings that are not linear or collision shapes that a URDF cannot have.
+            loops, couplings that are not linear or collision shapes that no link can have.
 
     Warns:
         GrasplessPinWarning: Springs are left out, or motors that cannot be told apart.
     """
-    return _Writer(read_mjcf(path)).robot()
+    reader = _Reader(read_mjcf(path), visuals_collide=visuals_collide, with_shapes=with_shapes)
+    return reader.robot()
 
 
-class _Writer:
-    """Writes one compiled model."""
+class _Reader:
+    """Reads one compiled model."""
 
-    def __init__(self, source: MjcfSource) -> None:
+    def __init__(self, source: MjcfSource, *, visuals_collide: bool, with_shapes: bool) -> None:
         self._source, self._model = source, source.model
         self._kinds = source.mujoco.mjtJoint
-        self._root = ET.Element("robot", name=source.path.stem)
+        self._visuals_collide, self._with_shapes = visuals_collide, with_shapes
+        self._links: list[RobotLink] = []
+        self._joints: list[RobotJoint] = []
         self._mimics: dict[int, Mimic] = {}
         self._efforts: dict[int, float] = {}
 
-    def robot(self) -> ET.Element:
-        """Return the ``<robot>``."""
+    def robot(self) -> RobotModel:
+        """Return the robot."""
         model = self._model
         top, inside = self._robot_bodies()
         if np.any(model.jnt_stiffness[inside[model.jnt_bodyid]] > 0.0):
@@ -152,9 +89,16 @@ class _Writer:
             if body != top:
                 self._add_joints(body)
             self._add_link(body)
-        for name, tendon in tendons.items():
-            write_tendon(self._root, name, tendon)
-        return self._root
+        label, joints = str(self._source.path), self._joints
+        root = root_of_tree(
+            label,
+            [link.name for link in self._links],
+            [joint.name for joint in joints],
+            [(joint.parent, joint.child) for joint in joints],
+        )
+        names = {joint.name for joint in joints}
+        own = {name: one for name, one in tendons.items() if names >= set(one.arms)}
+        return RobotModel(label, root, tuple(self._links), tuple(joints), own)
 
     def _robot_bodies(self) -> tuple[int, NDArray[np.bool_]]:
         """Return the robot's root and its bodies: the trees with motors, or with joints at all."""
@@ -175,89 +119,144 @@ class _Writer:
     def _add_joints(self, body: int) -> None:
         """Add the joints that lead to a body, and links between them."""
         model, source = self._model, self._source
-        R, p = rotation_and_position(model.body_quat[body], model.body_pos[body])
+        T = pose(model.body_quat[body], model.body_pos[body])
         joints = range(model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body])
         name, parent = source.body(body), source.body(int(model.body_parentid[body]))
         at = np.zeros(3)  # of the last joint, in the body's frame
         for joint in joints:
-            here, axis = model.jnt_pos[joint], model.jnt_axis[joint]
+            here, axis = model.jnt_pos[joint], np.array(model.jnt_axis[joint])
             is_last = joint == joints[-1] and not here.any()
             child = name if is_last else f"{name}_after_{source.joint(joint)}"
-            element = self._add_joint(joint, parent, child)
-            turned, moved = R, p + R @ (here - at)
             start = float(model.qpos0[model.jnt_qposadr[joint]])
+            step = _moved(here - at)
             if model.jnt_type[joint] == self._kinds.mjJNT_SLIDE:
-                moved = moved - start * R @ axis
+                step = step @ _moved(-start * axis)
             else:
-                turned = R @ Rotation.from_rotvec(-start * axis).as_matrix()
-            add_origin(element, turned, moved)
-            ET.SubElement(element, "axis", xyz=words(axis))
+                step[:3, :3] = Rotation.from_rotvec(-start * axis).as_matrix()
+            self._joints.append(self._joint(joint, parent, child, T @ step, axis))
             if not is_last:
-                ET.SubElement(self._root, "link", name=child)
-            parent, at, R, p = child, here, np.eye(3), np.zeros(3)
+                self._links.append(RobotLink(child))
+            parent, at, T = child, here, np.eye(4)
         if parent != name:
-            fixed = ET.SubElement(self._root, "joint", name=f"{name}_fixed", type="fixed")
-            add_ends(fixed, parent, name)
-            add_origin(fixed, R, p - R @ at)
+            self._joints.append(RobotJoint(f"{name}_fixed", "fixed", parent, name, T @ _moved(-at)))
 
-    def _add_joint(self, joint: int, parent: str, child: str) -> ET.Element:
-        """Add a joint without its pose and axis."""
+    def _joint(
+        self, joint: int, parent: str, child: str, T: FloatArray, axis: FloatArray
+    ) -> RobotJoint:
         model, kinds, name = self._model, self._kinds, self._source.joint(joint)
         kind = model.jnt_type[joint]
         if kind == kinds.mjJNT_BALL:
             raise RobotError(
                 f"{self._source.path}: joint {name!r} is a ball joint; use three hinge joints"
             )
+        if kind == kinds.mjJNT_FREE:
+            return RobotJoint(name, "floating", parent, child, T)
         limited = bool(model.jnt_limited[joint])
-        word = "floating" if kind == kinds.mjJNT_FREE else "prismatic"
+        word = "prismatic"
         if kind == kinds.mjJNT_HINGE:
             word = "revolute" if limited else "continuous"
-        element = ET.SubElement(self._root, "joint", name=name, type=word)
-        add_ends(element, parent, child)
-        if kind == kinds.mjJNT_FREE:
-            return element
-        limit = ET.SubElement(element, "limit")
-        low, high = model.jnt_range[joint] if limited else (-np.inf, np.inf)
-        if limited or word == "prismatic":
-            limit.set("lower", repr(float(low)))
-            limit.set("upper", repr(float(high)))
-        if joint in self._efforts:
-            limit.set("effort", repr(self._efforts[joint]))
+        low, high = map(float, model.jnt_range[joint]) if limited else (-np.inf, np.inf)
+        coupling = None
         if joint in self._mimics:
             leaders, offset = self._mimics[joint]
-            for leader, multiplier in leaders.items():
-                words_of = {"joint": self._source.joint(leader), "multiplier": repr(multiplier)}
-                ET.SubElement(element, "mimic", words_of, offset=repr(offset))
-                offset = 0.0
-        rotor = float(model.dof_armature[model.jnt_dofadr[joint]])
-        if rotor > 0.0:
-            drive = ET.SubElement(self._root, "transmission", name=f"{name}_rotor")
-            ET.SubElement(drive, "joint", name=name)
-            ET.SubElement(drive, "rotor_inertia", value=repr(rotor))
-        return element
+            follows = {self._source.joint(leader): one for leader, one in leaders.items()}
+            coupling = JointCoupling(name, follows, offset)
+        return RobotJoint(
+            name, word, parent, child, T, axis, low, high, self._efforts.get(joint, np.inf),
+            float(model.dof_armature[model.jnt_dofadr[joint]]), coupling,
+        )  # fmt: skip
 
     def _add_link(self, body: int) -> None:
-        model = self._model
-        link = ET.SubElement(self._root, "link", name=self._source.body(body))
-        if model.body_mass[body] > 0.0:
-            inertial = ET.SubElement(link, "inertial")
-            pose = rotation_and_position(model.body_iquat[body], model.body_ipos[body])
-            add_origin(inertial, *pose)
-            ET.SubElement(inertial, "mass", value=repr(float(model.body_mass[body])))
-            values = dict(zip(("ixx", "iyy", "izz"), model.body_inertia[body], strict=True))
-            zero = dict.fromkeys(("ixy", "ixz", "iyz"), "0")
-            text = {key: repr(float(value)) for key, value in values.items()}
-            ET.SubElement(inertial, "inertia", attrib=text | zero)
+        model, name = self._model, self._source.body(body)
+        T = pose(model.body_iquat[body], model.body_ipos[body])
+        mass, inertia = float(model.body_mass[body]), np.zeros((3, 3))
+        if mass > 0.0:
+            inertia = T[:3, :3] @ np.diag(model.body_inertia[body]) @ T[:3, :3].T
         first, plane = model.body_geomadr[body], self._source.mujoco.mjtGeom.mjGEOM_PLANE
-        if body == 0:
-            return  # surroundings are no part of the hand
-        geoms = [
-            geom
-            for geom in range(first, first + model.body_geomnum[body])
-            if model.geom_type[geom] != plane
-        ]
+        # What stands still in the world is no part of the hand.
+        count = model.body_geomnum[body] if body and self._with_shapes else 0
+        geoms = [geom for geom in range(first, first + count) if model.geom_type[geom] != plane]
         touching = [g for g in geoms if model.geom_contype[g] or model.geom_conaffinity[g]]
         seen = [geom for geom in geoms if geom not in touching] or touching
-        for kind, chosen in (("collision", touching), ("visual", seen)):
-            for geom in chosen:
-                add_geom(self._source, link, kind, geom)
+        if self._visuals_collide and not touching:
+            touching = seen
+        self._links.append(
+            RobotLink(
+                name, mass, T[:3, 3].copy(), inertia,
+                tuple(self._shape(name, geom) for geom in touching),
+                tuple(self._shape(name, geom) for geom in seen if self._is_known(geom)),
+            )
+        )  # fmt: skip
+
+    def _is_known(self, geom: int) -> bool:
+        """Whether a link can have the shape of a geom."""
+        kinds = self._source.mujoco.mjtGeom
+        return kinds(int(self._model.geom_type[geom])) in (
+            kinds.mjGEOM_MESH, kinds.mjGEOM_BOX, kinds.mjGEOM_SPHERE, kinds.mjGEOM_CYLINDER,
+            kinds.mjGEOM_CAPSULE,
+        )  # fmt: skip
+
+    def _shape(self, link: str, geom: int) -> LinkShape:
+        """Return a geom of a link.
+
+        Raises:
+            RobotError: If it is no shape that a link can have, or a mesh without a file.
+        """
+        model, kinds, path = self._model, self._source.mujoco.mjtGeom, self._source.path
+        T = pose(model.geom_quat[geom], model.geom_pos[geom])
+        kind, size = kinds(int(model.geom_type[geom])), model.geom_size[geom].tolist()
+        if kind == kinds.mjGEOM_MESH:
+            mesh, T_geom_file = self._mesh(int(model.geom_dataid[geom]))
+            return LinkShape(mesh, T @ T_geom_file)
+        if not self._is_known(geom):
+            word = kind.name.removeprefix("mjGEOM_").lower()
+            raise RobotError(
+                f"{path}: body {link!r} has the collision shape {word!r}; use boxes, spheres, "
+                "cylinders, capsules or meshes"
+            )
+        try:
+            return LinkShape(self._primitive(kind, *size), T)
+        except ArgumentError as error:
+            raise RobotError(
+                f"{path}: body {link!r} has a shape that cannot be: {error}"
+            ) from error
+
+    def _primitive(self, kind: Any, x: float, y: float, z: float) -> Shape:
+        """Return a primitive of MuJoCo's half lengths."""
+        kinds = self._source.mujoco.mjtGeom
+        if kind == kinds.mjGEOM_BOX:
+            return Box((2.0 * x, 2.0 * y, 2.0 * z))
+        if kind == kinds.mjGEOM_SPHERE:
+            return Sphere(x)
+        return (Cylinder if kind == kinds.mjGEOM_CYLINDER else Capsule)(x, 2.0 * y)
+
+    def _mesh(self, mesh: int) -> tuple[LinkMesh, FloatArray]:
+        """Return a mesh, and the pose of its file's frame in MuJoCo's own for it."""
+        model, source = self._model, self._source
+        name = model.mesh(mesh).name
+        asset = source.spec.mesh(name)
+        scale, T_ref = np.array(asset.scale), pose(asset.refquat, asset.refpos)
+        if not asset.file:
+            raise RobotError(
+                f"{source.path}: the mesh {name!r} has no file; write its vertices into one"
+            )
+        if np.ptp(scale) > 0.0 and not np.allclose(T_ref[:3, :3], np.eye(3)):
+            raise RobotError(
+                f"{source.path}: the mesh {name!r} is turned and then scaled by {asset.scale}, "
+                "different along its axes; turn its file instead"
+            )
+        # MuJoCo's vertex is R_m^T (S R_ref^T (v - p_ref) - p_m) of the file's v.
+        T_file = invert(T_ref)
+        T_file[:3, 3] *= scale
+        folder = Path(source.spec.modelfiledir or source.path.parent)
+        file = (folder / source.spec.compiler.meshdir / asset.file).resolve()
+        x, y, z = scale.tolist()
+        own = pose(model.mesh_quat[mesh], model.mesh_pos[mesh])
+        return LinkMesh(str(file), file, (file,), (x, y, z)), invert(own) @ T_file
+
+
+def _moved(by: FloatArray) -> FloatArray:
+    """Return the (4, 4) pose of a frame that is moved, but not turned."""
+    T = np.eye(4)
+    T[:3, 3] = by
+    return T

@@ -11,7 +11,7 @@ from graspless_pin.errors import RobotError
 from graspless_pin.findings import Finding, FindingCode, emit
 from graspless_pin.geometry.hand.coupling import groups_that_share
 from graspless_pin.geometry.hand.mjcf_source import MjcfSource
-from graspless_pin.geometry.hand.urdf_tendons import DrawnTendon
+from graspless_pin.geometry.hand.robot_model import DrawnTendon
 from graspless_pin.problem.checks import FloatArray
 
 _PLAY = 0.2

@@ -1,9 +1,8 @@
-"""An MJCF as MuJoCo has read it, and the words of a URDF for its figures."""
+"""An MJCF as MuJoCo has read it."""
 
 from __future__ import annotations
 
 import warnings
-import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,6 @@ from scipy.spatial.transform import Rotation
 
 from graspless_pin.errors import RobotError
 from graspless_pin.findings import Finding, FindingCode, emit
-from graspless_pin.geometry.poses import roll_pitch_yaw
 from graspless_pin.problem.checks import FloatArray
 
 
@@ -112,24 +110,9 @@ def _strip(spec: Any) -> None:
         spec.delete(unseen)
 
 
-def rotation_and_position(
-    quaternion: FloatArray, position: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return rotation matrix and position of MuJoCo's [w, x, y, z] and [x, y, z]."""
-    return Rotation.from_quat(quaternion, scalar_first=True).as_matrix(), np.array(position)
-
-
-def add_origin(element: ET.Element, R: FloatArray, p: FloatArray) -> None:
-    """Write a pose: rotation (3, 3) and position (3,), m."""
-    ET.SubElement(element, "origin", xyz=words(p), rpy=words(roll_pitch_yaw(R)))
-
-
-def add_ends(joint: ET.Element, parent: str, child: str) -> None:
-    """Name the links at a joint's ends."""
-    ET.SubElement(joint, "parent", link=parent)
-    ET.SubElement(joint, "child", link=child)
-
-
-def words(values: Any) -> str:
-    """Return numbers as an attribute has them."""
-    return " ".join(repr(float(value)) for value in values)
+def pose(quaternion: FloatArray, position: FloatArray) -> FloatArray:
+    """Return the (4, 4) pose of MuJoCo's [w, x, y, z] and [x, y, z]."""
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
+    T[:3, 3] = position
+    return T

@@ -14,8 +14,9 @@ from graspless_pin.geometry.bodies.decomposition import Cut
 from graspless_pin.geometry.hand.effort_limits import expand_overrides, spread_names
 from graspless_pin.geometry.hand.finger_discovery import discover_hands
 from graspless_pin.geometry.hand.fingers import check_fingers, driving_joints
+from graspless_pin.geometry.hand.reading import read_robot
+from graspless_pin.geometry.hand.robot_model import RobotModel
 from graspless_pin.geometry.hand.tree import KinematicTree, build_tree, unknown_name
-from graspless_pin.geometry.hand.urdf import UrdfDocument, read_urdf
 from graspless_pin.geometry.poses import as_pose
 from graspless_pin.geometry.robots.description import (
     FingerSpec,
@@ -116,51 +117,51 @@ def join_mounts(mounts: Sequence[Mount], *, with_shapes: bool = True) -> JoinedM
         as_pose("T_world_base", np.eye(4) if mount.T_world_base is None else mount.T_world_base)
         for mount in mounts
     ]
-    documents = [
-        read_urdf(
+    models = [
+        read_robot(
             robot.urdf_path,
             prefix=prefix,
             package_dirs=robot.package_dirs,
             root_link=robot.root_link,
             xacro_args=robot.xacro_args,
             visuals_collide=robot.visuals_collide,
-            with_meshes=with_shapes,
+            with_shapes=with_shapes,
         )
         for robot, prefix in zip(robots, prefixes, strict=True)
     ]
     couplings = [
         coupling
-        for robot, document, prefix in zip(robots, documents, prefixes, strict=True)
-        for coupling in _couplings(robot, document, prefix)
+        for robot, model, prefix in zip(robots, models, prefixes, strict=True)
+        for coupling in _couplings(robot, model, prefix)
     ]
     cuts: dict[str, Cut] = {}
-    for mount, robot, document in zip(mounts, robots, documents, strict=True):
-        cuts |= _cuts(mount, robot, document) if with_shapes else {}
+    for mount, robot, model in zip(mounts, robots, models, strict=True):
+        cuts |= _cuts(mount, robot, model) if with_shapes else {}
     tree = build_tree(
-        list(zip(documents, poses, strict=True)), couplings, with_shapes=with_shapes, cuts=cuts
+        list(zip(models, poses, strict=True)), couplings, with_shapes=with_shapes, cuts=cuts
     )
     joined = JoinedMounts(
         tree, dict(zip(prefixes, poses, strict=True)), (), {}, {}, (), (), {}, {}, {}, {}
     )
-    for mount, robot, document in zip(mounts, robots, documents, strict=True):
-        joined = _add(joined, mount, robot, document)
+    for mount, robot, model in zip(mounts, robots, models, strict=True):
+        joined = _add(joined, mount, robot, model)
     return joined
 
 
-def _couplings(robot: RobotDescription, document: UrdfDocument, prefix: str) -> list[JointCoupling]:
+def _couplings(robot: RobotDescription, model: RobotModel, prefix: str) -> list[JointCoupling]:
     """Return the couplings of a robot file, prefixed and checked."""
     couplings = [coupling.prefixed(prefix) for coupling in robot.couplings]
     for coupling in couplings:
         for joint in (coupling.joint, *coupling.follows):
-            if joint not in document.joints:
-                error = unknown_name("couplings", "joint", joint, document.joints)
+            if joint not in model.movable_joints:
+                error = unknown_name("couplings", "joint", joint, model.movable_joints)
                 raise RobotError(f"robot {robot.name!r}: {error}") from error
     return couplings
 
 
-def _cuts(mount: Mount, robot: RobotDescription, document: UrdfDocument) -> dict[str, Cut]:
+def _cuts(mount: Mount, robot: RobotDescription, model: RobotModel) -> dict[str, Cut]:
     """Return how the meshes of some links of one robot are cut."""
-    links = dict.fromkeys(mesh.link for mesh in document.meshes)
+    links = model.links_with_meshes
     if mount.meshes is not None:
         return mount.meshes.cuts(links, mount.prefix)
     try:
@@ -170,7 +171,7 @@ def _cuts(mount: Mount, robot: RobotDescription, document: UrdfDocument) -> dict
 
 
 def _add(
-    joined: JoinedMounts, mount: Mount, robot: RobotDescription, document: UrdfDocument
+    joined: JoinedMounts, mount: Mount, robot: RobotDescription, model: RobotModel
 ) -> JoinedMounts:
     """Add what one robot and its file say about its fingers, tendons and limits."""
     tree, prefix = joined.tree, mount.prefix
@@ -180,14 +181,12 @@ def _add(
     }
     declared = {joint for arms in tendons.values() for joint in arms}
     drawn = {
-        name: tendon
-        for name, tendon in document.tendons.items()
-        if declared.isdisjoint(tendon.arms)
+        name: tendon for name, tendon in model.tendons.items() if declared.isdisjoint(tendon.arms)
     }
     tendons |= {name: dict(tendon.arms) for name, tendon in drawn.items()}
     try:
         palms = [prefix + palm for palm in robot.palms]
-        structure = discover_hands(tree, document.root, palms, prefix)
+        structure = discover_hands(tree, model.root, palms, prefix)
         fingers = structure.fingers
         if robot.fingers:
             fingers = check_fingers(tree, _prefix_fingers(prefix, robot.fingers))

@@ -1,9 +1,9 @@
-"""One Pinocchio model of all mounted URDFs, with couplings and collision geometry of its own."""
+"""One Pinocchio model of all mounted robots, with couplings and collision geometry of its own."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
 from typing import Any
@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]
 from numpy.typing import NDArray
 
-from graspless_pin.errors import ArgumentError, RobotError
+from graspless_pin.errors import ArgumentError
 from graspless_pin.geometry.bodies.collision import BodyShapes
 from graspless_pin.geometry.bodies.decomposition import Cut
 from graspless_pin.geometry.hand.coupling import (
@@ -24,8 +24,8 @@ from graspless_pin.geometry.hand.coupling import (
     resolve_couplings,
 )
 from graspless_pin.geometry.hand.link_shapes import LinkGeometry, link_geometries
-from graspless_pin.geometry.hand.urdf import UNBOUNDED, UrdfDocument
-from graspless_pin.geometry.hand.urdf_visuals import LinkVisual
+from graspless_pin.geometry.hand.pinocchio_model import pinocchio_model
+from graspless_pin.geometry.hand.robot_model import LinkShape, RobotModel
 from graspless_pin.geometry.hand.work_space import Kinematics, WorkSpace, joint_motions
 from graspless_pin.geometry.pickling import Record
 from graspless_pin.geometry.robots.description import JointCoupling
@@ -50,7 +50,7 @@ class KinematicTree(Brief, Record):
         coupling: Coupled joints.
         lower: (n,) lower position limits, -inf where there is none (radians or metres).
         upper: (n,) upper position limits, inf where there is none.
-        visuals: How the links look; only drawing asks.
+        visuals: How links look, of those of which a file says something; only drawing asks.
         bases: The mounted robots: names of links and joints, and the Pinocchio inertia of what
             does not move, in world axes.
         disabled_pairs: Pairs of links that may be in each other, as SRDFs say.
@@ -63,7 +63,7 @@ class KinematicTree(Brief, Record):
     coupling: Coupling
     lower: FloatArray
     upper: FloatArray
-    visuals: tuple[LinkVisual, ...] = ()
+    visuals: Mapping[str, tuple[LinkShape, ...]] = field(default_factory=dict)
     bases: tuple[tuple[frozenset[str], Any], ...] = ()
     disabled_pairs: frozenset[frozenset[str]] = frozenset()
 
@@ -239,17 +239,17 @@ class KinematicTree(Brief, Record):
 
 
 def build_tree(
-    parts: Sequence[tuple[UrdfDocument, FloatArray]],
+    robots: Sequence[tuple[RobotModel, FloatArray]],
     couplings: Iterable[JointCoupling] = (),
     *,
     with_shapes: bool = True,
     cuts: Mapping[str, Cut] = MappingProxyType({}),
 ) -> KinematicTree:
-    """Build one tree of several URDFs, each fixed to the world at its pose.
+    """Build one tree of several robots, each fixed to the world at its pose.
 
     Args:
-        parts: (document, (4, 4) ``T_world_base``) of each; names must differ between documents.
-        couplings: Couplings that replace the documents' own for the same joints.
+        robots: (robot, (4, 4) ``T_world_base``) of each; names must differ between robots.
+        couplings: Couplings that replace the robots' own for the same joints.
         with_shapes: Whether to read meshes and keep the collision shapes.
         cuts: How the meshes of some links are cut into convex pieces; others become hulls.
 
@@ -257,84 +257,48 @@ def build_tree(
         The tree.
 
     Raises:
-        RobotError: If Pinocchio refuses a document or mimic joints follow each other in a circle.
-        MeshError: If a mesh cannot be read or has no volume.
+        RobotError: If mimic joints follow each other in a circle.
+        MeshError: If a mesh is missing, cannot be read or has no volume.
 
     Warns:
         GrasplessPinWarning: If a mimic joint follows a joint that does not exist, or its limits
             keep one that it follows from moving.
     """
-    model, geometry_model = pin.Model(), pin.GeometryModel()
-    bases = []
-    for document, T_world_base in parts:
-        part, part_geometry = _load(document, with_shapes=with_shapes)
-        inertia = pin.SE3(np.array(T_world_base)).act(part.inertias[0])
-        names = frozenset([*part.names, *(frame.name for frame in part.frames)])
-        bases.append((names, inertia))
-        model, geometry_model = pin.appendModel(
-            model, part, geometry_model, part_geometry, 0, pin.SE3(np.array(T_world_base))
-        )
-    meshes = {
-        mesh.name: (mesh, document.label) for document, _ in parts for mesh in document.meshes
-    }
-    capsules = {name for document, _ in parts for name in document.capsules}
+    model, bases = pinocchio_model(robots)
+    joints = {joint.name: joint for robot, _ in robots for joint in robot.joints}
     joint_names = tuple(model.names)[1:]
-    rotors = {name: value for document, _ in parts for name, value in document.rotors.items()}
-    model.armature = np.array([rotors.get(name, 0.0) for name in joint_names])
-    follows = {item.joint: item for document, _ in parts for item in document.mimics}
+    follows = {item.joint: item for robot, _ in robots for item in robot.couplings}
     follows |= {item.joint: item for item in couplings}
-    single = np.array([model.nqs[joint] == 1 for joint in range(1, model.njoints)], dtype=bool)
-    starts = [model.idx_qs[joint] for joint in range(1, model.njoints)]
-    lower = np.where(single, model.lowerPositionLimit[starts], -np.inf)
-    upper = np.where(single, model.upperPositionLimit[starts], np.inf)
     coupling = resolve_couplings(joint_names, follows.values())
     lower, upper = limits_that_agree(
         joint_names,
         coupling,
-        np.where(lower <= -UNBOUNDED, -np.inf, lower),
-        np.where(upper >= UNBOUNDED, np.inf, upper),
+        np.array([joints[name].lower for name in joint_names]),
+        np.array([joints[name].upper for name in joint_names]),
     )
+    link_frames = {
+        frame.name: index
+        for index, frame in enumerate(model.frames)
+        if frame.type == pin.FrameType.BODY
+    }
     return KinematicTree(
         pinocchio_model=model,
         joint_names=joint_names,
-        link_frames={
-            frame.name: index
-            for index, frame in enumerate(model.frames)
-            if frame.type == pin.FrameType.BODY
-        },
+        link_frames=link_frames,
         geometries=tuple(
             shape
-            for item in geometry_model.geometryObjects
-            for shape in link_geometries(
-                model, item, cuts, meshes.get(item.name), is_capsule=item.name in capsules
-            )
+            for robot, _ in robots
+            for shape in (link_geometries(model, robot, link_frames, cuts) if with_shapes else ())
         ),
         coupling=coupling,
         lower=lower,
         upper=upper,
-        visuals=tuple(visual for document, _ in parts for visual in document.visuals),
-        bases=tuple(bases),
-        disabled_pairs=frozenset().union(*[document.disabled_pairs for document, _ in parts]),
+        visuals={
+            link.name: link.visuals for robot, _ in robots for link in robot.links if link.visuals
+        },
+        bases=bases,
+        disabled_pairs=frozenset().union(*[robot.disabled_pairs for robot, _ in robots]),
     )
-
-
-def _load(document: UrdfDocument, *, with_shapes: bool) -> tuple[Any, Any]:
-    """Return Pinocchio's model and collision model of one document."""
-    geometry_model = pin.GeometryModel()
-    try:
-        model = pin.buildModelFromXML(document.text)
-        if with_shapes:
-            geometry_model = pin.buildGeomFromUrdfString(
-                model, document.text, pin.GeometryType.COLLISION
-            )
-    except Exception as error:  # coal raises its own C++ exceptions as plain ones
-        # What was found wrong went to standard error.
-        raise RobotError(f"{document.label}: Pinocchio cannot load this URDF ({error})") from error
-    for index, frame in enumerate(model.frames):
-        if index > 0 and frame.type != pin.FrameType.BODY:
-            # A joint may be called like a link; appendModel looks frames up by name alone.
-            frame.name = f"joint {frame.name}"
-    return model, geometry_model
 
 
 def unknown_name(argument: str, kind: str, name: str, known: Sequence[str]) -> ArgumentError:

@@ -6,7 +6,6 @@ The part of an audit that looks at the meshes.
 from __future__ import annotations
 
 import difflib
-import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -22,12 +21,10 @@ from graspless_pin.geometry.bodies.meshes import LARGEST_MESH, SMALLEST_MESH
 from graspless_pin.geometry.hand.configuration import joint_positions
 from graspless_pin.geometry.hand.coupling import LIMIT_TOLERANCE, dangling_couplings
 from graspless_pin.geometry.hand.effort_limits import is_placeholder
-from graspless_pin.geometry.hand.link_shapes import is_flat, load_link_mesh
+from graspless_pin.geometry.hand.link_shapes import is_flat, load_link_mesh, looked_for
 from graspless_pin.geometry.hand.mounts import JoinedMounts, Mount, join_mounts
-from graspless_pin.geometry.hand.urdf import URDF, parse_robot, read_urdf
-from graspless_pin.geometry.hand.urdf_links import LinkMesh, find_mesh, looked_for, numbers
-from graspless_pin.geometry.hand.urdf_tree import keep_below
-from graspless_pin.geometry.hand.urdf_visuals import let_visuals_collide
+from graspless_pin.geometry.hand.reading import URDF, read_robot
+from graspless_pin.geometry.hand.robot_model import LinkMesh, RobotModel
 from graspless_pin.geometry.inspection.listing import describe_efforts
 from graspless_pin.geometry.robots.description import RobotDescription
 from graspless_pin.geometry.robots.files import find_robot
@@ -36,24 +33,21 @@ from graspless_pin.intake.files import check_file, read_bytes
 _HOLLOW = 2.0  # hull over mesh in volume: below, cutting a link rarely changes what it touches
 
 
-def audit_meshes(robot: RobotDescription, root: ET.Element) -> Iterator[Finding]:
-    """Find meshes that are missing, of a strange size, unusable or far from convex.
-
-    Args:
-        robot: The robot, for its paths.
-        root: Its ``<robot>`` element.
-
-    Yields:
-        The findings, link by link.
-    """
+def _audit_meshes(robot: RobotDescription, model: RobotModel) -> Iterator[Finding]:
+    """Find meshes that are missing, of a strange size, unusable or far from convex."""
     relative: list[str] = []
-    for link in root.findall("link"):
-        for use in ("collision", "visual"):
-            for mesh in link.findall(f"{use}/geometry/mesh"):
-                yield from _audit_mesh(robot, link.get("name", ""), use, mesh)
-                written = mesh.get("filename", "")
-                if "://" not in written and not Path(written).is_absolute():
-                    relative.append(written)
+    up_axes: dict[str, str] = {}
+    for link in model.links:
+        for use, shapes in (("collision", link.collisions), ("visual", link.visuals)):
+            for mesh in (one.shape for one in shapes if isinstance(one.shape, LinkMesh)):
+                yield from _audit_mesh(robot, model.label, link.name, use, mesh)
+                if "://" not in mesh.written and not Path(mesh.written).is_absolute():
+                    relative.append(mesh.written)
+                if use == "collision" and mesh.file and mesh.file.suffix.lower() == ".dae":
+                    with suppress(MeshError):  # found already
+                        up_axes[mesh.file.name] = dae_frame(mesh.file, read_bytes(mesh.file, MESH))[
+                            1
+                        ]
     if relative:
         count, example = len(relative), relative[0]
         yield Finding(
@@ -62,17 +56,6 @@ def audit_meshes(robot: RobotDescription, root: ET.Element) -> Iterator[Finding]
             f"paths of meshes are relative to the URDF's folder: {count}, such as {example!r}",
             "nothing to do here; Pinocchio alone and most ROS tools need package:// or file://",
         )
-    yield from _audit_axes(robot, root.findall("link/collision/geometry/mesh"))
-
-
-def _audit_axes(robot: RobotDescription, meshes: Sequence[ET.Element]) -> Iterator[Finding]:
-    """Find DAEs of which another axis than z is up: one finding for all."""
-    up_axes = {}
-    for mesh in meshes:
-        file, _ = find_mesh(robot.urdf_path, mesh.get("filename", ""), robot.package_dirs)
-        if file is not None and file.suffix.lower() == ".dae":
-            with suppress(MeshError):  # found already
-                up_axes[file.name] = dae_frame(file, read_bytes(file, MESH))[1]
     turned = [f"{name} ({up})" for name, up in up_axes.items() if up not in ("", "Z_UP")]
     if turned:
         more = f" and {len(turned) - 3} more" if len(turned) > 3 else ""
@@ -86,49 +69,47 @@ def _audit_axes(robot: RobotDescription, meshes: Sequence[ET.Element]) -> Iterat
 
 
 def _audit_mesh(
-    robot: RobotDescription, link: str, use: str, mesh: ET.Element
+    robot: RobotDescription, label: str, link: str, use: str, mesh: LinkMesh
 ) -> Iterator[Finding]:
     """Audit one mesh of a link."""
-    written = mesh.get("filename", "")
     where = f"link {link}, {use}"
-    file, looked = find_mesh(robot.urdf_path, written, robot.package_dirs)
-    if file is None:
+    if mesh.file is None:
         grave = "the robot cannot be loaded" if use == "collision" else "only drawing needs it"
         yield Finding(
             FindingCode.MISSING_MESH if use == "collision" else FindingCode.MISSING_VISUAL,
             where,
-            f"{written!r} is missing (looked for {looked_for(looked)}); {grave}",
+            f"{mesh.written!r} is missing (looked for {looked_for(mesh.looked)}); {grave}",
             "give package_dirs, the folder that holds the package"
-            if written.startswith("package://")
+            if mesh.written.startswith("package://")
             else "put the file there or correct the path",
         )
         return
     if use == "visual":
         return
     try:
-        x, y, z = numbers(where, "scale", mesh.get("scale", "1 1 1"), 3)
-        loaded = load_link_mesh(LinkMesh(link, 0, file, (x, y, z)), str(robot.urdf_path))
+        loaded = load_link_mesh(label, link, mesh)
         vertices = np.array(loaded.vertices)
-    except (MeshError, RobotError) as error:
+    except MeshError as error:
         yield Finding(FindingCode.UNUSABLE_MESH, where, str(error), "export the mesh again as STL")
         return
     extent = float(np.ptp(vertices, axis=0).max())
     if not SMALLEST_MESH <= extent <= LARGEST_MESH:
+        scale = " ".join(f"{one:g}" for one in mesh.scale)
         yield Finding(
             FindingCode.MESH_SCALE,
             where,
-            f"{file.name} with scale {mesh.get('scale', '1 1 1')} is {extent:.3g} m large",
+            f"{mesh.file.name} with scale {scale} is {extent:.3g} m large",
             'lengths are metres: a mesh in millimetres needs scale="0.001 0.001 0.001"',
         )
     if is_flat(vertices):
         yield Finding(
             FindingCode.UNUSABLE_MESH,
             where,
-            f"{file.name} lies in one plane and has no volume",
+            f"{mesh.file.name} lies in one plane and has no volume",
             "give it a thickness or use a box",
         )
     elif not _is_cut(robot, link):
-        yield from _audit_hollows(where, link, file.name, loaded)
+        yield from _audit_hollows(where, link, mesh.file.name, loaded)
 
 
 def _is_cut(robot: RobotDescription, link: str) -> bool:
@@ -214,14 +195,17 @@ def audit_urdf(
     loads = False
     with capture() as emitted:
         try:
-            root = parse_robot(robot.urdf_path, robot.package_dirs, robot.xacro_args)
-            if robot.root_link is not None:
-                keep_below(robot.urdf_path, root, robot.root_link)
-            if robot.visuals_collide:
-                let_visuals_collide(root)
-            findings += [*audit_meshes(robot, root), *_audit_shapes(root)]
             joined = join_mounts([Mount(robot)], with_shapes=False)
-            findings += [*_audit_mimics(robot), *_audit_joints(robot, joined)]
+            with capture():  # said again below
+                model = read_robot(
+                    robot.urdf_path,
+                    package_dirs=robot.package_dirs,
+                    root_link=robot.root_link,
+                    xacro_args=robot.xacro_args,
+                    visuals_collide=robot.visuals_collide,
+                )
+            findings += [*_audit_meshes(robot, model), *_audit_shapes(model)]
+            findings += [*_audit_mimics(robot, model), *_audit_joints(robot, joined)]
             joined = join_mounts([Mount(robot)])
             loads = True
         except (RobotError, MeshError, ArgumentError) as error:
@@ -276,15 +260,10 @@ def _unreadable(robot: RobotDescription, error: Exception) -> Finding:
     )
 
 
-def _audit_shapes(root: ET.Element) -> Iterator[Finding]:
+def _audit_shapes(model: RobotModel) -> Iterator[Finding]:
     """Find links that are seen but never touched."""
-    links = root.findall("link")
-    solid = [link for link in links if link.find("collision") is not None]
-    without_collision = [
-        link.get("name", "")
-        for link in links
-        if link not in solid and link.find("visual") is not None
-    ]
+    solid = [link for link in model.links if link.collisions]
+    without_collision = [link.name for link in model.links if link.visuals and not link.collisions]
     if not solid:
         yield Finding(
             FindingCode.NO_SHAPES,
@@ -304,19 +283,13 @@ def _audit_shapes(root: ET.Element) -> Iterator[Finding]:
         )
 
 
-def _audit_mimics(robot: RobotDescription) -> Iterator[Finding]:
+def _audit_mimics(robot: RobotDescription, model: RobotModel) -> Iterator[Finding]:
     """Find mimic joints whose leader does not exist."""
-    document = read_urdf(
-        robot.urdf_path,
-        package_dirs=robot.package_dirs,
-        root_link=robot.root_link,
-        xacro_args=robot.xacro_args,
-        with_meshes=False,
-    )
-    couplings = {item.joint: item for item in (*document.mimics, *robot.couplings)}
-    for joint, leader in dangling_couplings(document.joints, couplings.values()):
-        near = [name for name in document.joints if leader and name.endswith(leader)]
-        near = near or difflib.get_close_matches(leader, document.joints, n=1)
+    joints = model.movable_joints
+    couplings = {item.joint: item for item in (*model.couplings, *robot.couplings)}
+    for joint, leader in dangling_couplings(joints, couplings.values()):
+        near = [name for name in joints if leader and name.endswith(leader)]
+        near = near or difflib.get_close_matches(leader, joints, n=1)
         meant = f" (perhaps {', '.join(near)})" if near else ""
         yield Finding(
             FindingCode.DANGLING_MIMIC,

@@ -1,0 +1,352 @@
+"""A robot as its file describes it, whatever the file's kind: `urdf` and `mjcf` make this record.
+
+Pinocchio gets it joint by joint (`pinocchio_model`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from graspless_pin.errors import RobotError
+from graspless_pin.geometry.bodies.shape import Shape
+from graspless_pin.geometry.pickling import Record
+from graspless_pin.geometry.robots.description import JointCoupling
+from graspless_pin.intake.text import fault_of_name
+from graspless_pin.problem.checks import FloatArray
+
+MOVABLE_KINDS = ("revolute", "prismatic", "continuous")
+FREE_KINDS = ("floating", "planar")
+"""Joints that a hand has no motor for: fixed where they carry a base, refused elsewhere."""
+
+LONGEST_CHAIN = 200
+"""More joints between root and tip than any robot has."""
+
+
+@dataclass(frozen=True)
+class LinkMesh:
+    """A mesh file of a link.
+
+    Attributes:
+        written: How the robot's file names it.
+        file: The file; None: it is missing.
+        looked: Where it was looked for.
+        scale: Metres per unit of the file along x, y, z.
+    """
+
+    written: str
+    file: Path | None
+    looked: tuple[Path, ...]
+    scale: tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class LinkShape(Record):
+    """A collision shape or a visual one.
+
+    Attributes:
+        shape: A primitive, or a mesh file.
+        T_link_shape: (4, 4) pose in the link's frame.
+    """
+
+    shape: Shape | LinkMesh
+    T_link_shape: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class RobotLink(Record):
+    """A rigid link.
+
+    Attributes:
+        name: Its name.
+        mass: kg.
+        center_of_mass: (3,) in the link's frame, m.
+        inertia: (3, 3) about the centre of mass, axes of the link's frame, kg m^2.
+        collisions: What touches.
+        visuals: How it looks; empty where the file says nothing that can be drawn.
+    """
+
+    name: str
+    mass: float = 0.0
+    center_of_mass: FloatArray = field(default_factory=lambda: np.zeros(3))
+    inertia: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
+    collisions: tuple[LinkShape, ...] = ()
+    visuals: tuple[LinkShape, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class RobotJoint(Record):
+    """A joint.
+
+    Attributes:
+        name: Its name.
+        kind: One of `MOVABLE_KINDS` or `FREE_KINDS`, or ``fixed``.
+        parent: The link that it hangs on.
+        child: The link that it carries.
+        T_parent_joint: (4, 4) pose of the joint, which is that of the child at zero.
+        axis: (3,) that it turns about or slides along, in its own frame, of any length.
+        lower: Lowest position, rad or m; -inf: there is none.
+        upper: Highest position; inf: there is none.
+        effort: Largest torque or force both ways, N m or N; inf: the file states none.
+        rotor_inertia: Of its motor, gear ratio squared included, kg m^2 (kg).
+        coupling: How it follows other joints, which need not exist; None: it moves by itself.
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    T_parent_joint: FloatArray
+    axis: FloatArray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0]))
+    lower: float = -np.inf
+    upper: float = np.inf
+    effort: float = np.inf
+    rotor_inertia: float = 0.0
+    coupling: JointCoupling | None = None
+
+    @property
+    def is_movable(self) -> bool:
+        """Whether it has one degree of freedom."""
+        return self.kind in MOVABLE_KINDS
+
+
+class DrawnTendon(NamedTuple):
+    """A tendon that a motor pulls over several joints.
+
+    Attributes:
+        arms: Torque per newton of tension by joint, m.
+        lower: Lowest tension, N.
+        upper: Highest tension, N.
+    """
+
+    arms: Mapping[str, float]
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True, eq=False)
+class RobotModel(Record):
+    """A tree of links and joints.
+
+    Attributes:
+        label: The file, for messages.
+        root: The link that carries all others.
+        links: In the order of the file.
+        joints: In the order of the file.
+        tendons: Tendons that motors pull, by name.
+        disabled_pairs: Pairs of links that may be in each other.
+    """
+
+    label: str
+    root: str
+    links: tuple[RobotLink, ...]
+    joints: tuple[RobotJoint, ...]
+    tendons: Mapping[str, DrawnTendon] = field(default_factory=dict)
+    disabled_pairs: frozenset[frozenset[str]] = frozenset()
+
+    @property
+    def movable_joints(self) -> tuple[str, ...]:
+        """Names of the joints with one degree of freedom."""
+        return tuple(joint.name for joint in self.joints if joint.is_movable)
+
+    @property
+    def couplings(self) -> tuple[JointCoupling, ...]:
+        """Of the joints that follow others."""
+        return tuple(one.coupling for one in self.joints if one.is_movable and one.coupling)
+
+    @property
+    def links_with_meshes(self) -> tuple[str, ...]:
+        """Names of the links that have a collision mesh."""
+        return tuple(
+            link.name
+            for link in self.links
+            if any(isinstance(one.shape, LinkMesh) for one in link.collisions)
+        )
+
+    def below(self, top: str) -> RobotModel:
+        """Return the robot that begins with one of its links, with what hangs on it.
+
+        Raises:
+            RobotError: If there is no such link.
+        """
+        kept = links_below(
+            self.label,
+            [link.name for link in self.links],
+            [(joint.parent, joint.child) for joint in self.joints],
+            top,
+        )
+        joints = tuple(joint for joint in self.joints if joint.parent in kept)
+        inside = {joint.name for joint in joints}
+        return replace(
+            self,
+            root=top,
+            links=tuple(link for link in self.links if link.name in kept),
+            joints=joints,
+            tendons={name: one for name, one in self.tendons.items() if inside >= set(one.arms)},
+        )
+
+    def with_fixed_base(self) -> RobotModel:
+        """Return it with the floating or planar joint that carries the whole robot fixed at zero.
+
+        Raises:
+            RobotError: If there is such a joint anywhere else.
+        """
+        first = [joint.name for joint in self.joints if joint.parent == self.root]
+        for joint in self.joints:
+            if joint.kind in FREE_KINDS and first != [joint.name]:
+                raise RobotError(
+                    f"{self.label}: joint {joint.name!r} is {joint.kind} and does not carry the "
+                    "whole robot; use revolute, continuous, prismatic or fixed joints"
+                )
+        return replace(
+            self,
+            joints=tuple(
+                replace(joint, kind="fixed") if joint.kind in FREE_KINDS else joint
+                for joint in self.joints
+            ),
+        )
+
+    def prefixed(self, prefix: str) -> RobotModel:
+        """Return it with a prefix before the name of every link, joint and tendon.
+
+        Raises:
+            RobotError: If a name becomes too long.
+        """
+        if not prefix:
+            return self
+        named = replace(
+            self,
+            root=prefix + self.root,
+            links=tuple(replace(link, name=prefix + link.name) for link in self.links),
+            joints=tuple(
+                replace(
+                    one,
+                    name=prefix + one.name,
+                    parent=prefix + one.parent,
+                    child=prefix + one.child,
+                    coupling=one.coupling and one.coupling.prefixed(prefix),
+                )
+                for one in self.joints
+            ),
+            tendons={
+                prefix + name: one._replace(
+                    arms={prefix + joint: arm for joint, arm in one.arms.items()}
+                )
+                for name, one in self.tendons.items()
+            },
+            disabled_pairs=frozenset(
+                frozenset(prefix + link for link in pair) for pair in self.disabled_pairs
+            ),
+        )
+        named.check_names()
+        return named
+
+    def check_names(self) -> None:
+        """Refuse names that are too long.
+
+        Raises:
+            RobotError: One is.
+        """
+        check_name_lengths(self.label, "link", (link.name for link in self.links))
+        check_name_lengths(self.label, "joint", (joint.name for joint in self.joints))
+        check_name_lengths(self.label, "tendon", self.tendons)
+
+
+def check_name_lengths(label: str, kind: str, names: Iterable[str]) -> None:
+    """Refuse names that are too long.
+
+    Args:
+        label: The file, for messages.
+        kind: What they are names of.
+        names: The names.
+
+    Raises:
+        RobotError: One is.
+    """
+    for name in names:
+        if fault := fault_of_name(name):
+            raise RobotError(f"{label}: a <{kind}> {fault}, its hand's prefix included")
+
+
+def root_of_tree(
+    label: str, links: Sequence[str], joints: Sequence[str], ends: Sequence[tuple[str, str]]
+) -> str:
+    """Return the link that is nobody's child.
+
+    Args:
+        label: The file, for messages.
+        links: Names of the links.
+        joints: Names of the joints.
+        ends: The links at each joint's ends, parent and child.
+
+    Raises:
+        RobotError: If a name is missing or twice there, a joint hangs on no link, or the links form
+            no tree, or one that is too deep.
+    """
+    for kind, names in (("link", links), ("joint", joints)):
+        for index, name in enumerate(names):
+            if not name:
+                raise RobotError(f"{label}: a <{kind}> has no name")
+            if name in names[:index]:
+                raise RobotError(f"{label}: two {kind}s are called {name!r}; rename one")
+    if not links:
+        raise RobotError(f"{label}: the robot has no <link>")
+    known, children = set(links), [child for _, child in ends]
+    for joint, both in zip(joints, ends, strict=True):
+        for end, link in zip(("parent", "child"), both, strict=True):
+            if link not in known:
+                raise RobotError(
+                    f"{label}: joint {joint!r} names the {end} link {link or None!r}, "
+                    "which does not exist"
+                )
+    for link in children:
+        if children.count(link) > 1:
+            raise RobotError(f"{label}: link {link!r} is the child of two joints")
+    roots = sorted(known - set(children))
+    if len(roots) != 1:
+        found = ", ".join(roots) if roots else "none (the links form a loop)"
+        raise RobotError(f"{label}: a robot has one root link, found {found}")
+    _check_chains(label, roots[0], ends)
+    return roots[0]
+
+
+def _check_chains(label: str, top: str, ends: Iterable[tuple[str, str]]) -> None:
+    """Refuse a chain of more joints than any robot has, and links that do not hang on the root."""
+    below: dict[str, list[str]] = {}
+    for parent, child in ends:
+        below.setdefault(parent, []).append(child)
+    level = [top]
+    for _ in range(LONGEST_CHAIN + 1):
+        level = [child for link in level for child in below.get(link, ())]
+        if not level:
+            return
+    raise RobotError(
+        f"{label}: more than {LONGEST_CHAIN} joints follow each other down to link {level[0]!r}; "
+        "no robot has so many"
+    )
+
+
+def links_below(
+    label: str, links: Iterable[str], ends: Sequence[tuple[str, str]], top: str
+) -> set[str]:
+    """Return a link and all that hangs on it.
+
+    Args:
+        label: The file, for messages.
+        links: Names of the links.
+        ends: The links at each joint's ends, parent and child.
+        top: The link.
+
+    Raises:
+        RobotError: If there is no such link.
+    """
+    if top not in links:
+        raise RobotError(f"{label}: there is no link {top!r} to start from")
+    kept = {top}
+    while below := {child for parent, child in ends if parent in kept} - kept:
+        kept |= below
+    return kept
